@@ -1,0 +1,62 @@
+# Everything runs in ./.venv, which the first target that needs it makes; only python3 (3.12 or
+# newer) and make have to be there.
+
+CONFIG ?= configs/nominal_step.yaml
+ARGS ?=
+BIN := .venv/bin
+READY := .venv/.ready
+
+.PHONY: help posterior test test-slow check format bench mutants schema clean
+
+help:
+	@echo "make posterior [CONFIG=configs/mine.yaml] [ARGS=--resume|--force]"
+	@echo "                 the main job: a config in, results/<name>/ out"
+	@echo "make test        the tests, under 5 minutes"
+	@echo "make test-slow   longer proofs"
+	@echo "make check       format, lint, types and tests"
+	@echo "make format      put the code into the project's format"
+	@echo "make bench       time the likelihood and the sampler beside the alternatives"
+	@echo "make mutants     break the code in named ways and see the tests fail"
+	@echo "make schema      write configs/schema.json anew"
+	@echo "make clean       remove .venv and caches; results stay"
+
+posterior: $(READY)
+	@$(BIN)/bayesdrill posterior $(CONFIG) $(ARGS)
+
+test: $(READY)
+	@$(BIN)/python -m pytest -m "not slow"
+
+test-slow: $(READY)
+	@$(BIN)/python -m pytest -m slow
+
+check: $(READY)
+	@$(BIN)/ruff format --check .
+	@$(BIN)/ruff check .
+	@$(BIN)/mypy
+	@$(MAKE) --no-print-directory test
+
+format: $(READY)
+	@$(BIN)/ruff check --fix-only --quiet .
+	@$(BIN)/ruff format .
+
+bench: $(READY)
+	@$(BIN)/python benchmarks/bench.py
+
+mutants: $(READY)
+	@$(BIN)/python tests/mutants.py
+
+schema: $(READY)
+	@$(BIN)/bayesdrill schema > configs/schema.json
+
+clean:
+	rm -rf .venv .mypy_cache .pytest_cache .ruff_cache .hypothesis
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +
+
+$(READY): requirements.lock pyproject.toml
+	@python3 -c 'import sys; sys.exit(sys.version_info < (3, 12))' || \
+	  { echo "python3 is older than 3.12; install a newer one and put it first on PATH"; exit 1; }
+	@echo "setting up .venv (once, about a minute)"
+	@python3 -m venv .venv
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements.lock
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --editable .
+	@touch $(READY)

@@ -1,0 +1,211 @@
+"""The command line: parse, call, print; nothing else.
+
+Exit status: 0 done (and converged), 2 the input is wrong, 3 finished but not converged,
+130 interrupted and saved.
+"""
+
+from __future__ import annotations
+
+import signal
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from bayesdrill import __version__
+
+if TYPE_CHECKING:
+    from bayesdrill.pipeline import Outcome
+    from bayesdrill.store import Mode
+
+INPUT_WRONG = 2
+NOT_CONVERGED = 3
+INTERRUPTED = 130
+
+app = typer.Typer(
+    add_completion=False,
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+    help="What a record says about the nine parameters of a torsional drilling rig.",
+)
+
+ConfigPath = Annotated[Path, typer.Argument(metavar="CONFIG", help="Experiment config (YAML).")]
+Processes = Annotated[
+    int | None, typer.Option(min=1, help="Processes; the result does not depend on it.")
+]
+
+
+@app.callback()
+def top(
+    version: Annotated[bool, typer.Option("--version", help="Print the version and stop.")] = False,
+) -> None:
+    if version:
+        typer.echo(f"bayesdrill {__version__}")
+        raise typer.Exit
+
+
+@app.command(epilog="Example: bayesdrill check configs/nominal_step.yaml")
+def check(config: ConfigPath) -> None:
+    """Validate config and record and say what would run; samples nothing, writes nothing."""
+    with _guarded():
+        from bayesdrill import pipeline
+        from bayesdrill.report import words
+
+        job = pipeline.prepare(config)
+        typer.echo(words.opening(job.problem))
+        typer.echo(words.preview(job.problem, job.config))
+
+
+@app.command("map", epilog="Example: bayesdrill map configs/nominal_step.yaml")
+def map_(config: ConfigPath, processes: Processes = None) -> None:
+    """Search the maximum of the posterior (MAP) and print it; writes nothing."""
+    with _guarded():
+        from bayesdrill import pipeline
+        from bayesdrill.crew import available
+        from bayesdrill.progress import reporter
+        from bayesdrill.report import tables
+
+        job = pipeline.prepare(config)
+        with reporter() as report:
+            found = pipeline.find_mode(job, processes or available(), report)
+        typer.echo(tables.mode_as_text(job.problem, found))
+
+
+@app.command(epilog="Example: bayesdrill posterior configs/nominal_step.yaml --output results/mine")
+def posterior(
+    config: ConfigPath,
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", help="Default: results/<name>.")
+    ] = None,
+    resume: Annotated[
+        bool,
+        typer.Option("--resume", help="Continue an interrupted run, or extend a finished one."),
+    ] = False,
+    force: Annotated[
+        bool, typer.Option("--force", help="Discard what is there and start over.")
+    ] = False,
+    processes: Processes = None,
+) -> None:
+    """MAP, sampling, diagnostics, tables and figures: the main job."""
+    with _guarded():
+        from bayesdrill import pipeline
+        from bayesdrill.crew import available
+        from bayesdrill.errors import InputError
+        from bayesdrill.progress import reporter
+
+        if resume and force:
+            raise InputError.one("", "--resume and --force exclude each other; give one of them")
+        how: Mode = "resume" if resume else "force" if force else "fresh"
+        job = pipeline.prepare(config)
+        folder = output or Path("results") / job.config.name
+        with reporter() as report:
+            outcome = pipeline.posterior(job, folder, how, processes or available(), report)
+        _finish(outcome)
+
+
+@app.command(epilog="Example: bayesdrill report results/nominal_step")
+def report(
+    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="Folder of a finished run.")],
+) -> None:
+    """Make tables and figures again from the stored chain."""
+    with _guarded():
+        from bayesdrill import pipeline
+        from bayesdrill.progress import reporter
+
+        with reporter() as progress:
+            outcome = pipeline.republish(folder, progress)
+        _finish(outcome)
+
+
+@app.command(epilog="Example: bayesdrill simulate configs/nominal_step.yaml --output my_record.csv")
+def simulate(
+    config: ConfigPath,
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", help="Default: the record that the config names."),
+    ] = None,
+    seed: Annotated[int | None, typer.Option(min=0, help="Default: the config's.")] = None,
+    force: Annotated[
+        bool, typer.Option("--force", help="Overwrite the file if it exists.")
+    ] = False,
+) -> None:
+    """Make a record from the config: exact response plus noise, as CSV."""
+    with _guarded():
+        from bayesdrill import loading, simulation
+        from bayesdrill.errors import InputError
+        from bayesdrill.store import whole
+
+        read, source = loading.load(config)
+        target = output or simulation.default_output(read, source)
+        text = simulation.simulate(read, source, read.seed if seed is None else seed)
+        if target.exists() and not force:
+            raise InputError.one(str(target), "exists already; give --force or another --output")
+        with whole(target) as path:
+            path.write_text(text, encoding="utf-8")
+        typer.echo(f"{target}: {len(text.splitlines()) - 1} samples")
+
+
+@app.command(epilog="Example: bayesdrill schema > schema.json")
+def schema() -> None:
+    """Print the JSON schema of configs, for editors that complete and check them."""
+    with _guarded():
+        from bayesdrill.schema import as_text
+
+        typer.echo(as_text(), nl=False)
+
+
+def _finish(outcome: Outcome) -> None:
+    from bayesdrill.report import tables, words
+
+    typer.echo(words.convergence(outcome.sampled))
+    typer.echo("\n" + tables.as_text(outcome.rows) + "\n")
+    typer.echo(tables.in_words(outcome.rows))
+    typer.echo(f"results: {outcome.folder}/ (summary.md, figures/, posterior.nc, chain.h5)")
+    if not outcome.sampled.convergence.converged:
+        raise typer.Exit(NOT_CONVERGED)
+
+
+@contextmanager
+def _guarded() -> Iterator[None]:
+    """A user's mistake, a full disk or Ctrl-C end in a message and a status, not in a traceback."""
+    from bayesdrill.errors import InputError, Interrupted
+
+    signal.signal(signal.SIGTERM, _interrupt)
+    try:
+        yield
+    except InputError as error:
+        _fail(error.problems)
+    except Interrupted as stopped:
+        typer.echo(f"{stopped}; continue with --resume", err=True)
+        raise typer.Exit(INTERRUPTED) from None
+    except KeyboardInterrupt:
+        typer.echo("stopped; nothing was written", err=True)
+        raise typer.Exit(INTERRUPTED) from None
+    except BrokenPipeError:
+        sys.stderr.close()
+        raise typer.Exit(0) from None
+    except OSError as error:
+        place = f"{error.filename}: " if error.filename else ""
+        typer.echo(f"{place}cannot be written or read: {error.strerror or error}", err=True)
+        raise typer.Exit(INPUT_WRONG) from None
+
+
+def _fail(problems: tuple[Any, ...]) -> None:
+    most = 15
+    for problem in problems[:most]:
+        typer.echo(str(problem), err=True)
+    if len(problems) > most:
+        typer.echo(f"... and {len(problems) - most} more", err=True)
+    raise typer.Exit(INPUT_WRONG)
+
+
+def _interrupt(_number: int, _frame: object) -> None:
+    raise KeyboardInterrupt
+
+
+def main() -> None:
+    app()

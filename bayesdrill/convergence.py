@@ -1,0 +1,142 @@
+"""Whether the ensembles may be believed, and which of their steps.
+
+Walkers of one ensemble are not independent chains: R-hat compares ensembles, and the effective
+sample size comes from the autocorrelation time of an ensemble, averaged over its walkers.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from arviz_stats.base import array_stats
+from numpy.typing import NDArray
+from scipy import fft
+
+Array = NDArray[np.float64]
+
+BURN_IN_TAUS = 5  # steps dropped, in autocorrelation times
+WINDOW = 5.0  # Sokal's window for the autocorrelation time
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Targets:
+    """When to stop: every R-hat <= r_hat, N/tau >= n_tau, every bulk ESS >= ess."""
+
+    r_hat: float
+    n_tau: float
+    ess: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Convergence:
+    """`steps` per ensemble, of which `burn_in` are dropped and every `thin`-th is kept.
+
+    `tau`, `r_hat`, `ess_bulk`, `ess_tail` are `(D,)`; `reasons` says in words what is missing.
+    """
+
+    steps: int
+    burn_in: int
+    thin: int
+    tau: Array
+    r_hat: Array
+    ess_bulk: Array
+    ess_tail: Array
+    n_tau: float
+    reasons: tuple[str, ...]
+
+    @property
+    def converged(self) -> bool:
+        return not self.reasons
+
+
+def assess(theta: Array, names: tuple[str, ...], targets: Targets) -> Convergence:
+    """Judge physical chains `(E, S, W, D)`."""
+    n_steps = theta.shape[1]
+    early = autocorrelation_time(theta[:, n_steps // 2 :])
+    burn_in = min(math.ceil(BURN_IN_TAUS * float(early.max())), n_steps // 2)
+    kept = theta[:, burn_in:]
+    tau = autocorrelation_time(kept)
+    thin = max(1, min(math.ceil(float(tau.max())), kept.shape[1] // 4))
+    draws = thinned(theta, burn_in, thin)
+    r_hat = _each(array_stats.rhat, draws, method="rank")
+    ess_bulk = _each(array_stats.ess, draws, method="bulk")
+    ess_tail = _each(array_stats.ess, draws, method="tail", prob=0.9)
+    n_tau = kept.shape[1] / float(tau.max())
+    reasons = _reasons(names, targets, tau, r_hat, ess_bulk, n_tau)
+    return Convergence(
+        steps=n_steps,
+        burn_in=burn_in,
+        thin=thin,
+        tau=tau,
+        r_hat=r_hat,
+        ess_bulk=ess_bulk,
+        ess_tail=ess_tail,
+        n_tau=n_tau,
+        reasons=reasons,
+    )
+
+
+def thinned(chains: Array, burn_in: int, thin: int) -> Array:
+    """`(E, S, W, ...)` to nearly independent draws `(E, draws, ...)`, in order of time."""
+    kept = chains[:, burn_in::thin]
+    return np.ascontiguousarray(kept.reshape(kept.shape[0], -1, *kept.shape[3:]))
+
+
+def autocorrelation_time(chains: Array) -> Array:
+    """Integrated autocorrelation time in steps, `(E, S, W, D) -> (D,)`, at least 1.
+
+    Autocorrelations are averaged over walkers and ensembles, then summed in Sokal's window
+    (Goodman and Weare 2010, as emcee does per ensemble).
+    """
+    n_steps = chains.shape[1]
+    total: Array = np.zeros((n_steps, chains.shape[-1]))
+    for chain in chains:
+        centred = chain - chain.mean(axis=(0, 1))
+        spectrum = fft.rfft(centred, n=fft.next_fast_len(2 * n_steps, real=True), axis=0)
+        power = (spectrum.real**2 + spectrum.imag**2).sum(axis=1)
+        total += fft.irfft(power, n=fft.next_fast_len(2 * n_steps, real=True), axis=0)[:n_steps]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        rho = total / total[0]
+    tau = 2.0 * np.cumsum(np.nan_to_num(rho, nan=1.0), axis=0) - 1.0
+    inside = np.arange(n_steps)[:, None] < WINDOW * tau
+    window = np.where(inside.all(axis=0), n_steps - 1, np.argmin(inside, axis=0))
+    return np.asarray(np.maximum(tau[window, np.arange(tau.shape[1])], 1.0))
+
+
+def _each(statistic: object, draws: Array, **options: object) -> Array:
+    assert callable(statistic)
+    columns = range(draws.shape[-1])
+    return np.array(
+        [float(statistic(draws[..., d], chain_axis=0, draw_axis=1, **options)) for d in columns]
+    )
+
+
+def _reasons(
+    names: tuple[str, ...],
+    targets: Targets,
+    tau: Array,
+    r_hat: Array,
+    ess: Array,
+    n_tau: float,
+) -> tuple[str, ...]:
+    reasons = []
+    if not np.all(np.isfinite(r_hat)) or r_hat.max() > targets.r_hat:
+        worst = int(np.argmax(np.nan_to_num(r_hat, nan=np.inf)))
+        reasons.append(
+            f"the ensembles disagree on {names[worst]}: R-hat {r_hat[worst]:.4f}, "
+            f"wanted at most {targets.r_hat:g}"
+        )
+    if n_tau < targets.n_tau:
+        worst = int(np.argmax(tau))
+        reasons.append(
+            f"the chain is {n_tau:.0f} autocorrelation times long (tau {tau[worst]:.0f} steps, "
+            f"{names[worst]}), wanted at least {targets.n_tau:g}"
+        )
+    if not np.all(np.isfinite(ess)) or ess.min() < targets.ess:
+        worst = int(np.argmin(np.nan_to_num(ess, nan=0.0)))
+        reasons.append(
+            f"{ess[worst]:.0f} effective draws of {names[worst]}, wanted at least {targets.ess:g}"
+        )
+    return tuple(reasons)

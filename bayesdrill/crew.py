@@ -1,0 +1,84 @@
+"""Work in processes: tasks `function(posterior, *arguments)` that need one posterior.
+
+Every worker gets the posterior once, computes on one thread, and leaves Ctrl-C to the parent.
+With one process the work is done in this one.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+from collections.abc import Callable
+from concurrent.futures import Future, ProcessPoolExecutor
+from types import TracebackType
+from typing import Any, Concatenate, Self
+
+from threadpoolctl import threadpool_limits
+
+from bayesdrill.posterior import Posterior
+
+
+class Crew:
+    """A context manager; `submit` returns a future."""
+
+    def __init__(self, posterior: Posterior, processes: int) -> None:
+        self._posterior = posterior
+        self._pool: ProcessPoolExecutor | None = None
+        if processes > 1:
+            self._pool = ProcessPoolExecutor(
+                max_workers=processes,
+                mp_context=multiprocessing.get_context("spawn"),
+                initializer=_enlist,
+                initargs=(posterior,),
+            )
+
+    def submit[**P, T](
+        self,
+        function: Callable[Concatenate[Posterior, P], T],
+        *arguments: P.args,
+        **named: P.kwargs,
+    ) -> Future[T]:
+        if self._pool is not None:
+            return self._pool.submit(_work, function, arguments, named)
+        future: Future[T] = Future()
+        with threadpool_limits(1):
+            future.set_result(function(self._posterior, *arguments, **named))
+        return future
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        value: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        if self._pool is None:
+            return
+        if kind is not None:
+            # What the workers are at is not wanted any more: waiting for it would hold up Ctrl-C.
+            for process in list((self._pool._processes or {}).values()):
+                process.terminate()
+        self._pool.shutdown(wait=True, cancel_futures=True)
+
+
+def available() -> int:
+    """Processors that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+# A worker process serves one posterior for all of its life; this is where it keeps it.
+_POST: dict[str, Any] = {}
+
+
+def _enlist(posterior: Posterior) -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    threadpool_limits(1)
+    _POST["posterior"] = posterior
+
+
+def _work(function: Callable[..., Any], arguments: tuple[Any, ...], named: dict[str, Any]) -> Any:
+    return function(_POST["posterior"], *arguments, **named)

@@ -1,0 +1,44 @@
+"""What can go wrong at the border, said so that a user can mend it."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class Problem:
+    """One mistake: `place` is where it stands (file, line, path), `message` the value and way out."""
+
+    place: str
+    message: str
+
+    def __str__(self) -> str:
+        return f"{self.place}: {self.message}" if self.place else self.message
+
+
+class InputError(Exception):
+    """The input is wrong: every problem found, at once. The command line exits with status 2."""
+
+    def __init__(self, problems: Sequence[Problem]) -> None:
+        super().__init__("\n".join(str(problem) for problem in problems))
+        self.problems = tuple(problems)
+
+    @classmethod
+    def one(cls, place: str, message: str) -> InputError:
+        return cls([Problem(place, message)])
+
+
+class Interrupted(Exception):
+    """The user or the system asked to stop; what was computed is saved. Exit status 130."""
+
+
+def did_you_mean(word: str, known: Iterable[str]) -> str:
+    """`; did you mean X?` or, when nothing is near, `; known: A, B, ...`."""
+    names = list(known)
+    folded = {name.casefold(): name for name in names}
+    near = difflib.get_close_matches(word.casefold(), folded, n=1, cutoff=0.6)
+    if near:
+        return f"; did you mean {folded[near[0]]}?"
+    return f"; known: {', '.join(names)}" if names else ""

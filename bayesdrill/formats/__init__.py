@@ -1,0 +1,42 @@
+"""The file formats of measured records: one reader per format, found by the ending of the file."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from types import MappingProxyType
+
+from bayesdrill.errors import InputError, did_you_mean
+from bayesdrill.formats import csv, matlab
+from bayesdrill.formats.csv import CsvOptions
+from bayesdrill.formats.table import Table
+
+__all__ = ["FORMATS", "SUFFIXES", "CsvOptions", "Table", "format_of"]
+
+
+def _read_matlab(path: Path, _options: CsvOptions) -> Table:
+    return matlab.read(path)
+
+
+FORMATS: Mapping[str, Callable[[Path, CsvOptions], Table]] = MappingProxyType(
+    {"csv": csv.read, "mat": _read_matlab}
+)
+
+SUFFIXES: Mapping[str, str] = MappingProxyType(
+    {".csv": "csv", ".txt": "csv", ".tsv": "csv", ".dat": "csv", ".mat": "mat"}
+)
+
+
+def format_of(path: Path) -> str:
+    """The key of FORMATS for a file, by its ending. Raises InputError for an unknown ending."""
+    suffix = path.suffix.lower()
+    if suffix in SUFFIXES:
+        return SUFFIXES[suffix]
+    ending = f"the ending {suffix!r} is unknown" if suffix else "the file name has no ending"
+    guess = did_you_mean(suffix, SUFFIXES) if suffix else ""
+    hint = guess if guess.startswith("; did") else ""
+    raise InputError.one(
+        str(path),
+        f"{ending}{hint}; read are {', '.join(SUFFIXES)}, or say the format: "
+        f"{' or '.join(FORMATS)}",
+    )

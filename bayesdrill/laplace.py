@@ -1,0 +1,98 @@
+"""The Gaussian approximation of the posterior at a point: scales for optimiser and walkers.
+
+Gauss-Newton information of the record plus the information of the priors, both in the logs of the
+unknowns.  It decides where to start and how to scale, never what is reported.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayesdrill.posterior import Posterior
+from bayesdrill.priors import spread_of_log
+
+Array = NDArray[np.float64]
+
+_STEP = 1e-5  # of a log: central differences then err by about 1e-10
+
+
+def information(posterior: Posterior, theta: Array) -> Array:
+    """`(D, D)` about the logs of the unknowns, at the physical point `theta (D,)`.
+
+    Far from the data the record counts for less: its noise is taken to be what is left there.
+    """
+    total = _record_information(posterior, theta) / _excess(posterior, theta)
+    prior_sd = np.array([spread_of_log(prior) for prior in posterior.space.priors.values()])
+    return total + np.diag(prior_sd**-2)
+
+
+def covariance(posterior: Posterior, theta: Array) -> Array:
+    """`(D, D)` in the sampler's coordinates, at the physical point `theta (D,)`."""
+    up, down = _neighbours(theta)
+    coordinates = posterior.coordinates
+    slopes = (coordinates.from_physical(up) - coordinates.from_physical(down)).T / (2 * _STEP)
+    precision = information(posterior, theta)
+    scale = np.sqrt(np.diag(precision))
+    inverse = np.linalg.inv(precision / np.outer(scale, scale)) / np.outer(scale, scale)
+    result = slopes @ inverse @ slopes.T
+    return np.asarray(0.5 * (result + result.T))
+
+
+def _neighbours(theta: Array) -> tuple[Array, Array]:
+    shifts = np.exp(_STEP * np.eye(len(theta)))
+    return theta * shifts, theta / shifts
+
+
+def _record_information(posterior: Posterior, theta: Array) -> Array:
+    """Fisher information of the record about the logs of the unknowns, `(D, D)`."""
+    up, down = _neighbours(theta)
+    likelihood = posterior.likelihood
+    noise = likelihood.noise
+    sigma = noise.sigmas(likelihood.sigma_columns(theta[None]))[0]
+    signals = likelihood.signals(np.concatenate([up, down]))
+    slopes = (signals[: len(theta)] - signals[len(theta) :]) / (2 * _STEP * sigma)
+    flat = np.nan_to_num(slopes.reshape(len(theta), -1), posinf=0.0, neginf=0.0)
+    total: Array = flat @ flat.T
+    first = len(theta) - len(noise.unknown)
+    for column in range(first, len(theta)):
+        total[column, column] += 2.0 * noise.n_samples
+    return total
+
+
+def _excess(posterior: Posterior, theta: Array) -> float:
+    """Mean squared residual over the noise variance, at least 1."""
+    likelihood = posterior.likelihood
+    sigma = likelihood.noise.sigmas(likelihood.sigma_columns(theta[None]))
+    misfit = likelihood.response.misfit(posterior.space.full(theta[None]))
+    excess = float(np.mean(misfit / sigma**2)) / likelihood.noise.n_samples
+    return max(excess, 1.0) if np.isfinite(excess) else 1.0
+
+
+def draws(
+    posterior: Posterior, theta: Array, n: int, rng: np.random.Generator, *, spread: float = 1.0
+) -> Array:
+    """`(n, D)` points of finite posterior around `theta`, in the sampler's coordinates.
+
+    Raises `ValueError` when the posterior is finite nowhere near.
+    """
+    centre = posterior.coordinates.from_physical(theta[None])[0]
+    steps = root(covariance(posterior, theta)) * spread
+    kept: list[Array] = []
+    have = 0
+    for attempt in range(60):
+        shrink = 0.5 ** max(0, attempt - 20)
+        z = centre + shrink * rng.standard_normal((n, len(theta))) @ steps.T
+        good = z[np.isfinite(posterior(z))]
+        kept.append(good)
+        have += len(good)
+        if have >= n:
+            return np.concatenate(kept)[:n]
+    raise ValueError("no point of finite posterior was found around the start")
+
+
+def root(matrix: Array) -> Array:
+    """A square root whose columns are principal directions: `root @ root.T == matrix`."""
+    scale = np.sqrt(np.diag(matrix))
+    values, vectors = np.linalg.eigh(matrix / np.outer(scale, scale))
+    return scale[:, None] * vectors * np.sqrt(np.maximum(values, 1e-12))

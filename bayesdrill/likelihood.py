@@ -1,0 +1,41 @@
+"""What the record says of the unknowns: exact response and noise, put together."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayesdrill.noise.gaussian import Gaussian
+from bayesdrill.parameters import ParameterSpace
+from bayesdrill.response import Response
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Likelihood:
+    """Of unknowns `theta (W, D)`: the model's free parameters, then the unknown sigmas."""
+
+    response: Response
+    noise: Gaussian
+    space: ParameterSpace
+
+    def __call__(self, theta: Array) -> Array:
+        """Log likelihood `(W,)`; NaN where the response overflows."""
+        with np.errstate(all="ignore"):
+            return self.by_channel(theta).sum(axis=-1)
+
+    def by_channel(self, theta: Array) -> Array:
+        """`(W, K)`."""
+        misfit = self.response.misfit(self.space.full(theta))
+        return self.noise.log_likelihood(misfit, self.sigma_columns(theta))
+
+    def sigma_columns(self, theta: Array) -> Array:
+        """The unknown sigmas among the unknowns, `(W, n)`."""
+        return theta[:, theta.shape[1] - len(self.noise.unknown) :]
+
+    def signals(self, theta: Array) -> Array:
+        """The channels without noise, `(W, T, K)`."""
+        return self.response.signals(self.space.full(theta))

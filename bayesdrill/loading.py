@@ -1,0 +1,165 @@
+"""From a YAML file to a `Config`, or to all of its errors at once."""
+
+from __future__ import annotations
+
+import copy
+import typing
+from pathlib import Path
+from typing import Any
+
+from pydantic import BaseModel, ValidationError
+
+from bayesdrill import consistency
+from bayesdrill.config import Config
+from bayesdrill.errors import InputError, Problem, did_you_mean
+from bayesdrill.yaml_source import Place, Source, read
+
+
+def load(path: Path) -> tuple[Config, Source]:
+    """Raises `InputError` with every problem, in the order of the lines."""
+    source = read(path)
+    problems = list(source.repeated)
+    pruned = copy.deepcopy(source.data)
+    try:
+        config = Config.model_validate(source.data)
+    except ValidationError as error:
+        spoilt: list[Place] = []
+        for item in error.errors(include_url=False):
+            place = _place(item["loc"], source.data)
+            problems.append(source.problem(place, _message(dict(item), place)))
+            spoilt.append(place)
+        problems += _judge_rest(pruned, spoilt, source)
+    else:
+        problems += consistency.check(config, source, frozenset())
+        if not problems:
+            return config, source
+    raise InputError(sorted(dict.fromkeys(problems), key=_line))
+
+
+def _judge_rest(data: Any, spoilt: list[Place], source: Source) -> list[Problem]:
+    """Checks across entries, for what is left after the spoilt entries are taken out."""
+    for place in spoilt:
+        _remove(data, place)
+    for name, stand_in in (("name", "x"), ("seed", 0)):
+        data.setdefault(name, stand_in)
+    try:
+        config = Config.model_validate(data)
+    except ValidationError:
+        return []
+    return consistency.check(config, source, frozenset(spoilt))
+
+
+def _remove(data: Any, place: Place) -> None:
+    """Take out the optional entry that holds `place`: a parameter, a channel or a section."""
+    depth = {"parameters": 2, "record": 3, "inputs": 2, "initial": 2, "simulation": 2}
+    keep = place[: depth.get(str(place[0]), 1)] if place else place
+    parent = data
+    for part in keep[:-1]:
+        parent = parent.get(part) if isinstance(parent, dict) else None
+    if keep and isinstance(parent, dict):
+        parent.pop(keep[-1], None)
+
+
+def _place(loc: tuple[str | int, ...], data: Any) -> Place:
+    """The path as the user wrote it: pydantic's union tags are left out."""
+    place: list[str | int] = []
+    here = data
+    for index, part in enumerate(loc):
+        if isinstance(here, dict) and part in here:
+            place.append(part)
+            here = here[part]
+        elif isinstance(here, list) and isinstance(part, int):
+            place.append(part)
+            here = here[part] if part < len(here) else None
+        elif index == len(loc) - 1 and isinstance(here, dict) and not str(part).startswith("<"):
+            place.append(part)
+    return tuple(place)
+
+
+def _message(error: dict[str, Any], place: Place) -> str:
+    kind, value, context = error["type"], error["input"], error.get("ctx", {})
+    match kind:
+        case "extra_forbidden":
+            word = "symbol" if place[0] == "parameters" and len(place) == 2 else "key"
+            return f"unknown {word}{did_you_mean(str(place[-1]), _keys_at(error['loc']))}"
+        case "missing":
+            return "this entry is missing; see `bayesdrill schema` or configs/nominal_step.yaml"
+        case "union_tag_not_found":
+            wanted = str(context.get("discriminator", "")).strip("'")
+            return f"the entry `{wanted}:` is missing{did_you_mean('', _known(error))}"
+        case "union_tag_invalid" | "literal_error":
+            shown = context.get("tag", value)
+            if kind == "literal_error" and place[0] == "parameters":
+                return f"'{shown}' is neither a number, nor `nominal`, nor a prior"
+            return f"'{shown}' is not possible{did_you_mean(str(shown), _known(error))}"
+        case "float_type" | "int_type" | "int_from_float":
+            whole = "whole " if kind.startswith("int") else ""
+            return f"{_shown(value)} is not a {whole}number{_hint(value)}"
+        case "string_type":
+            return f"{_shown(value)} is not text; put it in quotes if it is meant"
+        case "model_type" | "model_attributes_type" | "dict_type":
+            return f"{_shown(value)} stands where `key: value` entries are wanted, indented below"
+        case "string_pattern_mismatch":
+            return f"{_shown(value)} may only have letters, digits, `_`, `-` and `.`"
+    text = str(error["msg"]).replace("Input should", "it should")
+    return f"{_shown(value)}: {text[0].lower()}{text[1:]}"
+
+
+def _known(error: dict[str, Any]) -> list[str]:
+    context = error.get("ctx", {})
+    text = str(context.get("expected_tags") or context.get("expected") or "")
+    return [word.strip(" '") for word in text.replace(" or ", ", ").split(",") if word.strip(" '<")]
+
+
+def _shown(value: Any) -> str:
+    if value is None:
+        return "nothing"
+    text = "a mapping" if isinstance(value, dict) else repr(value)
+    return text if len(text) <= 40 else text[:37] + "..."
+
+
+def _hint(value: Any) -> str:
+    if isinstance(value, str):
+        if "/" in value:
+            return "; fractions are not computed, write for example 0.125 for 1/8"
+        if "," in value:
+            return "; the decimal sign is a point"
+        if any(letter.isdigit() for letter in value) and value[-1:].isalpha():
+            return (
+                "; leave out the unit (SI), or write {value: ..., unit: ...} where that is possible"
+            )
+    if isinstance(value, bool):
+        return "; write the value itself"
+    return ""
+
+
+def _keys_at(loc: tuple[str | int, ...]) -> list[str]:
+    """The keys that may stand where the unknown key `loc[-1]` stands."""
+    models: list[type[BaseModel]] = [Config]
+    for part in loc[:-1]:
+        annotations = [
+            model.model_fields[str(part)].annotation
+            for model in models
+            if str(part) in model.model_fields
+        ]
+        if annotations:
+            models = [found for annotation in annotations for found in _models(annotation)]
+        tagged = [model for model in models if part in _literals(model)]
+        models = tagged or models
+    return sorted({key for model in models for key in model.model_fields})
+
+
+def _models(annotation: Any) -> list[type[BaseModel]]:
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return [annotation]
+    return [found for inner in typing.get_args(annotation) for found in _models(inner)]
+
+
+def _literals(model: type[BaseModel]) -> tuple[Any, ...]:
+    field = model.model_fields.get("prior")
+    return typing.get_args(field.annotation) if field else ()
+
+
+def _line(problem: Problem) -> tuple[int, str]:
+    parts = problem.place.split(": ")[0].rsplit(":", 1)
+    return (int(parts[1]) if len(parts) == 2 and parts[1].isdigit() else 0, problem.place)

@@ -1,0 +1,133 @@
+"""The maximum of the posterior (MAP): several searches, and whether they agree."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayesdrill import laplace
+from bayesdrill.optimisers import OPTIMISERS
+from bayesdrill.optimisers.contract import Optimum
+from bayesdrill.posterior import Posterior
+
+Array = NDArray[np.float64]
+
+SAME_LOG_DENSITY = 0.05  # searches that end nearer than this have found the same height
+SAME_PLACE = 0.01  # ... and the same place, when no unknown differs by more than 1 %
+CANDIDATES = 4096  # prior draws of which a search starts at the best
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Search:
+    """One search: where it began and ended (physical), and how."""
+
+    start: Mapping[str, float]
+    end: Mapping[str, float]
+    log_posterior: float
+    evaluations: int
+    settled: bool
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Mode:
+    """The best of the searches.
+
+    `slope`: change of the log posterior per conditional standard deviation of each unknown, well
+    below 1 at a maximum inside the prior; `gain`: what a Newton step would still gain.
+    `at_bound`: unknowns within 0.1 % of an end of their prior.
+    """
+
+    values: Mapping[str, float]
+    log_posterior: float
+    slope: Mapping[str, float]
+    gain: float
+    at_bound: tuple[str, ...]
+    searches: tuple[Search, ...]
+
+    @property
+    def same_height(self) -> int:
+        """How many searches reached the height of the best."""
+        return sum(s.log_posterior > self.log_posterior - SAME_LOG_DENSITY for s in self.searches)
+
+    @property
+    def wandering(self) -> tuple[str, ...]:
+        """Unknowns in which searches of the same height ended at different places."""
+        equal = [
+            s for s in self.searches if s.log_posterior > self.log_posterior - SAME_LOG_DENSITY
+        ]
+        return tuple(
+            name
+            for name, value in self.values.items()
+            if any(abs(s.end[name] / value - 1) > SAME_PLACE for s in equal)
+        )
+
+
+def starts(posterior: Posterior, n: int, rng: np.random.Generator) -> Array:
+    """`(n, D)` physical: the configured start, then the best of some prior draws each."""
+    first = posterior.space.vector(posterior.space.start)
+    rest = []
+    for _ in range(n - 1):
+        candidates = posterior.space.draw(CANDIDATES, rng)
+        rest.append(candidates[int(np.argmax(posterior.density(candidates)))])
+    return np.array([first, *rest])
+
+
+def search(posterior: Posterior, method: str, evaluations: int, start: Array) -> Search:
+    """One search from the physical point `start (D,)`."""
+    coordinates = posterior.coordinates
+    found: Optimum = OPTIMISERS[method](
+        lambda z: posterior.density(coordinates.to_physical(z)),
+        coordinates.from_physical(start[None])[0],
+        lambda z: laplace.covariance(posterior, coordinates.to_physical(z[None])[0]),
+        evaluations,
+    )
+    end = coordinates.to_physical(found.z[None])[0]
+    return Search(
+        start=_named(posterior, start),
+        end=_named(posterior, end),
+        log_posterior=found.value,
+        evaluations=found.evaluations,
+        settled=found.settled,
+    )
+
+
+def summarise(posterior: Posterior, searches: tuple[Search, ...]) -> Mode:
+    best = max(searches, key=lambda s: s.log_posterior)
+    theta = posterior.space.vector(best.end)
+    information = laplace.information(posterior, theta)
+    slope = _slope(posterior, theta, information)
+    return Mode(
+        values=best.end,
+        log_posterior=best.log_posterior,
+        slope=_named(posterior, slope / np.sqrt(np.diag(information))),
+        gain=float(0.5 * slope @ np.linalg.solve(information, slope)),
+        at_bound=_at_bound(posterior, best.end),
+        searches=searches,
+    )
+
+
+def _slope(posterior: Posterior, theta: Array, information: Array) -> Array:
+    """d log posterior / d log theta `(D,)`, by differences that stay inside the prior."""
+    steps = np.exp(1e-3 / np.sqrt(np.diag(information)))
+    here = posterior.density(theta[None])[0]
+    up = posterior.density(theta * (1 + np.diag(steps - 1))) - here
+    down = here - posterior.density(theta / (1 + np.diag(steps - 1)))
+    both = np.where(np.isfinite(up) & np.isfinite(down), 0.5 * (up + down), np.nan)
+    one = np.where(np.isfinite(up), up, np.where(np.isfinite(down), down, 0.0))
+    return np.asarray(np.where(np.isnan(both), one, both) / np.log(steps))
+
+
+def _at_bound(posterior: Posterior, values: Mapping[str, float]) -> tuple[str, ...]:
+    close = []
+    for name, prior in posterior.space.priors.items():
+        ends = [end for end in (prior.low, prior.high) if np.isfinite(end) and end > 0]
+        if any(abs(values[name] / end - 1) < 1e-3 for end in ends):
+            close.append(name)
+    return tuple(close)
+
+
+def _named(posterior: Posterior, theta: Array) -> dict[str, float]:
+    return {name: float(x) for name, x in zip(posterior.space.free, theta, strict=True)}

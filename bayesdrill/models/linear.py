@@ -1,0 +1,64 @@
+"""The contract of a model: linear dynamics with named states, inputs and parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Named = Mapping[str, Array | float]
+
+
+@dataclass(frozen=True, slots=True)
+class Linear:
+    """`x' = A x + B u + c`, as the entries that are not zero.
+
+    `A` maps (row state, column state), `B` (row state, input) and `c` (row state) to values of
+    any one batch shape, or to plain numbers.  The keys are the structure: kernels skip the rest.
+    """
+
+    A: Mapping[tuple[str, str], Array | float]
+    B: Mapping[tuple[str, str], Array | float]
+    c: Mapping[str, Array | float]
+
+
+class Chart(Protocol):
+    """A volume-preserving change of the logs of all parameters that straightens the posterior.
+
+    Both ways `(W, P) -> (W, P)`, columns in the order of the model's `parameters`; |det| = 1.
+    """
+
+    @property
+    def labels(self) -> tuple[str, ...]: ...
+
+    def straighten(self, logs: Array) -> Array: ...
+
+    def bend(self, z: Array) -> Array: ...
+
+
+class Model(Protocol):
+    """A rig. All parameters are positive; names are those of `symbols`."""
+
+    @property
+    def name(self) -> str: ...
+
+    @property
+    def parameters(self) -> tuple[str, ...]: ...
+
+    @property
+    def states(self) -> tuple[str, ...]: ...
+
+    @property
+    def inputs(self) -> tuple[str, ...]: ...
+
+    def linear(self, p: Named) -> Linear:
+        """The dynamics at parameters `p` (each a number or an array of one batch shape)."""
+        ...
+
+    def chart(self, v: float) -> Chart | None:
+        """Coordinates the model brings, for a supply of about `v` volt; None if it has none."""
+        ...

@@ -1,0 +1,134 @@
+"""The paper's rig: DC motor, gearbox, slender shaft, rotor.
+
+    theta_1' = w_1
+    theta_2' = w_2
+    w_1' = -(k_s/j_1)(theta_1 - theta_2) - t_1/j_1
+    w_2' = (i_m^2 k_s/j_m)(theta_1 - theta_2) - (c_m/j_m) w_2 + (i_m k_T/j_m) i - i_m t_f/j_m
+    i'   = -(k_e/(i_m l_m)) w_2 - (r_m/l_m) i + v/l_m
+
+Sandoval, Cunha Jr and Sampaio (ENIEF 2013), equations for motor, gearbox and rotors.  The matrix
+printed there has two errors that its own equations correct: A(5,1) is `i_m^2 k_s/j_m` (printed
+over j_1) and A(6,5) is `-k_e/(i_m l_m)` (printed `-i_n k_e/l_m`).  As printed the rig would end
+at 0.07 or 660 rad/s instead of 15.95.  The charge `q` never feeds back and is left out here.
+
+Assumes: rigid gearbox without loss or play, massless and undamped shaft, friction `t_f` of
+constant sign (one-way rotation), `t_1` the load torque on rotor 1.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from bayesdrill.models.linear import Array, Linear, Named
+
+PARAMETERS = ("j_m", "c_m", "k_e", "k_T", "r_m", "l_m", "k_s", "j_1", "t_f")
+
+
+@dataclass(frozen=True, slots=True)
+class MotorShaft:
+    """`i_m` is the gear reduction factor: theta_2 = i_m theta_3, with theta_3 the motor's angle."""
+
+    i_m: float = 1 / 8
+
+    name: ClassVar[str] = "motor_shaft"
+    parameters: ClassVar[tuple[str, ...]] = PARAMETERS
+    states: ClassVar[tuple[str, ...]] = ("theta_1", "theta_2", "w_1", "w_2", "i")
+    inputs: ClassVar[tuple[str, ...]] = ("v", "t_1")
+
+    def linear(self, p: Named) -> Linear:
+        i_m = self.i_m
+        j_m, c_m, k_e, k_T = p["j_m"], p["c_m"], p["k_e"], p["k_T"]
+        r_m, l_m, k_s, j_1, t_f = p["r_m"], p["l_m"], p["k_s"], p["j_1"], p["t_f"]
+        rotor = k_s / j_1
+        shaft = i_m**2 * k_s / j_m
+        return Linear(
+            A={
+                ("theta_1", "w_1"): 1.0,
+                ("theta_2", "w_2"): 1.0,
+                ("w_1", "theta_1"): -rotor,
+                ("w_1", "theta_2"): rotor,
+                ("w_2", "theta_1"): shaft,
+                ("w_2", "theta_2"): -shaft,
+                ("w_2", "w_2"): -c_m / j_m,
+                ("w_2", "i"): i_m * k_T / j_m,
+                ("i", "w_2"): -k_e / (i_m * l_m),
+                ("i", "i"): -r_m / l_m,
+            },
+            B={("w_1", "t_1"): -1.0 / j_1, ("i", "v"): 1.0 / l_m},
+            c={"w_2": -i_m * t_f / j_m},
+        )
+
+    def chart(self, v: float) -> MotorShaftChart:
+        return MotorShaftChart(i_m=self.i_m, v=v)
+
+
+def six_state_matrix(p: Named, i_m: float = 1 / 8) -> Array:
+    """The paper's A `(6, 6)` with its two errors corrected, at scalar parameters.
+
+    States in the paper's order: theta_1, theta_2, q, theta_1', theta_2', q'.
+    """
+    rows = ("theta_1", "theta_2", "q", "w_1", "w_2", "i")
+    matrix = np.zeros((6, 6))
+    matrix[rows.index("q"), rows.index("i")] = 1.0
+    for (row, column), value in MotorShaft(i_m).linear(p).A.items():
+        matrix[rows.index(row), rows.index(column)] = value
+    return matrix
+
+
+@dataclass(frozen=True, slots=True)
+class MotorShaftChart:
+    """Logs of what the record sees: a steady speed, rates, friction ratios and two scales.
+
+    With rho = r_m/k_T and d = c_m + k_e/rho: steady motor speed w3 = v (1 - u6)/(k_e (1 + u7)),
+    k_s/j_1, i_m^2 k_s/d, j_m/d, l_m/r_m, u6 = rho t_f/v, u7 = rho c_m/k_e, and j_1, r_m.
+    `1 - u6` is continued by a positive function beyond u6 = 1/2, so that the map is defined for
+    all positive parameters and its Jacobian is one everywhere.
+    """
+
+    i_m: float
+    v: float
+
+    labels: ClassVar[tuple[str, ...]] = (
+        "log w3",
+        "log k_s/j_1",
+        "log i_m^2 k_s/d",
+        "log j_m/d",
+        "log l_m/r_m",
+        "log u6",
+        "log u7",
+        "log j_1",
+        "log r_m",
+    )
+
+    def straighten(self, logs: Array) -> Array:
+        j_m, c_m, k_e, k_T, r_m, l_m, k_s, j_1, t_f = np.moveaxis(logs, -1, 0)
+        rho = r_m - k_T
+        u6 = rho + t_f - np.log(self.v)
+        u7 = rho + c_m - k_e
+        share = np.log1p(np.exp(u7))
+        d = k_e - rho + share
+        w3 = np.log(self.v) + _log_one_minus(np.exp(u6)) - k_e - share
+        shaft = 2 * np.log(self.i_m) + k_s - d
+        columns = (w3, k_s - j_1, shaft, j_m - d, l_m - r_m, u6, u7, j_1, r_m)
+        return np.stack(columns, axis=-1)
+
+    def bend(self, z: Array) -> Array:
+        w3, rotor, shaft, inertia, electrical, u6, u7, j_1, r_m = np.moveaxis(z, -1, 0)
+        share = np.log1p(np.exp(u7))
+        k_e = np.log(self.v) + _log_one_minus(np.exp(u6)) - w3 - share
+        k_s = rotor + j_1
+        d = 2 * np.log(self.i_m) + k_s - shaft
+        rho = k_e + share - d
+        c_m = u7 + k_e - rho
+        t_f = u6 + np.log(self.v) - rho
+        columns = (inertia + d, c_m, k_e, r_m - rho, r_m, electrical + r_m, k_s, j_1, t_f)
+        return np.stack(columns, axis=-1)
+
+
+def _log_one_minus(u: Array) -> Array:
+    """log(1 - u) up to u = 1/2, its tangent beyond."""
+    inside = np.minimum(u, 0.5)
+    return np.log1p(-inside) - 2.0 * (u - inside)

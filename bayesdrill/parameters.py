@@ -1,0 +1,55 @@
+"""Which quantities are unknown and which are held: vectors to names and back, in one place."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayesdrill.priors import Prior, draw
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ParameterSpace:
+    """The D unknowns in their order: the model's free parameters, then unknown noise levels.
+
+    `model` lists all P parameters of the model; `fixed` holds the values of those not in
+    `priors`.  `theta` is `(W, D)`, physical, SI.
+    """
+
+    model: tuple[str, ...]
+    priors: Mapping[str, Prior]
+    fixed: Mapping[str, float]
+    start: Mapping[str, float]
+
+    @property
+    def free(self) -> tuple[str, ...]:
+        return tuple(self.priors)
+
+    def full(self, theta: Array) -> Array:
+        """`(W, P)` parameters of the model, in its order."""
+        out = np.empty((len(theta), len(self.model)))
+        for column, name in enumerate(self.model):
+            out[:, column] = (
+                self.fixed[name] if name in self.fixed else theta[:, self.free.index(name)]
+            )
+        return out
+
+    def vector(self, values: Mapping[str, float]) -> Array:
+        """`(D,)` from named values."""
+        return np.array([values[name] for name in self.free])
+
+    def log_prior(self, theta: Array) -> Array:
+        """`(W,)`; -inf outside the support."""
+        total = np.zeros(len(theta))
+        for column, prior in enumerate(self.priors.values()):
+            total += prior.logpdf(theta[:, column])
+        return total
+
+    def draw(self, n: int, rng: np.random.Generator) -> Array:
+        """`(n, D)` draws from the prior."""
+        return np.stack([draw(prior, n, rng) for prior in self.priors.values()], axis=-1)

@@ -1,0 +1,192 @@
+"""The main job: a config goes in, a results folder comes out. Reads like a method section."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import time
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayesdrill import build, loading, mode, provenance, recording, seeds, store
+from bayesdrill import config as records
+from bayesdrill.build import Problem
+from bayesdrill.convergence import Targets, thinned
+from bayesdrill.crew import Crew
+from bayesdrill.diagnostics import Row, summarise
+from bayesdrill.errors import InputError, Interrupted
+from bayesdrill.mode import Mode, Search
+from bayesdrill.progress import Reporter
+from bayesdrill.report import publish, words
+from bayesdrill.sampling import Plan, Sampled, sample, stored
+from bayesdrill.store import Folder
+from bayesdrill.yaml_source import Source
+
+Array = NDArray[np.float64]
+
+MAP_FILE = "map.json"
+CONFIG_FILE = "config.yaml"
+RESOLVED_FILE = "config.resolved.yaml"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Job:
+    """A config that has been read, checked against its record, and built."""
+
+    config: records.Config
+    source: Source
+    problem: Problem
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Outcome:
+    folder: Path
+    mode: Mode
+    sampled: Sampled
+    rows: tuple[Row, ...]
+
+
+def prepare(path: Path) -> Job:
+    """Everything that can be wrong with the input is found here; nothing is written."""
+    config, source = loading.load(path)
+    problem = build.problem(config, recording.read(config, source))
+    posterior = problem.posterior
+    start = posterior.space.vector(posterior.space.start)
+    if not np.isfinite(posterior.density(start[None])[0]):
+        message = "the model has no finite response at the start; check values and units"
+        raise InputError([source.problem(("parameters",), message)])
+    return Job(config=config, source=source, problem=problem)
+
+
+def posterior(job: Job, output: Path, how: store.Mode, processes: int, report: Reporter) -> Outcome:
+    """The whole job. Raises `Interrupted` when asked to stop; what was sampled is saved."""
+    marks = provenance.fingerprint(job.config, job.problem)
+    with Folder(output, how, marks) as folder:
+        report.say(words.opening(job.problem))
+        folder.write_text(CONFIG_FILE, job.source.text)
+        folder.write_text(RESOLVED_FILE, provenance.resolved(job.config, job.source, output))
+        folder.write_run(status="running", seed=job.config.seed, versions=provenance.versions())
+        try:
+            return _run(job, folder, processes, report)
+        except KeyboardInterrupt:
+            folder.write_run(status="interrupted")
+            raise Interrupted(f"stopped; what was sampled is saved in {output}") from None
+        except BrokenProcessPool:
+            folder.write_run(status="interrupted")
+            message = "a worker process was killed (out of memory?); continue with --resume"
+            raise InputError.one(str(output), message) from None
+
+
+def _run(job: Job, folder: Folder, processes: int, report: Reporter) -> Outcome:
+    clock = [time.perf_counter()]
+    with Crew(job.problem.posterior, processes) as crew:
+        found = _find_mode(job, crew, folder, report)
+        clock.append(time.perf_counter())
+        vector = job.problem.posterior.space.vector(found.values)
+        sampled = sample(crew, job.problem.posterior, vector, plan(job.config), folder, report)
+    clock.append(time.perf_counter())
+    names = ",".join(job.problem.names)
+    coordinates = type(job.problem.posterior.coordinates).__name__.lower()
+    folder.finish_chain(sampled.pieces, {"coordinates": coordinates, "unknowns": names})
+    seconds = {"map": clock[1] - clock[0], "sampling": clock[2] - clock[1]}
+    return _publish(job, folder, found, sampled, seconds, report)
+
+
+def republish(output: Path, report: Reporter) -> Outcome:
+    """Tables and figures again, from the chain that `output` holds."""
+    if store.read_run(output) is None:
+        raise InputError.one(str(output), "no results here; give the folder of a finished run")
+    job = prepare(output / RESOLVED_FILE)
+    marks = provenance.fingerprint(job.config, job.problem)
+    with Folder(output, "resume", marks) as folder:
+        sampled = stored(job.problem.posterior, plan(job.config), folder)
+        return _publish(job, folder, _read_mode(output / MAP_FILE), sampled, {}, report)
+
+
+def find_mode(job: Job, processes: int, report: Reporter) -> Mode:
+    """The MAP alone; nothing is written."""
+    with Crew(job.problem.posterior, processes) as crew:
+        return _search(job, crew, report)
+
+
+def plan(config: records.Config) -> Plan:
+    sampler = config.sampler
+    return Plan(
+        ensembles=sampler.ensembles,
+        walkers=sampler.walkers,
+        moves=sampler.moves,
+        targets=Targets(r_hat=sampler.r_hat, n_tau=sampler.n_tau, ess=sampler.ess),
+        max_steps=sampler.max_steps,
+        seed=config.seed,
+    )
+
+
+def _find_mode(job: Job, crew: Crew, folder: Folder, report: Reporter) -> Mode:
+    if (folder.path / MAP_FILE).exists():
+        return _read_mode(folder.path / MAP_FILE)
+    found = _search(job, crew, report)
+    folder.write_text(MAP_FILE, json.dumps(dataclasses.asdict(found), indent=2) + "\n")
+    return found
+
+
+def _search(job: Job, crew: Crew, report: Reporter) -> Mode:
+    settings, target = job.config.map, job.problem.posterior
+    points = mode.starts(target, settings.starts, seeds.stream(job.config.seed, "map"))
+    tasks = [
+        crew.submit(mode.search, settings.method, settings.evaluations, point) for point in points
+    ]
+    searches = []
+    for done, task in enumerate(tasks):
+        report.update(done / len(tasks), "searching the MAP")
+        searches.append(task.result())
+    report.update(1.0, "")
+    found = mode.summarise(target, tuple(searches))
+    report.say(words.mode(found))
+    return found
+
+
+def _read_mode(path: Path) -> Mode:
+    try:
+        data: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+        searches = tuple(Search(**search) for search in data.pop("searches"))
+        at_bound = tuple(data.pop("at_bound"))
+        return Mode(**data, searches=searches, at_bound=at_bound)
+    except (OSError, ValueError, KeyError, TypeError):
+        raise InputError.one(str(path), "cannot be read; start over with --force") from None
+
+
+def _publish(
+    job: Job,
+    folder: Folder,
+    found: Mode,
+    sampled: Sampled,
+    seconds: dict[str, float],
+    report: Reporter,
+) -> Outcome:
+    begun = time.perf_counter()
+    c = sampled.convergence
+    rows = summarise(job.problem, thinned(sampled.theta, c.burn_in, c.thin), found, c)
+    publish.everything(job.problem, found, sampled, rows, job.config, folder)
+    if seconds:
+        seconds["report"] = time.perf_counter() - begun
+        folder.write_run(seconds={name: round(value, 3) for name, value in seconds.items()})
+    folder.write_run(
+        status="finished",
+        converged=c.converged,
+        reasons=list(c.reasons),
+        steps=c.steps,
+        burn_in=c.burn_in,
+        thin=c.thin,
+        n_tau=round(c.n_tau, 2),
+        tau={name: round(float(x), 2) for name, x in zip(job.problem.names, c.tau, strict=True)},
+        r_hat=round(float(np.max(c.r_hat)), 5),
+        ess_bulk=round(float(np.min(c.ess_bulk)), 1),
+        acceptance=[round(float(x), 4) for x in sampled.acceptance],
+        failures=sampled.failures,
+    )
+    return Outcome(folder=folder.path, mode=found, sampled=sampled, rows=rows)

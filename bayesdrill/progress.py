@@ -1,0 +1,95 @@
+"""What long work tells while it runs: a bar on a terminal, a line now and then in a file."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import Any, Protocol, TextIO
+
+
+class Reporter(Protocol):
+    """`say` prints a line; `update` tells how far the work is (0 to 1) and what it knows."""
+
+    def say(self, text: str) -> None: ...
+
+    def update(self, fraction: float, text: str) -> None: ...
+
+
+@dataclass(frozen=True, slots=True)
+class Silent:
+    def say(self, text: str) -> None:
+        pass
+
+    def update(self, fraction: float, text: str) -> None:
+        pass
+
+
+@dataclass(slots=True)
+class Lines:
+    """A line every `every` seconds, with the time left; for files and logs."""
+
+    stream: TextIO
+    every: float = 10.0
+    _begun: float = field(default_factory=time.monotonic)
+    _last: float = field(default_factory=time.monotonic)
+
+    def say(self, text: str) -> None:
+        print(text, file=self.stream, flush=True)
+
+    def update(self, fraction: float, text: str) -> None:
+        now = time.monotonic()
+        if fraction <= 0:
+            self._begun = now
+        if now - self._last >= self.every:
+            self._last = now
+            left = _left(now - self._begun, fraction)
+            self.say(f"  {100 * fraction:3.0f} %  {text}{left}")
+
+
+class Bar:
+    """A rich progress bar with the time left; for terminals."""
+
+    def __init__(self, console: Any, progress: Any) -> None:
+        self._console, self._progress = console, progress
+        self._task: Any = None
+        self._begun = time.monotonic()
+
+    def say(self, text: str) -> None:
+        self._console.print(text, highlight=False, markup=False, soft_wrap=True)
+
+    def update(self, fraction: float, text: str) -> None:
+        if self._task is None:
+            self._begun = time.monotonic()
+            self._task = self._progress.add_task("", total=1.0)
+        left = _left(time.monotonic() - self._begun, fraction)
+        self._progress.update(self._task, completed=fraction, description=f"{text}{left}")
+        if fraction >= 1.0:
+            self._progress.remove_task(self._task)
+            self._task = None
+
+
+def _left(elapsed: float, fraction: float) -> str:
+    if fraction <= 0.02 or fraction >= 1:
+        return ""
+    seconds = elapsed * (1 - fraction) / fraction
+    return (
+        f", about {seconds:.0f} s left" if seconds < 90 else f", about {seconds / 60:.0f} min left"
+    )
+
+
+@contextmanager
+def reporter() -> Iterator[Reporter]:
+    """A bar on a terminal, lines elsewhere."""
+    if not sys.stderr.isatty():
+        yield Lines(sys.stderr)
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn
+
+    console = Console(stderr=True)
+    columns = (BarColumn(bar_width=24), TextColumn("{task.percentage:3.0f} % {task.description}"))
+    with Progress(*columns, console=console, transient=True) as progress:
+        yield Bar(console, progress)

@@ -1,0 +1,102 @@
+"""Summary tables: the same rows for the terminal, for CSV and for Markdown."""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import io
+from collections.abc import Sequence
+
+from bayesdrill.build import Problem
+from bayesdrill.diagnostics import HDI_PROBABILITY, MEANING, Row
+from bayesdrill.mode import Mode
+
+_HDI = f"{100 * HDI_PROBABILITY:.0f} % HDI"
+
+HEADERS = (
+    "", "unit", "nominal", "MAP", "mean", "sd", _HDI, "dev. %", "R-hat", "ESS bulk", "ESS tail",
+    "shrinkage", "the record says",
+)  # fmt: skip
+
+
+def cells(row: Row) -> tuple[str, ...]:
+    """What is shown of a row, in the order of `HEADERS`."""
+    return (
+        row.name,
+        _unit(row.unit),
+        "" if row.nominal is None else f"{row.nominal:.4g}",
+        f"{row.map:.4g}",
+        f"{row.mean:.4g}",
+        f"{row.sd:.2g}",
+        f"{row.hdi_low:.4g} to {row.hdi_high:.4g}",
+        "" if row.deviation is None else f"{100 * row.deviation:+.2f}",
+        f"{row.r_hat:.4f}",
+        f"{row.ess_bulk:.0f}",
+        f"{row.ess_tail:.0f}",
+        f"{100 * row.shrinkage:.0f} %",
+        row.word,
+    )
+
+
+def as_csv(rows: Sequence[Row]) -> str:
+    """All digits, SI; `deviation` and `shrinkage` are fractions."""
+    low, high = (f"hdi{100 * HDI_PROBABILITY:.0f}_{end}" for end in ("low", "high"))
+    names = {"hdi_low": low, "hdi_high": high, "word": "the_record_says"}
+    keys = [field.name for field in dataclasses.fields(Row)]
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    writer.writerow([names.get(key, key) for key in keys])
+    for row in rows:
+        values = (getattr(row, key) for key in keys)
+        writer.writerow(["" if value is None else value for value in values])
+    return out.getvalue()
+
+
+def as_markdown(rows: Sequence[Row]) -> str:
+    lines = ["| " + " | ".join(HEADERS) + " |", "|" + " --- |" * len(HEADERS)]
+    lines += ["| " + " | ".join(cells(row)) + " |" for row in rows]
+    return "\n".join(lines) + "\n"
+
+
+def as_text(rows: Sequence[Row]) -> str:
+    """Aligned columns for a wide terminal."""
+    return _aligned([HEADERS, *map(cells, rows)], left={0, 1, len(HEADERS) - 1})
+
+
+def mode_as_text(problem: Problem, mode: Mode) -> str:
+    """The MAP beside the nominal values."""
+    lines: list[tuple[str, ...]] = [("", "unit", "nominal", "MAP", "dev. %")]
+    for symbol in problem.symbols:
+        value, nominal = mode.values[symbol.name], problem.nominal.get(symbol.name)
+        shown = (
+            ("", "")
+            if nominal is None
+            else (f"{nominal:.4g}", f"{100 * (value / nominal - 1):+.2f}")
+        )
+        lines.append((symbol.name, _unit(symbol.unit), shown[0], f"{value:.6g}", shown[1]))
+    return _aligned(lines, left={0, 1})
+
+
+def _unit(unit: str) -> str:
+    return unit.replace("**", "^").replace("*", " ")
+
+
+def _aligned(table: Sequence[tuple[str, ...]], left: set[int]) -> str:
+    widths = [max(len(line[k]) for line in table) for k in range(len(table[0]))]
+    return "\n".join(
+        "  ".join(
+            cell.ljust(width) if k in left else cell.rjust(width)
+            for k, (cell, width) in enumerate(zip(line, widths, strict=True))
+        ).rstrip()
+        for line in table
+    )
+
+
+def in_words(rows: Sequence[Row]) -> str:
+    """Which unknowns the record determines, and which it cannot."""
+    sentences = []
+    for word, meaning in MEANING.items():
+        names = [row.name for row in rows if row.word == word]
+        if names:
+            sentences.append(f"{word}: {', '.join(names)} ({meaning})")
+    return "\n".join(sentences)

@@ -1,0 +1,81 @@
+"""What the terminal and the summary say, in sentences."""
+
+from __future__ import annotations
+
+from bayesdrill.build import Problem
+from bayesdrill.config import Config
+from bayesdrill.convergence import BURN_IN_TAUS
+from bayesdrill.mode import SAME_LOG_DENSITY, SAME_PLACE, Mode
+from bayesdrill.sampling import Sampled
+
+
+def opening(problem: Problem) -> str:
+    """What goes in."""
+    experiment, space = problem.experiment, problem.posterior.space
+    length = experiment.t[-1] - experiment.t[0]
+    held = ", ".join(f"{name} = {value:.4g}" for name, value in space.fixed.items())
+    return (
+        f"record: {len(experiment.t)} samples of {', '.join(experiment.names)} over {length:g} s\n"
+        f"unknown: {', '.join(space.free)}" + (f"\nheld: {held}" if held else "")
+    )
+
+
+def preview(problem: Problem, config: Config) -> str:
+    """What would run."""
+    posterior, sampler = problem.posterior, config.sampler
+    start = posterior.space.vector(posterior.space.start)
+    priors = "\n".join(
+        f"  {name}: {prior.describe()}" for name, prior in posterior.space.priors.items()
+    )
+    return (
+        f"priors (SI):\n{priors}\n"
+        f"log posterior at the start: {posterior.density(start[None])[0]:.2f}\n"
+        f"would run: {config.map.starts} searches by {config.map.method}, then "
+        f"{sampler.ensembles} ensembles of {sampler.walkers} walkers in "
+        f"{type(posterior.coordinates).__name__.lower()} coordinates, until R-hat <= "
+        f"{sampler.r_hat:g}, N/tau >= {sampler.n_tau:g} and ESS >= {sampler.ess:g}, at most "
+        f"{sampler.max_steps} steps"
+    )
+
+
+def mode(found: Mode) -> str:
+    """How the searches for the MAP went."""
+    n, same = len(found.searches), found.same_height
+    lines = [
+        f"MAP: log posterior {found.log_posterior:.2f}; {same} of {n} searches reached it within "
+        f"{SAME_LOG_DENSITY:g}"
+    ]
+    if found.wandering:
+        lines.append(
+            f"     they ended more than {100 * SAME_PLACE:g} % apart in {', '.join(found.wandering)}: "
+            "the posterior is flat there"
+        )
+    elif same < 2 and n > 1:
+        lines.append("     no second search confirms it; give map.starts or map.evaluations more")
+    lines.append(
+        f"     gradient: a Newton step would raise the log posterior by {found.gain:.1g}"
+        + (f"; at the bound of its prior: {', '.join(found.at_bound)}" if found.at_bound else "")
+    )
+    return "\n".join(lines)
+
+
+def convergence(sampled: Sampled) -> str:
+    """Whether the ensembles may be believed."""
+    c = sampled.convergence
+    n_ensembles, _, n_walkers, _ = sampled.theta.shape
+    lines = [
+        f"{n_ensembles} ensembles of {n_walkers} walkers, {c.steps} steps, of which the first "
+        f"{c.burn_in} are dropped (burn-in: {BURN_IN_TAUS} autocorrelation times)",
+        f"R-hat at most {c.r_hat.max():.4f}, {c.n_tau:.0f} autocorrelation times of "
+        f"{c.tau.max():.0f} steps, at least {c.ess_bulk.min():.0f} effective draws, "
+        f"acceptance {sampled.acceptance.mean():.2f}",
+    ]
+    if sampled.failures:
+        lines.append(f"{sampled.failures} proposals had no finite response and were refused")
+    if c.converged:
+        lines.append("converged: all targets are met")
+    else:
+        lines.append("NOT CONVERGED, do not use these numbers:")
+        lines += [f"  - {reason}" for reason in c.reasons]
+        lines.append("  raise sampler.max_steps in the config and continue with --resume")
+    return "\n".join(lines)

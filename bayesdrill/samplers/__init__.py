@@ -1,0 +1,1 @@
+"""Samplers: they see a batch log density, start points and a random stream, and nothing else."""

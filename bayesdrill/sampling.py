@@ -1,0 +1,181 @@
+"""Independent ensembles, advanced side by side until the targets are met."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from concurrent.futures import FIRST_COMPLETED, Future, wait
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayesdrill import laplace, seeds
+from bayesdrill.convergence import Convergence, Targets, assess
+from bayesdrill.crew import Crew
+from bayesdrill.errors import InputError
+from bayesdrill.posterior import Posterior
+from bayesdrill.progress import Reporter
+from bayesdrill.samplers.ensemble import Piece, State, advance
+from bayesdrill.store import Folder
+
+Array = NDArray[np.float64]
+
+FIRST_CHECK = 500  # steps; further checks follow when the chain has grown by a quarter
+GROWTH = 1.25
+PIECE = 250  # steps between savings
+START_SPREAD = 1.5  # ensembles start wider than the Gaussian approximation, so that R-hat can tell
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Plan:
+    ensembles: int
+    walkers: int
+    moves: Mapping[str, float]
+    targets: Targets
+    max_steps: int
+    seed: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Sampled:
+    """`theta (E, S, W, D)` physical; `pieces` of each ensemble as they were saved."""
+
+    pieces: list[list[Piece]]
+    theta: Array
+    convergence: Convergence
+
+    @property
+    def log_p(self) -> Array:
+        """`(E, S, W)`: log density over the sampler's coordinates."""
+        return _stack([[piece.log_p for piece in pieces] for pieces in self.pieces])
+
+    @property
+    def acceptance(self) -> Array:
+        """`(E,)` shares of proposals accepted."""
+        return np.array([sum(p.accepted.mean() for p in ps) / _steps(ps) for ps in self.pieces])
+
+    @property
+    def failures(self) -> int:
+        """Proposals inside the prior whose response overflowed."""
+        return sum(piece.failures for pieces in self.pieces for piece in pieces)
+
+
+def begin(posterior: Posterior, theta: Array, n: int, seed: int, ensemble: int) -> State:
+    """Walkers around the MAP `theta (D,)`, from the Gaussian approximation there."""
+    rng = seeds.stream(seed, "start", ensemble)
+    z = laplace.draws(posterior, theta, n, rng, spread=START_SPREAD)
+    return State(z, posterior(z), seeds.legacy_state(seed, "walk", ensemble))
+
+
+def walk(posterior: Posterior, state: State, n_steps: int, moves: Mapping[str, float]) -> Piece:
+    return advance(posterior.evaluate, state, n_steps, moves)
+
+
+def sample(
+    crew: Crew, posterior: Posterior, mode: Array, plan: Plan, folder: Folder, report: Reporter
+) -> Sampled:
+    """Continue what `folder` holds until converged or `max_steps`; every piece is saved."""
+    chains = [folder.pieces(ensemble) for ensemble in range(plan.ensembles)]
+    have = min(map(_steps, chains))
+    # Shorter lengths were judged before an interruption, and found wanting.
+    for goal in [goal for goal in _checks(plan.max_steps) if goal >= have] or [have]:
+        _advance_to(goal, crew, posterior, mode, plan, chains, folder, report)
+        theta = _stack([_physical(posterior, pieces) for pieces in chains])
+        convergence = assess(theta, posterior.space.free, plan.targets)
+        report.update(_share(convergence, plan.targets), _state_of(convergence))
+        if convergence.converged:
+            break
+    report.update(1.0, "")
+    return Sampled(pieces=chains, theta=theta, convergence=convergence)
+
+
+def _advance_to(
+    goal: int,
+    crew: Crew,
+    posterior: Posterior,
+    mode: Array,
+    plan: Plan,
+    chains: list[list[Piece]],
+    folder: Folder,
+    report: Reporter,
+) -> None:
+    """All ensembles to `goal` steps; each goes on as soon as its last piece is in."""
+    running: dict[Future[Piece], int] = {}
+
+    def submit(ensemble: int) -> None:
+        pieces = chains[ensemble]
+        steps = _steps(pieces)
+        if steps >= goal:
+            return
+        state = (
+            pieces[-1].state
+            if pieces
+            else begin(posterior, mode, plan.walkers, plan.seed, ensemble)
+        )
+        n_steps = min(PIECE, goal - steps)
+        running[crew.submit(walk, state, n_steps, dict(plan.moves))] = ensemble
+
+    for ensemble in range(plan.ensembles):
+        submit(ensemble)
+    while running:
+        done, _ = wait(running, return_when=FIRST_COMPLETED)
+        for future in done:
+            ensemble = running.pop(future)
+            piece = future.result()
+            folder.save(ensemble, _steps(chains[ensemble]), piece)
+            chains[ensemble].append(piece)
+            submit(ensemble)
+
+
+def _checks(max_steps: int) -> Iterator[int]:
+    """When to judge: at steps that do not depend on how the run was cut."""
+    steps = min(FIRST_CHECK, max_steps)
+    while steps < max_steps:
+        yield steps
+        steps = min(int(steps * GROWTH), max_steps)
+    yield max_steps
+
+
+def _steps(pieces: list[Piece]) -> int:
+    return sum(len(piece.z) for piece in pieces)
+
+
+def _physical(posterior: Posterior, pieces: list[Piece]) -> list[Array]:
+    return [
+        posterior.coordinates.to_physical(piece.z.reshape(-1, piece.z.shape[-1])).reshape(
+            piece.z.shape
+        )
+        for piece in pieces
+    ]
+
+
+def _stack(chains: list[list[Array]]) -> Array:
+    return np.array([np.concatenate(parts) for parts in chains])
+
+
+def _share(convergence: Convergence, targets: Targets) -> float:
+    """How much of the way to the targets, as far as length goes."""
+    share = min(
+        convergence.n_tau / targets.n_tau, float(np.min(convergence.ess_bulk)) / targets.ess
+    )
+    return float(np.clip(share, 0.0, 0.99))
+
+
+def _state_of(c: Convergence) -> str:
+    return (
+        f"{c.steps} steps: R-hat {np.max(c.r_hat):.4f}, {c.n_tau:.0f} autocorrelation times, "
+        f"ESS {np.min(c.ess_bulk):.0f}"
+    )
+
+
+def stored(posterior: Posterior, plan: Plan, folder: Folder) -> Sampled:
+    """What `folder` holds, judged again; raises `InputError` where ensembles are missing."""
+    chains = [folder.pieces(ensemble) for ensemble in range(plan.ensembles)]
+    steps = min(map(_steps, chains))
+    if steps < 2 or max(map(_steps, chains)) != steps:
+        raise InputError.one(
+            str(folder.path), "the run stopped before its first check; continue it with --resume"
+        )
+    theta = _stack([_physical(posterior, pieces) for pieces in chains])
+    convergence = assess(theta, posterior.space.free, plan.targets)
+    return Sampled(pieces=chains, theta=theta, convergence=convergence)

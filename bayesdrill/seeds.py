@@ -1,0 +1,27 @@
+"""Random streams: one integer, one independent stream for each use."""
+
+from __future__ import annotations
+
+from typing import Any, Literal
+
+import numpy as np
+
+Purpose = Literal["record", "map", "start", "walk", "predictive", "prior"]
+
+_ORDER: tuple[Purpose, ...] = ("record", "map", "start", "walk", "predictive", "prior")
+
+
+def _sequence(seed: int, purpose: Purpose, index: int) -> np.random.SeedSequence:
+    return np.random.SeedSequence(seed, spawn_key=(_ORDER.index(purpose), index))
+
+
+def stream(seed: int, purpose: Purpose, index: int = 0) -> np.random.Generator:
+    return np.random.default_rng(_sequence(seed, purpose, index))
+
+
+def legacy_state(seed: int, purpose: Purpose, index: int = 0) -> tuple[Any, ...]:
+    """The state tuple that emcee takes; it ignores anything else without a word."""
+    bits = np.random.MT19937(_sequence(seed, purpose, index))
+    state = np.random.RandomState(bits).get_state(legacy=True)
+    assert isinstance(state, tuple)
+    return state

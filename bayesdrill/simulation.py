@@ -1,0 +1,136 @@
+"""Records made from a config: exact response at given parameters, and noise with a seed."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayesdrill import build, recording, seeds, symbols, units
+from bayesdrill import config as records
+from bayesdrill.errors import InputError
+from bayesdrill.experiment import Experiment, frozen
+from bayesdrill.response import Response
+from bayesdrill.yaml_source import Source
+
+Array = NDArray[np.float64]
+
+
+def simulate(config: records.Config, source: Source, seed: int) -> str:
+    """A record as CSV text that the config itself reads.
+
+    Times and measured inputs are those of the config's `simulation:` grid, or else of its record.
+    True values are nominal, or the config's fixed ones, unless `simulation:` names them.
+    """
+    experiment = _grid(config, source)
+    rig = build.model(config)
+    measured = build.channels(config, rig)
+    truth = _truth(config, rig.parameters)
+    signals = Response(rig, experiment).signals(np.array([[truth[p] for p in rig.parameters]]))[0]
+    sigmas = np.array([_sigma(config, source, entry) for entry in measured])
+    noise = seeds.stream(seed, "record").standard_normal(signals.shape)
+    factors = np.array([entry.factor for entry in measured])
+    y = (signals + sigmas * noise) / factors
+    return _as_csv(config, source, experiment, y)
+
+
+def _grid(config: records.Config, source: Source) -> Experiment:
+    simulation: Any = config.simulation
+    series = [
+        name
+        for name in symbols.INPUTS
+        if isinstance(getattr(config.inputs, name), records.InputColumn)
+    ]
+    if simulation is None or simulation.duration is None:
+        return recording.read(config, source)
+    if series:
+        raise InputError(
+            [
+                source.problem(
+                    ("simulation", "duration"),
+                    f"the input {series[0]} is measured, so the times are those of the record; remove "
+                    "`duration:` and `rate:`",
+                )
+            ]
+        )
+    rig = build.model(config)
+    t = np.arange(round(simulation.duration * simulation.rate) + 1) / simulation.rate
+    channels = tuple(entry.channel for entry in build.channels(config, rig))
+    return Experiment(
+        t=frozen(t),
+        y=frozen(np.zeros((len(t), len(channels)))),
+        channels=channels,
+        constant={
+            name: build.si(getattr(config.inputs, name), symbol.unit)
+            for name, symbol in symbols.INPUTS.items()
+        },
+        series={},
+        first_order=False,
+        start={
+            name: build.si(getattr(config.initial, name), symbols.STATES[name].unit)
+            for name in rig.states
+        },
+        t_start=min(0.0, config.initial.time or 0.0),
+    )
+
+
+def _truth(config: records.Config, names: tuple[str, ...]) -> dict[str, float]:
+    values = build.nominal(config)
+    for name in names:
+        spec = getattr(config.parameters, name)
+        if isinstance(spec, float | int):
+            values[name] = float(spec)
+        named = getattr(config.simulation, name, None)
+        if named is not None:
+            values[name] = named
+    return values
+
+
+def _sigma(config: records.Config, source: Source, entry: build.Measured) -> float:
+    if isinstance(entry.sigma, float):
+        return entry.sigma
+    simulation: Any = config.simulation
+    name = entry.channel.name
+    if simulation is None or name not in simulation.sigma:
+        message = (
+            f"the noise of this channel is unknown; add `simulation: {{sigma: {{{name}: ...}}}}`"
+        )
+        raise InputError([source.problem(("record", "channels", name, "sigma"), message)])
+    return float(simulation.sigma[name]) * entry.factor
+
+
+def _as_csv(config: records.Config, source: Source, experiment: Experiment, y: Array) -> str:
+    """Columns named and scaled as the config reads them."""
+    columns: list[tuple[str, Array]] = []
+    time = config.record.time
+    if isinstance(time, records.TimeColumn):
+        columns.append(
+            (_name(source, ("record", "time"), time), experiment.t / units.factor(time.unit, "s"))
+        )
+    for k, (name, spec) in enumerate(config.record.channels.items()):
+        columns.append((_name(source, ("record", "channels", name), spec), y[:, k]))
+    for name, values in experiment.series.items():
+        spec = getattr(config.inputs, name)
+        factor = units.factor(spec.unit, symbols.INPUTS[name].unit)
+        columns.append((_name(source, ("inputs", name), spec), values / factor))
+    out = io.StringIO()
+    header = ",".join(name for name, _ in columns)
+    np.savetxt(
+        out, np.stack([v for _, v in columns], axis=-1), "%.9g", ",", header=header, comments=""
+    )
+    return out.getvalue()
+
+
+def _name(source: Source, place: tuple[str, ...], spec: records.Column) -> str:
+    if isinstance(spec.column, str):
+        return spec.column
+    raise InputError(
+        [source.problem(place, "a simulated record is a CSV file with named columns; give a name")]
+    )
+
+
+def default_output(config: records.Config, source: Source) -> Path:
+    return recording.path_of(config, source)

@@ -1,0 +1,242 @@
+"""The results folder: files appear whole, pieces of chain outlive a crash, one run at a time."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Literal, Self
+
+import numpy as np
+from filelock import FileLock, Timeout
+
+from bayesdrill.errors import InputError
+from bayesdrill.samplers.ensemble import Piece, State
+
+Mode = Literal["fresh", "resume", "force"]
+
+PIECES = ".pieces"
+CHAIN = "chain.h5"
+RUN = "run.json"
+
+
+@contextmanager
+def whole(path: Path) -> Iterator[Path]:
+    """A path to write to, renamed to `path` when the block ends well and removed otherwise."""
+    aside = path.with_name(f".{path.stem}.{os.getpid()}{path.suffix}")
+    try:
+        yield aside
+        with aside.open("rb") as file:
+            os.fsync(file.fileno())
+        aside.replace(path)
+    finally:
+        aside.unlink(missing_ok=True)
+
+
+@dataclass(slots=True)
+class Folder:
+    """`results/<name>`, locked while open. `fingerprint`: what a resumed run must share."""
+
+    path: Path
+    mode: Mode
+    fingerprint: Mapping[str, Any]
+    _lock: FileLock | None = None
+
+    def __enter__(self) -> Self:
+        """Raises `InputError` when results are in the way, differ, or are being written."""
+        before = read_run(self.path)
+        self._refuse(before)
+        self.path.mkdir(parents=True, exist_ok=True)
+        lock = FileLock(self.path / ".lock")
+        try:
+            lock.acquire(timeout=0)
+        except Timeout:
+            raise InputError.one(
+                str(self.path), "another run is writing here; wait for it or give --output"
+            ) from None
+        self._lock = lock
+        if self.mode == "force":
+            self._clear()
+        (self.path / PIECES).mkdir(exist_ok=True)
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        value: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        if self._lock is not None:
+            self._lock.release()
+
+    def _refuse(self, before: Mapping[str, Any] | None) -> None:
+        if before is None:
+            if self.path.is_dir() and any(self.path.iterdir()) and self.mode != "force":
+                known = {".lock", PIECES}
+                strangers = [p.name for p in self.path.iterdir() if p.name not in known]
+                if strangers:
+                    raise InputError.one(
+                        str(self.path),
+                        f"this folder holds other files ({strangers[0]}); give another --output",
+                    )
+            return
+        if self.mode == "fresh":
+            raise InputError.one(
+                str(self.path),
+                "results exist already; continue them with --resume, or start over with --force",
+            )
+        if self.mode == "resume":
+            old = before.get("fingerprint", {})
+            keys = [k for k in {**old, **self.fingerprint} if old.get(k) != self.fingerprint.get(k)]
+            if keys:
+                raise InputError.one(
+                    str(self.path),
+                    f"cannot resume: {', '.join(keys)} changed since this run began; start over with "
+                    "--force, or give another --output",
+                )
+
+    def _clear(self) -> None:
+        for item in self.path.iterdir():
+            if item.name == ".lock":
+                continue
+            if item.is_dir():
+                shutil.rmtree(item)
+            else:
+                item.unlink()
+
+    def write_text(self, name: str, text: str) -> None:
+        with whole(self.path / name) as path:
+            path.write_text(text, encoding="utf-8")
+
+    def write_run(self, **entries: Any) -> None:
+        """Update `run.json`."""
+        known = read_run(self.path) or {}
+        known.update(entries, fingerprint=dict(self.fingerprint))
+        self.write_text(RUN, json.dumps(known, indent=2) + "\n")
+
+    def save(self, ensemble: int, first_step: int, piece: Piece) -> None:
+        """One file a piece: an interrupted run loses at most the pieces under way."""
+        target = self.path / PIECES / f"ensemble_{ensemble}_{first_step:09d}.npz"
+        kind, keys, *rest = piece.state.random
+        with whole(target) as path:
+            np.savez(
+                path,
+                z=piece.z,
+                log_p=piece.log_p,
+                accepted=piece.accepted,
+                failures=piece.failures,
+                end_z=piece.state.z,
+                end_log_p=piece.state.log_p,
+                random_kind=kind,
+                random_keys=keys,
+                random_rest=np.array(rest, dtype=np.float64),
+            )
+
+    def pieces(self, ensemble: int) -> list[Piece]:
+        """What was saved so far, in order: a finished chain first, then the pieces after it."""
+        found = []
+        if (self.path / CHAIN).exists():
+            found.append(read_chain(self.path / CHAIN, ensemble))
+        have = sum(len(piece.z) for piece in found)
+        for path in sorted((self.path / PIECES).glob(f"ensemble_{ensemble}_*.npz")):
+            first = int(path.stem.rsplit("_", 1)[1])
+            if first == have:
+                found.append(_read_piece(path))
+                have += len(found[-1].z)
+        return found
+
+    def finish_chain(self, pieces: list[list[Piece]], attributes: Mapping[str, Any]) -> None:
+        """`chain.h5` in emcee's layout, one group `ensemble_<k>` each; then the pieces go."""
+        if not any((self.path / PIECES).iterdir()) and (self.path / CHAIN).exists():
+            return  # nothing is new
+        with whole(self.path / CHAIN) as path:
+            for ensemble, parts in enumerate(pieces):
+                _write_ensemble(path, ensemble, parts, attributes)
+        shutil.rmtree(self.path / PIECES)
+
+
+def read_run(folder: Path) -> dict[str, Any] | None:
+    """`run.json`, or None where there is none."""
+    try:
+        text = (folder / RUN).read_text(encoding="utf-8")
+    except (FileNotFoundError, NotADirectoryError):
+        return None
+    try:
+        run: dict[str, Any] = json.loads(text)
+    except ValueError:
+        raise InputError.one(
+            str(folder / RUN), "this file is damaged; start over with --force"
+        ) from None
+    return run
+
+
+def _read_piece(path: Path) -> Piece:
+    with np.load(path) as file:
+        position, has_gauss, cached = file["random_rest"]
+        random = (
+            str(file["random_kind"]),
+            file["random_keys"],
+            int(position),
+            int(has_gauss),
+            cached,
+        )
+        return Piece(
+            z=file["z"],
+            log_p=file["log_p"],
+            accepted=file["accepted"],
+            failures=int(file["failures"]),
+            state=State(file["end_z"], file["end_log_p"], random),
+        )
+
+
+def _write_ensemble(
+    path: Path, ensemble: int, parts: list[Piece], attributes: Mapping[str, Any]
+) -> None:
+    from emcee.backends import HDFBackend
+
+    n_steps = sum(len(part.z) for part in parts)
+    n_walkers, n_dim = parts[0].z.shape[1:]
+    backend = HDFBackend(str(path), name=f"ensemble_{ensemble}", dtype=np.float64)
+    backend.reset(n_walkers, n_dim)
+    backend.grow(n_steps, None)
+    with backend.open("a") as file:
+        group = file[f"ensemble_{ensemble}"]
+        group["chain"][:] = np.concatenate([part.z for part in parts])
+        group["log_prob"][:] = np.concatenate([part.log_p for part in parts])
+        group["accepted"][:] = np.sum([part.accepted for part in parts], axis=0)
+        group.attrs["iteration"] = n_steps
+        group.attrs["failures"] = sum(part.failures for part in parts)
+        for index, value in enumerate(parts[-1].state.random):
+            group.attrs[f"random_state_{index}"] = value
+        for name, value in attributes.items():
+            group.attrs[name] = value
+
+
+def read_chain(path: Path, ensemble: int) -> Piece:
+    """One finished ensemble; raises `InputError` where the file is damaged."""
+    import h5py
+
+    try:
+        with h5py.File(path, "r") as file:
+            group = file[f"ensemble_{ensemble}"]
+            steps = int(group.attrs["iteration"])
+            z, log_p = group["chain"][:steps], group["log_prob"][:steps]
+            random = tuple(group.attrs[f"random_state_{index}"] for index in range(5))
+            return Piece(
+                z=z,
+                log_p=log_p,
+                accepted=group["accepted"][:],
+                failures=int(group.attrs["failures"]),
+                state=State(
+                    z[-1], log_p[-1], (str(random[0]), random[1], *map(int, random[2:4]), random[4])
+                ),
+            )
+    except (OSError, KeyError) as error:
+        raise InputError.one(
+            str(path), f"the chain cannot be read ({error}); start over with --force"
+        ) from None

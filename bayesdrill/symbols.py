@@ -1,0 +1,102 @@
+"""The one table of symbols: what each means, its unit, its LaTeX, and the nominal tables.
+
+Symbols are the paper's own (Sandoval, Cunha Jr and Sampaio, ENIEF 2013, Table 1).  Note that
+`t_f` is a torque; time is `t` and nothing else.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+
+
+@dataclass(frozen=True, slots=True)
+class Symbol:
+    """`unit` is SI, in the notation that pint reads; `latex_unit` is what a figure shows."""
+
+    name: str
+    unit: str
+    latex: str
+    latex_unit: str
+    meaning: str
+
+
+@dataclass(frozen=True, slots=True)
+class NominalTable:
+    """Nominal values (SI) of the nine parameters and where they were printed."""
+
+    name: str
+    source: str
+    values: Mapping[str, float]
+
+
+def _table(*rows: Symbol) -> Mapping[str, Symbol]:
+    return MappingProxyType({row.name: row for row in rows})
+
+
+PARAMETERS = _table(
+    Symbol("j_m", "kg*m**2", "j_m", r"kg\,m^2", "moment of inertia of the motor"),
+    Symbol("c_m", "N*m*s/rad", "c_m", r"N\,m\,s/rad", "internal damping of the motor"),
+    Symbol("k_e", "V*s/rad", "k_e", r"V\,s/rad", "voltage constant of the motor"),
+    Symbol("k_T", "N*m/A", "k_T", r"N\,m/A", "torque constant of the motor"),
+    Symbol("r_m", "ohm", "r_m", r"\Omega", "internal resistance of the motor"),
+    Symbol("l_m", "H", "l_m", r"H", "internal inductance of the motor"),
+    Symbol("k_s", "N*m/rad", "k_s", r"N\,m/rad", "torsional stiffness of the shaft"),
+    Symbol("j_1", "kg*m**2", "j_1", r"kg\,m^2", "moment of inertia of rotor 1"),
+    Symbol("t_f", "N*m", "t_f", r"N\,m", "torque of the motor's internal friction (not a time)"),
+)
+
+STATES = _table(
+    Symbol("theta_1", "rad", r"\theta_1", "rad", "angle of rotor 1, at the far end of the shaft"),
+    Symbol("theta_2", "rad", r"\theta_2", "rad", "angle of the shaft at the gearbox"),
+    Symbol("w_1", "rad/s", r"\dot\theta_1", "rad/s", "speed of rotor 1"),
+    Symbol("w_2", "rad/s", r"\dot\theta_2", "rad/s", "speed of the shaft at the gearbox"),
+    Symbol("i", "A", r"\dot q", "A", "motor current"),
+)
+
+INPUTS = _table(
+    Symbol("v", "V", "v", "V", "voltage supplied to the motor"),
+    Symbol("t_1", "N*m", "t_1", r"N\,m", "friction torque on rotor 1 (load)"),
+)
+
+_TABLES_2_3 = {
+    "j_m": 4.0e-4,
+    "c_m": 19.0e-5,
+    "k_e": 601.6e-4,
+    "k_T": 1.2e-1,
+    "r_m": 3.3e-1,
+    "l_m": 1.1e-3,
+    "k_s": 2.6e-1,
+    "j_1": 28.3e-3,
+    "t_f": 1.0e-1,
+}
+
+NOMINAL: Mapping[str, NominalTable] = MappingProxyType(
+    {
+        "tables_2_3": NominalTable(
+            "tables_2_3",
+            "initial guesses of Table 3, which the deviations of Tables 2 and 3 refer to; the shaft's "
+            "geometry supports k_s (G pi d^4 / 32 L = 0.263 N m/rad)",
+            MappingProxyType(_TABLES_2_3),
+        ),
+        "table_1": NominalTable(
+            "table_1",
+            "Table 1 as printed: k_s 0.30 and c_m 18.0e-5 contradict Tables 2 and 3",
+            MappingProxyType({**_TABLES_2_3, "k_s": 3.0e-1, "c_m": 18.0e-5}),
+        ),
+    }
+)
+
+DEFAULT_NOMINAL = "tables_2_3"
+
+
+def noise_symbol(channel: str, unit: str, latex: str, latex_unit: str) -> Symbol:
+    """The unknown standard deviation of a channel's noise, named `sigma_<channel>`."""
+    return Symbol(
+        f"sigma_{channel}",
+        unit,
+        rf"\sigma_{{{latex}}}",
+        latex_unit,
+        f"noise sd of channel {channel}",
+    )

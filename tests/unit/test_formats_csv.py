@@ -1,0 +1,241 @@
+"""Text tables: one set of numbers in many spellings, and what the errors say."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bayesdrill.errors import InputError
+from bayesdrill.formats import FORMATS, CsvOptions, Table, format_of
+from bayesdrill.formats.csv import read
+
+NAMES = ("t [s]", "w_1 [rpm]", "theta")
+# Unequal, off the origin, negative, with exponents and whole numbers: no column can stand in
+# for another, and no mark for another.
+DATA = np.array(
+    [
+        [10.0, 101.25, -3.5e-07],
+        [10.5, 99.0, 4.75],
+        [11.25, -98.5, 1.0 / 3.0],
+        [12.0, 2.5e11, -7.0],
+    ]
+)
+
+
+def rows(delimiter: str, decimal: str = ".", end: str = "") -> list[str]:
+    return [delimiter.join(repr(float(x)) for x in row).replace(".", decimal) + end for row in DATA]
+
+
+def text(delimiter: str, decimal: str = ".", *, head: bool = True, end: str = "") -> str:
+    first = [delimiter.join(NAMES) + end] if head else []
+    return "\n".join([*first, *rows(delimiter, decimal, end)]) + "\n"
+
+
+DIALECTS: dict[str, bytes] = {
+    "comma": text(",").encode(),
+    "comma and blank": text(", ").encode(),
+    "semicolon": text(";").encode(),
+    "semicolon, decimal comma": text(";", ",").encode(),
+    "tab": text("\t").encode(),
+    "tab, decimal comma, trailing tab": text("\t", ",", end="\t").encode(),
+    "bar": text(" | ").encode(),
+    "blanks": text("   ").encode(),
+    "one blank, units in the header": text(" ").encode(),
+    "blanks, decimal comma": text("  ", ",").encode(),
+    "UTF-8 with BOM and CRLF": text(";").replace("\n", "\r\n").encode("utf-8-sig"),
+    "UTF-16": text("\t").encode("utf-16"),
+    "UTF-16 big endian": b"\xfe\xff" + text(";", ",").encode("utf-16-be"),
+    "old Mac line ends": text(",").replace("\n", "\r").encode(),
+    "no newline at the end": text(",").rstrip().encode(),
+    "comments and blank lines": ("# rig 3\n\n% run 1\n" + text(",").replace("\n", "\n\n")).encode(),
+    "quoted header": text(",").replace("t [s],", '"t [s]",').replace("theta", '"theta"').encode(),
+    "quoted cells": "\n".join(
+        ",".join(f'"{cell}"' for cell in line.split(",")) for line in text(",").split("\n")[:-1]
+    ).encode(),
+    "quoted cells, decimal comma": "\n".join(
+        ";".join(f'"{cell}"' for cell in line.split(";")) for line in text(";", ",").split("\n")[:-1]
+    ).encode(),
+    "row of units": "\n".join([";".join(NAMES), "s;rpm;", *rows(";")]).encode(),
+    "trailing delimiter under the data only": "\n".join([",".join(NAMES), *rows(",", end=",")]).encode(),
+    "trailing delimiter in the header only": "\n".join([",".join(NAMES) + ",", *rows(",")]).encode(),
+    "rows of nothing at the end": (text(";") + ";;\n;;\n").encode(),
+    "control-Z at the end": (text(";") + "\x1a").encode(),
+}  # fmt: skip
+
+
+@pytest.fixture
+def write(tmp_path: Path):  # type: ignore[no-untyped-def]
+    def _write(content: str | bytes, name: str = "run.csv") -> Path:
+        path = tmp_path / name
+        path.write_bytes(content.encode() if isinstance(content, str) else content)
+        return path
+
+    return _write
+
+
+def load(path: Path, **options: object) -> Table:
+    return read(path, CsvOptions(**options))  # type: ignore[arg-type]
+
+
+def refusal(path: Path, **options: object) -> str:
+    with pytest.raises(InputError) as caught:
+        load(path, **options)
+    return str(caught.value)
+
+
+@pytest.mark.parametrize("dialect", DIALECTS)
+def test_same_numbers_in_every_dialect(dialect: str, write) -> None:
+    table = load(write(DIALECTS[dialect]))
+    assert tuple(table.variables) == NAMES
+    np.testing.assert_array_equal(np.column_stack(list(table.variables.values())), DATA)
+
+
+@pytest.mark.parametrize(
+    ("delimiter", "decimal"), [(",", "."), (";", ","), (" ", ","), ("\t", ".")]
+)
+def test_without_header_columns_are_numbered(delimiter: str, decimal: str, write) -> None:
+    table = load(write(text(delimiter, decimal, head=False)))
+    assert tuple(table.variables) == ("1", "2", "3")
+    np.testing.assert_array_equal(table.pick(2), DATA[:, 1])
+    np.testing.assert_array_equal(table.pick("3"), DATA[:, 2])
+    assert table.where(0) == "line 1"
+
+
+@pytest.mark.parametrize(
+    ("content", "options", "expected"),
+    [
+        ("0,1;2,3\n", {}, [[0.1, 2.3]]),
+        ("0,1 2,3\n", {}, [[0.1, 2.3]]),
+        ("0,1\n2,3\n", {}, [[0, 1], [2, 3]]),
+        ("0,1\n2,3\n", {"decimal": ","}, [[0.1], [2.3]]),
+        ("speed\n0,1\n2,3\n", {}, [[0.1], [2.3]]),
+        ("motor speed\n1.5\n2\n", {}, [[1.5], [2]]),
+        ("a;b\n" + "0;0\n" * 300 + "0,5;1\n" + "0;0\n" * 300, {}, None),
+        ("title\nmore, title\na;b\n1;2\n", {"skip_rows": 2}, [[1, 2]]),
+        ("1;2\n3;4\n", {"header": True}, [[3, 4]]),
+        ("a,b,\n1,2,\n", {}, [[1, 2]]),
+        ("a,b,c\n1,2,\n3,4,\n", {}, [[1, 2, np.nan], [3, 4, np.nan]]),
+        ("a,b\n1,NaN\n,2\nnan,3\n", {}, [[1, np.nan], [np.nan, 2], [np.nan, 3]]),
+        ("a;b\n1;2\n;\n3;4\n", {}, [[1, 2], [np.nan, np.nan], [3, 4]]),
+        ("a;b\n1;2\n\n3;4\n;\n", {}, [[1, 2], [3, 4]]),
+    ],
+)
+def test_spellings(content: str, options: dict[str, object], expected, write) -> None:
+    table = load(write(content), **options)
+    values = np.column_stack(list(table.variables.values()))
+    if expected is None:
+        assert values.shape == (601, 2)
+        assert values.sum() == 1.5
+    else:
+        np.testing.assert_array_equal(values, expected)
+
+
+def test_latin_1_names_are_kept_verbatim(write) -> None:
+    table = load(write("t;φ".replace("φ", "Drehwinkel [°]").encode("latin-1") + b"\n1;2\n"))
+    assert tuple(table.variables) == ("t", "Drehwinkel [°]")
+
+
+def test_where_names_the_line_of_the_file(write) -> None:
+    table = load(write("# rig\n\nt,w\ns,rpm\n1,2\n\n# pause\n3,4\n"))
+    assert [table.where(0), table.where(1)] == ["line 5", "line 8"]
+
+
+@pytest.mark.parametrize(
+    ("content", "options", "said"),
+    [
+        ("", {}, ["the file is empty"]),
+        ("\n# only this\n\n", {}, ["only blank lines and comments"]),
+        ("t,w\n", {}, ["header but no data", "line 1"]),
+        ("t,w\ns,rpm\n", {}, ["header but no data"]),
+        ("1,2\n", {"skip_rows": 5}, ["after the 5 lines of skip_rows"]),
+        ("t,w\n1,2\n3,x\n", {}, ["line 3", "'w'", "'x' is not a number"]),
+        ("t,w\ns,2\n3,4\n", {}, ["line 2", "'t'", "'s' is not a number", "skip_rows"]),
+        ("t;w\n1.5;2,5\n", {}, ["line 2", "'2,5' is not a number", "decimal: ','"]),
+        ("t;w\n1.5;2\n", {"decimal": ","}, ["'1.5' is not a number", "decimal: '.'"]),
+        ("t,w\n1_0,2\n", {}, ["'1_0' is not a number"]),
+        ("t,w\n1,2\n3\n4,5,6\n7,8\n", {}, ["line 3: 1 cells where 2", "line 4: 3 cells where 2"]),
+        ("t,w\n1,2\n3\n4,x\n7,8\n", {}, ["line 3: 1 cells", "line 4", "'x'"]),
+        ("My rig\nt;w\n1;2\n3;4\n", {}, ["line 1: the header has 1 cells", "skip_rows"]),
+        ("1,x\n1,2\n", {}, ["line 1: mixes numbers and text", "header: true"]),
+        (b"\x00\x01\x02\x03", {}, ["binary"]),
+        (b"PK\x03\x04rest", {}, ["spreadsheet", "export it as CSV"]),
+        (b"MATLAB 5.0 MAT-file", {}, ["MATLAB file", ".mat"]),
+        ("1,2\n", {"delimiter": ";;"}, ["delimiter ';;' is not one character"]),
+        ("1,2\n", {"delimiter": "5"}, ["delimiter '5' occurs in numbers"]),
+        ("1,2\n", {"decimal": "x", "skip_rows": -1}, ["decimal 'x'", "skip_rows -1"]),
+        ("1,2\n", {"decimal": ",", "delimiter": ","}, ["both ','"]),
+    ],
+)
+def test_refusals(content: str | bytes, options: dict[str, object], said: list[str], write) -> None:
+    message = refusal(write(content), **options)
+    for words in ["run.csv", *said]:
+        assert words in message
+
+
+def test_five_faults_are_shown_and_the_rest_counted(write) -> None:
+    faulty = "t,w\n" + "".join(f"{i},{'bad' if i % 7 == 0 else i}\n" for i in range(70_000))
+    with pytest.raises(InputError) as caught:
+        load(write(faulty))
+    assert len(caught.value.problems) == 6
+    assert [p.place.rsplit(" ", 1)[1] for p in caught.value.problems[:5]] == "2 9 16 23 30".split()
+    assert "and 9995 more cells" in caught.value.problems[-1].message
+
+
+def test_files_that_cannot_be_opened(tmp_path: Path, write) -> None:
+    write(text(","), "run_01.csv")
+    assert "did you mean run_01.csv?" in refusal(tmp_path / "run_1.csv")
+    assert "is a folder" in refusal(tmp_path)
+    assert "does not exist" in refusal(tmp_path / "nowhere" / "run.csv")
+
+
+@pytest.mark.parametrize(
+    ("column", "variable", "said"),
+    [
+        ("w_1 [rmp]", None, "did you mean w_1 [rpm]?"),
+        ("zzzz", None, "known: t [s], w_1 [rpm], theta, x, (column 5), (column 6)"),
+        (7, None, "has the columns 1 to 6"),
+        (0, None, "has no column 0"),
+        ("2", None, "write it without quotes"),
+        ("twin", None, "stands 2 times in the header (columns 5, 6)"),
+        (None, None, "give its name or its number"),
+        ("x", "rig", "leave the variable out"),
+    ],
+)
+def test_what_cannot_be_picked(column, variable, said: str, write) -> None:
+    table = load(write("t [s],w_1 [rpm],theta,x,twin,twin\n1,2,3,4,5,6\n"))
+    assert table.pick(6) == [6.0]
+    with pytest.raises(InputError) as caught:
+        table.pick(column, variable, place="signals.w")
+    assert caught.value.problems[0].place == "signals.w"
+    assert "run.csv" in str(caught.value)
+    assert said in str(caught.value)
+
+
+def test_formats_by_ending(tmp_path: Path) -> None:
+    assert [format_of(Path(n)) for n in ("a.csv", "a.TXT", "a.tsv", "a.dat")] == ["csv"] * 4
+    assert format_of(Path("a.MAT")) == "mat"
+    assert set(FORMATS) == {"csv", "mat"}
+    for name, said in [("a.xlsx", ".csv, .txt, .tsv, .dat, .mat"), ("a", "no ending")]:
+        with pytest.raises(InputError, match=said):
+            format_of(tmp_path / name)
+
+
+_ALPHABET = st.sampled_from(list('0123456789,.;\t |"#%-eE_x\n\r naN[]') + ["\x00", "é", "\x85"])
+
+
+@given(st.text(_ALPHABET, max_size=60), st.sampled_from([None, True, False]))
+def test_any_text_is_read_or_refused(tmp_path_factory, content: str, header: bool | None) -> None:
+    path = tmp_path_factory.getbasetemp() / "any.csv"
+    path.write_text(content, encoding="utf-8", newline="")
+    try:
+        table = load(path, header=header)
+    except InputError as error:
+        assert error.problems
+    else:
+        lengths = {len(values) for values in table.variables.values()}
+        assert table.lines is not None
+        assert lengths == {len(table.lines)}

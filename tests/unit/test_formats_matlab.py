@@ -1,0 +1,244 @@
+"""MATLAB files of both kinds: one set of numbers, and what the errors say."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+import scipy.io
+import scipy.io.matlab
+
+from bayesdrill.errors import InputError
+from bayesdrill.formats import FORMATS, CsvOptions, Table
+from bayesdrill.formats.matlab import read
+
+T = np.array([10.0, 10.5, 11.25, 12.0])
+W = np.array([101.25, 99.0, -98.5, 1.0 / 3.0])
+DATA = np.column_stack([T, W, -W, np.array([1.0, 0.0, 0.0, 1.0])])[:, :3]
+COUNTS = np.array([7, 8, 9, 250], dtype=np.uint8)
+SHARED = Path(__file__).resolve().parents[3] / "shared" / "data"
+
+
+def write_v5(path: Path) -> None:
+    cell = np.empty((1, 2), dtype=object)
+    cell[:] = [[T, W]]
+    content = {
+        "theta_1": T[:, None],
+        "row": W[None, :],
+        "data": DATA,
+        "counts": COUNTS[:, None],
+        "on": (W > 0)[:, None],
+        "rate": 1000.0,
+        "rig": {"theta": T[:, None], "motor": {"w": W[:, None]}, "name": "rig 3"},
+        "note": "a text",
+        "cells": cell,
+        "z": W + 1j,
+        "cube": np.zeros((2, 3, 4)),
+        "nothing": np.zeros((0, 0)),
+    }
+    scipy.io.savemat(path, content, do_compression=True)
+
+
+def write_v73(path: Path) -> None:
+    with h5py.File(path, "w", userblock_size=512) as file:
+
+        def put(where: h5py.Group, name: str, values: np.ndarray, kind: str = "double") -> None:
+            # As MATLAB does: the array transposed, its class in an attribute.
+            item = where.create_dataset(name, data=np.atleast_2d(values).T)
+            item.attrs["MATLAB_class"] = np.bytes_(kind)
+
+        def struct(where: h5py.Group, name: str) -> h5py.Group:
+            group = where.create_group(name)
+            group.attrs["MATLAB_class"] = np.bytes_("struct")
+            return group
+
+        put(file, "theta_1", T[:, None])
+        put(file, "row", W[None, :])
+        put(file, "data", DATA)
+        put(file, "counts", COUNTS[:, None], "uint8")
+        put(file, "on", (W > 0).astype(np.uint8)[:, None], "logical")
+        put(file, "rate", np.array([[1000.0]]))
+        rig = struct(file, "rig")
+        put(rig, "theta", T[:, None])
+        put(struct(rig, "motor"), "w", W[:, None])
+        put(rig, "name", np.frombuffer("rig 3".encode("utf-16-le"), np.uint16)[None, :], "char")
+        put(file, "note", np.frombuffer("a text".encode("utf-16-le"), np.uint16)[None, :], "char")
+        refs = file.create_group("#refs#")
+        put(refs, "a", T)
+        cells = file.create_dataset("cells", (1, 1), dtype=h5py.ref_dtype)
+        cells[0, 0] = refs["a"].ref
+        cells.attrs["MATLAB_class"] = np.bytes_("cell")
+        pair = np.zeros((4, 1), dtype=[("real", "f8"), ("imag", "f8")])
+        file.create_dataset("z", data=pair).attrs["MATLAB_class"] = np.bytes_("double")
+        cube = file.create_dataset("cube", data=np.zeros((4, 3, 2)))
+        cube.attrs["MATLAB_class"] = np.bytes_("double")
+        nothing = file.create_dataset("nothing", data=np.zeros(2, dtype=np.uint64))
+        nothing.attrs["MATLAB_class"] = np.bytes_("double")
+        nothing.attrs["MATLAB_empty"] = np.uint8(1)
+        series = file.create_dataset("ts", data=np.zeros((1, 6), dtype=np.uint32))
+        series.attrs["MATLAB_class"] = np.bytes_("timeseries")
+        series.attrs["MATLAB_object_decode"] = np.int32(3)
+    head = b"MATLAB 7.3 MAT-file, Platform: GLNXA64, HDF5 schema 1.00 ."
+    with path.open("r+b") as raw:
+        raw.write(head.ljust(124) + b"\x00\x02IM")
+
+
+@pytest.fixture(scope="module", params=["v5", "v73"])
+def table(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Table:
+    path = tmp_path_factory.mktemp("mat") / "run.mat"
+    {"v5": write_v5, "v73": write_v73}[request.param](path)
+    return FORMATS["mat"](path, CsvOptions())
+
+
+@pytest.mark.parametrize(
+    ("column", "variable", "expected"),
+    [
+        ("theta_1", None, T),
+        (None, "theta_1", T),
+        (1, "theta_1", T),
+        ("row", None, W),
+        (1, "data", T),
+        (2, "data", W),
+        (3, "data", -W),
+        ("counts", None, COUNTS),
+        ("on", None, W > 0),
+        ("rate", None, [1000.0]),
+        ("rig.theta", None, T),
+        ("theta", "rig", T),
+        (None, "rig.motor.w", W),
+        (1, "rig.motor.w", W),
+    ],
+)
+def test_pick(table: Table, column, variable, expected) -> None:
+    values = table.pick(column, variable)
+    assert values.dtype == np.float64
+    np.testing.assert_array_equal(values, expected)
+
+
+@pytest.mark.parametrize(
+    ("column", "variable", "said"),
+    [
+        ("theta_l", None, "did you mean theta_1?"),
+        ("data", None, "4 rows and 3 columns; say which column, from 1 to 3"),
+        (4, "data", "no column 4; give one from 1 to 3"),
+        (0, "data", "no column 0"),
+        (2, "theta_1", "1 column, so no column 2"),
+        ("rig", None, "is a struct; name one of its fields: rig."),
+        ("x", "rig", "no variable 'rig.x'"),
+        (1, None, "say which one"),
+        (None, None, "say which one"),
+        ("note", None, "is text"),
+        ("rig.name", None, "is text"),
+        ("cells", None, "is a cell array"),
+        ("z", None, "is complex"),
+        ("cube", None, "has 3 dimensions (2 x 3 x 4)"),
+        ("nothing", None, "is empty"),
+    ],
+)
+def test_what_cannot_be_picked(table: Table, column, variable, said: str) -> None:
+    with pytest.raises(InputError) as caught:
+        table.pick(column, variable, place="signals.w")
+    assert str(caught.value).startswith("signals.w: ")
+    assert "run.mat" in str(caught.value)
+    assert said in str(caught.value)
+
+
+def test_where_names_the_sample(table: Table) -> None:
+    assert table.where(17) == "sample 18"
+    assert not any(name.startswith("#") for name in [*table.variables, *table.ignored])
+
+
+def test_timeseries_says_how_to_save(tmp_path: Path) -> None:
+    write_v73(tmp_path / "run.mat")
+    with pytest.raises(InputError, match=r"timeseries.*plain arrays: t = ts.Time; y = ts.Data"):
+        read(tmp_path / "run.mat").pick("ts")
+
+
+def test_object_of_a_v5_file_is_named() -> None:
+    folder = Path(scipy.io.matlab.__file__).parent / "tests" / "data"
+    path = folder / "testmatlabstring_7_WIN64.mat"
+    if not path.exists():
+        pytest.skip("scipy is installed without its test data")
+    with pytest.raises(InputError, match=r"MATLAB object \(string\).*plain arrays"):
+        read(path).pick("matstring1")
+
+
+def test_array_of_structs_is_named(tmp_path: Path) -> None:
+    records = np.zeros(3, dtype=[("w", "f8")])
+    scipy.io.savemat(tmp_path / "run.mat", {"runs": records})
+    with pytest.raises(InputError, match="array of 3 structs"):
+        read(tmp_path / "run.mat").pick("runs")
+
+
+def test_the_only_variable_needs_no_name(tmp_path: Path) -> None:
+    scipy.io.savemat(tmp_path / "run.mat", {"data": DATA})
+    np.testing.assert_array_equal(read(tmp_path / "run.mat").pick(2), W)
+
+
+def _cut(path: Path, keep: float) -> None:
+    raw = path.read_bytes()
+    path.write_bytes(raw[: int(len(raw) * keep)])
+
+
+@pytest.mark.parametrize("writer", [write_v5, write_v73])
+@pytest.mark.parametrize("keep", [0.15, 0.5, 0.9])
+def test_cut_files_are_refused(writer, keep: float, tmp_path: Path) -> None:
+    path = tmp_path / "run.mat"
+    writer(path)
+    _cut(path, keep)
+    with pytest.raises(InputError, match="damaged or cut short"):
+        read(path)
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        (b"", "is empty"),
+        (b"t,w\n1,2\n" * 50, "not a MATLAB file"),
+        (b"x", "not a MATLAB file"),
+        (bytes(range(256)) * 4, "not a MATLAB file"),
+        (b"MATLAB 5.0 MAT-file".ljust(300), "damaged"),
+    ],
+)
+def test_other_files_are_refused(content: bytes, said: str, tmp_path: Path) -> None:
+    path = tmp_path / "run.mat"
+    path.write_bytes(content)
+    with pytest.raises(InputError, match=said):
+        read(path)
+
+
+def test_files_that_cannot_be_opened(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no such file"):
+        read(tmp_path / "run.mat")
+    with pytest.raises(InputError, match="is a folder"):
+        read(tmp_path)
+
+
+def shared(name: str) -> Table:
+    path = SHARED / name
+    if not path.exists():
+        pytest.skip(f"{name} is not here")
+    return read(path)
+
+
+def test_drill_string_rig() -> None:
+    table = shared("ufrj_drillstring_rig/175_completo_1.mat")
+    time = table.pick("Time_Sample_175_complete")
+    assert time.shape == (59000,)
+    np.testing.assert_allclose(np.diff(time), 1e-3, atol=1e-6)
+    window = (time >= 37) & (time <= 41)
+    torque = table.pick(None, "Bit_Torque_Sample_175_complete")[window]
+    assert 0.4 < torque.min() < torque.max() < 4.0
+    assert np.sum(table.pick("Top_Speed_Sample_175_complete") < 0) == 1790
+
+
+def test_servo_pair() -> None:
+    table = shared("hsm150_servo/idf_pos_0.06_1.mat")
+    time, current = table.pick(1, "data"), table.pick(7, "data")
+    assert time.shape == current.shape == (20000,)
+    np.testing.assert_allclose(np.diff(time), 1e-3, atol=1e-9)
+    assert table.pick("N") == [2500.0]
+    with pytest.raises(InputError, match="20000 rows and 7 columns"):
+        table.pick("data")
