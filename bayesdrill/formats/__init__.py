@@ -8,7 +8,7 @@ from types import MappingProxyType
 
 from bayesdrill.errors import InputError, did_you_mean
 from bayesdrill.formats import csv, matlab
-from bayesdrill.formats.csv import CsvOptions
+from bayesdrill.formats.dialect import CsvOptions
 from bayesdrill.formats.table import Table
 
 __all__ = ["FORMATS", "SUFFIXES", "CsvOptions", "Table", "format_of"]

@@ -43,6 +43,10 @@ class _Found:
 class _Damaged(Exception):
     """A reader could not make sense of the bytes."""
 
+    def __init__(self, cause: Exception) -> None:
+        lines = str(cause).strip().splitlines()
+        super().__init__(lines[0] if lines else type(cause).__name__)
+
 
 def read(path: Path) -> Table:
     """Read all numeric variables of a .mat file. Raises InputError when it cannot be read."""
@@ -76,7 +80,7 @@ def _read_v5(path: Path) -> _Found:
             content: Mapping[str, Any] = loadmat(path, mat_dtype=False)
         except Exception as error:
             # scipy meets damaged bytes with a dozen kinds of exception; all mean the same here.
-            raise _Damaged(str(error).strip() or type(error).__name__) from error
+            raise _Damaged(error) from error
     found = _Found()
     for name, value in content.items():
         if not name.startswith("__"):
@@ -88,8 +92,9 @@ def _walk_v5(name: str, value: Any, found: _Found) -> None:
     from scipy.io.matlab import MatlabFunction, MatlabObject, MatlabOpaque
 
     if isinstance(value, MatlabOpaque):
-        # The field of the class name depends on the release of scipy.
+        # Older releases of scipy leave the variable's own name in the record, not in the index.
         known = value.dtype.names or ()
+        name = _text(value["s0"].flat[0]) if "s0" in known else name
         kinds = [_text(value[key].flat[0]) for key in ("_Class", "s2") if key in known]
         found.ignored[name] = _opaque(name, kinds[0] if kinds else "")
     elif isinstance(value, MatlabObject | MatlabFunction):
@@ -119,8 +124,8 @@ def _read_v73(path: Path) -> _Found:
             for name, item in file.items():
                 if not name.startswith("#"):  # #refs# and #subsystem# are MATLAB's own
                     _walk_v73(name, item, found)
-    except (OSError, RuntimeError, KeyError) as error:  # h5py's for damaged files
-        raise _Damaged(str(error).splitlines()[0]) from error
+    except Exception as error:  # damaged bytes come up as anything here too
+        raise _Damaged(error) from error
     return found
 
 

@@ -35,6 +35,12 @@ def text(delimiter: str, decimal: str = ".", *, head: bool = True, end: str = ""
     return "\n".join([*first, *rows(delimiter, decimal, end)]) + "\n"
 
 
+def quoted(delimiter: str, decimal: str = ".") -> bytes:
+    lines = text(delimiter, decimal).splitlines()
+    cells = [[f'"{cell}"' for cell in line.split(delimiter)] for line in lines]
+    return "\n".join(delimiter.join(row) for row in cells).encode()
+
+
 DIALECTS: dict[str, bytes] = {
     "comma": text(",").encode(),
     "comma and blank": text(", ").encode(),
@@ -53,15 +59,11 @@ DIALECTS: dict[str, bytes] = {
     "no newline at the end": text(",").rstrip().encode(),
     "comments and blank lines": ("# rig 3\n\n% run 1\n" + text(",").replace("\n", "\n\n")).encode(),
     "quoted header": text(",").replace("t [s],", '"t [s]",').replace("theta", '"theta"').encode(),
-    "quoted cells": "\n".join(
-        ",".join(f'"{cell}"' for cell in line.split(",")) for line in text(",").split("\n")[:-1]
-    ).encode(),
-    "quoted cells, decimal comma": "\n".join(
-        ";".join(f'"{cell}"' for cell in line.split(";")) for line in text(";", ",").split("\n")[:-1]
-    ).encode(),
+    "quoted cells": quoted(","),
+    "quoted cells, decimal comma": quoted(";", ","),
     "row of units": "\n".join([";".join(NAMES), "s;rpm;", *rows(";")]).encode(),
-    "trailing delimiter under the data only": "\n".join([",".join(NAMES), *rows(",", end=",")]).encode(),
-    "trailing delimiter in the header only": "\n".join([",".join(NAMES) + ",", *rows(",")]).encode(),
+    "trailing delimiter under the data": "\n".join([";".join(NAMES), *rows(";", end=";")]).encode(),
+    "trailing delimiter in the header": "\n".join([",".join(NAMES) + ",", *rows(",")]).encode(),
     "rows of nothing at the end": (text(";") + ";;\n;;\n").encode(),
     "control-Z at the end": (text(";") + "\x1a").encode(),
 }  # fmt: skip
@@ -112,6 +114,7 @@ def test_without_header_columns_are_numbered(delimiter: str, decimal: str, write
         ("0,1 2,3\n", {}, [[0.1, 2.3]]),
         ("0,1\n2,3\n", {}, [[0, 1], [2, 3]]),
         ("0,1\n2,3\n", {"decimal": ","}, [[0.1], [2.3]]),
+        ("t,w\n0,1\n", {}, [[0, 1]]),
         ("speed\n0,1\n2,3\n", {}, [[0.1], [2.3]]),
         ("motor speed\n1.5\n2\n", {}, [[1.5], [2]]),
         ("a;b\n" + "0;0\n" * 300 + "0,5;1\n" + "0;0\n" * 300, {}, None),
@@ -156,6 +159,7 @@ def test_where_names_the_line_of_the_file(write) -> None:
         ("t,w\ns,2\n3,4\n", {}, ["line 2", "'t'", "'s' is not a number", "skip_rows"]),
         ("t;w\n1.5;2,5\n", {}, ["line 2", "'2,5' is not a number", "decimal: ','"]),
         ("t;w\n1.5;2\n", {"decimal": ","}, ["'1.5' is not a number", "decimal: '.'"]),
+        ("speed\n0,5\nx\n0,7\n", {}, ["line 3", "'x' is not a number"]),
         ("t,w\n1_0,2\n", {}, ["'1_0' is not a number"]),
         ("t,w\n1,2\n3\n4,5,6\n7,8\n", {}, ["line 3: 1 cells where 2", "line 4: 3 cells where 2"]),
         ("t,w\n1,2\n3\n4,x\n7,8\n", {}, ["line 3: 1 cells", "line 4", "'x'"]),
@@ -181,7 +185,8 @@ def test_five_faults_are_shown_and_the_rest_counted(write) -> None:
     with pytest.raises(InputError) as caught:
         load(write(faulty))
     assert len(caught.value.problems) == 6
-    assert [p.place.rsplit(" ", 1)[1] for p in caught.value.problems[:5]] == "2 9 16 23 30".split()
+    places = [problem.place.rsplit(" ", 1)[1] for problem in caught.value.problems[:5]]
+    assert places == ["2", "9", "16", "23", "30"]
     assert "and 9995 more cells" in caught.value.problems[-1].message
 
 
@@ -224,7 +229,7 @@ def test_formats_by_ending(tmp_path: Path) -> None:
             format_of(tmp_path / name)
 
 
-_ALPHABET = st.sampled_from(list('0123456789,.;\t |"#%-eE_x\n\r naN[]') + ["\x00", "é", "\x85"])
+_ALPHABET = st.sampled_from([*'0123456789,.;\t |"#%-eE_x\n\r naN[]', "\x00", "é", "\x85"])
 
 
 @given(st.text(_ALPHABET, max_size=60), st.sampled_from([None, True, False]))
@@ -233,9 +238,8 @@ def test_any_text_is_read_or_refused(tmp_path_factory, content: str, header: boo
     path.write_text(content, encoding="utf-8", newline="")
     try:
         table = load(path, header=header)
-    except InputError as error:
-        assert error.problems
-    else:
-        lengths = {len(values) for values in table.variables.values()}
-        assert table.lines is not None
-        assert lengths == {len(table.lines)}
+    except InputError:
+        return
+    lengths = {len(values) for values in table.variables.values()}
+    assert table.lines is not None
+    assert lengths == {len(table.lines)}

@@ -1,0 +1,134 @@
+"""Independent answers that the tests believe, and the fixtures they share.
+
+Nothing here uses the package's own response, priors or noise: SciPy and plain loops only.
+"""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import scipy.integrate
+import scipy.linalg
+
+NOMINAL = {
+    "j_m": 4.0e-4,
+    "c_m": 19.0e-5,
+    "k_e": 601.6e-4,
+    "k_T": 1.2e-1,
+    "r_m": 3.3e-1,
+    "l_m": 1.1e-3,
+    "k_s": 2.6e-1,
+    "j_1": 28.3e-3,
+    "t_f": 1.0e-1,
+}
+ORDER = ("j_m", "c_m", "k_e", "k_T", "r_m", "l_m", "k_s", "j_1", "t_f")
+
+# Unequal factors, so that no two parameters can be exchanged unnoticed.
+SKEWED = dict(zip(ORDER, (1.31, 0.62, 1.07, 0.83, 1.42, 0.71, 1.19, 0.94, 0.57), strict=True))
+
+
+def skewed() -> dict[str, float]:
+    return {name: NOMINAL[name] * SKEWED[name] for name in ORDER}
+
+
+def matrices(p: dict[str, float], i_m: float = 1 / 8) -> tuple[np.ndarray, ...]:
+    """A (5, 5), columns of B for v and t_1, constant forcing; typed in from the equations of motion.
+
+    States theta_1, theta_2, w_1, w_2, i.  j_1 w_1' + k_s (theta_1 - theta_2) = -t_1;
+    j_m w_2' - i_m^2 k_s (theta_1 - theta_2) - i_m k_T i + c_m w_2 = -i_m t_f;
+    l_m i' + r_m i + k_e w_2 / i_m = v.
+    """
+    k, j1, jm = p["k_s"], p["j_1"], p["j_m"]
+    a = np.array(
+        [
+            [0, 0, 1, 0, 0],
+            [0, 0, 0, 1, 0],
+            [-k / j1, k / j1, 0, 0, 0],
+            [i_m**2 * k / jm, -(i_m**2) * k / jm, 0, -p["c_m"] / jm, i_m * p["k_T"] / jm],
+            [0, 0, 0, -p["k_e"] / i_m / p["l_m"], -p["r_m"] / p["l_m"]],
+        ]
+    )
+    v = np.array([0, 0, 0, 0, 1 / p["l_m"]])
+    t_1 = np.array([0, 0, -1 / j1, 0, 0])
+    friction = np.array([0, 0, 0, -i_m * p["t_f"] / jm, 0])
+    return a, v, t_1, friction
+
+
+def by_expm(p: dict[str, float], t: np.ndarray, x0: np.ndarray, v: float, t_1: float) -> np.ndarray:
+    """States (T, 5): one SciPy matrix exponential per sample."""
+    a, b_v, b_t, c = matrices(p)
+    augmented = np.zeros((6, 6))
+    augmented[:5, :5] = a
+    augmented[:5, 5] = b_v * v + b_t * t_1 + c
+    start = np.append(x0, 1.0)
+    return np.array([(scipy.linalg.expm(augmented * s) @ start)[:5] for s in t])
+
+
+def by_radau(p: dict[str, float], t: np.ndarray, x0: np.ndarray, inputs) -> np.ndarray:
+    """States (T, 5) by SciPy's Radau at rtol 1e-10, restarted at each sample.
+
+    `inputs(s) -> (v, t_1)` may jump or bend at the samples; `t[0]` is the time of `x0`.
+    """
+    a, b_v, b_t, c = matrices(p)
+
+    def rate(s: float, x: np.ndarray, middle: float) -> np.ndarray:
+        v, t_1 = inputs(s, middle)
+        return a @ x + b_v * v + b_t * t_1 + c
+
+    out = [x0]
+    for begin, end in itertools.pairwise(t):
+        solved = scipy.integrate.solve_ivp(
+            rate,
+            (begin, end),
+            out[-1],
+            method="Radau",
+            rtol=1e-10,
+            atol=1e-12,
+            jac=a,
+            args=(0.5 * (begin + end),),
+        )
+        out.append(solved.y[:, -1])
+    return np.array(out)
+
+
+def by_trapezoid(
+    p: dict[str, float], duration: float, steps: int, x0: np.ndarray, v: float
+) -> np.ndarray:
+    """The state (5,) at `duration` by the trapezoidal rule, the family of the paper's ode23t."""
+    a, b_v, _, c = matrices(p)
+    h = duration / steps
+    left, right = np.eye(5) - 0.5 * h * a, np.eye(5) + 0.5 * h * a
+    step = np.linalg.solve(left, right)
+    push = np.linalg.solve(left, h * (b_v * v + c))
+    x = x0
+    for _ in range(steps):
+        x = step @ x + push
+    return x
+
+
+def power_balance(p: dict[str, float], x: np.ndarray, v: float, i_m: float = 1 / 8) -> np.ndarray:
+    """d(stored energy)/dt minus the powers, along states (T, 5): zero for the right equations.
+
+    Stored: j_1 w_1^2/2 + j_m w_3^2/2 + k_s (theta_1 - theta_2)^2/2 + l_m i^2/2, w_3 = w_2/i_m.
+    Powers: v i - r_m i^2 - c_m w_3^2 - t_f w_3 + (k_T - k_e) i w_3.
+    """
+    a, b_v, _, c = matrices(p)
+    rate = x @ a.T + b_v * v + c
+    twist = x[:, 0] - x[:, 1]
+    w3 = x[:, 3] / i_m
+    stored = (
+        p["j_1"] * x[:, 2] * rate[:, 2]
+        + p["j_m"] * w3 * rate[:, 3] / i_m
+        + p["k_s"] * twist * (rate[:, 0] - rate[:, 1])
+        + p["l_m"] * x[:, 4] * rate[:, 4]
+    )
+    current = x[:, 4]
+    powers = (
+        v * current
+        - p["r_m"] * current**2
+        - p["c_m"] * w3**2
+        - p["t_f"] * w3
+        + (p["k_T"] - p["k_e"]) * current * w3
+    )
+    return stored - powers

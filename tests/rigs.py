@@ -1,0 +1,97 @@
+"""Small experiments and problems for tests."""
+
+from __future__ import annotations
+
+import numpy as np
+from oracles import NOMINAL, ORDER
+
+from bayesdrill.coordinates import choose
+from bayesdrill.experiment import Channel, Experiment
+from bayesdrill.likelihood import Likelihood
+from bayesdrill.models.motor_shaft import MotorShaft
+from bayesdrill.noise.gaussian import Gaussian
+from bayesdrill.parameters import ParameterSpace
+from bayesdrill.posterior import Posterior
+from bayesdrill.priors import Prior, Uniform
+from bayesdrill.response import Response
+
+STATES = ("theta_1", "theta_2", "w_1", "w_2", "i")
+
+
+def experiment(
+    n: int = 301,
+    dt: float = 0.01,
+    *,
+    first: float = 0.0,
+    t_start: float = 0.0,
+    constant: dict[str, float] | None = None,
+    series: dict[str, np.ndarray] | None = None,
+    first_order: bool = False,
+    start: dict[str, float] | None = None,
+    measures: dict[str, dict[str, float]] | None = None,
+    y: np.ndarray | None = None,
+) -> Experiment:
+    """Zero data on every state unless told otherwise."""
+    weights = measures or {name: {name: 1.0} for name in STATES}
+    channels = tuple(
+        Channel(name=name, weights=w, unit="rad", latex=name, latex_unit="rad")
+        for name, w in weights.items()
+    )
+    return Experiment(
+        t=first + dt * np.arange(n),
+        y=np.zeros((n, len(channels))) if y is None else y,
+        channels=channels,
+        constant={"v": 8.0, "t_1": 0.0} if constant is None else constant,
+        series=series or {},
+        first_order=first_order,
+        start=start or {},
+        t_start=t_start,
+    )
+
+
+def vector(p: dict[str, float]) -> np.ndarray:
+    return np.array([p[name] for name in ORDER])
+
+
+def measured(sigma: np.ndarray, n: int = 301, dt: float = 0.01, seed: int = 5) -> Experiment:
+    """Four channels of the nominal rig after an 8 V step, with noise `sigma (4,)`."""
+    four = {name: {name: 1.0} for name in STATES[:4]}
+    clean = Response(MotorShaft(), experiment(n, dt, measures=four)).signals(vector(NOMINAL)[None])[
+        0
+    ]
+    noise = np.random.default_rng(seed).standard_normal(clean.shape) * sigma
+    return experiment(n, dt, measures=four, y=clean + noise)
+
+
+def posterior(
+    record: Experiment,
+    sigma: np.ndarray | None,
+    coordinates: str = "auto",
+    *,
+    free: tuple[str, ...] = ORDER,
+    priors: dict[str, Prior] | None = None,
+) -> Posterior:
+    """`sigma` None: unknown, one per channel, uniform from 0.01 to 1."""
+    chosen: dict[str, Prior] = {
+        name: Uniform(0.5 * NOMINAL[name], 1.5 * NOMINAL[name]) for name in free
+    }
+    chosen |= priors or {}
+    start = {name: NOMINAL[name] for name in free}
+    known = {} if sigma is None else {k: float(s) for k, s in enumerate(sigma)}
+    if sigma is None:
+        for channel in record.channels:
+            chosen[f"sigma_{channel.name}"] = Uniform(0.01, 1.0)
+            start[f"sigma_{channel.name}"] = 0.1
+    model = MotorShaft()
+    space = ParameterSpace(
+        model=ORDER,
+        priors=chosen,
+        fixed={name: NOMINAL[name] for name in ORDER if name not in free},
+        start=start,
+    )
+    noise = Gaussian(n_samples=len(record.t), known=known, n_channels=len(record.channels))
+    return Posterior(
+        space=space,
+        likelihood=Likelihood(Response(model, record), noise, space),
+        coordinates=choose(coordinates, model.chart(8.0), 9, len(free)),
+    )

@@ -1,0 +1,98 @@
+"""Convergence against processes whose autocorrelation is known."""
+
+from __future__ import annotations
+
+import emcee
+import numpy as np
+import pytest
+import scipy.stats
+
+from bayesdrill.convergence import Targets, assess, autocorrelation_time, thinned
+from bayesdrill.diagnostics import HDI_PROBABILITY, hdi
+
+TARGETS = Targets(r_hat=1.01, n_tau=50, ess=1000)
+
+
+def ar1(shape: tuple[int, int, int, int], rho: float, seed: int = 6) -> np.ndarray:
+    """`(E, S, W, D)` with autocorrelation rho^k: integrated time (1 + rho)/(1 - rho)."""
+    rng = np.random.default_rng(seed)
+    x = np.empty(shape)
+    x[:, 0] = rng.standard_normal(shape[:1] + shape[2:])
+    for s in range(1, shape[1]):
+        fresh = rng.standard_normal(shape[:1] + shape[2:])
+        x[:, s] = rho * x[:, s - 1] + np.sqrt(1 - rho**2) * fresh
+    return x
+
+
+@pytest.mark.parametrize("rho", [0.0, 0.5, 0.9])
+def test_autocorrelation_time_of_a_known_process(rho: float) -> None:
+    tau = autocorrelation_time(ar1((4, 2000, 16, 2), rho))
+    assert tau == pytest.approx((1 + rho) / (1 - rho), rel=0.05)
+
+
+def test_autocorrelation_time_is_emcees() -> None:
+    chain = ar1((1, 4000, 12, 3), 0.8) * [1.0, 1e-4, 50.0] + [0.0, 3.0, -7.0]
+    true = emcee.autocorr.integrated_time(chain[0], tol=0, quiet=True)
+    assert autocorrelation_time(chain) == pytest.approx(true, rel=0.05)
+
+
+def test_converged_chains_are_believed() -> None:
+    found = assess(ar1((4, 1200, 16, 2), 0.8), ("a", "b"), TARGETS)
+    assert found.converged
+    assert found.tau == pytest.approx([9, 9], rel=0.1)
+    assert found.burn_in == pytest.approx(45, abs=6)
+    assert found.thin in (9, 10)
+
+
+def test_ensembles_that_disagree_are_not() -> None:
+    """Mutant killed: R-hat over walkers instead of ensembles."""
+    chains = ar1((4, 1200, 16, 2), 0.8)
+    chains[2, :, :, 1] += 0.8
+    found = assess(chains, ("a", "b"), TARGETS)
+    assert not found.converged
+    assert "the ensembles disagree on b" in found.reasons[0]
+
+
+def test_walkers_that_disagree_alike_in_all_ensembles_are_not_independent_chains() -> None:
+    """Stuck walkers: every ensemble has the same mixture, so only tau can tell."""
+    chains = ar1((4, 1200, 16, 1), 0.2)
+    chains += 5.0 * np.arange(16)[:, None]
+    found = assess(chains, ("a",), TARGETS)
+    assert not found.converged
+    assert "autocorrelation times long" in " ".join(found.reasons)
+
+
+def test_short_chains_say_what_is_missing() -> None:
+    found = assess(ar1((4, 150, 16, 1), 0.9), ("a",), TARGETS)
+    assert any("wanted at least 50" in reason for reason in found.reasons)
+    few = assess(ar1((4, 600, 4, 1), 0.5), ("a",), Targets(r_hat=1.5, n_tau=10, ess=1e6))
+    assert any("effective draws of a, wanted at least 1e+06" in reason for reason in few.reasons)
+
+
+def test_effective_draws_of_independent_ones_are_their_number() -> None:
+    found = assess(ar1((4, 700, 10, 1), 0.0), ("a",), TARGETS)
+    kept = 4 * 10 * (found.steps - found.burn_in) / found.thin
+    assert found.ess_bulk[0] == pytest.approx(kept, rel=0.1)
+
+
+def test_thinning_keeps_time_and_ensembles_apart() -> None:
+    """Mutant killed: chain transposed."""
+    chains = np.arange(2 * 10 * 3 * 1, dtype=float).reshape(2, 10, 3, 1)
+    draws = thinned(chains, burn_in=4, thin=3)
+    assert draws.shape == (2, 6, 1)
+    assert list(draws[0, :, 0]) == [12, 13, 14, 21, 22, 23]
+    assert list(draws[1, :3, 0]) == [42, 43, 44]
+
+
+def test_hdi_is_the_narrowest_interval_not_the_one_with_equal_tails() -> None:
+    """Of an exponential it begins at zero; arviz-stats versions before 1.2.1 returned an ETI."""
+    assert HDI_PROBABILITY == 0.94
+    u = (np.arange(200_000) + 0.5) / 200_000
+    low, high = hdi(scipy.stats.expon.ppf(u))
+    assert low == pytest.approx(0.0, abs=1e-3)
+    assert high == pytest.approx(-np.log(0.06), abs=1e-3)
+    low, high = hdi(scipy.stats.gamma(3.0).ppf(u))
+    density = scipy.stats.gamma(3.0).pdf
+    assert density(low) == pytest.approx(density(high), rel=0.01)
+    cdf = scipy.stats.gamma(3.0).cdf
+    assert cdf(high) - cdf(low) == pytest.approx(0.94, abs=1e-3)
