@@ -1,0 +1,225 @@
+"""Break the code in named ways, one line at a time, and see a named test fail.
+
+`make mutants` works on a copy of the tree; a mutant that survives is an error.  A mutant whose
+line is no longer in the code is an error too, so that this list cannot rot.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+ROOT = Path(__file__).parents[1]
+
+
+@dataclass(frozen=True)
+class Mutant:
+    name: str
+    file: str
+    old: str
+    new: str
+    killer: str  # the test that must fail
+
+
+MUTANTS = [
+    Mutant(
+        "drop the Jacobian",
+        "posterior.py",
+        "log_p[inside] += self.coordinates.log_jacobian(theta[inside])",
+        "pass",
+        "tests/unit/test_posterior.py::test_density_over_coordinates_carries_the_jacobian",
+    ),
+    Mutant(
+        "a chart that does not keep volume",
+        "models/motor_shaft.py",
+        "columns = (w3, k_s - j_1, shaft,",
+        "columns = (w3, 2 * (k_s - j_1), shaft,",
+        "tests/unit/test_symbols.py::test_charts_keep_volume_and_go_back",
+    ),
+    Mutant(
+        "drop -log sigma",
+        "noise/gaussian.py",
+        "constant - self.n_samples * np.log(sigma) - 0.5",
+        "constant - 0.5",
+        "tests/unit/test_posterior.py::test_unknown_sigma_per_channel",
+    ),
+    Mutant(
+        "forget the half of the misfit",
+        "noise/gaussian.py",
+        "np.log(sigma) - 0.5 * misfit",
+        "np.log(sigma) - 1.0 * misfit",
+        "tests/unit/test_posterior.py::test_known_sigma_is_a_sum_of_normal_densities",
+    ),
+    Mutant(
+        "exchange the sigmas of two channels",
+        "noise/gaussian.py",
+        "for column, k in enumerate(self.unknown):",
+        "for column, k in enumerate(self.unknown[::-1]):",
+        "tests/unit/test_posterior.py::test_unknown_sigma_per_channel",
+    ),
+    Mutant(
+        "exchange k_T and k_e",
+        "models/motor_shaft.py",
+        'p["j_m"], p["c_m"], p["k_e"], p["k_T"]',
+        'p["j_m"], p["c_m"], p["k_T"], p["k_e"]',
+        "tests/unit/test_response.py::test_energy_is_balanced",
+    ),
+    Mutant(
+        "exchange two parameters in the vector",
+        "parameters.py",
+        "theta[:, self.free.index(name)]",
+        "theta[:, -1 - self.free.index(name)]",
+        "tests/unit/test_posterior.py::test_fixed_parameters_are_held_and_named",
+    ),
+    Mutant(
+        "wrong sign of friction",
+        "models/motor_shaft.py",
+        'c={"w_2": -i_m * t_f / j_m}',
+        'c={"w_2": i_m * t_f / j_m}',
+        "tests/unit/test_response.py::test_ends_at_the_equilibrium",
+    ),
+    Mutant(
+        "A(5,1) over j_1, as printed",
+        "models/motor_shaft.py",
+        '("w_2", "theta_1"): shaft,',
+        '("w_2", "theta_1"): i_m**2 * k_s / j_1,',
+        "tests/unit/test_response.py::test_the_papers_six_state_matrix",
+    ),
+    Mutant(
+        "A(6,5) without the gear, as printed",
+        "models/motor_shaft.py",
+        "-k_e / (i_m * l_m)",
+        "-i_m * k_e / l_m",
+        "tests/unit/test_response.py::test_equals_scipys_expm_per_sample",
+    ),
+    Mutant(
+        "one squaring too few",
+        "response.py",
+        "halvings = np.ceil(np.log2(norm / TAYLOR_NORM))",
+        "halvings = np.ceil(np.log2(norm / TAYLOR_NORM)) + 1e-9 - 1",
+        "tests/unit/test_response.py::test_equals_scipys_expm_per_sample",
+    ),
+    Mutant(
+        "increments of a first-order hold from the wrong sample",
+        "kernels.py",
+        "following = b.add(samples.index, _I64(1))",
+        "following = b.add(samples.index, _I64(0))",
+        "tests/unit/test_response.py::test_measured_inputs_against_radau",
+    ),
+    Mutant(
+        "transpose the chain",
+        "convergence.py",
+        "kept.reshape(kept.shape[0], -1, *kept.shape[3:])",
+        "kept.swapaxes(1, 2).reshape(kept.shape[0], -1, *kept.shape[3:])",
+        "tests/unit/test_convergence.py::test_thinning_keeps_time_and_ensembles_apart",
+    ),
+    Mutant(
+        "ignore the seed",
+        "samplers/ensemble.py",
+        "random_state=state.random)",
+        "random_state=None)",
+        "tests/unit/test_ensemble.py::test_same_seed_same_chain_other_seed_another",
+    ),
+    Mutant(
+        "the same stream for every ensemble",
+        "seeds.py",
+        "spawn_key=(_ORDER.index(purpose), index)",
+        "spawn_key=(_ORDER.index(purpose), 0)",
+        "tests/unit/test_ensemble.py::test_streams_differ_by_purpose_and_index",
+    ),
+    Mutant(
+        "drop the accept test",
+        "samplers/ensemble.py",
+        "log_p, failed = evaluate(z)\n",
+        "log_p, failed = evaluate(z)\n        log_p = 0 * np.nan_to_num(log_p, neginf=0.0)\n",
+        "tests/contracts/test_moves.py::test_target_is_kept_exactly",
+    ),
+    Mutant(
+        "tau of the walkers' own means",
+        "convergence.py",
+        "chain - chain.mean(axis=(0, 1))",
+        "chain - chain.mean(axis=0)",
+        "tests/unit/test_convergence.py::"
+        "test_walkers_that_disagree_alike_in_all_ensembles_are_not_independent_chains",
+    ),
+    Mutant(
+        "an interval with equal tails under the HDI header",
+        "diagnostics.py",
+        "low, high = array_stats.hdi(x, prob=HDI_PROBABILITY, axis=0)",
+        "low, high = np.quantile(x, [0.03, 0.97])",
+        "tests/unit/test_convergence.py::"
+        "test_hdi_is_the_narrowest_interval_not_the_one_with_equal_tails",
+    ),
+    Mutant(
+        "a prior cut at zero without renormalising",
+        "priors.py",
+        "- math.log(self.sd) - self._log_mass()",
+        "- math.log(self.sd)",
+        "tests/unit/test_priors.py::test_density_integrates_to_one",
+    ),
+    Mutant(
+        "NaN instead of minus infinity",
+        "posterior.py",
+        "log_p[failed] = -np.inf",
+        "pass",
+        "tests/unit/test_posterior.py::test_failures_are_counted_never_nan",
+    ),
+    Mutant(
+        "sigma's prior left in the unit of the column",
+        "build.py",
+        "scaled = _rescaled(spec.sigma, factor)",
+        "scaled = spec.sigma",
+        "tests/unit/test_recording.py::test_sigma_and_its_prior_are_in_the_columns_unit",
+    ),
+]
+
+
+def run(tree: Path, killer: str) -> bool:
+    """Whether the test passes in `tree`."""
+    done = subprocess.run(
+        [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", killer],
+        cwd=tree,
+        env={**os.environ, "PYTHONPATH": str(tree), "PYTHONDONTWRITEBYTECODE": "1"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    if done.returncode not in (0, 1):
+        raise SystemExit(f"{killer} did not run:\n{done.stdout}{done.stderr}")
+    return done.returncode == 0
+
+
+def main() -> None:
+    survivors = []
+    with tempfile.TemporaryDirectory() as folder:
+        tree = Path(folder) / "tree"
+        ignore = shutil.ignore_patterns(".venv", ".git", "results", "__pycache__", ".*_cache")
+        shutil.copytree(ROOT, tree, ignore=ignore)
+        for killer in sorted({mutant.killer for mutant in MUTANTS}):
+            if not run(tree, killer):
+                raise SystemExit(f"{killer} fails without any mutant")
+        for mutant in MUTANTS:
+            begun = time.perf_counter()
+            path = tree / "bayesdrill" / mutant.file
+            text = path.read_text()
+            if text.count(mutant.old) != 1:
+                raise SystemExit(f"{mutant.name}: its line stands {text.count(mutant.old)} times")
+            path.write_text(text.replace(mutant.old, mutant.new))
+            survived = run(tree, mutant.killer)
+            path.write_text(text)
+            seconds = time.perf_counter() - begun
+            print(f"{'SURVIVED' if survived else 'killed  '}  {mutant.name}  ({seconds:.1f} s)")
+            if survived:
+                survivors.append(mutant.name)
+    print(f"{len(MUTANTS) - len(survivors)} of {len(MUTANTS)} mutants killed")
+    sys.exit(bool(survivors))
+
+
+if __name__ == "__main__":
+    main()

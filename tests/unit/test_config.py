@@ -1,0 +1,108 @@
+"""Configs: the bundled one, its schema, its record, and what a resolved config says."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from oracles import NOMINAL, by_expm
+
+from bayesdrill import build, loading, pipeline, provenance, schema, simulation
+from bayesdrill.formats import CsvOptions
+from bayesdrill.formats.csv import read
+
+ROOT = Path(__file__).parents[2]
+BUNDLED = ROOT / "configs" / "nominal_step.yaml"
+
+
+def test_committed_schema_is_the_codes() -> None:
+    """`make schema` writes it anew."""
+    assert (ROOT / "configs" / "schema.json").read_text() == schema.as_text()
+
+
+def test_schema_completes_symbols_with_unit_and_meaning() -> None:
+    tree = json.loads(schema.as_text())
+    entry = tree["$defs"]["Parameters"]["properties"]["t_f"]
+    assert "not a time" in entry["description"]
+    assert "N*m" in entry["description"]
+    assert tree["additionalProperties"] is False
+
+
+def test_bundled_config_says_what_the_documents_say() -> None:
+    job = pipeline.prepare(BUNDLED)
+    experiment = job.problem.experiment
+    assert experiment.y.shape == (1001, 4)
+    assert experiment.dt == pytest.approx(0.01)
+    assert experiment.constant == {"v": 8.0, "t_1": 0.0}
+    assert job.problem.posterior.likelihood.noise.known == dict.fromkeys(range(4), 0.1)
+    priors = job.problem.posterior.space.priors
+    assert tuple(priors) == tuple(NOMINAL)
+    for name, prior in priors.items():
+        assert (prior.low, prior.high) == pytest.approx((0.5 * NOMINAL[name], 1.5 * NOMINAL[name]))
+
+
+def test_bundled_record_is_what_simulate_makes() -> None:
+    config, source = loading.load(BUNDLED)
+    made = simulation.simulate(config, source, config.seed)
+    assert made == (ROOT / "configs" / "records" / "nominal_step.csv").read_text()
+
+
+def test_bundled_record_is_the_nominal_response_with_noise_of_a_tenth() -> None:
+    """Against an independent response: residuals are white, of the stated size, and alike."""
+    found = read(ROOT / "configs" / "records" / "nominal_step.csv", CsvOptions())
+    t = found.pick("t")
+    clean = by_expm(NOMINAL, t, np.zeros(5), 8.0, 0.0)
+    noise = np.column_stack(
+        [found.pick(name) for name in ("theta_1", "theta_2", "w_1", "w_2")]
+    ) - clean[:, :4]  # fmt: skip
+    assert noise.std(axis=0) == pytest.approx([0.1] * 4, rel=0.08)
+    assert np.abs(noise.mean(axis=0)).max() < 4 * 0.1 / np.sqrt(len(t))
+    assert np.abs(np.corrcoef(noise.T) - np.eye(4)).max() < 0.12
+
+
+def test_simulated_records_differ_by_seed_and_obey_the_truth(tmp_path: Path) -> None:
+    text = BUNDLED.read_text().replace("rate: 100\n", "rate: 50\n  k_s: 0.31\n  j_1: 0.02\n")
+    path = tmp_path / "mine.yaml"
+    path.write_text(text)
+    config, source = loading.load(path)
+    one, two = (simulation.simulate(config, source, seed) for seed in (1, 2))
+    assert one != two
+    assert one == simulation.simulate(config, source, 1)
+    (tmp_path / "r.csv").write_text(one)
+    found = read(tmp_path / "r.csv", CsvOptions())
+    truth = {**NOMINAL, "k_s": 0.31, "j_1": 0.02}
+    clean = by_expm(truth, found.pick("t"), np.zeros(5), 8.0, 0.0)
+    assert (found.pick("w_1") - clean[:, 2]).std() == pytest.approx(0.1, rel=0.15)
+
+
+def test_resolved_config_means_the_same(tmp_path: Path) -> None:
+    """Mutant killed: a default that is not written out."""
+    job = pipeline.prepare(BUNDLED)
+    (tmp_path / "config.yaml").write_text(provenance.resolved(job.config, job.source, tmp_path))
+    again = pipeline.prepare(tmp_path / "config.yaml")
+    one, two = (provenance.fingerprint(j.config, j.problem) for j in (job, again))
+    assert one == two
+    assert again.config.sampler == job.config.sampler
+
+
+def test_nominal_values_may_be_corrected(tmp_path: Path) -> None:
+    text = BUNDLED.read_text().replace(
+        "nominal: tables_2_3", "nominal: {table: table_1, j_1: 0.03}"
+    )
+    path = tmp_path / "mine.yaml"
+    path.write_text(text)
+    config, _ = loading.load(path)
+    found = build.nominal(config)
+    assert (found["k_s"], found["j_1"], found["j_m"]) == (0.30, 0.03, 4e-4)
+
+
+def test_yaml_is_version_1_2(tmp_path: Path) -> None:
+    """`1e-4` is a number; PyYAML reads a text."""
+    path = tmp_path / "mine.yaml"
+    text = BUNDLED.read_text().replace("v: 8.0", "v: 8e0").replace("t_1: 0.0", "t_1: 1e-4")
+    path.write_text(text)
+    config, _ = loading.load(path)
+    assert config.inputs.t_1 == 1e-4
+    assert config.inputs.v == 8.0

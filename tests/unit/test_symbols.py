@@ -1,0 +1,100 @@
+"""The table of symbols against the paper and against its own geometry."""
+
+from __future__ import annotations
+
+import numpy as np
+import pint
+import pytest
+
+from bayesdrill import symbols
+from bayesdrill.models import MODELS
+from bayesdrill.models.motor_shaft import PARAMETERS
+
+
+def test_the_two_nominal_tables() -> None:
+    """Values as printed: Table 1, and the initial guesses of Table 3."""
+    one, three = symbols.NOMINAL["table_1"].values, symbols.NOMINAL["tables_2_3"].values
+    printed = {"j_m": 4e-4, "k_e": 0.06016, "k_T": 0.12, "r_m": 0.33, "l_m": 1.1e-3, "j_1": 0.0283}
+    for table in (one, three):
+        assert {name: table[name] for name in printed} == pytest.approx(printed)
+        assert table["t_f"] == 0.1
+        assert set(table) == set(PARAMETERS)
+    assert (one["k_s"], one["c_m"]) == (0.30, pytest.approx(18.0e-5))
+    assert (three["k_s"], three["c_m"]) == (0.26, pytest.approx(19.0e-5))
+    assert symbols.DEFAULT_NOMINAL == "tables_2_3"
+
+
+def test_geometry_supports_the_default() -> None:
+    stiffness = 79.3e9 * np.pi * 0.003**4 / (32 * 2.4)
+    assert symbols.NOMINAL["tables_2_3"].values["k_s"] == pytest.approx(stiffness, rel=0.02)
+    inertia = 6.4 * (0.188 / 2) ** 2 / 2
+    assert symbols.NOMINAL["tables_2_3"].values["j_1"] == pytest.approx(inertia, rel=0.002)
+
+
+@pytest.mark.parametrize("table", [symbols.PARAMETERS, symbols.STATES, symbols.INPUTS])
+def test_every_symbol_is_complete(table: dict[str, symbols.Symbol]) -> None:
+    registry = pint.UnitRegistry()
+    for name, symbol in table.items():
+        assert symbol.name == name
+        assert symbol.latex
+        assert symbol.meaning
+        unit = registry.Quantity(1.0, symbol.unit)
+        assert unit.to_base_units().magnitude == pytest.approx(1.0), name
+
+
+def test_units_agree_with_the_equations() -> None:
+    """Each term of the motor's two balances has the unit of its balance."""
+    registry = pint.UnitRegistry()
+    unit = {
+        name: registry.Quantity(1.0, s.unit)
+        for table in (symbols.PARAMETERS, symbols.STATES, symbols.INPUTS)
+        for name, s in table.items()
+    }
+    second = registry.Quantity(1.0, "s")
+    volts = [unit["l_m"] * unit["i"] / second, unit["r_m"] * unit["i"], unit["k_e"] * unit["w_2"]]
+    torques = [
+        unit["j_m"] * unit["w_2"] / second,
+        unit["c_m"] * unit["w_2"],
+        unit["k_T"] * unit["i"],
+        unit["k_s"] * unit["theta_1"],
+        unit["j_1"] * unit["w_1"] / second,
+        unit["t_f"],
+        unit["t_1"],
+    ]
+    for terms, balance in ((volts, unit["v"]), (torques, unit["t_f"])):
+        for term in terms:
+            assert term.to(balance.units).magnitude == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_models_speak_in_symbols(name: str) -> None:
+    model = MODELS[name](1 / 8)
+    assert model.name == name
+    assert set(model.parameters) <= set(symbols.PARAMETERS)
+    assert set(model.states) <= set(symbols.STATES)
+    assert set(model.inputs) <= set(symbols.INPUTS)
+    linear = model.linear(dict.fromkeys(model.parameters, 2.0))
+    for row, column in linear.A:
+        assert {row, column} <= set(model.states)
+    for row, column in linear.B:
+        assert row in model.states
+        assert column in model.inputs
+    assert set(linear.c) <= set(model.states)
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_charts_keep_volume_and_go_back(name: str) -> None:
+    model = MODELS[name](0.2)
+    chart = model.chart(5.0)
+    if chart is None:
+        pytest.skip("brings no chart")
+    rng = np.random.default_rng(1)
+    logs = rng.normal(-2, 1.5, (30, len(model.parameters)))
+    z = chart.straighten(logs)
+    assert len(chart.labels) == z.shape[1]
+    assert np.allclose(chart.bend(z), logs, atol=1e-10)
+    for row in z[:8]:
+        h = 1e-6
+        shifts = h * np.eye(len(row))
+        jacobian = (chart.bend(row + shifts) - chart.bend(row - shifts)) / (2 * h)
+        assert abs(np.linalg.det(jacobian)) == pytest.approx(1.0, abs=1e-6)
