@@ -176,13 +176,12 @@ def problem(config: records.Config, experiment: Experiment) -> Problem:
         known={k: entry.sigma for k, entry in enumerate(entries) if isinstance(entry.sigma, float)},
         n_channels=len(entries),
     )
-    n_free = len(unknowns.free) - len(noise.unknown)
+    charted = unknowns.free[: len(unknowns.free) - len(noise.unknown)]
+    chart = rig.chart(_usual_voltage(experiment), charted, unknowns.fixed) if charted else None
     posterior = Posterior(
         space=unknowns,
         likelihood=Likelihood(Response(rig, experiment), noise, unknowns),
-        coordinates=coordinates.choose(
-            config.coordinates, rig.chart(_usual_voltage(experiment)), len(rig.parameters), n_free
-        ),
+        coordinates=coordinates.choose(config.coordinates, chart, len(charted)),
     )
     return Problem(
         posterior=posterior,

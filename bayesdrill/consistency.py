@@ -143,11 +143,8 @@ def _check_counts(found: _Collector, config: records.Config, model: Model) -> No
             f"{sampler.walkers} walkers: an even number, at least twice the {n_unknown} unknowns, is "
             "wanted",
         )
-    if config.coordinates == "modal" and len(free) < len(model.parameters):
-        found.add(
-            ("coordinates",),
-            "modal coordinates need all parameters free; write `auto` or `log`",
-        )
+    if config.coordinates == "modal" and not free:
+        found.add(("coordinates",), "modal coordinates need a free parameter; write `auto`")
     for name in sampler.moves:
         found.run(("sampler", "moves", name), build.lookup, MOVES, name, "move")
     if sum(sampler.moves.values()) <= 0:

@@ -57,10 +57,7 @@ class Log:
 
 @dataclass(frozen=True, slots=True)
 class Modal:
-    """The chart acts on the logs of the first `n_charted` unknowns, the rest are plain logs.
-
-    The chart keeps volume, so the Jacobian is that of the logs.
-    """
+    """The chart acts on the logs of the first `n_charted` unknowns, the rest are plain logs."""
 
     chart: Chart
     n_charted: int
@@ -77,17 +74,14 @@ class Modal:
             return np.exp(logs)
 
     def log_jacobian(self, theta: Array) -> Array:
-        return Log().log_jacobian(theta)
+        logs = np.log(theta[:, : self.n_charted])
+        return Log().log_jacobian(theta) + self.chart.log_det(logs)
 
 
-def choose(name: str, chart: Chart | None, n_charted: int, n_free: int) -> Coordinates:
-    """The coordinates called `name`; `auto` is modal where it can be, else log.
-
-    A chart needs all of its model's parameters free (`n_free >= n_charted`, the charted first).
-    """
-    modal_possible = chart is not None and n_free == n_charted
+def choose(name: str, chart: Chart | None, n_charted: int) -> Coordinates:
+    """The coordinates called `name`; `auto` is modal where the model brings a chart, else log."""
     if name == "auto":
-        name = "modal" if modal_possible else "log"
+        name = "log" if chart is None else "modal"
     return COORDINATES[name](chart, n_charted)
 
 

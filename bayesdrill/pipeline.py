@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import time
+from collections.abc import Mapping
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from pathlib import Path
@@ -49,11 +50,17 @@ class Outcome:
     mode: Mode
     sampled: Sampled
     rows: tuple[Row, ...]
+    seconds: Mapping[str, float]
 
 
 def prepare(path: Path) -> Job:
     """Everything that can be wrong with the input is found here; nothing is written."""
     config, source = loading.load(path)
+    return assemble(config, source)
+
+
+def assemble(config: records.Config, source: Source) -> Job:
+    """The job of a config that is already validated; `source` is where its paths start."""
     problem = build.problem(config, recording.read(config, source))
     posterior = problem.posterior
     start = posterior.space.vector(posterior.space.start)
@@ -189,4 +196,4 @@ def _publish(
         acceptance=[round(float(x), 4) for x in sampled.acceptance],
         failures=sampled.failures,
     )
-    return Outcome(folder=folder.path, mode=found, sampled=sampled, rows=rows)
+    return Outcome(folder=folder.path, mode=found, sampled=sampled, rows=rows, seconds=seconds)

@@ -29,6 +29,13 @@ class Mutant:
 
 MUTANTS = [
     Mutant(
+        "no Jacobian of the chart",
+        "coordinates.py",
+        "return Log().log_jacobian(theta) + self.chart.log_det(logs)",
+        "return Log().log_jacobian(theta)",
+        "tests/unit/test_coordinates.py::test_jacobian_equals_a_numerical_determinant",
+    ),
+    Mutant(
         "drop the Jacobian",
         "posterior.py",
         "log_p[inside] += self.coordinates.log_jacobian(theta[inside])",
@@ -36,11 +43,11 @@ MUTANTS = [
         "tests/unit/test_posterior.py::test_density_over_coordinates_carries_the_jacobian",
     ),
     Mutant(
-        "a chart that does not keep volume",
-        "models/motor_shaft.py",
-        "columns = (w3, k_s - j_1, shaft,",
-        "columns = (w3, 2 * (k_s - j_1), shaft,",
-        "tests/unit/test_symbols.py::test_charts_keep_volume_and_go_back",
+        "forget the slope of an equation in the chart's Jacobian",
+        "models/motor_shaft_chart.py",
+        'return share if step.unknown == "t_f" else 1.0 + share',
+        'return share if step.unknown == "t_f" else 1.0',
+        "tests/unit/test_coordinates.py::test_charts_of_all_sets_of_free_parameters",
     ),
     Mutant(
         "drop -log sigma",

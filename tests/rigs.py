@@ -93,5 +93,5 @@ def posterior(
     return Posterior(
         space=space,
         likelihood=Likelihood(Response(model, record), noise, space),
-        coordinates=choose(coordinates, model.chart(8.0), 9, len(free)),
+        coordinates=choose(coordinates, model.chart(8.0, free, space.fixed), len(free)),
     )

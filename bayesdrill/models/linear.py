@@ -27,9 +27,10 @@ class Linear:
 
 
 class Chart(Protocol):
-    """A volume-preserving change of the logs of all parameters that straightens the posterior.
+    """A change of the logs of the model's free parameters that straightens the posterior.
 
-    Both ways `(W, P) -> (W, P)`, columns in the order of the model's `parameters`; |det| = 1.
+    Both ways `(W, m) -> (W, m)`; NaN where coordinates belong to no positive parameters.
+    `log_det(logs)` is log |d logs / d z|, `(W,)`.
     """
 
     @property
@@ -38,6 +39,8 @@ class Chart(Protocol):
     def straighten(self, logs: Array) -> Array: ...
 
     def bend(self, z: Array) -> Array: ...
+
+    def log_det(self, logs: Array) -> Array: ...
 
 
 class Model(Protocol):
@@ -59,6 +62,6 @@ class Model(Protocol):
         """The dynamics at parameters `p` (each a number or an array of one batch shape)."""
         ...
 
-    def chart(self, v: float) -> Chart | None:
+    def chart(self, v: float, free: tuple[str, ...], fixed: Mapping[str, float]) -> Chart | None:
         """Coordinates the model brings, for a supply of about `v` volt; None if it has none."""
         ...

@@ -18,12 +18,14 @@ constant sign (one-way rotation), `t_1` the load torque on rotor 1.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
 
 from bayesdrill.models.linear import Array, Linear, Named
+from bayesdrill.models.motor_shaft_chart import MotorShaftChart, make_chart
 
 PARAMETERS = ("j_m", "c_m", "k_e", "k_T", "r_m", "l_m", "k_s", "j_1", "t_f")
 
@@ -62,8 +64,8 @@ class MotorShaft:
             c={"w_2": -i_m * t_f / j_m},
         )
 
-    def chart(self, v: float) -> MotorShaftChart:
-        return MotorShaftChart(i_m=self.i_m, v=v)
+    def chart(self, v: float, free: tuple[str, ...], fixed: Mapping[str, float]) -> MotorShaftChart:
+        return make_chart(self.i_m, v, free, fixed)
 
 
 def six_state_matrix(p: Named, i_m: float = 1 / 8) -> Array:
@@ -77,59 +79,3 @@ def six_state_matrix(p: Named, i_m: float = 1 / 8) -> Array:
     for (row, column), value in MotorShaft(i_m).linear(p).A.items():
         matrix[rows.index(row), rows.index(column)] = value
     return matrix
-
-
-@dataclass(frozen=True, slots=True)
-class MotorShaftChart:
-    """Logs of what the record sees: a steady speed, rates, friction ratios and two scales.
-
-    With rho = r_m/k_T and d = c_m + k_e/rho: steady motor speed w3 = v (1 - u6)/(k_e (1 + u7)),
-    k_s/j_1, i_m^2 k_s/d, j_m/d, l_m/r_m, u6 = rho t_f/v, u7 = rho c_m/k_e, and j_1, r_m.
-    `1 - u6` is continued by a positive function beyond u6 = 1/2, so that the map is defined for
-    all positive parameters and its Jacobian is one everywhere.
-    """
-
-    i_m: float
-    v: float
-
-    labels: ClassVar[tuple[str, ...]] = (
-        "log w3",
-        "log k_s/j_1",
-        "log i_m^2 k_s/d",
-        "log j_m/d",
-        "log l_m/r_m",
-        "log u6",
-        "log u7",
-        "log j_1",
-        "log r_m",
-    )
-
-    def straighten(self, logs: Array) -> Array:
-        j_m, c_m, k_e, k_T, r_m, l_m, k_s, j_1, t_f = np.moveaxis(logs, -1, 0)
-        rho = r_m - k_T
-        u6 = rho + t_f - np.log(self.v)
-        u7 = rho + c_m - k_e
-        share = np.log1p(np.exp(u7))
-        d = k_e - rho + share
-        w3 = np.log(self.v) + _log_one_minus(np.exp(u6)) - k_e - share
-        shaft = 2 * np.log(self.i_m) + k_s - d
-        columns = (w3, k_s - j_1, shaft, j_m - d, l_m - r_m, u6, u7, j_1, r_m)
-        return np.stack(columns, axis=-1)
-
-    def bend(self, z: Array) -> Array:
-        w3, rotor, shaft, inertia, electrical, u6, u7, j_1, r_m = np.moveaxis(z, -1, 0)
-        share = np.log1p(np.exp(u7))
-        k_e = np.log(self.v) + _log_one_minus(np.exp(u6)) - w3 - share
-        k_s = rotor + j_1
-        d = 2 * np.log(self.i_m) + k_s - shaft
-        rho = k_e + share - d
-        c_m = u7 + k_e - rho
-        t_f = u6 + np.log(self.v) - rho
-        columns = (inertia + d, c_m, k_e, r_m - rho, r_m, electrical + r_m, k_s, j_1, t_f)
-        return np.stack(columns, axis=-1)
-
-
-def _log_one_minus(u: Array) -> Array:
-    """log(1 - u) up to u = 1/2, its tangent beyond."""
-    inside = np.minimum(u, 0.5)
-    return np.log1p(-inside) - 2.0 * (u - inside)

@@ -103,7 +103,7 @@ def test_nine_parameters_wander_along_the_symmetries_and_that_is_said() -> None:
     assert found.log_posterior >= target.density(vector(NOMINAL)[None])[0]
     assert found.gain < 0.05
     assert found.same_height >= 2
-    assert {"j_m", "j_1"} <= set(found.wandering)
+    assert len(found.wandering) >= 3
 
 
 def test_starts_begin_with_the_configured_one() -> None:

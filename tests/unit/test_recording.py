@@ -13,8 +13,11 @@ from bayesdrill.errors import InputError
 from bayesdrill.experiment import Experiment
 
 DATA = Path(__file__).parents[3] / "shared" / "data"
-PARAMETERS = "parameters:\n  k_e: {prior: uniform, low: 0.5, high: 1.5, relative: true}\n" + "".join(
-    f"  {name}: nominal\n" for name in ("j_m", "c_m", "k_T", "r_m", "l_m", "k_s", "j_1", "t_f")
+PARAMETERS = (
+    "parameters:\n  k_e: {prior: uniform, low: 0.5, high: 1.5, relative: true}\n"
+    + "".join(
+        f"  {name}: nominal\n" for name in ("j_m", "c_m", "k_T", "r_m", "l_m", "k_s", "j_1", "t_f")
+    )
 )
 
 
@@ -29,7 +32,12 @@ def table(folder: Path, n: int = 50) -> np.ndarray:
     """Time in ms from 120 ms, an angle in degrees, two speeds in rpm, a voltage in mV."""
     rng = np.random.default_rng(2)
     values = np.column_stack(
-        [120 + 4.0 * np.arange(n), rng.normal(30, 200, n), rng.normal(100, 9, (n, 2)), 8e3 + np.arange(n)]
+        [
+            120 + 4.0 * np.arange(n),
+            rng.normal(30, 200, n),
+            rng.normal(100, 9, (n, 2)),
+            8e3 + np.arange(n),
+        ]
     )
     header = "ms;twist;w_1;speed 2;mV"
     np.savetxt(folder / "r.csv", values, "%.12g", ";", header=header, comments="")
@@ -47,7 +55,9 @@ RECORD = """\
 
 def test_everything_arrives_in_si(tmp_path: Path) -> None:
     raw = table(tmp_path)
-    found = read(tmp_path, RECORD, "{v: {column: mV, unit: mV, hold: first}, t_1: {value: 20, unit: mN*m}}")
+    found = read(
+        tmp_path, RECORD, "{v: {column: mV, unit: mV, hold: first}, t_1: {value: 20, unit: mN*m}}"
+    )
     assert found.t == pytest.approx(raw[:, 0] / 1000)
     assert found.dt == pytest.approx(0.004)
     assert found.y[:, 0] == pytest.approx(np.radians(raw[:, 1]))

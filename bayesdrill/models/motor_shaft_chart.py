@@ -1,0 +1,205 @@
+"""Coordinates in which the posterior of the motor-shaft rig is straight, for any free parameters.
+
+A record determines a steady speed and rates far better than it determines the parameters in them;
+in logs of the parameters the posterior is therefore a thin curved ridge.  Here those combinations
+are coordinates themselves.  With rho = r_m/k_T, kappa = k_e/rho and d = c_m + kappa:
+
+    speed       w = (v/rho - t_f) / d          steady speed of the motor
+    rotor       k_s / j_1                      square of the rotor's frequency
+    shaft       i_m^2 k_s / d                  stiffness over damping
+    inertia     j_m / d                        mechanical time constant
+    electrical  l_m / r_m                      electrical time constant
+
+and as many logs of free parameters as are needed beside them.  Going back, the equations above are
+solved one by one, each for the one quantity in it that is not known yet; a plan for that is found
+for each set of free parameters.  In logs, |d coordinates / d parameters| is the product of the
+derivatives of each equation by what it is solved for, most of which are 1.
+
+`v/rho - t_f` is continued by a positive function where friction takes more than half of the stall
+torque, so that all positive parameters have coordinates.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import wrightomega
+
+Array = NDArray[np.float64]
+Logs = dict[str, Array | float]
+
+TARGETS = ("speed", "rotor", "shaft", "inertia", "electrical")
+
+# Log-linear equations: sum of weight * log(quantity) = 0.  Targets are quantities too.
+LINEAR: Mapping[str, Mapping[str, int]] = {
+    "rho": {"rho": 1, "r_m": -1, "k_T": 1},
+    "kappa": {"kappa": 1, "k_e": -1, "rho": 1},
+    "rotor": {"rotor": 1, "k_s": -1, "j_1": 1},
+    "shaft": {"shaft": 1, "k_s": -1, "d": 1, "gear": -2},
+    "inertia": {"inertia": 1, "j_m": -1, "d": 1},
+    "electrical": {"electrical": 1, "l_m": -1, "r_m": 1},
+}
+CURVED: Mapping[str, tuple[str, ...]] = {
+    "d": ("d", "c_m", "kappa"),
+    "speed": ("speed", "d", "rho", "t_f"),
+}
+AUXILIARY = ("rho", "kappa", "d")
+
+# Which logs to keep beside the targets: what the record knows least comes first.
+KEPT_FIRST = ("c_m", "t_f", "j_1", "r_m", "l_m", "k_T", "k_s", "j_m", "k_e")
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """Solve `equation` for `unknown`."""
+
+    equation: str
+    unknown: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MotorShaftChart:
+    """See `models.linear.Chart`; columns of parameters in the order of `free`."""
+
+    i_m: float
+    v: float
+    free: tuple[str, ...]
+    fixed: Mapping[str, float]
+    coordinates: tuple[str, ...]
+    plan: tuple[Step, ...]
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        return tuple(f"log {name}" for name in self.coordinates)
+
+    def straighten(self, logs: Array) -> Array:
+        known = self._everything(logs)
+        return np.stack([np.broadcast_to(known[c], len(logs)) for c in self.coordinates], axis=-1)
+
+    def bend(self, z: Array) -> Array:
+        """NaN where no positive parameters have these coordinates."""
+        known = self._constants()
+        known.update(zip(self.coordinates, np.moveaxis(z, -1, 0), strict=True))
+        for step in self.plan:
+            known[step.unknown] = _solve(step, known)
+        return np.stack([known[name] for name in self.free], axis=-1)
+
+    def log_det(self, logs: Array) -> Array:
+        known = self._everything(logs)
+        total = np.zeros(len(logs))
+        for step in self.plan:
+            if step.equation in CURVED:
+                total -= np.log(np.abs(_slope(step, known)))
+        return total
+
+    def _constants(self) -> Logs:
+        named = {name: math.log(value) for name, value in self.fixed.items()}
+        return {**named, "gear": math.log(self.i_m), "v": math.log(self.v)}
+
+    def _everything(self, logs: Array) -> Logs:
+        """All quantities from the parameters."""
+        known = self._constants()
+        known.update(zip(self.free, np.moveaxis(logs, -1, 0), strict=True))
+        for name in (*AUXILIARY, *TARGETS):
+            known[name] = _solve(Step(name, name), known)
+        return known
+
+
+def make_chart(
+    i_m: float, v: float, free: tuple[str, ...], fixed: Mapping[str, float]
+) -> MotorShaftChart:
+    """The chart with the most targets that a plan can be found for."""
+    coordinates, plan = next(_plans(free, frozenset(fixed)))
+    return MotorShaftChart(
+        i_m=i_m, v=v, free=free, fixed=dict(fixed), coordinates=coordinates, plan=plan
+    )
+
+
+def _plans(
+    free: tuple[str, ...], fixed: frozenset[str]
+) -> Iterator[tuple[tuple[str, ...], tuple[Step, ...]]]:
+    """Possible charts, best first; the last keeps the logs of all free parameters."""
+    preferred = [name for name in KEPT_FIRST if name in free]
+    for n_targets in range(min(len(TARGETS), len(free)), -1, -1):
+        for targets in itertools.combinations(TARGETS, n_targets):
+            for kept in itertools.combinations(preferred, len(free) - n_targets):
+                plan = _plan(targets, frozenset(kept) | fixed)
+                if plan is not None:
+                    yield (*targets, *kept), plan
+
+
+def _plan(targets: tuple[str, ...], known: frozenset[str]) -> tuple[Step, ...] | None:
+    """An order in which every equation has one unknown left, or None where there is none."""
+    have = known | set(targets) | {"gear"}
+    open_ = {name: frozenset(LINEAR[name]) for name in LINEAR if name in (*AUXILIARY, *targets)}
+    open_ |= {name: frozenset(CURVED[name]) for name in CURVED if name in (*AUXILIARY, *targets)}
+    steps = []
+    while open_:
+        ready = [name for name, quantities in open_.items() if len(quantities - have) == 1]
+        if not ready:
+            return None
+        (unknown,) = open_.pop(ready[0]) - have
+        have |= {unknown}
+        steps.append(Step(ready[0], unknown))
+    return tuple(steps)
+
+
+def _solve(step: Step, known: Logs) -> Array | float:
+    """The log of the unknown; NaN where it would not be positive."""
+    if step.equation in LINEAR:
+        weights = LINEAR[step.equation]
+        rest = sum(w * known[name] for name, w in weights.items() if name != step.unknown)
+        return -rest / weights[step.unknown]
+    if step.equation == "d":
+        if step.unknown == "d":
+            return np.logaddexp(known["c_m"], known["kappa"])
+        part = known["kappa"] if step.unknown == "c_m" else known["c_m"]
+        return known["d"] + np.log1p(-np.exp(part - known["d"]))
+    if step.unknown == "t_f":
+        left = known["speed"] + known["d"] + known["rho"] - known["v"]
+        return np.log(_share_of(left)) + known["v"] - known["rho"]
+    if step.unknown == "rho":
+        return _solve_rho(known)
+    other = known["d"] if step.unknown == "speed" else known["speed"]
+    friction = known["rho"] + known["t_f"] - known["v"]
+    return known["v"] - known["rho"] + _log_left(np.exp(friction)) - other
+
+
+def _solve_rho(known: Logs) -> Array:
+    """log rho - log_left(rho t_f / v) = a, in closed form on both branches."""
+    a = known["v"] - known["speed"] - known["d"]
+    friction = known["t_f"] - known["v"]
+    rho = a - np.log1p(np.exp(a + friction))
+    beyond = math.log(0.5) + 1.0 + a + friction  # log u + 2 u = this, where u > 1/2
+    share = 0.5 * np.real(wrightomega(np.asarray(math.log(2.0) + beyond)))
+    return np.where(rho + friction <= math.log(0.5), rho, np.log(share) - friction)
+
+
+def _slope(step: Step, known: Logs) -> Array | float:
+    """|d equation / d log unknown|, the equation written as log(left side) - log(right side)."""
+    if step.equation == "d":
+        return 1.0 if step.unknown == "d" else np.exp(known[step.unknown] - known["d"])
+    if step.unknown in ("d", "speed"):
+        return 1.0
+    u = np.exp(known["rho"] + known["t_f"] - known["v"])
+    share = np.where(u <= 0.5, u / (1.0 - np.minimum(u, 0.5)), 2.0 * u)
+    return share if step.unknown == "t_f" else 1.0 + share
+
+
+def _log_left(u: Array | float) -> Array:
+    """log(1 - u) up to u = 1/2, its tangent beyond: what friction leaves of the stall torque."""
+    inside = np.minimum(u, 0.5)
+    return np.asarray(np.log1p(-inside) - 2.0 * (u - inside))
+
+
+def _share_of(log_left: Array | float) -> Array:
+    """The inverse of `_log_left`; NaN for positive arguments."""
+    near = -np.expm1(log_left)
+    far = 0.5 * (1.0 + math.log(0.5) - log_left)
+    share = np.where(np.asarray(log_left) >= math.log(0.5), near, far)
+    return np.where(share > 0, share, np.nan)

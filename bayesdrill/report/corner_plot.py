@@ -1,0 +1,311 @@
+"""The joint posterior: all marginals of one and of two unknowns, drawn by `corner`."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import corner
+import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+from numpy.typing import NDArray
+
+from bayesdrill.diagnostics import HDI_PROBABILITY, hdi
+from bayesdrill.priors import Prior
+from bayesdrill.report import style
+from bayesdrill.symbols import Symbol
+
+Array = NDArray[np.float64]
+
+LEVELS = tuple(1.0 - math.exp(-0.5 * sigma**2) for sigma in (1.0, 2.0))  # 39.3 %, 86.5 %
+
+POINTS = 2500  # drawn in a panel; contours and histograms count all draws
+BINS = 40  # across the draws of one unknown
+SMOOTHING = 1.3  # of the contours, bins
+CENTRAL = 0.999  # share of the draws inside an axis
+REACH = 1.0  # the axis grows by this share of its width at most to show the nominal value
+
+# The page, in inches and points; a corner of nine is printed at two thirds of its size.
+PANEL_LARGEST, PANEL_SMALLEST, PANELS_WIDTH = 2.2, 1.03, 9.3
+LEFT, BOTTOM, TOP, RIGHT = 0.88, 0.88, 0.34, 0.22
+LEGEND_WIDTH = 1.9
+GAP = 0.06  # between panels, in panels
+TICK_SIZE, LABEL_SIZE = 8.5, 10.0
+
+CONTOUR = {"colors": style.BLACK, "linewidths": 0.7}
+FILL = {"colors": [(1, 1, 1, 0), "0.85", "0.68"]}
+
+
+@dataclass(frozen=True, slots=True)
+class Column:
+    """One unknown on its axis; all but `scale` are numbers on this axis, `x` is `(N,)`."""
+
+    symbol: Symbol
+    scale: style.Scale
+    x: Array
+    interval: tuple[float, float]
+    nominal: float | None
+    mode: float | None
+    prior: tuple[Array, Array] | None  # places and densities
+
+    @property
+    def nominal_side(self) -> int:
+        """-1, 0 or 1: the nominal value is below, on or above the axis."""
+        if self.nominal is None:
+            return 0
+        return int(self.nominal > self.scale.high) - int(self.nominal < self.scale.low)
+
+
+def corner_figure(
+    draws: Array,
+    symbols: Sequence[Symbol],
+    nominal: Mapping[str, float],
+    mode: Mapping[str, float],
+    priors: Mapping[str, Prior],
+) -> Figure:
+    """A D by D corner of SI draws `(N, D)`; nominal values and priors may miss some symbols."""
+    columns = [
+        _column(x, symbol, nominal.get(symbol.name), mode.get(symbol.name), priors.get(symbol.name))
+        for x, symbol in zip(draws.T, symbols, strict=True)
+    ]
+    with matplotlib.rc_context(dict(style.RC)):
+        figure = _page(len(columns))
+        _draw(figure, columns)
+        panels = np.array(figure.axes).reshape(len(columns), len(columns))
+        for i, row in enumerate(columns):
+            _marginal(panels[i, i], row, len(draws))
+            for j, column in enumerate(columns[:i]):
+                _marks(panels[i, j], column, row)
+        _arrange(figure, panels, columns)
+        _legend(figure, columns)
+    return figure
+
+
+def _column(
+    x: Array, symbol: Symbol, nominal: float | None, mode: float | None, prior: Prior | None
+) -> Column:
+    low, high = _ends(x, nominal, mode)
+    scale = style.scale(low, high)
+    density = None
+    if prior is not None:
+        places = np.linspace(low, high, 401)
+        density = (scale(places), np.exp(prior.logpdf(places)) * 10.0**scale.power)
+    near, far = (float(end) for end in scale(np.array(hdi(x))))
+    return Column(
+        symbol=symbol,
+        scale=scale,
+        x=scale(x),
+        interval=(near, far),
+        nominal=None if nominal is None else float(scale(nominal)),
+        mode=None if mode is None else float(scale(mode)),
+        prior=density,
+    )
+
+
+def _ends(x: Array, nominal: float | None, mode: float | None) -> tuple[float, float]:
+    """The axis, SI: nearly all draws, the mode, and the nominal value if it is not too far."""
+    low, high = (float(q) for q in np.quantile(x, [0.5 - CENTRAL / 2, 0.5 + CENTRAL / 2]))
+    if mode is not None:
+        low, high = min(low, mode), max(high, mode)
+    if nominal is not None and low - REACH * (high - low) < nominal < high + REACH * (high - low):
+        low, high = min(low, nominal), max(high, nominal)
+    margin = 0.06 * (high - low) or 1e-9 * abs(low)
+    return low - margin, high + margin
+
+
+def _page(n: int) -> Figure:
+    """An empty figure for n by n panels; the legend of a single one stands beside it."""
+    size = _panels_size(n)
+    extra = LEGEND_WIDTH if n == 1 else 0.0
+    return Figure(figsize=(LEFT + size + RIGHT + extra, BOTTOM + size + TOP))
+
+
+def _panels_size(n: int) -> float:
+    """Inches that the n panels take, gaps included."""
+    panel = min(PANEL_LARGEST, max(PANEL_SMALLEST, PANELS_WIDTH / n))
+    return panel * (n + GAP * (n - 1))
+
+
+def _draw(figure: Figure, columns: Sequence[Column]) -> None:
+    """What `corner` draws: histograms, filled contours of all draws, and some draws as points."""
+    thinned = style.thin(len(columns[0].x), POINTS)
+    draws = np.stack([column.x for column in columns], axis=-1)
+    corner.corner(
+        draws,
+        fig=figure,
+        range=[(column.scale.low, column.scale.high) for column in columns],
+        bins=[_bins(column) for column in columns],
+        smooth=SMOOTHING,
+        levels=LEVELS,
+        plot_datapoints=False,
+        plot_density=False,
+        no_fill_contours=True,
+        fill_contours=True,
+        contour_kwargs=dict(CONTOUR),
+        contourf_kwargs=dict(FILL),
+        hist_kwargs={"color": style.BLACK, "linewidth": 0.8},
+        quiet=True,
+    )
+    corner.overplot_points(
+        figure,
+        draws[thinned],
+        marker="o",
+        markersize=1.2,
+        markeredgewidth=0,
+        color=style.DARK,
+        alpha=0.35,
+        zorder=-1,
+        rasterized=True,
+    )
+
+
+def _bins(column: Column) -> int:
+    """As many as give `BINS` across the draws when the axis is wider than they are."""
+    low, high = np.quantile(column.x, [0.5 - CENTRAL / 2, 0.5 + CENTRAL / 2])
+    wider = (column.scale.high - column.scale.low) / max(high - low, 1e-12)
+    return min(round(BINS * wider), 4 * BINS)
+
+
+def _marginal(panel: Axes, column: Column, n_draws: int) -> None:
+    """Interval, prior on the scale of the histogram, nominal value and mode; the title."""
+    panel.axvspan(*column.interval, color=style.FAINT, zorder=-2, linewidth=0)
+    top = panel.get_ylim()[1]
+    if column.prior is not None:
+        places, density = column.prior
+        bin_width = (column.scale.high - column.scale.low) / _bins(column)
+        height = density * n_draws * bin_width
+        panel.plot(places, height, **PRIOR_LINE)
+        top = max(top, 1.1 * float(height.max()))
+    panel.set_ylim(0, top)
+    if column.nominal is not None and column.nominal_side == 0:
+        panel.axvline(column.nominal, **style.NOMINAL)
+    if column.nominal_side:
+        panel.plot(
+            [0.95 if column.nominal_side > 0 else 0.05],
+            [0.5],
+            transform=panel.transAxes,
+            marker=">" if column.nominal_side > 0 else "<",
+            **AWAY,
+        )
+    if column.mode is not None:
+        panel.axvline(column.mode, **style.MAP_LINE)
+    panel.set_title(_title(column), fontsize=LABEL_SIZE, loc="left", pad=3)
+
+
+PRIOR_LINE = {"color": style.MIDDLE, "linewidth": 0.8, "linestyle": (0, (6, 1, 1, 1))}
+AWAY = {"color": style.NOMINAL["color"], "markersize": 5, "linestyle": "none"}
+CROSS = {
+    "color": style.MAP_COLOUR,
+    "marker": "+",
+    "markersize": 8,
+    "markeredgewidth": 1.2,
+    "linestyle": "none",
+}
+
+
+def _title(column: Column) -> str:
+    """Median and interval with two digits of the interval's shorter side."""
+    low, high = column.interval
+    median = float(np.median(column.x))
+    shorter = max(min(median - low, high - median), 1e-12)
+    places = max(0, 1 - math.floor(math.log10(shorter)))
+    latex = column.symbol.latex
+    name = latex if column.scale.origin == 0 else rf"\delta {latex}"
+    up, down = f"{high - median:.{places}f}", f"{median - low:.{places}f}"
+    return rf"${name} = {median:.{places}f}^{{+{up}}}_{{-{down}}}$"
+
+
+def _marks(panel: Axes, column: Column, row: Column) -> None:
+    """Nominal values as lines and the mode as a cross."""
+    if column.nominal is not None and column.nominal_side == 0:
+        panel.axvline(column.nominal, **style.NOMINAL)
+    if row.nominal is not None and row.nominal_side == 0:
+        panel.axhline(row.nominal, **style.NOMINAL)
+    if column.mode is not None and row.mode is not None:
+        panel.plot([column.mode], [row.mode], **CROSS)
+
+
+def _arrange(figure: Figure, panels: NDArray[np.object_], columns: Sequence[Column]) -> None:
+    """Ticks in every panel, their texts and the labels at the left and at the bottom only."""
+    n = len(columns)
+    for i in range(n):
+        for j in range(i + 1):
+            _axis_x(panels[i, j], columns[j], outer=i == n - 1)
+            if i > j:
+                _axis_y(panels[i, j], columns[i], outer=j == 0)
+    if n == 1:
+        panels[0, 0].set_ylabel("density", fontsize=LABEL_SIZE)
+    width, height = figure.get_size_inches()
+    size = _panels_size(n)
+    figure.subplots_adjust(
+        left=LEFT / width,
+        right=(LEFT + size) / width,
+        bottom=BOTTOM / height,
+        top=(BOTTOM + size) / height,
+        wspace=GAP,
+        hspace=GAP,
+    )
+    figure.align_xlabels(list(panels[-1]))
+    figure.align_ylabels(list(panels[1:, 0]))
+
+
+def _axis_x(panel: Axes, column: Column, *, outer: bool) -> None:
+    panel.set_xlim(column.scale.low, column.scale.high)
+    style.set_ticks(panel.xaxis, column.scale.low, column.scale.high, texts=outer)
+    if outer:
+        panel.tick_params(axis="x", labelsize=TICK_SIZE, pad=2)
+        for label in panel.get_xticklabels():
+            label.set(rotation=45, ha="right", va="top", rotation_mode="anchor")
+        panel.set_xlabel(column.scale.label(column.symbol, "\n"), fontsize=LABEL_SIZE)
+
+
+def _axis_y(panel: Axes, row: Column, *, outer: bool) -> None:
+    panel.set_ylim(row.scale.low, row.scale.high)
+    style.set_ticks(panel.yaxis, row.scale.low, row.scale.high, texts=outer)
+    if outer:
+        panel.tick_params(axis="y", labelsize=TICK_SIZE, pad=2)
+        for label in panel.get_yticklabels():
+            label.set(rotation=45, ha="right", va="center", rotation_mode="anchor")
+        panel.set_ylabel(row.scale.label(row.symbol, "\n"), fontsize=LABEL_SIZE)
+
+
+def _legend(figure: Figure, columns: Sequence[Column]) -> None:
+    """Says what each line, shade and number is; in the empty upper right, or beside one panel."""
+    width, height = figure.get_size_inches()
+    n = len(columns)
+    figure.legend(
+        handles=_handles(columns),
+        loc="upper right",
+        bbox_to_anchor=(1 - 0.5 * RIGHT / width, 1 - 0.5 * TOP / height),
+        fontsize=8.0 if n < 4 else 12.0,
+        borderaxespad=0.0,
+        handlelength=2.2,
+    )
+
+
+def _handles(columns: Sequence[Column]) -> list[Line2D | Patch]:
+    inner, outer = (f"{100 * level:.1f} %" for level in LEVELS)
+    share = f"{100 * HDI_PROBABILITY:.0f} %"
+    handles: list[Line2D | Patch] = [
+        Line2D([], [], color="black", linewidth=0.8, label="posterior")
+    ]
+    handles.append(Patch(color=style.FAINT, label=f"narrowest {share} interval"))
+    if any(column.prior is not None for column in columns):
+        handles.append(Line2D([], [], label="prior", **PRIOR_LINE))
+    if any(c.nominal is not None and c.nominal_side == 0 for c in columns):
+        handles.append(Line2D([], [], label="nominal value", **style.NOMINAL))
+    if any(column.nominal_side for column in columns):
+        handles.append(Line2D([], [], marker=">", label="nominal value, off the axis", **AWAY))
+    if any(column.mode is not None for column in columns):
+        both = CROSS | {"linestyle": style.MAP_LINE["linestyle"]}
+        handles.append(Line2D([], [], label="MAP", **both))
+    if len(columns) > 1:
+        handles.append(Patch(facecolor="0.68", edgecolor="black", label=f"{inner} of the draws"))
+        handles.append(Patch(facecolor="0.85", edgecolor="black", label=f"{outer} of the draws"))
+    handles.append(Line2D([], [], linestyle="none", label=f"titles: median and {share} interval"))
+    return handles

@@ -1,0 +1,192 @@
+"""What all figures share: fonts and greys, numbers on axes, and files that appear whole."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, Protocol
+
+import matplotlib
+import numpy as np
+from matplotlib.ticker import FixedLocator, FuncFormatter
+from numpy.typing import NDArray
+
+from bayesdrill.store import whole
+
+if TYPE_CHECKING:
+    from matplotlib.axis import Axis
+    from matplotlib.figure import Figure
+
+Array = NDArray[np.float64]
+
+SINGLE, DOUBLE = 3.4, 7.0  # widths of one and of two columns of a page, inches
+PNG_DPI = 220
+
+RC: Mapping[str, Any] = MappingProxyType(
+    {
+        "text.usetex": False,
+        "font.family": ["STIXGeneral"],
+        "mathtext.fontset": "stix",
+        "font.size": 9.0,
+        "axes.labelsize": 9.0,
+        "axes.titlesize": 9.0,
+        "axes.linewidth": 0.6,
+        "axes.unicode_minus": True,
+        "xtick.labelsize": 8.0,
+        "ytick.labelsize": 8.0,
+        "xtick.direction": "in",
+        "ytick.direction": "in",
+        "xtick.major.size": 3.0,
+        "ytick.major.size": 3.0,
+        "xtick.major.width": 0.6,
+        "ytick.major.width": 0.6,
+        "legend.fontsize": 8.0,
+        "legend.frameon": False,
+        "lines.linewidth": 1.0,
+        "pdf.fonttype": 42,
+        "savefig.dpi": PNG_DPI,
+        "figure.constrained_layout.use": False,
+        "figure.autolayout": False,
+    }
+)
+
+BLACK, DARK, MIDDLE, LIGHT, FAINT = "0.0", "0.3", "0.55", "0.78", "0.91"
+# Two colours that print as different greys and differ in line style and marker as well.
+NOMINAL: Mapping[str, Any] = MappingProxyType(
+    {"color": "#2b6cb0", "linestyle": (0, (4, 2)), "linewidth": 1.0}
+)
+MAP_COLOUR = "#b3261e"
+MAP_LINE: Mapping[str, Any] = MappingProxyType(
+    {"color": MAP_COLOUR, "linestyle": (0, (1, 1.5)), "linewidth": 1.0}
+)
+
+NARROW = 1e-3  # an axis narrower than this, relative to its numbers, counts from an origin
+
+
+class Labelled(Protocol):
+    """What a symbol and a channel have in common; LaTeX without dollars."""
+
+    @property
+    def latex(self) -> str: ...
+
+    @property
+    def latex_unit(self) -> str: ...
+
+
+@dataclass(frozen=True, slots=True)
+class Scale:
+    """Numbers on an axis: (x - origin) / 10**power of the SI value x, shown from low to high."""
+
+    origin: float
+    power: int
+    low: float
+    high: float
+
+    def __call__(self, x: Array | float) -> Array:
+        return np.asarray((np.asarray(x) - self.origin) / 10.0**self.power, dtype=np.float64)
+
+    def label(self, what: Labelled, separator: str = " ") -> str:
+        return axis_label(what, self.power, self.origin, separator)
+
+
+def scale(low: float, high: float) -> Scale:
+    """A scale for the SI values from `low` to `high`, with few digits on its ticks."""
+    if not high > low:
+        half = 1e-9 * abs(low) or 1.0
+        low, high = low - half, high + half
+    origin = 0.0
+    if high - low < NARROW * max(abs(low), abs(high)):
+        origin = _round_number(0.5 * (low + high), high - low)
+    power = math.floor(math.log10(max(abs(low - origin), abs(high - origin))))
+    if origin == 0.0 and -1 <= power <= 2:
+        power = 0
+    unit = 10.0**power
+    return Scale(origin, power, (low - origin) / unit, (high - origin) / unit)
+
+
+def _round_number(x: float, width: float) -> float:
+    """`x` to as many digits as leave a remainder comparable with `width`."""
+    digits = math.floor(math.log10(abs(x))) - math.floor(math.log10(width)) - 1
+    return float(f"{x:.{max(digits, 0)}e}")
+
+
+def axis_label(what: Labelled, power: int, origin: float = 0.0, separator: str = " ") -> str:
+    r"""For example `$j_m$ [$10^{-4}\,\mathrm{kg\,m^2}$]`: axis values are divided by the power."""
+    quantity = f"${what.latex}$" if origin == 0 else f"${what.latex} - {_latex_number(origin)}$"
+    ten = rf"10^{{{power}}}" if power else ""
+    unit = rf"\mathrm{{{what.latex_unit}}}" if what.latex_unit else ""
+    inside = r"\,".join(part for part in (ten, unit) if part)
+    return f"{quantity}{separator}[${inside}$]" if inside else quantity
+
+
+def _latex_number(x: float) -> str:
+    mantissa, exponent = f"{x:.15e}".split("e")
+    digits = repr(float(mantissa)).removesuffix(".0")
+    if -2 <= int(exponent) <= 2:
+        return repr(x).removesuffix(".0")
+    return rf"{digits}{{\cdot}}10^{{{int(exponent)}}}"
+
+
+def ticks(low: float, high: float, most: int = 3, clear: float = 0.05) -> tuple[Array, list[str]]:
+    """Two to `most` (3 or more) round numbers, off the ends by the share `clear`, and their texts."""
+    inner = clear * (high - low)
+    low, high = low + inner, high - inner
+    exponent = math.floor(math.log10((high - low) / most)) - 1
+    while True:
+        for factor, decimals in ((1.0, 0), (2.0, 0), (2.5, 1), (5.0, 0)):
+            step = factor * 10.0**exponent
+            first, last = math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9)
+            if last - first < most:
+                places = max(0, decimals - exponent)
+                values = [round(k * step, places) for k in range(first, last + 1)]
+                return np.array(values), [_text(value, places) for value in values]
+        exponent += 1
+
+
+def _text(value: float, places: int) -> str:
+    return f"{value + 0.0:.{places}f}".replace("-", "\N{MINUS SIGN}")
+
+
+def set_ticks(axis: Axis, low: float, high: float, most: int = 3, *, texts: bool = True) -> None:
+    """Fixed ticks with fixed texts: no offset text appears on this axis."""
+    places, labels = ticks(low, high, most)
+    known = {round(place, 12): label for place, label in zip(places, labels, strict=True)}
+    axis.set_major_locator(FixedLocator(places.tolist()))
+    axis.set_major_formatter(
+        FuncFormatter(lambda place, _: known.get(round(place, 12), "") if texts else "")
+    )
+
+
+def thin(n: int, most: int) -> NDArray[np.intp]:
+    """At most `most` indices of `n`, evenly spaced from the first to the last."""
+    if n <= most:
+        return np.arange(n)
+    return np.unique(np.linspace(0, n - 1, most).round().astype(np.intp))
+
+
+# What PDF readers know; other entries are joined in Keywords.
+_PDF_KEYS = ("Title", "Author", "Subject", "Keywords", "Creator", "Producer")
+
+
+def save(figure: Figure, folder: Path, stem: str, metadata: Mapping[str, str]) -> list[Path]:
+    """`<stem>.pdf` and `<stem>.png`, with `metadata` inside and no date: same figure, same bytes."""
+    written = []
+    with matplotlib.rc_context(dict(RC)):
+        for kind, entries in (("pdf", _pdf_entries(metadata)), ("png", dict(metadata))):
+            path = folder / f"{stem}.{kind}"
+            with whole(path) as aside:
+                figure.savefig(aside, format=kind, dpi=PNG_DPI, metadata=entries)
+            written.append(path)
+    return written
+
+
+def _pdf_entries(metadata: Mapping[str, str]) -> dict[str, str | None]:
+    known: dict[str, str | None] = {k: v for k, v in metadata.items() if k in _PDF_KEYS}
+    others = [f"{key}: {value}" for key, value in metadata.items() if key not in _PDF_KEYS]
+    if others:
+        first = [metadata["Keywords"]] if "Keywords" in metadata else []
+        known["Keywords"] = "; ".join(first + others)
+    return known | {"CreationDate": None}

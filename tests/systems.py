@@ -1,0 +1,113 @@
+"""The command line as its users meet it: a small experiment, and runs of it in and out of process."""
+
+from __future__ import annotations
+
+import functools
+import os
+import signal
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+from typer.testing import CliRunner
+
+from bayesdrill import loading, simulation
+from bayesdrill.cli import app
+
+ROOT = Path(__file__).parent.parent
+
+SMALL = """\
+name: small
+seed: 7
+record:
+  file: small.csv
+  time: {column: t, unit: s}
+  channels:
+    theta_1: {column: theta_1, unit: rad, sigma: 0.05}
+    w_1: {column: w_1, unit: rad/s, sigma: 0.05}
+inputs:
+  v: 8.0
+parameters:
+  j_m: nominal
+  c_m: nominal
+  k_e: {prior: uniform, low: 0.5, high: 1.5, relative: true}
+  k_T: nominal
+  r_m: nominal
+  l_m: nominal
+  k_s: nominal
+  j_1: {prior: uniform, low: 0.5, high: 1.5, relative: true}
+  t_f: nominal
+map: {starts: 1, evaluations: 500}
+sampler: {walkers: 8, r_hat: 1.2, n_tau: 5, ess: 100, max_steps: 500}
+output: {predictive_draws: 10}
+simulation: {duration: 5, rate: 20}
+"""
+
+
+@dataclass(frozen=True)
+class Ran:
+    status: int
+    out: str
+    err: str
+
+    @property
+    def text(self) -> str:
+        return self.out + self.err
+
+
+def cli(*arguments: str | Path) -> Ran:
+    """The command line in this process; the handler of SIGTERM is put back."""
+    before = signal.getsignal(signal.SIGTERM)
+    try:
+        result = CliRunner().invoke(app, [str(argument) for argument in arguments])
+    finally:
+        signal.signal(signal.SIGTERM, before)
+    if result.exception is not None and not isinstance(result.exception, SystemExit):
+        raise result.exception
+    return Ran(result.exit_code, result.stdout, result.stderr)
+
+
+def start(*arguments: str | Path, cwd: Path, **options: object) -> subprocess.Popen[str]:
+    """`python -m bayesdrill ...` as a process of its own, not stopped with this one."""
+    command = [sys.executable, "-m", "bayesdrill", *map(str, arguments)]
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), "MPLBACKEND": "agg", "COLUMNS": "200"}
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    return subprocess.Popen(  # type: ignore[call-overload,no-any-return]
+        command, cwd=cwd, env=environment, start_new_session=True, **{**pipes, **options}
+    )
+
+
+def run(*arguments: str | Path, cwd: Path, seconds: float = 60) -> Ran:
+    process = start(*arguments, cwd=cwd)
+    out, err = process.communicate(timeout=seconds)
+    return Ran(process.returncode, out, err)
+
+
+@functools.cache
+def small_record() -> str:
+    """The record that `SMALL` asks for, simulated once."""
+    from bayesdrill.yaml_source import parse
+
+    source = parse(Path("small.yaml"), SMALL)
+    return simulation.simulate(loading.Config.model_validate(source.data), source, seed=7)
+
+
+def small(folder: Path, *changes: tuple[str, str], name: str = "small.yaml") -> Path:
+    """The small experiment in `folder`, its config changed by replacements of text that stands in it."""
+    text = SMALL
+    for old, new in changes:
+        assert text.count(old) == 1, f"{old!r} stands {text.count(old)} times in the config"
+        text = text.replace(old, new)
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "small.csv").write_text(small_record(), encoding="utf-8")
+    (folder / name).write_text(text, encoding="utf-8")
+    return folder / name
+
+
+def listing(folder: Path) -> dict[str, bytes | None]:
+    """Every file and folder below, with what it holds."""
+    return {
+        path.relative_to(folder).as_posix(): path.read_bytes() if path.is_file() else None
+        for path in sorted(folder.rglob("*"))
+    }
