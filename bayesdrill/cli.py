@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 INPUT_WRONG = 2
 NOT_CONVERGED = 3
 INTERRUPTED = 130
+LONGEST_LINE = 400
 
 app = typer.Typer(
     add_completion=False,
@@ -174,7 +175,7 @@ def _guarded() -> Iterator[None]:
     """A user's mistake, a full disk or Ctrl-C end in a message and a status, not in a traceback."""
     from bayesdrill.errors import InputError, Interrupted
 
-    signal.signal(signal.SIGTERM, _interrupt)
+    before = signal.signal(signal.SIGTERM, _interrupt)
     try:
         yield
     except InputError as error:
@@ -190,17 +191,29 @@ def _guarded() -> Iterator[None]:
         raise typer.Exit(0) from None
     except OSError as error:
         place = f"{error.filename}: " if error.filename else ""
-        typer.echo(f"{place}cannot be written or read: {error.strerror or error}", err=True)
+        typer.echo(_line(f"{place}cannot be written or read: {error.strerror or error}"), err=True)
         raise typer.Exit(INPUT_WRONG) from None
+    except MemoryError:
+        message = "out of memory; a shorter record, fewer walkers or fewer steps need less"
+        typer.echo(message, err=True)
+        raise typer.Exit(INPUT_WRONG) from None
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 def _fail(problems: tuple[Any, ...]) -> None:
     most = 15
     for problem in problems[:most]:
-        typer.echo(str(problem), err=True)
+        typer.echo(_line(str(problem)), err=True)
     if len(problems) > most:
         typer.echo(f"... and {len(problems) - most} more", err=True)
     raise typer.Exit(INPUT_WRONG)
+
+
+def _line(text: str) -> str:
+    """One line that a terminal can show, however long the names in a file are."""
+    text = "".join(letter if letter.isprintable() else " " for letter in text)
+    return text if len(text) <= LONGEST_LINE else f"{text[: LONGEST_LINE - 3]}..."
 
 
 def _interrupt(_number: int, _frame: object) -> None:

@@ -228,7 +228,7 @@ class MapSpec(Strict):
     starts: Count = Field(
         4, description="The first is the configured one, the rest from the prior."
     )
-    evaluations: Count = Field(20000, description="The most that one start may spend.")
+    evaluations: Count = Field(8000, description="The most that one start may spend.")
 
 
 class SamplerSpec(Strict):

@@ -8,6 +8,7 @@ from typing import Any
 from bayesdrill import build, symbols, units
 from bayesdrill import config as records
 from bayesdrill.errors import Problem, did_you_mean
+from bayesdrill.expressions import linear_combination
 from bayesdrill.models.linear import Model
 from bayesdrill.optimisers import OPTIMISERS
 from bayesdrill.samplers.moves import MOVES
@@ -80,8 +81,27 @@ def _check_parameters(
 def _check_channels(found: _Collector, config: records.Config, model: Model) -> None:
     for name, spec in config.record.channels.items():
         place: Place = ("record", "channels", name)
-        found.run(place, build.measured, name, spec, model.states)
+        _check_measured(found, place, spec, model)
         _check_address(found, place, spec)
+
+
+def _check_measured(
+    found: _Collector, place: Place, spec: records.ChannelSpec, model: Model
+) -> None:
+    """Entry by entry, so that each mistake has the line where it stands."""
+    before = len(found.problems)
+    combines = {str(place[-1]): 1.0}
+    if spec.measures is not None:
+        text, at = spec.measures, (*place, "measures")
+        combines = found.run(at, linear_combination, text, model.states) or {}
+    states = [symbols.STATES[state] for state in combines if state in model.states]
+    if states:
+        found.run((*place, "unit"), units.factor, spec.unit, states[0].unit)
+    known = spec.model_copy(update={"sigma": 1.0})
+    if len(found.problems) == before:
+        found.run(place, build.measured, place[-1], known, model.states)
+    if len(found.problems) == before:
+        found.run((*place, "sigma"), build.measured, place[-1], spec, model.states)
 
 
 def _check_address(found: _Collector, place: Place, spec: records.Column) -> None:
@@ -109,7 +129,7 @@ def _check_inputs(found: _Collector, config: records.Config) -> None:
             found.run((*place, "unit"), units.factor, spec.unit, symbol.unit)
             _check_address(found, place, spec)
         else:
-            found.run(place, build.si, spec, symbol.unit)
+            _check_quantity(found, place, spec, symbol.unit)
     if len(holds) > 1:
         found.add(("inputs",), "all measured inputs need the same `hold:`")
     if holds and config.initial.time is not None:
@@ -122,7 +142,14 @@ def _check_inputs(found: _Collector, config: records.Config) -> None:
 def _check_states(found: _Collector, config: records.Config, model: Model) -> None:
     for name in model.states:
         value = getattr(config.initial, name)
-        found.run(("initial", name), build.si, value, symbols.STATES[name].unit)
+        _check_quantity(found, ("initial", name), value, symbols.STATES[name].unit)
+
+
+def _check_quantity(
+    found: _Collector, place: Place, value: float | records.Quantity, unit: str
+) -> None:
+    if isinstance(value, records.Quantity):
+        found.run((*place, "unit"), units.factor, value.unit, unit)
 
 
 def _check_counts(found: _Collector, config: records.Config, model: Model) -> None:

@@ -20,13 +20,16 @@ Array = NDArray[np.float64]
 
 
 class Coordinates(Protocol):
-    """`z` and `theta` are `(W, D)`; `log_jacobian` is log |d theta / d z|, `(W,)`."""
+    """`z` and `theta` are `(W, D)`; the Jacobian is log |d theta / d z|, `(W,)`.
+
+    Coordinates that belong to no positive unknowns give NaN.
+    """
 
     def from_physical(self, theta: Array) -> Array: ...
 
     def to_physical(self, z: Array) -> Array: ...
 
-    def log_jacobian(self, theta: Array) -> Array: ...
+    def with_jacobian(self, z: Array) -> tuple[Array, Array]: ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,8 +40,8 @@ class Physical:
     def to_physical(self, z: Array) -> Array:
         return z
 
-    def log_jacobian(self, theta: Array) -> Array:
-        return np.zeros(len(theta))
+    def with_jacobian(self, z: Array) -> tuple[Array, Array]:
+        return z, np.zeros(len(z))
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,12 +50,11 @@ class Log:
         return np.log(theta)
 
     def to_physical(self, z: Array) -> Array:
-        with np.errstate(over="ignore"):
-            return np.exp(z)
+        return self.with_jacobian(z)[0]
 
-    def log_jacobian(self, theta: Array) -> Array:
-        with np.errstate(divide="ignore"):
-            return np.log(theta).sum(axis=-1)
+    def with_jacobian(self, z: Array) -> tuple[Array, Array]:
+        with np.errstate(over="ignore"):
+            return np.exp(z), z.sum(axis=-1)
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,14 +70,13 @@ class Modal:
         return logs
 
     def to_physical(self, z: Array) -> Array:
+        return self.with_jacobian(z)[0]
+
+    def with_jacobian(self, z: Array) -> tuple[Array, Array]:
         logs = z.copy()
         with np.errstate(all="ignore"):
-            logs[:, : self.n_charted] = self.chart.bend(z[:, : self.n_charted])
-            return np.exp(logs)
-
-    def log_jacobian(self, theta: Array) -> Array:
-        logs = np.log(theta[:, : self.n_charted])
-        return Log().log_jacobian(theta) + self.chart.log_det(logs)
+            logs[:, : self.n_charted], log_det = self.chart.bend(z[:, : self.n_charted])
+            return np.exp(logs), logs.sum(axis=-1) + log_det
 
 
 def choose(name: str, chart: Chart | None, n_charted: int) -> Coordinates:

@@ -12,6 +12,7 @@ from pydantic import BaseModel, ValidationError
 from bayesdrill import consistency
 from bayesdrill.config import Config
 from bayesdrill.errors import InputError, Problem, did_you_mean
+from bayesdrill.priors import PRIORS
 from bayesdrill.yaml_source import Place, Source, read
 
 
@@ -23,12 +24,15 @@ def load(path: Path) -> tuple[Config, Source]:
     try:
         config = Config.model_validate(source.data)
     except ValidationError as error:
-        spoilt: list[Place] = []
-        for item in error.errors(include_url=False):
-            place = _place(item["loc"], source.data)
-            problems.append(source.problem(place, _message(dict(item), place)))
-            spoilt.append(place)
-        problems += _judge_rest(pruned, spoilt, source)
+        # One a place, the last: the members of a union each complain of the same entry.
+        found = {_place(item["loc"], source.data): dict(item) for item in error.errors()}
+        meant = {_meant(item, place) for place, item in found.items()} - {None, *source.lines}
+        problems += [
+            source.problem(place, _message(item, place))
+            for place, item in found.items()
+            if not (item["type"] == "missing" and place in meant)
+        ]
+        problems += _judge_rest(pruned, [*found, *filter(None, meant)], source)
     else:
         problems += consistency.check(config, source, frozenset())
         if not problems:
@@ -47,6 +51,13 @@ def _judge_rest(data: Any, spoilt: list[Place], source: Source) -> list[Problem]
     except ValidationError:
         return []
     return consistency.check(config, source, frozenset(spoilt))
+
+
+def _meant(error: dict[str, Any], place: Place) -> Place | None:
+    """The entry that a misspelt key was to be: that it is missing is no mistake of its own."""
+    hint = _message(error, place)
+    near = hint.rpartition("did you mean ")[2].rstrip("?")
+    return (*place[:-1], near) if error["type"] == "extra_forbidden" and near != hint else None
 
 
 def _remove(data: Any, place: Place) -> None:
@@ -81,20 +92,33 @@ def _message(error: dict[str, Any], place: Place) -> str:
     match kind:
         case "extra_forbidden":
             word = "symbol" if place[0] == "parameters" and len(place) == 2 else "key"
+            if value is None and str(place[-1]).isdigit():
+                return f"unknown {word}; if a decimal comma made it, write a point"
             return f"unknown {word}{did_you_mean(str(place[-1]), _keys_at(error['loc']))}"
         case "missing":
             return "this entry is missing; see `bayesdrill schema` or configs/nominal_step.yaml"
         case "union_tag_not_found":
-            wanted = str(context.get("discriminator", "")).strip("'")
-            return f"the entry `{wanted}:` is missing{did_you_mean('', _known(error))}"
+            return f"the entry `prior:` is missing{did_you_mean('', PRIORS)}"
+        case "union_tag_invalid" if str(context["tag"]).startswith("<"):
+            if "<number>" in context["expected_tags"]:
+                way_out = _hint(value) or "; a number or `{key: value}` entries can stand here"
+                return f"{_shown(value)} is not a number{way_out}"
+            return f"{_shown(value)} stands where `key: value` entries are wanted"
         case "union_tag_invalid" | "literal_error":
             shown = context.get("tag", value)
             if kind == "literal_error" and place[0] == "parameters":
-                return f"'{shown}' is neither a number, nor `nominal`, nor a prior"
+                hint = _hint(value)
+                return f"{_shown(value)} is neither a number, nor `nominal`, nor a prior{hint}"
             return f"'{shown}' is not possible{did_you_mean(str(shown), _known(error))}"
         case "float_type" | "int_type" | "int_from_float":
             whole = "whole " if kind.startswith("int") else ""
             return f"{_shown(value)} is not a {whole}number{_hint(value)}"
+        case "bool_type":
+            return f"{_shown(value)} is neither `true` nor `false`"
+        case "too_short" | "too_long":
+            bound = context.get("min_length", context.get("max_length"))
+            most = "at least" if kind == "too_short" else "at most"
+            return f"{context['actual_length']} entries stand here, wanted are {most} {bound}"
         case "string_type":
             return f"{_shown(value)} is not text; put it in quotes if it is meant"
         case "model_type" | "model_attributes_type" | "dict_type":
@@ -114,7 +138,10 @@ def _known(error: dict[str, Any]) -> list[str]:
 def _shown(value: Any) -> str:
     if value is None:
         return "nothing"
-    text = "a mapping" if isinstance(value, dict) else repr(value)
+    if isinstance(value, bool):
+        return str(value).lower()
+    plain = isinstance(value, str | int | float | list)
+    text = "a mapping" if isinstance(value, dict) else repr(value) if plain else str(value)
     return text if len(text) <= 40 else text[:37] + "..."
 
 
@@ -128,7 +155,7 @@ def _hint(value: Any) -> str:
             return (
                 "; leave out the unit (SI), or write {value: ..., unit: ...} where that is possible"
             )
-    if isinstance(value, bool):
+    if isinstance(value, bool) or value is None:
         return "; write the value itself"
     return ""
 
@@ -146,7 +173,7 @@ def _keys_at(loc: tuple[str | int, ...]) -> list[str]:
             models = [found for annotation in annotations for found in _models(annotation)]
         tagged = [model for model in models if part in _literals(model)]
         models = tagged or models
-    return sorted({key for model in models for key in model.model_fields})
+    return sorted({key for model in models for key in model.model_fields} - {str(loc[-1])})
 
 
 def _models(annotation: Any) -> list[type[BaseModel]]:

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdrill.priors import Prior, draw
+from bayesdrill.priors import Prior, Uniform, draw
 
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class ParameterSpace:
     """The D unknowns in their order: the model's free parameters, then unknown noise levels.
 
@@ -44,11 +45,24 @@ class ParameterSpace:
         return np.array([values[name] for name in self.free])
 
     def log_prior(self, theta: Array) -> Array:
-        """`(W,)`; -inf outside the support."""
-        total = np.zeros(len(theta))
+        """`(W,)`; -inf outside the support, NaN included."""
+        columns, low, high, log_density = self.box
+        boxed = theta[:, columns]
+        with np.errstate(invalid="ignore"):
+            inside = ((boxed >= low) & (boxed <= high) & (boxed > 0)).all(axis=1)
+        total = np.where(inside, log_density, -np.inf)
         for column, prior in enumerate(self.priors.values()):
-            total += prior.logpdf(theta[:, column])
+            if not isinstance(prior, Uniform):
+                total += prior.logpdf(theta[:, column])
         return total
+
+    @cached_property
+    def box(self) -> tuple[list[int], Array, Array, float]:
+        """All uniform priors at once: columns, lower and upper ends, log density inside."""
+        boxes = {c: p for c, p in enumerate(self.priors.values()) if isinstance(p, Uniform)}
+        low = np.array([p.low for p in boxes.values()])
+        high = np.array([p.high for p in boxes.values()])
+        return list(boxes), low, high, -float(np.log(high - low).sum())
 
     def draw(self, n: int, rng: np.random.Generator) -> Array:
         """`(n, D)` draws from the prior."""

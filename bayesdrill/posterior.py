@@ -31,10 +31,10 @@ class Posterior:
 
     def evaluate(self, z: Array) -> tuple[Array, int]:
         """Log density over `z` and the number of walkers inside the prior whose model failed."""
-        theta = self.coordinates.to_physical(z)
+        theta, log_jacobian = self.coordinates.with_jacobian(z)
         log_p, failures = self._density(theta)
-        inside = np.flatnonzero(log_p > -np.inf)
-        log_p[inside] += self.coordinates.log_jacobian(theta[inside])
+        inside = log_p > -np.inf
+        log_p[inside] += log_jacobian[inside]
         return log_p, failures
 
     def density(self, theta: Array) -> Array:

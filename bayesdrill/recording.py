@@ -61,8 +61,9 @@ class _Reader:
         self._same_lengths(time, columns)
         raise_if_any(self._problems)
         n_unknown = len(build.space(config, model, measured).free)
+        shortened_by = "file" if config.record.window is None else "window"
         raise_if_any(
-            check_length(self._label(("record", "file")), len(time), len(columns), n_unknown)
+            check_length(self._label(("record", shortened_by)), len(time), len(columns), n_unknown)
         )
         return Experiment(
             t=frozen(time),
@@ -97,7 +98,7 @@ class _Reader:
 
     def _pick(self, place: Place, spec: records.Column) -> Array | None:
         try:
-            return self._table.pick(spec.column, spec.variable, place=self._label(place))
+            return self._table.pick(spec.column, spec.variable, place=self._label(_at(place, spec)))
         except InputError as error:
             self._problems += error.problems
             return None
@@ -145,7 +146,7 @@ class _Reader:
         values = values[kept]
         what = f"column {spec.column if spec.column is not None else spec.variable!r}"
         self._problems += check_series(
-            self._label(place), what, values, self._where(kept), varying=varying
+            self._label(_at(place, spec)), what, values, self._where(kept), varying=varying
         )
         return values * factor
 
@@ -189,3 +190,8 @@ class _Reader:
             )
             raise InputError([self._source.problem(place, message)])
         return min(begin, float(time[0]))
+
+
+def _at(place: Place, spec: records.Column) -> Place:
+    """The entry that says which numbers are meant."""
+    return (*place, "column" if spec.column is not None else "variable")

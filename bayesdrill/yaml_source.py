@@ -50,22 +50,32 @@ def read(path: Path) -> Source:
 def parse(path: Path, text: str) -> Source:
     from ruamel.yaml import YAML
     from ruamel.yaml.error import MarkedYAMLError, YAMLError
+    from ruamel.yaml.reader import ReaderError
 
     yaml = YAML(typ="safe", pure=True)
     yaml.allow_duplicate_keys = True
+    lines: dict[Place, int] = {}
+    repeated: list[Problem] = []
     try:
         root = YAML(typ="safe", pure=True).compose(text)
-        data = yaml.load(text)
+        if root is not None:
+            _walk(root, (), lines, repeated, path)
+        data = None if root is None else yaml.constructor.construct_document(root)
     except MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         line = mark.line + 1 if mark else 1
         raise InputError.one(f"{path}:{line}", _explain(error, text, line)) from None
+    except ReaderError as error:
+        line = text.count("\n", 0, error.position) + 1
+        message = f"the character U+{error.character:04X} cannot stand in YAML; remove it"
+        raise InputError.one(f"{path}:{line}", message) from None
+    except RecursionError:
+        message = (
+            "entries are nested too deeply, or an alias (`*`) stands inside its own anchor (`&`)"
+        )
+        raise InputError.one(str(path), f"{message}; write them out flat") from None
     except (YAMLError, ValueError) as error:
         raise InputError.one(str(path), f"this is not YAML: {str(error).splitlines()[0]}") from None
-    lines: dict[Place, int] = {}
-    repeated: list[Problem] = []
-    if root is not None:
-        _walk(root, (), lines, repeated, path)
     if not isinstance(data, dict):
         raise InputError.one(
             str(path), "a config is a mapping such as `name: my_rig`; see `bayesdrill schema`"
@@ -76,12 +86,18 @@ def parse(path: Path, text: str) -> Source:
 def _walk(
     node: Any, place: Place, lines: dict[Place, int], repeated: list[Problem], path: Path
 ) -> None:
-    from ruamel.yaml.nodes import MappingNode, SequenceNode
+    """Note lines and repetitions; make every key text, as `5:` or `~:` is no number or null."""
+    from ruamel.yaml.nodes import MappingNode, ScalarNode, SequenceNode
 
     if isinstance(node, MappingNode):
         for key, value in node.value:
-            here = (*place, str(key.value))
             line = key.start_mark.line + 1
+            if not isinstance(key, ScalarNode):
+                message = "a list or mapping cannot be a key; write a word before the colon"
+                raise InputError.one(f"{path}:{line}", message)
+            if key.tag != "tag:yaml.org,2002:merge":
+                key.tag = "tag:yaml.org,2002:str"
+            here = (*place, key.value)
             if here in lines:
                 dotted = ".".join(str(part) for part in here)
                 message = f"this key stands already in line {lines[here]}; keep one of them"

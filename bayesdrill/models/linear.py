@@ -29,8 +29,8 @@ class Linear:
 class Chart(Protocol):
     """A change of the logs of the model's free parameters that straightens the posterior.
 
-    Both ways `(W, m) -> (W, m)`; NaN where coordinates belong to no positive parameters.
-    `log_det(logs)` is log |d logs / d z|, `(W,)`.
+    `straighten`: logs to coordinates, `(W, m) -> (W, m)`.  `bend`: back, with
+    log |d logs / d z| `(W,)`; NaN where coordinates belong to no positive parameters.
     """
 
     @property
@@ -38,9 +38,7 @@ class Chart(Protocol):
 
     def straighten(self, logs: Array) -> Array: ...
 
-    def bend(self, z: Array) -> Array: ...
-
-    def log_det(self, logs: Array) -> Array: ...
+    def bend(self, z: Array) -> tuple[Array, Array]: ...
 
 
 class Model(Protocol):

@@ -81,21 +81,18 @@ class MotorShaftChart:
         known = self._everything(logs)
         return np.stack([np.broadcast_to(known[c], len(logs)) for c in self.coordinates], axis=-1)
 
-    def bend(self, z: Array) -> Array:
-        """NaN where no positive parameters have these coordinates."""
+    def bend(self, z: Array) -> tuple[Array, Array]:
         known = self._constants()
-        known.update(zip(self.coordinates, np.moveaxis(z, -1, 0), strict=True))
+        known.update(zip(self.coordinates, z.T, strict=True))
+        log_det = np.zeros(len(z))
         for step in self.plan:
             known[step.unknown] = _solve(step, known)
-        return np.stack([known[name] for name in self.free], axis=-1)
-
-    def log_det(self, logs: Array) -> Array:
-        known = self._everything(logs)
-        total = np.zeros(len(logs))
-        for step in self.plan:
             if step.equation in CURVED:
-                total -= np.log(np.abs(_slope(step, known)))
-        return total
+                log_det -= np.log(_slope(step, known))
+        logs = np.empty((len(z), len(self.free)))
+        for column, name in enumerate(self.free):
+            logs[:, column] = known[name]
+        return logs, log_det
 
     def _constants(self) -> Logs:
         named = {name: math.log(value) for name, value in self.fixed.items()}
@@ -104,7 +101,7 @@ class MotorShaftChart:
     def _everything(self, logs: Array) -> Logs:
         """All quantities from the parameters."""
         known = self._constants()
-        known.update(zip(self.free, np.moveaxis(logs, -1, 0), strict=True))
+        known.update(zip(self.free, logs.T, strict=True))
         for name in (*AUXILIARY, *TARGETS):
             known[name] = _solve(Step(name, name), known)
         return known

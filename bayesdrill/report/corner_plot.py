@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import corner
 import matplotlib
@@ -13,6 +15,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
+from matplotlib.transforms import Affine2D
 from numpy.typing import NDArray
 
 from bayesdrill.diagnostics import HDI_PROBABILITY, hdi
@@ -24,21 +27,43 @@ Array = NDArray[np.float64]
 
 LEVELS = tuple(1.0 - math.exp(-0.5 * sigma**2) for sigma in (1.0, 2.0))  # 39.3 %, 86.5 %
 
-POINTS = 2500  # drawn in a panel; contours and histograms count all draws
+POINTS = 2000  # drawn in a panel; contours and histograms count all draws
 BINS = 40  # across the draws of one unknown
-SMOOTHING = 1.3  # of the contours, bins
+SMOOTHING = 1.5  # of the contours, bins
 CENTRAL = 0.999  # share of the draws inside an axis
 REACH = 1.0  # the axis grows by this share of its width at most to show the nominal value
 
 # The page, in inches and points; a corner of nine is printed at two thirds of its size.
 PANEL_LARGEST, PANEL_SMALLEST, PANELS_WIDTH = 2.2, 1.03, 9.3
-LEFT, BOTTOM, TOP, RIGHT = 0.88, 0.88, 0.34, 0.22
+LEFT, BOTTOM, TOP, RIGHT = 0.88, 0.88, 0.38, 0.22
 LEGEND_WIDTH = 1.9
 GAP = 0.06  # between panels, in panels
 TICK_SIZE, LABEL_SIZE = 8.5, 10.0
 
-CONTOUR = {"colors": style.BLACK, "linewidths": 0.7}
-FILL = {"colors": [(1, 1, 1, 0), "0.85", "0.68"]}
+CONTOUR: dict[str, Any] = {"colors": style.BLACK, "linewidths": 0.7}
+FILL: dict[str, Any] = {"colors": [(1, 1, 1, 0), "0.85", "0.68"]}
+PRIOR_LINE: dict[str, Any] = {
+    "color": style.MIDDLE,
+    "linewidth": 0.8,
+    "linestyle": (0, (6, 1, 1, 1)),
+}
+AWAY: dict[str, Any] = {"color": style.NOMINAL["color"], "markersize": 5, "linestyle": "none"}
+CROSS: dict[str, Any] = {
+    "color": style.MAP_COLOUR,
+    "marker": "+",
+    "markersize": 8,
+    "markeredgewidth": 1.2,
+    "linestyle": "none",
+}
+DOTS: dict[str, Any] = {
+    "marker": "o",
+    "markersize": 1.2,
+    "markeredgewidth": 0,
+    "color": style.DARK,
+    "alpha": 0.35,
+    "zorder": -1,
+    "rasterized": True,
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,36 +157,55 @@ def _panels_size(n: int) -> float:
 
 
 def _draw(figure: Figure, columns: Sequence[Column]) -> None:
-    """What `corner` draws: histograms, filled contours of all draws, and some draws as points."""
-    thinned = style.thin(len(columns[0].x), POINTS)
+    """What `corner` draws: histograms and contours of all draws, and some draws as points."""
     draws = np.stack([column.x for column in columns], axis=-1)
     corner.corner(
         draws,
         fig=figure,
         range=[(column.scale.low, column.scale.high) for column in columns],
         bins=[_bins(column) for column in columns],
+        plot_datapoints=False,
+        plot_density=False,
+        plot_contours=False,
+        hist_kwargs={"color": style.BLACK, "linewidth": 0.8},
+    )
+    panels = np.array(figure.axes).reshape(len(columns), len(columns))
+    for i, j in itertools.combinations(range(len(columns)), 2):
+        _contours(panels[j, i], columns[i].x, columns[j].x)
+    corner.overplot_points(figure, draws[style.thin(len(draws), POINTS)], **DOTS)
+
+
+def _contours(panel: Axes, x: Array, y: Array) -> None:
+    """Filled contours by `corner`, from bins sheared along the regression of y on x.
+
+    Upright bins would show a nearly perfect correlation as a ridge as wide as the bins.
+    """
+    slope = float(np.cov(x, y)[0, 1] / max(np.var(x), 1e-300))
+    shear = Affine2D(np.array([[1.0, 0.0, 0.0], [slope, 1.0, 0.0], [0.0, 0.0, 1.0]]))
+    across = y - slope * x
+    corner.hist2d(
+        x,
+        across,
+        ax=panel,
+        range=[_central(x), _central(across)],
+        bins=BINS,
         smooth=SMOOTHING,
         levels=LEVELS,
         plot_datapoints=False,
         plot_density=False,
         no_fill_contours=True,
         fill_contours=True,
-        contour_kwargs=dict(CONTOUR),
-        contourf_kwargs=dict(FILL),
-        hist_kwargs={"color": style.BLACK, "linewidth": 0.8},
+        contour_kwargs=CONTOUR | {"transform": shear + panel.transData},
+        contourf_kwargs=FILL | {"transform": shear + panel.transData},
         quiet=True,
     )
-    corner.overplot_points(
-        figure,
-        draws[thinned],
-        marker="o",
-        markersize=1.2,
-        markeredgewidth=0,
-        color=style.DARK,
-        alpha=0.35,
-        zorder=-1,
-        rasterized=True,
-    )
+
+
+def _central(x: Array) -> tuple[float, float]:
+    """Where nearly all of the draws are, and a little more."""
+    low, high = np.quantile(x, [0.5 - CENTRAL / 2, 0.5 + CENTRAL / 2])
+    margin = 0.05 * float(high - low) or 1e-9
+    return float(low) - margin, float(high) + margin
 
 
 def _bins(column: Column) -> int:
@@ -194,18 +238,7 @@ def _marginal(panel: Axes, column: Column, n_draws: int) -> None:
         )
     if column.mode is not None:
         panel.axvline(column.mode, **style.MAP_LINE)
-    panel.set_title(_title(column), fontsize=LABEL_SIZE, loc="left", pad=3)
-
-
-PRIOR_LINE = {"color": style.MIDDLE, "linewidth": 0.8, "linestyle": (0, (6, 1, 1, 1))}
-AWAY = {"color": style.NOMINAL["color"], "markersize": 5, "linestyle": "none"}
-CROSS = {
-    "color": style.MAP_COLOUR,
-    "marker": "+",
-    "markersize": 8,
-    "markeredgewidth": 1.2,
-    "linestyle": "none",
-}
+    panel.set_title(_title(column), fontsize=LABEL_SIZE, loc="left", pad=6)
 
 
 def _title(column: Column) -> str:
@@ -261,7 +294,7 @@ def _axis_x(panel: Axes, column: Column, *, outer: bool) -> None:
         panel.tick_params(axis="x", labelsize=TICK_SIZE, pad=2)
         for label in panel.get_xticklabels():
             label.set(rotation=45, ha="right", va="top", rotation_mode="anchor")
-        panel.set_xlabel(column.scale.label(column.symbol, "\n"), fontsize=LABEL_SIZE)
+        panel.set_xlabel(column.scale.label(column.symbol, "\n"), fontsize=LABEL_SIZE, labelpad=2)
 
 
 def _axis_y(panel: Axes, row: Column, *, outer: bool) -> None:
@@ -271,7 +304,7 @@ def _axis_y(panel: Axes, row: Column, *, outer: bool) -> None:
         panel.tick_params(axis="y", labelsize=TICK_SIZE, pad=2)
         for label in panel.get_yticklabels():
             label.set(rotation=45, ha="right", va="center", rotation_mode="anchor")
-        panel.set_ylabel(row.scale.label(row.symbol, "\n"), fontsize=LABEL_SIZE)
+        panel.set_ylabel(row.scale.label(row.symbol, "\n"), fontsize=LABEL_SIZE, labelpad=2)
 
 
 def _legend(figure: Figure, columns: Sequence[Column]) -> None:
@@ -305,7 +338,14 @@ def _handles(columns: Sequence[Column]) -> list[Line2D | Patch]:
         both = CROSS | {"linestyle": style.MAP_LINE["linestyle"]}
         handles.append(Line2D([], [], label="MAP", **both))
     if len(columns) > 1:
-        handles.append(Patch(facecolor="0.68", edgecolor="black", label=f"{inner} of the draws"))
-        handles.append(Patch(facecolor="0.85", edgecolor="black", label=f"{outer} of the draws"))
+        handles.append(
+            Patch(facecolor="0.68", edgecolor="black", label=f"{inner}, 1 sd in two dimensions")
+        )
+        handles.append(
+            Patch(facecolor="0.85", edgecolor="black", label=f"{outer}, 2 sd in two dimensions")
+        )
     handles.append(Line2D([], [], linestyle="none", label=f"titles: median and {share} interval"))
+    if any(column.scale.origin for column in columns):
+        note = r"$\delta$: the difference that the axis shows"
+        handles.append(Line2D([], [], linestyle="none", label=note))
     return handles
