@@ -6,6 +6,7 @@ Exit status: 0 done (and converged), 2 the input is wrong, 3 finished but not co
 
 from __future__ import annotations
 
+import os
 import signal
 import sys
 from collections.abc import Iterator
@@ -40,13 +41,23 @@ Processes = Annotated[
 ]
 
 
-@app.callback()
-def top(
-    version: Annotated[bool, typer.Option("--version", help="Print the version and stop.")] = False,
-) -> None:
-    if version:
+def _tell_version(wanted: bool) -> None:
+    """Eager, so that `--version` needs no command."""
+    if wanted:
         typer.echo(f"bayesdrill {__version__}")
         raise typer.Exit
+
+
+@app.callback()
+def top(
+    _: Annotated[
+        bool,
+        typer.Option(
+            "--version", callback=_tell_version, is_eager=True, help="Print the version and stop."
+        ),
+    ] = False,
+) -> None:
+    pass
 
 
 @app.command(epilog="Example: bayesdrill check configs/nominal_step.yaml")
@@ -103,7 +114,7 @@ def posterior(
         how: Mode = "resume" if resume else "force" if force else "fresh"
         job = pipeline.prepare(config)
         folder = output or Path("results") / job.config.name
-        with reporter() as report:
+        with _saved_in(folder), reporter() as report:
             outcome = pipeline.posterior(job, folder, how, processes or available(), report)
         _finish(outcome)
 
@@ -187,11 +198,12 @@ def _guarded() -> Iterator[None]:
         typer.echo("stopped; nothing was written", err=True)
         raise typer.Exit(INTERRUPTED) from None
     except BrokenPipeError:
-        sys.stderr.close()
+        # Nobody reads on.  Python would try once more at the end, and fail, so give it a place.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         raise typer.Exit(0) from None
     except OSError as error:
         place = f"{error.filename}: " if error.filename else ""
-        typer.echo(_line(f"{place}cannot be written or read: {error.strerror or error}"), err=True)
+        typer.echo(_line(f"{place}{_reason(error)}"), err=True)
         raise typer.Exit(INPUT_WRONG) from None
     except MemoryError:
         message = "out of memory; a shorter record, fewer walkers or fewer steps need less"
@@ -199,6 +211,25 @@ def _guarded() -> Iterator[None]:
         raise typer.Exit(INPUT_WRONG) from None
     finally:
         signal.signal(signal.SIGTERM, before)
+
+
+@contextmanager
+def _saved_in(folder: Path) -> Iterator[None]:
+    """A disk that fails during a run: where, and that the run can go on from there."""
+    from bayesdrill.errors import InputError
+
+    try:
+        yield
+    except BrokenPipeError:
+        raise
+    except OSError as error:
+        message = f"{_reason(error)}; mend this, then go on with --resume"
+        raise InputError.one(str(error.filename or folder), message) from None
+
+
+def _reason(error: OSError) -> str:
+    # HDF5 puts a page of its own into `strerror`.
+    return f"cannot be written or read: {os.strerror(error.errno) if error.errno else error}"
 
 
 def _fail(problems: tuple[Any, ...]) -> None:

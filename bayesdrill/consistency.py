@@ -24,8 +24,12 @@ class _Collector:
         self._spoilt = spoilt
 
     def add(self, place: Place, message: str) -> None:
-        if not any(self._touches(place, other) for other in self._spoilt):
+        if not self.spoilt(place):
             self.problems.append(self.source.problem(place, message))
+
+    def spoilt(self, place: Place) -> bool:
+        """Whether something was said already of this entry, of one in it, or of one around it."""
+        return any(self._touches(place, other) for other in self._spoilt)
 
     def run[T](self, place: Place, step: Callable[..., T], *arguments: Any) -> T | None:
         try:
@@ -189,6 +193,6 @@ def _check_simulation(found: _Collector, config: records.Config) -> None:
             ("simulation", "duration"), "the record would have one sample only; make it longer"
         )
     for name in simulation.sigma:
-        if name not in config.record.channels:
+        if name not in config.record.channels and not found.spoilt(("record", "channels", name)):
             hint = did_you_mean(name, config.record.channels)
             found.add(("simulation", "sigma", name), f"there is no such channel{hint}")

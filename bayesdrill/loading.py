@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import copy
+import functools
+import operator
 import typing
 from pathlib import Path
 from typing import Any
@@ -14,6 +16,21 @@ from bayesdrill.config import Config
 from bayesdrill.errors import InputError, Problem, did_you_mean
 from bayesdrill.priors import PRIORS
 from bayesdrill.yaml_source import Place, Source, read
+
+
+# What a config cannot do without.  Of an entry that is missing or spoilt nothing more is said, but
+# the others can be judged with these in its place; sections before what stands in them.
+_STAND_INS: dict[Place, Any] = {
+    ("name",): "x",
+    ("seed",): 0,
+    ("record",): {},
+    ("record", "file"): "x.csv",
+    ("record", "time"): {"rate": 1.0},
+    ("record", "channels"): {"theta_1": {"column": 1, "unit": "rad", "sigma": 1.0}},
+    ("inputs",): {},
+    ("inputs", "v"): 0.0,
+    ("parameters",): {},
+}
 
 
 def load(path: Path) -> tuple[Config, Source]:
@@ -44,8 +61,10 @@ def _judge_rest(data: Any, spoilt: list[Place], source: Source) -> list[Problem]
     """Checks across entries, for what is left after the spoilt entries are taken out."""
     for place in spoilt:
         _remove(data, place)
-    for name, stand_in in (("name", "x"), ("seed", 0)):
-        data.setdefault(name, stand_in)
+    for place, stand_in in _STAND_INS.items():
+        parent = functools.reduce(operator.getitem, place[:-1], data)
+        if not parent.get(place[-1]):
+            parent[place[-1]] = copy.deepcopy(stand_in)
     try:
         config = Config.model_validate(data)
     except ValidationError:
@@ -61,9 +80,8 @@ def _meant(error: dict[str, Any], place: Place) -> Place | None:
 
 
 def _remove(data: Any, place: Place) -> None:
-    """Take out the optional entry that holds `place`: a parameter, a channel or a section."""
-    depth = {"parameters": 2, "record": 3, "inputs": 2, "initial": 2, "simulation": 2}
-    keep = place[: depth.get(str(place[0]), 1)] if place else place
+    """Take out the entry that holds `place`: a channel, or what stands directly in a section."""
+    keep = place[:3] if place[:2] == ("record", "channels") else place[:2]
     parent = data
     for part in keep[:-1]:
         parent = parent.get(part) if isinstance(parent, dict) else None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 import time
 from collections.abc import Iterator
@@ -37,7 +38,10 @@ class Lines:
     _last: float = field(default_factory=time.monotonic)
 
     def say(self, text: str) -> None:
-        print(text, file=self.stream, flush=True)
+        try:
+            print(text, file=self.stream, flush=True)
+        except BrokenPipeError:  # nobody reads on; the work is worth finishing all the same
+            os.dup2(os.open(os.devnull, os.O_WRONLY), self.stream.fileno())
 
     def update(self, fraction: float, text: str) -> None:
         now = time.monotonic()

@@ -44,6 +44,7 @@ class _Reader:
         self._path = path_of(config, source)
         self._problems: list[Problem] = []
         self._table = self._read_table()
+        self._n_rows = 0
 
     def experiment(self) -> Experiment:
         config = self._config
@@ -58,7 +59,6 @@ class _Reader:
             name: self._column(("inputs", name), spec, units.factor(spec.unit, unit), kept)
             for name, spec, unit in self._measured_inputs()
         }
-        self._same_lengths(time, columns)
         raise_if_any(self._problems)
         n_unknown = len(build.space(config, model, measured).free)
         shortened_by = "file" if config.record.window is None else "window"
@@ -113,8 +113,10 @@ class _Reader:
         else:
             values = self._pick(place, spec)
             raw = None if values is None else values * units.factor(spec.unit, "s")
-        raise_if_any([] if raw is not None else self._problems)
-        assert raw is not None
+        if raw is None:
+            self._pick_all()
+            raise InputError(list(dict.fromkeys(self._problems)))
+        self._n_rows = len(raw)
         kept = np.arange(len(raw))
         window = self._config.record.window
         if window is not None:
@@ -139,9 +141,9 @@ class _Reader:
         values = self._pick(place, spec)
         if values is None:
             return np.zeros(0)
-        if len(values) <= int(kept[-1]):
-            message = f"{len(values)} values, but the time has {int(kept[-1]) + 1}"
-            self._problems.append(self._source.problem(place, message))
+        if len(values) != self._n_rows:
+            message = f"{len(values)} values, but the time has {self._n_rows}; name one recording's"
+            self._problems.append(self._source.problem(_at(place, spec), message))
             return np.zeros(0)
         values = values[kept]
         what = f"column {spec.column if spec.column is not None else spec.variable!r}"
@@ -153,9 +155,12 @@ class _Reader:
     def _where(self, kept: NDArray[np.intp]) -> Callable[[int], str]:
         return lambda index: self._table.where(int(kept[index]))
 
-    def _same_lengths(self, time: Array, columns: list[Array]) -> None:
-        if not self._problems:
-            assert all(len(column) == len(time) for column in columns)
+    def _pick_all(self) -> None:
+        """Without a time no column can be judged, but it can be missed."""
+        for name, channel in self._config.record.channels.items():
+            self._pick(("record", "channels", name), channel)
+        for name, spec, _ in self._measured_inputs():
+            self._pick(("inputs", name), spec)
 
     def _measured_inputs(self) -> list[tuple[str, records.InputColumn, str]]:
         found = []

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import corner
-import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
@@ -28,7 +28,7 @@ Array = NDArray[np.float64]
 LEVELS = tuple(1.0 - math.exp(-0.5 * sigma**2) for sigma in (1.0, 2.0))  # 39.3 %, 86.5 %
 
 POINTS = 2000  # drawn in a panel; contours and histograms count all draws
-BINS = 40  # across the draws of one unknown
+BINS = 52  # across the draws of one unknown and a margin for the smoothing
 SMOOTHING = 1.5  # of the contours, bins
 CENTRAL = 0.999  # share of the draws inside an axis
 REACH = 1.0  # the axis grows by this share of its width at most to show the nominal value
@@ -42,28 +42,6 @@ TICK_SIZE, LABEL_SIZE = 8.5, 10.0
 
 CONTOUR: dict[str, Any] = {"colors": style.BLACK, "linewidths": 0.7}
 FILL: dict[str, Any] = {"colors": [(1, 1, 1, 0), "0.85", "0.68"]}
-PRIOR_LINE: dict[str, Any] = {
-    "color": style.MIDDLE,
-    "linewidth": 0.8,
-    "linestyle": (0, (6, 1, 1, 1)),
-}
-AWAY: dict[str, Any] = {"color": style.NOMINAL["color"], "markersize": 5, "linestyle": "none"}
-CROSS: dict[str, Any] = {
-    "color": style.MAP_COLOUR,
-    "marker": "+",
-    "markersize": 8,
-    "markeredgewidth": 1.2,
-    "linestyle": "none",
-}
-DOTS: dict[str, Any] = {
-    "marker": "o",
-    "markersize": 1.2,
-    "markeredgewidth": 0,
-    "color": style.DARK,
-    "alpha": 0.35,
-    "zorder": -1,
-    "rasterized": True,
-}
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,13 +55,7 @@ class Column:
     nominal: float | None
     mode: float | None
     prior: tuple[Array, Array] | None  # places and densities
-
-    @property
-    def nominal_side(self) -> int:
-        """-1, 0 or 1: the nominal value is below, on or above the axis."""
-        if self.nominal is None:
-            return 0
-        return int(self.nominal > self.scale.high) - int(self.nominal < self.scale.low)
+    nominal_side: int  # -1, 0 or 1: below, on or above the axis
 
 
 def corner_figure(
@@ -98,7 +70,7 @@ def corner_figure(
         _column(x, symbol, nominal.get(symbol.name), mode.get(symbol.name), priors.get(symbol.name))
         for x, symbol in zip(draws.T, symbols, strict=True)
     ]
-    with matplotlib.rc_context(dict(style.RC)):
+    with style.styled():
         figure = _page(len(columns))
         _draw(figure, columns)
         panels = np.array(figure.axes).reshape(len(columns), len(columns))
@@ -107,6 +79,7 @@ def corner_figure(
             for j, column in enumerate(columns[:i]):
                 _marks(panels[i, j], column, row)
         _arrange(figure, panels, columns)
+        _points(figure, panels, columns)
         _legend(figure, columns)
     return figure
 
@@ -129,16 +102,15 @@ def _column(
         nominal=None if nominal is None else float(scale(nominal)),
         mode=None if mode is None else float(scale(mode)),
         prior=density,
+        nominal_side=scale.side(nominal),
     )
 
 
 def _ends(x: Array, nominal: float | None, mode: float | None) -> tuple[float, float]:
     """The axis, SI: nearly all draws, the mode, and the nominal value if it is not too far."""
     low, high = (float(q) for q in np.quantile(x, [0.5 - CENTRAL / 2, 0.5 + CENTRAL / 2]))
-    if mode is not None:
-        low, high = min(low, mode), max(high, mode)
-    if nominal is not None and low - REACH * (high - low) < nominal < high + REACH * (high - low):
-        low, high = min(low, nominal), max(high, nominal)
+    low, high = style.reaching(low, high, mode)
+    low, high = style.reaching(low, high, nominal, REACH)
     margin = 0.06 * (high - low) or 1e-9 * abs(low)
     return low - margin, high + margin
 
@@ -157,7 +129,7 @@ def _panels_size(n: int) -> float:
 
 
 def _draw(figure: Figure, columns: Sequence[Column]) -> None:
-    """What `corner` draws: histograms and contours of all draws, and some draws as points."""
+    """What `corner` draws: histograms and contours of all draws."""
     draws = np.stack([column.x for column in columns], axis=-1)
     corner.corner(
         draws,
@@ -172,7 +144,22 @@ def _draw(figure: Figure, columns: Sequence[Column]) -> None:
     panels = np.array(figure.axes).reshape(len(columns), len(columns))
     for i, j in itertools.combinations(range(len(columns)), 2):
         _contours(panels[j, i], columns[i].x, columns[j].x)
-    corner.overplot_points(figure, draws[style.thin(len(draws), POINTS)], **DOTS)
+
+
+def _points(figure: Figure, panels: NDArray[np.object_], columns: Sequence[Column]) -> None:
+    """Some draws below all panels, as one artist: each rasterised one costs a page of pixels."""
+    kept = style.thin(len(columns[0].x), POINTS)
+    places = []
+    for i, j in itertools.combinations(range(len(columns)), 2):
+        panel = panels[j, i]
+        panel.patch.set_visible(False)
+        inside = np.stack([columns[k].scale.share(columns[k].x[kept]) for k in (i, j)], axis=-1)
+        inside = inside[np.all((inside > 0) & (inside < 1), axis=-1)]
+        box = panel.get_position()
+        places.append(box.p0 + inside * box.size)
+    if places:
+        x, y = np.concatenate(places).T
+        figure.add_artist(Line2D(x, y, transform=figure.transFigure, **style.DOTS))
 
 
 def _contours(panel: Axes, x: Array, y: Array) -> None:
@@ -202,17 +189,16 @@ def _contours(panel: Axes, x: Array, y: Array) -> None:
 
 
 def _central(x: Array) -> tuple[float, float]:
-    """Where nearly all of the draws are, and a little more."""
+    """Where nearly all of the draws are, and more than the smoothing reaches."""
     low, high = np.quantile(x, [0.5 - CENTRAL / 2, 0.5 + CENTRAL / 2])
-    margin = 0.05 * float(high - low) or 1e-9
+    margin = 0.15 * float(high - low) or 1e-9
     return float(low) - margin, float(high) + margin
 
 
 def _bins(column: Column) -> int:
     """As many as give `BINS` across the draws when the axis is wider than they are."""
-    low, high = np.quantile(column.x, [0.5 - CENTRAL / 2, 0.5 + CENTRAL / 2])
-    wider = (column.scale.high - column.scale.low) / max(high - low, 1e-12)
-    return min(round(BINS * wider), 4 * BINS)
+    low, high = _central(column.x)
+    return min(round(BINS * (column.scale.high - column.scale.low) / (high - low)), 4 * BINS)
 
 
 def _marginal(panel: Axes, column: Column, n_draws: int) -> None:
@@ -223,7 +209,7 @@ def _marginal(panel: Axes, column: Column, n_draws: int) -> None:
         places, density = column.prior
         bin_width = (column.scale.high - column.scale.low) / _bins(column)
         height = density * n_draws * bin_width
-        panel.plot(places, height, **PRIOR_LINE)
+        panel.plot(places, height, **style.PRIOR_LINE)
         top = max(top, 1.1 * float(height.max()))
     panel.set_ylim(0, top)
     if column.nominal is not None and column.nominal_side == 0:
@@ -234,7 +220,7 @@ def _marginal(panel: Axes, column: Column, n_draws: int) -> None:
             [0.5],
             transform=panel.transAxes,
             marker=">" if column.nominal_side > 0 else "<",
-            **AWAY,
+            **style.AWAY,
         )
     if column.mode is not None:
         panel.axvline(column.mode, **style.MAP_LINE)
@@ -260,7 +246,7 @@ def _marks(panel: Axes, column: Column, row: Column) -> None:
     if row.nominal is not None and row.nominal_side == 0:
         panel.axhline(row.nominal, **style.NOMINAL)
     if column.mode is not None and row.mode is not None:
-        panel.plot([column.mode], [row.mode], **CROSS)
+        panel.plot([column.mode], [row.mode], **style.CROSS)
 
 
 def _arrange(figure: Figure, panels: NDArray[np.object_], columns: Sequence[Column]) -> None:
@@ -268,9 +254,11 @@ def _arrange(figure: Figure, panels: NDArray[np.object_], columns: Sequence[Colu
     n = len(columns)
     for i in range(n):
         for j in range(i + 1):
-            _axis_x(panels[i, j], columns[j], outer=i == n - 1)
+            panels[i, j].set_xlim(columns[j].scale.low, columns[j].scale.high)
+            _numbers(panels[i, j].xaxis, columns[j], outer=i == n - 1)
             if i > j:
-                _axis_y(panels[i, j], columns[i], outer=j == 0)
+                panels[i, j].set_ylim(columns[i].scale.low, columns[i].scale.high)
+                _numbers(panels[i, j].yaxis, columns[i], outer=j == 0)
     if n == 1:
         panels[0, 0].set_ylabel("density", fontsize=LABEL_SIZE)
     width, height = figure.get_size_inches()
@@ -287,24 +275,15 @@ def _arrange(figure: Figure, panels: NDArray[np.object_], columns: Sequence[Colu
     figure.align_ylabels(list(panels[1:, 0]))
 
 
-def _axis_x(panel: Axes, column: Column, *, outer: bool) -> None:
-    panel.set_xlim(column.scale.low, column.scale.high)
-    style.set_ticks(panel.xaxis, column.scale.low, column.scale.high, texts=outer)
+def _numbers(axis: Axis, column: Column, *, outer: bool) -> None:
+    style.set_ticks(axis, column.scale.low, column.scale.high, texts=outer)
     if outer:
-        panel.tick_params(axis="x", labelsize=TICK_SIZE, pad=2)
-        for label in panel.get_xticklabels():
-            label.set(rotation=45, ha="right", va="top", rotation_mode="anchor")
-        panel.set_xlabel(column.scale.label(column.symbol, "\n"), fontsize=LABEL_SIZE, labelpad=2)
-
-
-def _axis_y(panel: Axes, row: Column, *, outer: bool) -> None:
-    panel.set_ylim(row.scale.low, row.scale.high)
-    style.set_ticks(panel.yaxis, row.scale.low, row.scale.high, texts=outer)
-    if outer:
-        panel.tick_params(axis="y", labelsize=TICK_SIZE, pad=2)
-        for label in panel.get_yticklabels():
-            label.set(rotation=45, ha="right", va="center", rotation_mode="anchor")
-        panel.set_ylabel(row.scale.label(row.symbol, "\n"), fontsize=LABEL_SIZE, labelpad=2)
+        axis.set_tick_params(labelsize=TICK_SIZE, pad=4)
+        for text in axis.get_ticklabels():
+            text.set(rotation=45, ha="right", va="center_baseline", rotation_mode="anchor")
+        label = column.scale.label(column.symbol, "\n")
+        axis.set_label_text(label, fontsize=LABEL_SIZE)
+        axis.labelpad = 2
 
 
 def _legend(figure: Figure, columns: Sequence[Column]) -> None:
@@ -322,29 +301,25 @@ def _legend(figure: Figure, columns: Sequence[Column]) -> None:
 
 
 def _handles(columns: Sequence[Column]) -> list[Line2D | Patch]:
-    inner, outer = (f"{100 * level:.1f} %" for level in LEVELS)
-    share = f"{100 * HDI_PROBABILITY:.0f} %"
+    credible = f"{100 * HDI_PROBABILITY:.0f} %"
     handles: list[Line2D | Patch] = [
         Line2D([], [], color="black", linewidth=0.8, label="posterior")
     ]
-    handles.append(Patch(color=style.FAINT, label=f"narrowest {share} interval"))
+    handles.append(Patch(color=style.FAINT, label=f"narrowest {credible} interval"))
     if any(column.prior is not None for column in columns):
-        handles.append(Line2D([], [], label="prior", **PRIOR_LINE))
-    if any(c.nominal is not None and c.nominal_side == 0 for c in columns):
-        handles.append(Line2D([], [], label="nominal value", **style.NOMINAL))
-    if any(column.nominal_side for column in columns):
-        handles.append(Line2D([], [], marker=">", label="nominal value, off the axis", **AWAY))
+        handles.append(Line2D([], [], label="prior", **style.PRIOR_LINE))
+    handles += style.nominal_handles({c.nominal_side for c in columns if c.nominal is not None})
     if any(column.mode is not None for column in columns):
-        both = CROSS | {"linestyle": style.MAP_LINE["linestyle"]}
+        both = {**style.CROSS, "linestyle": style.MAP_LINE["linestyle"]}
         handles.append(Line2D([], [], label="MAP", **both))
     if len(columns) > 1:
-        handles.append(
-            Patch(facecolor="0.68", edgecolor="black", label=f"{inner}, 1 sd in two dimensions")
-        )
-        handles.append(
-            Patch(facecolor="0.85", edgecolor="black", label=f"{outer}, 2 sd in two dimensions")
-        )
-    handles.append(Line2D([], [], linestyle="none", label=f"titles: median and {share} interval"))
+        inner, outer = (f"{100 * level:.1f} % of the draws" for level in LEVELS)
+        for grey, share, sds in (("0.68", inner, 1), ("0.85", outer, 2)):
+            text = rf"{share} (${sds}\sigma$ in two dimensions)"
+            handles.append(Patch(facecolor=grey, edgecolor="black", linewidth=0.7, label=text))
+    handles.append(
+        Line2D([], [], linestyle="none", label=f"titles: median and {credible} interval")
+    )
     if any(column.scale.origin for column in columns):
         note = r"$\delta$: the difference that the axis shows"
         handles.append(Line2D([], [], linestyle="none", label=note))

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
@@ -11,18 +12,22 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import matplotlib
 import numpy as np
+from matplotlib.lines import Line2D
 from matplotlib.ticker import FixedLocator, FuncFormatter
+from matplotlib.transforms import ScaledTranslation
 from numpy.typing import NDArray
 
 from bayesdrill.store import whole
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.axis import Axis
     from matplotlib.figure import Figure
 
 Array = NDArray[np.float64]
 
 SINGLE, DOUBLE = 3.4, 7.0  # widths of one and of two columns of a page, inches
+TICKS_WIDTH = 0.43  # between an axis and its label, inches
 PNG_DPI = 220
 
 RC: Mapping[str, Any] = MappingProxyType(
@@ -46,6 +51,7 @@ RC: Mapping[str, Any] = MappingProxyType(
         "legend.fontsize": 8.0,
         "legend.frameon": False,
         "lines.linewidth": 1.0,
+        "hatch.linewidth": 0.4,
         "pdf.fonttype": 42,
         "savefig.dpi": PNG_DPI,
         "figure.constrained_layout.use": False,
@@ -53,7 +59,7 @@ RC: Mapping[str, Any] = MappingProxyType(
     }
 )
 
-BLACK, DARK, MIDDLE, LIGHT, FAINT = "0.0", "0.3", "0.55", "0.78", "0.91"
+BLACK, DARK, MIDDLE, LIGHT, FAINT = "0.0", "0.3", "0.55", "0.8", "0.91"
 # Two colours that print as different greys and differ in line style and marker as well.
 NOMINAL: Mapping[str, Any] = MappingProxyType(
     {"color": "#2b6cb0", "linestyle": (0, (4, 2)), "linewidth": 1.0}
@@ -63,7 +69,41 @@ MAP_LINE: Mapping[str, Any] = MappingProxyType(
     {"color": MAP_COLOUR, "linestyle": (0, (1, 1.5)), "linewidth": 1.0}
 )
 
+CROSS: Mapping[str, Any] = MappingProxyType(
+    {
+        "color": MAP_COLOUR,
+        "marker": "+",
+        "markersize": 8,
+        "markeredgewidth": 1.2,
+        "linestyle": "none",
+    }
+)
+AWAY: Mapping[str, Any] = MappingProxyType(  # the nominal value is beyond the axis
+    {"color": NOMINAL["color"], "markersize": 5, "linestyle": "none"}
+)
+PRIOR_LINE: Mapping[str, Any] = MappingProxyType(
+    {"color": MIDDLE, "linestyle": (0, (6, 1, 1, 1)), "linewidth": 0.8}
+)
+DOTS: Mapping[str, Any] = MappingProxyType(
+    {
+        "color": DARK,
+        "marker": "o",
+        "markersize": 1.2,
+        "markeredgewidth": 0,
+        "linestyle": "none",
+        "alpha": 0.35,
+        "zorder": -1,
+        "rasterized": True,
+    }
+)
+
 NARROW = 1e-3  # an axis narrower than this, relative to its numbers, counts from an origin
+
+
+def styled() -> AbstractContextManager[None]:
+    """Figures are built and saved inside; what the caller had set comes back after it."""
+    rc: Any = dict(RC)
+    return matplotlib.rc_context(rc)
 
 
 class Labelled(Protocol):
@@ -88,6 +128,17 @@ class Scale:
     def __call__(self, x: Array | float) -> Array:
         return np.asarray((np.asarray(x) - self.origin) / 10.0**self.power, dtype=np.float64)
 
+    def share(self, u: Array) -> Array:
+        """0 at the low end of the axis, 1 at the high end, for numbers `u` on it."""
+        return np.asarray((u - self.low) / (self.high - self.low), dtype=np.float64)
+
+    def side(self, x: float | None) -> int:
+        """-1, 0 or 1: the SI value x is below, on or above the axis; 0 when there is none."""
+        if x is None:
+            return 0
+        u = float(self(x))
+        return int(u > self.high) - int(u < self.low)
+
     def label(self, what: Labelled, separator: str = " ") -> str:
         return axis_label(what, self.power, self.origin, separator)
 
@@ -107,10 +158,23 @@ def scale(low: float, high: float) -> Scale:
     return Scale(origin, power, (low - origin) / unit, (high - origin) / unit)
 
 
+def reaching(
+    low: float, high: float, value: float | None, farthest: float = math.inf
+) -> tuple[float, float]:
+    """The ends, moved to show `value` where it is within `farthest` of them, in widths."""
+    far = farthest * (high - low)
+    if value is None or not low - far <= value <= high + far:
+        return low, high
+    return min(low, value), max(high, value)
+
+
 def _round_number(x: float, width: float) -> float:
-    """`x` to as many digits as leave a remainder comparable with `width`."""
-    digits = math.floor(math.log10(abs(x))) - math.floor(math.log10(width)) - 1
-    return float(f"{x:.{max(digits, 0)}e}")
+    """The number of fewest digits that is within `width` of x."""
+    return next(
+        near
+        for near in (float(f"{x:.{digits}e}") for digits in range(18))
+        if abs(near - x) <= width
+    )
 
 
 def axis_label(what: Labelled, power: int, origin: float = 0.0, separator: str = " ") -> str:
@@ -160,6 +224,25 @@ def set_ticks(axis: Axis, low: float, high: float, most: int = 3, *, texts: bool
     )
 
 
+def side_label(panel: Axes, text: str) -> None:
+    """The label of a vertical axis, at the same distance in all panels."""
+    figure = panel.get_figure(root=True)
+    assert figure is not None
+    move = ScaledTranslation(-TICKS_WIDTH, 0, figure.dpi_scale_trans)
+    panel.set_ylabel(text, linespacing=1.0)
+    panel.yaxis.set_label_coords(0, 0.5, transform=panel.transAxes + move)
+
+
+def nominal_handles(sides: Collection[int], *, marker: str = ">") -> list[Line2D]:
+    """For a legend: nominal values on the axes (side 0) and beyond them."""
+    handles = []
+    if 0 in sides:
+        handles.append(Line2D([], [], label="nominal value", **NOMINAL))
+    if set(sides) - {0}:
+        handles.append(Line2D([], [], marker=marker, label="nominal value, off the axis", **AWAY))
+    return handles
+
+
 def thin(n: int, most: int) -> NDArray[np.intp]:
     """At most `most` indices of `n`, evenly spaced from the first to the last."""
     if n <= most:
@@ -174,7 +257,7 @@ _PDF_KEYS = ("Title", "Author", "Subject", "Keywords", "Creator", "Producer")
 def save(figure: Figure, folder: Path, stem: str, metadata: Mapping[str, str]) -> list[Path]:
     """`<stem>.pdf` and `<stem>.png`, with `metadata` inside and no date: same figure, same bytes."""
     written = []
-    with matplotlib.rc_context(dict(RC)):
+    with styled():
         for kind, entries in (("pdf", _pdf_entries(metadata)), ("png", dict(metadata))):
             path = folder / f"{stem}.{kind}"
             with whole(path) as aside:

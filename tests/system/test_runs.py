@@ -1,0 +1,602 @@
+"""Whole runs: what they leave behind, what they repeat to the bit, and how they end."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+import systems
+import xarray
+from emcee.backends import HDFBackend
+
+# Targets that cannot be met, so that a run goes on to the end of its steps.
+ENDLESS = ("ess: 100, max_steps: 500", "ess: 1000000, max_steps: 1500")
+LONGER = ("ess: 100, max_steps: 500", "ess: 1000000, max_steps: 700")
+FIGURES = {f"figures/{stem}.{ending}" for stem in ("corner", "fit", "trace") for ending in ("pdf", "png")}
+FILES = {
+    ".lock",
+    "chain.h5",
+    "config.resolved.yaml",
+    "config.yaml",
+    "map.json",
+    "posterior.nc",
+    "run.json",
+    "summary.csv",
+    "summary.md",
+    "figures",
+    *FIGURES,
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Done:
+    config: Path
+    folder: Path
+    ran: systems.Ran
+
+
+def posterior(
+    config: Path, folder: Path, *options: str, processes: int = 1
+) -> systems.Ran:
+    return systems.cli("posterior", config, "-o", folder, "--processes", str(processes), *options)
+
+
+def fresh(folder: Path, *changes: tuple[str, str], processes: int = 1) -> Done:
+    config = systems.small(folder, *changes)
+    ran = posterior(config, folder / "out", processes=processes)
+    return Done(config, folder / "out", ran)
+
+
+def chains(folder: Path) -> dict[str, np.ndarray]:
+    """Everything that the four ensembles hold."""
+    found = {}
+    for k in range(4):
+        backend = HDFBackend(str(folder / "chain.h5"), name=f"ensemble_{k}", read_only=True)
+        found[f"z {k}"] = backend.get_chain()
+        found[f"log p {k}"] = backend.get_log_prob()
+        found[f"accepted {k}"] = backend.accepted
+        found[f"random {k}"] = backend.random_state[1]
+    return found
+
+
+def assert_same_chains(one: Path, other: Path) -> None:
+    first, second = chains(one), chains(other)
+    for name, values in first.items():
+        assert np.array_equal(values, second[name]), name
+
+
+def run_of(folder: Path) -> dict[str, object]:
+    return dict(json.loads((folder / "run.json").read_text()))
+
+
+def pieces(folder: Path) -> list[Path]:
+    return sorted((folder / ".pieces").glob("ensemble_*.npz"))
+
+
+def assert_refused(ran: systems.Ran, *fragments: str) -> None:
+    assert ran.status == 2, ran.text
+    assert "Traceback" not in ran.text
+    assert len(ran.err.splitlines()) <= 24
+    for fragment in fragments:
+        assert fragment in ran.err
+
+
+@pytest.fixture(scope="module")
+def done(tmp_path_factory: pytest.TempPathFactory) -> Done:
+    """A converged run; tests copy it, or leave it as it is."""
+    state = np.random.get_state()  # noqa: NPY002
+    found = fresh(tmp_path_factory.mktemp("done"))
+    after = np.random.get_state()  # noqa: NPY002
+    assert state[2:] == after[2:]
+    assert np.array_equal(state[1], after[1])
+    return found
+
+
+@pytest.fixture(scope="module")
+def endless(tmp_path_factory: pytest.TempPathFactory) -> Done:
+    """A run that used all of its steps, never interrupted."""
+    return fresh(tmp_path_factory.mktemp("endless"), ENDLESS)
+
+
+@pytest.fixture
+def copy(done: Done, tmp_path: Path) -> Done:
+    """The converged run, to be changed."""
+    shutil.copytree(done.config.parent, tmp_path / "copy")
+    return Done(tmp_path / "copy" / "small.yaml", tmp_path / "copy" / "out", done.ran)
+
+
+def change(path: Path, old: str, new: str) -> None:
+    text = path.read_text(encoding="utf-8")
+    assert old in text
+    path.write_text(text.replace(old, new), encoding="utf-8")
+
+
+# --- what a run leaves behind --------------------------------------------------------------------
+
+
+def test_a_run_leaves_a_complete_folder_and_nothing_else(done: Done) -> None:
+    assert done.ran.status == 0, done.ran.text
+    assert set(systems.listing(done.folder)) == FILES
+    assert (done.folder / "config.yaml").read_bytes() == done.config.read_bytes()
+    for name in FIGURES:
+        magic = b"%PDF" if name.endswith("pdf") else b"\x89PNG"
+        assert (done.folder / name).read_bytes().startswith(magic)
+    run = run_of(done.folder)
+    assert (run["status"], run["converged"], run["seed"]) == ("finished", True, 7)
+    assert "converged: all targets are met" in done.ran.out
+    assert f"results: {done.folder}/" in done.ran.out
+
+
+def test_the_record_and_the_config_are_left_alone(done: Done) -> None:
+    assert done.config.read_text() == systems.SMALL
+    assert (done.config.parent / "small.csv").read_text() == systems.small_record()
+
+
+def test_the_resolved_config_is_a_config(done: Done) -> None:
+    ran = systems.cli("check", done.folder / "config.resolved.yaml")
+    assert (ran.status, ran.err) == (0, "")
+    assert ran.out == systems.cli("check", done.config).out
+
+
+def test_the_chain_is_an_emcee_backend(done: Done) -> None:
+    for k in range(4):
+        backend = HDFBackend(str(done.folder / "chain.h5"), name=f"ensemble_{k}", read_only=True)
+        assert backend.get_chain().shape == (500, 8, 2)
+        assert backend.get_log_prob().shape == (500, 8)
+        assert np.all(np.isfinite(backend.get_log_prob()))
+        assert np.all(backend.accepted > 0)
+
+
+def test_the_tree_has_the_groups_and_units_of_arviz(done: Done) -> None:
+    with xarray.open_datatree(done.folder / "posterior.nc", engine="h5netcdf") as tree:
+        groups = {"posterior", "sample_stats", "log_likelihood", "prior"}
+        groups |= {"posterior_predictive", "observed_data", "constant_data"}
+        assert set(tree.children) == groups
+        assert set(tree["posterior"].data_vars) == {"k_e", "j_1"}
+        for name in ("posterior", "sample_stats", "log_likelihood", "posterior_predictive"):
+            assert tree[name].sizes["chain"] == 4
+        assert tree["posterior"]["k_e"].attrs["units"] == "V*s/rad"
+        assert tree["observed_data"]["w_1"].attrs["units"] == "rad/s"
+        assert tree["observed_data"]["w_1"].sizes == {"time": 101}
+        assert tree["log_likelihood"]["w_1"].sizes["draw"] == 10
+        assert np.all(np.isfinite(tree["log_likelihood"]["w_1"].values))
+        k_e = tree["posterior"]["k_e"].values
+        assert np.all((k_e > 0.5 * 0.06016) & (k_e < 1.5 * 0.06016))
+
+
+def test_arviz_reads_the_tree(done: Done) -> None:
+    import arviz_base
+
+    tree = arviz_base.from_netcdf(str(done.folder / "posterior.nc"), engine="h5netcdf")
+    assert tree["posterior"]["j_1"].sizes["chain"] == 4
+
+
+def test_the_summary_has_a_row_for_every_unknown(done: Done) -> None:
+    lines = (done.folder / "summary.csv").read_text().splitlines()
+    assert [line.split(",")[0] for line in lines[1:]] == ["k_e", "j_1"]
+    assert "converged: all targets are met" in (done.folder / "summary.md").read_text()
+
+
+def test_report_makes_the_same_tables_again(copy: Done) -> None:
+    before = systems.listing(copy.folder)
+    for name in ("summary.csv", "summary.md", "posterior.nc"):
+        (copy.folder / name).unlink()
+    shutil.rmtree(copy.folder / "figures")
+    ran = systems.cli("report", copy.folder)
+    assert ran.status == 0, ran.text
+    after = systems.listing(copy.folder)
+    assert set(after) == FILES
+    for name in ("summary.csv", "summary.md", "chain.h5", "config.yaml", "map.json"):
+        assert after[name] == before[name], name
+    assert ran.out.splitlines()[-1].startswith(f"results: {copy.folder}/")
+
+
+def test_results_behind_a_symbolic_link_are_reported(tmp_path: Path) -> None:
+    config = systems.small(tmp_path / "rig")
+    (tmp_path / "far" / "away" / "disk").mkdir(parents=True)
+    (tmp_path / "rig" / "results").symlink_to(tmp_path / "far" / "away" / "disk")
+    folder = tmp_path / "rig" / "results" / "small"
+    assert posterior(config, folder).status == 0
+    ran = systems.cli("report", folder)
+    assert ran.status == 0, ran.text
+
+
+# --- what a run repeats --------------------------------------------------------------------------
+
+
+def test_the_chain_does_not_depend_on_the_processes(done: Done, tmp_path: Path) -> None:
+    other = fresh(tmp_path, processes=2)
+    assert other.ran.status == 0, other.ran.text
+    assert_same_chains(done.folder, other.folder)
+    for name in ("summary.csv", "map.json"):
+        assert (done.folder / name).read_bytes() == (other.folder / name).read_bytes()
+
+
+def test_another_seed_makes_another_chain(done: Done, copy: Done) -> None:
+    change(copy.config, "seed: 7", "seed: 8")
+    ran = posterior(copy.config, copy.folder, "--force")
+    assert ran.status in (0, 3), ran.text
+    assert set(systems.listing(copy.folder)) == FILES
+    first, second = chains(done.folder), chains(copy.folder)
+    assert not np.array_equal(first["z 0"], second["z 0"][: len(first["z 0"])])
+    assert run_of(copy.folder)["seed"] == 8
+
+
+def test_ensembles_differ_from_each_other(done: Done) -> None:
+    found = chains(done.folder)
+    assert len({found[f"z {k}"].tobytes() for k in range(4)}) == 4
+
+
+def test_force_starts_over(done: Done, copy: Done) -> None:
+    (copy.folder / "summary.csv").write_text("old")
+    assert posterior(copy.config, copy.folder, "--force").status == 0
+    assert set(systems.listing(copy.folder)) == FILES
+    assert_same_chains(done.folder, copy.folder)
+
+
+def test_a_finished_run_resumed_changes_nothing(done: Done, copy: Done) -> None:
+    assert posterior(copy.config, copy.folder, "--resume").status == 0
+    assert set(systems.listing(copy.folder)) == FILES
+    assert_same_chains(done.folder, copy.folder)
+
+
+def test_a_finished_run_is_extended(done: Done, copy: Done, tmp_path: Path) -> None:
+    change(copy.config, *LONGER)
+    ran = posterior(copy.config, copy.folder, "--resume")
+    assert ran.status == 3, ran.text
+    assert set(systems.listing(copy.folder)) == FILES
+    short, long = chains(done.folder), chains(copy.folder)
+    for k in range(4):
+        assert long[f"z {k}"].shape == (700, 8, 2)
+        assert np.array_equal(long[f"z {k}"][:500], short[f"z {k}"])
+    at_once = fresh(tmp_path / "at_once", LONGER)
+    assert_same_chains(at_once.folder, copy.folder)
+
+
+def test_a_run_that_did_not_converge_says_so(endless: Done) -> None:
+    assert endless.ran.status == 3
+    assert set(systems.listing(endless.folder)) == FILES
+    assert "NOT CONVERGED" in endless.ran.out
+    assert "effective draws of" in endless.ran.out
+    assert "sampler.max_steps" in endless.ran.out
+    assert "--resume" in endless.ran.out
+    assert "NOT CONVERGED" in (endless.folder / "summary.md").read_text()
+    run = run_of(endless.folder)
+    assert (run["status"], run["converged"], run["steps"]) == ("finished", False, 1500)
+    assert systems.cli("report", endless.folder).status == 3
+
+
+# --- interruptions -------------------------------------------------------------------------------
+
+
+def waited(process: subprocess.Popen[str], ready: Callable[[], bool], seconds: float = 60) -> None:
+    """Until `ready`, as long as the process lives."""
+    end = time.monotonic() + seconds
+    while not ready():
+        assert process.poll() is None, process.communicate()
+        assert time.monotonic() < end
+        time.sleep(0.002)
+
+
+@pytest.fixture
+def started() -> Iterator[list[subprocess.Popen[str]]]:
+    """Processes to be ended with the test, with all that they started."""
+    processes: list[subprocess.Popen[str]] = []
+    yield processes
+    for process in processes:
+        try:
+            os.killpg(process.pid, signal.SIGKILL)
+        except ProcessLookupError:
+            pass
+        process.communicate()
+
+
+def group(leader: int) -> list[int]:
+    """The living processes of a session started by `leader`."""
+    found = []
+    for stat in Path("/proc").glob("[0-9]*/stat"):
+        try:
+            state, _, number = stat.read_text().rpartition(")")[2].split()[:3]
+        except OSError:
+            continue
+        if int(number) == leader and state != "Z":
+            found.append(int(stat.parent.name))
+    return found
+
+
+@pytest.mark.parametrize(
+    ("number", "processes"),
+    [(signal.SIGINT, 1), (signal.SIGINT, 2), (signal.SIGTERM, 2), (signal.SIGKILL, 1), (signal.SIGKILL, 2)],
+    ids=lambda value: getattr(value, "name", value),
+)
+def test_interrupted_and_resumed_is_the_same_as_uninterrupted(
+    number: signal.Signals,
+    processes: int,
+    endless: Done,
+    tmp_path: Path,
+    started: list[subprocess.Popen[str]],
+) -> None:
+    config = systems.small(tmp_path, ENDLESS)
+    folder = tmp_path / "out"
+    arguments = ("posterior", config, "-o", folder, "--processes", str(processes))
+    process = systems.start(*arguments, cwd=tmp_path)
+    started.append(process)
+    waited(process, lambda: len(pieces(folder)) >= 3)
+    if number == signal.SIGINT:
+        os.killpg(process.pid, number)  # as a terminal does, to parent and workers
+    else:
+        process.send_signal(number)
+    _, err = process.communicate(timeout=30)
+    assert not (folder / "chain.h5").exists()
+    assert len(pieces(folder)) >= 3
+    if number == signal.SIGKILL:
+        assert process.returncode == -signal.SIGKILL
+        assert run_of(folder)["status"] == "running"
+    else:
+        assert process.returncode == 130
+        assert "Traceback" not in err
+        assert "continue with --resume" in err
+        assert run_of(folder)["status"] == "interrupted"
+    end = time.monotonic() + 10
+    while group(process.pid) and time.monotonic() < end:
+        time.sleep(0.05)
+    assert not group(process.pid), "workers outlive the run"
+    assert posterior(config, folder, "--resume").status == 3
+    assert_same_chains(endless.folder, folder)
+    assert set(systems.listing(folder)) == FILES
+    assert (folder / "summary.csv").read_bytes() == (endless.folder / "summary.csv").read_bytes()
+
+
+def test_a_run_interrupted_before_its_first_piece_resumes(
+    endless: Done, tmp_path: Path, started: list[subprocess.Popen[str]]
+) -> None:
+    config = systems.small(tmp_path, ENDLESS)
+    folder = tmp_path / "out"
+    process = systems.start("posterior", config, "-o", folder, "--processes", "1", cwd=tmp_path)
+    started.append(process)
+    waited(process, (folder / "run.json").exists)
+    process.send_signal(signal.SIGINT)
+    _, err = process.communicate(timeout=30)
+    assert process.returncode == 130, err
+    assert "Traceback" not in err
+    assert_refused(systems.cli("report", folder), "--resume")
+    assert posterior(config, folder, "--resume").status == 3
+    assert_same_chains(endless.folder, folder)
+
+
+def test_a_second_run_in_the_same_folder_is_refused(
+    tmp_path: Path, started: list[subprocess.Popen[str]]
+) -> None:
+    config = systems.small(tmp_path, ENDLESS)
+    folder = tmp_path / "out"
+    process = systems.start("posterior", config, "-o", folder, "--processes", "1", cwd=tmp_path)
+    started.append(process)
+    waited(process, lambda: len(pieces(folder)) >= 1)
+    process.send_signal(signal.SIGSTOP)
+    before = systems.listing(folder)
+    for options in (["--resume"], ["--force"]):
+        assert_refused(posterior(config, folder, *options), "another run is writing here")
+    assert_refused(systems.cli("report", folder), "another run is writing here")
+    assert systems.listing(folder) == before
+    process.send_signal(signal.SIGCONT)
+    process.send_signal(signal.SIGINT)
+    process.communicate(timeout=30)
+    assert process.returncode == 130
+
+
+# --- what is there already -----------------------------------------------------------------------
+
+
+def test_a_second_fresh_run_is_refused(copy: Done) -> None:
+    before = systems.listing(copy.folder)
+    ran = posterior(copy.config, copy.folder)
+    assert_refused(ran, "results exist already", "--resume", "--force")
+    assert systems.listing(copy.folder) == before
+
+
+@pytest.mark.parametrize("options", [[], ["--resume"], ["--force"]], ids=str)
+def test_foreign_files_are_never_touched(options: list[str], tmp_path: Path) -> None:
+    config = systems.small(tmp_path / "rig")
+    thesis = tmp_path / "home" / "thesis"
+    thesis.mkdir(parents=True)
+    (thesis / "chapter_1.tex").write_text("years of work")
+    before = systems.listing(tmp_path)
+    assert_refused(posterior(config, tmp_path / "home", *options), "other files")
+    assert systems.listing(tmp_path) == before
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "named"),
+    [
+        ("low: 0.5, high: 1.5, relative: true}\n  k_T", "low: 0.6, high: 1.5, relative: true}\n  k_T", "the priors"),
+        ("c_m: nominal", "c_m: 2e-4", "the priors"),
+        ("seed: 7", "seed: 8", "the seed"),
+        ("rad/s, sigma: 0.05", "rad/s, sigma: 0.06", "the noise"),
+        ("walkers: 8", "walkers: 10", "the ensembles"),
+        ("v: 8.0", "v: 8.1", "the record"),
+        ("map: {", "model: {i_m: 0.25}\nmap: {", "the model"),
+    ],
+    ids=lambda text: text.split(":")[0],
+)  # fmt: skip
+def test_resuming_something_else_names_what_changed(
+    old: str, new: str, named: str, copy: Done
+) -> None:
+    before = systems.listing(copy.folder)
+    change(copy.config, old, new)
+    ran = posterior(copy.config, copy.folder, "--resume")
+    assert_refused(ran, "cannot resume", named, "--force", "--output")
+    assert systems.listing(copy.folder) == before
+
+
+def test_resuming_with_another_record_names_the_record(copy: Done) -> None:
+    before = systems.listing(copy.folder)
+    change(copy.config.parent / "small.csv", "0.05,", "0.05,0")
+    ran = posterior(copy.config, copy.folder, "--resume")
+    assert_refused(ran, "cannot resume", "the record")
+    assert_refused(systems.cli("report", copy.folder), "the record")
+    assert systems.listing(copy.folder) == before
+
+
+@pytest.mark.parametrize("name", ["run.json", "map.json", "chain.h5"])
+@pytest.mark.parametrize("length", [0, 40], ids=["empty", "cut"])
+def test_a_damaged_result_is_named(name: str, length: int, copy: Done) -> None:
+    content = (copy.folder / name).read_bytes()
+    (copy.folder / name).write_bytes(content[:length])
+    for ran in (posterior(copy.config, copy.folder, "--resume"), systems.cli("report", copy.folder)):
+        assert_refused(ran, name, "--force")
+    assert posterior(copy.config, copy.folder, "--force").status == 0
+
+
+def test_a_damaged_piece_is_named(done: Done, tmp_path: Path) -> None:
+    config = systems.small(tmp_path, LONGER)
+    shutil.copytree(done.folder, tmp_path / "out")
+    (tmp_path / "out" / ".pieces").mkdir()
+    piece = tmp_path / "out" / ".pieces" / "ensemble_0_000000500.npz"
+    piece.write_bytes(b"PK\x03\x04 cut short")
+    assert_refused(posterior(config, tmp_path / "out", "--resume"), piece.name)
+
+
+# --- disks ---------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def small_disk(tmp_path: Path) -> Iterator[Callable[[str], Path]]:
+    """A disk of its own, to be mounted and mounted again with other options."""
+    place = tmp_path / "disk"
+    place.mkdir()
+    mounted = False
+
+    def mount(options: str) -> Path:
+        nonlocal mounted
+        again = "remount," if mounted else ""
+        command = ["mount", "-t", "tmpfs", "-o", again + options, "tmpfs", str(place)]
+        if shutil.which("mount") is None or subprocess.run(command, capture_output=True).returncode:
+            pytest.skip("nothing may be mounted here")
+        mounted = True
+        return place
+
+    yield mount
+    if mounted:
+        subprocess.run(["umount", "-l", str(place)], check=True)
+
+
+# In the pieces, in the chain, in the tree, in the figures.
+@pytest.mark.parametrize("kilobytes", [48, 400, 900, 1150])
+def test_a_full_disk_ends_in_a_message_and_costs_nothing(
+    kilobytes: int, done: Done, tmp_path: Path, small_disk: Callable[[str], Path]
+) -> None:
+    folder = small_disk(f"size={kilobytes}k") / "out"
+    config = systems.small(tmp_path / "rig")
+    assert_refused(posterior(config, folder), "No space left", "--resume")
+    saved = {path.name: path.read_bytes() for path in pieces(folder)}
+    small_disk("size=50m")
+    assert {path.name: path.read_bytes() for path in pieces(folder)} == saved
+    assert posterior(config, folder, "--resume").status == 0
+    assert set(systems.listing(folder)) == FILES
+    assert_same_chains(done.folder, folder)
+
+
+def test_a_disk_that_takes_nothing_is_named(
+    done: Done, tmp_path: Path, small_disk: Callable[[str], Path]
+) -> None:
+    place = small_disk("size=50m")
+    shutil.copytree(done.folder, place / "out")
+    config = systems.small(tmp_path / "rig")
+    before = systems.listing(place)
+    small_disk("ro")
+    for output, *options in (["new"], ["out", "--resume"], ["out", "--force"]):
+        assert_refused(posterior(config, place / output, *options), str(place), "ead-only")
+    assert_refused(systems.cli("report", place / "out"), str(place), "ead-only")
+    ran = systems.cli("simulate", config, "--output", place / "record.csv")
+    assert_refused(ran, str(place), "ead-only")
+    assert systems.listing(place) == before
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full here")
+def test_a_full_disk_under_the_output_of_check(tmp_path: Path) -> None:
+    systems.small(tmp_path)
+    with Path("/dev/full").open("w") as full:
+        process = systems.start("check", "small.yaml", cwd=tmp_path, stdout=full)
+        _, err = process.communicate(timeout=30)
+    assert process.returncode == 2, err
+    assert "Traceback" not in err
+    assert "No space left" in err
+
+
+# --- the command line ----------------------------------------------------------------------------
+
+
+def test_a_pipe_closed_at_once_shows_no_traceback(tmp_path: Path) -> None:
+    systems.small(tmp_path)
+    process = systems.start("check", "small.yaml", cwd=tmp_path)
+    assert process.stdout is not None
+    process.stdout.close()
+    process.stdout = None
+    _, err = process.communicate(timeout=30)
+    assert (process.returncode, err) == (0, "")
+
+
+def test_a_run_survives_that_nobody_reads_it_any_more(done: Done, tmp_path: Path) -> None:
+    config = systems.small(tmp_path)
+    folder = tmp_path / "out"
+    arguments = ("posterior", config, "-o", folder, "--processes", "1")
+    process = systems.start(*arguments, cwd=tmp_path, stderr=subprocess.STDOUT)
+    assert process.stdout is not None
+    process.stdout.close()
+    process.stdout = None
+    assert process.wait(timeout=60) == 0
+    assert run_of(folder)["status"] == "finished"
+    assert_same_chains(done.folder, folder)
+
+
+def test_the_module_tells_its_version(tmp_path: Path) -> None:
+    import bayesdrill
+
+    ran = systems.run("--version", cwd=tmp_path)
+    assert (ran.status, ran.out) == (0, f"bayesdrill {bayesdrill.__version__}\n")
+
+
+@pytest.mark.parametrize("command", ["check", "map", "posterior", "report", "simulate", "schema"])
+def test_help_shows_an_example(command: str) -> None:
+    ran = systems.cli(command, "--help")
+    assert ran.status == 0
+    assert f"Example: bayesdrill {command}" in " ".join(ran.out.split())
+    assert command in systems.cli("--help").out
+
+
+def test_map_prints_and_writes_nothing(tmp_path: Path) -> None:
+    config = systems.small(tmp_path)
+    before = systems.listing(tmp_path)
+    ran = systems.cli("map", config, "--processes", "1")
+    assert ran.status == 0
+    assert "k_e" in ran.out
+    assert systems.listing(tmp_path) == before
+
+
+def test_simulate_refuses_to_overwrite_and_is_repeatable(tmp_path: Path) -> None:
+    config = systems.small(tmp_path)
+    before = systems.listing(tmp_path)
+    assert_refused(systems.cli("simulate", config), "small.csv", "--force", "--output")
+    assert systems.listing(tmp_path) == before
+    assert systems.cli("simulate", config, "--force").status == 0
+    assert systems.listing(tmp_path) == before
+    other = tmp_path / "other.csv"
+    assert systems.cli("simulate", config, "--output", other, "--seed", "8").status == 0
+    assert other.read_bytes() != (tmp_path / "small.csv").read_bytes()
+
+
+def test_the_schema_is_json() -> None:
+    ran = systems.cli("schema")
+    assert ran.status == 0
+    assert json.loads(ran.out)["properties"]["sampler"]
+
+
