@@ -235,7 +235,14 @@ class SamplerSpec(Strict):
     ensembles: Annotated[int, Field(ge=4)] = 4
     walkers: Annotated[int, Field(ge=4)] = 64
     moves: Annotated[dict[str, NonNegative], Field(min_length=1)] = Field(
-        default_factory=lambda: {"differential_evolution": 0.9, "stretch": 0.1}
+        default_factory=lambda: {
+            "differential_evolution": 0.45,
+            "stretch": 0.05,
+            "independence": 0.5,
+        }
+    )
+    pilot: Annotated[int, Field(ge=20)] = Field(
+        500, description="First steps, always dropped, which the independence move learns from."
     )
     r_hat: Annotated[float, Field(gt=1)] = 1.01
     n_tau: Positive = Field(50.0, description="Steps kept, in autocorrelation times.")

@@ -178,8 +178,12 @@ def _check_counts(found: _Collector, config: records.Config, model: Model) -> No
         found.add(("coordinates",), "modal coordinates need a free parameter; write `auto`")
     for name in sampler.moves:
         found.run(("sampler", "moves", name), build.lookup, MOVES, name, "move")
-    if sum(sampler.moves.values()) <= 0:
-        found.add(("sampler", "moves"), "the weights of the moves sum to zero; give one a share")
+    if sum(weight for name, weight in sampler.moves.items() if name != "independence") <= 0:
+        message = "no move is left for the pilot; give differential_evolution or stretch a share"
+        found.add(("sampler", "moves"), message)
+    if sampler.max_steps <= sampler.pilot:
+        message = f"{sampler.max_steps} is not above the pilot's {sampler.pilot}; make it larger"
+        found.add(("sampler", "max_steps"), message)
 
 
 def _check_simulation(found: _Collector, config: records.Config) -> None:

@@ -51,11 +51,12 @@ class Convergence:
         return not self.reasons
 
 
-def assess(theta: Array, names: tuple[str, ...], targets: Targets) -> Convergence:
-    """Judge physical chains `(E, S, W, D)`."""
+def assess(theta: Array, names: tuple[str, ...], targets: Targets, pilot: int = 0) -> Convergence:
+    """Judge physical chains `(E, S, W, D)`, whose first `pilot` steps are dropped in any case."""
     n_steps = theta.shape[1]
-    early = autocorrelation_time(theta[:, n_steps // 2 :])
-    burn_in = min(math.ceil(BURN_IN_TAUS * float(early.max())), n_steps // 2)
+    half = (n_steps - pilot) // 2
+    early = autocorrelation_time(theta[:, pilot + half :])
+    burn_in = pilot + min(math.ceil(BURN_IN_TAUS * float(early.max())), half)
     kept = theta[:, burn_in:]
     tau = autocorrelation_time(kept)
     thin = max(1, min(math.ceil(float(tau.max())), kept.shape[1] // 4))

@@ -128,6 +128,7 @@ def plan(config: records.Config) -> Plan:
         walkers=sampler.walkers,
         moves=sampler.moves,
         targets=Targets(r_hat=sampler.r_hat, n_tau=sampler.n_tau, ess=sampler.ess),
+        pilot=sampler.pilot,
         max_steps=sampler.max_steps,
         seed=config.seed,
     )

@@ -16,7 +16,16 @@ from bayesdrill.build import Problem
 from bayesdrill.experiment import Experiment
 from bayesdrill.yaml_source import Source
 
-PACKAGES = ("numpy", "scipy", "emcee", "arviz-stats", "arviz-base", "llvmlite", "h5py")
+PACKAGES = (
+    "numpy",
+    "scipy",
+    "emcee",
+    "scikit-learn",
+    "arviz-stats",
+    "arviz-base",
+    "llvmlite",
+    "h5py",
+)
 
 
 def versions() -> dict[str, str]:
@@ -34,8 +43,10 @@ def fingerprint(config: records.Config, problem: Problem) -> dict[str, str]:
         "the coordinates": _short(repr(problem.posterior.coordinates)),
         "the MAP search": repr(config.map),
         "the ensembles": repr((sampler.ensembles, sampler.walkers, sorted(sampler.moves.items()))),
+        "the pilot": str(sampler.pilot),
         "the seed": str(config.seed),
         "the version of emcee": version("emcee"),
+        "the version of scikit-learn": version("scikit-learn"),
         "the version of bayesdrill": bayesdrill.__version__,
     }
 

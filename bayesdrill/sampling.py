@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
 
 from bayesdrill import laplace, seeds
 from bayesdrill.convergence import Convergence, Targets, assess
@@ -16,13 +17,16 @@ from bayesdrill.errors import InputError
 from bayesdrill.posterior import Posterior
 from bayesdrill.progress import Reporter
 from bayesdrill.samplers.ensemble import Piece, State, advance
+from bayesdrill.samplers.independence import Mixture, expected_acceptance, fit
 from bayesdrill.store import Folder
 
 Array = NDArray[np.float64]
 
-FIRST_CHECK = 500  # steps; further checks follow when the chain has grown by a quarter
+FIRST_CHECK = 300  # steps after the pilot; further checks follow when these have grown by a quarter
 GROWTH = 1.25
 PIECE = 250  # steps between savings
+PILOT_EVERY = 10  # steps of the pilot's second half that the proposal is learnt from
+LEAST_ACCEPTANCE = 0.05  # below it the learnt proposal is not worth its share of the steps
 START_SPREAD = 1.5  # ensembles start wider than the Gaussian approximation, so that R-hat can tell
 
 
@@ -32,6 +36,7 @@ class Plan:
     walkers: int
     moves: Mapping[str, float]
     targets: Targets
+    pilot: int
     max_steps: int
     seed: int
 
@@ -67,8 +72,41 @@ def begin(posterior: Posterior, theta: Array, n: int, seed: int, ensemble: int) 
     return State(z, posterior(z), seeds.legacy_state(seed, "walk", ensemble))
 
 
-def walk(posterior: Posterior, state: State, n_steps: int, moves: Mapping[str, float]) -> Piece:
-    return advance(posterior.evaluate, state, n_steps, moves)
+def walk(
+    posterior: Posterior,
+    state: State,
+    n_steps: int,
+    moves: Mapping[str, float],
+    proposal: Mixture | None,
+) -> Piece:
+    return advance(posterior.evaluate, state, n_steps, moves, proposal)
+
+
+def learn(
+    posterior: Posterior, chains: list[list[Piece]], plan: Plan, report: Reporter
+) -> Mixture | None:
+    """The independence proposal, from the pilot of all ensembles; None where it does not help."""
+    if plan.moves.get("independence", 0.0) <= 0.0:
+        return None
+    pilot = slice(plan.pilot // 2, plan.pilot, PILOT_EVERY)
+    z = np.concatenate([np.concatenate([p.z for p in pieces])[pilot] for pieces in chains])
+    log_p = np.concatenate([np.concatenate([p.log_p for p in pieces])[pilot] for pieces in chains])
+    draws = z.reshape(-1, z.shape[-1])
+    with threadpool_limits(1):
+        proposal = fit(draws, plan.seed)
+    random = np.random.RandomState()
+    random.set_state(seeds.legacy_state(plan.seed, "pilot"))
+    share = expected_acceptance(proposal, posterior, draws, log_p.ravel(), random)
+    if share < LEAST_ACCEPTANCE:
+        report.say(
+            f"pilot: a proposal learnt from it would be accepted {share:.1%} of the time, too rarely "
+            "to help; going on without"
+        )
+        return None
+    report.say(
+        f"pilot: {plan.pilot} steps; the proposal learnt from them is accepted {share:.0%} of the time"
+    )
+    return proposal
 
 
 def sample(
@@ -76,12 +114,14 @@ def sample(
 ) -> Sampled:
     """Continue what `folder` holds until converged or `max_steps`; every piece is saved."""
     chains = [folder.pieces(ensemble) for ensemble in range(plan.ensembles)]
+    _advance_to(plan.pilot, None, crew, posterior, mode, plan, chains, folder)
+    proposal = learn(posterior, chains, plan, report)
     have = min(map(_steps, chains))
     # Shorter lengths were judged before an interruption, and found wanting.
-    for goal in [goal for goal in _checks(plan.max_steps) if goal >= have] or [have]:
-        _advance_to(goal, crew, posterior, mode, plan, chains, folder, report)
+    for goal in [goal for goal in _checks(plan) if goal >= have] or [have]:
+        _advance_to(goal, proposal, crew, posterior, mode, plan, chains, folder)
         theta = _stack([_physical(posterior, pieces) for pieces in chains])
-        convergence = assess(theta, posterior.space.free, plan.targets)
+        convergence = assess(theta, posterior.space.free, plan.targets, plan.pilot)
         report.update(_share(convergence, plan.targets), _state_of(convergence))
         if convergence.converged:
             break
@@ -91,13 +131,13 @@ def sample(
 
 def _advance_to(
     goal: int,
+    proposal: Mixture | None,
     crew: Crew,
     posterior: Posterior,
     mode: Array,
     plan: Plan,
     chains: list[list[Piece]],
     folder: Folder,
-    report: Reporter,
 ) -> None:
     """All ensembles to `goal` steps; each goes on as soon as its last piece is in."""
     running: dict[Future[Piece], int] = {}
@@ -113,7 +153,7 @@ def _advance_to(
             else begin(posterior, mode, plan.walkers, plan.seed, ensemble)
         )
         n_steps = min(PIECE, goal - steps)
-        running[crew.submit(walk, state, n_steps, dict(plan.moves))] = ensemble
+        running[crew.submit(walk, state, n_steps, dict(plan.moves), proposal)] = ensemble
 
     for ensemble in range(plan.ensembles):
         submit(ensemble)
@@ -127,13 +167,13 @@ def _advance_to(
             submit(ensemble)
 
 
-def _checks(max_steps: int) -> Iterator[int]:
+def _checks(plan: Plan) -> Iterator[int]:
     """When to judge: at steps that do not depend on how the run was cut."""
-    steps = min(FIRST_CHECK, max_steps)
-    while steps < max_steps:
-        yield steps
-        steps = min(int(steps * GROWTH), max_steps)
-    yield max_steps
+    steps = FIRST_CHECK
+    while plan.pilot + steps < plan.max_steps:
+        yield plan.pilot + steps
+        steps = int(steps * GROWTH)
+    yield plan.max_steps
 
 
 def _steps(pieces: list[Piece]) -> int:
@@ -177,5 +217,5 @@ def stored(posterior: Posterior, plan: Plan, folder: Folder) -> Sampled:
             str(folder.path), "the run stopped before its first check; continue it with --resume"
         )
     theta = _stack([_physical(posterior, pieces) for pieces in chains])
-    convergence = assess(theta, posterior.space.free, plan.targets)
+    convergence = assess(theta, posterior.space.free, plan.targets, plan.pilot)
     return Sampled(pieces=chains, theta=theta, convergence=convergence)

@@ -6,9 +6,9 @@ from typing import Any, Literal
 
 import numpy as np
 
-Purpose = Literal["record", "map", "start", "walk", "predictive", "prior"]
+Purpose = Literal["record", "map", "start", "walk", "predictive", "prior", "pilot"]
 
-_ORDER: tuple[Purpose, ...] = ("record", "map", "start", "walk", "predictive", "prior")
+_ORDER: tuple[Purpose, ...] = ("record", "map", "start", "walk", "predictive", "prior", "pilot")
 
 
 def _sequence(seed: int, purpose: Purpose, index: int) -> np.random.SeedSequence:

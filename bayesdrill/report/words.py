@@ -65,7 +65,7 @@ def convergence(sampled: Sampled) -> str:
     n_ensembles, _, n_walkers, _ = sampled.theta.shape
     lines = [
         f"{n_ensembles} ensembles of {n_walkers} walkers, {c.steps} steps, of which the first "
-        f"{c.burn_in} are dropped (burn-in: {BURN_IN_TAUS} autocorrelation times)",
+        f"{c.burn_in} are dropped (pilot, then {BURN_IN_TAUS} autocorrelation times)",
         f"R-hat at most {c.r_hat.max():.4f}, {c.n_tau:.0f} autocorrelation times of "
         f"{c.tau.max():.0f} steps, at least {c.ess_bulk.min():.0f} effective draws, "
         f"acceptance {sampled.acceptance.mean():.2f}",

@@ -10,6 +10,7 @@ import emcee
 import numpy as np
 from numpy.typing import NDArray
 
+from bayesdrill.samplers.independence import Mixture
 from bayesdrill.samplers.moves import mixture
 
 Array = NDArray[np.float64]
@@ -40,8 +41,12 @@ def advance(
     state: State,
     n_steps: int,
     moves: Mapping[str, float],
+    proposal: Mixture | None = None,
 ) -> Piece:
-    """`n_steps` further; `evaluate` gives the log density of a batch and its failures."""
+    """`n_steps` further; `evaluate` gives the log density of a batch and its failures.
+
+    `proposal`: what the independence move draws from; without it that move is left out.
+    """
     failures = 0
 
     def target(z: Array) -> Array:
@@ -51,7 +56,9 @@ def advance(
         return log_p
 
     n_walkers, n_dim = state.z.shape
-    sampler = emcee.EnsembleSampler(n_walkers, n_dim, target, moves=mixture(moves), vectorize=True)
+    sampler = emcee.EnsembleSampler(
+        n_walkers, n_dim, target, moves=mixture(moves, proposal), vectorize=True
+    )
     start = emcee.State(state.z, log_prob=state.log_p, random_state=state.random)
     end = sampler.run_mcmc(start, n_steps, skip_initial_state_check=True)
     return Piece(
