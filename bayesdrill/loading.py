@@ -17,7 +17,6 @@ from bayesdrill.errors import InputError, Problem, did_you_mean
 from bayesdrill.priors import PRIORS
 from bayesdrill.yaml_source import Place, Source, read
 
-
 # What a config cannot do without.  Of an entry that is missing or spoilt nothing more is said, but
 # the others can be judged with these in its place; sections before what stands in them.
 _STAND_INS: dict[Place, Any] = {

@@ -8,6 +8,7 @@ import shutil
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
+from importlib.metadata import version
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Literal, Self
@@ -62,7 +63,6 @@ class Folder:
         self._lock = lock
         if self.mode == "force":
             self._clear()
-        (self.path / PIECES).mkdir(exist_ok=True)
         return self
 
     def __exit__(
@@ -121,6 +121,7 @@ class Folder:
 
     def save(self, ensemble: int, first_step: int, piece: Piece) -> None:
         """One file a piece: an interrupted run loses at most the pieces under way."""
+        (self.path / PIECES).mkdir(exist_ok=True)
         target = self.path / PIECES / f"ensemble_{ensemble}_{first_step:09d}.npz"
         kind, keys, *rest = piece.state.random
         with whole(target) as path:
@@ -152,11 +153,10 @@ class Folder:
 
     def finish_chain(self, pieces: list[list[Piece]], attributes: Mapping[str, Any]) -> None:
         """`chain.h5` in emcee's layout, one group `ensemble_<k>` each; then the pieces go."""
-        if not any((self.path / PIECES).iterdir()) and (self.path / CHAIN).exists():
+        if not any((self.path / PIECES).glob("*.npz")):
             return  # nothing is new
         with whole(self.path / CHAIN) as path:
-            for ensemble, parts in enumerate(pieces):
-                _write_ensemble(path, ensemble, parts, attributes)
+            path.write_bytes(_chain_image(pieces, attributes))
         shutil.rmtree(self.path / PIECES)
 
 
@@ -194,27 +194,36 @@ def _read_piece(path: Path) -> Piece:
         )
 
 
-def _write_ensemble(
-    path: Path, ensemble: int, parts: list[Piece], attributes: Mapping[str, Any]
-) -> None:
-    from emcee.backends import HDFBackend
+def _chain_image(pieces: list[list[Piece]], attributes: Mapping[str, Any]) -> bytes:
+    """The bytes of `chain.h5`, made in memory: HDF5 crashes the process when a disk fills up."""
+    import h5py
 
-    n_steps = sum(len(part.z) for part in parts)
-    n_walkers, n_dim = parts[0].z.shape[1:]
-    backend = HDFBackend(str(path), name=f"ensemble_{ensemble}", dtype=np.float64)
-    backend.reset(n_walkers, n_dim)
-    backend.grow(n_steps, None)
-    with backend.open("a") as file:
-        group = file[f"ensemble_{ensemble}"]
-        group["chain"][:] = np.concatenate([part.z for part in parts])
-        group["log_prob"][:] = np.concatenate([part.log_p for part in parts])
-        group["accepted"][:] = np.sum([part.accepted for part in parts], axis=0)
-        group.attrs["iteration"] = n_steps
-        group.attrs["failures"] = sum(part.failures for part in parts)
-        for index, value in enumerate(parts[-1].state.random):
-            group.attrs[f"random_state_{index}"] = value
-        for name, value in attributes.items():
-            group.attrs[name] = value
+    with h5py.File("chain.h5", "w", driver="core", backing_store=False) as file:
+        for ensemble, parts in enumerate(pieces):
+            _write_ensemble(file.create_group(f"ensemble_{ensemble}"), parts, attributes)
+        file.flush()
+        return bytes(file.id.get_file_image())
+
+
+def _write_ensemble(group: Any, parts: list[Piece], attributes: Mapping[str, Any]) -> None:
+    """As `emcee.backends.HDFBackend` lays out a group."""
+    z = np.concatenate([part.z for part in parts])
+    n_steps, n_walkers, n_dim = z.shape
+    group.create_dataset("chain", data=z, maxshape=(None, n_walkers, n_dim))
+    log_p = np.concatenate([part.log_p for part in parts])
+    group.create_dataset("log_prob", data=log_p, maxshape=(None, n_walkers))
+    group.create_dataset("accepted", data=np.sum([part.accepted for part in parts], axis=0))
+    own = {"failures": sum(part.failures for part in parts), **attributes}
+    layout = {
+        "version": version("emcee"),
+        "nwalkers": n_walkers,
+        "ndim": n_dim,
+        "has_blobs": False,
+        "iteration": n_steps,
+    }
+    group.attrs.update({**layout, **own})
+    for index, value in enumerate(parts[-1].state.random):
+        group.attrs[f"random_state_{index}"] = value
 
 
 def read_chain(path: Path, ensemble: int) -> Piece:

@@ -6,7 +6,6 @@ import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import corner
 import numpy as np
@@ -29,7 +28,7 @@ LEVELS = tuple(1.0 - math.exp(-0.5 * sigma**2) for sigma in (1.0, 2.0))  # 39.3 
 
 POINTS = 2000  # drawn in a panel; contours and histograms count all draws
 BINS = 52  # across the draws of one unknown and a margin for the smoothing
-SMOOTHING = 1.5  # of the contours, bins
+SMOOTHING = 7.8  # of the contours, bins for one draw: N**(-1/6) of it for N draws (Scott's rule)
 CENTRAL = 0.999  # share of the draws inside an axis
 REACH = 1.0  # the axis grows by this share of its width at most to show the nominal value
 
@@ -39,9 +38,10 @@ LEFT, BOTTOM, TOP, RIGHT = 0.88, 0.88, 0.38, 0.22
 LEGEND_WIDTH = 1.9
 GAP = 0.06  # between panels, in panels
 TICK_SIZE, LABEL_SIZE = 8.5, 10.0
+CLEAR, LETTER = 0.1, 0.055  # of an axis: without ticks at its ends, needed by a letter of a tick
 
-CONTOUR: dict[str, Any] = {"colors": style.BLACK, "linewidths": 0.7}
-FILL: dict[str, Any] = {"colors": [(1, 1, 1, 0), "0.85", "0.68"]}
+CONTOUR = {"colors": style.BLACK, "linewidths": 0.7}
+INNER, OUTER = "0.68", "0.85"  # greys between the contours
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,10 +52,10 @@ class Column:
     scale: style.Scale
     x: Array
     interval: tuple[float, float]
-    nominal: float | None
+    nominal: float | None  # None also where it is beyond the axis, ...
+    away: int  # ... -1 below and 1 above it
     mode: float | None
     prior: tuple[Array, Array] | None  # places and densities
-    nominal_side: int  # -1, 0 or 1: below, on or above the axis
 
 
 def corner_figure(
@@ -71,12 +71,15 @@ def corner_figure(
         for x, symbol in zip(draws.T, symbols, strict=True)
     ]
     with style.styled():
-        figure = _page(len(columns))
-        _draw(figure, columns)
+        size = _panels_size(len(columns))
+        extra = LEGEND_WIDTH if len(columns) == 1 else 0.0
+        figure = Figure(figsize=(LEFT + size + RIGHT + extra, BOTTOM + size + TOP))
+        _histograms(figure, columns)
         panels = np.array(figure.axes).reshape(len(columns), len(columns))
         for i, row in enumerate(columns):
             _marginal(panels[i, i], row, len(draws))
             for j, column in enumerate(columns[:i]):
+                _contours(panels[i, j], column.x, row.x)
                 _marks(panels[i, j], column, row)
         _arrange(figure, panels, columns)
         _points(figure, panels, columns)
@@ -94,15 +97,16 @@ def _column(
         places = np.linspace(low, high, 401)
         density = (scale(places), np.exp(prior.logpdf(places)) * 10.0**scale.power)
     near, far = (float(end) for end in scale(np.array(hdi(x))))
+    away = scale.side(nominal)
     return Column(
         symbol=symbol,
         scale=scale,
         x=scale(x),
         interval=(near, far),
-        nominal=None if nominal is None else float(scale(nominal)),
+        nominal=None if nominal is None or away else float(scale(nominal)),
+        away=away,
         mode=None if mode is None else float(scale(mode)),
         prior=density,
-        nominal_side=scale.side(nominal),
     )
 
 
@@ -115,21 +119,14 @@ def _ends(x: Array, nominal: float | None, mode: float | None) -> tuple[float, f
     return low - margin, high + margin
 
 
-def _page(n: int) -> Figure:
-    """An empty figure for n by n panels; the legend of a single one stands beside it."""
-    size = _panels_size(n)
-    extra = LEGEND_WIDTH if n == 1 else 0.0
-    return Figure(figsize=(LEFT + size + RIGHT + extra, BOTTOM + size + TOP))
-
-
 def _panels_size(n: int) -> float:
     """Inches that the n panels take, gaps included."""
     panel = min(PANEL_LARGEST, max(PANEL_SMALLEST, PANELS_WIDTH / n))
     return panel * (n + GAP * (n - 1))
 
 
-def _draw(figure: Figure, columns: Sequence[Column]) -> None:
-    """What `corner` draws: histograms and contours of all draws."""
+def _histograms(figure: Figure, columns: Sequence[Column]) -> None:
+    """Panels and histograms of all draws, by `corner`."""
     draws = np.stack([column.x for column in columns], axis=-1)
     corner.corner(
         draws,
@@ -141,9 +138,6 @@ def _draw(figure: Figure, columns: Sequence[Column]) -> None:
         plot_contours=False,
         hist_kwargs={"color": style.BLACK, "linewidth": 0.8},
     )
-    panels = np.array(figure.axes).reshape(len(columns), len(columns))
-    for i, j in itertools.combinations(range(len(columns)), 2):
-        _contours(panels[j, i], columns[i].x, columns[j].x)
 
 
 def _points(figure: Figure, panels: NDArray[np.object_], columns: Sequence[Column]) -> None:
@@ -169,6 +163,7 @@ def _contours(panel: Axes, x: Array, y: Array) -> None:
     """
     slope = float(np.cov(x, y)[0, 1] / max(np.var(x), 1e-300))
     shear = Affine2D(np.array([[1.0, 0.0, 0.0], [slope, 1.0, 0.0], [0.0, 0.0, 1.0]]))
+    transform = shear + panel.transData
     across = y - slope * x
     corner.hist2d(
         x,
@@ -176,14 +171,14 @@ def _contours(panel: Axes, x: Array, y: Array) -> None:
         ax=panel,
         range=[_central(x), _central(across)],
         bins=BINS,
-        smooth=SMOOTHING,
+        smooth=SMOOTHING * len(x) ** (-1 / 6),
         levels=LEVELS,
         plot_datapoints=False,
         plot_density=False,
         no_fill_contours=True,
         fill_contours=True,
-        contour_kwargs=CONTOUR | {"transform": shear + panel.transData},
-        contourf_kwargs=FILL | {"transform": shear + panel.transData},
+        contour_kwargs={**CONTOUR, "transform": transform},
+        contourf_kwargs={"colors": [(1, 1, 1, 0), OUTER, INNER], "transform": transform},
         quiet=True,
     )
 
@@ -196,9 +191,11 @@ def _central(x: Array) -> tuple[float, float]:
 
 
 def _bins(column: Column) -> int:
-    """As many as give `BINS` across the draws when the axis is wider than they are."""
+    """As many as give `BINS`, or fewer for few draws, across the draws on a wider axis."""
     low, high = _central(column.x)
-    return min(round(BINS * (column.scale.high - column.scale.low) / (high - low)), 4 * BINS)
+    across = min(float(BINS), 2.2 * math.cbrt(len(column.x)))
+    wider = (column.scale.high - column.scale.low) / (high - low)
+    return max(1, min(round(across * wider), 4 * BINS))
 
 
 def _marginal(panel: Axes, column: Column, n_draws: int) -> None:
@@ -212,38 +209,27 @@ def _marginal(panel: Axes, column: Column, n_draws: int) -> None:
         panel.plot(places, height, **style.PRIOR_LINE)
         top = max(top, 1.1 * float(height.max()))
     panel.set_ylim(0, top)
-    if column.nominal is not None and column.nominal_side == 0:
+    if column.nominal is not None:
         panel.axvline(column.nominal, **style.NOMINAL)
-    if column.nominal_side:
-        panel.plot(
-            [0.95 if column.nominal_side > 0 else 0.05],
-            [0.5],
-            transform=panel.transAxes,
-            marker=">" if column.nominal_side > 0 else "<",
-            **style.AWAY,
-        )
+    if column.away:
+        place, marker = (0.95, ">") if column.away > 0 else (0.05, "<")
+        panel.plot([place], [0.5], transform=panel.transAxes, marker=marker, **style.AWAY)
     if column.mode is not None:
         panel.axvline(column.mode, **style.MAP_LINE)
     panel.set_title(_title(column), fontsize=LABEL_SIZE, loc="left", pad=6)
 
 
 def _title(column: Column) -> str:
-    """Median and interval with two digits of the interval's shorter side."""
-    low, high = column.interval
-    median = float(np.median(column.x))
-    shorter = max(min(median - low, high - median), 1e-12)
-    places = max(0, 1 - math.floor(math.log10(shorter)))
-    latex = column.symbol.latex
-    name = latex if column.scale.origin == 0 else rf"\delta {latex}"
-    up, down = f"{high - median:.{places}f}", f"{median - low:.{places}f}"
-    return rf"${name} = {median:.{places}f}^{{+{up}}}_{{-{down}}}$"
+    """Median and interval."""
+    name = ("" if column.scale.origin == 0 else r"\delta ") + column.symbol.latex
+    return f"${name} = {style.with_spread(float(np.median(column.x)), *column.interval)}$"
 
 
 def _marks(panel: Axes, column: Column, row: Column) -> None:
     """Nominal values as lines and the mode as a cross."""
-    if column.nominal is not None and column.nominal_side == 0:
+    if column.nominal is not None:
         panel.axvline(column.nominal, **style.NOMINAL)
-    if row.nominal is not None and row.nominal_side == 0:
+    if row.nominal is not None:
         panel.axhline(row.nominal, **style.NOMINAL)
     if column.mode is not None and row.mode is not None:
         panel.plot([column.mode], [row.mode], **style.CROSS)
@@ -276,7 +262,9 @@ def _arrange(figure: Figure, panels: NDArray[np.object_], columns: Sequence[Colu
 
 
 def _numbers(axis: Axis, column: Column, *, outer: bool) -> None:
-    style.set_ticks(axis, column.scale.low, column.scale.high, texts=outer)
+    low, high = column.scale.low, column.scale.high
+    places, texts = style.ticks(low, high, clear=CLEAR, letter=LETTER)
+    style.set_ticks(axis, places, texts if outer else None)
     if outer:
         axis.set_tick_params(labelsize=TICK_SIZE, pad=4)
         for text in axis.get_ticklabels():
@@ -287,40 +275,37 @@ def _numbers(axis: Axis, column: Column, *, outer: bool) -> None:
 
 
 def _legend(figure: Figure, columns: Sequence[Column]) -> None:
-    """Says what each line, shade and number is; in the empty upper right, or beside one panel."""
+    """In the empty upper right, or beside a single panel."""
     width, height = figure.get_size_inches()
-    n = len(columns)
     figure.legend(
         handles=_handles(columns),
         loc="upper right",
         bbox_to_anchor=(1 - 0.5 * RIGHT / width, 1 - 0.5 * TOP / height),
-        fontsize=8.0 if n < 4 else 12.0,
+        fontsize=8.0 if len(columns) < 4 else 12.0,
         borderaxespad=0.0,
         handlelength=2.2,
     )
 
 
 def _handles(columns: Sequence[Column]) -> list[Line2D | Patch]:
+    """Says what each line, shade and number is."""
     credible = f"{100 * HDI_PROBABILITY:.0f} %"
     handles: list[Line2D | Patch] = [
-        Line2D([], [], color="black", linewidth=0.8, label="posterior")
+        Line2D([], [], color=style.BLACK, linewidth=0.8, label="posterior"),
+        Patch(color=style.FAINT, label=f"narrowest {credible} interval"),
     ]
-    handles.append(Patch(color=style.FAINT, label=f"narrowest {credible} interval"))
     if any(column.prior is not None for column in columns):
         handles.append(Line2D([], [], label="prior", **style.PRIOR_LINE))
-    handles += style.nominal_handles({c.nominal_side for c in columns if c.nominal is not None})
+    sides = {column.away for column in columns if column.nominal is not None or column.away}
+    handles += style.nominal_handles(sides)
     if any(column.mode is not None for column in columns):
         both = {**style.CROSS, "linestyle": style.MAP_LINE["linestyle"]}
         handles.append(Line2D([], [], label="MAP", **both))
     if len(columns) > 1:
-        inner, outer = (f"{100 * level:.1f} % of the draws" for level in LEVELS)
-        for grey, share, sds in (("0.68", inner, 1), ("0.85", outer, 2)):
-            text = rf"{share} (${sds}\sigma$ in two dimensions)"
+        for grey, level, sds in zip((INNER, OUTER), LEVELS, (1, 2), strict=True):
+            text = rf"{100 * level:.1f} % of the draws (${sds}\sigma$ in two dimensions)"
             handles.append(Patch(facecolor=grey, edgecolor="black", linewidth=0.7, label=text))
-    handles.append(
-        Line2D([], [], linestyle="none", label=f"titles: median and {credible} interval")
-    )
+    notes = [f"titles: median and {credible} interval"]
     if any(column.scale.origin for column in columns):
-        note = r"$\delta$: the difference that the axis shows"
-        handles.append(Line2D([], [], linestyle="none", label=note))
-    return handles
+        notes.append(r"$\delta$: the difference that the axis shows")
+    return handles + [Line2D([], [], linestyle="none", label=note) for note in notes]

@@ -56,7 +56,8 @@ def fit_figure(
             _residuals(right, channel, time, t, y - model, float(mode_sigma[k]))
             for panel in (left, right):
                 panel.set_xlim(time.low, time.high)
-                style.set_ticks(panel.xaxis, time.low, time.high, 5 if panel is left else 4)
+                most = 5 if panel is left else 4
+                style.set_ticks(panel.xaxis, *style.ticks(time.low, time.high, most))
         for panel in rows[-1]:
             panel.set_xlabel(time.label(TIME))
         _legends(figure, rows[0])
@@ -143,7 +144,7 @@ def _numbers(panel: Axes, what: style.Labelled, low: float, high: float) -> styl
     margin = 0.06 * (high - low)
     scale = style.scale(low - margin, high + margin)
     panel.set_ylim(scale.low, scale.high)
-    style.set_ticks(panel.yaxis, scale.low, scale.high, 4)
+    style.set_ticks(panel.yaxis, *style.ticks(scale.low, scale.high, 4))
     style.side_label(panel, scale.label(what, "\n"))
     return scale
 

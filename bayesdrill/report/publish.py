@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Sequence
 
 import numpy as np
@@ -38,8 +39,10 @@ def everything(
         seeds.stream(config.seed, "prior"),
         _attributes(config, sampled),
     )
+    image = io.BytesIO()  # in memory: see store._chain_image
+    tree.to_netcdf(image, engine="h5netcdf")
     with whole(folder.path / "posterior.nc") as path:
-        tree.to_netcdf(path, engine="h5netcdf")
+        path.write_bytes(image.getvalue())
     channels = problem.experiment.names
     group = tree["posterior_predictive"]
     predictive = np.stack([group[name].values for name in channels], axis=-1)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import matplotlib
 import numpy as np
 from matplotlib.lines import Line2D
-from matplotlib.ticker import FixedLocator, FuncFormatter
+from matplotlib.ticker import FixedFormatter, FixedLocator, NullFormatter
 from matplotlib.transforms import ScaledTranslation
 from numpy.typing import NDArray
 
@@ -194,10 +194,32 @@ def _latex_number(x: float) -> str:
     return rf"{digits}{{\cdot}}10^{{{int(exponent)}}}"
 
 
-def ticks(low: float, high: float, most: int = 3, clear: float = 0.05) -> tuple[Array, list[str]]:
-    """Two to `most` (3 or more) round numbers, off the ends by the share `clear`, and their texts."""
-    inner = clear * (high - low)
-    low, high = low + inner, high - inner
+def with_spread(x: float, low: float, high: float) -> str:
+    """LaTeX of x and its interval, with two digits of the interval's shorter side."""
+    shorter = min(x - low, high - x)
+    places = max(0, 1 - math.floor(math.log10(shorter))) if shorter > 0 else 3
+    return f"{x:.{places}f}^{{+{high - x:.{places}f}}}_{{-{x - low:.{places}f}}}"
+
+
+def ticks(
+    low: float, high: float, most: int = 3, *, clear: float = 0.05, letter: float = 0.0
+) -> tuple[Array, list[str]]:
+    """Two to `most` (3 or more) round numbers and their texts.
+
+    Shares of the axis: `clear` stays free at both ends; `letter` is the room that a letter of a
+    text needs, and where three texts have less, only the outer two stay.
+    """
+    length = high - low
+    low, high = low + clear * length, high - clear * length
+    values, places, step = _round_numbers(low, high, most)
+    texts = [_text(value, places) for value in values]
+    if len(values) == 3 and letter * max(map(len, texts)) * length > step:
+        values, texts = values[::2], texts[::2]
+    return np.array(values), texts
+
+
+def _round_numbers(low: float, high: float, most: int) -> tuple[list[float], int, float]:
+    """The multiples of the finest step that gives at most `most`, their decimals, the step."""
     exponent = math.floor(math.log10((high - low) / most)) - 1
     while True:
         for factor, decimals in ((1.0, 0), (2.0, 0), (2.5, 1), (5.0, 0)):
@@ -205,8 +227,7 @@ def ticks(low: float, high: float, most: int = 3, clear: float = 0.05) -> tuple[
             first, last = math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9)
             if last - first < most:
                 places = max(0, decimals - exponent)
-                values = [round(k * step, places) for k in range(first, last + 1)]
-                return np.array(values), [_text(value, places) for value in values]
+                return [round(k * step, places) for k in range(first, last + 1)], places, step
         exponent += 1
 
 
@@ -214,22 +235,16 @@ def _text(value: float, places: int) -> str:
     return f"{value + 0.0:.{places}f}".replace("-", "\N{MINUS SIGN}")
 
 
-def set_ticks(axis: Axis, low: float, high: float, most: int = 3, *, texts: bool = True) -> None:
-    """Fixed ticks with fixed texts: no offset text appears on this axis."""
-    places, labels = ticks(low, high, most)
-    known = {round(place, 12): label for place, label in zip(places, labels, strict=True)}
+def set_ticks(axis: Axis, places: Array, texts: Sequence[str] | None) -> None:
+    """Fixed ticks with fixed texts, or with none: no offset text appears on this axis."""
     axis.set_major_locator(FixedLocator(places.tolist()))
-    axis.set_major_formatter(
-        FuncFormatter(lambda place, _: known.get(round(place, 12), "") if texts else "")
-    )
+    axis.set_major_formatter(NullFormatter() if texts is None else FixedFormatter(texts))
 
 
 def side_label(panel: Axes, text: str) -> None:
     """The label of a vertical axis, at the same distance in all panels."""
-    figure = panel.get_figure(root=True)
-    assert figure is not None
-    move = ScaledTranslation(-TICKS_WIDTH, 0, figure.dpi_scale_trans)
-    panel.set_ylabel(text, linespacing=1.0)
+    move = ScaledTranslation(-TICKS_WIDTH, 0, panel.figure.dpi_scale_trans)
+    panel.set_ylabel(text, linespacing=1.12)
     panel.yaxis.set_label_coords(0, 0.5, transform=panel.transAxes + move)
 
 

@@ -142,7 +142,7 @@ def _numbers(panel: Axes, scale: style.Scale, symbol: Symbol, n_steps: int) -> N
     panel.set_ylim(scale.low, scale.high)
     panel.xaxis.set_major_locator(MaxNLocator(3, integer=True, prune="upper"))
     panel.xaxis.set_major_formatter(lambda step, _: f"{step:.0f}")
-    style.set_ticks(panel.yaxis, scale.low, scale.high, most=4)
+    style.set_ticks(panel.yaxis, *style.ticks(scale.low, scale.high, 4))
     style.side_label(panel, scale.label(symbol, "\n"))
 
 

@@ -1,0 +1,405 @@
+"""Figures as they are rendered: nothing overlaps, values are where they belong, files are whole."""
+
+from __future__ import annotations
+
+import itertools
+import re
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.text import Text
+from matplotlib.transforms import Bbox
+from numpy.typing import NDArray
+from PIL import Image
+
+from bayesdrill.experiment import Channel, Experiment
+from bayesdrill.priors import HalfNormal, Prior, Uniform
+from bayesdrill.report import style
+from bayesdrill.report.corner_plot import corner_figure
+from bayesdrill.report.fit_plot import extremes, fit_figure
+from bayesdrill.report.trace_plot import trace_figure
+from bayesdrill.symbols import NOMINAL, PARAMETERS, Symbol, noise_symbol
+
+Array = NDArray[np.float64]
+
+TABLE = dict(NOMINAL["tables_2_3"].values)
+SIGMAS = {"w_1": 0.31, "w_2": 0.052, "i": 0.0123, "theta_1": 4.4e-3}
+SYMBOLS = (
+    *PARAMETERS.values(),
+    noise_symbol("w_1", "rad/s", r"\dot\theta_1", "rad/s"),
+    noise_symbol("w_2", "rad/s", r"\dot\theta_2", "rad/s"),
+    noise_symbol("i", "A", r"\dot q", "A"),
+    noise_symbol("theta_1", "rad", r"\theta_1", "rad"),
+)
+
+
+def posterior(n: int, width: float | None = None) -> Array:
+    """`(n, 13)` SI: skewed, correlated, one that is just its prior; or all of relative `width`."""
+    rng = np.random.default_rng(5)
+    z = rng.standard_normal((n, 13))
+    ratio = 1 + 0.03 * z
+    common = 0.08 * z[:, 6]
+    for column, mean in ((0, 1.02), (6, 1.05), (7, 1.03)):
+        ratio[:, column] = mean + common + 8e-4 * z[:, column]
+    ratio[:, 1] = 0.6 + 0.2 * rng.gamma(2.0, 0.6, n)
+    ratio[:, 3] = 0.97 - 0.3 * (ratio[:, 2] - 1) + 0.005 * z[:, 3]
+    ratio[:, 5] = rng.uniform(0.5, 1.5, n)
+    if width is not None:
+        ratio = 1 + width * (3 + (ratio - ratio.mean(0)) / ratio.std(0))
+    return ratio * np.array([*TABLE.values(), *SIGMAS.values()])
+
+
+def prior_of(symbol: Symbol) -> Prior:
+    if symbol.name in TABLE:
+        return Uniform(0.5 * TABLE[symbol.name], 1.5 * TABLE[symbol.name])
+    return HalfNormal(2 * SIGMAS[symbol.name.removeprefix("sigma_")])
+
+
+def mode_of(draws: Array, symbols: tuple[Symbol, ...]) -> dict[str, float]:
+    return {s.name: float(np.quantile(draws[:, d], 0.4)) for d, s in enumerate(symbols)}
+
+
+CASES = {
+    "1": ((1,), None),
+    "2": ((0, 6), None),
+    "9": (range(9), None),
+    "13": (range(13), None),
+    "1 narrow": ((4,), 1e-5),
+    "2 narrow": ((0, 12), 1e-5),
+    "9 narrow": (range(9), 1e-5),
+}
+
+
+@cache
+def corner_case(name: str) -> tuple[Figure, tuple[Symbol, ...], dict[str, float]]:
+    chosen, width = CASES[name]
+    columns = list(chosen)
+    draws = posterior(1500, width)[:, columns]
+    symbols = tuple(SYMBOLS[column] for column in columns)
+    mode = mode_of(draws, symbols)
+    figure = corner_figure(draws, symbols, TABLE, mode, {s.name: prior_of(s) for s in symbols})
+    return drawn(figure), symbols, mode
+
+
+def trace_case(width: float | None = None, burn_in: int = 70) -> Figure:
+    theta = posterior(3 * 500 * 12, width)[:, :9].reshape(3, 500, 12, 9)
+    mode = mode_of(theta.reshape(-1, 9), SYMBOLS[:9])
+    return drawn(trace_figure(theta, SYMBOLS[:9], burn_in, TABLE, mode))
+
+
+CHANNELS = (
+    ("w_1", r"\dot\theta_1", "rad/s", 30.0),
+    ("i", r"\dot q", "A", 1.9),
+    ("s", r"\theta_1 - \theta_2", "rad", 2e-3),
+    ("theta_1", r"\theta_1", "rad", 4e3),
+    ("far", r"\dot\theta_2", "rad/s", 1e-5),
+    ("w_2", r"\dot\theta_2", "rad/s", 1e5),
+)
+
+
+def fit_case(n_channels: int, n_samples: int) -> tuple[Figure, Experiment, Array, Array]:
+    """The figure, and what it shows: experiment, signals at the mode, sigma."""
+    rng = np.random.default_rng(7)
+    t = 0.1 + np.arange(n_samples) * 5.0 / n_samples
+    size = np.array([channel[-1] for channel in CHANNELS[:n_channels]])
+    wave = 1 - np.exp(-t / 0.8) * np.cos(10 * t)
+    model = wave[:, None] * size + np.where(size == 1e-5, 250.0, 0.0)
+    sigma = 0.03 * size
+    y = model + sigma * rng.standard_normal(model.shape)
+    predictive = model + sigma * rng.standard_normal((8, *model.shape))
+    experiment = Experiment(
+        t=t,
+        y=y,
+        channels=tuple(
+            Channel(name=name, weights={}, unit=unit, latex=latex, latex_unit=unit)
+            for name, latex, unit, _ in CHANNELS[:n_channels]
+        ),
+        constant={},
+        series={},
+        first_order=False,
+        start={},
+        t_start=0.0,
+    )
+    return drawn(fit_figure(experiment, model, predictive, sigma)), experiment, model, sigma
+
+
+def drawn(figure: Figure) -> Figure:
+    FigureCanvasAgg(figure).draw()
+    return figure
+
+
+# Overlaps
+
+
+def shown(texts: list[Text]) -> list[Text]:
+    return [text for text in texts if text.get_visible() and text.get_text()]
+
+
+def box(text: Text) -> Bbox:
+    return text.get_window_extent()
+
+
+def overlap(a: Bbox, b: Bbox) -> bool:
+    """By more than half a pixel."""
+    return bool(np.all(np.minimum(a.p1, b.p1) - np.maximum(a.p0, b.p0) > 0.5))
+
+
+def clashes(figure: Figure) -> Iterator[str]:
+    """Pairs of texts that overlap, and texts that leave the page."""
+    page = figure.bbox.padded(0.5)
+    every: list[Text] = []
+    for panel in figure.axes:
+        if not panel.axison:
+            continue
+        own = [panel.xaxis.label, panel.yaxis.label]
+        titles = [panel.title, panel._left_title]
+        ticks = [*panel.get_xticklabels(), *panel.get_yticklabels()]
+        every += shown([*own, *titles, *ticks])
+    legends = [*figure.legends, *(panel.get_legend() for panel in figure.axes)]
+    every += [
+        text for legend in legends if legend is not None for text in shown(legend.get_texts())
+    ]
+    boxes = [(text.get_text(), box(text)) for text in every]
+    for (text, a), (other, b) in itertools.combinations(boxes, 2):
+        if overlap(a, b):
+            yield f"{text} on {other}"
+    for text, a in boxes:
+        if not (page.contains(*a.p0) and page.contains(*a.p1)):
+            yield f"{text} leaves the page"
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_no_texts_of_a_corner_overlap(name: str) -> None:
+    assert list(clashes(corner_case(name)[0])) == []
+
+
+@pytest.mark.parametrize("width", [None, 1e-5])
+def test_no_texts_of_a_trace_overlap(width: float | None) -> None:
+    assert list(clashes(trace_case(width))) == []
+
+
+@pytest.mark.parametrize(("n_channels", "n_samples"), [(1, 20), (3, 700), (6, 100_000)])
+def test_no_texts_of_a_fit_overlap(n_channels: int, n_samples: int) -> None:
+    assert list(clashes(fit_case(n_channels, n_samples)[0])) == []
+
+
+# Places
+
+
+def si(label: str, u: float) -> float:
+    """What a reader of the axis makes of the number u on it: only the label is known."""
+    quantity, inside = label.replace("\n", " ").split(" [")
+    power = re.match(r"\$10\^\{(-?\d+)\}", inside)
+    origin = re.search(r" - ([\d.]+)(?:\{\\cdot\}10\^\{(-?\d+)\})?\$", quantity)
+    start = float(f"{origin[1]}e{origin[2] or 0}") if origin else 0.0
+    return start + u * 10.0 ** (int(power[1]) if power else 0)
+
+
+def line(panel: Axes, colour: object, dashes: object, *, upright: bool) -> float | None:
+    """Where the line of this look crosses the panel."""
+    for candidate in panel.get_lines():
+        x, y = (np.asarray(data, dtype=float) for data in candidate.get_data())
+        along, across = (y, x) if upright else (x, y)
+        if (
+            candidate.get_color() == colour
+            and candidate.get_linestyle() != "None"
+            and candidate.is_dashed()
+            and len(x) == 2
+            and list(along) == [0, 1]
+        ):
+            return float(across[0])
+    return None
+
+
+def labels_below(figure: Figure, n: int) -> list[str]:
+    return [panel.get_xlabel() for panel in figure.axes[-n:]]
+
+
+@pytest.mark.parametrize("name", ["1", "2", "9", "9 narrow"])
+def test_nominal_values_and_map_are_at_their_places(name: str) -> None:
+    figure, symbols, mode = corner_case(name)
+    n = len(symbols)
+    labels = labels_below(figure, n)
+    panels = np.array(figure.axes).reshape(n, n)
+    for i, j in itertools.product(range(n), range(n)):
+        if j > i:
+            continue
+        panel, x, y = panels[i, j], symbols[j].name, symbols[i].name
+        upright = line(panel, style.NOMINAL["color"], None, upright=True)
+        assert upright is not None
+        assert si(labels[j], upright) == pytest.approx(TABLE[x], rel=1e-9)
+        if i == j:
+            place = line(panel, style.MAP_COLOUR, None, upright=True)
+            assert place is not None
+            assert si(labels[j], place) == pytest.approx(mode[x], rel=1e-9)
+            continue
+        level = line(panel, style.NOMINAL["color"], None, upright=False)
+        assert level is not None
+        assert si(labels[i], level) == pytest.approx(TABLE[y], rel=1e-9)
+        (cross,) = (c for c in panel.get_lines() if c.get_marker() == "+")
+        assert si(labels[j], cross.get_xdata()[0]) == pytest.approx(mode[x], rel=1e-9)
+        assert si(labels[i], cross.get_ydata()[0]) == pytest.approx(mode[y], rel=1e-9)
+
+
+def test_contours_of_nearly_perfect_correlation_are_narrow() -> None:
+    """They enclose draws, not bins: across the ridge they are as narrow as the draws."""
+    figure = corner_case("2")[0]
+    panel = np.array(figure.axes).reshape(2, 2)[1, 0]
+    j_m, k_s = posterior(1500)[:, [0, 6]].T
+    x, y = j_m / 1e-4, k_s
+    slope, start = np.polyfit(x, y, 1)
+    (contours,) = (c for c in panel.collections if not c.filled)
+    moved = contours.get_transform() - panel.transData
+    vertices = np.concatenate([moved.transform(p.vertices) for p in contours.get_paths()])
+    across = vertices[:, 1] - slope * vertices[:, 0] - start
+    assert np.abs(across).max() < 4 * np.std(y - slope * x - start)
+    assert np.ptp(vertices[:, 0]) > 2 * np.std(x)
+
+
+def test_far_nominal_value_is_pointed_at_and_a_missing_one_is_not() -> None:
+    draws = posterior(500, 1e-5)[:, [0, 9]] * np.array([1.2, 1.0])
+    figure = drawn(corner_figure(draws, (SYMBOLS[0], SYMBOLS[9]), TABLE, {}, {}))
+    first, _, _, last = figure.axes
+    assert [c.get_marker() for c in first.get_lines()] == ["<"]
+    assert len(last.get_lines()) == 0
+    (legend,) = figure.legends
+    texts = [text.get_text() for text in legend.get_texts()]
+    assert "nominal value, off the axis" in texts
+    assert not {"nominal value", "prior", "MAP"} & set(texts)
+
+
+def test_corner_legend_names_contours_and_interval() -> None:
+    (legend,) = corner_case("9")[0].legends
+    texts = " ".join(text.get_text() for text in legend.get_texts())
+    for part in ("39.3 %", "86.5 %", "94 % interval", "prior", "nominal value", "MAP"):
+        assert part in texts
+
+
+def test_trace_shows_medians_and_says_burn_in_once() -> None:
+    figure = trace_case(burn_in=70)
+    theta = posterior(3 * 500 * 12)[:, :9].reshape(3, 500, 12, 9)
+    panel = figure.axes[4]
+    medians = [c for c in panel.get_lines() if len(c.get_xdata()) > 2]
+    assert len(medians) == 3
+    for ensemble, median in enumerate(medians):
+        steps = np.asarray(median.get_xdata(), dtype=int)
+        assert len(steps) <= 400
+        assert steps[[0, -1]].tolist() == [0, 499]
+        got = [si(panel.get_ylabel(), u) for u in median.get_ydata()]
+        np.testing.assert_allclose(got, np.median(theta[ensemble, steps, :, 4], axis=1))
+    (legend,) = figure.legends
+    texts = [text.get_text() for text in legend.get_texts()]
+    assert texts.count("burn-in: 70 steps dropped") == 1
+    looks = {(c.get_color(), str(c.get_linestyle())) for c in medians}
+    assert len(looks) == 3
+
+
+def test_fit_shows_samples_model_and_residuals() -> None:
+    figure, experiment, model, sigma = fit_case(2, 200)
+    left, right = figure.axes[2:]
+    dots, solid = left.get_lines()
+    shown_y = [si(left.get_ylabel(), u) for u in dots.get_ydata()]
+    np.testing.assert_allclose(shown_y, experiment.y[:, 1])
+    shown_model = [si(left.get_ylabel(), u) for u in solid.get_ydata()]
+    np.testing.assert_allclose(shown_model, model[:, 1])
+    times = [si(left.get_xlabel(), u) for u in dots.get_xdata()]
+    np.testing.assert_allclose(times, experiment.t)
+    (rest,) = (c for c in right.get_lines() if c.get_marker() == "o")
+    residuals = [si(right.get_ylabel(), u) for u in rest.get_ydata()]
+    np.testing.assert_allclose(residuals, experiment.y[:, 1] - model[:, 1])
+    edges = sorted(
+        si(right.get_ylabel(), c.get_ydata()[0]) for c in right.get_lines() if c.is_dashed()
+    )
+    np.testing.assert_allclose(edges, np.array([-1, 1]) * 1.8808 * sigma[1], rtol=1e-4)
+
+
+def test_fit_band_is_the_quantiles_of_the_predictive() -> None:
+    _, experiment, model, sigma = fit_case(1, 50)
+    predictive = model + np.linspace(-1, 1, 101)[:, None, None]
+    (left, _) = fit_figure(experiment, model, predictive, sigma).axes
+    (band,) = left.collections
+    vertices = band.get_paths()[0].vertices
+    at = np.isclose(vertices[:, 0], experiment.t[20])
+    heights = [vertices[at, 1].min() - model[20, 0], vertices[at, 1].max() - model[20, 0]]
+    np.testing.assert_allclose(heights, [-0.94, 0.94], atol=1e-9)
+
+
+@given(st.integers(3, 5000), st.integers(10, 300))
+def test_extremes_keep_ends_and_peaks(n: int, most: int) -> None:
+    y = np.random.default_rng(n).standard_normal(n)
+    kept = extremes(y, most)
+    assert len(kept) <= most
+    assert len(np.unique(kept)) == len(kept)
+    assert {0, n - 1, int(y.argmin()), int(y.argmax())} <= set(kept.tolist())
+
+
+# Numbers on axes
+
+
+@given(
+    st.floats(-1e6, 1e6).filter(lambda x: abs(x) > 1e-7),
+    st.floats(-9, 1).map(lambda e: 10.0**e),
+)
+def test_ticks_are_few_distinct_and_true(middle: float, width: float) -> None:
+    low, high = middle - 0.5 * width * abs(middle), middle + 0.5 * width * abs(middle)
+    scale = style.scale(low, high)
+    places, texts = style.ticks(scale.low, scale.high)
+    assert 2 <= len(places) <= 3
+    assert len(set(texts)) == len(texts)
+    assert max(map(len, texts)) <= 8
+    symbol = PARAMETERS["j_m"]
+    for place, text in zip(places, texts, strict=True):
+        assert float(text.replace("\N{MINUS SIGN}", "-")) == place
+        x = si(scale.label(symbol).replace(" - -", " - "), place) if middle > 0 else None
+        if x is not None:
+            assert low - 1e-12 * abs(low) <= x <= high + 1e-12 * abs(high)
+            np.testing.assert_allclose(float(scale(x)), place, atol=1e-4 * (scale.high - scale.low))
+
+
+def test_labels_have_power_unit_and_origin() -> None:
+    j_m, r_m = PARAMETERS["j_m"], PARAMETERS["r_m"]
+    assert style.axis_label(j_m, -4) == r"$j_m$ [$10^{-4}\,\mathrm{kg\,m^2}$]"
+    assert style.axis_label(r_m, 0) == r"$r_m$ [$\mathrm{\Omega}$]"
+    assert style.axis_label(j_m, -9, 4e-4).startswith(r"$j_m - 4{\cdot}10^{-4}$ [")
+    assert style.axis_label(Symbol("x", "", "x", "", ""), 0) == "$x$"
+
+
+# Files
+
+
+def test_files_are_whole_described_and_the_same_each_time(tmp_path: Path) -> None:
+    figure = corner_case("2")[0]
+    note = {"Title": "a rig", "Creator": "bayesdrill 1", "Seed": "12"}
+    for name in ("first", "second"):
+        (tmp_path / name).mkdir()
+        written = style.save(figure, tmp_path / name, "corner", note)
+        assert written == [tmp_path / name / "corner.pdf", tmp_path / name / "corner.png"]
+        assert sorted((tmp_path / name).iterdir()) == sorted(written)
+    for kind in ("pdf", "png"):
+        one, two = (
+            (tmp_path / name / f"corner.{kind}").read_bytes() for name in ("first", "second")
+        )
+        assert one == two
+    pdf = (tmp_path / "first" / "corner.pdf").read_bytes()
+    assert b"(a rig)" in pdf
+    assert b"Seed: 12" in pdf
+    assert b"CreationDate" not in pdf
+    with Image.open(tmp_path / "first" / "corner.png") as image:
+        assert image.text["Seed"] == "12"
+        assert image.size[0] == pytest.approx(figure.get_figwidth() * 220, abs=1)
+
+
+def test_nothing_is_left_where_drawing_fails(tmp_path: Path) -> None:
+    figure = Figure(figsize=(2, 2))
+    figure.text(0.5, 0.5, r"$\nosuchcommand$")
+    with pytest.raises(ValueError, match="nosuchcommand"):
+        style.save(figure, tmp_path, "bad", {})
+    assert list(tmp_path.iterdir()) == []
