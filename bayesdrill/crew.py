@@ -9,6 +9,7 @@ from __future__ import annotations
 import multiprocessing
 import os
 import signal
+import threading
 from collections.abc import Callable
 from concurrent.futures import Future, ProcessPoolExecutor
 from types import TracebackType
@@ -55,13 +56,10 @@ class Crew:
         value: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        if self._pool is None:
-            return
-        if kind is not None:
-            # What the workers are at is not wanted any more: waiting for it would hold up Ctrl-C.
-            for process in list((self._pool._processes or {}).values()):
-                process.terminate()
-        self._pool.shutdown(wait=True, cancel_futures=True)
+        # Workers finish the short task that they are at: one that is ended while it hands over a
+        # result leaves half a message, for whose rest the pool would wait for ever.
+        if self._pool is not None:
+            self._pool.shutdown(wait=True, cancel_futures=True)
 
 
 def available() -> int:
@@ -76,8 +74,17 @@ _POST: dict[str, Any] = {}
 def _enlist(posterior: Posterior) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    threading.Thread(target=_outlive_no_parent, daemon=True).start()
     threadpool_limits(1)
     _POST["posterior"] = posterior
+
+
+def _outlive_no_parent() -> None:
+    """A parent that was killed cannot tell its workers to stop."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
 
 
 def _work(function: Callable[..., Any], arguments: tuple[Any, ...], named: dict[str, Any]) -> Any:

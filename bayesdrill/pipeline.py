@@ -75,9 +75,9 @@ def posterior(job: Job, output: Path, how: store.Mode, processes: int, report: R
     marks = provenance.fingerprint(job.config, job.problem)
     with Folder(output, how, marks) as folder:
         report.say(words.opening(job.problem))
+        folder.write_run(status="running", seed=job.config.seed, versions=provenance.versions())
         folder.write_text(CONFIG_FILE, job.source.text)
         folder.write_text(RESOLVED_FILE, provenance.resolved(job.config, job.source, output))
-        folder.write_run(status="running", seed=job.config.seed, versions=provenance.versions())
         try:
             return _run(job, folder, processes, report)
         except KeyboardInterrupt:
@@ -108,6 +108,8 @@ def republish(output: Path, report: Reporter) -> Outcome:
     """Tables and figures again, from the chain that `output` holds."""
     if store.read_run(output) is None:
         raise InputError.one(str(output), "no results here; give the folder of a finished run")
+    if not (output / RESOLVED_FILE).exists():
+        raise InputError.one(str(output), "the run stopped as it began; continue it with --resume")
     job = prepare(output / RESOLVED_FILE)
     marks = provenance.fingerprint(job.config, job.problem)
     with Folder(output, "resume", marks) as folder:

@@ -57,7 +57,8 @@ def resolved(config: records.Config, source: Source, folder: Path) -> str:
 
     data: dict[str, Any] = config.model_dump(exclude_none=True)
     record = recording.path_of(config, source)
-    data["record"]["file"] = Path(os.path.relpath(record, folder)).as_posix()
+    # Links are resolved first: `..` in a path goes up from where a link leads to.
+    data["record"]["file"] = Path(os.path.relpath(record.resolve(), folder.resolve())).as_posix()
     out = io.StringIO()
     yaml = YAML()
     yaml.width = 120

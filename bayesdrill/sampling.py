@@ -24,7 +24,8 @@ Array = NDArray[np.float64]
 
 FIRST_CHECK = 300  # steps after the pilot; further checks follow when these have grown by a quarter
 GROWTH = 1.25
-PIECE = 250  # steps between savings
+PIECE = 250  # steps between savings, at most, and ...
+PIECE_SECONDS = 2.0  # ... about as many as take this long: what Ctrl-C waits for
 PILOT_EVERY = 10  # steps of the pilot's second half that the proposal is learnt from
 LEAST_ACCEPTANCE = 0.05  # below it the learnt proposal is not worth its share of the steps
 START_SPREAD = 1.5  # ensembles start wider than the Gaussian approximation, so that R-hat can tell
@@ -141,6 +142,7 @@ def _advance_to(
 ) -> None:
     """All ensembles to `goal` steps; each goes on as soon as its last piece is in."""
     running: dict[Future[Piece], int] = {}
+    length = PIECE
 
     def submit(ensemble: int) -> None:
         pieces = chains[ensemble]
@@ -152,7 +154,7 @@ def _advance_to(
             if pieces
             else begin(posterior, mode, plan.walkers, plan.seed, ensemble)
         )
-        n_steps = min(PIECE, goal - steps)
+        n_steps = min(length, goal - steps)
         running[crew.submit(walk, state, n_steps, dict(plan.moves), proposal)] = ensemble
 
     for ensemble in range(plan.ensembles):
@@ -162,6 +164,7 @@ def _advance_to(
         for future in done:
             ensemble = running.pop(future)
             piece = future.result()
+            length = int(np.clip(PIECE_SECONDS * len(piece.z) / piece.seconds, 1, PIECE))
             folder.save(ensemble, _steps(chains[ensemble]), piece)
             chains[ensemble].append(piece)
             submit(ensemble)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import shutil
+import zipfile
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -50,8 +51,7 @@ class Folder:
 
     def __enter__(self) -> Self:
         """Raises `InputError` when results are in the way, differ, or are being written."""
-        before = read_run(self.path)
-        self._refuse(before)
+        self._refuse()
         self.path.mkdir(parents=True, exist_ok=True)
         lock = FileLock(self.path / ".lock")
         try:
@@ -74,16 +74,13 @@ class Folder:
         if self._lock is not None:
             self._lock.release()
 
-    def _refuse(self, before: Mapping[str, Any] | None) -> None:
-        if before is None:
-            if self.path.is_dir() and any(self.path.iterdir()) and self.mode != "force":
-                known = {".lock", PIECES}
-                strangers = [p.name for p in self.path.iterdir() if p.name not in known]
-                if strangers:
-                    raise InputError.one(
-                        str(self.path),
-                        f"this folder holds other files ({strangers[0]}); give another --output",
-                    )
+    def _refuse(self) -> None:
+        """Results are neither overwritten nor reused unasked; a folder of others is left alone."""
+        if not (self.path / RUN).exists():
+            others = [p.name for p in self._items() if not p.name.startswith(".")]
+            if others:
+                message = f"this folder holds other files ({others[0]}); give another --output"
+                raise InputError.one(str(self.path), message)
             return
         if self.mode == "fresh":
             raise InputError.one(
@@ -91,7 +88,7 @@ class Folder:
                 "results exist already; continue them with --resume, or start over with --force",
             )
         if self.mode == "resume":
-            old = before.get("fingerprint", {})
+            old = (read_run(self.path) or {}).get("fingerprint", {})
             keys = [k for k in {**old, **self.fingerprint} if old.get(k) != self.fingerprint.get(k)]
             if keys:
                 raise InputError.one(
@@ -100,8 +97,11 @@ class Folder:
                     "--force, or give another --output",
                 )
 
+    def _items(self) -> list[Path]:
+        return sorted(self.path.iterdir()) if self.path.is_dir() else []
+
     def _clear(self) -> None:
-        for item in self.path.iterdir():
+        for item in self._items():
             if item.name == ".lock":
                 continue
             if item.is_dir():
@@ -131,6 +131,7 @@ class Folder:
                 log_p=piece.log_p,
                 accepted=piece.accepted,
                 failures=piece.failures,
+                seconds=piece.seconds,
                 end_z=piece.state.z,
                 end_log_p=piece.state.log_p,
                 random_kind=kind,
@@ -176,22 +177,22 @@ def read_run(folder: Path) -> dict[str, Any] | None:
 
 
 def _read_piece(path: Path) -> Piece:
-    with np.load(path) as file:
-        position, has_gauss, cached = file["random_rest"]
-        random = (
-            str(file["random_kind"]),
-            file["random_keys"],
-            int(position),
-            int(has_gauss),
-            cached,
-        )
-        return Piece(
-            z=file["z"],
-            log_p=file["log_p"],
-            accepted=file["accepted"],
-            failures=int(file["failures"]),
-            state=State(file["end_z"], file["end_log_p"], random),
-        )
+    try:
+        with path.open("rb") as raw, np.load(raw) as file:
+            position, has_gauss, cached = file["random_rest"]
+            kind, keys = str(file["random_kind"]), file["random_keys"]
+            random = (kind, keys, int(position), int(has_gauss), cached)
+            return Piece(
+                z=file["z"],
+                log_p=file["log_p"],
+                accepted=file["accepted"],
+                failures=int(file["failures"]),
+                state=State(file["end_z"], file["end_log_p"], random),
+                seconds=float(file["seconds"]),
+            )
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
+        message = "is damaged; delete it and continue with --resume, which computes it again"
+        raise InputError.one(str(path), message) from None
 
 
 def _chain_image(pieces: list[list[Piece]], attributes: Mapping[str, Any]) -> bytes:
@@ -235,15 +236,17 @@ def read_chain(path: Path, ensemble: int) -> Piece:
             group = file[f"ensemble_{ensemble}"]
             steps = int(group.attrs["iteration"])
             z, log_p = group["chain"][:steps], group["log_prob"][:steps]
-            random = tuple(group.attrs[f"random_state_{index}"] for index in range(5))
+            kind, keys, position, has_gauss, cached = (
+                group.attrs[f"random_state_{index}"] for index in range(5)
+            )
+            random = (str(kind), keys, int(position), int(has_gauss), cached)
             return Piece(
                 z=z,
                 log_p=log_p,
                 accepted=group["accepted"][:],
                 failures=int(group.attrs["failures"]),
-                state=State(
-                    z[-1], log_p[-1], (str(random[0]), random[1], *map(int, random[2:4]), random[4])
-                ),
+                state=State(z[-1], log_p[-1], random),
+                seconds=1.0,
             )
     except (OSError, KeyError) as error:
         raise InputError.one(

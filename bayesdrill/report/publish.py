@@ -45,7 +45,7 @@ def everything(
         path.write_bytes(image.getvalue())
     channels = problem.experiment.names
     group = tree["posterior_predictive"]
-    predictive = np.stack([group[name].values for name in channels], axis=-1)
+    predictive = np.stack([np.asarray(group[name]) for name in channels], axis=-1)
     _figures(problem, mode, sampled, predictive.reshape(-1, *predictive.shape[2:]), folder, config)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -27,13 +28,17 @@ class State:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Piece:
-    """Consecutive steps: `z (S, W, D)`, `log_p (S, W)`, `accepted (W,)` counts, and the end."""
+    """Consecutive steps: `z (S, W, D)`, `log_p (S, W)`, `accepted (W,)` counts, and the end.
+
+    `seconds`: how long they took; nothing but the length of the next piece depends on it.
+    """
 
     z: Array
     log_p: Array
     accepted: Array
     failures: int
     state: State
+    seconds: float
 
 
 def advance(
@@ -55,6 +60,7 @@ def advance(
         failures += failed
         return log_p
 
+    begun = time.perf_counter()
     n_walkers, n_dim = state.z.shape
     sampler = emcee.EnsembleSampler(
         n_walkers, n_dim, target, moves=mixture(moves, proposal), vectorize=True
@@ -67,4 +73,5 @@ def advance(
         accepted=sampler.backend.accepted.copy(),
         failures=failures,
         state=State(end.coords, end.log_prob, tuple(end.random_state)),
+        seconds=time.perf_counter() - begun,
     )
