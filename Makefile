@@ -24,7 +24,7 @@ posterior: $(READY)
 	@$(BIN)/bayesdrill posterior $(CONFIG) $(ARGS)
 
 test: $(READY)
-	@$(BIN)/python -m pytest -m "not slow"
+	@$(BIN)/python -m pytest -m "not slow" -n 2 --dist loadfile
 
 test-slow: $(READY)
 	@$(BIN)/python -m pytest -m slow
