@@ -10,8 +10,9 @@ import multiprocessing
 import os
 import signal
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ProcessPoolExecutor
+from contextlib import contextmanager
 from types import TracebackType
 from typing import Any, Concatenate, Self
 
@@ -41,7 +42,8 @@ class Crew:
         **named: P.kwargs,
     ) -> Future[T]:
         if self._pool is not None:
-            return self._pool.submit(_work, function, arguments, named)
+            with _ctrl_c_waits():
+                return self._pool.submit(_work, function, arguments, named)
         future: Future[T] = Future()
         with threadpool_limits(1):
             future.set_result(function(self._posterior, *arguments, **named))
@@ -60,6 +62,19 @@ class Crew:
         # result leaves half a message, for whose rest the pool would wait for ever.
         if self._pool is not None:
             self._pool.shutdown(wait=True, cancel_futures=True)
+
+
+@contextmanager
+def _ctrl_c_waits() -> Iterator[None]:
+    """Hold Ctrl-C back for a moment: a worker that starts meanwhile never hears of it at all."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def available() -> int:

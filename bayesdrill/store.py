@@ -25,6 +25,19 @@ Mode = Literal["fresh", "resume", "force"]
 PIECES = ".pieces"
 CHAIN = "chain.h5"
 RUN = "run.json"
+OWN = (
+    RUN,
+    CHAIN,
+    f"{PIECES}/*.npz",
+    "map.json",
+    "config.yaml",
+    "config.resolved.yaml",
+    "posterior.nc",
+    "summary.*",
+    "figures/corner.*",
+    "figures/trace.*",
+    "figures/fit.*",
+)  # what a run writes, and so what --force may take away
 
 
 @contextmanager
@@ -101,13 +114,9 @@ class Folder:
         return sorted(self.path.iterdir()) if self.path.is_dir() else []
 
     def _clear(self) -> None:
-        for item in self._items():
-            if item.name == ".lock":
-                continue
-            if item.is_dir():
-                shutil.rmtree(item)
-            else:
-                item.unlink()
+        """Take away what a run has written, and nothing else."""
+        for item in (path for pattern in OWN for path in self.path.glob(pattern)):
+            item.unlink()
 
     def write_text(self, name: str, text: str) -> None:
         with whole(self.path / name) as path:
