@@ -77,12 +77,12 @@ _SCALED = ("low", "high", "mean", "sd", "median", "scale")
 def prior(spec: records.PriorSpec, nominal_value: float) -> Prior:
     """The prior in SI; `relative` multiplies all but the sd of a log by `nominal_value`."""
     values = spec.model_dump(exclude={"prior", "relative", "start"})
-    if spec.relative:
-        values = {k: v * nominal_value if k in _SCALED else v for k, v in values.items()}
     if "low" in values and not values["low"] < values["high"]:
         raise ValueError(
             f"low {values['low']:g} is not below high {values['high']:g}; exchange or mend them"
         )
+    if spec.relative:
+        values = {k: v * nominal_value if k in _SCALED else v for k, v in values.items()}
     return PRIORS[spec.prior](**values)
 
 

@@ -31,6 +31,12 @@ def _shape(value: Any) -> str:
     return "<word>" if isinstance(value, str) else "<number>"
 
 
+def _time_shape(value: Any) -> str:
+    """A time entry without `rate` is a column, however its keys are misspelt."""
+    rate = "rate" in value if isinstance(value, dict) else isinstance(value, TimeRate)
+    return "<mapping>" if rate else "<column>"
+
+
 class PriorBase(Strict):
     relative: bool = Field(
         False, description="Bounds and scales are multiples of the nominal value."
@@ -139,7 +145,7 @@ InputSpec = Annotated[
 ]
 TimeSpec = Annotated[
     Annotated[TimeColumn, Tag("<column>")] | Annotated[TimeRate, Tag("<mapping>")],
-    Discriminator(_shape),
+    Discriminator(_time_shape),
 ]
 
 

@@ -69,7 +69,7 @@ def check_series(
         return [
             Problem(
                 place,
-                f"{what} has {len(bad)} values that are not numbers, {_rows(bad, where)}; "
+                f"{what} has {_count(len(bad), 'value')} without a number, {_rows(bad, where)}; "
                 "mend or cut these rows",
             )
         ]
@@ -123,7 +123,8 @@ def check_length(place: str, n_samples: int, n_channels: int, n_unknown: int) ->
     return [
         Problem(
             place,
-            f"{n_samples} samples of {n_channels} channels cannot determine {n_unknown} unknowns; "
+            f"{_count(n_samples, 'sample')} of {_count(n_channels, 'channel')} cannot determine "
+            f"{_count(n_unknown, 'unknown')}; "
             "use a longer record or fix parameters",
         )
     ]
@@ -132,6 +133,10 @@ def check_length(place: str, n_samples: int, n_channels: int, n_unknown: int) ->
 def raise_if_any(problems: list[Problem]) -> None:
     if problems:
         raise InputError(problems)
+
+
+def _count(n: int, what: str) -> str:
+    return f"{n} {what}" if n == 1 else f"{n} {what}s"
 
 
 def _rows(indices: NDArray[np.intp], where: Callable[[int], str]) -> str:

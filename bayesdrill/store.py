@@ -43,7 +43,7 @@ OWN = (
 @contextmanager
 def whole(path: Path) -> Iterator[Path]:
     """A path to write to, renamed to `path` when the block ends well and removed otherwise."""
-    aside = path.with_name(f".{path.stem}.{os.getpid()}{path.suffix}")
+    aside = path.with_name(f".{path.stem}.{os.getpid()}.aside{path.suffix}")
     try:
         yield aside
         with aside.open("rb") as file:
@@ -74,6 +74,8 @@ class Folder:
                 str(self.path), "another run is writing here; wait for it or give --output"
             ) from None
         self._lock = lock
+        for left in self.path.rglob(".*.aside.*"):  # by a run that was killed while it wrote
+            left.unlink()
         if self.mode == "force":
             self._clear()
         return self

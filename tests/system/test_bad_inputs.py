@@ -948,7 +948,7 @@ RECORDS = [
         at="    w_1",
         says=("column 'w_1' has 1 value", "line 5", "mend or cut"),
     ),
-    case("empty cell", cell(5, 2, ""), at="    w_1", says=("not numbers", "line 5")),
+    case("empty cell", cell(5, 2, ""), at="    w_1", says=("1 value without a number", "line 5")),
     case(
         "NaN everywhere",
         rows(lambda lines: [lines[0], *(f"{line.rsplit(',', 1)[0]},nan" for line in lines[1:])]),
