@@ -57,6 +57,6 @@ $(READY): requirements.lock pyproject.toml
 	  { echo "python3 is older than 3.12; install a newer one and put it first on PATH"; exit 1; }
 	@echo "setting up .venv (once, about a minute)"
 	@python3 -m venv .venv
-	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements.lock
-	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --editable .
+	@$(BIN)/python -m pip install -qq --disable-pip-version-check -r requirements.lock
+	@$(BIN)/python -m pip install -qq --disable-pip-version-check --no-deps --editable .
 	@touch $(READY)
