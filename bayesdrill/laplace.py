@@ -32,11 +32,15 @@ def covariance(posterior: Posterior, theta: Array) -> Array:
     up, down = _neighbours(theta)
     coordinates = posterior.coordinates
     slopes = (coordinates.from_physical(up) - coordinates.from_physical(down)).T / (2 * _STEP)
-    precision = information(posterior, theta)
-    scale = np.sqrt(np.diag(precision))
-    inverse = np.linalg.inv(precision / np.outer(scale, scale)) / np.outer(scale, scale)
-    result = slopes @ inverse @ slopes.T
+    result = slopes @ inverse(information(posterior, theta)) @ slopes.T
     return np.asarray(0.5 * (result + result.T))
+
+
+def inverse(matrix: Array) -> Array:
+    """Of a symmetric matrix whose rows have very different sizes."""
+    scale = np.sqrt(np.diag(matrix))
+    found = np.linalg.inv(matrix / np.outer(scale, scale)) / np.outer(scale, scale)
+    return np.asarray(0.5 * (found + found.T))
 
 
 def _neighbours(theta: Array) -> tuple[Array, Array]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -36,7 +36,8 @@ class Mode:
     """The best of the searches.
 
     `slope`: change of the log posterior per conditional standard deviation of each unknown, well
-    below 1 at a maximum inside the prior; `gain`: what a Newton step would still gain.
+    below 1 at a maximum inside the prior; `gain`: what a Newton step would still gain, from the
+    slopes along the principal directions of the posterior.
     `at_bound`: unknowns within 0.1 % of an end of their prior.
     """
 
@@ -97,27 +98,37 @@ def search(posterior: Posterior, method: str, evaluations: int, start: Array) ->
 def summarise(posterior: Posterior, searches: tuple[Search, ...]) -> Mode:
     best = max(searches, key=lambda s: s.log_posterior)
     theta = posterior.space.vector(best.end)
-    information = laplace.information(posterior, theta)
-    slope = _slope(posterior, theta, information)
+    z = posterior.coordinates.from_physical(theta[None])[0]
+    single = np.diag(1.0 / np.sqrt(np.diag(laplace.information(posterior, theta))))
+    slope = _slopes(lambda logs: posterior.density(np.exp(logs)), np.log(theta), single)
+    # Along the principal directions in the sampler's coordinates, where ridges are straight.
+    principal = _slopes(
+        lambda z: posterior.density(posterior.coordinates.to_physical(z)),
+        z,
+        laplace.root(laplace.covariance(posterior, theta)).T,
+    )
     return Mode(
         values=best.end,
         log_posterior=best.log_posterior,
-        slope=_named(posterior, slope / np.sqrt(np.diag(information))),
-        gain=float(0.5 * slope @ np.linalg.solve(information, slope)),
+        slope=_named(posterior, slope),
+        gain=float(0.5 * (principal**2).sum()),
         at_bound=_at_bound(posterior, best.end),
         searches=searches,
     )
 
 
-def _slope(posterior: Posterior, theta: Array, information: Array) -> Array:
-    """d log posterior / d log theta `(D,)`, by differences that stay inside the prior."""
-    steps = np.exp(1e-3 / np.sqrt(np.diag(information)))
-    here = posterior.density(theta[None])[0]
-    up = posterior.density(theta * (1 + np.diag(steps - 1))) - here
-    down = here - posterior.density(theta / (1 + np.diag(steps - 1)))
-    both = np.where(np.isfinite(up) & np.isfinite(down), 0.5 * (up + down), np.nan)
-    one = np.where(np.isfinite(up), up, np.where(np.isfinite(down), down, 0.0))
-    return np.asarray(np.where(np.isnan(both), one, both) / np.log(steps))
+def _slopes(density: Callable[[Array], Array], point: Array, steps: Array) -> Array:
+    """Change of the log density at `point (D,)` over each of `steps (n, D)`: `(n,)`.
+
+    By differences over a tenth of a step.  Where the prior ends on one side, only a rise to the
+    other side counts: falling off from a bound is what a maximum there does.
+    """
+    here = density(point[None])[0]
+    up = density(point + 0.1 * steps) - here
+    down = density(point - 0.1 * steps) - here
+    up = np.where(np.isfinite(up), up, np.where(down > 0, -down, 0.0))
+    down = np.where(np.isfinite(down), down, np.where(up > 0, -up, 0.0))
+    return np.asarray(5.0 * (up - down))
 
 
 def _at_bound(posterior: Posterior, values: Mapping[str, float]) -> tuple[str, ...]:
