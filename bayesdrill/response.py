@@ -117,7 +117,7 @@ class Response:
 
     def _entries(self, linear: Linear) -> list[tuple[int, int, Any]]:
         """(row, column, value) of the augmented matrix; a place may come more than once."""
-        x, s = self._layout_states(), len(self._series)
+        x, s = len(self._states), len(self._series)
         index = self._states
         entries = [(index[row], index[column], value) for (row, column), value in linear.A.items()]
         entries += [(index[row], x, value) for row, value in linear.c.items()]
@@ -131,9 +131,6 @@ class Response:
             # multiplied by dt.
             entries += [(x + 1 + k, x + 1 + s + k, 1.0) for k in range(s)]
         return entries
-
-    def _layout_states(self) -> int:
-        return len(self._states)
 
     def _advance(self, exponential: Array, start: Array) -> Array:
         """The states after a lead-in with constant inputs: `(G, X, LANES)`."""
