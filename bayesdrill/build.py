@@ -104,6 +104,27 @@ def si(value: float | records.Quantity, unit: str) -> float:
     return value
 
 
+def measured_inputs(config: records.Config) -> dict[str, records.InputColumn]:
+    every = {name: getattr(config.inputs, name) for name in symbols.INPUTS}
+    return {name: spec for name, spec in every.items() if isinstance(spec, records.InputColumn)}
+
+
+def constant_inputs(config: records.Config) -> dict[str, float]:
+    """SI."""
+    return {
+        name: si(getattr(config.inputs, name), symbol.unit)
+        for name, symbol in symbols.INPUTS.items()
+        if name not in measured_inputs(config)
+    }
+
+
+def initial_state(config: records.Config, model: Model) -> dict[str, float]:
+    """SI."""
+    return {
+        name: si(getattr(config.initial, name), symbols.STATES[name].unit) for name in model.states
+    }
+
+
 def measured(name: str, spec: records.ChannelSpec, states: tuple[str, ...]) -> Measured:
     if not name.isidentifier():
         raise ValueError(f"'{name}' cannot name a channel; use letters, digits and `_`")

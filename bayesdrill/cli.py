@@ -147,12 +147,12 @@ def simulate(
 ) -> None:
     """Make a record from the config: exact response plus noise, as CSV."""
     with _guarded():
-        from bayesdrill import loading, simulation
+        from bayesdrill import loading, recording, simulation
         from bayesdrill.errors import InputError
         from bayesdrill.store import whole
 
         read, source = loading.load(config)
-        target = output or simulation.default_output(read, source)
+        target = output or recording.path_of(read, source)
         text = simulation.simulate(read, source, read.seed if seed is None else seed)
         if target.exists() and not force:
             raise InputError.one(str(target), "exists already; give --force or another --output")

@@ -3,7 +3,7 @@
 The kernels are written for one problem at a time: the number of states, the entries that can
 differ from zero, the channels and the hold of the inputs are constants of the generated code, and
 every scalar of the recurrence is a vector of `LANES` walkers that stays in registers over all
-samples.  LLVM (through llvmlite) compiles them for the processor at hand in about 0.1 s; no
+samples.  LLVM (through llvmlite) compiles them for the processor at hand in about 0.2 s; no
 compiler has to be installed and nothing is cached on disk.
 
 Blocks: matrices `(G, N, N, LANES)`, states `(G, X, LANES)`, for G groups of LANES walkers.

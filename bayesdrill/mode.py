@@ -49,20 +49,22 @@ class Mode:
     searches: tuple[Search, ...]
 
     @property
+    def highest(self) -> tuple[Search, ...]:
+        """The searches that reached the height of the best."""
+        lowest = self.log_posterior - SAME_LOG_DENSITY
+        return tuple(s for s in self.searches if s.log_posterior > lowest)
+
+    @property
     def same_height(self) -> int:
-        """How many searches reached the height of the best."""
-        return sum(s.log_posterior > self.log_posterior - SAME_LOG_DENSITY for s in self.searches)
+        return len(self.highest)
 
     @property
     def wandering(self) -> tuple[str, ...]:
         """Unknowns in which searches of the same height ended at different places."""
-        equal = [
-            s for s in self.searches if s.log_posterior > self.log_posterior - SAME_LOG_DENSITY
-        ]
         return tuple(
             name
             for name, value in self.values.items()
-            if any(abs(s.end[name] / value - 1) > SAME_PLACE for s in equal)
+            if any(abs(s.end[name] / value - 1) > SAME_PLACE for s in self.highest)
         )
 
 

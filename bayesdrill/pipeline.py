@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from bayesdrill import build, loading, mode, provenance, recording, seeds, store
 from bayesdrill import config as records
 from bayesdrill.build import Problem
-from bayesdrill.convergence import Targets, thinned
+from bayesdrill.convergence import Targets
 from bayesdrill.crew import Crew
 from bayesdrill.diagnostics import Row, summarise
 from bayesdrill.errors import InputError, Interrupted
@@ -180,7 +180,7 @@ def _publish(
 ) -> Outcome:
     begun = time.perf_counter()
     c = sampled.convergence
-    rows = summarise(job.problem, thinned(sampled.theta, c.burn_in, c.thin), found, c)
+    rows = summarise(job.problem, sampled.draws, found, c)
     publish.everything(job.problem, found, sampled, rows, job.config, folder)
     if seconds:
         seconds["report"] = time.perf_counter() - begun

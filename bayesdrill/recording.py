@@ -56,8 +56,10 @@ class _Reader:
             for e, spec in zip(measured, config.record.channels.values(), strict=True)
         ]
         series = {
-            name: self._column(("inputs", name), spec, units.factor(spec.unit, unit), kept)
-            for name, spec, unit in self._measured_inputs()
+            name: self._column(
+                ("inputs", name), spec, units.factor(spec.unit, symbols.INPUTS[name].unit), kept
+            )
+            for name, spec in build.measured_inputs(config).items()
         }
         raise_if_any(self._problems)
         n_unknown = len(build.space(config, model, measured).free)
@@ -69,13 +71,12 @@ class _Reader:
             t=frozen(time),
             y=frozen(np.stack(columns, axis=-1)),
             channels=tuple(entry.channel for entry in measured),
-            constant=self._constant_inputs(),
+            constant=build.constant_inputs(config),
             series={name: frozen(values) for name, values in series.items()},
-            first_order=any(spec.hold == "first" for _, spec, _ in self._measured_inputs()),
-            start={
-                name: build.si(getattr(config.initial, name), symbols.STATES[name].unit)
-                for name in model.states
-            },
+            first_order=any(
+                spec.hold == "first" for spec in build.measured_inputs(config).values()
+            ),
+            start=build.initial_state(config, model),
             t_start=self._t_start(time, has_series=bool(series)),
         )
 
@@ -159,24 +160,8 @@ class _Reader:
         """Without a time no column can be judged, but it can be missed."""
         for name, channel in self._config.record.channels.items():
             self._pick(("record", "channels", name), channel)
-        for name, spec, _ in self._measured_inputs():
+        for name, spec in build.measured_inputs(self._config).items():
             self._pick(("inputs", name), spec)
-
-    def _measured_inputs(self) -> list[tuple[str, records.InputColumn, str]]:
-        found = []
-        for name, symbol in symbols.INPUTS.items():
-            spec = getattr(self._config.inputs, name)
-            if isinstance(spec, records.InputColumn):
-                found.append((name, spec, symbol.unit))
-        return found
-
-    def _constant_inputs(self) -> dict[str, float]:
-        inputs = self._config.inputs
-        return {
-            name: build.si(getattr(inputs, name), symbol.unit)
-            for name, symbol in symbols.INPUTS.items()
-            if not isinstance(getattr(inputs, name), records.InputColumn)
-        }
 
     def _t_start(self, time: Array, *, has_series: bool) -> float:
         """With measured inputs nothing is known before the first sample: the state is given there."""

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from bayesdrill import laplace, seeds
-from bayesdrill.convergence import Convergence, Targets, assess
+from bayesdrill.convergence import Convergence, Targets, assess, thinned
 from bayesdrill.crew import Crew
 from bayesdrill.errors import InputError
 from bayesdrill.posterior import Posterior
@@ -51,9 +51,15 @@ class Sampled:
     convergence: Convergence
 
     @property
+    def draws(self) -> Array:
+        """`(E, N, D)`: nearly independent draws of `theta`."""
+        return thinned(self.theta, self.convergence.burn_in, self.convergence.thin)
+
+    @property
     def log_p(self) -> Array:
-        """`(E, S, W)`: log density over the sampler's coordinates."""
-        return _stack([[piece.log_p for piece in pieces] for pieces in self.pieces])
+        """`(E, N)`: log density over the sampler's coordinates, of the same draws."""
+        every = _stack([[piece.log_p for piece in pieces] for pieces in self.pieces])
+        return thinned(every, self.convergence.burn_in, self.convergence.thin)
 
     @property
     def acceptance(self) -> Array:
@@ -121,13 +127,13 @@ def sample(
     # Shorter lengths were judged before an interruption, and found wanting.
     for goal in [goal for goal in _checks(plan) if goal >= have] or [have]:
         _advance_to(goal, proposal, crew, posterior, mode, plan, chains, folder)
-        theta = _stack([_physical(posterior, pieces) for pieces in chains])
-        convergence = assess(theta, posterior.space.free, plan.targets, plan.pilot)
+        sampled = _judge(posterior, plan, chains)
+        convergence = sampled.convergence
         report.update(_share(convergence, plan.targets), _state_of(convergence))
         if convergence.converged:
             break
     report.update(1.0, "")
-    return Sampled(pieces=chains, theta=theta, convergence=convergence)
+    return sampled
 
 
 def _advance_to(
@@ -183,13 +189,11 @@ def _steps(pieces: list[Piece]) -> int:
     return sum(len(piece.z) for piece in pieces)
 
 
-def _physical(posterior: Posterior, pieces: list[Piece]) -> list[Array]:
-    return [
-        posterior.coordinates.to_physical(piece.z.reshape(-1, piece.z.shape[-1])).reshape(
-            piece.z.shape
-        )
-        for piece in pieces
-    ]
+def _judge(posterior: Posterior, plan: Plan, chains: list[list[Piece]]) -> Sampled:
+    z = _stack([[piece.z for piece in pieces] for pieces in chains])
+    theta = posterior.coordinates.to_physical(z.reshape(-1, z.shape[-1])).reshape(z.shape)
+    convergence = assess(theta, posterior.space.free, plan.targets, plan.pilot)
+    return Sampled(pieces=chains, theta=theta, convergence=convergence)
 
 
 def _stack(chains: list[list[Array]]) -> Array:
@@ -219,6 +223,4 @@ def stored(posterior: Posterior, plan: Plan, folder: Folder) -> Sampled:
         raise InputError.one(
             str(folder.path), "the run stopped before its first check; continue it with --resume"
         )
-    theta = _stack([_physical(posterior, pieces) for pieces in chains])
-    convergence = assess(theta, posterior.space.free, plan.targets, plan.pilot)
-    return Sampled(pieces=chains, theta=theta, convergence=convergence)
+    return _judge(posterior, plan, chains)

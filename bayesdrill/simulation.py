@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -39,11 +38,7 @@ def simulate(config: records.Config, source: Source, seed: int) -> str:
 
 def _grid(config: records.Config, source: Source) -> Experiment:
     simulation: Any = config.simulation
-    series = [
-        name
-        for name in symbols.INPUTS
-        if isinstance(getattr(config.inputs, name), records.InputColumn)
-    ]
+    series = list(build.measured_inputs(config))
     if simulation is None or simulation.duration is None:
         return recording.read(config, source)
     if series:
@@ -63,16 +58,10 @@ def _grid(config: records.Config, source: Source) -> Experiment:
         t=frozen(t),
         y=frozen(np.zeros((len(t), len(channels)))),
         channels=channels,
-        constant={
-            name: build.si(getattr(config.inputs, name), symbol.unit)
-            for name, symbol in symbols.INPUTS.items()
-        },
+        constant=build.constant_inputs(config),
         series={},
         first_order=False,
-        start={
-            name: build.si(getattr(config.initial, name), symbols.STATES[name].unit)
-            for name in rig.states
-        },
+        start=build.initial_state(config, rig),
         t_start=min(0.0, config.initial.time or 0.0),
     )
 
@@ -130,7 +119,3 @@ def _name(source: Source, place: tuple[str, ...], spec: records.Column) -> str:
     raise InputError(
         [source.problem(place, "a simulated record is a CSV file with named columns; give a name")]
     )
-
-
-def default_output(config: records.Config, source: Source) -> Path:
-    return recording.path_of(config, source)

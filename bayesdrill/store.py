@@ -26,7 +26,6 @@ PIECES = ".pieces"
 CHAIN = "chain.h5"
 RUN = "run.json"
 OWN = (
-    RUN,
     CHAIN,
     f"{PIECES}/*.npz",
     "map.json",
@@ -37,7 +36,8 @@ OWN = (
     "figures/corner.*",
     "figures/trace.*",
     "figures/fit.*",
-)  # what a run writes, and so what --force may take away
+    RUN,
+)  # what a run writes, and so what --force may take away; last the file that says whose it is
 
 
 @contextmanager

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from xarray import DataTree
 
 from bayesdrill.build import Problem
-from bayesdrill.convergence import thinned
 from bayesdrill.sampling import Sampled
 
 Array = NDArray[np.float64]
@@ -32,8 +31,7 @@ def make_tree(
     `log_likelihood` (pointwise) and `posterior_predictive` hold `predictive_draws` draws of every
     chain, evenly spaced; their `draw` coordinate says which.
     """
-    c = sampled.convergence
-    draws = thinned(sampled.theta, c.burn_in, c.thin)
+    draws = sampled.draws
     chosen = np.unique(np.linspace(0, draws.shape[1] - 1, predictive_draws).astype(int))
     experiment = problem.experiment
     predictive, pointwise = _predict(problem, draws[:, chosen], rng)
@@ -43,7 +41,7 @@ def make_tree(
     tree: DataTree = from_dict(
         {
             "posterior": _named(problem, draws),
-            "sample_stats": {"lp": thinned(sampled.log_p, c.burn_in, c.thin)},
+            "sample_stats": {"lp": sampled.log_p},
             "prior": _named(problem, prior),
         }
     )

@@ -11,7 +11,6 @@ import bayesdrill
 from bayesdrill import config as records
 from bayesdrill import seeds
 from bayesdrill.build import Problem
-from bayesdrill.convergence import thinned
 from bayesdrill.diagnostics import Row
 from bayesdrill.mode import Mode
 from bayesdrill.report import tables, words
@@ -63,10 +62,9 @@ def _figures(
     from bayesdrill.report.style import save
     from bayesdrill.report.trace_plot import trace_figure
 
-    c = sampled.convergence
     posterior = problem.posterior
     theta = posterior.space.vector(mode.values)[None]
-    draws = thinned(sampled.theta, c.burn_in, c.thin).reshape(-1, theta.shape[1])
+    draws = sampled.draws.reshape(-1, theta.shape[1])
     figures = folder.path / "figures"
     figures.mkdir(exist_ok=True)
     note = {"Title": config.name, "Creator": f"bayesdrill {bayesdrill.__version__}"}
@@ -75,7 +73,11 @@ def _figures(
             draws, problem.symbols, problem.nominal, mode.values, posterior.space.priors
         ),
         "trace": trace_figure(
-            sampled.theta, problem.symbols, c.burn_in, problem.nominal, mode.values
+            sampled.theta,
+            problem.symbols,
+            sampled.convergence.burn_in,
+            problem.nominal,
+            mode.values,
         ),
         "fit": fit_figure(
             problem.experiment,

@@ -57,7 +57,7 @@ class Mixture:
 
 def fit(draws: Array, seed: int) -> Mixture:
     """A mixture for `draws (N, D)` of a pilot run; the same draws and seed give the same mixture."""
-    from sklearn.mixture import GaussianMixture  # late: it takes a second to load
+    from sklearn.mixture import GaussianMixture  # late: only runs that learn a proposal need it
 
     draws = draws[:: max(1, len(draws) // MOST_DRAWS)]
     n, d = draws.shape

@@ -12,7 +12,7 @@ import pytest
 from arviz_stats.base import array_stats
 
 from bayesdrill import laplace, pipeline, seeds
-from bayesdrill.convergence import autocorrelation_time, thinned
+from bayesdrill.convergence import autocorrelation_time
 from bayesdrill.posterior import Posterior
 from bayesdrill.progress import Silent
 from bayesdrill.samplers.ensemble import State, advance
@@ -85,7 +85,7 @@ def test_agrees_with_a_long_run_in_other_coordinates(tmp_path: Path) -> None:
     ours = pipeline.posterior(job, tmp_path / "run", "fresh", 2, Silent())
     c = ours.sampled.convergence
     assert c.converged
-    draws = thinned(ours.sampled.theta, c.burn_in, c.thin)
+    draws = ours.sampled.draws
     other = dataclasses.replace(job.problem.posterior, coordinates=ByRatios())
     start = other.space.vector(job.problem.nominal)
     with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:
