@@ -18,6 +18,7 @@ from bayesdrill.posterior import Posterior
 from bayesdrill.progress import Reporter
 from bayesdrill.samplers.ensemble import Piece, State, advance
 from bayesdrill.samplers.independence import Mixture, expected_acceptance, fit
+from bayesdrill.shelf import Shelf
 from bayesdrill.store import Folder
 
 Array = NDArray[np.float64]
@@ -117,16 +118,16 @@ def learn(
 
 
 def sample(
-    crew: Crew, posterior: Posterior, mode: Array, plan: Plan, folder: Folder, report: Reporter
+    crew: Crew, posterior: Posterior, mode: Array, plan: Plan, shelf: Shelf, report: Reporter
 ) -> Sampled:
-    """Continue what `folder` holds until converged or `max_steps`; every piece is saved."""
-    chains = [folder.pieces(ensemble) for ensemble in range(plan.ensembles)]
-    _advance_to(plan.pilot, None, crew, posterior, mode, plan, chains, folder)
+    """Continue what `shelf` holds until converged or `max_steps`; every piece is saved."""
+    chains = [shelf.pieces(ensemble) for ensemble in range(plan.ensembles)]
+    _advance_to(plan.pilot, None, crew, posterior, mode, plan, chains, shelf)
     proposal = learn(posterior, chains, plan, report)
     have = min(map(_steps, chains))
     # Shorter lengths were judged before an interruption, and found wanting.
     for goal in [goal for goal in _checks(plan) if goal >= have] or [have]:
-        _advance_to(goal, proposal, crew, posterior, mode, plan, chains, folder)
+        _advance_to(goal, proposal, crew, posterior, mode, plan, chains, shelf)
         sampled = _judge(posterior, plan, chains)
         convergence = sampled.convergence
         report.update(_share(convergence, plan.targets), _state_of(convergence))
@@ -144,7 +145,7 @@ def _advance_to(
     mode: Array,
     plan: Plan,
     chains: list[list[Piece]],
-    folder: Folder,
+    shelf: Shelf,
 ) -> None:
     """All ensembles to `goal` steps; each goes on as soon as its last piece is in."""
     running: dict[Future[Piece], int] = {}
@@ -171,7 +172,7 @@ def _advance_to(
             ensemble = running.pop(future)
             piece = future.result()
             length = int(np.clip(PIECE_SECONDS * len(piece.z) / piece.seconds, 1, PIECE))
-            folder.save(ensemble, _steps(chains[ensemble]), piece)
+            shelf.save(ensemble, _steps(chains[ensemble]), piece)
             chains[ensemble].append(piece)
             submit(ensemble)
 

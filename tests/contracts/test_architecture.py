@@ -21,7 +21,7 @@ FLOORS = [
     {"likelihood", "config"},
     {"posterior"},
     {"laplace", "samplers", "crew"},
-    {"optimisers", "schema"},
+    {"optimisers", "schema", "shelf"},
     {"mode", "convergence"},
     {"build", "store"},
     {"consistency", "recording"},
