@@ -37,6 +37,11 @@ class Posterior:
         log_p[inside] += log_jacobian[inside]
         return log_p, failures
 
+    def supports(self, z: Array) -> NDArray[np.bool_]:
+        """Whether the priors have a density at `z (W, D)`: `(W,)`, without asking the model."""
+        theta = self.coordinates.to_physical(z)
+        return np.asarray(self.space.log_prior(theta) > -np.inf)
+
     def density(self, theta: Array) -> Array:
         """Log density over the physical unknowns `(W, D)`, whose maximum is the MAP: `(W,)`."""
         return self._density(theta)[0]

@@ -17,7 +17,8 @@ from bayesdrill.errors import InputError
 from bayesdrill.posterior import Posterior
 from bayesdrill.progress import Reporter
 from bayesdrill.samplers.ensemble import Piece, State, advance
-from bayesdrill.samplers.independence import Mixture, expected_acceptance, fit
+from bayesdrill.samplers import independence
+from bayesdrill.samplers.independence import Proposal
 from bayesdrill.shelf import Shelf
 from bayesdrill.store import Folder
 
@@ -27,7 +28,8 @@ FIRST_CHECK = 300  # steps after the pilot; further checks follow when these hav
 GROWTH = 1.25
 PIECE = 250  # steps between savings, at most, and ...
 PIECE_SECONDS = 2.0  # ... about as many as take this long: what Ctrl-C waits for
-PILOT_EVERY = 10  # steps of the pilot's second half that the proposal is learnt from
+FIRST_ROUND = 0.6  # of the pilot, before anything has been learnt
+PILOT_EVERY = 5  # of the second half of a round, which a proposal is learnt from
 LEAST_ACCEPTANCE = 0.05  # below it the learnt proposal is not worth its share of the steps
 START_SPREAD = 1.5  # ensembles start wider than the Gaussian approximation, so that R-hat can tell
 
@@ -85,35 +87,60 @@ def walk(
     state: State,
     n_steps: int,
     moves: Mapping[str, float],
-    proposal: Mixture | None,
+    proposal: Proposal | None,
 ) -> Piece:
-    return advance(posterior.evaluate, state, n_steps, moves, proposal)
+    return advance(posterior.evaluate, state, n_steps, moves, proposal, posterior.supports)
 
 
 def learn(
-    posterior: Posterior, chains: list[list[Piece]], plan: Plan, report: Reporter
-) -> Mixture | None:
-    """The independence proposal, from the pilot of all ensembles; None where it does not help."""
-    if plan.moves.get("independence", 0.0) <= 0.0:
-        return None
-    pilot = slice(plan.pilot // 2, plan.pilot, PILOT_EVERY)
-    z = np.concatenate([np.concatenate([p.z for p in pieces])[pilot] for pieces in chains])
-    log_p = np.concatenate([np.concatenate([p.log_p for p in pieces])[pilot] for pieces in chains])
+    posterior: Posterior, chains: list[list[Piece]], steps: slice, random: np.random.RandomState
+) -> tuple[Proposal, float]:
+    """The independence proposal from these pilot steps of all ensembles, and its acceptance."""
+    z = np.concatenate([np.concatenate([p.z for p in pieces])[steps] for pieces in chains])
+    log_p = np.concatenate([np.concatenate([p.log_p for p in pieces])[steps] for pieces in chains])
     draws = z.reshape(-1, z.shape[-1])
     with threadpool_limits(1):
-        proposal = fit(draws, plan.seed)
+        proposal = independence.learn(draws, posterior.supports, random)
+        share = independence.expected_acceptance(
+            proposal, posterior, posterior.supports, draws, log_p.ravel(), random
+        )
+    return proposal, share
+
+
+def _pilot(
+    crew: Crew,
+    posterior: Posterior,
+    mode: Array,
+    plan: Plan,
+    chains: list[list[Piece]],
+    shelf: Shelf,
+    report: Reporter,
+) -> Proposal | None:
+    """The pilot in two rounds, each of which learns a proposal; None where it does not help.
+
+    The second round walks with what the first has learnt, which brings the last walkers home.
+    """
+    wanted = plan.moves.get("independence", 0.0) > 0.0
     random = np.random.RandomState()
     random.set_state(seeds.legacy_state(plan.seed, "pilot"))
-    share = expected_acceptance(proposal, posterior, draws, log_p.ravel(), random)
-    if share < LEAST_ACCEPTANCE:
+    proposal, share, begun = None, 0.0, 0
+    for end in (int(FIRST_ROUND * plan.pilot), plan.pilot):
+        _advance_to(end, proposal, crew, posterior, mode, plan, chains, shelf)
+        if wanted:
+            steps = slice((begun + end) // 2, end, PILOT_EVERY)
+            learnt, share = learn(posterior, chains, steps, random)
+            proposal = learnt if share >= LEAST_ACCEPTANCE else None
+        begun = end
+    if wanted and proposal is None:
         report.say(
             f"pilot: a proposal learnt from it would be accepted {share:.1%} of the time, too rarely "
             "to help; going on without"
         )
-        return None
-    report.say(
-        f"pilot: {plan.pilot} steps; the proposal learnt from them is accepted {share:.0%} of the time"
-    )
+    elif wanted:
+        report.say(
+            f"pilot: {plan.pilot} steps; the proposal learnt from them is accepted {share:.0%} of "
+            "the time"
+        )
     return proposal
 
 
@@ -122,8 +149,7 @@ def sample(
 ) -> Sampled:
     """Continue what `shelf` holds until converged or `max_steps`; every piece is saved."""
     chains = [shelf.pieces(ensemble) for ensemble in range(plan.ensembles)]
-    _advance_to(plan.pilot, None, crew, posterior, mode, plan, chains, shelf)
-    proposal = learn(posterior, chains, plan, report)
+    proposal = _pilot(crew, posterior, mode, plan, chains, shelf, report)
     have = min(map(_steps, chains))
     # Shorter lengths were judged before an interruption, and found wanting.
     for goal in [goal for goal in _checks(plan) if goal >= have] or [have]:
@@ -139,7 +165,7 @@ def sample(
 
 def _advance_to(
     goal: int,
-    proposal: Mixture | None,
+    proposal: Proposal | None,
     crew: Crew,
     posterior: Posterior,
     mode: Array,
@@ -193,7 +219,8 @@ def _steps(pieces: list[Piece]) -> int:
 def _judge(posterior: Posterior, plan: Plan, chains: list[list[Piece]]) -> Sampled:
     z = _stack([[piece.z for piece in pieces] for pieces in chains])
     theta = posterior.coordinates.to_physical(z.reshape(-1, z.shape[-1])).reshape(z.shape)
-    convergence = assess(theta, posterior.space.free, plan.targets, plan.pilot)
+    log_p = _stack([[piece.log_p for piece in pieces] for pieces in chains])
+    convergence = assess(theta, posterior.space.free, plan.targets, plan.pilot, log_p)
     return Sampled(pieces=chains, theta=theta, convergence=convergence)
 
 

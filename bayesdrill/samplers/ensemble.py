@@ -11,7 +11,7 @@ import emcee
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdrill.samplers.independence import Mixture
+from bayesdrill.samplers.independence import Proposal
 from bayesdrill.samplers.moves import mixture
 
 Array = NDArray[np.float64]
@@ -41,16 +41,22 @@ class Piece:
     seconds: float
 
 
+def everywhere(z: Array) -> NDArray[np.bool_]:
+    return np.ones(len(z), dtype=bool)
+
+
 def advance(
     evaluate: Callable[[Array], tuple[Array, int]],
     state: State,
     n_steps: int,
     moves: Mapping[str, float],
-    proposal: Mixture | None = None,
+    proposal: Proposal | None = None,
+    inside: Callable[[Array], NDArray[np.bool_]] = everywhere,
 ) -> Piece:
     """`n_steps` further; `evaluate` gives the log density of a batch and its failures.
 
     `proposal`: what the independence move draws from; without it that move is left out.
+    `inside`: whether points `(n, D)` may have a density at all, cheaper than asking for it.
     """
     failures = 0
 
@@ -63,7 +69,7 @@ def advance(
     begun = time.perf_counter()
     n_walkers, n_dim = state.z.shape
     sampler = emcee.EnsembleSampler(
-        n_walkers, n_dim, target, moves=mixture(moves, proposal), vectorize=True
+        n_walkers, n_dim, target, moves=mixture(moves, proposal, inside), vectorize=True
     )
     start = emcee.State(state.z, log_prob=state.log_p, random_state=state.random)
     end = sampler.run_mcmc(start, n_steps, skip_initial_state_check=True)

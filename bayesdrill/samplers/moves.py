@@ -1,51 +1,116 @@
-"""The registry of ensemble moves.
+"""The registry of ensemble moves, in the form that emcee takes them.
 
-emcee 3.1.6's snooker move is not among them: its Hastings factor is wrong (it shrinks a unit
-normal in five dimensions to a standard deviation of 0.84).  A move enters here after it has passed
-`tests/contracts/test_moves.py`.
+They are emcee's own stretch and differential evolution, written over whole arrays: emcee 3.1.6
+loops over the walkers, which costs more than the model does here.  Its snooker move is not among
+them: its Hastings factor is wrong (it shrinks a unit normal in five dimensions to a standard
+deviation of 0.84).  A move enters here after it has passed `tests/contracts/test_moves.py`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from types import MappingProxyType
-from typing import TYPE_CHECKING
+from typing import Any, Protocol
 
-from bayesdrill.samplers.independence import Mixture
+import numpy as np
+from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    from emcee.moves import Move  # late: emcee takes a second to load
+from bayesdrill.samplers.independence import Inside, Proposal
 
+Array = NDArray[np.float64]
+Random = np.random.RandomState
 
-def _differential_evolution(_proposal: Mixture | None) -> Move:
-    from emcee.moves import DEMove
-
-    return DEMove()
-
-
-def _stretch(_proposal: Mixture | None) -> Move:
-    from emcee.moves import StretchMove
-
-    return StretchMove()
+STRETCH = 2.0  # Goodman and Weare's a
+GAMMA = 2.38  # over sqrt(2 D): ter Braak's scale of a difference
+GAMMA_SPREAD = 1e-5  # relative: a little noise keeps walkers out of a common plane
 
 
-def _independence(proposal: Mixture | None) -> Move | None:
+class Move(Protocol):
+    """`propose(model, state)`: emcee's contract; `state` is changed in place and given back."""
+
+    def propose(self, model: Any, state: Any) -> tuple[Any, NDArray[np.bool_]]: ...
+
+
+@dataclass(frozen=True, slots=True)
+class Halves:
+    """Each half of the walkers, split at random, moves by where the other half stands.
+
+    `proposal(walkers, others, random)`: new points and their Hastings factors (logs).
+    """
+
+    proposal: Callable[[Array, Array, Random], tuple[Array, Array]]
+
+    def propose(self, model: Any, state: Any) -> tuple[Any, NDArray[np.bool_]]:
+        accepted = np.zeros(len(state.coords), dtype=bool)
+        order = model.random.permutation(len(state.coords))
+        middle = len(order) // 2
+        for half, others in ((order[:middle], order[middle:]), (order[middle:], order[:middle])):
+            fresh, factor = self.proposal(state.coords[half], state.coords[others], model.random)
+            accepted[half] = _accept(model, state, half, fresh, factor)
+        return state, accepted
+
+
+@dataclass(frozen=True, slots=True)
+class Independent:
+    """All walkers at once, to points that do not depend on where any of them stands."""
+
+    proposal: Proposal
+    inside: Inside
+
+    def propose(self, model: Any, state: Any) -> tuple[Any, NDArray[np.bool_]]:
+        everyone = np.arange(len(state.coords))
+        fresh, factor = self.proposal.propose(state.coords, self.inside, model.random)
+        return state, _accept(model, state, everyone, fresh, factor)
+
+
+def _accept(
+    model: Any, state: Any, which: NDArray[np.intp], fresh: Array, factor: Array
+) -> NDArray[np.bool_]:
+    """Metropolis and Hastings for the walkers `which`: `(len(which),)` whether each has moved."""
+    log_p = np.asarray(model.log_prob_fn(fresh))
+    with np.errstate(divide="ignore"):
+        threshold = np.log(model.random.random_sample(len(which)))
+    moved: NDArray[np.bool_] = threshold < log_p - state.log_prob[which] + factor
+    state.coords[which[moved]] = fresh[moved]
+    state.log_prob[which[moved]] = log_p[moved]
+    return moved
+
+
+def differential_evolution(walkers: Array, others: Array, random: Random) -> tuple[Array, Array]:
+    """Along the difference of two of the others (ter Braak 2006; Nelson et al. 2014)."""
+    n, d = walkers.shape
+    first = random.randint(len(others), size=n)
+    second = (first + random.randint(1, len(others), size=n)) % len(others)
+    gamma = GAMMA / np.sqrt(2 * d) * (1.0 + GAMMA_SPREAD * random.standard_normal((n, 1)))
+    return walkers + gamma * (others[first] - others[second]), np.zeros(n)
+
+
+def stretch(walkers: Array, others: Array, random: Random) -> tuple[Array, Array]:
+    """Along the line through one of the others (Goodman and Weare 2010)."""
+    n, d = walkers.shape
+    factor = ((STRETCH - 1.0) * random.random_sample(n) + 1.0) ** 2 / STRETCH
+    centre = others[random.randint(len(others), size=n)]
+    return centre + factor[:, None] * (walkers - centre), (d - 1.0) * np.log(factor)
+
+
+def _independent(learnt: Proposal | None, inside: Inside) -> Move | None:
     """None as long as nothing has been learnt."""
-    from emcee.moves import MHMove
-
-    return None if proposal is None else MHMove(proposal.propose)
+    return None if learnt is None else Independent(learnt, inside)
 
 
-MOVES: Mapping[str, Callable[[Mixture | None], Move | None]] = MappingProxyType(
+MOVES: Mapping[str, Callable[[Proposal | None, Inside], Move | None]] = MappingProxyType(
     {
-        "differential_evolution": _differential_evolution,
-        "stretch": _stretch,
-        "independence": _independence,
+        "differential_evolution": lambda *_: Halves(differential_evolution),
+        "stretch": lambda *_: Halves(stretch),
+        "independence": _independent,
     }
 )
 
 
-def mixture(weights: Mapping[str, float], proposal: Mixture | None) -> list[tuple[Move, float]]:
-    """What emcee takes as `moves`; those that need a proposal only where there is one."""
-    made = [(MOVES[name](proposal), weight) for name, weight in weights.items() if weight > 0]
+def mixture(
+    weights: Mapping[str, float], learnt: Proposal | None, inside: Inside
+) -> list[tuple[Move, float]]:
+    """What emcee takes as `moves`; those that need a proposal only where one has been learnt."""
+    made = [(MOVES[name](learnt, inside), weight) for name, weight in weights.items() if weight > 0]
     return [(move, weight) for move, weight in made if move is not None]

@@ -15,8 +15,8 @@ import pytest
 from targets import TARGETS, Target
 
 from bayesdrill.config import SamplerSpec
-from bayesdrill.samplers.ensemble import State, advance
-from bayesdrill.samplers.independence import Mixture, expected_acceptance, fit
+from bayesdrill.samplers.ensemble import State, advance, everywhere
+from bayesdrill.samplers.independence import Proposal, learn
 from bayesdrill.samplers.moves import MOVES
 
 FAIL = 1e-6  # one false alarm in a million
@@ -32,10 +32,10 @@ def begin(target: Target, d: int, seed: int) -> State:
     return State(z, target.log_density(z), random)
 
 
-def rough_proposal(target: Target, d: int) -> Mixture:
+def rough_proposal(target: Target, d: int) -> Proposal:
     """Learnt from draws that are shifted: a proposal need not be good to be exact."""
     draws = target.draw(2000, d, np.random.default_rng(9)) + 0.2 * np.array(target.scales[:d])
-    return fit(draws, 3)
+    return learn(draws, everywhere, np.random.RandomState(3))
 
 
 def through(
@@ -90,54 +90,6 @@ class StretchWithoutFactor(emcee.moves.StretchMove):
         return q, np.zeros_like(factors)
 
 
-def test_mixture_is_a_normalised_density_that_its_draws_follow() -> None:
-    """In two dimensions, by importance: the mean of p/q over draws of q is one, and back."""
-    target = TARGETS["mild"]
-    mixture = rough_proposal(target, 2)
-    random = np.random.RandomState(4)
-    z = mixture.draw(100_000, random)
-    grid = np.stack(np.meshgrid(np.linspace(-8, 12, 801), np.linspace(-16, 8, 801)), axis=-1)
-    density = np.exp(mixture.log_density(grid.reshape(-1, 2))).reshape(801, 801)
-    cell = (20 / 800) * (24 / 800)
-    assert density.sum() * cell == pytest.approx(1.0, abs=1e-3)
-    mean = (density[..., None] * grid).sum(axis=(0, 1)) * cell
-    assert z.mean(axis=0) == pytest.approx(mean, abs=0.02)
-    assert z.std(axis=0) == pytest.approx(
-        np.sqrt((density[..., None] * (grid - mean) ** 2).sum(axis=(0, 1)) * cell), rel=0.02
-    )
-
-
-def test_fit_is_reproducible_and_survives_few_draws() -> None:
-    draws = TARGETS["wild"].draw(500, 5, np.random.default_rng(1))
-    one, two = fit(draws, 7), fit(draws, 7)
-    assert np.array_equal(one.means, two.means)
-    assert np.array_equal(one.roots, two.roots)
-    assert len(fit(draws[:40], 7).weights) == 1
-
-
-def test_expected_acceptance_is_that_of_the_move() -> None:
-    target, d = TARGETS["mild"], 3
-    mixture, state = rough_proposal(target, d), begin(TARGETS["mild"], d, 5)
-    expected = expected_acceptance(
-        mixture, target.log_density, state.z, state.log_p, np.random.RandomState(2)
-    )
-    piece = advance(lambda z: (target.log_density(z), 0), state, 20, {"independence": 1.0}, mixture)
-    assert piece.accepted.mean() / 20 == pytest.approx(expected, abs=0.02)
-
-
-class IndependenceWithoutFactor(emcee.moves.MHMove):
-    """The density of the proposal forgotten."""
-
-    def __init__(self) -> None:
-        mixture = rough_proposal(TARGETS["mild"], 3)
-        super().__init__(lambda z, random: (mixture.draw(len(z), random), np.zeros(len(z))))
-
-
-def test_a_wrong_independence_move_is_found_out() -> None:
-    target = TARGETS["mild"]
-    assert target.p_values(through(IndependenceWithoutFactor, target, 3, 8)).min() < FAIL
-
-
 WRONG = [
     *((move, d) for move in (StretchOffByOne, StretchWithoutFactor) for d in (2, 3, 5)),
     *((emcee.moves.DESnookerMove, d) for d in (3, 5)),
@@ -152,5 +104,5 @@ def test_a_wrong_move_is_found_out(wrong: type[emcee.moves.Move], d: int) -> Non
 
 
 def test_the_snooker_move_is_not_registered() -> None:
-    made = [make(rough_proposal(TARGETS["mild"], 2)) for make in MOVES.values()]
+    made = [make(rough_proposal(TARGETS["mild"], 2), everywhere) for make in MOVES.values()]
     assert not any(isinstance(move, emcee.moves.DESnookerMove) for move in made)

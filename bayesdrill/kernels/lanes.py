@@ -1,0 +1,135 @@
+"""Vectors of walkers in LLVM's language: constants, memory, loops, and numbers that write code."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from llvmlite import ir
+
+LANES = 8
+
+F64 = ir.DoubleType()
+I64 = ir.IntType(64)
+I32 = ir.IntType(32)
+VEC = ir.VectorType(F64, LANES)
+INT_VEC = ir.VectorType(I64, LANES)
+PTR = F64.as_pointer()
+
+
+def vector(value: float) -> ir.Constant:
+    return ir.Constant(VEC, [value] * LANES)
+
+
+def whole_numbers(value: int) -> ir.Constant:
+    return ir.Constant(INT_VEC, [value] * LANES)
+
+
+def load(b: ir.IRBuilder, base: ir.Value, index: int) -> ir.Value:
+    place = b.bitcast(b.gep(base, [I64(index * LANES)]), VEC.as_pointer())
+    return b.load(place, align=8)
+
+
+def store(b: ir.IRBuilder, value: ir.Value, base: ir.Value, index: int) -> None:
+    place = b.bitcast(b.gep(base, [I64(index * LANES)]), VEC.as_pointer())
+    b.store(value, place, align=8)
+
+
+def splat(b: ir.IRBuilder, scalar: ir.Value) -> ir.Value:
+    undefined = ir.Constant(VEC, ir.Undefined)
+    one = b.insert_element(undefined, scalar, I32(0))
+    lanes = ir.Constant(ir.VectorType(I32, LANES), [0] * LANES)
+    return b.shuffle_vector(one, undefined, lanes)
+
+
+def function(module: ir.Module, name: str, counts: int, pointers: int) -> ir.Function:
+    """Takes `counts` integers, then addresses of blocks that do not overlap; gives nothing."""
+    signature = ir.FunctionType(ir.VoidType(), [I64] * counts + [PTR] * pointers)
+    made = ir.Function(module, signature, name)
+    for argument in made.args[counts:]:
+        argument.add_attribute("noalias")
+    return made
+
+
+def intrinsic(module: ir.Module, name: str, result: ir.Type, arguments: list[ir.Type]) -> ir.Value:
+    known = module.globals.get(name)
+    return known or ir.Function(module, ir.FunctionType(result, arguments), name)
+
+
+def fma(b: ir.IRBuilder, left: ir.Value, right: ir.Value, total: ir.Value) -> ir.Value:
+    name = f"llvm.fmuladd.v{LANES}f64"
+    return b.call(intrinsic(b.module, name, VEC, [VEC] * 3), [left, right, total])
+
+
+class Loop:
+    """A counted loop (at least one pass) that carries values: read `carried`, then `close`."""
+
+    def __init__(self, b: ir.IRBuilder, count: ir.Value, start: list[ir.Value], name: str) -> None:
+        self._b, self._count = b, count
+        before = b.block
+        self._body = b.append_basic_block(name)
+        b.branch(self._body)
+        b.position_at_end(self._body)
+        self.index = b.phi(I64)
+        self.index.add_incoming(I64(0), before)
+        self.carried = [b.phi(value.type) for value in start]
+        for phi, value in zip(self.carried, start, strict=True):
+            phi.add_incoming(value, before)
+
+    def close(self, new: list[ir.Value]) -> None:
+        b = self._b
+        index = b.add(self.index, I64(1))
+        self.index.add_incoming(index, b.block)
+        for phi, value in zip(self.carried, new, strict=True):
+            phi.add_incoming(value, b.block)
+        after = b.append_basic_block("after")
+        b.cbranch(b.icmp_signed("<", index, self._count), self._body, after)
+        b.position_at_end(after)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Lane:
+    """One number of each walker.  Arithmetic with it is written down as code, not carried out.
+
+    A model's formulas, evaluated with these for numbers, become part of the kernel.
+    """
+
+    b: ir.IRBuilder
+    value: ir.Value
+
+    def _of(self, other: Lane | float) -> ir.Value:
+        return other.value if isinstance(other, Lane) else vector(float(other))
+
+    def __add__(self, other: Lane | float) -> Lane:
+        return Lane(self.b, self.b.fadd(self.value, self._of(other)))
+
+    def __radd__(self, other: float) -> Lane:
+        return self + other
+
+    def __sub__(self, other: Lane | float) -> Lane:
+        return Lane(self.b, self.b.fsub(self.value, self._of(other)))
+
+    def __rsub__(self, other: float) -> Lane:
+        return Lane(self.b, self.b.fsub(self._of(other), self.value))
+
+    def __mul__(self, other: Lane | float) -> Lane:
+        return Lane(self.b, self.b.fmul(self.value, self._of(other)))
+
+    def __rmul__(self, other: float) -> Lane:
+        return self * other
+
+    def __truediv__(self, other: Lane | float) -> Lane:
+        return Lane(self.b, self.b.fdiv(self.value, self._of(other)))
+
+    def __rtruediv__(self, other: float) -> Lane:
+        return Lane(self.b, self.b.fdiv(self._of(other), self.value))
+
+    def __neg__(self) -> Lane:
+        return Lane(self.b, self.b.fneg(self.value))
+
+    def __pow__(self, power: int) -> Lane:
+        if not isinstance(power, int) or power < 1:
+            raise TypeError("models are compiled: only whole powers from 1 on are known")
+        result = self
+        for _ in range(power - 1):
+            result = result * self
+        return result
