@@ -62,6 +62,16 @@ class Step:
     unknown: str
 
 
+@dataclass(frozen=True, slots=True)
+class Stage:
+    """A curved step of the way back: its other quantities are `basis @ weights + offset`."""
+
+    step: Step
+    names: tuple[str, ...]
+    weights: Array
+    offset: Array
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MotorShaftChart:
     """See `models.linear.Chart`; columns of parameters in the order of `free`."""
@@ -71,7 +81,9 @@ class MotorShaftChart:
     free: tuple[str, ...]
     fixed: Mapping[str, float]
     coordinates: tuple[str, ...]
-    plan: tuple[Step, ...]
+    stages: tuple[Stage, ...]
+    weights: Array
+    offset: Array
 
     @property
     def labels(self) -> tuple[str, ...]:
@@ -82,29 +94,29 @@ class MotorShaftChart:
         return np.stack([np.broadcast_to(known[c], len(logs)) for c in self.coordinates], axis=-1)
 
     def bend(self, z: Array) -> tuple[Array, Array]:
-        known = self._constants()
-        known.update(zip(self.coordinates, z.T, strict=True))
+        m = z.shape[1]
+        basis = np.empty((len(z), m + len(self.stages)))
+        basis[:, :m] = z
         log_det = np.zeros(len(z))
-        for step in self.plan:
-            known[step.unknown] = _solve(step, known)
-            if step.equation in CURVED:
-                log_det -= np.log(_slope(step, known))
-        logs = np.empty((len(z), len(self.free)))
-        for column, name in enumerate(self.free):
-            logs[:, column] = known[name]
-        return logs, log_det
-
-    def _constants(self) -> Logs:
-        named = {name: math.log(value) for name, value in self.fixed.items()}
-        return {**named, "gear": math.log(self.i_m), "v": math.log(self.v)}
+        for column, stage in enumerate(self.stages, start=m):
+            values = basis[:, :column] @ stage.weights + stage.offset
+            known: Logs = dict(zip(stage.names, values.T, strict=True))
+            known[stage.step.unknown] = basis[:, column] = _solve(stage.step, known)
+            log_det -= np.log(_slope(stage.step, known))
+        return basis @ self.weights + self.offset, log_det
 
     def _everything(self, logs: Array) -> Logs:
         """All quantities from the parameters."""
-        known = self._constants()
+        known: Logs = dict(_constants(self.i_m, self.v, self.fixed))
         known.update(zip(self.free, logs.T, strict=True))
         for name in (*AUXILIARY, *TARGETS):
             known[name] = _solve(Step(name, name), known)
         return known
+
+
+def _constants(i_m: float, v: float, fixed: Mapping[str, float]) -> dict[str, float]:
+    named = {name: math.log(value) for name, value in fixed.items()}
+    return {**named, "gear": math.log(i_m), "v": math.log(v)}
 
 
 def make_chart(
@@ -112,8 +124,34 @@ def make_chart(
 ) -> MotorShaftChart:
     """The chart with the most targets that a plan can be found for."""
     coordinates, plan = next(_plans(free, frozenset(fixed)))
+    curved = [step for step in plan if step.equation in CURVED]
+    # Every quantity is a weighted sum of the coordinates, of what the curved steps before it have
+    # found, and of a constant, which stands last.
+    unit = np.eye(len(coordinates) + len(curved) + 1)
+    forms = {name: value * unit[-1] for name, value in _constants(i_m, v, fixed).items()}
+    forms.update(zip(coordinates, unit, strict=False))
+    stages: list[Stage] = []
+    for step in plan:
+        if step.equation in LINEAR:
+            weights = LINEAR[step.equation]
+            rest = [w * forms[name] for name, w in weights.items() if name != step.unknown]
+            forms[step.unknown] = -np.sum(rest, axis=0) / weights[step.unknown]
+        else:
+            column = len(coordinates) + len(stages)
+            names = (*(n for n in CURVED[step.equation] if n != step.unknown), "v")
+            form = np.array([forms[name] for name in names])
+            stages.append(Stage(step, names, form[:, :column].T.copy(), form[:, -1]))
+            forms[step.unknown] = unit[column]
+    form = np.array([forms[name] for name in free]).reshape(len(free), len(unit))
     return MotorShaftChart(
-        i_m=i_m, v=v, free=free, fixed=dict(fixed), coordinates=coordinates, plan=plan
+        i_m=i_m,
+        v=v,
+        free=free,
+        fixed=dict(fixed),
+        coordinates=coordinates,
+        stages=tuple(stages),
+        weights=form[:, :-1].T.copy(),
+        offset=form[:, -1],
     )
 
 
@@ -171,10 +209,13 @@ def _solve_rho(known: Logs) -> Array:
     """log rho - log_left(rho t_f / v) = a, in closed form on both branches."""
     a = known["v"] - known["speed"] - known["d"]
     friction = known["t_f"] - known["v"]
-    rho = a - np.log1p(np.exp(a + friction))
-    beyond = math.log(0.5) + 1.0 + a + friction  # log u + 2 u = this, where u > 1/2
-    share = 0.5 * np.real(wrightomega(np.asarray(math.log(2.0) + beyond)))
-    return np.where(rho + friction <= math.log(0.5), rho, np.log(share) - friction)
+    rho = np.asarray(a - np.log1p(np.exp(a + friction)))
+    far = ~(rho + friction <= math.log(0.5))
+    if np.any(far):
+        beyond = math.log(0.5) + 1.0 + a + friction  # log u + 2 u = this, where u > 1/2
+        share = 0.5 * np.real(wrightomega(np.asarray(math.log(2.0) + beyond)))
+        rho = np.where(far, np.log(share) - friction, rho)
+    return rho
 
 
 def _slope(step: Step, known: Logs) -> Array | float:
