@@ -40,6 +40,14 @@ class ParameterSpace:
             )
         return out
 
+    def slopes(self, theta: Array) -> Array:
+        """d parameter of the model / d log unknown at `theta (D,)`, noise left out: `(m, P)`."""
+        named = [name for name in self.free if name in self.model]
+        out = np.zeros((len(named), len(self.model)))
+        for row, name in enumerate(named):
+            out[row, self.model.index(name)] = theta[row]
+        return out
+
     def vector(self, values: Mapping[str, float]) -> Array:
         """`(D,)` from named values."""
         return np.array([values[name] for name in self.free])

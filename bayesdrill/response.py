@@ -50,8 +50,16 @@ class Response:
     def with_record(self, y: Array) -> Response:
         """The same experiment with another record `y (T, K)`; nothing is compiled again."""
         if y.shape != self.experiment.y.shape:
-            raise ValueError(f"a record of shape {self.experiment.y.shape}, not {y.shape}, is wanted")
+            raise ValueError(f"the record has shape {self.experiment.y.shape}, not {y.shape}")
         experiment = dataclasses.replace(self.experiment, y=frozen(y))
+        return Response(self.model, experiment, self._kernels)
+
+    def with_series(self, series: Mapping[str, Array]) -> Response:
+        """The same experiment under other measured inputs; nothing is compiled again."""
+        if set(series) != set(self.experiment.series):
+            raise ValueError(f"series of {sorted(self.experiment.series)} are wanted")
+        ordered = {name: series[name] for name in self.experiment.series}
+        experiment = dataclasses.replace(self.experiment, series=ordered)
         return Response(self.model, experiment, self._kernels)
 
     def misfit(self, theta: Array) -> Array:
@@ -116,7 +124,7 @@ def _entries(
     for (row, name), value in linear.B.items():
         if name in series:
             entries.append((index[row], x + 1 + series.index(name), value))
-        elif experiment.constant.get(name, 0.0) != 0.0:
+        if experiment.constant.get(name, 0.0) != 0.0:
             entries.append((index[row], x, value * experiment.constant[name]))
     if experiment.first_order:
         # A held input rises by its increment over one step.
