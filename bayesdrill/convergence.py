@@ -14,10 +14,13 @@ from arviz_stats.base import array_stats
 from numpy.typing import NDArray
 from scipy import fft
 
+from bayesdrill.suspicions import Kept, suspicions
+
 Array = NDArray[np.float64]
 
 BURN_IN_TAUS = 5  # steps dropped, in autocorrelation times
 WINDOW = 5.0  # Sokal's window for the autocorrelation time
+LEAST_KEPT = 50  # steps, below which nothing can be told of single walkers
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -33,11 +36,13 @@ class Targets:
 class Convergence:
     """`steps` per ensemble, of which `burn_in` are dropped and every `thin`-th is kept.
 
-    `tau`, `r_hat`, `ess_bulk`, `ess_tail` are `(D,)`; `reasons` says in words what is missing.
+    `tau`, `r_hat`, `ess_bulk`, `ess_tail` are `(D,)`; `reasons` says in words why the result must
+    not be believed; `burn_in_rule` how `burn_in` was chosen.
     """
 
     steps: int
     burn_in: int
+    burn_in_rule: str
     thin: int
     tau: Array
     r_hat: Array
@@ -51,12 +56,22 @@ class Convergence:
         return not self.reasons
 
 
-def assess(theta: Array, names: tuple[str, ...], targets: Targets, pilot: int = 0) -> Convergence:
-    """Judge physical chains `(E, S, W, D)`, whose first `pilot` steps are dropped in any case."""
+def assess(
+    theta: Array,
+    names: tuple[str, ...],
+    targets: Targets,
+    pilot: int = 0,
+    log_p: Array | None = None,
+) -> Convergence:
+    """Judge physical chains `(E, S, W, D)`, whose first `pilot` steps are dropped in any case.
+
+    `log_p (E, S, W)` finds walkers that are far from the rest; without it they are not looked for.
+    """
     n_steps = theta.shape[1]
     half = (n_steps - pilot) // 2
-    early = autocorrelation_time(theta[:, pilot + half :])
-    burn_in = pilot + min(math.ceil(BURN_IN_TAUS * float(early.max())), half)
+    early = float(autocorrelation_time(theta[:, pilot + half :]).max())
+    wanted = math.ceil(BURN_IN_TAUS * early)
+    burn_in = pilot + min(wanted, half)
     kept = theta[:, burn_in:]
     tau = autocorrelation_time(kept)
     thin = max(1, min(math.ceil(float(tau.max())), kept.shape[1] // 4))
@@ -65,18 +80,36 @@ def assess(theta: Array, names: tuple[str, ...], targets: Targets, pilot: int = 
     ess_bulk = _each(array_stats.ess, draws, method="bulk")
     ess_tail = _each(array_stats.ess, draws, method="tail", prob=0.9)
     n_tau = kept.shape[1] / float(tau.max())
-    reasons = _reasons(names, targets, tau, r_hat, ess_bulk, n_tau)
+    missing = _reasons(names, targets, tau, r_hat, ess_bulk, n_tau)
+    named: tuple[str, ...] = ()
+    if kept.shape[1] >= LEAST_KEPT:
+        density = np.zeros(kept.shape[:-1]) if log_p is None else log_p[:, burn_in:]
+        seen = Kept(theta=kept, log_p=density, names=names, tau=tau, n_tau=targets.n_tau)
+        named = suspicions(seen)
+    if wanted > half and not named:
+        missing.append(
+            f"the run is too short to judge its burn-in: {BURN_IN_TAUS} autocorrelation times are "
+            f"{wanted} steps, half of what follows the pilot is {half}"
+        )
     return Convergence(
         steps=n_steps,
         burn_in=burn_in,
+        burn_in_rule=_rule(pilot, early, capped=wanted > half),
         thin=thin,
         tau=tau,
         r_hat=r_hat,
         ess_bulk=ess_bulk,
         ess_tail=ess_tail,
         n_tau=n_tau,
-        reasons=reasons,
+        reasons=(*named, *missing),
     )
+
+
+def _rule(pilot: int, tau: float, *, capped: bool) -> str:
+    begun = f"pilot of {pilot} steps, then " if pilot else ""
+    if capped:
+        return f"{begun}half of the rest, too short for {BURN_IN_TAUS} autocorrelation times"
+    return f"{begun}{BURN_IN_TAUS} autocorrelation times of {tau:.1f} steps"
 
 
 def thinned(chains: Array, burn_in: int, thin: int) -> Array:
@@ -121,7 +154,7 @@ def _reasons(
     r_hat: Array,
     ess: Array,
     n_tau: float,
-) -> tuple[str, ...]:
+) -> list[str]:
     reasons = []
     if not np.all(np.isfinite(r_hat)) or r_hat.max() > targets.r_hat:
         worst = int(np.argmax(np.nan_to_num(r_hat, nan=np.inf)))
@@ -140,4 +173,4 @@ def _reasons(
         reasons.append(
             f"{ess[worst]:.0f} effective draws of {names[worst]}, wanted at least {targets.ess:g}"
         )
-    return tuple(reasons)
+    return reasons

@@ -17,14 +17,16 @@ Array = NDArray[np.float64]
 _STEP = 1e-5  # of a log: central differences then err by about 1e-10
 
 
-def information(posterior: Posterior, theta: Array) -> Array:
-    """`(D, D)` about the logs of the unknowns, at the physical point `theta (D,)`.
+def information_root(posterior: Posterior, theta: Array) -> Array:
+    """`R (D, D)` with R' R the information about the logs of the unknowns, at physical `theta (D,)`.
 
-    Far from the data the record counts for less: its noise is taken to be what is left there.
+    The root keeps the digits that the information itself would lose: some directions are known ten
+    thousand times better than others.  Far from the data the record counts for less: its noise is
+    taken to be what is left there.
     """
-    total = _record_information(posterior, theta) / _excess(posterior, theta)
     prior_sd = np.array([spread_of_log(prior) for prior in posterior.space.priors.values()])
-    return total + np.diag(prior_sd**-2)
+    record = _record_rows(posterior, theta) / np.sqrt(excess(posterior, theta))
+    return np.asarray(np.linalg.qr(np.vstack([record, np.diag(1.0 / prior_sd)]), mode="r"))
 
 
 def covariance(posterior: Posterior, theta: Array) -> Array:
@@ -32,15 +34,8 @@ def covariance(posterior: Posterior, theta: Array) -> Array:
     up, down = _neighbours(theta)
     coordinates = posterior.coordinates
     slopes = (coordinates.from_physical(up) - coordinates.from_physical(down)).T / (2 * _STEP)
-    result = slopes @ inverse(information(posterior, theta)) @ slopes.T
-    return np.asarray(0.5 * (result + result.T))
-
-
-def inverse(matrix: Array) -> Array:
-    """Of a symmetric matrix whose rows have very different sizes."""
-    scale = np.sqrt(np.diag(matrix))
-    found = np.linalg.inv(matrix / np.outer(scale, scale)) / np.outer(scale, scale)
-    return np.asarray(0.5 * (found + found.T))
+    spread = slopes @ np.linalg.inv(information_root(posterior, theta))
+    return np.asarray(spread @ spread.T)
 
 
 def _neighbours(theta: Array) -> tuple[Array, Array]:
@@ -48,29 +43,29 @@ def _neighbours(theta: Array) -> tuple[Array, Array]:
     return theta * shifts, theta / shifts
 
 
-def _record_information(posterior: Posterior, theta: Array) -> Array:
-    """Fisher information of the record about the logs of the unknowns, `(D, D)`."""
+def _record_rows(posterior: Posterior, theta: Array) -> Array:
+    """Slopes of all measured numbers over their noise, by the logs of the unknowns: `(n, D)`.
+
+    An unknown sigma has a row of its own: its information is twice the number of samples.
+    """
     up, down = _neighbours(theta)
     likelihood = posterior.likelihood
     noise = likelihood.noise
     sigma = noise.sigmas(likelihood.sigma_columns(theta[None]))[0]
     signals = likelihood.signals(np.concatenate([up, down]))
     slopes = (signals[: len(theta)] - signals[len(theta) :]) / (2 * _STEP * sigma)
-    flat = np.nan_to_num(slopes.reshape(len(theta), -1), posinf=0.0, neginf=0.0)
-    total: Array = flat @ flat.T
-    first = len(theta) - len(noise.unknown)
-    for column in range(first, len(theta)):
-        total[column, column] += 2.0 * noise.n_samples
-    return total
+    rows = np.nan_to_num(slopes.reshape(len(theta), -1), posinf=0.0, neginf=0.0).T
+    levels = np.sqrt(2.0 * noise.n_samples) * np.eye(len(theta))[len(theta) - len(noise.unknown) :]
+    return np.vstack([rows, levels])
 
 
-def _excess(posterior: Posterior, theta: Array) -> float:
+def excess(posterior: Posterior, theta: Array) -> float:
     """Mean squared residual over the noise variance, at least 1."""
     likelihood = posterior.likelihood
     sigma = likelihood.noise.sigmas(likelihood.sigma_columns(theta[None]))
     misfit = likelihood.response.misfit(posterior.space.full(theta[None]))
-    excess = float(np.mean(misfit / sigma**2)) / likelihood.noise.n_samples
-    return max(excess, 1.0) if np.isfinite(excess) else 1.0
+    ratio = float(np.mean(misfit / sigma**2)) / likelihood.noise.n_samples
+    return max(ratio, 1.0) if np.isfinite(ratio) else 1.0
 
 
 def draws(

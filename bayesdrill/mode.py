@@ -101,7 +101,7 @@ def summarise(posterior: Posterior, searches: tuple[Search, ...]) -> Mode:
     best = max(searches, key=lambda s: s.log_posterior)
     theta = posterior.space.vector(best.end)
     z = posterior.coordinates.from_physical(theta[None])[0]
-    single = np.diag(1.0 / np.sqrt(np.diag(laplace.information(posterior, theta))))
+    single = np.diag(1.0 / np.linalg.norm(laplace.information_root(posterior, theta), axis=0))
     slope = _slopes(lambda logs: posterior.density(np.exp(logs)), np.log(theta), single)
     # Along the principal directions in the sampler's coordinates, where ridges are straight.
     principal = _slopes(

@@ -23,7 +23,7 @@ from bayesdrill.diagnostics import Row, summarise
 from bayesdrill.errors import InputError, Interrupted
 from bayesdrill.mode import Mode, Search
 from bayesdrill.progress import Reporter
-from bayesdrill.report import publish, words
+from bayesdrill.report import publish, tables, words
 from bayesdrill.sampling import Plan, Sampled, sample, stored
 from bayesdrill.store import Folder
 from bayesdrill.yaml_source import Source
@@ -112,7 +112,7 @@ def republish(output: Path, report: Reporter) -> Outcome:
         raise InputError.one(str(output), "the run stopped as it began; continue it with --resume")
     job = prepare(output / RESOLVED_FILE)
     marks = provenance.fingerprint(job.config, job.problem)
-    with Folder(output, "resume", marks) as folder:
+    with Folder(output, "report", marks) as folder:
         sampled = stored(job.problem.posterior, plan(job.config), folder)
         return _publish(job, folder, _read_mode(output / MAP_FILE), sampled, {}, report)
 
@@ -166,7 +166,7 @@ def _read_mode(path: Path) -> Mode:
         searches = tuple(Search(**search) for search in data.pop("searches"))
         at_bound = tuple(data.pop("at_bound"))
         return Mode(**data, searches=searches, at_bound=at_bound)
-    except (OSError, ValueError, KeyError, TypeError):
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
         raise InputError.one(str(path), "cannot be read; start over with --force") from None
 
 
@@ -189,8 +189,10 @@ def _publish(
         status="finished",
         converged=c.converged,
         reasons=list(c.reasons),
+        notes=tables.notes(rows),
         steps=c.steps,
         burn_in=c.burn_in,
+        burn_in_rule=c.burn_in_rule,
         thin=c.thin,
         n_tau=round(c.n_tau, 2),
         tau={name: round(float(x), 2) for name, x in zip(job.problem.names, c.tau, strict=True)},

@@ -14,18 +14,13 @@ from bayesdrill import config as records
 from bayesdrill import recording
 from bayesdrill.build import Problem
 from bayesdrill.experiment import Experiment
+from bayesdrill.store import VERSION_OF
 from bayesdrill.yaml_source import Source
 
-PACKAGES = (
-    "numpy",
-    "scipy",
-    "emcee",
-    "scikit-learn",
-    "arviz-stats",
-    "arviz-base",
-    "llvmlite",
-    "h5py",
-)
+# A change of these may change the last bits of a chain: random streams and sums (numpy), priors and
+# optimiser (scipy), steps (emcee), the learnt proposal (scikit-learn), the compiled model (llvmlite).
+DECISIVE = ("numpy", "scipy", "emcee", "scikit-learn", "llvmlite")
+PACKAGES = (*DECISIVE, "arviz-stats", "arviz-base", "h5py")
 
 
 def versions() -> dict[str, str]:
@@ -33,22 +28,52 @@ def versions() -> dict[str, str]:
 
 
 def fingerprint(config: records.Config, problem: Problem) -> dict[str, str]:
-    """What decides the chain, in words that name it when it has changed."""
-    space, sampler = problem.posterior.space, config.sampler
+    """What decides the chain, by names and values that a user knows from the config."""
+    posterior, sampler = problem.posterior, config.sampler
+    space = posterior.space
+    coordinates = type(posterior.coordinates).__name__.lower()
     return {
-        "the record": _hash_record(problem.experiment),
-        "the model": repr(problem.posterior.likelihood.response.model),
-        "the priors": _short(repr((space.priors, space.fixed, space.start))),
-        "the noise": _short(repr(problem.posterior.likelihood.noise)),
-        "the coordinates": _short(repr(problem.posterior.coordinates)),
-        "the MAP search": repr(config.map),
-        "the ensembles": repr((sampler.ensembles, sampler.walkers, sorted(sampler.moves.items()))),
-        "the pilot": str(sampler.pilot),
+        **_of_experiment(problem.experiment),
+        "the model": repr(posterior.likelihood.response.model),
+        **{f"the prior of {name}": repr(prior) for name, prior in space.priors.items()},
+        **{f"{name}, which is held,": repr(value) for name, value in space.fixed.items()},
+        "the start of the MAP search": repr(dict(space.start)),
+        **_of_noise(problem),
+        "the coordinates": f"{coordinates} ({_short(repr(posterior.coordinates))})",
+        **{f"map.{name}": repr(value) for name, value in config.map},
+        "sampler.ensembles": str(sampler.ensembles),
+        "sampler.walkers": str(sampler.walkers),
+        "sampler.moves": repr(dict(sorted(sampler.moves.items()))),
+        "sampler.pilot": str(sampler.pilot),
         "the seed": str(config.seed),
-        "the version of emcee": version("emcee"),
-        "the version of scikit-learn": version("scikit-learn"),
-        "the version of bayesdrill": bayesdrill.__version__,
+        f"{VERSION_OF}bayesdrill": bayesdrill.__version__,
+        **{f"{VERSION_OF}{name}": version(name) for name in DECISIVE},
     }
+
+
+def _of_experiment(experiment: Experiment) -> dict[str, str]:
+    digest = hashlib.sha256()
+    for values in (experiment.t, experiment.y):
+        digest.update(values.tobytes())
+    held = "first" if experiment.first_order else "zero"
+    return {
+        "the record": f"{len(experiment.t)} samples ({digest.hexdigest()[:12]})",
+        **{
+            f"the channel {channel.name}": f"{dict(channel.weights)} in {channel.unit}"
+            for channel in experiment.channels
+        },
+        **{f"the input {name}": repr(value) for name, value in experiment.constant.items()},
+        **{
+            f"the input {name}": f"measured, hold: {held} ({_short(repr(series.tolist()))})"
+            for name, series in experiment.series.items()
+        },
+        "the initial state": f"{dict(experiment.start)} at {experiment.t_start!r} s",
+    }
+
+
+def _of_noise(problem: Problem) -> dict[str, str]:
+    noise, names = problem.posterior.likelihood.noise, problem.experiment.names
+    return {f"the noise of {names[k]}": repr(sigma) for k, sigma in noise.known.items()}
 
 
 def resolved(config: records.Config, source: Source, folder: Path) -> str:
@@ -69,21 +94,5 @@ def resolved(config: records.Config, source: Source, folder: Path) -> str:
     return f"{opening}{made_by}{out.getvalue()}"
 
 
-def _hash_record(experiment: Experiment) -> str:
-    digest = hashlib.sha256()
-    for values in (experiment.t, experiment.y, *experiment.series.values()):
-        digest.update(values.tobytes())
-    rest = (
-        experiment.channels,
-        dict(experiment.constant),
-        list(experiment.series),
-        experiment.first_order,
-        dict(experiment.start),
-        experiment.t_start,
-    )
-    digest.update(repr(rest).encode())
-    return digest.hexdigest()[:16]
-
-
 def _short(text: str) -> str:
-    return hashlib.sha256(text.encode()).hexdigest()[:16]
+    return hashlib.sha256(text.encode()).hexdigest()[:12]

@@ -16,8 +16,8 @@ from bayesdrill.crew import Crew
 from bayesdrill.errors import InputError
 from bayesdrill.posterior import Posterior
 from bayesdrill.progress import Reporter
-from bayesdrill.samplers.ensemble import Piece, State, advance
 from bayesdrill.samplers import independence
+from bayesdrill.samplers.ensemble import Piece, State, advance
 from bayesdrill.samplers.independence import Proposal
 from bayesdrill.shelf import Shelf
 from bayesdrill.store import Folder
@@ -150,7 +150,7 @@ def sample(
     """Continue what `shelf` holds until converged or `max_steps`; every piece is saved."""
     chains = [shelf.pieces(ensemble) for ensemble in range(plan.ensembles)]
     proposal = _pilot(crew, posterior, mode, plan, chains, shelf, report)
-    have = min(map(_steps, chains))
+    have = max(map(_steps, chains))
     # Shorter lengths were judged before an interruption, and found wanting.
     for goal in [goal for goal in _checks(plan) if goal >= have] or [have]:
         _advance_to(goal, proposal, crew, posterior, mode, plan, chains, shelf)
@@ -247,7 +247,7 @@ def stored(posterior: Posterior, plan: Plan, folder: Folder) -> Sampled:
     """What `folder` holds, judged again; raises `InputError` where ensembles are missing."""
     chains = [folder.pieces(ensemble) for ensemble in range(plan.ensembles)]
     steps = min(map(_steps, chains))
-    if steps < 2 or max(map(_steps, chains)) != steps:
+    if steps <= plan.pilot or max(map(_steps, chains)) != steps:
         raise InputError.one(
             str(folder.path), "the run stopped before its first check; continue it with --resume"
         )

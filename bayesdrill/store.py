@@ -5,9 +5,11 @@ from __future__ import annotations
 import json
 import os
 import shutil
+import struct
 import zipfile
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+import zlib
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
@@ -17,14 +19,16 @@ from typing import Any, Literal, Self
 import numpy as np
 from filelock import FileLock, Timeout
 
-from bayesdrill.errors import InputError
+from bayesdrill.errors import InputError, Problem
 from bayesdrill.samplers.ensemble import Piece, State
 
-Mode = Literal["fresh", "resume", "force"]
+Mode = Literal["fresh", "resume", "force", "report"]  # report: nothing is added to the chain
 
 PIECES = ".pieces"
 CHAIN = "chain.h5"
 RUN = "run.json"
+VERSION_OF = "the version of "  # begins the names of fingerprints that a report may differ in
+LONGEST = 120  # letters of a value in a message
 OWN = (
     CHAIN,
     f"{PIECES}/*.npz",
@@ -37,7 +41,14 @@ OWN = (
     "figures/trace.*",
     "figures/fit.*",
     RUN,
-)  # what a run writes, and so what --force may take away; last the file that says whose it is
+)  # what a run writes; last the file that says whose it is
+
+# What NumPy, zipfile and HDF5 raise when bytes of a file are not what they were.
+DAMAGED = (
+    *(OSError, ValueError, KeyError, IndexError, TypeError, EOFError, RuntimeError, MemoryError),
+    *(AttributeError, OverflowError, NotImplementedError, SyntaxError, struct.error),
+    *(zipfile.BadZipFile, zlib.error),
+)
 
 
 @contextmanager
@@ -55,11 +66,15 @@ def whole(path: Path) -> Iterator[Path]:
 
 @dataclass(slots=True)
 class Folder:
-    """`results/<name>`, locked while open. `fingerprint`: what a resumed run must share."""
+    """`results/<name>`, locked while open. `fingerprint`: what a resumed run must share.
+
+    `own`: patterns of what the work here writes, and so what --force may take away.
+    """
 
     path: Path
     mode: Mode
     fingerprint: Mapping[str, Any]
+    own: Sequence[str] = OWN
     _lock: FileLock | None = None
 
     def __enter__(self) -> Self:
@@ -102,23 +117,29 @@ class Folder:
                 str(self.path),
                 "results exist already; continue them with --resume, or start over with --force",
             )
-        if self.mode == "resume":
+        if self.mode in ("resume", "report"):
             old = (read_run(self.path) or {}).get("fingerprint", {})
-            keys = [k for k in {**old, **self.fingerprint} if old.get(k) != self.fingerprint.get(k)]
-            if keys:
-                raise InputError.one(
-                    str(self.path),
-                    f"cannot resume: {', '.join(keys)} changed since this run began; start over with "
-                    "--force, or give another --output",
-                )
+            changes = _changes(old, self.fingerprint, versions=self.mode == "resume")
+            if changes:
+                way_out = "put this back, start over with --force, or give another --output"
+                told = [*(f"cannot resume: {change}" for change in changes), way_out]
+                raise InputError([Problem(str(self.path), line) for line in told])
 
     def _items(self) -> list[Path]:
         return sorted(self.path.iterdir()) if self.path.is_dir() else []
 
     def _clear(self) -> None:
-        """Take away what a run has written, and nothing else."""
-        for item in (path for pattern in OWN for path in self.path.glob(pattern)):
+        """Take away what a run has written, and nothing else.
+
+        `run.json` is replaced and never missing: without it the rest would be taken for a folder
+        of others by the next run, were this one killed here.
+        """
+        for item in (path for name in self.own if name != RUN for path in self.path.glob(name)):
             item.unlink()
+        for folder in {self.path / name for name in self.own if "/" in name}:
+            with suppress(OSError):  # not there, or something of others is in it
+                folder.parent.rmdir()
+        self._write_entries({"status": "running"})
 
     def write_text(self, name: str, text: str) -> None:
         with whole(self.path / name) as path:
@@ -126,9 +147,12 @@ class Folder:
 
     def write_run(self, **entries: Any) -> None:
         """Update `run.json`."""
-        known = read_run(self.path) or {}
-        known.update(entries, fingerprint=dict(self.fingerprint))
-        self.write_text(RUN, json.dumps(known, indent=2) + "\n")
+        self._write_entries({**(read_run(self.path) or {}), **entries})
+
+    def _write_entries(self, entries: Mapping[str, Any]) -> None:
+        # A report under other versions leaves those that made the chain.
+        whole_run = {"fingerprint": dict(self.fingerprint), **entries}
+        self.write_text(RUN, json.dumps(whole_run, indent=2) + "\n")
 
     def save(self, ensemble: int, first_step: int, piece: Piece) -> None:
         """One file a piece: an interrupted run loses at most the pieces under way."""
@@ -179,12 +203,26 @@ def read_run(folder: Path) -> dict[str, Any] | None:
     except (FileNotFoundError, NotADirectoryError):
         return None
     try:
-        run: dict[str, Any] = json.loads(text)
+        run = json.loads(text)
     except ValueError:
-        raise InputError.one(
-            str(folder / RUN), "this file is damaged; start over with --force"
-        ) from None
+        run = None
+    if not isinstance(run, dict) or not isinstance(run.get("fingerprint", {}), dict):
+        raise InputError.one(str(folder / RUN), "this file is damaged; start over with --force")
     return run
+
+
+def _changes(old: Mapping[str, Any], new: Mapping[str, Any], *, versions: bool) -> list[str]:
+    """What differs between two fingerprints, with both values; `versions` too, or not."""
+    return [
+        f"{name} was {_value(old, name)} and is {_value(new, name)}"
+        for name in {**old, **new}
+        if old.get(name) != new.get(name) and (versions or not name.startswith(VERSION_OF))
+    ]
+
+
+def _value(marks: Mapping[str, Any], name: str) -> str:
+    value = str(marks.get(name, "not there"))
+    return value if len(value) <= LONGEST else f"{value[: LONGEST - 3]}..."
 
 
 def _read_piece(path: Path) -> Piece:
@@ -201,7 +239,7 @@ def _read_piece(path: Path) -> Piece:
                 state=State(file["end_z"], file["end_log_p"], random),
                 seconds=float(file["seconds"]),
             )
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
+    except DAMAGED:
         message = "is damaged; delete it and continue with --resume, which computes it again"
         raise InputError.one(str(path), message) from None
 
@@ -221,9 +259,10 @@ def _write_ensemble(group: Any, parts: list[Piece], attributes: Mapping[str, Any
     """As `emcee.backends.HDFBackend` lays out a group."""
     z = np.concatenate([part.z for part in parts])
     n_steps, n_walkers, n_dim = z.shape
-    group.create_dataset("chain", data=z, maxshape=(None, n_walkers, n_dim))
+    # With checksums: a damaged byte is an error when it is read, not a wrong number.
+    group.create_dataset("chain", data=z, maxshape=(None, n_walkers, n_dim), fletcher32=True)
     log_p = np.concatenate([part.log_p for part in parts])
-    group.create_dataset("log_prob", data=log_p, maxshape=(None, n_walkers))
+    group.create_dataset("log_prob", data=log_p, maxshape=(None, n_walkers), fletcher32=True)
     group.create_dataset("accepted", data=np.sum([part.accepted for part in parts], axis=0))
     own = {"failures": sum(part.failures for part in parts), **attributes}
     layout = {
@@ -246,7 +285,9 @@ def read_chain(path: Path, ensemble: int) -> Piece:
         with h5py.File(path, "r") as file:
             group = file[f"ensemble_{ensemble}"]
             steps = int(group.attrs["iteration"])
-            z, log_p = group["chain"][:steps], group["log_prob"][:steps]
+            z, log_p = group["chain"][:], group["log_prob"][:]
+            if len(z) != steps or len(log_p) != steps:
+                raise ValueError(f"{len(z)} steps where {steps} are announced")
             kind, keys, position, has_gauss, cached = (
                 group.attrs[f"random_state_{index}"] for index in range(5)
             )
@@ -259,7 +300,7 @@ def read_chain(path: Path, ensemble: int) -> Piece:
                 state=State(z[-1], log_p[-1], random),
                 seconds=1.0,
             )
-    except (OSError, KeyError) as error:
+    except DAMAGED as error:
         raise InputError.one(
             str(path), f"the chain cannot be read ({error}); start over with --force"
         ) from None

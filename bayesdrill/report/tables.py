@@ -99,4 +99,14 @@ def in_words(rows: Sequence[Row]) -> str:
         names = [row.name for row in rows if row.word == word]
         if names:
             sentences.append(f"{word}: {', '.join(names)} ({meaning})")
-    return "\n".join(sentences)
+    return "\n".join([*sentences, *notes(rows)])
+
+
+def notes(rows: Sequence[Row]) -> list[str]:
+    """What is no reason to doubt the draws, but one to doubt the prior or the model."""
+    return [
+        f"note: {row.name} is pressed against the end {row.pressed_against:.4g} of its prior, as if "
+        "the record wanted it beyond: widen the prior, or doubt the model, the units and what is held"
+        for row in rows
+        if row.pressed_against is not None
+    ]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from bayesdrill.build import Problem
 from bayesdrill.config import Config
-from bayesdrill.convergence import BURN_IN_TAUS
 from bayesdrill.mode import SAME_LOG_DENSITY, SAME_PLACE, Mode
 from bayesdrill.sampling import Sampled
 
@@ -65,7 +64,7 @@ def convergence(sampled: Sampled) -> str:
     n_ensembles, _, n_walkers, _ = sampled.theta.shape
     lines = [
         f"{n_ensembles} ensembles of {n_walkers} walkers, {c.steps} steps, of which the first "
-        f"{c.burn_in} are dropped (pilot, then {BURN_IN_TAUS} autocorrelation times)",
+        f"{c.burn_in} are dropped ({c.burn_in_rule})",
         f"R-hat at most {c.r_hat.max():.4f}, {c.n_tau:.0f} autocorrelation times of "
         f"{c.tau.max():.0f} steps, at least {c.ess_bulk.min():.0f} effective draws, "
         f"acceptance {sampled.acceptance.mean():.2f}",
@@ -77,5 +76,8 @@ def convergence(sampled: Sampled) -> str:
     else:
         lines.append("NOT CONVERGED, do not use these numbers:")
         lines += [f"  - {reason}" for reason in c.reasons]
-        lines.append("  raise sampler.max_steps in the config and continue with --resume")
+        lines.append(
+            "  where only length is missing, raise sampler.max_steps in the config and continue with "
+            "--resume"
+        )
     return "\n".join(lines)

@@ -80,8 +80,8 @@ def _accept(
 def differential_evolution(walkers: Array, others: Array, random: Random) -> tuple[Array, Array]:
     """Along the difference of two of the others (ter Braak 2006; Nelson et al. 2014)."""
     n, d = walkers.shape
-    first = random.randint(len(others), size=n)
-    second = (first + random.randint(1, len(others), size=n)) % len(others)
+    first, apart = random.randint(len(others), size=n), random.randint(1, len(others), size=n)
+    second = (first + apart) % len(others)
     gamma = GAMMA / np.sqrt(2 * d) * (1.0 + GAMMA_SPREAD * random.standard_normal((n, 1)))
     return walkers + gamma * (others[first] - others[second]), np.zeros(n)
 
@@ -89,7 +89,7 @@ def differential_evolution(walkers: Array, others: Array, random: Random) -> tup
 def stretch(walkers: Array, others: Array, random: Random) -> tuple[Array, Array]:
     """Along the line through one of the others (Goodman and Weare 2010)."""
     n, d = walkers.shape
-    factor = ((STRETCH - 1.0) * random.random_sample(n) + 1.0) ** 2 / STRETCH
+    factor = np.square((STRETCH - 1.0) * np.asarray(random.random_sample(n)) + 1.0) / STRETCH
     centre = others[random.randint(len(others), size=n)]
     return centre + factor[:, None] * (walkers - centre), (d - 1.0) * np.log(factor)
 

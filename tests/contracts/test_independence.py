@@ -30,7 +30,9 @@ class Bent:
     def draw(self, n: int, rng: np.random.Generator) -> np.ndarray:
         share = self.loose.cdf(self.low) + rng.random(n) * self._mass()
         x = self.loose.ppf(share)
-        return np.stack([x, 40.0 + self.bend * x**2 + self.tightness * rng.standard_normal(n)], axis=-1)
+        return np.stack(
+            [x, 40.0 + self.bend * x**2 + self.tightness * rng.standard_normal(n)], axis=-1
+        )
 
     def inside(self, z: np.ndarray) -> np.ndarray:
         return (z[:, 0] > self.low) & (z[:, 0] < self.high)
@@ -115,7 +117,9 @@ def test_shear_goes_back_and_keeps_volumes() -> None:
 
 
 def test_a_straight_target_is_left_straight() -> None:
-    draws = np.random.default_rng(4).multivariate_normal([3.0, -1.0], [[4.0, 1.0], [1.0, 0.3]], 2000)
+    draws = np.random.default_rng(4).multivariate_normal(
+        [3.0, -1.0], [[4.0, 1.0], [1.0, 0.3]], 2000
+    )
     assert len(shear.fit(draws).loose) == 0
 
 

@@ -12,13 +12,18 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
+import h5py
 import numpy as np
 import pytest
 import systems
 import xarray
 from emcee.backends import HDFBackend
+
+from bayesdrill.store import Folder
 
 # Targets that cannot be met, so that a run goes on to the end of its steps.
 ENDLESS = ("ess: 100, max_steps: 500", "ess: 1000000, max_steps: 700")
@@ -75,7 +80,7 @@ def assert_same_chains(one: Path, other: Path) -> None:
         assert np.array_equal(values, second[name]), name
 
 
-def run_of(folder: Path) -> dict[str, object]:
+def run_of(folder: Path) -> dict[str, Any]:
     return dict(json.loads((folder / "run.json").read_text()))
 
 
@@ -445,6 +450,45 @@ def test_a_run_interrupted_before_its_first_piece_resumes(
     assert_same_chains(endless.folder, folder)
 
 
+@pytest.mark.slow
+def test_a_run_cut_when_one_ensemble_had_just_reached_a_check_resumes(
+    endless: Done, tmp_path: Path
+) -> None:
+    """The others had gone on, as the check was past: it must not be made again, with them longer."""
+    config = systems.small(tmp_path, ENDLESS)
+    change(config, "max_steps: 700", "max_steps: 475")  # 100 + 300 * 1.25, a check
+    one, other = tmp_path / "one", tmp_path / "other"
+    assert posterior(config, one).status == 3
+    shutil.copytree(one, other)
+    change(config, "max_steps: 475", "max_steps: 500")
+    assert posterior(config, other, "--resume").status == 3
+    with h5py.File(one / "chain.h5") as short, h5py.File(other / "chain.h5", "r+") as long:
+        del long["ensemble_2"]
+        short.copy("ensemble_2", long)
+    assert_refused(systems.cli("report", other), "before its first check", "--resume")
+    change(config, "max_steps: 500", "max_steps: 700")
+    assert posterior(config, other, "--resume").status == 3
+    assert_same_chains(endless.folder, other)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("steps", [101, 103])
+def test_a_run_of_hardly_any_steps_says_that_it_is_too_short(steps: int, tmp_path: Path) -> None:
+    found = fresh(tmp_path, ("ess: 100, max_steps: 500", f"ess: 100, max_steps: {steps}"))
+    assert found.ran.status == 3, found.ran.text
+    assert "too short" in found.ran.out or "autocorrelation times long" in found.ran.out
+    assert run_of(found.folder)["burn_in_rule"].startswith("pilot of 100 steps, then")
+
+
+def test_a_run_cut_in_its_pilot_cannot_be_reported_yet(copy: Done) -> None:
+    with h5py.File(copy.folder / "chain.h5", "r+") as file:
+        for group in file.values():
+            for name in ("chain", "log_prob"):
+                group[name].resize(50, axis=0)
+            group.attrs["iteration"] = 50
+    assert_refused(systems.cli("report", copy.folder), "before its first check", "--resume")
+
+
 def test_a_second_run_in_the_same_folder_is_refused(
     tmp_path: Path, started: list[subprocess.Popen[str]]
 ) -> None:
@@ -508,20 +552,32 @@ def test_force_leaves_notes_beside_the_results_alone(copy: Done) -> None:
         (
             "low: 0.5, high: 1.5, relative: true}\n  k_T",
             "low: 0.6, high: 1.5, relative: true}\n  k_T",
-            "the priors",
+            "the prior of k_e was Uniform(low=0.03008, high=0.09024) and is Uniform(low=0.0360959",
         ),
-        ("c_m: nominal", "c_m: 2e-4", "the priors"),
-        ("seed: 7", "seed: 8", "the seed"),
-        ("rad/s, sigma: 0.05", "rad/s, sigma: 0.06", "the noise"),
-        ("walkers: 8", "walkers: 10", "the ensembles"),
-        ("v: 8.0", "v: 8.1", "the record"),
-        ("map: {", "model: {i_m: 0.25}\nmap: {", "the model"),
-        ("pilot: 100", "pilot: 120", "the pilot"),
-        ("map: {", "coordinates: physical\nmap: {", "the coordinates"),
+        ("c_m: nominal", "c_m: 2e-4", "c_m, which is held, was 0.00019 and is 0.0002"),
+        (
+            "j_1: {prior: uniform, low: 0.5, high: 1.5, relative: true}",
+            "j_1: nominal",
+            "the prior of j_1 was Uniform(low=0.01415, high=0.04245) and is not there",
+        ),
+        ("seed: 7", "seed: 8", "the seed was 7 and is 8"),
+        ("w_1: {column: w_1, unit: rad/s, sigma: 0.05", "w_1: {column: w_1, unit: rad/s, sigma: 0.06",
+         "the noise of w_1 was 0.05 and is 0.06"),
+        ("walkers: 8", "walkers: 10", "sampler.walkers was 8 and is 10"),
+        ("pilot: 100", "pilot: 120", "sampler.pilot was 100 and is 120"),
+        ("pilot: 100", "pilot: 100, moves: {stretch: 1}", "and is {'stretch': 1.0}"),
+        ("pilot: 100", "pilot: 100, ensembles: 5", "sampler.ensembles was 4 and is 5"),
+        ("evaluations: 500", "evaluations: 600", "map.evaluations was 500 and is 600"),
+        ("v: 8.0", "v: 8.1", "the input v was 8.0 and is 8.1"),
+        ("map: {", "initial: {w_1: 0.1}\nmap: {", "the initial state was "),
+        ("unit: rad, sigma", "unit: rad, measures: 2 * theta_1, sigma", "the channel theta_1 was "),
+        ("map: {", "model: {i_m: 0.25}\nmap: {",
+         "the model was MotorShaft(i_m=0.125) and is MotorShaft(i_m=0.25)"),
+        ("map: {", "coordinates: physical\nmap: {", "and is physical"),
     ],
-    ids=lambda text: text.split(":")[0],
-)
-def test_resuming_something_else_names_what_changed(
+    ids=lambda text: text.split(":")[0][:20],
+)  # fmt: skip
+def test_resuming_something_else_names_what_changed_and_both_values(
     old: str, new: str, named: str, copy: Done
 ) -> None:
     before = systems.listing(copy.folder)
@@ -531,6 +587,26 @@ def test_resuming_something_else_names_what_changed(
     assert systems.listing(copy.folder) == before
 
 
+@pytest.mark.parametrize(
+    "package", ["bayesdrill", "numpy", "scipy", "emcee", "scikit-learn", "llvmlite"]
+)
+def test_resuming_under_another_version_of_what_decides_the_chain(package: str, copy: Done) -> None:
+    """A chain is one chain: refused, with both versions. A report adds nothing, and may."""
+    now = version(package)
+    change(
+        copy.folder / "run.json",
+        f'"the version of {package}": "{now}"',
+        f'"the version of {package}": "0.0.1"',
+    )
+    before = systems.listing(copy.folder)
+    ran = posterior(copy.config, copy.folder, "--resume")
+    assert_refused(ran, f"the version of {package} was 0.0.1 and is {now}", "--force")
+    assert systems.listing(copy.folder) == before
+    if package == "numpy":
+        assert systems.cli("report", copy.folder).status == 0
+        assert '"the version of numpy": "0.0.1"' in (copy.folder / "run.json").read_text()
+
+
 def test_resuming_with_another_record_names_the_record(copy: Done) -> None:
     before = systems.listing(copy.folder)
     record = copy.config.parent / "small.csv"
@@ -538,9 +614,94 @@ def test_resuming_with_another_record_names_the_record(copy: Done) -> None:
     time, theta_1, w_1 = map(float, lines[5].split(","))
     record.write_text("\n".join([*lines[:5], f"{time},{theta_1},{w_1 + 1e-6}", *lines[6:]]) + "\n")
     ran = posterior(copy.config, copy.folder, "--resume")
-    assert_refused(ran, "cannot resume", "the record")
+    assert_refused(ran, "cannot resume", "the record was 101 samples (")
     assert_refused(systems.cli("report", copy.folder), "the record")
     assert systems.listing(copy.folder) == before
+
+
+@pytest.mark.parametrize("text", ["[]", "null", '"x"', '{"fingerprint": 3}'])
+def test_a_run_json_that_is_json_but_no_run_is_named(text: str, copy: Done) -> None:
+    (copy.folder / "run.json").write_text(text)
+    assert_refused(posterior(copy.config, copy.folder, "--resume"), "run.json", "--force")
+
+
+def test_force_killed_as_it_cleared_leaves_a_folder_that_is_still_its_own(
+    done: Done, copy: Done, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """At each file taken away the folder must remain one that --force or --resume accepts."""
+    reached = []
+
+    def killed(*_: object) -> None:
+        reached.append(count)
+        raise SystemExit(-9)
+
+    for count in (0, 5, 100):
+        left = count
+
+        def unlink(path: Path, missing_ok: bool = False) -> None:
+            nonlocal left
+            left -= 1
+            if left < 0:
+                killed()
+            os.unlink(path)
+
+        monkeypatch.setattr(Path, "unlink", unlink)
+        if count == 100:  # all is taken away, and the new run.json is not there yet
+            monkeypatch.setattr(Folder, "write_text", killed)
+        with pytest.raises(SystemExit):
+            Folder(copy.folder, "force", {}).__enter__()
+        monkeypatch.undo()
+        assert (copy.folder / "run.json").exists()
+        assert_refused(posterior(copy.config, copy.folder), "--resume", "--force")
+    assert reached == [0, 5, 100]
+    assert not (copy.folder / "figures").exists()
+    assert posterior(copy.config, copy.folder, "--resume").status == 0
+    assert_same_chains(done.folder, copy.folder)
+
+
+@pytest.mark.slow
+def test_a_run_killed_before_it_wrote_anything_may_begin_again(tmp_path: Path) -> None:
+    config = systems.small(tmp_path / "rig", ENDLESS)
+    for name, option in (("plain", []), ("resumed", ["--resume"])):
+        folder = tmp_path / name
+        folder.mkdir()
+        (folder / ".lock").touch()
+        (folder / ".run.4711.aside.json").write_text("{")
+        assert posterior(config, folder, *option).status == 3
+        assert set(systems.listing(folder)) == FILES
+
+
+def test_a_walker_that_gets_stuck_keeps_a_run_from_being_believed(copy: Done) -> None:
+    """The log density that one walker of each ensemble goes on from is spoilt, so that none of its
+    proposals is accepted any more; R-hat, tau and ESS are content."""
+    with h5py.File(copy.folder / "chain.h5", "r+") as file:
+        for k in range(4):
+            last = file[f"ensemble_{k}"]["chain"][-1]
+            middle = np.argmin(np.abs(last / np.median(last, axis=0) - 1).max(axis=1))
+            file[f"ensemble_{k}"]["log_prob"][-1, middle] += 1e6
+    change(copy.config, "ess: 100, max_steps: 500", "ess: 8000, max_steps: 2500")
+    ran = posterior(copy.config, copy.folder, "--resume")
+    assert ran.status == 3, ran.text
+    assert "4 of 32 walkers (1 in ensemble 0, 1 in ensemble 1" in ran.out
+    assert "stuck: the longest did not move for" in ran.out
+    run = run_of(copy.folder)
+    assert run["steps"] == 2500
+    assert len(run["reasons"]) == 1
+    assert "stuck" in (copy.folder / "summary.md").read_text()
+
+
+def test_a_parameter_pressed_against_its_prior_is_told_and_believed(tmp_path: Path) -> None:
+    """The record was made with k_e = 0.06016 V s/rad, which this prior leaves out."""
+    narrow = (
+        "low: 0.5, high: 1.5, relative: true}\n  k_T",
+        "low: 0.03, high: 0.055, start: 0.05}\n  k_T",
+    )
+    found = fresh(tmp_path, narrow, ("ess: 100, max_steps: 500", "ess: 1000, max_steps: 5000"))
+    assert found.ran.status == 0, found.ran.text
+    assert "note: k_e is pressed against the end 0.055 of its prior" in found.ran.out
+    assert "k_e is pressed" in (found.folder / "summary.md").read_text()
+    (note,) = run_of(found.folder)["notes"]
+    assert note.startswith("note: k_e")
 
 
 @pytest.mark.parametrize("name", ["run.json", "map.json", "chain.h5"])

@@ -6,22 +6,12 @@ import emcee
 import numpy as np
 import pytest
 import scipy.stats
+from chains import ar1
 
 from bayesdrill.convergence import Targets, assess, autocorrelation_time, thinned
 from bayesdrill.diagnostics import HDI_PROBABILITY, hdi
 
 TARGETS = Targets(r_hat=1.01, n_tau=50, ess=1000)
-
-
-def ar1(shape: tuple[int, int, int, int], rho: float, seed: int = 6) -> np.ndarray:
-    """`(E, S, W, D)` with autocorrelation rho^k: integrated time (1 + rho)/(1 - rho)."""
-    rng = np.random.default_rng(seed)
-    x = np.empty(shape)
-    x[:, 0] = rng.standard_normal(shape[:1] + shape[2:])
-    for s in range(1, shape[1]):
-        fresh = rng.standard_normal(shape[:1] + shape[2:])
-        x[:, s] = rho * x[:, s - 1] + np.sqrt(1 - rho**2) * fresh
-    return x
 
 
 @pytest.mark.parametrize("rho", [0.0, 0.5, 0.9])

@@ -1,0 +1,116 @@
+"""A run that is killed again and again ends with the chain that it would have had anyway."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import subprocess
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+import systems
+import xarray
+from emcee.backends import HDFBackend
+
+LONG = ("ess: 100, max_steps: 500", "ess: 10000000, max_steps: 4000")
+KILLS = 20
+GROUPS = ("posterior", "sample_stats", "posterior_predictive", "log_likelihood")
+
+
+def pieces(folder: Path) -> int:
+    return len(list((folder / ".pieces").glob("ensemble_*.npz")))
+
+
+def moments(folder: Path) -> list[tuple[str, Callable[[], bool]]]:
+    """What is waited for, from start-up to the report; a random delay follows."""
+    before, begun = pieces(folder), time.time()
+
+    def fresh(name: str) -> bool:
+        path = folder / name
+        return path.exists() and path.stat().st_mtime > begun
+
+    return [
+        ("start-up", lambda: True),
+        ("MAP", (folder / "run.json").exists),
+        ("pilot and fit", (folder / "map.json").exists),
+        ("sampling", lambda: pieces(folder) > before + 2),
+        ("sampling", lambda: pieces(folder) > before + 6),
+        ("writing chain.h5", lambda: any(folder.glob(".chain.*.aside.h5"))),
+        ("after chain.h5", (folder / "chain.h5").exists),
+        ("report", lambda: fresh("summary.md")),
+        ("figures", lambda: fresh("figures/corner.pdf")),
+    ]
+
+
+# The first kills while the chain is short, the last when it is whole: each moment can be reached.
+ORDER = (0, 0, 1, 1, 2, 2, 0, 3, 3, 2, 4, 3, 4, 0, 5, 5, 6, 7, 8, 8)
+
+
+def ended(process: subprocess.Popen[str], *, whole_group: bool) -> None:
+    if whole_group:
+        os.killpg(process.pid, signal.SIGKILL)
+    else:
+        process.kill()
+
+
+def start(config: Path, folder: Path, options: list[str]) -> subprocess.Popen[str]:
+    arguments = ("posterior", config, "-o", folder, *options)
+    return systems.start(*arguments, cwd=config.parent, stdout=subprocess.DEVNULL)
+
+
+@pytest.mark.slow
+def test_twenty_kills_in_a_row_cost_nothing(tmp_path: Path) -> None:
+    """kill -9 of the parent alone or of all its processes; every resume goes on, and the chain and
+    the draws are those of a run that was left in peace."""
+    config = systems.small(tmp_path, LONG)
+    peace, folder = tmp_path / "peace", tmp_path / "killed"
+    assert systems.cli("posterior", config, "-o", peace, "--processes", "1").status == 3
+    rng = np.random.default_rng(20)
+    log: list[str] = []
+    options: list[str] = []
+    for kill in range(KILLS):
+        process = start(config, folder, [*options, "--processes", str(1 + kill % 2)])
+        name, reached = moments(folder)[ORDER[kill]]
+        delay = rng.uniform(0.0, 2.5 if name == "start-up" else 0.3)
+        end = time.monotonic() + 60
+        while not reached() and process.poll() is None and time.monotonic() < end:
+            time.sleep(0.001)
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            process.wait(delay)
+        begun = (folder / "run.json").exists()
+        ended(process, whole_group=kill % 4 < 2)
+        _, err = process.communicate(timeout=30)
+        state = f"{name} +{delay:.2f} s: {process.returncode}, {pieces(folder)} pieces"
+        log.append(f"{state}, chain.h5: {(folder / 'chain.h5').exists()}")
+        print(log[-1])
+        assert process.returncode == -signal.SIGKILL, (log, err)
+        assert "Traceback" not in err, (log, err)
+        with contextlib.suppress(ProcessLookupError):  # workers that outlive their parent
+            os.killpg(process.pid, signal.SIGKILL)
+        # A run that was killed before it wrote anything may also just be begun again.
+        options = ["--resume"] if begun or kill % 4 else []
+    ran = systems.run("posterior", config, "-o", folder, "--resume", cwd=tmp_path, seconds=120)
+    assert ran.status == 3, ran.text
+    assert len({line.split(" +")[0] for line in log}) >= 7
+    for k in range(4):
+        one, other = (
+            HDFBackend(str(path / "chain.h5"), name=f"ensemble_{k}", read_only=True)
+            for path in (peace, folder)
+        )
+        assert one.get_chain().shape == (4000, 8, 2)
+        assert np.array_equal(one.get_chain(), other.get_chain())
+        assert np.array_equal(one.get_log_prob(), other.get_log_prob())
+        assert np.array_equal(one.accepted, other.accepted)
+        assert np.array_equal(one.random_state[1], other.random_state[1])
+    with (
+        xarray.open_datatree(peace / "posterior.nc", engine="h5netcdf") as one,
+        xarray.open_datatree(folder / "posterior.nc", engine="h5netcdf") as other,
+    ):
+        for group in GROUPS:
+            xarray.testing.assert_equal(one[group].to_dataset(), other[group].to_dataset())
+    assert (peace / "summary.csv").read_bytes() == (folder / "summary.csv").read_bytes()
+    assert set(systems.listing(peace)) == set(systems.listing(folder))

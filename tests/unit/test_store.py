@@ -1,0 +1,114 @@
+"""Files of a results folder whose bytes are not what they were: an error, or the same numbers."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bayesdrill import seeds
+from bayesdrill.errors import InputError
+from bayesdrill.samplers.ensemble import Piece, State
+from bayesdrill.store import Folder, read_chain
+
+
+@pytest.fixture
+def piece() -> Piece:
+    rng = np.random.default_rng(5)
+    z, log_p = rng.standard_normal((40, 6, 2)), rng.standard_normal((40, 6))
+    state = State(z[-1], log_p[-1], seeds.legacy_state(5, "walk", 0))
+    return Piece(z=z, log_p=log_p, accepted=np.full(6, 20.0), failures=0, state=state, seconds=1.0)
+
+
+def same(one: Piece, other: Piece) -> bool:
+    return all(
+        np.array_equal(getattr(one, name), getattr(other, name))
+        for name in ("z", "log_p", "accepted")
+    ) and all(map(np.array_equal, one.state.random, other.state.random))
+
+
+def damages(content: bytes, rng: np.random.Generator) -> list[bytes]:
+    """Cut short, emptied, and with single bytes changed."""
+    cut = [content[: int(n)] for n in (0, 1, *rng.integers(2, len(content), 10))]
+    for place in rng.integers(0, len(content), 60):
+        changed = bytearray(content)
+        changed[place] ^= int(rng.integers(1, 256))
+        cut.append(bytes(changed))
+    return cut
+
+
+def test_a_damaged_chain_is_named_or_harmless(piece: Piece, tmp_path: Path) -> None:
+    """Mutant killed: no checksums in chain.h5."""
+    with Folder(tmp_path / "out", "fresh", {}) as folder:
+        folder.save(0, 0, piece)
+        folder.finish_chain([[piece]], {})
+    path = tmp_path / "out" / "chain.h5"
+    content = path.read_bytes()
+    assert same(read_chain(path, 0), piece)
+    found = harmless = 0
+    for damaged in (spoilt := damages(content, np.random.default_rng(1))):
+        path.write_bytes(damaged)
+        try:
+            z = read_chain(path, 0).z
+        except InputError as error:
+            found += "chain.h5" in str(error) and "--force" in str(error)
+        else:
+            assert np.array_equal(z, piece.z)
+            harmless += 1
+    assert found > 20
+    assert found + harmless == len(spoilt)
+
+
+@pytest.mark.filterwarnings("ignore::ResourceWarning")
+def test_a_damaged_piece_is_named_or_harmless(piece: Piece, tmp_path: Path) -> None:
+    with Folder(tmp_path / "out", "fresh", {}) as folder:
+        folder.save(0, 0, piece)
+        (path,) = (tmp_path / "out" / ".pieces").iterdir()
+        content = path.read_bytes()
+        found = harmless = 0
+        for damaged in (spoilt := damages(content, np.random.default_rng(2))):
+            path.write_bytes(damaged)
+            try:
+                (back,) = folder.pieces(0)
+            except InputError as error:
+                found += path.name in str(error) and "--resume" in str(error)
+            else:
+                assert same(back, piece)
+                harmless += 1
+    assert found > 20
+    assert found + harmless == len(spoilt)
+
+
+def test_pieces_after_a_gap_wait_until_it_is_filled(piece: Piece, tmp_path: Path) -> None:
+    """Mutant killed: a piece taken for the continuation of what is not there."""
+    with Folder(tmp_path / "out", "fresh", {}) as folder:
+        folder.save(0, 0, piece)
+        folder.save(0, 80, piece)
+        assert len(folder.pieces(0)) == 1
+        folder.save(0, 40, piece)
+        assert len(folder.pieces(0)) == 3
+
+
+def test_force_takes_away_what_is_its_own_but_never_run_json(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Mutant killed: run.json removed while the folder is cleared, in which a kill may fall."""
+    out = tmp_path / "out"
+    with Folder(out, "fresh", {"seed": "1"}) as folder:
+        folder.write_run(status="finished")
+    (out / "figures").mkdir()
+    (out / "figures" / "corner.png").touch()
+    (out / "notes.txt").touch()
+    (out / "run.json").write_text('{"status":')
+    seen = []
+    write = Folder.write_text
+
+    def seeing(folder: Folder, name: str, text: str) -> None:
+        seen.append(sorted(path.name for path in out.iterdir()))
+        write(folder, name, text)
+
+    monkeypatch.setattr(Folder, "write_text", seeing)
+    with Folder(out, "force", {"seed": "2"}):
+        assert seen == [[".lock", "notes.txt", "run.json"]]
+        assert '"seed": "2"' in (out / "run.json").read_text()
