@@ -5,8 +5,10 @@ CONFIG ?= configs/nominal_step.yaml
 ARGS ?=
 BIN := .venv/bin
 READY := .venv/.ready
+BENCH := .venv-bench/bin
+BENCH_READY := .venv-bench/.ready
 
-.PHONY: help posterior test test-slow check format bench mutants schema clean
+.PHONY: help posterior test test-slow check format bench bench-growth mutants schema clean
 
 help:
 	@echo "make posterior [CONFIG=configs/mine.yaml] [ARGS=--resume|--force]"
@@ -15,10 +17,11 @@ help:
 	@echo "make test-slow   longer proofs"
 	@echo "make check       format, lint, types and tests"
 	@echo "make format      put the code into the project's format"
-	@echo "make bench       time the likelihood and the sampler beside the alternatives"
+	@echo "make bench       measure bayesdrill beside its peers (about 10 minutes, in .venv-bench)"
+	@echo "make bench-growth  how time and memory grow; part of make bench"
 	@echo "make mutants     break the code in named ways and see the tests fail"
 	@echo "make schema      write configs/schema.json anew"
-	@echo "make clean       remove .venv and caches; results stay"
+	@echo "make clean       remove .venv, .venv-bench and caches; results stay"
 
 posterior: $(READY)
 	@$(BIN)/bayesdrill posterior $(CONFIG) $(ARGS)
@@ -39,8 +42,12 @@ format: $(READY)
 	@$(BIN)/ruff check --fix-only --quiet .
 	@$(BIN)/ruff format .
 
-bench: $(READY)
-	@$(BIN)/python benchmarks/bench.py
+bench: $(BENCH_READY)
+	@$(BENCH)/python -m pytest -q tests/unit/test_bench.py
+	@$(BENCH)/python -m benchmarks.bench
+
+bench-growth: $(BENCH_READY)
+	@$(BENCH)/python -m benchmarks.bench --only growth
 
 mutants: $(READY)
 	@$(BIN)/python tests/mutants.py
@@ -49,7 +56,7 @@ schema: $(READY)
 	@$(BIN)/bayesdrill schema > configs/schema.json
 
 clean:
-	rm -rf .venv .mypy_cache .pytest_cache .ruff_cache .hypothesis
+	rm -rf .venv .venv-bench .mypy_cache .pytest_cache .ruff_cache .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
 $(READY): requirements.lock pyproject.toml
@@ -60,3 +67,11 @@ $(READY): requirements.lock pyproject.toml
 	@$(BIN)/python -m pip install -qq --disable-pip-version-check -r requirements.lock
 	@$(BIN)/python -m pip install -qq --disable-pip-version-check --no-deps --editable .
 	@touch $(READY)
+
+# The peers that `make bench` measures stay out of .venv: they are no part of bayesdrill.
+$(BENCH_READY): requirements.lock benchmarks/requirements.lock pyproject.toml
+	@echo "setting up .venv-bench (once, about a minute)"
+	@python3 -m venv .venv-bench
+	@$(BENCH)/python -m pip install -qq --disable-pip-version-check -r requirements.lock -r benchmarks/requirements.lock
+	@$(BENCH)/python -m pip install -qq --disable-pip-version-check --no-deps --editable .
+	@touch $(BENCH_READY)

@@ -25,7 +25,9 @@ def blocks(path: Path, language: str) -> list[str]:
 def tree(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A copy of the project whose `.venv` is the environment of this test."""
     copy = tmp_path_factory.mktemp("clone") / "bayesdrill"
-    ignore = shutil.ignore_patterns(".venv", ".git", "nominal_step", "__pycache__", ".*_cache")
+    ignore = shutil.ignore_patterns(
+        ".venv", ".venv-bench", ".git", "nominal_step", "__pycache__", ".*_cache"
+    )
     shutil.copytree(ROOT, copy, ignore=ignore)
     (copy / ".venv").symlink_to(sys.prefix)
     return copy
@@ -102,7 +104,13 @@ def test_no_machine_path_or_registry_host_is_committed() -> None:
     words = ["/" + "work/", "/" + "root/", "pypi" + ".org", "python" + "hosted"]
     for path in ROOT.rglob("*"):
         parts = set(path.relative_to(ROOT).parts)
-        if path.is_file() and not parts & {".venv", ".git", "results", "__pycache__"}:
+        if path.is_file() and not parts & {
+            ".venv",
+            ".venv-bench",
+            ".git",
+            "results",
+            "__pycache__",
+        }:
             if any(part.endswith("_cache") or part == ".hypothesis" for part in parts):
                 continue
             text = path.read_bytes().decode("utf-8", "ignore")

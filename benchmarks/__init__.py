@@ -1,0 +1,1 @@
+"""bayesdrill measured beside its peers: `python -m benchmarks.bench`."""

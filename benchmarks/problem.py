@@ -1,0 +1,59 @@
+"""The problem that all peers solve: the bundled record, and where their chains begin."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import scipy.integrate
+from numpy.typing import NDArray
+
+from bayesdrill import laplace, pipeline
+from bayesdrill.models.motor_shaft import MotorShaft
+from bayesdrill.pipeline import Job
+from bayesdrill.progress import Silent
+
+Array = NDArray[np.float64]
+
+CONFIG = Path(__file__).parents[1] / "configs" / "nominal_step.yaml"
+CHAINS = 4
+PROCESSES = 2
+START_SPREAD = 1.5  # chains start wider than the Gaussian approximation, so that R-hat can tell
+VOLT = 8.0
+
+
+def load() -> Job:
+    return pipeline.prepare(CONFIG)
+
+
+def mode(job: Job) -> Array:
+    """The MAP, `(D,)`: its search is part of no peer's time."""
+    return job.problem.posterior.space.vector(pipeline.find_mode(job, 1, Silent()).values)
+
+
+def starts(job: Job, centre: Array, n: int, seed: int) -> Array:
+    """`(n, D)` physical points around the MAP `centre`."""
+    posterior = job.problem.posterior
+    rng = np.random.default_rng(seed)
+    z = laplace.draws(posterior, centre, n, rng, spread=START_SPREAD)
+    return posterior.coordinates.to_physical(z)
+
+
+def by_solve_ivp(job: Job, theta: Array, method: str, **tolerances: float) -> Array:
+    """The channels `(T, 4)` as one would first write them."""
+    p = dict(zip(job.problem.names, theta, strict=True))
+    rig, t = MotorShaft(), job.problem.experiment.t
+    linear = rig.linear(p)
+    a = np.zeros((5, 5))
+    for (row, column), value in linear.A.items():
+        a[rig.states.index(row), rig.states.index(column)] = value
+    push = np.array([0, 0, 0, linear.c["w_2"], VOLT * linear.B["i", "v"]])
+    solved = scipy.integrate.solve_ivp(
+        lambda _, x: a @ x + push,
+        (t[0], t[-1]),
+        np.zeros(5),
+        method=method,
+        t_eval=t,
+        **tolerances,
+    )
+    return solved.y[:4].T

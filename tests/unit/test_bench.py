@@ -1,0 +1,183 @@
+"""The benchmark compares like with like: every peer has our density, and verdicts are honest."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks import problem, tables, verdict
+from benchmarks.peers import naive
+
+Array = np.ndarray
+
+N_POINTS = 40
+
+
+@pytest.fixture(scope="module")
+def job() -> problem.Job:
+    return problem.load()
+
+
+@pytest.fixture(scope="module")
+def points(job: problem.Job) -> Array:
+    """Around the nominal values, from which the record was made."""
+    nominal = job.problem.posterior.space.vector(job.problem.nominal)
+    return problem.starts(job, nominal, N_POINTS, seed=1)
+
+
+@pytest.fixture(scope="module")
+def anywhere(job: problem.Job) -> Array:
+    return job.problem.posterior.space.draw(N_POINTS, np.random.default_rng(2))
+
+
+def spread(ours: Array, theirs: Array) -> float:
+    """Of the difference, whose constant does not matter."""
+    return float(np.ptp(ours - theirs))
+
+
+def each(function: Callable[[Array], object], points: Array) -> Array:
+    return np.array([float(function(point)) for point in points])  # type: ignore[arg-type]
+
+
+def test_solve_ivp_gives_our_density(job: problem.Job, points: Array) -> None:
+    """Kills: default tolerances, which are wrong by more than 0.1 here."""
+    theirs = each(naive.log_density(job), points[:4])
+    assert spread(job.problem.posterior.density(points[:4]), theirs) < 0.01
+
+
+def test_nothing_is_evaluated_outside_the_box(job: problem.Job, points: Array) -> None:
+    assert naive.log_density(job)(points[0] * 3.0) == -np.inf
+
+
+def test_pints_gets_our_density(job: problem.Job, points: Array) -> None:
+    pytest.importorskip("pints")
+    from benchmarks.peers.pints_ import LogDensity
+
+    posterior = job.problem.posterior
+    assert each(LogDensity(posterior), points) == pytest.approx(posterior.density(points))
+    assert LogDensity(posterior)(points[0] * 3.0) == -np.inf
+
+
+def test_jax_gives_our_likelihood_all_over_the_box(
+    job: problem.Job, points: Array, anywhere: Array
+) -> None:
+    jax = pytest.importorskip("jax")
+    from benchmarks.peers import response_jax
+
+    density = jax.jit(response_jax.log_likelihood(job))
+    ours = job.problem.posterior.density
+    assert spread(ours(points), each(density, points)) < 1e-5
+    # Far from the record the log densities themselves are large.
+    both = ours(np.concatenate([points[:1], anywhere]))
+    theirs = each(density, np.concatenate([points[:1], anywhere]))
+    assert both - both[0] == pytest.approx(theirs - theirs[0], rel=1e-8)
+
+
+def test_jax_gives_our_density_over_modal_coordinates(job: problem.Job, points: Array) -> None:
+    """Kills: a Jacobian without the slopes of the two curved equations."""
+    jax = pytest.importorskip("jax")
+    from benchmarks.peers import chart_jax
+
+    posterior = job.problem.posterior
+    z = posterior.coordinates.from_physical(points)
+    density = jax.jit(chart_jax.modal_density(job))
+    assert spread(posterior(z), each(density, z)) < 1e-5
+    back = jax.jit(jax.vmap(chart_jax.physical_from_modal(job)))(z[:4])[0]
+    assert np.asarray(back) == pytest.approx(points[:4], rel=1e-12)
+    outside = posterior.coordinates.from_physical(points[:1] * 3.0)[0]
+    assert density(outside) == -np.inf
+    assert np.isfinite(jax.jit(jax.grad(chart_jax.modal_density(job)))(outside)).all()
+
+
+def test_the_walls_of_the_box_are_unfolded_with_their_jacobian(
+    job: problem.Job, points: Array
+) -> None:
+    """The Jacobian against automatic differentiation; all of u is inside the box."""
+    jax = pytest.importorskip("jax")
+    from benchmarks.peers import chart_jax
+
+    posterior = job.problem.posterior
+    z = posterior.coordinates.from_physical(points)
+    fold = jax.jit(chart_jax.modal_from_unfolded(job))
+    unfold = jax.jit(chart_jax.unfolded_from_modal(job))
+    density = jax.jit(chart_jax.unfolded_density(job))
+    slopes_of = jax.jit(jax.jacfwd(lambda u: fold(u)[0]))
+    rng, apart = np.random.default_rng(3), []
+    for one, ours in zip(z[:6], posterior(z[:6]), strict=True):
+        u = unfold(one)
+        back, log_det = fold(u)
+        assert np.asarray(back) == pytest.approx(one, rel=1e-12)
+        slopes = slopes_of(u)
+        assert np.linalg.slogdet(slopes)[1] == pytest.approx(float(log_det), abs=1e-9)
+        apart.append(float(density(u)) - float(log_det) - ours)
+        wandering = np.asarray(u) + np.concatenate([np.zeros(5), rng.normal(0, 3, 4)])
+        assert np.isfinite(density(wandering))
+    assert np.ptp(apart) < 1e-5
+
+
+def test_independent_draws_are_all_effective() -> None:
+    """4000 draws; kills: the mean over parameters instead of the worst (the last one creeps)."""
+    rng = np.random.default_rng(4)
+    draws = rng.standard_normal((4, 1000, 3))
+    good = verdict.judge(draws)
+    assert good.enough
+    assert good.ess == pytest.approx(4000, rel=0.15)
+    for t in range(1, 1000):
+        draws[:, t, 2] = 0.995 * draws[:, t - 1, 2] + 0.1 * draws[:, t, 2]
+    bad = verdict.judge(draws)
+    assert bad.ess < 100
+    assert not bad.enough
+
+
+def test_a_run_that_disagrees_with_itself_has_not_converged() -> None:
+    """Kills: a verdict that looks at the effective draws alone."""
+    draws = np.random.default_rng(5).standard_normal((4, 1000, 2))
+    draws[0] += 0.5
+    assert not verdict.judge(draws).enough
+
+
+def test_a_short_ensemble_has_not_converged_however_many_walkers_it_has() -> None:
+    """Kills: an ESS that takes walkers for independent chains.  tau is 39 of 600 steps."""
+    rng = np.random.default_rng(6)
+    chains = rng.standard_normal((4, 600, 64, 1))
+    for t in range(1, 600):
+        chains[:, t] = 0.95 * chains[:, t - 1] + np.sqrt(1 - 0.95**2) * chains[:, t]
+    found = verdict.judge_ensembles(chains, every=10)
+    assert found.tau == pytest.approx(390, rel=0.2)
+    assert not found.enough
+    assert found.ess < 4 * 64 * 600 / 39
+
+
+def test_the_long_run_is_evaluations_over_the_autocorrelation_time() -> None:
+    long = verdict.result(
+        "long", "physical", verdict.judge_ensembles(np.zeros((4, 8, 2, 1)) + _noise(), 1),
+        seconds=1.0, work=1.0,
+    )  # fmt: skip
+    long = dataclasses.replace(long, tau=50.0)
+    short = dataclasses.replace(long, tau=None, seconds=60.0, work=6000.0)
+    combined = naive.in_the_long_run(short, long)
+    assert combined.rate == pytest.approx(2.0)
+    assert not combined.converged
+
+
+def _noise() -> Array:
+    return np.random.default_rng(7).standard_normal((4, 8, 2, 1))
+
+
+def test_a_result_survives_its_file(tmp_path: Path) -> None:
+    found = verdict.result("a", "b", verdict.judge(_noise()[:, :, 0]), seconds=2.0, work=3.0)
+    found.save(tmp_path / "result.json")
+    assert verdict.read(tmp_path / "result.json") == found
+
+
+def test_tables_are_put_between_their_marks(tmp_path: Path) -> None:
+    page = tmp_path / "page.md"
+    page.write_text("a\n<!-- x -->\nold\n<!-- /x -->\nb\n")
+    tables.insert(page, "x", ["new"])
+    assert page.read_text() == "a\n<!-- x -->\nnew\n<!-- /x -->\nb\n"
+    with pytest.raises(ValueError, match="no place for 'y'"):
+        tables.insert(page, "y", [])
