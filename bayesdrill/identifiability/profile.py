@@ -221,7 +221,9 @@ def _crossing(
             def excess(value: float, start: Array = fits[k].logs) -> float:
                 return float(fitter.held(start, column, value).cost - lowest - THRESHOLD)
 
-            return float(brentq(excess, logs[k], logs[k + step], rtol=1e-6))
+            # Relative to the bracket: a well-known log changes in its last digits only.
+            near = 1e-4 * abs(logs[k + step] - logs[k])
+            return float(brentq(excess, logs[k], logs[k + step], xtol=near, rtol=1e-14))
     return None
 
 

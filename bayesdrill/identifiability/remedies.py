@@ -18,6 +18,7 @@ from bayesdrill.identifiability import information
 from bayesdrill.identifiability.information import Information
 from bayesdrill.identifiability.scenes import Scene, Scenery
 from bayesdrill.identifiability.structure import Exponents
+from bayesdrill.symbols import STATES
 
 Array = NDArray[np.float64]
 
@@ -106,7 +107,7 @@ def _more_channels(scenery: Scenery, theta: Array, base: Scene) -> Iterator[tupl
         if new and sigma > 0:
             weights = np.vstack([base.weights, unit])
             scene = dataclasses.replace(base, weights=weights, sigma=np.append(base.sigma, sigma))
-            yield f"measure {name} (noise {sigma:.2g})", scene
+            yield f"measure {name} (noise {sigma:.2g} {STATES[name].unit})", scene
 
 
 def _other_inputs(scenery: Scenery, theta: Array, base: Scene) -> Iterator[tuple[str, Scene]]:

@@ -53,10 +53,11 @@ class Known:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Study:
-    """At the physical point `theta`; `directions` is the sloppy spectrum."""
+    """At a physical point, which `at` names; `directions` is the sloppy spectrum."""
 
     names: tuple[str, ...]
-    theta: Array
+    at: str
+    of_interest: tuple[str, ...]
     structure: Structure
     parameters: tuple[Known, ...]
     products: tuple[Known, ...]
@@ -65,14 +66,15 @@ class Study:
 
 
 def study(
+    scenery: Scenery,
     posterior: Posterior,
     theta: Array,
     of_interest: Sequence[str],
     thresholds: Thresholds,
     rng: np.random.Generator,
+    at: str = "the start",
 ) -> Study:
     """At `theta (D,)`; `rng` draws the points at which the structure is looked at."""
-    scenery = Scenery(posterior.likelihood)
     names = scenery.unknowns
     found = _structure(posterior, scenery, theta, rng)
     known = information.from_sensitivities(
@@ -81,7 +83,8 @@ def study(
     prior_sd = prior_spreads(posterior)[: len(names)]
     return Study(
         names=names,
-        theta=theta,
+        at=at,
+        of_interest=tuple(of_interest) or names,
         structure=found,
         parameters=_parameters(known, prior_sd, thresholds),
         products=tuple(_known(p, thresholds) for p in information.products(known, prior_sd)),

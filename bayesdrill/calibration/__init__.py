@@ -1,0 +1,1 @@
+"""Simulation-based calibration: many simulated records refitted, and where the truth ranks."""

@@ -1,0 +1,90 @@
+"""Where refits are computed: processes of this machine, or a Dask cluster. Both are `Executor`s."""
+
+from __future__ import annotations
+
+import logging
+import os
+import re
+import threading
+from collections.abc import Iterator
+from concurrent.futures import Executor
+from contextlib import contextmanager
+from multiprocessing.synchronize import Event
+from typing import Any
+
+from bayesdrill.crew import SPAWN, ctrl_c_waits, workers
+from bayesdrill.errors import InputError
+
+ADDRESS = re.compile(r"((tcp|tls|ws|wss)://)?(\[[0-9a-fA-F:]+\]|[^/:\s\[\]]+):\d{1,5}")
+PATIENCE = 5.0  # seconds for a scheduler to answer, and then for a first worker
+
+
+@contextmanager
+def local(processes: int) -> Iterator[Executor]:
+    """`processes` workers; those still at a refit when the block is left by an error are ended."""
+    stop = SPAWN.Event()
+    pool = workers(processes, _leave_when, stop)
+    try:
+        yield pool
+    except BaseException:
+        # A refit may take minutes, and is lost anyway.  Results are far shorter than what a pipe
+        # takes in one piece, so that none is cut in the middle.
+        with ctrl_c_waits():
+            stop.set()
+            pool.shutdown(wait=True, cancel_futures=True)
+        raise
+    pool.shutdown()
+
+
+def _leave_when(stop: Event) -> None:
+    threading.Thread(target=_wait_and_leave, args=(stop,), daemon=True).start()
+
+
+def _wait_and_leave(stop: Event) -> None:
+    stop.wait()
+    os._exit(1)
+
+
+@contextmanager
+def dask(scheduler: str) -> Iterator[Executor]:
+    """The workers of `scheduler`, such as tcp://host:8786; raises `InputError` without them."""
+    try:
+        from distributed import Client
+    except ImportError:
+        message = (
+            "the package distributed is missing; install it with pip install 'bayesdrill[cluster]'"
+        )
+        raise InputError.one("--scheduler", message) from None
+    if not ADDRESS.fullmatch(scheduler):
+        message = f"'{scheduler}' is no address of a scheduler; write it like tcp://host:8786"
+        raise InputError.one("--scheduler", message)
+    try:
+        client: Any = Client(scheduler, timeout=PATIENCE, set_as_default=False)  # type: ignore[no-untyped-call]
+    except OSError as error:
+        reason = str(error).partition("\n")[0]
+        message = f"no scheduler answers at {scheduler} ({reason}); start one with `dask scheduler`"
+        raise InputError.one("--scheduler", message) from None
+    with client, _quiet():
+        try:
+            client.wait_for_workers(1, timeout=PATIENCE)
+        except TimeoutError:
+            start = f"dask worker {scheduler} --nthreads 1"
+            message = f"{scheduler} has no workers; start some with `{start}`"
+            raise InputError.one("--scheduler", message) from None
+        executor = client.get_executor(pure=False)
+        try:
+            yield executor
+        finally:
+            executor.shutdown(wait=False)
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """A scheduler that goes away is told in a sentence, not in the tracebacks of distributed's log."""
+    log = logging.getLogger("distributed.client")
+    before = log.level
+    log.setLevel(logging.CRITICAL)
+    try:
+        yield
+    finally:
+        log.setLevel(before)

@@ -1,0 +1,109 @@
+"""The job of `bayesdrill identify`: what a record can say, before anything is sampled."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayesdrill import seeds
+from bayesdrill.errors import InputError, did_you_mean
+from bayesdrill.identifiability.profile import Fitter, Profile, profile
+from bayesdrill.identifiability.scenes import Scenery
+from bayesdrill.identifiability.study import Study, Thresholds, study
+from bayesdrill.pipeline import Job
+from bayesdrill.progress import Reporter, Silent
+from bayesdrill.report import identify_words as words
+from bayesdrill.store import whole
+
+Array = NDArray[np.float64]
+
+ALL = "all"
+REPORT = "identify.md"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Findings:
+    study: Study
+    profiles: tuple[Profile, ...]
+
+    @property
+    def text(self) -> str:
+        parts = [words.full(self.study)]
+        if self.profiles:
+            parts.append(words.profiles(self.profiles))
+        return "\n\n".join(parts)
+
+
+def identify(job: Job, theta: Array, at: str, wanted: Sequence[str], report: Reporter) -> Findings:
+    """At the physical point `theta (D,)`; profiles of the parameters `wanted`, or of `all`."""
+    posterior, settings = job.problem.posterior, job.config.identify
+    scenery = Scenery(posterior.likelihood)
+    columns = _columns(scenery.unknowns, wanted)
+    found = study(
+        scenery,
+        posterior,
+        theta,
+        settings.of_interest,
+        Thresholds(determined=settings.determined, left_to_prior=settings.left_to_prior),
+        seeds.stream(job.config.seed, "identify"),
+        at,
+    )
+    profiles = []
+    if columns:
+        fitter = Fitter(posterior, scenery, theta)
+        for done, column in enumerate(columns):
+            report.update(done / len(columns), f"profile of {scenery.unknowns[column]}")
+            profiles.append(profile(fitter, scenery.unknowns, column))
+        report.update(1.0, "")
+    return Findings(study=found, profiles=tuple(profiles))
+
+
+def preflight(job: Job) -> str:
+    """At the start, in a few lines."""
+    space = job.problem.posterior.space
+    findings = identify(job, space.vector(space.start), "the start", (), Silent())
+    return words.brief(findings.study)
+
+
+def publish(job: Job, findings: Findings, folder: Path) -> None:
+    """Text and figures into `folder`, which may hold other results."""
+    from bayesdrill.report import style  # late: matplotlib takes a second to load
+    from bayesdrill.report.profile_plot import profile_figure
+    from bayesdrill.report.spectrum_plot import spectrum_figure
+
+    figures = folder / "figures"
+    figures.mkdir(parents=True, exist_ok=True)
+    with whole(folder / REPORT) as path:
+        path.write_text(_markdown(job, findings), encoding="utf-8")
+    symbols = {symbol.name: symbol for symbol in job.problem.symbols}
+    latex = {name: symbol.latex for name, symbol in symbols.items()}
+    note = {"Title": job.config.name}
+    style.save(spectrum_figure(findings.study, latex), figures, "spectrum", note)
+    if findings.profiles:
+        drawn = profile_figure(findings.profiles, symbols, job.problem.nominal)
+        style.save(drawn, figures, "profiles", note)
+
+
+def _columns(unknowns: tuple[str, ...], wanted: Sequence[str]) -> list[int]:
+    if ALL in wanted:
+        return list(range(len(unknowns)))
+    for name in wanted:
+        if name not in unknowns:
+            hint = did_you_mean(name, [*unknowns, ALL])
+            raise InputError.one("--profile", f"{name} is not an unknown of this config{hint}")
+    return [unknowns.index(name) for name in wanted]
+
+
+def _markdown(job: Job, findings: Findings) -> str:
+    pictures = ["![spectrum](figures/spectrum.png)"]
+    if findings.profiles:
+        pictures.append("![profiles](figures/profiles.png)")
+    return (
+        f"# What {job.config.name} can say\n\n```text\n{findings.text}\n```\n\n"
+        + "\n\n".join(pictures)
+        + "\n"
+    )

@@ -1,0 +1,157 @@
+"""Ranks of a calibration against chance: a panel for each quantity, and one for the intervals."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+
+from bayesdrill.calibration.verdict import Quantity, Verdict
+from bayesdrill.report import style
+from bayesdrill.symbols import Symbol
+
+# Inches.
+LEFT, RIGHT, ROW, GAP_X, GAP_Y = 0.62, 0.1, 1.05, 0.12, 0.12
+BOTTOM, FOOT, COVERAGE, TOP = 0.3, 0.45, 1.6, 0.34
+COLUMNS = 4
+FIT = r"\log L"
+
+INSIDE: dict[str, Any] = {"color": style.BLACK, "linewidth": 0.9}
+OUTSIDE: dict[str, Any] = {"color": style.MAP_COLOUR, "linewidth": 1.8}
+BAND: dict[str, Any] = {"facecolor": style.LIGHT, "linewidth": 0}
+MARKERS = ("o", "s", "^")  # of the levels
+
+
+def calibration_figure(verdict: Verdict, symbols: Sequence[Symbol]) -> Figure:
+    """Differences of the empirical distribution of ranks from uniform, above shares of truths in
+    credible intervals; `symbols` of the unknowns, the log likelihood is the last quantity."""
+    labels = [*(symbol.latex for symbol in symbols), FIT]
+    with style.styled():
+        figure, panels, covered = _page(len(labels))
+        most = _most(verdict)
+        for panel, label, quantity in zip(panels, labels, verdict.quantities, strict=True):
+            _difference(panel, quantity, verdict)
+            _frame(panel, label, quantity, most)
+        _coverage(covered, verdict, labels[:-1])
+        _legend(figure, verdict)
+    return figure
+
+
+def _page(n: int) -> tuple[Figure, list[Axes], Axes]:
+    columns = min(n, COLUMNS)
+    rows = math.ceil(n / columns)
+    width = style.DOUBLE
+    height = BOTTOM + COVERAGE + FOOT + rows * ROW + (rows - 1) * GAP_Y + TOP
+    panel_width = (width - LEFT - RIGHT - (columns - 1) * GAP_X) / columns
+    figure = Figure(figsize=(width, height))
+    panels = []
+    for k in range(n):
+        row, column = divmod(k, columns)
+        x = LEFT + column * (panel_width + GAP_X)
+        y = height - TOP - ROW - row * (ROW + GAP_Y)
+        panel = figure.add_axes((x / width, y / height, panel_width / width, ROW / height))
+        panel.tick_params(labelleft=column == 0, labelbottom=k + columns >= n)
+        if k + columns >= n:
+            panel.set_xlabel("normalised rank", labelpad=2)
+        if column == 0:
+            panel.set_ylabel("ECDF difference")
+        panels.append(panel)
+    room = (LEFT / width, BOTTOM / height, (width - LEFT - RIGHT) / width, COVERAGE / height)
+    return figure, panels, figure.add_axes(room)
+
+
+def _most(verdict: Verdict) -> float:
+    """The end of the vertical axis, the same in all panels."""
+    band, n = verdict.band, max(verdict.band.n, 1)
+    ends = [np.abs(edge / n - band.shares).max() for edge in (band.low, band.high)]
+    ends += [np.abs(band.counts(q.ranks) / n - band.shares).max() for q in verdict.quantities]
+    return float(max(ends))
+
+
+def _difference(panel: Axes, quantity: Quantity, verdict: Verdict) -> None:
+    band, n = verdict.band, max(verdict.band.n, 1)
+    shares = np.concatenate([[0.0], band.shares, [1.0]])
+
+    def away(counts: Any) -> Any:
+        return np.concatenate([[0.0], counts / n - band.shares, [0.0]])
+
+    panel.fill_between(shares, away(band.low), away(band.high), zorder=1, **BAND)
+    panel.axhline(0.0, color=style.MIDDLE, linewidth=0.5, zorder=2)
+    look = INSIDE if quantity.holds else OUTSIDE
+    panel.plot(shares, away(band.counts(quantity.ranks)), zorder=3, **look)
+
+
+def _frame(panel: Axes, label: str, quantity: Quantity, most: float) -> None:
+    panel.set_xlim(0, 1)
+    panel.set_ylim(-1.12 * most, 1.75 * most)  # names stand above all lines
+    style.set_ticks(panel.xaxis, np.array([0.0, 0.5, 1.0]), ["0", "0.5", "1"])
+    style.set_ticks(panel.yaxis, *style.ticks(-1.12 * most, 1.12 * most, 3))
+    panel.text(0.04, 0.93, f"${label}$", transform=panel.transAxes, va="top")
+    if not quantity.holds:
+        word = (quantity.shape or "leaves the band").removeprefix("posterior ")
+        panel.text(0.97, 0.93, word, transform=panel.transAxes, va="top", ha="right", fontsize=7.5)
+
+
+def _mark(marker: str, holds: bool) -> dict[str, Any]:
+    return {
+        "marker": marker,
+        "markersize": 3.4,
+        "markerfacecolor": "white" if holds else style.MAP_COLOUR,
+        "markeredgecolor": style.BLACK if holds else style.MAP_COLOUR,
+        "markeredgewidth": 0.8,
+    }
+
+
+def _coverage(panel: Axes, verdict: Verdict, labels: Sequence[str]) -> None:
+    n = max(verdict.band.n, 1)
+    unknown = [quantity for quantity in verdict.quantities if quantity.intervals]
+    shares = [interval.share for interval in unknown[0].intervals]
+    for share in shares:
+        panel.axhline(100 * share, color=style.MIDDLE, linewidth=0.5, zorder=0)
+    width = 0.2 * min(1.0, len(unknown) / 6)
+    for column, quantity in enumerate(unknown):
+        for k, interval in enumerate(quantity.intervals):
+            x = column + 1.1 * width * (k - 1)
+            low, high = 100 * interval.low / n, 100 * interval.high / n
+            panel.bar(x, high - low, width, bottom=low, zorder=1, **BAND)
+            panel.plot(
+                [x],
+                [100 * interval.inside / n],
+                zorder=3,
+                **_mark(MARKERS[k], interval.holds),
+            )
+    panel.set_xlim(-0.6, len(unknown) - 0.4)
+    floor = min(min(min(i.low, i.inside) for i in q.intervals) for q in unknown)
+    panel.set_ylim(max(0.0, 100 * floor / n - 6.0), 102.0)
+    style.set_ticks(panel.xaxis, np.arange(float(len(unknown))), [f"${label}$" for label in labels])
+    panel.tick_params(axis="x", length=0)
+    style.set_ticks(panel.yaxis, 100 * np.array(shares), [f"{100 * s:.3g}" for s in shares])
+    panel.set_ylabel("truths inside [%]")
+
+
+def _legend(figure: Figure, verdict: Verdict) -> None:
+    every = verdict.quantities
+    handles: list[Any] = [Patch(label="what chance allows", **BAND)]
+    if any(q.holds for q in every):
+        handles.append(Line2D([], [], label="ranks of the truth", **INSIDE))
+    if not all(q.holds for q in every):
+        handles.append(Line2D([], [], label="ranks that leave the band", **OUTSIDE))
+    intervals = next(q.intervals for q in every if q.intervals)
+    for marker, interval in zip(MARKERS, intervals, strict=True):
+        label = f"{100 * interval.share:.3g} % interval"
+        handles.append(Line2D([], [], label=label, linestyle="none", **_mark(marker, True)))
+    figure.legend(
+        handles=handles,
+        loc="upper center",
+        ncols=len(handles),
+        borderaxespad=0.3,
+        handlelength=1.5,
+        columnspacing=1.2,
+        handletextpad=0.5,
+    )

@@ -1,0 +1,192 @@
+"""What a record can and cannot say, in sentences and tables."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from bayesdrill.identifiability.profile import Profile
+from bayesdrill.identifiability.remedies import Remedy
+from bayesdrill.identifiability.structure import Exponents
+from bayesdrill.identifiability.study import Known, Study
+from bayesdrill.report.tables import aligned
+
+MOST_REMEDIES = 8
+
+SHAPES = {
+    "bounded": "the record bounds it on both sides",
+    "one-sided": "the record bounds it on one side only; the prior does the rest",
+    "flat": "any value of its prior fits as well: the record does not determine it",
+    "at the bound": "the best fit lies at the end of its prior",
+}
+
+
+def product(names: Sequence[str], exponents: Sequence[float]) -> str:
+    """`k_T r_m^2 / (k_s j_1)`, as one writes it by hand."""
+    above = [_power(n, e) for n, e in zip(names, exponents, strict=True) if e > 0]
+    below = [_power(n, -e) for n, e in zip(names, exponents, strict=True) if e < 0]
+    if not below:
+        return " ".join(above)
+    under = " ".join(below)
+    return f"{' '.join(above) or '1'}/{under if len(below) == 1 else f'({under})'}"
+
+
+def full(study: Study) -> str:
+    """All that `identify` prints."""
+    return "\n\n".join([structure(study), knowledge(study), remedies(study)]).rstrip()
+
+
+def structure(study: Study) -> str:
+    """The exact symmetries and what is left."""
+    found = study.structure
+    names = found.names
+    if not found.symmetries and not found.unexplained:
+        return (
+            f"structure: no exact symmetry; all of {_listed(names)} leave a trace of their own in "
+            "the measured signals"
+        )
+    lines = [
+        f"structure: {_count(len(found.symmetries), 'exact symmetry', 'exact symmetries')}; no record "
+        "of these channels, however long or clean, shows where on it the rig is:"
+    ]
+    lines += [f"  - {symmetry(names, e)}" for e in found.symmetries]
+    if found.unexplained:
+        lines.append(
+            f"  - {_count(found.unexplained, 'further change', 'further changes')} of "
+            "several parameters at once, by no common factor, also leave every signal as it is"
+        )
+    products = ", ".join(product(names, e) for e in found.invariants)
+    lines.append(
+        f"what such a record can show are {len(found.invariants)} products of powers: {products}"
+    )
+    return "\n".join(lines)
+
+
+def symmetry(names: Sequence[str], exponents: Exponents) -> str:
+    """One symmetry as a sentence."""
+    groups: dict[int, list[str]] = {}
+    for name, exponent in zip(names, exponents, strict=True):
+        if exponent:
+            groups.setdefault(exponent, []).append(name)
+    if len(groups) == 1 and 1 in groups:
+        if len(groups[1]) == 1:
+            return f"{groups[1][0]} can be multiplied by any factor without changing any measured signal"
+        return (
+            f"{_listed(groups[1])} can all be multiplied by the same factor without changing any "
+            "measured signal"
+        )
+    parts = [
+        f"{_listed(groups[e])} multiplied by {_factor(e)}"
+        if e > 0
+        else f"{_listed(groups[e])} divided by {_factor(-e)}"
+        for e in sorted(groups, reverse=True)
+    ]
+    return f"with {', '.join(parts)}, for any factor f, no measured signal changes"
+
+
+def knowledge(study: Study) -> str:
+    """How well parameters and simple products would be known, before sampling."""
+    lines = [
+        "what to expect (Fisher information at "
+        f"{study.at}; relative standard deviations; 'alone' is the Cramer-Rao bound of the record "
+        "without any prior):"
+    ]
+    header = ("", "with the prior", "prior", "alone", "")
+    table = [header, *(_row(study, known) for known in study.parameters)]
+    lines.append(aligned(table, left={0, 4}))
+    lines.append("what the record knows best: simple products, each independent of those above it")
+    lines.append(aligned([header, *(_row(study, k) for k in study.products)], left={0, 4}))
+    return "\n".join(lines)
+
+
+def remedies(study: Study) -> str:
+    """What would help, the best first."""
+    helpful = [r for r in study.remedies if r.breaks or r.shrink > 1.05]
+    if not helpful:
+        return "no single further measurement that was tried would help much"
+    lines = [
+        f"what would help, each alone (standard deviations of {_listed(study.of_interest)} shrink "
+        "by this factor, on average):"
+    ]
+    n = len(study.structure.symmetries)
+    rows = [_remedy(study, remedy, n) for remedy in helpful[:MOST_REMEDIES]]
+    lines.append(aligned(rows, left={0, 2}))
+    return "\n".join(lines)
+
+
+def brief(study: Study) -> str:
+    """For the start of a run: the symmetries, or that there are none, and where to read on."""
+    undetermined = [
+        name
+        for name, known in zip(study.names, study.parameters, strict=True)
+        if known.word != "determined"
+    ]
+    if not study.structure.symmetries:
+        rest = f"; it leaves {_listed(undetermined)} largely to the prior" if undetermined else ""
+        return f"the record shows every unknown by itself{rest}"
+    lines = [
+        "no such record shows everything:",
+        *(f"  {symmetry(study.names, e)}" for e in study.structure.symmetries),
+        "  `bayesdrill identify` says what would",
+    ]
+    return "\n".join(lines)
+
+
+def profiles(found: Sequence[Profile]) -> str:
+    """One line each."""
+    rows = [("", "best fit", "95 % from", "to", "")]
+    for p in found:
+        low, high = ("-" if x is None else f"{x:.6g}" for x in (p.low, p.high))
+        best = "-" if p.shape == "flat" else f"{p.best:.6g}"
+        rows.append((p.name, best, low, high, f"{p.shape}: {SHAPES[p.shape]}"))
+    return "profile likelihood:\n" + aligned(rows, left={0, 4})
+
+
+def _remedy(study: Study, remedy: Remedy, n_symmetries: int) -> tuple[str, ...]:
+    if not n_symmetries:
+        effect = ""
+    elif not remedy.breaks:
+        effect = "breaks no symmetry"
+    else:
+        left = remedy.left - study.structure.unexplained
+        effect = "no symmetry is left" if left <= 0 else f"{left} of {n_symmetries} left"
+    return (f"  {remedy.what}", f"{remedy.shrink:.1f} x", effect)
+
+
+def _row(study: Study, known: Known) -> tuple[str, ...]:
+    return (
+        f"  {product(study.names, known.exponents)}",
+        percent(known.sd),
+        percent(known.prior_sd),
+        "not at all" if math.isinf(known.bound) else percent(known.bound),
+        f"{known.word}, through the priors of others" if _shared(known) else known.word,
+    )
+
+
+def _shared(known: Known) -> bool:
+    """Narrowed without a trace of its own: ratios are known, and the others have priors."""
+    return math.isinf(known.bound) and known.word != "left to the prior"
+
+
+def percent(sd_of_log: float) -> str:
+    """A standard deviation of a log, as a share; beyond a factor of ten it says little."""
+    value = 100.0 * sd_of_log
+    if value > 1000:
+        return "> 1000 %"
+    return f"{value:.0f} %" if value >= 10 else f"{value:.2g} %"
+
+
+def _power(name: str, exponent: float) -> str:
+    return name if exponent == 1 else f"{name}^{exponent:g}"
+
+
+def _factor(exponent: int) -> str:
+    return "f" if exponent == 1 else f"f^{exponent}"
+
+
+def _listed(names: Sequence[str]) -> str:
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
+
+
+def _count(n: int, one: str, many: str) -> str:
+    return f"{n} {one if n == 1 else many}"

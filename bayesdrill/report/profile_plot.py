@@ -1,0 +1,101 @@
+"""Profile likelihoods: how fast the best fit gets worse as one parameter moves away."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+from scipy.interpolate import PchipInterpolator
+
+from bayesdrill.identifiability.profile import THRESHOLD, Profile
+from bayesdrill.report import style
+from bayesdrill.symbols import Symbol
+
+# Inches.
+LEFT, RIGHT, ROW, GAP_X, GAP_Y, TOP, BOTTOM = 0.5, 0.12, 1.15, 0.18, 0.62, 0.34, 0.5
+COLUMNS = 3
+HIGHEST = 8.0  # of the loss that is shown
+MARGIN = 0.04  # of the width of a panel, so that walls can be seen
+
+
+def profile_figure(
+    profiles: Sequence[Profile], symbols: Mapping[str, Symbol], nominal: Mapping[str, float]
+) -> Figure:
+    """A panel for each parameter: the loss against its value, and where it passes 95 %."""
+    n = len(profiles)
+    columns = min(n, COLUMNS)
+    rows = math.ceil(n / columns)
+    width = style.SINGLE if columns == 1 else style.DOUBLE
+    height = TOP + rows * ROW + (rows - 1) * GAP_Y + BOTTOM
+    panel_width = (width - LEFT - RIGHT - (columns - 1) * GAP_X) / columns
+    with style.styled():
+        figure = Figure(figsize=(width, height))
+        sides = set()
+        for k, profile in enumerate(profiles):
+            row, column = divmod(k, columns)
+            x = LEFT + column * (panel_width + GAP_X)
+            y = height - TOP - ROW - row * (ROW + GAP_Y)
+            panel = figure.add_axes((x / width, y / height, panel_width / width, ROW / height))
+            sides.add(_panel(panel, profile, symbols[profile.name], nominal.get(profile.name)))
+            panel.tick_params(labelleft=column == 0)
+            if column == 0:
+                panel.set_ylabel("loss of log likelihood", fontsize=8)
+        figure.legend(
+            handles=_handles(sides),
+            loc="upper center",
+            ncols=4,
+            borderaxespad=0.3,
+        )
+    return figure
+
+
+def _panel(panel: Axes, profile: Profile, symbol: Symbol, nominal: float | None) -> int:
+    """The side on which the nominal value is off the axis: -1, 0 or 1."""
+    near = profile.loss <= HIGHEST
+    first, last = (int(k) for k in np.flatnonzero(near)[[0, -1]])
+    shown = slice(max(first - 1, 0), min(last + 2, len(near)))
+    values, loss = profile.values[shown], profile.loss[shown]
+    low, high = _edge(values, loss, 0), _edge(values, loss, -1)
+    margin = MARGIN * (high - low)
+    low, high = low - margin, high + margin
+    scale = style.scale(low, high)
+    fine = np.geomspace(values[0], values[-1], 400)
+    line = PchipInterpolator(np.log(values), loss)(np.log(fine))
+    panel.plot(scale(fine), line, color=style.BLACK)
+    panel.plot(scale(values), loss, color=style.BLACK, marker="o", markersize=2, linestyle="none")
+    panel.axhline(THRESHOLD, color=style.MIDDLE, linewidth=0.7, linestyle=(0, (1, 1)))
+    left = profile.low if profile.low is not None else float(values[0])
+    right = profile.high if profile.high is not None else float(values[-1])
+    panel.axvspan(float(scale(left)), float(scale(right)), color=style.FAINT, zorder=-2)
+    side = scale.side(nominal) if nominal is not None else 0
+    if nominal is not None and side == 0:
+        panel.axvline(float(scale(nominal)), **style.NOMINAL)
+    panel.set_xlim(float(scale(low)), float(scale(high)))
+    panel.set_ylim(-0.03 * HIGHEST, HIGHEST)
+    panel.set_xlabel(scale.label(symbol), labelpad=1)
+    style.set_ticks(panel.xaxis, *style.ticks(scale.low, scale.high, 4, clear=0.08, letter=0.03))
+    panel.text(
+        0.97, 0.93, profile.shape, transform=panel.transAxes, ha="right", va="top", fontsize=8
+    )
+    return side
+
+
+def _edge(values: np.ndarray, loss: np.ndarray, end: int) -> float:
+    """Where the curve leaves the panel, or its end."""
+    inner = 1 if end == 0 else -2
+    if len(values) < 2 or loss[end] <= HIGHEST:
+        return float(values[end])
+    share = (HIGHEST - loss[inner]) / (loss[end] - loss[inner])
+    return float(values[inner] + np.sqrt(max(share, 0.0)) * (values[end] - values[inner]))
+
+
+def _handles(sides: set[int]) -> list[Line2D | Patch]:
+    return [
+        Patch(facecolor=style.FAINT, label="within 95 %"),
+        *style.nominal_handles(sides),
+    ]

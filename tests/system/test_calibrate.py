@@ -1,0 +1,382 @@
+"""Calibrations: the same ranks wherever and however they are computed, and how they end."""
+
+from __future__ import annotations
+
+import contextlib
+import csv
+import dataclasses
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import pytest
+import systems
+from calibrations import with_misfit
+
+from bayesdrill import calibrate
+from bayesdrill.calibration import executors
+from bayesdrill.calibration.refit import Refit, Study, refit
+from bayesdrill.calibration.verdict import judge
+from bayesdrill.errors import Interrupted
+from bayesdrill.progress import Silent
+from bayesdrill.report import calibration_words as words
+from bayesdrill.response import Response
+
+TINY = (
+    ("pilot: 100", "pilot: 40"),
+    (
+        "output: {",
+        "calibration: {refits: 10, draws: 19, n_tau: 5, ess: 50, max_steps: 600}\noutput: {",
+    ),
+)
+FILES = {
+    *(".lock", "config.resolved.yaml", "config.yaml", "ranks.csv", "run.json", "summary.md"),
+    *("figures", "figures/calibration.pdf", "figures/calibration.png", ".refits"),
+    *(f".refits/{k:06d}.json" for k in range(10)),
+}
+
+
+@dataclass
+class Stopping:
+    """A reporter by which Ctrl-C comes when the work is at `share`."""
+
+    share: float
+    said: list[str] = field(default_factory=list)
+
+    def say(self, text: str) -> None:
+        self.said.append(text)
+
+    def update(self, fraction: float, text: str) -> None:
+        if self.share <= fraction < 1:
+            raise KeyboardInterrupt
+
+
+def here(config: Path, folder: Path, how: str = "fresh", report: object = None) -> object:
+    """A calibration in this process."""
+    with ThreadPoolExecutor(1) as crew:
+        try:
+            job = calibrate.prepare(config)
+            return calibrate.calibrate(job, folder, how, crew, report or Silent())  # type: ignore[arg-type]
+        finally:
+            crew.shutdown(cancel_futures=True)
+
+
+def command(config: Path, folder: Path, *options: str) -> systems.Ran:
+    return systems.cli("calibrate", config, "-o", folder, "--processes", "1", *options)
+
+
+def run_of(folder: Path) -> dict[str, object]:
+    return dict(json.loads((folder / "run.json").read_text()))
+
+
+def change(path: Path, old: str, new: str) -> None:
+    text = path.read_text(encoding="utf-8")
+    assert old in text
+    path.write_text(text.replace(old, new), encoding="utf-8")
+
+
+@dataclass(frozen=True)
+class Done:
+    config: Path
+    folder: Path
+
+    @property
+    def ranks(self) -> bytes:
+        return (self.folder / "ranks.csv").read_bytes()
+
+
+@pytest.fixture(scope="module")
+def done(tmp_path_factory: pytest.TempPathFactory) -> Done:
+    """A finished calibration of a tiny config; tests copy it, or leave it as it is."""
+    place = tmp_path_factory.mktemp("done")
+    config = systems.small(place, *TINY)
+    here(config, place / "out")
+    return Done(config, place / "out")
+
+
+@pytest.fixture
+def copy(done: Done, tmp_path: Path) -> Done:
+    shutil.copytree(done.config.parent, tmp_path / "copy")
+    return Done(tmp_path / "copy" / "small.yaml", tmp_path / "copy" / "out")
+
+
+@pytest.fixture
+def study(done: Done) -> Study:
+    return calibrate.study(calibrate.prepare(done.config))
+
+
+# --- one refit -----------------------------------------------------------------------------------
+
+
+def test_a_refit_depends_on_the_study_and_its_index_alone(done: Done, study: Study) -> None:
+    """Computed again, in another order; kills a random stream that is shared by refits."""
+    again = [refit(study, index) for index in (3, 1)]
+    kept = {each.index: each for each in calibrate.saved(done.folder / ".refits")}
+    assert again == [kept[3], kept[1]]
+    assert len({each.truth for each in kept.values()}) == 10
+
+
+def test_another_record_shares_the_compiled_code(study: Study) -> None:
+    response = study.posterior.likelihood.response
+    y = np.random.default_rng(1).standard_normal(response.experiment.y.shape)
+    theta = study.posterior.space.full(study.posterior.space.draw(9, np.random.default_rng(2)))
+    other = response.with_record(y)
+    assert other._kernels is response._kernels
+    anew = Response(response.model, dataclasses.replace(response.experiment, y=y))
+    assert np.array_equal(other.misfit(theta), anew.misfit(theta))
+    assert not np.array_equal(other.misfit(theta), response.misfit(theta))
+    with pytest.raises(ValueError, match="shape"):
+        response.with_record(y[:-1])
+
+
+def test_the_record_that_was_measured_plays_no_part(copy: Done) -> None:
+    before = copy.ranks
+    record = copy.config.parent / "small.csv"
+    lines = record.read_text().splitlines()
+    record.write_text("\n".join([*lines[:5], *reversed(lines[5:6]), *lines[6:]]) + "\n")
+    change(record, lines[9], ",".join([lines[9].split(",")[0], "0.1", "0.2"]))
+    assert command(copy.config, copy.folder, "--resume").status in (0, 3)
+    record.unlink()  # the grid is in `simulation:` too
+    assert command(copy.config, copy.folder, "--resume").status in (0, 3)
+    assert copy.ranks == before
+
+
+# --- what it leaves, and how it goes on ----------------------------------------------------------
+
+
+def test_a_calibration_leaves_a_complete_folder_and_nothing_else(done: Done) -> None:
+    assert set(systems.listing(done.folder)) == FILES
+    run = run_of(done.folder)
+    assert (run["status"], run["refits"], run["seed"]) == ("finished", 10, 7)
+    rows = list(csv.DictReader((done.folder / "ranks.csv").read_text().splitlines()))
+    assert [int(row["refit"]) for row in rows] == list(range(10))
+    assert all(0 <= int(row["rank_log_likelihood"]) <= 19 for row in rows)
+    summary = (done.folder / "summary.md").read_text()
+    assert str(run["verdict"])[1:] in summary
+    assert "at most 1 %" in summary
+
+
+def test_ctrl_c_keeps_the_refits_that_are_done(done: Done, tmp_path: Path) -> None:
+    folder = tmp_path / "out"
+    with pytest.raises(Interrupted, match="saved"):
+        here(done.config, folder, report=Stopping(0.05))
+    assert run_of(folder)["status"] == "interrupted"
+    kept = calibrate.saved(folder / ".refits")
+    assert 1 <= len(kept) < 10
+    assert set(kept) <= set(calibrate.saved(done.folder / ".refits"))
+    assert not (folder / "ranks.csv").exists()
+
+
+def test_resumed_is_the_same_as_uninterrupted(done: Done, copy: Done) -> None:
+    """Some refits were done, others not, when the run before was killed."""
+    for name in ("ranks.csv", "summary.md", ".refits/000002.json", ".refits/000009.json"):
+        (copy.folder / name).unlink()
+    here(copy.config, copy.folder, "resume")
+    assert copy.ranks == done.ranks
+    assert (copy.folder / "summary.md").read_bytes() == (done.folder / "summary.md").read_bytes()
+
+
+def test_results_are_neither_overwritten_nor_mixed(copy: Done) -> None:
+    before = systems.listing(copy.folder)
+    ran = command(copy.config, copy.folder)
+    assert (ran.status, "results exist already" in ran.err) == (2, True)
+    change(copy.config, "draws: 19", "draws: 20")
+    ran = command(copy.config, copy.folder, "--resume")
+    assert (ran.status, "calibration.draws" in ran.err) == (2, True)
+    change(copy.config, "draws: 20", "draws: 19")
+    change(copy.config, "rad/s, sigma: 0.05", "rad/s, sigma: 0.06")
+    ran = command(copy.config, copy.folder, "--resume")
+    assert (ran.status, "the noise" in ran.err) == (2, True)
+    assert systems.listing(copy.folder) == before
+
+
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        ([("ess: 50,", "ess: 18,")], "18 effective draws do not hold 19 independent ones"),
+        ([("pilot: 40", "pilot: 700")], "600 is not above the pilot's 700"),
+        ([("refits: 10", "refits: 9")], "calibration.refits"),
+    ],
+)
+def test_a_calibration_that_cannot_be_is_refused(
+    changes: list[tuple[str, str]], told: str, tmp_path: Path
+) -> None:
+    config = systems.small(tmp_path, *TINY)
+    for old, new in (*changes, ("max_steps: 500", "max_steps: 5000")):
+        change(config, old, new)
+    ran = command(config, tmp_path / "out")
+    assert (ran.status, told in ran.err) == (2, True), ran.text
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_damaged_refit_is_named(copy: Done) -> None:
+    path = copy.folder / ".refits" / "000007.json"
+    for damage in ("{", "[1, 2]", '{"index": 7}'):
+        path.write_text(damage)
+        ran = command(copy.config, copy.folder, "--resume")
+        assert (ran.status, "000007.json" in ran.err, "Traceback" in ran.text) == (2, True, False)
+
+
+def test_the_status_is_the_verdict(copy: Done) -> None:
+    """Ranks of zero everywhere: what a posterior far too high gives."""
+    status = command(copy.config, copy.folder, "--resume").status
+    assert status == (0 if run_of(copy.folder)["calibrated"] else 3)
+    for path in (copy.folder / ".refits").glob("*.json"):
+        data = json.loads(path.read_text())
+        path.write_text(json.dumps({**data, "ranks": [0, 0, 0]}))
+    ran = command(copy.config, copy.folder, "--resume")
+    assert ran.status == 3
+    assert "not calibrated: ranks of" in ran.out
+    assert "(posterior too high)" in ran.out
+
+
+def test_help_shows_an_example() -> None:
+    ran = systems.cli("calibrate", "--help")
+    assert "Example: bayesdrill calibrate" in " ".join(ran.out.split())
+
+
+# --- processes and clusters ----------------------------------------------------------------------
+
+
+@pytest.fixture
+def started() -> Iterator[list[subprocess.Popen[str]]]:
+    """Processes to be ended, with all of their own, however a test ends."""
+    processes: list[subprocess.Popen[str]] = []
+    yield processes
+    for process in processes:
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)
+        process.communicate()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "number", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL], ids=lambda number: number.name
+)
+def test_processes_that_are_stopped_lose_nothing(
+    number: signal.Signals, done: Done, tmp_path: Path, started: list[subprocess.Popen[str]]
+) -> None:
+    folder = tmp_path / "out"
+    arguments = ("calibrate", done.config, "-o", folder, "--processes", "2")
+    process = systems.start(*arguments, cwd=tmp_path)
+    started.append(process)
+    end = time.monotonic() + 60
+    while len(list((folder / ".refits").glob("*.json"))) < 3 and time.monotonic() < end:
+        time.sleep(0.02)
+    begun = time.monotonic()
+    if number == signal.SIGINT:
+        os.killpg(process.pid, number)
+    else:
+        process.send_signal(number)
+    _, err = process.communicate(timeout=30)
+    assert time.monotonic() - begun < 10
+    assert "Traceback" not in err
+    if number != signal.SIGKILL:
+        assert process.returncode == 130, err
+        assert "continue with --resume" in err
+        assert run_of(folder)["status"] == "interrupted"
+    ran = systems.run(*arguments, "--resume", cwd=tmp_path)
+    assert ran.status in (0, 3), ran.text
+    assert (folder / "ranks.csv").read_bytes() == done.ranks
+
+
+@pytest.mark.slow
+def test_a_worker_of_a_cluster_that_is_killed_costs_nothing(done: Done, tmp_path: Path) -> None:
+    """One of three workers gets SIGKILL in the middle: every refit once, equal to the local ones."""
+    distributed = pytest.importorskip("distributed")
+    folder = tmp_path / "out"
+    with distributed.LocalCluster(
+        n_workers=3, threads_per_worker=1, processes=True, dashboard_address=None
+    ) as cluster:
+        pids = [worker.pid for worker in cluster.workers.values()]
+        killed = threading.Event()
+
+        @dataclass(frozen=True)
+        class Killing(Silent):
+            def update(self, fraction: float, text: str) -> None:
+                if fraction >= 0.25 and not killed.is_set():
+                    killed.set()
+                    os.kill(pids[1], signal.SIGKILL)
+
+        job = calibrate.prepare(done.config)
+        with executors.dask(cluster.scheduler_address) as crew:
+            found = calibrate.calibrate(job, folder, "fresh", crew, Killing())
+    assert killed.is_set()
+    assert [each.index for each in found.refits] == list(range(10))
+    assert (folder / "ranks.csv").read_bytes() == done.ranks
+    assert list(found.refits) == calibrate.saved(done.folder / ".refits")
+
+
+@pytest.mark.slow
+def test_a_scheduler_that_is_not_there_is_named(done: Done, tmp_path: Path) -> None:
+    begun = time.monotonic()
+    for address, told in (
+        ("tcp://127.0.0.1:1", "no scheduler answers at tcp://127.0.0.1:1"),
+        ("nonsense://x:y", "'nonsense://x:y' is no address"),
+        ("tcp://no.such.host:8786", "no scheduler answers at tcp://no.such.host:8786"),
+    ):
+        arguments = ("calibrate", done.config, "-o", "out", "--scheduler", address)
+        ran = systems.run(*arguments, cwd=tmp_path)
+        assert (ran.status, "Traceback" in ran.text) == (2, False), ran.text
+        assert told in ran.err
+        assert len(ran.err.splitlines()) == 1, ran.err
+    assert time.monotonic() - begun < 30
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.slow
+def test_without_distributed_a_scheduler_is_refused(done: Done, tmp_path: Path) -> None:
+    code = "import sys; sys.modules['distributed'] = None; from bayesdrill.cli import main; main()"
+    arguments = ["calibrate", str(done.config), "--scheduler", "tcp://127.0.0.1:1"]
+    ran = subprocess.run(
+        [sys.executable, "-c", code, *arguments], cwd=tmp_path, capture_output=True, text=True
+    )
+    assert ran.returncode == 2
+    assert "bayesdrill[cluster]" in ran.stderr
+    assert "Traceback" not in ran.stderr
+
+
+# --- right and wrong likelihoods -----------------------------------------------------------------
+
+
+def refits(study: Study, n: int, folder: Path) -> list[Refit]:
+    folder.mkdir()
+    with executors.local(2) as crew:
+        return calibrate.run(study, n, folder / ".refits", crew, Silent())
+
+
+@pytest.fixture(scope="module")
+def pair(tmp_path_factory: pytest.TempPathFactory) -> Study:
+    """Two unknowns, 101 samples, ranks among 99 draws."""
+    changes = (("pilot: 100", "pilot: 60"), ("output: {", "calibration: {ess: 100}\noutput: {"))
+    config = systems.small(tmp_path_factory.mktemp("pair"), *changes)
+    return calibrate.study(calibrate.prepare(config))
+
+
+@pytest.mark.slow
+def test_the_right_likelihood_is_calibrated(pair: Study, tmp_path: Path) -> None:
+    """200 refits; kills a walker's move, a prior, a Jacobian or a noise that is not what it says."""
+    found = judge(pair.names, refits(pair, 200, tmp_path / "right"), pair.draws)
+    assert found.calibrated, words.verdict(found)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("factor", "shape"), [(2.0, "posterior too narrow"), (0.5, "posterior too wide")]
+)
+def test_a_wrong_likelihood_is_not(factor: float, shape: str, pair: Study, tmp_path: Path) -> None:
+    """2 is the 1/2 of the misfit forgotten: the posterior is too narrow by sqrt 2."""
+    broken = with_misfit(pair, factor)
+    found = judge(pair.names, refits(broken, 200, tmp_path / "wrong"), pair.draws)
+    assert not found.calibrated
+    assert f"({shape})" in words.verdict(found)
