@@ -8,32 +8,38 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
+from bayesdrill import beliefs, coordinates, symbols, units
 from bayesdrill import config as records
-from bayesdrill import coordinates, symbols, units
 from bayesdrill.errors import did_you_mean
 from bayesdrill.experiment import Channel, Experiment
 from bayesdrill.expressions import linear_combination
+from bayesdrill.formulas import Expression, Monomial, resolved
+from bayesdrill.givens import Formula, formula, prior, quantity, relation, rescaled, start
 from bayesdrill.likelihood import Likelihood
 from bayesdrill.models import MODELS
-from bayesdrill.models.linear import Model
+from bayesdrill.models.linear import Chart, Model
+from bayesdrill.models.tangent import Dual
 from bayesdrill.noise.gaussian import Gaussian
 from bayesdrill.parameters import ParameterSpace
 from bayesdrill.posterior import Posterior
-from bayesdrill.priors import PRIORS, Prior
+from bayesdrill.priors import Prior
 from bayesdrill.response import Response
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Problem:
-    """All that inference needs: `symbols` of the unknowns and their nominal values (if any)."""
+    """All that inference needs: `symbols` of the unknowns and their nominal values (if any).
+
+    `derived`: formulas of the config's own, beside what is always derived.
+    """
 
     posterior: Posterior
     symbols: tuple[symbols.Symbol, ...]
     nominal: Mapping[str, float]
+    derived: tuple[Formula, ...] = ()
 
     @property
     def experiment(self) -> Experiment:
@@ -71,35 +77,8 @@ def nominal(config: records.Config) -> dict[str, float]:
     return {name: table.values[name] if own[name] is None else own[name] for name in table.values}
 
 
-_SCALED = ("low", "high", "mean", "sd", "median", "scale")
-
-
-def prior(spec: records.PriorSpec, nominal_value: float) -> Prior:
-    """The prior in SI; `relative` multiplies all but the sd of a log by `nominal_value`."""
-    values = spec.model_dump(exclude={"prior", "relative", "start"})
-    if "low" in values and not values["low"] < values["high"]:
-        raise ValueError(
-            f"low {values['low']:g} is not below high {values['high']:g}; exchange or mend them"
-        )
-    if spec.relative:
-        values = {k: v * nominal_value if k in _SCALED else v for k, v in values.items()}
-    return PRIORS[spec.prior](**values)
-
-
-def start(spec: records.PriorSpec, built: Prior, default: float) -> float:
-    """Where the MAP search begins; raises where the prior excludes it."""
-    value = default if spec.start is None else spec.start
-    if not np.isfinite(built.logpdf(np.array([value]))[0]):
-        what = "the nominal value" if spec.start is None else "the start"
-        raise ValueError(
-            f"{what} {value:g} is outside the prior ({built.describe()}); widen the prior, or give "
-            "a `start:` inside it"
-        )
-    return value
-
-
-def si(value: float | records.Quantity, unit: str) -> float:
-    if isinstance(value, records.Quantity):
+def si(value: float | beliefs.Quantity, unit: str) -> float:
+    if isinstance(value, beliefs.Quantity):
         return value.value * units.factor(value.unit, unit)
     return value
 
@@ -150,37 +129,48 @@ def measured(name: str, spec: records.ChannelSpec, states: tuple[str, ...]) -> M
         raise ValueError("sigma has no nominal value; write its prior in the unit of the column")
     built = prior(spec.sigma, 1.0)
     begin = start(spec.sigma, built, float(built.quantile(np.array([0.5]))[0]))
-    scaled = _rescaled(spec.sigma, factor)
+    scaled = rescaled(spec.sigma, factor)
     return Measured(channel, factor, prior(scaled, 1.0), begin * factor)
 
 
-def _rescaled(spec: Any, factor: float) -> Any:
-    changes = {
-        key: getattr(spec, key) * factor for key in _SCALED if key in type(spec).model_fields
-    }
-    return spec.model_copy(update=changes)
-
-
 def space(config: records.Config, model: Model, channels: list[Measured]) -> ParameterSpace:
-    """The unknowns: free parameters in the model's order, then unknown sigmas."""
+    """The unknowns: free parameters in the model's order, quantities, then unknown sigmas."""
     table = nominal(config)
     priors: dict[str, Prior] = {}
     starts: dict[str, float] = {}
     fixed: dict[str, float] = {}
+    relations: dict[str, Expression] = {}
     for name in model.parameters:
         spec = getattr(config.parameters, name)
-        if spec == "nominal":
+        related = relation(config, model, name)
+        if related is not None:
+            relations[name] = related
+        elif spec == "nominal":
             fixed[name] = table[name]
         elif isinstance(spec, float | int):
             fixed[name] = float(spec)
         else:
             priors[name] = prior(spec, table[name])
             starts[name] = start(spec, priors[name], table[name])
-    for entry in channels:
-        if not isinstance(entry.sigma, float):
-            name = f"sigma_{entry.channel.name}"
-            priors[name], starts[name] = entry.sigma, entry.sigma_start
-    return ParameterSpace(model=model.parameters, priors=priors, fixed=fixed, start=starts)
+    given = {name: quantity(name, spec) for name, spec in config.quantities.items()}
+    unknown = [(name, q.value, q.start) for name, q in given.items()]
+    unknown += [(f"sigma_{e.channel.name}", e.sigma, e.sigma_start) for e in channels]
+    for name, value, begin in unknown:
+        if not isinstance(value, float):
+            priors[name], starts[name] = value, begin
+        elif name in given:
+            fixed[name] = value
+    relations = resolved(relations)
+    for name in [n for n, r in relations.items() if not set(r.names) & set(priors)]:
+        fixed[name] = float(relations.pop(name).value(fixed))
+    return ParameterSpace(
+        model=model.parameters,
+        priors=priors,
+        fixed=fixed,
+        start=starts,
+        relations=relations,
+        quantities=tuple(given),
+    )
 
 
 def channels(config: records.Config, model: Model) -> list[Measured]:
@@ -198,7 +188,7 @@ def problem(config: records.Config, experiment: Experiment) -> Problem:
         n_channels=len(entries),
     )
     charted = unknowns.free[: len(unknowns.free) - len(noise.unknown)]
-    chart = rig.chart(_usual_voltage(experiment), charted, unknowns.fixed) if charted else None
+    chart = _chart(rig, experiment, unknowns, charted) if charted else None
     posterior = Posterior(
         space=unknowns,
         likelihood=Likelihood(Response(rig, experiment), noise, unknowns),
@@ -206,19 +196,49 @@ def problem(config: records.Config, experiment: Experiment) -> Problem:
     )
     return Problem(
         posterior=posterior,
-        symbols=tuple(_symbol(name, entries) for name in unknowns.free),
+        symbols=tuple(_symbol(name, config, entries) for name in unknowns.free),
         nominal=nominal(config),
+        derived=tuple(formula(config, rig, name) for name in config.derived),
     )
 
 
-def _symbol(name: str, entries: list[Measured]) -> symbols.Symbol:
+def _chart(
+    model: Model, experiment: Experiment, unknowns: ParameterSpace, charted: tuple[str, ...]
+) -> Chart | None:
+    """Relations that are no products of powers count in it as what touches them at the start.
+
+    Coordinates need not be exact to be valid: their Jacobian is, whatever they are made of.
+    """
+    at = {**unknowns.fixed, **unknowns.start}
+    products = {name: r.monomial() or _touching(r, at) for name, r in unknowns.relations.items()}
+    if not all(np.isfinite([m.factor, *m.powers.values()]).all() for m in products.values()):
+        return None
+    return model.chart(usual_inputs(experiment)["v"], charted, unknowns.fixed, products)
+
+
+def _touching(relation: Expression, at: Mapping[str, float]) -> Monomial:
+    """The product of powers with the value and the slopes of `relation` at a point."""
+    value = relation.value(at)
+    powers = {
+        name: float(relation.value({**at, name: Dual(at[name], at[name])}).slope / value)
+        for name in relation.names
+    }
+    log_factor = np.log(value) - sum(p * np.log(at[name]) for name, p in powers.items())
+    return Monomial(float(np.exp(log_factor)), powers)
+
+
+def _symbol(name: str, config: records.Config, entries: list[Measured]) -> symbols.Symbol:
     if name in symbols.PARAMETERS:
         return symbols.PARAMETERS[name]
+    if name in config.quantities:
+        return quantity(name, config.quantities[name]).symbol
     (channel,) = (e.channel for e in entries if f"sigma_{e.channel.name}" == name)
     return symbols.noise_symbol(channel.name, channel.unit, channel.latex, channel.latex_unit)
 
 
-def _usual_voltage(experiment: Experiment) -> float:
-    """A scale for the chart; any positive number is right, the usual voltage is best."""
+def usual_inputs(experiment: Experiment) -> dict[str, float]:
+    """SI: the voltage's root mean square, for a scale; the mean of the others."""
+    means = dict(experiment.constant)
+    means |= {name: float(np.mean(series)) for name, series in experiment.series.items()}
     series = experiment.series.get("v", np.array([experiment.constant.get("v", 0.0)]))
-    return float(np.sqrt(np.mean(series**2))) or 1.0
+    return {**means, "v": float(np.sqrt(np.mean(series**2))) or 1.0}

@@ -1,7 +1,7 @@
 """The command line: parse, call, print; nothing else.
 
-Exit status: 0 done (and converged), 2 the input is wrong, 3 finished but not converged,
-130 interrupted and saved.
+Exit status: 0 done (and converged), 2 the input is wrong, 3 finished but not converged or not
+calibrated, 130 interrupted and saved.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ import signal
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -19,6 +20,7 @@ import typer
 from bayesdrill import __version__
 
 if TYPE_CHECKING:
+    from bayesdrill.calibrate import Outcome as Calibrated
     from bayesdrill.pipeline import Outcome
     from bayesdrill.store import Mode
 
@@ -65,11 +67,53 @@ def check(config: ConfigPath) -> None:
     """Validate config and record and say what would run; samples nothing, writes nothing."""
     with _guarded():
         from bayesdrill import pipeline
+        from bayesdrill.identifiability.scenes import Scenery
         from bayesdrill.report import words
 
         job = pipeline.prepare(config)
         typer.echo(words.opening(job.problem))
         typer.echo(words.preview(job.problem, job.config))
+        typer.echo(pipeline.preflight(job, Scenery(job.problem.posterior.likelihood)))
+
+
+@app.command(epilog="Example: bayesdrill identify configs/nominal_step.yaml --profile k_s")
+def identify(
+    config: ConfigPath,
+    profile: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--profile", metavar="NAME", help="Profile likelihood of a parameter, or of `all`."
+        ),
+    ] = None,
+    at_map: Annotated[
+        bool,
+        typer.Option("--at-map", help="At the MAP, which is searched first; default: the start."),
+    ] = False,
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", help="Folder for text and figures; default: print only."),
+    ] = None,
+    processes: Processes = None,
+) -> None:
+    """Say what this record can and cannot determine, and what would help; samples nothing."""
+    with _guarded():
+        from bayesdrill import identify as job_
+        from bayesdrill import pipeline
+        from bayesdrill.crew import available
+        from bayesdrill.progress import reporter
+
+        job = pipeline.prepare(config)
+        space = job.problem.posterior.space
+        with reporter() as report:
+            at, values = "the start", space.start
+            if at_map:
+                at = "the MAP"
+                values = pipeline.find_mode(job, processes or available(), report).values
+            findings = job_.identify(job, space.vector(values), at, profile or [], report)
+        typer.echo(findings.text)
+        if output is not None:
+            job_.publish(job, findings, output)
+            typer.echo(f"\nwritten: {output}/ ({job_.REPORT}, figures/)")
 
 
 @app.command("map", epilog="Example: bayesdrill map configs/nominal_step.yaml")
@@ -106,17 +150,51 @@ def posterior(
     with _guarded():
         from bayesdrill import pipeline
         from bayesdrill.crew import available
-        from bayesdrill.errors import InputError
         from bayesdrill.progress import reporter
 
-        if resume and force:
-            raise InputError.one("", "--resume and --force exclude each other; give one of them")
-        how: Mode = "resume" if resume else "force" if force else "fresh"
+        how = _mode(resume, force)
         job = pipeline.prepare(config)
         folder = output or Path("results") / job.config.name
         with _saved_in(folder), reporter() as report:
             outcome = pipeline.posterior(job, folder, how, processes or available(), report)
         _finish(outcome)
+
+
+@app.command(epilog="Example: bayesdrill calibrate configs/nominal_step.yaml")
+def calibrate(
+    config: ConfigPath,
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", help="Default: results/<name>-calibration.")
+    ] = None,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Go on with an interrupted calibration, or extend one.")
+    ] = False,
+    force: Annotated[
+        bool, typer.Option("--force", help="Discard what is there and start over.")
+    ] = False,
+    processes: Processes = None,
+    scheduler: Annotated[
+        str | None,
+        typer.Option(metavar="ADDRESS", help="Of a Dask cluster, such as tcp://host:8786."),
+    ] = None,
+) -> None:
+    """Test the posterior of a config: refit simulated records, and see where the truth ranks."""
+    with _guarded():
+        from bayesdrill import calibrate as calibration
+        from bayesdrill.calibration import executors
+        from bayesdrill.crew import available
+        from bayesdrill.progress import reporter
+
+        how = _mode(resume, force)
+        job = calibration.prepare(config)
+        folder = output or Path("results") / f"{job.config.name}-calibration"
+        if scheduler is None:
+            where = partial(executors.local, processes or available())
+        else:
+            where = partial(executors.dask, scheduler)
+        with where() as crew, _saved_in(folder), reporter() as report:
+            outcome = calibration.calibrate(job, folder, how, crew, report)
+        _finish_calibration(outcome)
 
 
 @app.command(epilog="Example: bayesdrill report results/nominal_step")
@@ -126,11 +204,9 @@ def report(
     """Make tables and figures again from the stored chain."""
     with _guarded():
         from bayesdrill import pipeline
-        from bayesdrill.progress import reporter
+        from bayesdrill.crew import available
 
-        with reporter() as progress:
-            outcome = pipeline.republish(folder, progress)
-        _finish(outcome)
+        _finish(pipeline.republish(folder, available()))
 
 
 @app.command(epilog="Example: bayesdrill simulate configs/nominal_step.yaml --output my_record.csv")
@@ -170,12 +246,29 @@ def schema() -> None:
         typer.echo(as_text(), nl=False)
 
 
-def _finish(outcome: Outcome) -> None:
-    from bayesdrill.report import tables, words
+def _mode(resume: bool, force: bool) -> Mode:
+    from bayesdrill.errors import InputError
 
-    typer.echo(words.convergence(outcome.sampled))
-    typer.echo("\n" + tables.as_text(outcome.rows) + "\n")
-    typer.echo(tables.in_words(outcome.rows))
+    if resume and force:
+        raise InputError.one("", "--resume and --force exclude each other; give one of them")
+    return "resume" if resume else "force" if force else "fresh"
+
+
+def _finish_calibration(outcome: Calibrated) -> None:
+    from bayesdrill.report import calibration_words as words
+
+    typer.echo(words.refits(outcome.verdict, outcome.refits))
+    typer.echo("\n" + words.table(outcome.verdict))
+    typer.echo(words.verdict(outcome.verdict))
+    typer.echo(f"results: {outcome.folder}/ (summary.md, figures/, ranks.csv)")
+    if not outcome.verdict.calibrated:
+        raise typer.Exit(NOT_CONVERGED)
+
+
+def _finish(outcome: Outcome) -> None:
+    from bayesdrill.report import words
+
+    typer.echo("\n\n".join((words.convergence(outcome.sampled), *outcome.shown)))
     typer.echo(f"results: {outcome.folder}/ (summary.md, figures/, posterior.nc, chain.h5)")
     if not outcome.sampled.convergence.converged:
         raise typer.Exit(NOT_CONVERGED)

@@ -8,27 +8,27 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Discriminator, Field, Tag, create_model
+from pydantic import BeforeValidator, Discriminator, Field, Tag, create_model
 
 from bayesdrill import symbols
-
-
-class Strict(BaseModel):
-    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
-
-
-Positive = Annotated[float, Field(gt=0)]
-NonNegative = Annotated[float, Field(ge=0)]
-Count = Annotated[int, Field(ge=1)]
+from bayesdrill.beliefs import (
+    Count,
+    NonNegative,
+    ParameterSpec,
+    Positive,
+    Quantity,
+    QuantitySpec,
+    SigmaSpec,
+    Strict,
+    shape,
+)
 
 
 def _shape(value: Any) -> str:
     """Which member of a union an entry is meant to be, before and after it is validated."""
     if isinstance(value, dict):
         return "<column>" if "column" in value or "variable" in value else "<mapping>"
-    if isinstance(value, BaseModel):
-        return "<column>" if isinstance(value, Column) else "<mapping>"
-    return "<word>" if isinstance(value, str) else "<number>"
+    return "<column>" if isinstance(value, Column) else shape(value)
 
 
 def _time_shape(value: Any) -> str:
@@ -37,78 +37,14 @@ def _time_shape(value: Any) -> str:
     return "<mapping>" if rate else "<column>"
 
 
-class PriorBase(Strict):
-    relative: bool = Field(
-        False, description="Bounds and scales are multiples of the nominal value."
-    )
-    start: Positive | None = Field(
-        None, description="Where the search for the MAP begins, SI; default: the nominal value."
-    )
+class DerivedSpec(Strict):
+    formula: str = Field(description="Of parameters and quantities, such as sqrt(k_s/j_1).")
+    unit: str = "1"
+    latex: str | None = Field(None, description="How figures write it, without dollars.")
 
 
-class UniformPrior(PriorBase):
-    prior: Literal["uniform"]
-    low: NonNegative
-    high: Positive
-
-
-class LogUniformPrior(PriorBase):
-    prior: Literal["log_uniform"]
-    low: Positive
-    high: Positive
-
-
-class NormalPrior(PriorBase):
-    """Cut at zero and renormalised, as all parameters are positive."""
-
-    prior: Literal["normal"]
-    mean: Positive
-    sd: Positive
-
-
-class TruncatedNormalPrior(PriorBase):
-    prior: Literal["truncated_normal"]
-    mean: Positive
-    sd: Positive
-    low: NonNegative
-    high: Positive
-
-
-class LogNormalPrior(PriorBase):
-    prior: Literal["log_normal"]
-    median: Positive
-    sd_log: Positive = Field(description="Standard deviation of the natural logarithm.")
-
-
-class HalfNormalPrior(PriorBase):
-    prior: Literal["half_normal"]
-    scale: Positive
-
-
-PriorSpec = Annotated[
-    UniformPrior
-    | LogUniformPrior
-    | NormalPrior
-    | TruncatedNormalPrior
-    | LogNormalPrior
-    | HalfNormalPrior,
-    Field(discriminator="prior"),
-]
-ParameterSpec = Annotated[
-    Annotated[Positive, Tag("<number>")]
-    | Annotated[Literal["nominal"], Tag("<word>")]
-    | Annotated[PriorSpec, Tag("<mapping>")],
-    Discriminator(_shape),
-]
-SigmaSpec = Annotated[
-    Annotated[Positive, Tag("<number>")] | Annotated[PriorSpec, Tag("<mapping>")],
-    Discriminator(_shape),
-]
-
-
-class Quantity(Strict):
-    value: float
-    unit: str
+def _formula_alone(value: Any) -> Any:
+    return {"formula": value} if isinstance(value, str) else value
 
 
 class Column(Strict):
@@ -206,8 +142,27 @@ def _per_symbol(name: str, base: type[Strict], kind: Any, doc: str) -> type[Stri
     return model
 
 
+Tolerance = Annotated[float, Field(ge=0, lt=1)]
+
+
+class _ToleranceBase(Strict):
+    default: Tolerance = 0.0
+
+
+Tolerances = _per_symbol(
+    "Tolerances", _ToleranceBase, Tolerance, "Of single nominal values, and of all others."
+)
+ToleranceSpec = Annotated[
+    Annotated[Tolerance, Tag("<number>")] | Annotated[Tolerances, Tag("<mapping>")],  # type: ignore[valid-type]
+    Discriminator(_shape),
+]
+
+
 class _NominalBase(Strict):
     table: str = symbols.DEFAULT_NOMINAL
+    tolerance: ToleranceSpec = Field(
+        0.0, description="Relative, of the nominal values: one number, or by symbol and `default`."
+    )
 
 
 class _SimulationBase(Strict):
@@ -216,9 +171,15 @@ class _SimulationBase(Strict):
     sigma: Annotated[
         dict[str, Positive], Field(description="Of channels whose sigma is unknown.")
     ] = Field(default_factory=dict)
+    quantities: Annotated[
+        dict[str, Positive],
+        Field(description="True values, in their units; default: where their priors start."),
+    ] = Field(default_factory=dict)
 
 
-Parameters = _per_symbol("Parameters", Strict, ParameterSpec, "A prior, a number, or `nominal`.")
+Parameters = _per_symbol(
+    "Parameters", Strict, ParameterSpec, "A prior, a number, `nominal`, a tie or a formula."
+)
 Nominal = _per_symbol("Nominal", _NominalBase, Positive, "A table and what differs from it.")
 Simulation = _per_symbol(
     "Simulation", _SimulationBase, Positive, "Grid and true values of `bayesdrill simulate`."
@@ -239,12 +200,12 @@ class MapSpec(Strict):
 
 class SamplerSpec(Strict):
     ensembles: Annotated[int, Field(ge=4)] = 4
-    walkers: Annotated[int, Field(ge=4)] = 64
+    walkers: Annotated[int, Field(ge=4)] = 128
     moves: Annotated[dict[str, NonNegative], Field(min_length=1)] = Field(
         default_factory=lambda: {
-            "differential_evolution": 0.45,
-            "stretch": 0.05,
-            "independence": 0.5,
+            "differential_evolution": 0.18,
+            "stretch": 0.02,
+            "independence": 0.8,
         }
     )
     pilot: Annotated[int, Field(ge=20)] = Field(
@@ -256,9 +217,41 @@ class SamplerSpec(Strict):
     max_steps: Annotated[int, Field(ge=100)] = 50_000
 
 
+class CalibrationSpec(Strict):
+    refits: Annotated[int, Field(ge=10)] = Field(
+        200, description="Simulated records, each refitted."
+    )
+    draws: Annotated[int, Field(ge=19)] = Field(
+        99, description="Nearly independent draws among which a true value is ranked."
+    )
+    starts: Count = Field(16, description="Searches for the MAP of a refit, at most.")
+    n_tau: Positive = Field(20.0, description="As in `sampler`, for a refit.")
+    ess: Positive = Field(400.0, description="As in `sampler`, for a refit.")
+    max_steps: Annotated[int, Field(ge=100)] = Field(
+        5000, description="As in `sampler`, for a refit."
+    )
+
+
+class IdentifySpec(Strict):
+    of_interest: list[str] = Field(
+        default_factory=list,
+        description="Parameters by whose uncertainty remedies are ranked; default: all unknown ones.",
+    )
+    determined: Annotated[float, Field(gt=0, lt=1)] = Field(
+        0.5, description="Determined: the record brings the sd below this share of the prior's."
+    )
+    left_to_prior: Annotated[float, Field(gt=0, le=1)] = Field(
+        0.9, description="Left to the prior: the sd stays above this share of the prior's."
+    )
+
+
 class OutputSpec(Strict):
     predictive_draws: Annotated[int, Field(ge=10)] = Field(
         125, description="Per ensemble, with pointwise log likelihood and predictive samples."
+    )
+    corner: Annotated[list[str], Field(min_length=1)] | None = Field(
+        None,
+        description="Unknowns and derived quantities of the corner plot; default: all unknowns.",
     )
 
 
@@ -273,8 +266,16 @@ class Config(Strict):
     model: ModelSpec = ModelSpec()
     nominal: Annotated[Nominal, BeforeValidator(_named_table)] = Nominal()  # type: ignore[valid-type]
     parameters: Parameters  # type: ignore[valid-type]
+    quantities: dict[str, QuantitySpec] = Field(
+        default_factory=dict, description="What formulas of parameters name beside parameters."
+    )
+    derived: dict[str, Annotated[DerivedSpec, BeforeValidator(_formula_alone)]] = Field(
+        default_factory=dict, description="Formulas that are computed for every draw."
+    )
     coordinates: Literal["auto", "physical", "log", "modal"] = "auto"
     map: MapSpec = MapSpec()
     sampler: SamplerSpec = SamplerSpec()
     output: OutputSpec = OutputSpec()
+    identify: IdentifySpec = IdentifySpec()
+    calibration: CalibrationSpec = CalibrationSpec()
     simulation: Simulation | None = None  # type: ignore[valid-type]

@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
-from bayesdrill import build, symbols, units
+import numpy as np
+
+from bayesdrill import beliefs, build, givens, symbols, units
 from bayesdrill import config as records
 from bayesdrill.errors import Problem, did_you_mean
 from bayesdrill.expressions import linear_combination
+from bayesdrill.formulas import CircleError, Expression
 from bayesdrill.models.linear import Model
 from bayesdrill.optimisers import OPTIMISERS
+from bayesdrill.parameters import ParameterSpace
 from bayesdrill.samplers.moves import MOVES
 from bayesdrill.yaml_source import Place, Source
+
+_TRIED = 4096  # draws from the priors, at which formulas are tried
 
 
 class _Collector:
@@ -52,12 +58,16 @@ def check(config: records.Config, source: Source, spoilt: frozenset[Place]) -> l
     if model is not None:
         if nominal is not None:
             _check_parameters(found, config, model, nominal)
+            _check_relations(found, config, model)
         _check_channels(found, config, model)
         _check_counts(found, config, model)
         _check_states(found, config, model)
+        _check_output(found, config, model)
     _check_record(found, config)
     _check_inputs(found, config)
     _check_simulation(found, config)
+    _check_calibration(found, config)
+    _check_identify(found, config)
     found.run(("map", "method"), build.lookup, OPTIMISERS, config.map.method, "method")
     return found.problems
 
@@ -76,10 +86,59 @@ def _check_parameters(
                 )
         elif name not in model.parameters:
             found.add(place, f"the model {model.name} has no such parameter; remove it")
-        elif isinstance(spec, records.PriorBase):
-            built = found.run(place, build.prior, spec, nominal[name])
+        elif isinstance(spec, beliefs.PriorBase):
+            built = found.run(place, givens.prior, spec, nominal[name])
             if built is not None:
-                found.run(place, build.start, spec, built, nominal[name])
+                found.run(place, givens.start, spec, built, nominal[name])
+
+
+def _check_relations(found: _Collector, config: records.Config, model: Model) -> None:
+    """Ties, formulas, and the quantities in them."""
+    before = len(found.problems)
+    used: set[str] = set()
+    for name, spec in config.quantities.items():
+        found.run(("quantities", name), givens.quantity, name, spec)
+    for name in config.derived:
+        own = found.run(("derived", name), givens.formula, config, model, name)
+        used |= set(own.expression.names) if own else set()
+    relations = {
+        name: found.run(("parameters", name), givens.relation, config, model, name)
+        for name in model.parameters
+    }
+    related = {name: r for name, r in relations.items() if r is not None}
+    missing = any(getattr(config.parameters, name) is None for name in model.parameters)
+    if missing or len(found.problems) > before:
+        return
+    used |= {name for r in related.values() for name in r.names}
+    for name in set(config.quantities) - used:
+        message = "no formula names it; use it in `parameters:` or `derived:`, or remove it"
+        found.add(("quantities", name), message)
+    try:
+        space = build.space(config, model, [])
+    except CircleError as circle:
+        found.add(("parameters", circle.name), str(circle))
+        return
+    except ValueError:  # a prior or a start, said already
+        return
+    _check_values(found, space, related)
+
+
+def _check_values(
+    found: _Collector, space: ParameterSpace, related: Mapping[str, Expression]
+) -> None:
+    """What is computed for a parameter must be a positive number wherever the priors lead."""
+    theta = space.draw(_TRIED, np.random.default_rng(0)) if space.free else np.ones((1, 0))
+    named = space.named(theta)
+    for name, relation in related.items():
+        values = np.broadcast_to(named[name], len(theta))
+        good = np.isfinite(values) & (values > 0)
+        if not good.all():
+            k = int(np.argmin(good))
+            found.add(
+                ("parameters", name),
+                f"'{relation.text}' is {values[k]:.3g} at {100 * np.mean(~good):.3g} % of what the "
+                "priors allow, and must be positive; mend the formula or narrow the priors",
+            )
 
 
 def _check_channels(found: _Collector, config: records.Config, model: Model) -> None:
@@ -150,9 +209,9 @@ def _check_states(found: _Collector, config: records.Config, model: Model) -> No
 
 
 def _check_quantity(
-    found: _Collector, place: Place, value: float | records.Quantity, unit: str
+    found: _Collector, place: Place, value: float | beliefs.Quantity, unit: str
 ) -> None:
-    if isinstance(value, records.Quantity):
+    if isinstance(value, beliefs.Quantity):
         found.run((*place, "unit"), units.factor, value.unit, unit)
 
 
@@ -161,9 +220,10 @@ def _check_counts(found: _Collector, config: records.Config, model: Model) -> No
     free = [
         name
         for name in model.parameters
-        if isinstance(getattr(config.parameters, name), records.PriorBase)
+        if isinstance(getattr(config.parameters, name), beliefs.PriorBase)
     ]
-    sigmas = [c for c in config.record.channels.values() if isinstance(c.sigma, records.PriorBase)]
+    free += [name for name, q in config.quantities.items() if isinstance(q, beliefs.PriorBase)]
+    sigmas = [c for c in config.record.channels.values() if isinstance(c.sigma, beliefs.PriorBase)]
     n_unknown = len(free) + len(sigmas)
     sampler = config.sampler
     if n_unknown == 0:
@@ -186,6 +246,19 @@ def _check_counts(found: _Collector, config: records.Config, model: Model) -> No
         found.add(("sampler", "max_steps"), message)
 
 
+def _check_calibration(found: _Collector, config: records.Config) -> None:
+    """What the pilot and the ranks need."""
+    own = config.calibration
+    if own.max_steps <= config.sampler.pilot:
+        message = f"{own.max_steps} is not above the pilot's {config.sampler.pilot}; make it larger"
+        found.add(("calibration", "max_steps"), message)
+    if own.ess < own.draws:
+        message = (
+            f"{own.ess:g} effective draws do not hold {own.draws} independent ones; make it larger"
+        )
+        found.add(("calibration", "ess"), message)
+
+
 def _check_simulation(found: _Collector, config: records.Config) -> None:
     simulation: Any = config.simulation
     if simulation is None:
@@ -200,3 +273,44 @@ def _check_simulation(found: _Collector, config: records.Config) -> None:
         if name not in config.record.channels and not found.spoilt(("record", "channels", name)):
             hint = did_you_mean(name, config.record.channels)
             found.add(("simulation", "sigma", name), f"there is no such channel{hint}")
+    for name in simulation.quantities:
+        if name not in config.quantities and not found.spoilt(("quantities", name)):
+            hint = did_you_mean(name, config.quantities)
+            found.add(("simulation", "quantities", name), f"there is no such quantity{hint}")
+
+
+def _check_output(found: _Collector, config: records.Config, model: Model) -> None:
+    """Names that a corner plot can show: unknowns, what is tied, what is derived."""
+    shown = [
+        name
+        for name in model.parameters
+        if isinstance(getattr(config.parameters, name), beliefs.PriorBase | beliefs.Tie)
+        or givens.is_formula(getattr(config.parameters, name))
+    ]
+    shown += [name for name, q in config.quantities.items() if isinstance(q, beliefs.PriorBase)]
+    shown += [
+        f"sigma_{name}"
+        for name, channel in config.record.channels.items()
+        if isinstance(channel.sigma, beliefs.PriorBase)
+    ]
+    shown += [*symbols.DERIVED, *config.derived]
+    for k, name in enumerate(config.output.corner or ()):
+        if name not in shown:
+            hint = did_you_mean(name, shown)
+            found.add(("output", "corner", k), f"{name} is neither unknown nor derived{hint}")
+
+
+def _check_identify(found: _Collector, config: records.Config) -> None:
+    own = config.identify
+    unknown = [
+        name
+        for name in symbols.PARAMETERS
+        if isinstance(getattr(config.parameters, name), beliefs.PriorBase)
+    ]
+    for k, name in enumerate(own.of_interest):
+        if name not in unknown:
+            hint = did_you_mean(name, unknown)
+            found.add(("identify", "of_interest", k), f"{name} is no unknown parameter{hint}")
+    if own.determined > own.left_to_prior:
+        message = f"{own.determined:g} is above left_to_prior, {own.left_to_prior:g}; exchange them"
+        found.add(("identify", "determined"), message)

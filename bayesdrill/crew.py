@@ -20,6 +20,8 @@ from threadpoolctl import threadpool_limits
 
 from bayesdrill.posterior import Posterior
 
+SPAWN = multiprocessing.get_context("spawn")
+
 
 class Crew:
     """A context manager; `submit` returns a future."""
@@ -28,12 +30,7 @@ class Crew:
         self._posterior = posterior
         self._pool: ProcessPoolExecutor | None = None
         if processes > 1:
-            self._pool = ProcessPoolExecutor(
-                max_workers=processes,
-                mp_context=multiprocessing.get_context("spawn"),
-                initializer=_enlist,
-                initargs=(posterior,),
-            )
+            self._pool = workers(processes, _take, posterior)
 
     def submit[**P, T](
         self,
@@ -42,12 +39,17 @@ class Crew:
         **named: P.kwargs,
     ) -> Future[T]:
         if self._pool is not None:
-            with _ctrl_c_waits():
+            with ctrl_c_waits():
                 return self._pool.submit(_work, function, arguments, named)
         future: Future[T] = Future()
         with threadpool_limits(1):
             future.set_result(function(self._posterior, *arguments, **named))
         return future
+
+    @property
+    def alone(self) -> bool:
+        """Whether the work is done in this process."""
+        return self._pool is None
 
     def __enter__(self) -> Self:
         return self
@@ -64,8 +66,21 @@ class Crew:
             self._pool.shutdown(wait=True, cancel_futures=True)
 
 
+def workers(processes: int, prepare: Callable[..., None], *arguments: Any) -> ProcessPoolExecutor:
+    """Fresh processes that compute on one thread, leave Ctrl-C to this one and die with it.
+
+    Each calls `prepare(*arguments)` before its first task.
+    """
+    return ProcessPoolExecutor(
+        max_workers=processes,
+        mp_context=SPAWN,
+        initializer=_enlist,
+        initargs=(prepare, *arguments),
+    )
+
+
 @contextmanager
-def _ctrl_c_waits() -> Iterator[None]:
+def ctrl_c_waits() -> Iterator[None]:
     """Hold Ctrl-C back for a moment: a worker that starts meanwhile never hears of it at all."""
     if not hasattr(signal, "pthread_sigmask"):
         yield
@@ -86,11 +101,15 @@ def available() -> int:
 _POST: dict[str, Any] = {}
 
 
-def _enlist(posterior: Posterior) -> None:
+def _enlist(prepare: Callable[..., None], *arguments: Any) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     threading.Thread(target=_outlive_no_parent, daemon=True).start()
     threadpool_limits(1)
+    prepare(*arguments)
+
+
+def _take(posterior: Posterior) -> None:
     _POST["posterior"] = posterior
 
 

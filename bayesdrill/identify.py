@@ -9,13 +9,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdrill import seeds
 from bayesdrill.errors import InputError, did_you_mean
 from bayesdrill.identifiability.profile import Fitter, Profile, profile
 from bayesdrill.identifiability.scenes import Scenery
-from bayesdrill.identifiability.study import Study, Thresholds, study
+from bayesdrill.identifiability.study import Study, study_of
 from bayesdrill.pipeline import Job
-from bayesdrill.progress import Reporter, Silent
+from bayesdrill.progress import Reporter
 from bayesdrill.report import identify_words as words
 from bayesdrill.store import whole
 
@@ -40,18 +39,12 @@ class Findings:
 
 def identify(job: Job, theta: Array, at: str, wanted: Sequence[str], report: Reporter) -> Findings:
     """At the physical point `theta (D,)`; profiles of the parameters `wanted`, or of `all`."""
-    posterior, settings = job.problem.posterior, job.config.identify
+    posterior = job.problem.posterior
     scenery = Scenery(posterior.likelihood)
+    if not scenery.unknowns:
+        raise InputError.one("parameters", "no parameter is unknown; there is nothing to identify")
     columns = _columns(scenery.unknowns, wanted)
-    found = study(
-        scenery,
-        posterior,
-        theta,
-        settings.of_interest,
-        Thresholds(determined=settings.determined, left_to_prior=settings.left_to_prior),
-        seeds.stream(job.config.seed, "identify"),
-        at,
-    )
+    found = study_of(scenery, posterior, theta, job.config, at)
     profiles = []
     if columns:
         fitter = Fitter(posterior, scenery, theta)
@@ -60,13 +53,6 @@ def identify(job: Job, theta: Array, at: str, wanted: Sequence[str], report: Rep
             profiles.append(profile(fitter, scenery.unknowns, column))
         report.update(1.0, "")
     return Findings(study=found, profiles=tuple(profiles))
-
-
-def preflight(job: Job) -> str:
-    """At the start, in a few lines."""
-    space = job.problem.posterior.space
-    findings = identify(job, space.vector(space.start), "the start", (), Silent())
-    return words.brief(findings.study)
 
 
 def publish(job: Job, findings: Findings, folder: Path) -> None:

@@ -111,6 +111,8 @@ def _message(error: dict[str, Any], place: Place) -> str:
             word = "symbol" if place[0] == "parameters" and len(place) == 2 else "key"
             if value is None and str(place[-1]).isdigit():
                 return f"unknown {word}; if a decimal comma made it, write a point"
+            if "<tie>" in error["loc"]:
+                return "a tied parameter has nothing else; remove this entry, or the tie"
             return f"unknown {word}{did_you_mean(str(place[-1]), _keys_at(error['loc']))}"
         case "missing":
             return "this entry is missing; see `bayesdrill schema` or configs/nominal_step.yaml"

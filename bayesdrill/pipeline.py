@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
+import importlib
 import json
 import time
 from collections.abc import Mapping
+from concurrent.futures import Future
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,18 +16,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdrill import build, loading, mode, provenance, recording, seeds, store
+from bayesdrill import build, loading, mode, provenance, recording, seeds, store, verdict
 from bayesdrill import config as records
 from bayesdrill.build import Problem
 from bayesdrill.convergence import Targets
 from bayesdrill.crew import Crew
 from bayesdrill.diagnostics import Row, summarise
 from bayesdrill.errors import InputError, Interrupted
+from bayesdrill.identifiability.scenes import Scenery
+from bayesdrill.identifiability.study import study_of
 from bayesdrill.mode import Mode, Search
 from bayesdrill.progress import Reporter
-from bayesdrill.report import publish, tables, words
+from bayesdrill.report import identify_words, publish, tables, verdict_words, words
 from bayesdrill.sampling import Plan, Sampled, sample, stored
 from bayesdrill.store import Folder
+from bayesdrill.verdict import Verdict
 from bayesdrill.yaml_source import Source
 
 Array = NDArray[np.float64]
@@ -46,10 +51,14 @@ class Job:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Outcome:
+    """`shown`: table and verdict for the terminal, in paragraphs."""
+
     folder: Path
     mode: Mode
     sampled: Sampled
     rows: tuple[Row, ...]
+    verdict: Verdict | None
+    shown: tuple[str, ...]
     seconds: Mapping[str, float]
 
 
@@ -91,20 +100,41 @@ def posterior(job: Job, output: Path, how: store.Mode, processes: int, report: R
 
 def _run(job: Job, folder: Folder, processes: int, report: Reporter) -> Outcome:
     clock = [time.perf_counter()]
-    with Crew(job.problem.posterior, processes) as crew:
-        found = _find_mode(job, crew, folder, report)
+    posterior = job.problem.posterior
+    with Crew(posterior, processes) as crew:
+        known = (folder.path / MAP_FILE).exists()
+        searches = [] if known else _begin_search(job, crew)
+        # While others search the MAP, this process looks at what the record can show, and loads
+        # what sampling and report will need.
+        scenery = Scenery(posterior.likelihood)
+        report.say(preflight(job, scenery))
+        if not crew.alone:
+            _load_ahead()
+        found = _read_mode(folder.path / MAP_FILE) if known else _end_search(job, searches, report)
+        if not known:
+            text = json.dumps(dataclasses.asdict(found), indent=2) + "\n"
+            folder.write_text(MAP_FILE, text)
         clock.append(time.perf_counter())
-        vector = job.problem.posterior.space.vector(found.values)
-        sampled = sample(crew, job.problem.posterior, vector, plan(job.config), folder, report)
-    clock.append(time.perf_counter())
-    names = ",".join(job.problem.names)
-    coordinates = type(job.problem.posterior.coordinates).__name__.lower()
-    folder.finish_chain(sampled.pieces, {"coordinates": coordinates, "unknowns": names})
-    seconds = {"map": clock[1] - clock[0], "sampling": clock[2] - clock[1]}
-    return _publish(job, folder, found, sampled, seconds, report)
+        vector = posterior.space.vector(found.values)
+        sampled = sample(crew, posterior, vector, plan(job.config), folder, report)
+        clock.append(time.perf_counter())
+        names = ",".join(job.problem.names)
+        coordinates = type(posterior.coordinates).__name__.lower()
+        folder.finish_chain(sampled.pieces, {"coordinates": coordinates, "unknowns": names})
+        seconds = {"map": clock[1] - clock[0], "sampling": clock[2] - clock[1]}
+        return _publish(job, folder, found, sampled, scenery, seconds, crew)
 
 
-def republish(output: Path, report: Reporter) -> Outcome:
+def preflight(job: Job, scenery: Scenery) -> str:
+    """What the record can show at the start values, in a few lines."""
+    if not scenery.unknowns:
+        return "no parameter is unknown: only noise levels are looked for"
+    posterior = job.problem.posterior
+    start = posterior.space.vector(posterior.space.start)
+    return identify_words.brief(study_of(scenery, posterior, start, job.config))
+
+
+def republish(output: Path, processes: int) -> Outcome:
     """Tables and figures again, from the chain that `output` holds."""
     if store.read_run(output) is None:
         raise InputError.one(str(output), "no results here; give the folder of a finished run")
@@ -113,14 +143,18 @@ def republish(output: Path, report: Reporter) -> Outcome:
     job = prepare(output / RESOLVED_FILE)
     marks = provenance.fingerprint(job.config, job.problem)
     with Folder(output, "report", marks) as folder:
-        sampled = stored(job.problem.posterior, plan(job.config), folder)
-        return _publish(job, folder, _read_mode(output / MAP_FILE), sampled, {}, report)
+        posterior = job.problem.posterior
+        sampled = stored(posterior, plan(job.config), folder)
+        with Crew(posterior, processes) as crew:
+            scenery = Scenery(posterior.likelihood)
+            found = _read_mode(output / MAP_FILE)
+            return _publish(job, folder, found, sampled, scenery, {}, crew)
 
 
 def find_mode(job: Job, processes: int, report: Reporter) -> Mode:
     """The MAP alone; nothing is written."""
     with Crew(job.problem.posterior, processes) as crew:
-        return _search(job, crew, report)
+        return _end_search(job, _begin_search(job, crew), report)
 
 
 def plan(config: records.Config) -> Plan:
@@ -136,28 +170,29 @@ def plan(config: records.Config) -> Plan:
     )
 
 
-def _find_mode(job: Job, crew: Crew, folder: Folder, report: Reporter) -> Mode:
-    if (folder.path / MAP_FILE).exists():
-        return _read_mode(folder.path / MAP_FILE)
-    found = _search(job, crew, report)
-    folder.write_text(MAP_FILE, json.dumps(dataclasses.asdict(found), indent=2) + "\n")
-    return found
-
-
-def _search(job: Job, crew: Crew, report: Reporter) -> Mode:
+def _begin_search(job: Job, crew: Crew) -> list[Future[Search]]:
     settings, target = job.config.map, job.problem.posterior
     points = mode.starts(target, settings.starts, seeds.stream(job.config.seed, "map"))
-    tasks = [
+    return [
         crew.submit(mode.search, settings.method, settings.evaluations, point) for point in points
     ]
+
+
+def _end_search(job: Job, tasks: list[Future[Search]], report: Reporter) -> Mode:
     searches = []
     for done, task in enumerate(tasks):
         report.update(done / len(tasks), "searching the MAP")
         searches.append(task.result())
     report.update(1.0, "")
-    found = mode.summarise(target, tuple(searches))
+    found = mode.summarise(job.problem.posterior, tuple(searches))
     report.say(words.mode(found))
     return found
+
+
+def _load_ahead() -> None:
+    """Libraries that take a while to load."""
+    for name in ("sklearn.mixture", "scipy.stats"):
+        importlib.import_module(name)
 
 
 def _read_mode(path: Path) -> Mode:
@@ -175,13 +210,18 @@ def _publish(
     folder: Folder,
     found: Mode,
     sampled: Sampled,
+    scenery: Scenery,
     seconds: dict[str, float],
-    report: Reporter,
+    crew: Crew,
 ) -> Outcome:
     begun = time.perf_counter()
     c = sampled.convergence
+    table = job.config.nominal.table  # type: ignore[attr-defined]
     rows = summarise(job.problem, sampled.draws, found, c)
-    publish.everything(job.problem, found, sampled, rows, job.config, folder)
+    vector = job.problem.posterior.space.vector(found.values)
+    draws = sampled.draws.reshape(-1, len(vector))
+    judged = verdict.judgement(job.problem, job.config, scenery, vector, draws, rows)
+    publish.everything(job.problem, found, sampled, rows, judged, job.config, folder, crew)
     if seconds:
         seconds["report"] = time.perf_counter() - begun
         folder.write_run(seconds={name: round(value, 3) for name, value in seconds.items()})
@@ -190,6 +230,9 @@ def _publish(
         converged=c.converged,
         reasons=list(c.reasons),
         notes=tables.notes(rows),
+        verdict=None
+        if judged is None
+        else verdict_words.as_data(judged.verdict, table, converged=c.converged),
         steps=c.steps,
         burn_in=c.burn_in,
         burn_in_rule=c.burn_in_rule,
@@ -201,4 +244,16 @@ def _publish(
         acceptance=[round(float(x), 4) for x in sampled.acceptance],
         failures=sampled.failures,
     )
-    return Outcome(folder=folder.path, mode=found, sampled=sampled, rows=rows, seconds=seconds)
+    shown = [tables.as_text(rows), tables.in_words(rows)]
+    if judged is not None:
+        said = verdict_words.sentences(judged.verdict, table, converged=c.converged)
+        shown += [verdict_words.as_text(judged.verdict), said]
+    return Outcome(
+        folder=folder.path,
+        mode=found,
+        sampled=sampled,
+        rows=rows,
+        verdict=None if judged is None else judged.verdict,
+        shown=tuple(shown),
+        seconds=seconds,
+    )

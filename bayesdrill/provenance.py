@@ -37,6 +37,7 @@ def fingerprint(config: records.Config, problem: Problem) -> dict[str, str]:
         "the model": repr(posterior.likelihood.response.model),
         **{f"the prior of {name}": repr(prior) for name, prior in space.priors.items()},
         **{f"{name}, which is held,": repr(value) for name, value in space.fixed.items()},
+        **{f"the relation of {name}": r.text for name, r in space.relations.items()},
         "the start of the MAP search": repr(dict(space.start)),
         **_of_noise(problem),
         "the coordinates": f"{coordinates} ({_short(repr(posterior.coordinates))})",

@@ -78,9 +78,7 @@ class Response:
         return np.ascontiguousarray(rows[: len(theta)])
 
     def _run(self, kernel: Any, blocks: Array, out: Array) -> None:
-        kernel(
-            len(blocks), len(self._y), *(a.ctypes.data for a in (blocks, self._y, self._u, out))
-        )
+        kernel(len(blocks), len(self._y), *(a.ctypes.data for a in (blocks, self._y, self._u, out)))
 
 
 def _in_lanes(theta: Array) -> Array:

@@ -24,7 +24,7 @@ from bayesdrill.store import Folder
 
 Array = NDArray[np.float64]
 
-FIRST_CHECK = 300  # steps after the pilot; further checks follow when these have grown by a quarter
+FIRST_CHECK = 300  # steps after the pilot, at least as many as it had; then whenever a quarter more
 GROWTH = 1.25
 PIECE = 250  # steps between savings, at most, and ...
 PIECE_SECONDS = 2.0  # ... about as many as take this long: what Ctrl-C waits for
@@ -205,7 +205,7 @@ def _advance_to(
 
 def _checks(plan: Plan) -> Iterator[int]:
     """When to judge: at steps that do not depend on how the run was cut."""
-    steps = FIRST_CHECK
+    steps = max(FIRST_CHECK, plan.pilot)
     while plan.pilot + steps < plan.max_steps:
         yield plan.pilot + steps
         steps = int(steps * GROWTH)

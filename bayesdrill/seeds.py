@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 
-Purpose = Literal["record", "map", "start", "walk", "predictive", "prior", "pilot"]
+Purpose = Literal[
+    "record", "map", "start", "walk", "predictive", "prior", "pilot", "calibrate", "identify"
+]
 
-_ORDER: tuple[Purpose, ...] = ("record", "map", "start", "walk", "predictive", "prior", "pilot")
+_ORDER: tuple[Purpose, ...] = get_args(Purpose)
 
 
 def _sequence(seed: int, purpose: Purpose, index: int) -> np.random.SeedSequence:

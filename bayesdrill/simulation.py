@@ -8,10 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdrill import build, recording, seeds, symbols, units
+from bayesdrill import build, givens, recording, seeds, symbols, units
 from bayesdrill import config as records
 from bayesdrill.errors import InputError
 from bayesdrill.experiment import Experiment, frozen
+from bayesdrill.models.linear import Model
 from bayesdrill.response import Response
 from bayesdrill.yaml_source import Source
 
@@ -22,12 +23,13 @@ def simulate(config: records.Config, source: Source, seed: int) -> str:
     """A record as CSV text that the config itself reads.
 
     Times and measured inputs are those of the config's `simulation:` grid, or else of its record.
-    True values are nominal, or the config's fixed ones, unless `simulation:` names them.
+    True values are nominal, or the config's fixed ones, unless `simulation:` names them; what is
+    tied follows from them.
     """
-    experiment = _grid(config, source)
+    experiment = grid(config, source)
     rig = build.model(config)
     measured = build.channels(config, rig)
-    truth = _truth(config, rig.parameters)
+    truth = _truth(config, rig)
     signals = Response(rig, experiment).signals(np.array([[truth[p] for p in rig.parameters]]))[0]
     sigmas = np.array([_sigma(config, source, entry) for entry in measured])
     noise = seeds.stream(seed, "record").standard_normal(signals.shape)
@@ -36,7 +38,8 @@ def simulate(config: records.Config, source: Source, seed: int) -> str:
     return _as_csv(config, source, experiment, y)
 
 
-def _grid(config: records.Config, source: Source) -> Experiment:
+def grid(config: records.Config, source: Source) -> Experiment:
+    """Times and inputs, those of `simulation:` or else of the record; what was measured is no matter."""
     simulation: Any = config.simulation
     series = list(build.measured_inputs(config))
     if simulation is None or simulation.duration is None:
@@ -66,15 +69,17 @@ def _grid(config: records.Config, source: Source) -> Experiment:
     )
 
 
-def _truth(config: records.Config, names: tuple[str, ...]) -> dict[str, float]:
-    values = build.nominal(config)
-    for name in names:
-        spec = getattr(config.parameters, name)
-        if isinstance(spec, float | int):
-            values[name] = float(spec)
-        named = getattr(config.simulation, name, None)
-        if named is not None:
-            values[name] = named
+def _truth(config: records.Config, rig: Model) -> dict[str, float]:
+    space = build.space(config, rig, [])
+    simulation: Any = config.simulation
+    named = {name: getattr(simulation, name, None) for name in rig.parameters}
+    values = {**space.start, **build.nominal(config), **space.fixed}
+    for name, value in simulation.quantities.items() if simulation else ():
+        values[name] = value * givens.quantity(name, config.quantities[name]).factor
+    values |= {name: value for name, value in named.items() if value is not None}
+    for name in rig.parameters:
+        if name in space.relations and named[name] is None:
+            values[name] = float(space.relations[name].value(values))
     return values
 
 

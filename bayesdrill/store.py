@@ -37,9 +37,14 @@ OWN = (
     "config.resolved.yaml",
     "posterior.nc",
     "summary.*",
+    "derived.csv",
+    "verdict.csv",
     "figures/corner.*",
     "figures/trace.*",
     "figures/fit.*",
+    "figures/prior_posterior.*",
+    "figures/ridge.*",
+    "figures/invariants.*",
     RUN,
 )  # what a run writes; last the file that says whose it is
 

@@ -6,6 +6,7 @@ Symbols are the paper's own (Sandoval, Cunha Jr and Sampaio, ENIEF 2013, Table 1
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
@@ -89,6 +90,43 @@ NOMINAL: Mapping[str, NominalTable] = MappingProxyType(
 )
 
 DEFAULT_NOMINAL = "tables_2_3"
+
+
+# What follows from the parameters, for every draw (`bayesdrill.derived`).
+DERIVED = _table(
+    Symbol("omega_n", "rad/s", r"\omega_n", "rad/s", "natural frequency of the oscillating pair"),
+    Symbol("zeta", "1", r"\zeta", "", "damping ratio of the oscillating pair"),
+    Symbol("tau_e", "s", r"\tau_e", "s", "shortest time constant: that of the current"),
+    Symbol(
+        "tau_m", "s", r"\tau_m", "s", "longest time constant that does not oscillate: the motor's"
+    ),
+    Symbol("w_end", "rad/s", r"\dot\theta_\infty", "rad/s", "steady speed at the usual inputs"),
+    Symbol("i_end", "A", r"\dot q_\infty", "A", "steady current at the usual inputs"),
+)
+
+_GREEK = re.compile(
+    "alpha|beta|gamma|delta|epsilon|zeta|eta|theta|kappa|lambda|mu|nu|xi|rho|sigma|tau|phi|chi|psi|"
+    "omega|Gamma|Delta|Theta|Lambda|Xi|Pi|Sigma|Phi|Psi|Omega"
+)
+
+
+def own_symbol(name: str, unit: str, latex: str | None, meaning: str) -> Symbol:
+    """Of a name that a config brings: `omega_1` is drawn as an omega with an index."""
+    head, _, index = name.partition("_")
+    shown = (
+        rf"\{head}" if _GREEK.fullmatch(head) else head if len(head) == 1 else rf"\mathrm{{{head}}}"
+    )
+    if index:
+        plain = index.replace("_", ",")
+        shown += rf"_{{{plain}}}" if len(plain) == 1 else rf"_{{\mathrm{{{plain}}}}}"
+    return Symbol(name, unit, latex or shown, _latex_unit(unit), meaning)
+
+
+def _latex_unit(unit: str) -> str:
+    if unit in ("1", ""):
+        return ""
+    powers = re.sub(r"\*\*(-?[\d.]+)", r"^{\1}", unit.replace(" ", ""))
+    return powers.replace("*", r"\,").replace("ohm", r"\Omega")
 
 
 def noise_symbol(channel: str, unit: str, latex: str, latex_unit: str) -> Symbol:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from xarray import DataTree
 
 from bayesdrill.build import Problem
+from bayesdrill.derived import Derived
 from bayesdrill.sampling import Sampled
 
 Array = NDArray[np.float64]
@@ -25,9 +26,11 @@ def make_tree(
     rng: np.random.Generator,
     prior_rng: np.random.Generator,
     attributes: Mapping[str, Any],
+    derived: Derived,
 ) -> DataTree:
     """Groups as in the ArviZ schema; units and meanings as attributes of the variables.
 
+    `derived` follows from `posterior`, draw by draw; NaN where a draw has no such value.
     `log_likelihood` (pointwise) and `posterior_predictive` hold `predictive_draws` draws of every
     chain, evenly spaced; their `draw` coordinate says which.
     """
@@ -43,6 +46,9 @@ def make_tree(
             "posterior": _named(problem, draws),
             "sample_stats": {"lp": sampled.log_p},
             "prior": _named(problem, prior),
+            "derived": {
+                symbol.name: derived.values[..., q] for q, symbol in enumerate(derived.symbols)
+            },
         }
     )
     tree["sample_stats"].attrs["lp"] = "log density over the sampler's coordinates, unnormalised"
@@ -60,6 +66,8 @@ def make_tree(
     for name, group in rest.children.items():
         tree[name] = group.copy()
     _describe(tree, problem)
+    for symbol in derived.symbols:
+        tree["derived"][symbol.name].attrs.update(units=symbol.unit, long_name=symbol.meaning)
     tree.attrs.update(attributes)
     tree["posterior"].attrs.update(attributes)
     return tree

@@ -9,6 +9,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from bayesdrill import config as records
+from bayesdrill import seeds
 from bayesdrill.identifiability import information, structure
 from bayesdrill.identifiability.information import Direction, Information, Product
 from bayesdrill.identifiability.remedies import Remedy, remedies
@@ -90,6 +92,26 @@ def study(
         products=tuple(_known(p, thresholds) for p in information.products(known, prior_sd)),
         directions=information.directions(known),
         remedies=remedies(scenery, theta, found.symmetries, prior_sd, of_interest or names),
+    )
+
+
+def study_of(
+    scenery: Scenery,
+    posterior: Posterior,
+    theta: Array,
+    config: records.Config,
+    at: str = "the start",
+) -> Study:
+    """With the settings and the seed of a config."""
+    own = config.identify
+    return study(
+        scenery,
+        posterior,
+        theta,
+        own.of_interest,
+        Thresholds(determined=own.determined, left_to_prior=own.left_to_prior),
+        seeds.stream(config.seed, "identify"),
+        at,
     )
 
 

@@ -12,6 +12,7 @@ from bayesdrill.kernels.lanes import (
     INT_VEC,
     LANES,
     VEC,
+    VECTORS,
     Lane,
     Loop,
     fma,
@@ -39,14 +40,13 @@ def emit_exponential(module: ir.Module, layout: Layout, name: str, span: float) 
     Taylor series of degree 16 in powers of the fourth power, then squarings lane by lane.
     """
     product = module.globals.get("product") or _emit_product(module, layout)
-    made = function(module, name, 0, 2)
+    made = function(module, name, 0, [VECTORS] * 2)
     parameters, e = made.args
     b = ir.IRBuilder(made.append_basic_block())
     n = layout.size
     reached = [i * n + j for i in range(n) for j in range(n) if layout.reach[i][j]]
-    scratch = b.alloca(F64, I64(5 * n * n * LANES))
-    scratch.align = 64
-    a, second, third, fourth, spare = (b.gep(scratch, [I64(k * n * n * LANES)]) for k in range(5))
+    scratch = b.alloca(VEC, I64(5 * n * n))
+    a, second, third, fourth, spare = (b.gep(scratch, [I64(k * n * n)]) for k in range(5))
     halvings = _emit_scaled_matrix(b, layout, parameters, span, a)
     for out, left, right in ((second, a, a), (third, second, a), (fourth, second, second)):
         b.call(product, [out, left, right])
@@ -132,7 +132,7 @@ def _value(entry: Lane | float) -> ir.Value:
 
 def _emit_product(module: ir.Module, layout: Layout) -> ir.Function:
     """out = a b, over the entries in reach."""
-    made = function(module, "product", 0, 3)
+    made = function(module, "product", 0, [VECTORS] * 3)
     out, left, right = made.args
     b = ir.IRBuilder(made.append_basic_block())
     n, reach = layout.size, layout.reach

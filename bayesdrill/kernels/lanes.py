@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from llvmlite import ir
@@ -13,7 +14,8 @@ I64 = ir.IntType(64)
 I32 = ir.IntType(32)
 VEC = ir.VectorType(F64, LANES)
 INT_VEC = ir.VectorType(I64, LANES)
-PTR = F64.as_pointer()
+NUMBERS = F64.as_pointer()  # a block of single numbers, and ...
+VECTORS = VEC.as_pointer()  # ... one of vectors: `LANES` numbers each
 
 
 def vector(value: float) -> ir.Constant:
@@ -25,13 +27,11 @@ def whole_numbers(value: int) -> ir.Constant:
 
 
 def load(b: ir.IRBuilder, base: ir.Value, index: int) -> ir.Value:
-    place = b.bitcast(b.gep(base, [I64(index * LANES)]), VEC.as_pointer())
-    return b.load(place, align=8)
+    return b.load(b.gep(base, [I64(index)]), align=8)
 
 
 def store(b: ir.IRBuilder, value: ir.Value, base: ir.Value, index: int) -> None:
-    place = b.bitcast(b.gep(base, [I64(index * LANES)]), VEC.as_pointer())
-    b.store(value, place, align=8)
+    b.store(value, b.gep(base, [I64(index)]), align=8)
 
 
 def splat(b: ir.IRBuilder, scalar: ir.Value) -> ir.Value:
@@ -41,9 +41,9 @@ def splat(b: ir.IRBuilder, scalar: ir.Value) -> ir.Value:
     return b.shuffle_vector(one, undefined, lanes)
 
 
-def function(module: ir.Module, name: str, counts: int, pointers: int) -> ir.Function:
-    """Takes `counts` integers, then addresses of blocks that do not overlap; gives nothing."""
-    signature = ir.FunctionType(ir.VoidType(), [I64] * counts + [PTR] * pointers)
+def function(module: ir.Module, name: str, counts: int, blocks: Sequence[ir.Type]) -> ir.Function:
+    """Takes `counts` integers, then addresses of `blocks` that do not overlap; gives nothing."""
+    signature = ir.FunctionType(ir.VoidType(), [I64] * counts + list(blocks))
     made = ir.Function(module, signature, name)
     for argument in made.args[counts:]:
         argument.add_attribute("noalias")

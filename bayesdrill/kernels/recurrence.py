@@ -5,9 +5,10 @@ from __future__ import annotations
 from llvmlite import ir
 
 from bayesdrill.kernels.lanes import (
-    F64,
     I64,
-    LANES,
+    NUMBERS,
+    VEC,
+    VECTORS,
     Loop,
     fma,
     function,
@@ -26,14 +27,14 @@ def emit_response(
 
     x(k + 1) = Phi x(k) + g + G0 u(k) + G1 (u(k + 1) - u(k)), and what is made of x(k).
     """
-    made = function(module, "misfit" if sums else "signals", 2, 4)
+    blocks = [VECTORS, NUMBERS, NUMBERS, VECTORS]
+    made = function(module, "misfit" if sums else "signals", 2, blocks)
     n_groups, n_samples, parameters, y, u, out = made.args
     b = ir.IRBuilder(made.append_basic_block())
     n, k_count = layout.size, len(layout.channels)
-    e = b.alloca(F64, I64(n * n * LANES))
-    e.align = 64
+    e = b.alloca(VEC, I64(n * n))
     groups = Loop(b, n_groups, [], "groups")
-    mine = b.gep(parameters, [b.mul(groups.index, I64(layout.n_parameters * LANES))])
+    mine = b.gep(parameters, [b.mul(groups.index, I64(layout.n_parameters))])
     state = [vector(value) for value in layout.x0]
     if lead is not None:
         b.call(lead, [mine, e])
@@ -54,9 +55,9 @@ def emit_response(
             totals[k] = fma(b, value, value, totals[k])
         else:
             row = b.add(b.mul(groups.index, b.mul(n_samples, I64(k_count))), flat)
-            store(b, value, b.gep(out, [b.mul(row, I64(LANES))]), 0)
+            store(b, value, b.gep(out, [row]), 0)
     samples.close(_next_state(b, layout, phi, state, drive) + totals)
-    place = b.gep(out, [b.mul(groups.index, I64(k_count * LANES))])
+    place = b.gep(out, [b.mul(groups.index, I64(k_count))])
     for k, total in enumerate(totals):
         store(b, total, place, k)
     groups.close([])

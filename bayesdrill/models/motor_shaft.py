@@ -24,7 +24,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from bayesdrill.models.linear import Array, Linear, Named
+from bayesdrill.formulas import Monomial
+from bayesdrill.models.linear import NO_RELATIONS, Array, Linear, Named
 from bayesdrill.models.motor_shaft_chart import MotorShaftChart, make_chart
 
 PARAMETERS = ("j_m", "c_m", "k_e", "k_T", "r_m", "l_m", "k_s", "j_1", "t_f")
@@ -64,8 +65,14 @@ class MotorShaft:
             c={"w_2": -i_m * t_f / j_m},
         )
 
-    def chart(self, v: float, free: tuple[str, ...], fixed: Mapping[str, float]) -> MotorShaftChart:
-        return make_chart(self.i_m, v, free, fixed)
+    def chart(
+        self,
+        v: float,
+        free: tuple[str, ...],
+        fixed: Mapping[str, float],
+        relations: Mapping[str, Monomial] = NO_RELATIONS,
+    ) -> MotorShaftChart:
+        return make_chart(self.i_m, v, free, fixed, relations)
 
 
 def six_state_matrix(p: Named, i_m: float = 1 / 8) -> Array:

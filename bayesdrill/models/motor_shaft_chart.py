@@ -15,6 +15,10 @@ solved one by one, each for the one quantity in it that is not known yet; a plan
 for each set of free parameters.  In logs, |d coordinates / d parameters| is the product of the
 derivatives of each equation by what it is solved for, most of which are 1.
 
+A parameter that is given by others as a product of powers (`k_T = k_e`, `k_s = pi G d^4/(32 L)`)
+brings one more log-linear equation, and G, d, L further logs to keep.  Such equations can be left
+with several unknowns in common; then they are solved together.
+
 `v/rho - t_f` is continued by a positive function where friction takes more than half of the stall
 torque, so that all positive parameters have coordinates.
 """
@@ -30,8 +34,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import wrightomega
 
+from bayesdrill.formulas import Monomial
+from bayesdrill.models.linear import NO_RELATIONS
+
 Array = NDArray[np.float64]
 Logs = dict[str, Array | float]
+Equations = Mapping[str, Mapping[str, float]]
 
 TARGETS = ("speed", "rotor", "shaft", "inertia", "electrical")
 
@@ -51,6 +59,7 @@ CURVED: Mapping[str, tuple[str, ...]] = {
 AUXILIARY = ("rho", "kappa", "d")
 
 # Which logs to keep beside the targets: what the record knows least comes first.
+# Quantities that parameters are given by come even before, as they are known beforehand.
 KEPT_FIRST = ("c_m", "t_f", "j_1", "r_m", "l_m", "k_T", "k_s", "j_m", "k_e")
 
 
@@ -60,6 +69,15 @@ class Step:
 
     equation: str
     unknown: str
+
+
+@dataclass(frozen=True, slots=True)
+class Block:
+    """Solve log-linear `equations` for as many `unknowns`, whose weights are `matrix`."""
+
+    equations: tuple[str, ...]
+    unknowns: tuple[str, ...]
+    matrix: Array
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,10 +98,12 @@ class MotorShaftChart:
     v: float
     free: tuple[str, ...]
     fixed: Mapping[str, float]
+    relations: Mapping[str, Monomial]
     coordinates: tuple[str, ...]
     stages: tuple[Stage, ...]
     weights: Array
     offset: Array
+    log_pivots: float
 
     @property
     def labels(self) -> tuple[str, ...]:
@@ -97,7 +117,7 @@ class MotorShaftChart:
         m = z.shape[1]
         basis = np.empty((len(z), m + len(self.stages)))
         basis[:, :m] = z
-        log_det = np.zeros(len(z))
+        log_det = np.full(len(z), -self.log_pivots)
         for column, stage in enumerate(self.stages, start=m):
             values = basis[:, :column] @ stage.weights + stage.offset
             known: Logs = dict(zip(stage.names, values.T, strict=True))
@@ -109,6 +129,9 @@ class MotorShaftChart:
         """All quantities from the parameters."""
         known: Logs = dict(_constants(self.i_m, self.v, self.fixed))
         known.update(zip(self.free, logs.T, strict=True))
+        for name, relation in self.relations.items():
+            terms = [power * known[other] for other, power in relation.powers.items()]
+            known[name] = math.log(relation.factor) + sum(terms)
         for name in (*AUXILIARY, *TARGETS):
             known[name] = _solve(Step(name, name), known)
         return known
@@ -120,22 +143,41 @@ def _constants(i_m: float, v: float, fixed: Mapping[str, float]) -> dict[str, fl
 
 
 def make_chart(
-    i_m: float, v: float, free: tuple[str, ...], fixed: Mapping[str, float]
+    i_m: float,
+    v: float,
+    free: tuple[str, ...],
+    fixed: Mapping[str, float],
+    relations: Mapping[str, Monomial] = NO_RELATIONS,
 ) -> MotorShaftChart:
     """The chart with the most targets that a plan can be found for."""
-    coordinates, plan = next(_plans(free, frozenset(fixed)))
-    curved = [step for step in plan if step.equation in CURVED]
+    free = tuple(map(_own, free))
+    fixed = {_own(name): value for name, value in fixed.items()}
+    relations = {
+        name: Monomial(r.factor, {_own(other): power for other, power in r.powers.items()})
+        for name, r in relations.items()
+    }
+    linear = {**LINEAR, **{_relating(name): _row(name, r) for name, r in relations.items()}}
+    coordinates, plan = next(_plans(free, frozenset(fixed), linear))
+    curved = [step for step in plan if isinstance(step, Step)]
     # Every quantity is a weighted sum of the coordinates, of what the curved steps before it have
     # found, and of a constant, which stands last.
     unit = np.eye(len(coordinates) + len(curved) + 1)
     forms = {name: value * unit[-1] for name, value in _constants(i_m, v, fixed).items()}
+    forms.update((_factor(name), math.log(r.factor) * unit[-1]) for name, r in relations.items())
     forms.update(zip(coordinates, unit, strict=False))
+    nothing = 0.0 * unit[-1]
     stages: list[Stage] = []
+    log_pivots = 0.0
     for step in plan:
-        if step.equation in LINEAR:
-            weights = LINEAR[step.equation]
-            rest = [w * forms[name] for name, w in weights.items() if name != step.unknown]
-            forms[step.unknown] = -np.sum(rest, axis=0) / weights[step.unknown]
+        if isinstance(step, Block):
+            rows = [linear[equation] for equation in step.equations]
+            rest = [
+                -sum(w * forms[n] for n, w in row.items() if n not in step.unknowns) + nothing
+                for row in rows
+            ]
+            solved = np.linalg.solve(step.matrix, rest)
+            forms.update(zip(step.unknowns, solved, strict=True))
+            log_pivots += float(np.linalg.slogdet(step.matrix)[1])
         else:
             column = len(coordinates) + len(stages)
             names = (*(n for n in CURVED[step.equation] if n != step.unknown), "v")
@@ -147,46 +189,98 @@ def make_chart(
         i_m=i_m,
         v=v,
         free=free,
-        fixed=dict(fixed),
+        fixed=fixed,
+        relations=relations,
         coordinates=coordinates,
         stages=tuple(stages),
         weights=form[:, :-1].T.copy(),
         offset=form[:, -1],
+        log_pivots=log_pivots,
     )
 
 
+def _own(name: str) -> str:
+    """A quantity of the user's may be called as one of those here."""
+    return name if name in KEPT_FIRST else f"quantity {name}"
+
+
+def _relating(name: str) -> str:
+    return f"relation of {name}"
+
+
+def _factor(name: str) -> str:
+    return f"factor of {name}"
+
+
+def _row(name: str, relation: Monomial) -> dict[str, float]:
+    return {name: 1.0, **{n: -p for n, p in relation.powers.items()}, _factor(name): -1.0}
+
+
 def _plans(
-    free: tuple[str, ...], fixed: frozenset[str]
-) -> Iterator[tuple[tuple[str, ...], tuple[Step, ...]]]:
+    free: tuple[str, ...], fixed: frozenset[str], linear: Equations
+) -> Iterator[tuple[tuple[str, ...], tuple[Step | Block, ...]]]:
     """Possible charts, best first; the last keeps the logs of all free parameters."""
-    preferred = [name for name in KEPT_FIRST if name in free]
+    preferred = [name for name in free if name not in KEPT_FIRST]
+    preferred += [name for name in KEPT_FIRST if name in free]
     for n_targets in range(min(len(TARGETS), len(free)), -1, -1):
         for targets in itertools.combinations(TARGETS, n_targets):
             for kept in itertools.combinations(preferred, len(free) - n_targets):
-                plan = _plan(targets, frozenset(kept) | fixed)
+                plan = _plan(targets, frozenset(kept) | fixed, linear)
                 if plan is not None:
                     yield (*targets, *kept), plan
 
 
-def _plan(targets: tuple[str, ...], known: frozenset[str]) -> tuple[Step, ...] | None:
-    """An order in which every equation has one unknown left, or None where there is none."""
-    have = known | set(targets) | {"gear"}
-    open_ = {name: frozenset(LINEAR[name]) for name in LINEAR if name in (*AUXILIARY, *targets)}
-    open_ |= {name: frozenset(CURVED[name]) for name in CURVED if name in (*AUXILIARY, *targets)}
-    steps = []
+def _plan(
+    targets: tuple[str, ...], known: frozenset[str], linear: Equations
+) -> tuple[Step | Block, ...] | None:
+    """An order in which every equation has one unknown left, or None where there is none.
+
+    Log-linear equations may instead have as many unknowns left as they are.
+    """
+    given = {name for row in linear.values() for name in row if name.startswith(_factor(""))}
+    have = known | set(targets) | {"gear"} | given
+    wanted = {*AUXILIARY, *targets, *(name for name in linear if name not in LINEAR)}
+    open_ = {name: frozenset(row) for name, row in linear.items() if name in wanted}
+    open_ |= {name: frozenset(row) for name, row in CURVED.items() if name in wanted}
+    steps: list[Step | Block] = []
     while open_:
-        ready = [name for name, quantities in open_.items() if len(quantities - have) == 1]
-        if not ready:
-            return None
-        (unknown,) = open_.pop(ready[0]) - have
-        have |= {unknown}
-        steps.append(Step(ready[0], unknown))
+        left = {name: quantities - have for name, quantities in open_.items()}
+        ready = [name for name in left if len(left[name]) == 1]
+        if ready and ready[0] in CURVED:
+            (unknown,) = left[ready[0]]
+            step: Step | Block = Step(ready[0], unknown)
+            done, found = [ready[0]], {unknown}
+        else:
+            pool = ready[:1] or [name for name in left if name in linear]
+            block = _block(pool, left, linear)
+            if block is None:
+                return None
+            step, done, found = block, list(block.equations), set(block.unknowns)
+        for name in done:
+            del open_[name]
+        have |= found
+        steps.append(step)
     return tuple(steps)
+
+
+def _block(pool: list[str], left: Mapping[str, frozenset[str]], linear: Equations) -> Block | None:
+    """The fewest equations of `pool` that determine all that they have left."""
+    for size in range(1, len(pool) + 1):
+        for equations in itertools.combinations(pool, size):
+            unknowns = tuple(sorted(frozenset().union(*(left[name] for name in equations))))
+            if len(unknowns) != size:
+                continue
+            matrix = np.array(
+                [[float(linear[name].get(n, 0.0)) for n in unknowns] for name in equations]
+            )
+            if abs(np.linalg.det(matrix)) > 1e-9:
+                return Block(equations, unknowns, matrix)
+    return None
 
 
 def _solve(step: Step, known: Logs) -> Array | float:
     """The log of the unknown; NaN where it would not be positive."""
-    if step.equation in LINEAR:
+    if step.equation in LINEAR:  # an auxiliary or a target, from the parameters
         weights = LINEAR[step.equation]
         rest = sum(w * known[name] for name, w in weights.items() if name != step.unknown)
         return -rest / weights[step.unknown]

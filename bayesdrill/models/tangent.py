@@ -10,9 +10,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
-from bayesdrill.models.linear import Linear, Model, Named
+import numpy as np
+
+from bayesdrill.formulas import Monomial
+from bayesdrill.models.linear import NO_RELATIONS, Linear, Model, Named
 
 DOT = "_dot"
 
@@ -23,6 +26,8 @@ class Dual:
 
     value: Any
     slope: Any
+
+    __array_ufunc__: ClassVar[None] = None  # NumPy's numbers leave arithmetic with it to it
 
     def __add__(self, other: Any) -> Dual:
         right = _dual(other)
@@ -53,11 +58,24 @@ class Dual:
     def __rtruediv__(self, other: Any) -> Dual:
         return _dual(other) / self
 
-    def __pow__(self, power: int) -> Dual:
+    def __pow__(self, power: float) -> Dual:
+        if not isinstance(power, int) or power < 1:  # of numbers only
+            slope = power * self.value ** (power - 1) * self.slope
+            return Dual(self.value**power, slope)
         result = self
         for _ in range(power - 1):
             result = result * self
         return result
+
+    def sqrt(self) -> Dual:
+        return self**0.5
+
+    def exp(self) -> Dual:
+        value = np.exp(self.value)
+        return Dual(value, value * self.slope)
+
+    def log(self) -> Dual:
+        return Dual(np.log(self.value), self.slope / self.value)
 
 
 def _dual(number: Any) -> Dual:
@@ -106,7 +124,13 @@ class Tangent:
                 c[row + DOT] = entry.slope
         return Linear(A=a, B=b, c=c)
 
-    def chart(self, v: float, free: tuple[str, ...], fixed: Mapping[str, float]) -> None:
+    def chart(
+        self,
+        v: float,
+        free: tuple[str, ...],
+        fixed: Mapping[str, float],
+        relations: Mapping[str, Monomial] = NO_RELATIONS,
+    ) -> None:
         return None
 
 

@@ -3,20 +3,32 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 import bayesdrill
 from bayesdrill import config as records
 from bayesdrill import seeds
 from bayesdrill.build import Problem
+from bayesdrill.crew import Crew
+from bayesdrill.derived import Derived, derive, summarise
 from bayesdrill.diagnostics import Row
 from bayesdrill.mode import Mode
-from bayesdrill.report import tables, words
+from bayesdrill.posterior import Posterior
+from bayesdrill.report import derived_words, tables, verdict_words, words
 from bayesdrill.sampling import Sampled
 from bayesdrill.store import Folder, whole
 from bayesdrill.tree import make_tree
+from bayesdrill.verdict import Judgement
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Array = NDArray[np.float64]
 
 
 def everything(
@@ -24,12 +36,20 @@ def everything(
     mode: Mode,
     sampled: Sampled,
     rows: Sequence[Row],
+    judged: Judgement | None,
     config: records.Config,
     folder: Folder,
+    crew: Crew,
 ) -> None:
     """Raises `OSError` when the disk is full; files already there stay whole."""
     folder.write_text("summary.csv", tables.as_csv(rows))
-    folder.write_text("summary.md", _summary(config, mode, sampled, rows))
+    derived = derive(problem, sampled.draws)
+    following = summarise(derived)
+    folder.write_text("derived.csv", derived_words.as_csv(following))
+    second = derived_words.as_markdown(following, derived)
+    folder.write_text("summary.md", _summary(config, mode, sampled, rows, judged, second))
+    if judged is not None:
+        folder.write_text("verdict.csv", verdict_words.as_csv(judged.verdict))
     tree = make_tree(
         problem,
         sampled,
@@ -37,6 +57,7 @@ def everything(
         seeds.stream(config.seed, "predictive"),
         seeds.stream(config.seed, "prior"),
         _attributes(config, sampled),
+        derived,
     )
     image = io.BytesIO()  # in memory: see store._chain_image
     tree.to_netcdf(image, engine="h5netcdf")
@@ -45,52 +66,108 @@ def everything(
     channels = problem.experiment.names
     group = tree["posterior_predictive"]
     predictive = np.stack([np.asarray(group[name]) for name in channels], axis=-1)
-    _figures(problem, mode, sampled, predictive.reshape(-1, *predictive.shape[2:]), folder, config)
+    predictive = predictive.reshape(-1, *predictive.shape[2:])
+    _figures(problem, mode, sampled, derived, judged, predictive, folder, config, crew)
 
 
 def _figures(
     problem: Problem,
     mode: Mode,
     sampled: Sampled,
+    derived: Derived,
+    judged: Judgement | None,
     predictive: np.ndarray[tuple[int, ...], np.dtype[np.float32]],
     folder: Folder,
     config: records.Config,
+    crew: Crew,
 ) -> None:
+    """Each figure is a task of its own: drawing takes longer than all tables together."""
     # Late: matplotlib takes a second to load, and only reports need it.
     from bayesdrill.report.corner_plot import corner_figure
     from bayesdrill.report.fit_plot import fit_figure
-    from bayesdrill.report.style import save
+    from bayesdrill.report.prior_posterior_plot import prior_posterior_figure
     from bayesdrill.report.trace_plot import trace_figure
 
     posterior = problem.posterior
     theta = posterior.space.vector(mode.values)[None]
     draws = sampled.draws.reshape(-1, theta.shape[1])
+    shown = derived_words.shown(problem, config.output.corner, sampled.draws, derived, theta)
+    priors = posterior.space.priors
+    best = posterior.likelihood.signals(theta)[0]
+    sigma = posterior.likelihood.noise.sigmas(posterior.likelihood.sigma_columns(theta))[0]
+    wanted: list[Wanted] = [
+        ("corner", corner_figure, (shown.draws, shown.symbols, shown.nominal, shown.mode, priors)),
+        *_of_verdict(problem, judged, draws, mode),
+        (
+            "trace",
+            trace_figure,
+            (
+                sampled.theta,
+                problem.symbols,
+                sampled.convergence.burn_in,
+                problem.nominal,
+                mode.values,
+            ),
+        ),
+        ("fit", fit_figure, (problem.experiment, best, predictive.astype(np.float64), sigma)),
+        (
+            "prior_posterior",
+            prior_posterior_figure,
+            (draws, problem.symbols, priors, problem.nominal, mode.values),
+        ),
+    ]
     figures = folder.path / "figures"
     figures.mkdir(exist_ok=True)
     note = {"Title": config.name, "Creator": f"bayesdrill {bayesdrill.__version__}"}
-    drawn = {
-        "corner": corner_figure(
-            draws, problem.symbols, problem.nominal, mode.values, posterior.space.priors
-        ),
-        "trace": trace_figure(
-            sampled.theta,
-            problem.symbols,
-            sampled.convergence.burn_in,
-            problem.nominal,
-            mode.values,
-        ),
-        "fit": fit_figure(
-            problem.experiment,
-            posterior.likelihood.signals(theta)[0],
-            predictive.astype(np.float64),
-            posterior.likelihood.noise.sigmas(posterior.likelihood.sigma_columns(theta))[0],
-        ),
-    }
-    for stem, figure in drawn.items():
-        save(figure, figures, stem, note)
+    for task in [crew.submit(_draw, *each, figures, note) for each in wanted]:
+        task.result()
 
 
-def _summary(config: records.Config, mode: Mode, sampled: Sampled, rows: Sequence[Row]) -> str:
+Wanted = tuple[str, Callable[..., "Figure"], tuple[Any, ...]]
+
+
+def _draw(
+    _: Posterior,
+    stem: str,
+    figure: Callable[..., Figure],
+    arguments: tuple[Any, ...],
+    folder: Path,
+    note: Mapping[str, str],
+) -> None:
+    from bayesdrill.report.style import save
+
+    save(figure(*arguments), folder, stem, note)
+
+
+def _of_verdict(
+    problem: Problem, judged: Judgement | None, draws: Array, mode: Mode
+) -> list[Wanted]:
+    """The invariants, and the ridge where there is a symmetry."""
+    from bayesdrill.report.invariants_plot import invariants_figure
+    from bayesdrill.report.ridge_plot import ridge_figure, strongest_pair
+
+    if judged is None:
+        return []
+    space, symbols = problem.posterior.space, problem.symbols
+    best = space.vector(mode.values)
+    wanted: list[Wanted] = []
+    if judged.verdict.products:
+        wanted.append(("invariants", invariants_figure, (judged.verdict, draws, best, symbols)))
+    pair = strongest_pair(draws, judged.study.structure)
+    if pair is not None:
+        ridge = (draws, pair, symbols, space.priors, problem.nominal, mode.values)
+        wanted.append(("ridge", ridge_figure, ridge))
+    return wanted
+
+
+def _summary(
+    config: records.Config,
+    mode: Mode,
+    sampled: Sampled,
+    rows: Sequence[Row],
+    judged: Judgement | None,
+    derived: str,
+) -> str:
     paragraphs = [
         f"# {config.name}",
         tables.as_markdown(rows).rstrip(),
@@ -98,12 +175,31 @@ def _summary(config: records.Config, mode: Mode, sampled: Sampled, rows: Sequenc
         f"({config.nominal.table}); `shrinkage` is one minus the ratio of the posterior's to the "  # type: ignore[attr-defined]
         "prior's standard deviation.",
         _listed(tables.in_words(rows)),
+        "## What follows from these",
+        derived,
+        *_judged(config, judged, converged=sampled.convergence.converged),
         "## Maximum of the posterior (MAP)",
         _listed(words.mode(mode)),
         "## Convergence",
         _listed(words.convergence(sampled)),
     ]
     return "\n\n".join(paragraphs) + "\n"
+
+
+def _judged(config: records.Config, judged: Judgement | None, *, converged: bool) -> list[str]:
+    if judged is None:
+        return []
+    verdict, table = judged.verdict, config.nominal.table  # type: ignore[attr-defined]
+    nothing = "nothing found: energy, poles and sampling are as in a real rig"
+    return [
+        "## Verdict",
+        _listed(verdict_words.sentences(verdict, table, converged=converged)),
+        verdict_words.rule(verdict),
+        verdict_words.as_markdown(verdict).rstrip(),
+        verdict_words.EXPLAINED,
+        "## Physical consistency of the posterior",
+        _listed("\n".join(judged.findings) or nothing),
+    ]
 
 
 def _listed(text: str) -> str:

@@ -60,7 +60,7 @@ def as_markdown(rows: Sequence[Row]) -> str:
 
 def as_text(rows: Sequence[Row]) -> str:
     """Aligned columns for a wide terminal."""
-    return _aligned([HEADERS, *map(cells, rows)], left={0, 1, len(HEADERS) - 1})
+    return aligned([HEADERS, *map(cells, rows)], left={0, 1, len(HEADERS) - 1})
 
 
 def mode_as_text(problem: Problem, mode: Mode) -> str:
@@ -74,14 +74,14 @@ def mode_as_text(problem: Problem, mode: Mode) -> str:
             else (f"{nominal:.4g}", f"{100 * (value / nominal - 1):+.2f}")
         )
         lines.append((symbol.name, _unit(symbol.unit), shown[0], f"{value:.6g}", shown[1]))
-    return _aligned(lines, left={0, 1})
+    return aligned(lines, left={0, 1})
 
 
 def _unit(unit: str) -> str:
     return unit.replace("**", "^").replace("*", " ")
 
 
-def _aligned(table: Sequence[tuple[str, ...]], left: set[int]) -> str:
+def aligned(table: Sequence[tuple[str, ...]], left: set[int]) -> str:
     widths = [max(len(line[k]) for line in table) for k in range(len(table[0]))]
     return "\n".join(
         "  ".join(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bayesdrill import physics
 from bayesdrill.build import Problem
 from bayesdrill.config import Config
 from bayesdrill.mode import SAME_LOG_DENSITY, SAME_PLACE, Mode
@@ -13,9 +14,12 @@ def opening(problem: Problem) -> str:
     experiment, space = problem.experiment, problem.posterior.space
     length = experiment.t[-1] - experiment.t[0]
     held = ", ".join(f"{name} = {value:.4g}" for name, value in space.fixed.items())
+    tied = ", ".join(f"{name} = {relation.text}" for name, relation in space.relations.items())
     return (
         f"record: {len(experiment.t)} samples of {', '.join(experiment.names)} over {length:g} s\n"
-        f"unknown: {', '.join(space.free)}" + (f"\nheld: {held}" if held else "")
+        f"unknown: {', '.join(space.free)}"
+        + (f"\ntied: {tied}" if tied else "")
+        + (f"\nheld: {held}" if held else "")
     )
 
 
@@ -33,8 +37,14 @@ def preview(problem: Problem, config: Config) -> str:
         f"{sampler.ensembles} ensembles of {sampler.walkers} walkers in "
         f"{type(posterior.coordinates).__name__.lower()} coordinates, until R-hat <= "
         f"{sampler.r_hat:g}, N/tau >= {sampler.n_tau:g} and ESS >= {sampler.ess:g}, at most "
-        f"{sampler.max_steps} steps"
+        f"{sampler.max_steps} steps" + _findings(problem, config)
     )
+
+
+def _findings(problem: Problem, config: Config) -> str:
+    """What makes the nominal table doubtful before anything is sampled."""
+    found = physics.of_nominal(config, problem)
+    return "".join(f"\nnominal values, {finding}" for finding in found)
 
 
 def mode(found: Mode) -> str:

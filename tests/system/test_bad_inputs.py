@@ -1232,7 +1232,7 @@ def test_all_mistakes_of_a_config_come_at_once(
         ("    w_1", "unit 'radd/s'"),
         ("  v:", "'8 V' is not a number"),
         ("k_t", "did you mean k_T?"),
-        ("r_m", "0.125 for 1/8"),
+        ("r_m", "write for example 0.333333"),
         ("l_m", "did you mean uniform?"),
         ("k_s", "is outside the prior"),
         ("j_1", "is not below high"),

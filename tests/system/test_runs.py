@@ -28,18 +28,22 @@ from bayesdrill.store import Folder
 # Targets that cannot be met, so that a run goes on to the end of its steps.
 ENDLESS = ("ess: 100, max_steps: 500", "ess: 1000000, max_steps: 700")
 FIGURES = {
-    f"figures/{stem}.{ending}" for stem in ("corner", "fit", "trace") for ending in ("pdf", "png")
+    f"figures/{stem}.{ending}"
+    for stem in ("corner", "fit", "invariants", "prior_posterior", "trace")
+    for ending in ("pdf", "png")
 }
 FILES = {
     ".lock",
     "chain.h5",
     "config.resolved.yaml",
     "config.yaml",
+    "derived.csv",
     "map.json",
     "posterior.nc",
     "run.json",
     "summary.csv",
     "summary.md",
+    "verdict.csv",
     "figures",
     *FIGURES,
 }

@@ -87,6 +87,38 @@ def test_resolved_config_means_the_same(tmp_path: Path) -> None:
     assert again.config.sampler == job.config.sampler
 
 
+@pytest.mark.parametrize(
+    ("old", "new", "name"),
+    [
+        ("seed: 2013", "seed: 2014", "the seed"),
+        ("v: 8.0", "v: 8.1", "the input v"),
+        ("walkers: 128", "walkers: 66", "sampler.walkers"),
+        ("i_m: 0.125", "i_m: 0.25", "the model"),
+        (
+            "unit: rad/s, sigma: 0.1}\n    w_2",
+            "unit: rad/s, sigma: 0.2}\n    w_2",
+            "the noise of w_1",
+        ),
+        ("t_f: {prior: uniform, low: 0.5", "t_f: {prior: uniform, low: 0.4", "the prior of t_f"),
+    ],
+)
+def test_what_decides_a_chain_is_in_its_fingerprint(
+    old: str, new: str, name: str, tmp_path: Path
+) -> None:
+    text = BUNDLED.read_text()
+    assert text.count(old) == 1
+    record = BUNDLED.parent / "records"
+    path = tmp_path / "mine.yaml"
+    path.write_text(text.replace(old, new).replace("records/", f"{record}/"))
+    one, two = (
+        provenance.fingerprint(job.config, job.problem)
+        for job in (pipeline.prepare(BUNDLED), pipeline.prepare(path))
+    )
+    changed = {key for key in {**one, **two} if one.get(key) != two.get(key)}
+    assert name in changed
+    assert changed <= {name, "the coordinates"}  # which are charted for a model and its input
+
+
 def test_nominal_values_may_be_corrected(tmp_path: Path) -> None:
     text = BUNDLED.read_text().replace(
         "nominal: tables_2_3", "nominal: {table: table_1, j_1: 0.03}"

@@ -11,6 +11,7 @@ from oracles import NOMINAL, ORDER
 from rigs import vector
 
 from bayesdrill.coordinates import COORDINATES, Coordinates, choose
+from bayesdrill.formulas import Monomial
 from bayesdrill.models.motor_shaft import MotorShaft
 from bayesdrill.priors import HalfNormal, LogNormal, Prior, TruncatedNormal, Uniform
 
@@ -131,3 +132,73 @@ def test_coordinates_of_no_positive_parameters_are_nan_not_an_error() -> None:
 def test_automatic_choice_falls_back_on_logs() -> None:
     assert type(choose("auto", CHART, 9)).__name__ == "Modal"
     assert type(choose("auto", None, 9)).__name__ == "Log"
+
+
+def relations(*names: str) -> dict[str, Monomial]:
+    every = {
+        "k_T": Monomial(1.0, {"k_e": 1.0}),
+        "k_s": Monomial(np.pi / 32, {"G": 1.0, "d": 4.0, "L": -1.0}),
+        "l_m": Monomial(3.0, {"r_m": 1.0, "rho": 0.5}),  # a name that the chart uses itself
+        "j_1": Monomial(70.0, {"j_m": 1.0}),
+    }
+    return {name: every[name] for name in names}
+
+
+QUANTITIES = {"G": 79.3e9, "d": 3e-3, "L": 2.4, "rho": 1.3}
+
+
+@pytest.mark.parametrize(
+    "related",
+    [
+        ("k_T",),
+        ("k_s",),
+        ("k_T", "k_s"),
+        ("k_T", "l_m"),
+        ("j_1", "k_s"),
+        ("k_T", "k_s", "j_1", "l_m"),
+    ],
+)
+def test_charts_with_ties(related: tuple[str, ...]) -> None:
+    """60 sets each of what else is free: round trips, and the Jacobian against a determinant.
+
+    Mutant killed: the equation of a tie solved without its share in the Jacobian, or left out.
+    """
+    rng = np.random.default_rng(len(related))
+    given = relations(*related)
+    inside = [name for name in QUANTITIES if any(name in r.powers for r in given.values())]
+    every = [name for name in (*ORDER, *inside) if name not in related]
+    values = {**NOMINAL, **QUANTITIES}
+    for trial in range(60):
+        held = set() if trial == 0 else {name for name in every if rng.random() < 0.4}
+        free = tuple(name for name in every if name not in held)
+        if not free:
+            continue
+        m = len(free)
+        chart = MotorShaft().chart(8.0, free, {name: values[name] for name in held}, given)
+        logs = np.log([values[name] for name in free]) + rng.uniform(-1.0, 1.0, (4, m))
+        z = chart.straighten(logs)
+        back, log_dets = chart.bend(z)
+        assert np.allclose(back, logs, atol=1e-7), free
+        step = 1e-6 * np.eye(m)
+        for row, log_det in zip(logs, log_dets, strict=True):
+            columns = (chart.straighten(row + step) - chart.straighten(row - step)) / 2e-6
+            assert np.linalg.slogdet(columns)[1] == pytest.approx(-log_det, abs=1e-4), free
+
+
+def test_ties_cost_no_rate_of_the_record() -> None:
+    """With k_T tied all five are coordinates still, the shaft's stiffness from geometry or not."""
+    for related in (("k_T",), ("k_s",), ("k_T", "k_s")):
+        given = relations(*related)
+        quantities = ("G", "d") if "k_s" in given else ()
+        free = (*(name for name in ORDER if name not in given), *quantities)
+        chart = MotorShaft().chart(8.0, free, {"L": 2.4}, given)
+        assert chart.coordinates[:5] == ("speed", "rotor", "shaft", "inertia", "electrical")
+        p = {**NOMINAL, **QUANTITIES}
+        p |= {
+            name: r.factor * np.prod([p[n] ** power for n, power in r.powers.items()])
+            for name, r in given.items()
+        }
+        z = chart.straighten(np.log([[p[name] for name in free]]))[0]
+        assert np.exp(z[1]) == pytest.approx(p["k_s"] / p["j_1"])
+        d = p["c_m"] + p["k_e"] * p["k_T"] / p["r_m"]
+        assert np.exp(z[3]) == pytest.approx(p["j_m"] / d)

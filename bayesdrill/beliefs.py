@@ -1,0 +1,162 @@
+"""What a config may say of one number, as validated records: a value, a prior, a tie."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag
+
+
+class Strict(BaseModel):
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
+
+
+Positive = Annotated[float, Field(gt=0)]
+NonNegative = Annotated[float, Field(ge=0)]
+Count = Annotated[int, Field(ge=1)]
+
+
+def shape(value: Any) -> str:
+    """Which member of a union an entry is meant to be, before and after it is validated."""
+    if isinstance(value, dict | BaseModel):
+        return "<mapping>"
+    return "<word>" if isinstance(value, str) else "<number>"
+
+
+def _parameter_shape(value: Any) -> str:
+    tied = "tie" in value if isinstance(value, dict) else isinstance(value, Tie)
+    return "<tie>" if tied else shape(value)
+
+
+def _quantity_shape(value: Any) -> str:
+    held = "value" in value if isinstance(value, dict) else isinstance(value, Quantity)
+    return "<held>" if held else shape(value)
+
+
+class PriorBase(Strict):
+    relative: bool = Field(
+        False, description="Bounds and scales are multiples of the nominal value."
+    )
+    start: Positive | None = Field(
+        None, description="Where the search for the MAP begins, SI; default: the nominal value."
+    )
+
+
+class UniformPrior(PriorBase):
+    prior: Literal["uniform"]
+    low: NonNegative
+    high: Positive
+
+
+class LogUniformPrior(PriorBase):
+    prior: Literal["log_uniform"]
+    low: Positive
+    high: Positive
+
+
+class NormalPrior(PriorBase):
+    """Cut at zero and renormalised, as all parameters are positive."""
+
+    prior: Literal["normal"]
+    mean: Positive
+    sd: Positive
+
+
+class TruncatedNormalPrior(PriorBase):
+    prior: Literal["truncated_normal"]
+    mean: Positive
+    sd: Positive
+    low: NonNegative
+    high: Positive
+
+
+class LogNormalPrior(PriorBase):
+    prior: Literal["log_normal"]
+    median: Positive
+    sd_log: Positive = Field(description="Standard deviation of the natural logarithm.")
+
+
+class HalfNormalPrior(PriorBase):
+    prior: Literal["half_normal"]
+    scale: Positive
+
+
+PriorSpec = Annotated[
+    UniformPrior
+    | LogUniformPrior
+    | NormalPrior
+    | TruncatedNormalPrior
+    | LogNormalPrior
+    | HalfNormalPrior,
+    Field(discriminator="prior"),
+]
+
+
+class Tie(Strict):
+    tie: str = Field(description="The parameter, or quantity, that this one is equal to.")
+
+
+ParameterSpec = Annotated[
+    Annotated[Positive, Tag("<number>")]
+    | Annotated[str, Tag("<word>")]
+    | Annotated[Tie, Tag("<tie>")]
+    | Annotated[PriorSpec, Tag("<mapping>")],
+    Discriminator(_parameter_shape),
+]
+SigmaSpec = Annotated[
+    Annotated[Positive, Tag("<number>")] | Annotated[PriorSpec, Tag("<mapping>")],
+    Discriminator(shape),
+]
+
+
+class Quantity(Strict):
+    value: float
+    unit: str
+
+
+class _OfQuantity(Strict):
+    unit: str = Field(
+        description="Of the prior's numbers, such as Pa or mm; 1 where there is none."
+    )
+    latex: str | None = Field(None, description="How figures write it, without dollars.")
+
+
+class UniformOfQuantity(UniformPrior, _OfQuantity):
+    pass
+
+
+class LogUniformOfQuantity(LogUniformPrior, _OfQuantity):
+    pass
+
+
+class NormalOfQuantity(NormalPrior, _OfQuantity):
+    pass
+
+
+class TruncatedNormalOfQuantity(TruncatedNormalPrior, _OfQuantity):
+    pass
+
+
+class LogNormalOfQuantity(LogNormalPrior, _OfQuantity):
+    pass
+
+
+class HalfNormalOfQuantity(HalfNormalPrior, _OfQuantity):
+    pass
+
+
+QuantitySpec = Annotated[
+    Annotated[Positive, Tag("<number>")]
+    | Annotated[Quantity, Tag("<held>")]
+    | Annotated[
+        UniformOfQuantity
+        | LogUniformOfQuantity
+        | NormalOfQuantity
+        | TruncatedNormalOfQuantity
+        | LogNormalOfQuantity
+        | HalfNormalOfQuantity,
+        Field(discriminator="prior"),
+        Tag("<mapping>"),
+    ],
+    Discriminator(_quantity_shape),
+]

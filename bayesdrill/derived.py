@@ -1,0 +1,196 @@
+"""What follows from the unknowns at every draw: poles, the steady state, formulas of the config.
+
+Nothing here is inferred: a draw of the unknowns has one value of each derived quantity, so their
+posterior is that of the unknowns.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayesdrill import symbols
+from bayesdrill.build import Problem, usual_inputs
+from bayesdrill.diagnostics import hdi
+from bayesdrill.models.linear import Linear, Model, Named
+from bayesdrill.symbols import Symbol
+
+Array = NDArray[np.float64]
+
+_FLAT = 1e-7  # relative imaginary part below which a pole is real: rounding of a double one
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Derived:
+    """`values (E, N, Q)` at draws `(E, N)`, NaN where a draw has no such value; SI.
+
+    `nominal`: at the nominal parameters; NaN where a quantity without nominal value is named.
+    """
+
+    symbols: tuple[Symbol, ...]
+    values: Array
+    nominal: Mapping[str, float]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Row:
+    """One derived quantity, SI; `share` of the draws have it, and the numbers are of those."""
+
+    name: str
+    unit: str
+    nominal: float | None
+    mean: float
+    sd: float
+    hdi_low: float
+    hdi_high: float
+    deviation: float | None
+    share: float
+
+
+def derive(problem: Problem, draws: Array) -> Derived:
+    """At physical draws `(E, N, D)`: what is tied, poles and steady state, the config's formulas."""
+    values = at(problem, draws.reshape(-1, draws.shape[-1]))
+    shape = draws.shape[:2]
+    columns = [np.broadcast_to(values[name], shape[0] * shape[1]) for name in values]
+    return Derived(
+        symbols=described(problem),
+        values=np.stack([column.reshape(shape) for column in columns], axis=-1),
+        nominal=_nominal(problem),
+    )
+
+
+def described(problem: Problem) -> tuple[Symbol, ...]:
+    """In the order of the values."""
+    tied = [symbols.PARAMETERS[name] for name in problem.posterior.space.relations]
+    return (*tied, *symbols.DERIVED.values(), *(own.symbol for own in problem.derived))
+
+
+def at(problem: Problem, theta: Array) -> dict[str, Array]:
+    """By name, each `(W,)`, at physical unknowns `(W, D)`."""
+    space = problem.posterior.space
+    named = space.named(theta)
+    tied = {name: np.broadcast_to(named[name], len(theta)) for name in space.relations}
+    return tied | _following(problem, named, len(theta))
+
+
+def _following(problem: Problem, named: Named, n: int) -> dict[str, Array]:
+    response = problem.posterior.likelihood.response
+    p = {name: np.broadcast_to(named[name], n) for name in response.model.parameters}
+    linear = response.model.linear(p)
+    found = {
+        **poles(response.model, linear, n),
+        **steady(response.model, linear, n, usual_inputs(response.experiment)),
+    }
+    known: dict[str, Array | float] = {**named, **found}
+    for own in problem.derived:
+        value = np.broadcast_to(own.expression.value(known), n)
+        found[own.symbol.name] = known[own.symbol.name] = np.where(
+            np.isfinite(value), value, np.nan
+        )
+    return found
+
+
+def _nominal(problem: Problem) -> dict[str, float]:
+    """A quantity with a prior has no nominal value, nor has what names it."""
+    space = problem.posterior.space
+    named: dict[str, Array | float] = dict.fromkeys(space.quantities, np.nan)
+    held = {name: value for name, value in space.fixed.items() if name in space.quantities}
+    named |= {**held, **problem.nominal}
+    found = {name: float(x[0]) for name, x in _following(problem, named, 1).items()}
+    return {name: problem.nominal[name] for name in space.relations} | found
+
+
+def poles(model: Model, linear: Linear, n: int) -> dict[str, Array]:
+    """Natural frequency and damping ratio of the least damped pair, and time constants.
+
+    The pole at zero, of a rig that turns as a whole, is taken out before: only differences of
+    angles matter.  NaN where there is no pair, or not the poles that a time constant means.
+    """
+    index = {name: k for k, name in enumerate(model.states)}
+    matrix = _matrix(model, linear, n)
+    first, *others = [index[name] for name in _angles(model)]
+    matrix[:, others] -= matrix[:, [first]]
+    matrix = np.delete(np.delete(matrix, first, axis=1), first, axis=2)
+    bad = ~np.isfinite(matrix).all(axis=(1, 2))
+    matrix[bad] = 0.0
+    found = np.linalg.eigvals(matrix)
+    size = np.abs(found)
+    with np.errstate(all="ignore"):
+        swings = np.abs(found.imag) > _FLAT * size
+        damping = np.where(swings, -found.real / size, np.inf)
+        least = np.argmin(damping, axis=1)[:, None]
+        times = np.where(swings, np.nan, -1.0 / found.real)
+    none = ~swings.any(axis=1)
+    fastest = np.argmax(size, axis=1)[:, None]
+    two = (~swings).sum(axis=1) == 2
+    values = {
+        "omega_n": np.where(none, np.nan, np.take_along_axis(size, least, axis=1)[:, 0]),
+        "zeta": np.where(none, np.nan, np.take_along_axis(damping, least, axis=1)[:, 0]),
+        "tau_e": np.take_along_axis(times, fastest, axis=1)[:, 0],
+        "tau_m": np.where(two, np.max(np.where(swings, -np.inf, times), axis=1), np.nan),
+    }
+    return {name: np.where(bad, np.nan, value) for name, value in values.items()}
+
+
+def steady(model: Model, linear: Linear, n: int, inputs: Mapping[str, float]) -> dict[str, Array]:
+    """Speed and current that the rig ends with at constant inputs; all angles turn alike then."""
+    index = {name: k for k, name in enumerate(model.states)}
+    matrix = _matrix(model, linear, n)
+    forcing = np.zeros((n, len(index)))
+    for row, value in linear.c.items():
+        forcing[:, index[row]] += value
+    for (row, name), value in linear.B.items():
+        forcing[:, index[row]] += value * inputs.get(name, 0.0)
+    # One angle is taken as zero; its place takes the speed at which all angles turn.
+    angles = [index[name] for name in _angles(model)]
+    matrix[:, :, angles[0]] = 0.0
+    matrix[:, angles, angles[0]] = -1.0
+    bad = ~(np.isfinite(matrix).all(axis=(1, 2)) & np.isfinite(forcing).all(axis=1))
+    matrix[bad] = np.eye(len(index))
+    ends = np.linalg.solve(matrix, -forcing[..., None])[..., 0]
+    ends[bad] = np.nan
+    return {"w_end": ends[:, angles[0]], "i_end": ends[:, index["i"]]}
+
+
+def _angles(model: Model) -> list[str]:
+    return [name for name in model.states if symbols.STATES[name].unit == "rad"]
+
+
+def _matrix(model: Model, linear: Linear, n: int) -> Array:
+    """A `(n, X, X)`."""
+    index = {name: k for k, name in enumerate(model.states)}
+    matrix = np.zeros((n, len(index), len(index)))
+    for (row, column), value in linear.A.items():
+        matrix[:, index[row], index[column]] = value
+    return matrix
+
+
+def summarise(derived: Derived) -> tuple[Row, ...]:
+    """A row for each quantity that some draw has."""
+    rows = []
+    for q, symbol in enumerate(derived.symbols):
+        every = derived.values[..., q].ravel()
+        x = every[np.isfinite(every)]
+        if len(x) < 2:
+            continue
+        nominal: float | None = derived.nominal.get(symbol.name, np.nan)
+        nominal = nominal if nominal is not None and np.isfinite(nominal) else None
+        low, high = hdi(x)
+        mean = float(x.mean())
+        rows.append(
+            Row(
+                name=symbol.name,
+                unit=symbol.unit,
+                nominal=nominal,
+                mean=mean,
+                sd=float(x.std(ddof=1)),
+                hdi_low=low,
+                hdi_high=high,
+                deviation=mean / nominal - 1.0 if nominal else None,
+                share=len(x) / len(every),
+            )
+        )
+    return tuple(rows)

@@ -1,0 +1,159 @@
+"""Whether values can be those of a real rig: energy, the shaft's geometry, poles, sampling.
+
+Findings are sentences with their numbers; none is an error.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayesdrill import config as records
+from bayesdrill import symbols
+from bayesdrill.build import Problem
+from bayesdrill.identifiability.information import Information
+from bayesdrill.models.linear import Model
+
+Array = NDArray[np.float64]
+
+APPRECIABLE = 0.05  # relative
+MOST_DRAWS = 2000  # whose poles are looked at
+UNSTABLE = 1e-9  # of the largest pole: a real part above it is no rounding
+FEW = 0.01  # of the draws
+
+# The paper's Table 1.  It calls 188 mm the radius of rotor 1, but only as a diameter does it give
+# the inertia printed beside it.  The modulus is that of steel; the paper gives none.
+SHAFT_LENGTH, SHAFT_DIAMETER, STEEL = 2.4, 3e-3, 79.3e9  # m, m, Pa
+ROTOR_MASS, ROTOR_DIAMETER = 6.4, 0.188  # kg, m
+GEOMETRY: Mapping[str, tuple[float, str]] = {
+    "k_s": (
+        STEEL * math.pi * SHAFT_DIAMETER**4 / (32 * SHAFT_LENGTH),
+        "a steel shaft of 2.4 m and 3 mm has",
+    ),
+    "j_1": (ROTOR_MASS * ROTOR_DIAMETER**2 / 8, "a disc of 6.4 kg and 188 mm across has"),
+}
+
+IDEAL = (
+    "in SI units the two are equal in an ideal motor, and losses make k_T the smaller one; k_T, k_e, "
+    "the supply or the gear reduction is not what it is taken to be"
+)
+
+
+def of_nominal(config: records.Config, problem: Problem) -> tuple[str, ...]:
+    """Of the nominal table; what the config gives itself is not held against the paper's rig."""
+    values = problem.nominal
+    own = {name for name in GEOMETRY if getattr(config.nominal, name) is not None}
+    model = problem.posterior.likelihood.response.model
+    found = poles(model, {name: np.array([values[name]]) for name in model.parameters})[0]
+    return (
+        *_energy_of_nominal(values),
+        *_geometry({name: values[name] for name in GEOMETRY if name not in own}),
+        *_poles(found[None], _step(problem)),
+    )
+
+
+def of_draws(problem: Problem, draws: Array, known: Information) -> tuple[str, ...]:
+    """Of posterior draws `(N, D)`; `known` says what the record alone determines."""
+    space = problem.posterior.space
+    full = space.full(draws[:: max(1, len(draws) // MOST_DRAWS)])
+    model = problem.posterior.likelihood.response.model
+    values = dict(zip(model.parameters, full.T, strict=True))
+    return (*_energy_of_draws(values, known), *_poles(poles(model, values), _step(problem)))
+
+
+def poles(model: Model, values: Mapping[str, Array]) -> NDArray[np.complex128]:
+    """Eigenvalues of the dynamics at parameters `(W,)` each: `(W, X)`, in 1/s."""
+    size = len(next(iter(values.values())))
+    rows = {state: k for k, state in enumerate(model.states)}
+    matrix = np.zeros((size, len(rows), len(rows)))
+    for (row, column), value in model.linear(values).A.items():
+        matrix[:, rows[row], rows[column]] = value
+    return np.asarray(np.linalg.eigvals(matrix), dtype=np.complex128)
+
+
+def _energy_of_nominal(values: Mapping[str, float]) -> list[str]:
+    ratio = values["k_T"] / values["k_e"]
+    if ratio <= 1 + APPRECIABLE:
+        return []
+    return [
+        f"energy: k_T = {values['k_T']:.4g} N m/A is {ratio:.3g} times k_e = {values['k_e']:.4g} "
+        f"V s/rad, so the motor would give {ratio:.3g} times the power that it takes up; {IDEAL}"
+    ]
+
+
+def _energy_of_draws(values: Mapping[str, Array], known: Information) -> list[str]:
+    ratio = values["k_T"] / values["k_e"]
+    share = float(np.mean(ratio > 1 + APPRECIABLE))
+    if share <= FEW:
+        return []
+    powers = np.array([{"k_T": 1.0, "k_e": -1.0}.get(name, 0.0) for name in known.names])
+    blind = bool(powers.any()) and not math.isfinite(known.bound(powers))
+    whence = (
+        "; the record cannot show this ratio, so it is what the priors and what is held allow"
+        if blind
+        else f"; {IDEAL}"
+    )
+    return [
+        f"energy: k_T is more than {100 * APPRECIABLE:g} % above k_e in {_percent(share)} of the draws "
+        f"(median ratio {np.median(ratio):.3g}), where the motor would give more power than it takes "
+        f"up{whence}"
+    ]
+
+
+def _geometry(values: Mapping[str, float]) -> list[str]:
+    found = []
+    for name, value in values.items():
+        expected, what = GEOMETRY[name]
+        if abs(value / expected - 1) > APPRECIABLE:
+            unit = symbols.PARAMETERS[name].unit.replace("**", "^").replace("*", " ")
+            found.append(
+                f"geometry: {name} = {value:.4g} {unit} is {100 * (value / expected - 1):+.0f} % off "
+                f"what the paper's dimensions give; {what} {expected:.3g} {unit}"
+            )
+    return found
+
+
+def _poles(every: NDArray[np.complex128], step: float) -> list[str]:
+    """`every (W, X)`; one row for nominal values, draws otherwise."""
+    found = []
+    size = np.abs(every).max(axis=1)
+    largest = every.real.max(axis=1)
+    share = float(np.mean(largest > UNSTABLE * size))
+    if share > 0:
+        found.append(
+            f"stability: a pole lies in the right half plane{_in(every, share)}, at most "
+            f"{largest.max():.3g} 1/s: the rig would run away by itself"
+        )
+    decay = np.abs(every.real).max(axis=1)
+    share = float(np.mean(decay * step > 1))
+    if share > FEW:
+        middle = float(np.median(decay))
+        found.append(
+            f"sampling: the fastest motion dies out within {1e3 / middle:.3g} ms (pole at "
+            f"{-middle:.3g} 1/s), the record has a sample every {1e3 * step:.3g} ms{_in(every, share)}: "
+            "what sets it, mostly l_m/r_m, is seen only through slower motions"
+        )
+    turns = np.abs(every.imag).max(axis=1) / (2 * math.pi)
+    share = float(np.mean(2 * turns * step > 1))
+    if share > FEW:
+        found.append(
+            f"sampling: an oscillation of {np.median(turns):.3g} Hz is faster than half of the "
+            f"{1 / step:.4g} samples per second{_in(every, share)}: the record shows a false frequency"
+        )
+    return found
+
+
+def _in(every: NDArray[np.complex128], share: float) -> str:
+    return "" if len(every) == 1 else f" (in {_percent(share)} of the draws)"
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.3g} %"
+
+
+def _step(problem: Problem) -> float:
+    t = problem.experiment.t
+    return float(t[1] - t[0]) if len(t) > 1 else math.inf

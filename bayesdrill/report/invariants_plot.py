@@ -1,0 +1,67 @@
+"""The corner of what the record can show: products of powers, as deviations from nominal."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from bayesdrill.identifiability.structure import Exponents
+from bayesdrill.report.corner_plot import corner_figure
+from bayesdrill.report.identify_words import product
+from bayesdrill.symbols import Symbol
+from bayesdrill.verdict import Verdict
+
+Array = NDArray[np.float64]
+
+
+def invariants_figure(
+    found: Verdict, draws: Array, mode: Array, symbols: Sequence[Symbol]
+) -> Figure:
+    """Of SI draws `(N, D)` and the MAP `(D,)`; determined products, or all where none is.
+
+    In per cent, so that a product known to 1e-5 has as readable an axis as one known to a half.
+    """
+    sure = [q for q in found.products if q.says != "not determined"]
+    chosen = sure or list(found.products)
+    shown = [_symbol(found.names, quantity.exponents, symbols) for quantity in chosen]
+    powers = np.array([quantity.exponents for quantity in chosen], dtype=float)
+    table = np.log([quantity.nominal for quantity in chosen])
+    m = len(found.names)
+    off = 100 * np.expm1(np.log(draws[:, :m]) @ powers.T - table)
+    at = 100 * np.expm1(np.log(mode[:m]) @ powers.T - table)
+    return corner_figure(
+        off,
+        shown,
+        {symbol.name: 0.0 for symbol in shown},
+        {symbol.name: float(x) for symbol, x in zip(shown, at, strict=True)},
+        {},
+    )
+
+
+def _symbol(names: Sequence[str], exponents: Exponents, symbols: Sequence[Symbol]) -> Symbol:
+    return Symbol(
+        name=product(names, exponents),
+        unit="%",
+        latex=rf"\Delta\,{latex(exponents, symbols)}",
+        latex_unit=r"\%\;of\;nominal",
+        meaning="deviation from the nominal value",
+    )
+
+
+def latex(exponents: Exponents, symbols: Sequence[Symbol]) -> str:
+    r"""`k_T / (r_m k_s)` for figures, without dollars."""
+    above, below = (
+        [
+            symbol.latex + (f"^{{{sign * e}}}" if sign * e > 1 else "")
+            for symbol, e in zip(symbols, exponents, strict=False)
+            if sign * e > 0
+        ]
+        for sign in (1, -1)
+    )
+    if not below:
+        return r"\,".join(above)
+    under = r"\,".join(below)
+    return rf"{r'\,'.join(above) or '1'}/{under if len(below) == 1 else f'({under})'}"

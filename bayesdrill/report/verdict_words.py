@@ -1,0 +1,201 @@
+"""The verdict in a sentence, in tables, and as data."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Sequence
+from typing import Any
+
+from bayesdrill.diagnostics import HDI_PROBABILITY
+from bayesdrill.report.identify_words import product
+from bayesdrill.report.tables import aligned
+from bayesdrill.verdict import FALSE_ALARM, Quantity, Verdict
+
+_HDI = f"{100 * HDI_PROBABILITY:.0f} % HDI"
+SHORT = ("", "nominal", "mean", "dev. %", "tension", "beyond tol.", "bits", "verdict")
+FULL = (
+    "", "nominal", "tol. %", "mean", "sd", _HDI, "dev. %", "tension", "beyond tol.", "sd/prior",
+    "bits", "verdict",
+)  # fmt: skip
+
+EXPLAINED = (
+    "SI; products of powers first, which the record can show, then the parameters by themselves. "
+    "`dev. %` is the deviation of the posterior mean from the nominal value; `tension` says how many "
+    "sigma the nominal value, or the nearest one within its tolerance `tol. %`, lies from the "
+    "posterior; `beyond tol.` is the probability that the deviation exceeds the tolerance; "
+    "`sd/prior` the standard deviation of the log over the prior's; `bits` the information gained on "
+    "the prior (one bit halves a range)."
+)
+
+
+NONE = "verdict: none, because the run did not converge; the numbers may be wrong"
+
+
+def sentences(found: Verdict, table: str, *, converged: bool = True) -> str:
+    """The whole in a sentence, then what is not determined and what is pressed."""
+    if not converged:
+        return NONE
+    return "\n".join([_whole(found, table), *_not_determined(found), *_pressed(found)])
+
+
+def rule(found: Verdict) -> str:
+    """What the verdict is worth."""
+    return (
+        f"*disagrees*: more than {found.limit:.2f} sigma. Were the rig as the table and its tolerances "
+        f"say, at most {100 * FALSE_ALARM:g} % of records would give any disagreement, all quantities "
+        "taken together. *Not determined*: the record leaves it to the prior, and so says nothing for "
+        "or against the nominal value."
+    )
+
+
+def _whole(found: Verdict, table: str) -> str:
+    judged = [q for q in found.products if q.says != "not determined"]
+    n, k = len(found.products), len(judged)
+    can = f"the {n} independent products of parameters that such a record can show"
+    if not judged:
+        return f"verdict: this record determines none of {can}; it says nothing of {table}"
+    far = found.saying("disagrees")
+    together = "" if found.joint is None else f"; together they are {_sigmas(found.joint)} from it"
+    opening = f"verdict: this record determines {k} of {can}"
+    if n == 1:
+        opening = "verdict: this record determines the one quantity that is compared"
+    if far:
+        listed = ", ".join(
+            f"{_name(found, q)} ({100 * q.deviation:+.3g} %, {_sigmas(q.tension)})" for q in far
+        )
+        return f"{opening}; with {table} disagree {listed}{together}"
+    if not found.agrees:
+        return (
+            f"{opening}; each by itself agrees with {table}, but {together[2:]}, too far for chance: "
+            "the table does not describe this rig"
+        )
+    every = "it agrees" if k == 1 else f"all {k} agree"
+    return f"{opening}; {every} with {table}{together}"
+
+
+def _not_determined(found: Verdict) -> list[str]:
+    open_ones = found.saying("not determined")
+    blind = [_name(found, q) for q in open_ones if q.blind]
+    weak = [_name(found, q) for q in open_ones if not q.blind]
+    lines = []
+    if blind:
+        lines.append(
+            f"not determined by themselves: {', '.join(blind)} (no such record can tell them apart: "
+            "scaled together they change no measured signal; only their products above count)"
+        )
+    if weak:
+        lines.append(
+            f"not determined: {', '.join(weak)} (a longer or cleaner record could show them; this one "
+            "leaves them mostly to the prior)"
+        )
+    return lines
+
+
+def _pressed(found: Verdict) -> list[str]:
+    names = [_name(found, q) for q in found.saying("pressed against the prior")]
+    if not names:
+        return []
+    return [
+        f"pressed against the prior: {', '.join(names)} (the end of the prior decides, so nothing is "
+        "said of the nominal value)"
+    ]
+
+
+def rows(found: Verdict) -> tuple[Quantity, ...]:
+    """Products, then parameters that are not among them."""
+    shown = {quantity.exponents for quantity in found.products}
+    return (*found.products, *(q for q in found.parameters if q.exponents not in shown))
+
+
+def as_text(found: Verdict) -> str:
+    """Aligned columns; tolerances only where there are any."""
+    return aligned(_table(found, SHORT), left={0, len(_heads(found, SHORT)) - 1})
+
+
+def as_markdown(found: Verdict) -> str:
+    heads, *lines = _table(found, FULL)
+    out = ["| " + " | ".join(heads) + " |", "|" + " --- |" * len(heads)]
+    return "\n".join([*out, *("| " + " | ".join(line) + " |" for line in lines)]) + "\n"
+
+
+def as_csv(found: Verdict) -> str:
+    """All digits, SI; deviation, tolerances and probabilities are fractions."""
+    entries = [_entry(found, quantity) for quantity in rows(found)]
+    out = io.StringIO()
+    writer = csv.DictWriter(out, fieldnames=list(entries[0]), lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(entries)
+    return out.getvalue()
+
+
+def as_data(found: Verdict, table: str, *, converged: bool = True) -> dict[str, Any]:
+    """For `run.json`; `agrees` is None where the run must not be believed."""
+    names = {q.exponents: _name(found, q) for q in rows(found)}
+    return {
+        "table": table,
+        "agrees": found.agrees if converged else None,
+        "sentence": _whole(found, table) if converged else NONE,
+        "joint_sigma": None if found.joint is None else round(found.joint, 3),
+        "limit_sigma": round(found.limit, 3),
+        "quantities": {
+            names[q.exponents]: {"says": q.says, "sigma": round(q.tension, 3)} for q in rows(found)
+        },
+    }
+
+
+def _entry(found: Verdict, quantity: Quantity) -> dict[str, Any]:
+    low, high = (f"hdi{100 * HDI_PROBABILITY:.0f}_{end}" for end in ("low", "high"))
+    return {
+        "quantity": _name(found, quantity),
+        "nominal": quantity.nominal,
+        "tolerance_low": quantity.tolerance[0],
+        "tolerance_high": quantity.tolerance[1],
+        "mean": quantity.mean,
+        "sd": quantity.sd,
+        low: quantity.hdi_low,
+        high: quantity.hdi_high,
+        "deviation": quantity.deviation,
+        "tension_sigma": quantity.tension,
+        "beyond_tolerance": "" if quantity.beyond is None else quantity.beyond,
+        "sd_ratio": quantity.sd_ratio,
+        "bits": quantity.bits,
+        "verdict": quantity.says,
+    }
+
+
+def _table(found: Verdict, columns: Sequence[str]) -> list[tuple[str, ...]]:
+    heads = _heads(found, columns)
+    lines = [_cells(found, quantity) for quantity in rows(found)]
+    return [heads, *(tuple(line[head] for head in heads) for line in lines)]
+
+
+def _heads(found: Verdict, columns: Sequence[str]) -> tuple[str, ...]:
+    tolerant = any(q.beyond is not None for q in rows(found))
+    return tuple(c for c in columns if tolerant or c not in ("tol. %", "beyond tol."))
+
+
+def _cells(found: Verdict, quantity: Quantity) -> dict[str, str]:
+    low, high = (100 * end for end in quantity.tolerance)
+    return {
+        "": _name(found, quantity),
+        "nominal": f"{quantity.nominal:.4g}",
+        "tol. %": f"{low:+.3g} to {high:+.3g}" if high > low else "",
+        "mean": f"{quantity.mean:.4g}",
+        "sd": f"{quantity.sd:.2g}",
+        _HDI: f"{quantity.hdi_low:.4g} to {quantity.hdi_high:.4g}",
+        "dev. %": f"{100 * quantity.deviation:+.3g}",
+        "tension": _sigmas(quantity.tension).removesuffix(" sigma"),
+        "beyond tol.": "" if quantity.beyond is None else f"{100 * quantity.beyond:.1f} %",
+        "sd/prior": f"{quantity.sd_ratio:.2g}",
+        "bits": f"{quantity.bits:.1f}",
+        "verdict": quantity.says,
+    }
+
+
+def _sigmas(x: float) -> str:
+    return f"{x:.1f} sigma" if x < 10 else f"{x:.0f} sigma"
+
+
+def _name(found: Verdict, quantity: Quantity) -> str:
+    return product(found.names, quantity.exponents)

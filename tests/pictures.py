@@ -1,0 +1,96 @@
+"""Draws that are hard to picture, and what overlaps in a picture."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator
+
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.text import Text
+from matplotlib.transforms import Bbox
+from numpy.typing import NDArray
+
+from bayesdrill.priors import HalfNormal, Prior, Uniform
+from bayesdrill.symbols import NOMINAL, PARAMETERS, Symbol, noise_symbol
+
+Array = NDArray[np.float64]
+
+TABLE = dict(NOMINAL["tables_2_3"].values)
+SIGMAS = {"w_1": 0.31, "w_2": 0.052, "i": 0.0123, "theta_1": 4.4e-3}
+SYMBOLS = (
+    *PARAMETERS.values(),
+    noise_symbol("w_1", "rad/s", r"\dot\theta_1", "rad/s"),
+    noise_symbol("w_2", "rad/s", r"\dot\theta_2", "rad/s"),
+    noise_symbol("i", "A", r"\dot q", "A"),
+    noise_symbol("theta_1", "rad", r"\theta_1", "rad"),
+)
+
+
+def posterior(n: int, width: float | None = None) -> Array:
+    """`(n, 13)` SI: skewed, correlated, one that is just its prior; or all of relative `width`."""
+    rng = np.random.default_rng(5)
+    z = rng.standard_normal((n, 13))
+    ratio = 1 + 0.03 * z
+    common = 0.08 * z[:, 6]
+    for column, mean in ((0, 1.02), (6, 1.05), (7, 1.03)):
+        ratio[:, column] = mean + common + 8e-4 * z[:, column]
+    ratio[:, 1] = 0.6 + 0.2 * rng.gamma(2.0, 0.6, n)
+    ratio[:, 3] = 0.97 - 0.3 * (ratio[:, 2] - 1) + 0.005 * z[:, 3]
+    ratio[:, 5] = rng.uniform(0.5, 1.5, n)
+    if width is not None:
+        ratio = 1 + width * (3 + (ratio - ratio.mean(0)) / ratio.std(0))
+    return ratio * np.array([*TABLE.values(), *SIGMAS.values()])
+
+
+def prior_of(symbol: Symbol) -> Prior:
+    if symbol.name in TABLE:
+        return Uniform(0.5 * TABLE[symbol.name], 1.5 * TABLE[symbol.name])
+    return HalfNormal(2 * SIGMAS[symbol.name.removeprefix("sigma_")])
+
+
+def mode_of(draws: Array, symbols: tuple[Symbol, ...]) -> dict[str, float]:
+    return {s.name: float(np.quantile(draws[:, d], 0.4)) for d, s in enumerate(symbols)}
+
+
+def drawn(figure: Figure) -> Figure:
+    FigureCanvasAgg(figure).draw()
+    return figure
+
+
+def shown(texts: list[Text]) -> list[Text]:
+    return [text for text in texts if text.get_visible() and text.get_text()]
+
+
+def box(text: Text) -> Bbox:
+    return text.get_window_extent()
+
+
+def overlap(a: Bbox, b: Bbox) -> bool:
+    """By more than half a pixel."""
+    return bool(np.all(np.minimum(a.p1, b.p1) - np.maximum(a.p0, b.p0) > 0.5))
+
+
+def clashes(figure: Figure) -> Iterator[str]:
+    """Pairs of texts that overlap, and texts that leave the page."""
+    page = figure.bbox.padded(0.5)
+    every: list[Text] = []
+    for panel in figure.axes:
+        if not panel.axison:
+            continue
+        own = [panel.xaxis.label, panel.yaxis.label]
+        titles = [panel.title, panel._left_title]
+        ticks = [*panel.get_xticklabels(), *panel.get_yticklabels()]
+        every += shown([*own, *titles, *ticks])
+    legends = [*figure.legends, *(panel.get_legend() for panel in figure.axes)]
+    every += [
+        text for legend in legends if legend is not None for text in shown(legend.get_texts())
+    ]
+    boxes = [(text.get_text(), box(text)) for text in every]
+    for (text, a), (other, b) in itertools.combinations(boxes, 2):
+        if overlap(a, b):
+            yield f"{text} on {other}"
+    for text, a in boxes:
+        if not (page.contains(*a.p0) and page.contains(*a.p1)):
+            yield f"{text} leaves the page"

@@ -1,0 +1,85 @@
+"""Cramer-Rao bounds against what they promise: posterior spreads and repeated fits."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bayesdrill import loading, pipeline, sampling, seeds
+from bayesdrill.config import Config
+from bayesdrill.crew import Crew
+from bayesdrill.identifiability import information
+from bayesdrill.identifiability.profile import Fitter
+from bayesdrill.identifiability.scenes import Scenery
+from bayesdrill.pipeline import Job
+from bayesdrill.progress import Silent
+from bayesdrill.shelf import Memory
+
+CONFIG = Path(__file__).parents[2] / "configs" / "nominal_step.yaml"
+SIGMA = 1e-3
+TWO = ("c_m", "k_e")
+FITS = 500
+
+
+@pytest.fixture(scope="module")
+def job(tmp_path_factory: pytest.TempPathFactory) -> Job:
+    """The paper's verification study: two unknowns, noise of 0.001 on every channel."""
+    config, source = loading.load(CONFIG)
+    entries = config.model_dump(exclude_unset=True, exclude_none=True)
+    for name in entries["parameters"]:
+        if name not in TWO:
+            entries["parameters"][name] = "nominal"
+    for channel in entries["record"]["channels"].values():
+        channel["sigma"] = SIGMA
+    from bayesdrill import simulation
+
+    changed = Config.model_validate(entries)
+    record = tmp_path_factory.mktemp("record") / "record.csv"
+    record.write_text(simulation.simulate(changed, source, 11))
+    entries["record"]["file"] = str(record)
+    return pipeline.assemble(Config.model_validate(entries), source)
+
+
+def bounds_at_nominal(job: Job) -> np.ndarray:
+    posterior = job.problem.posterior
+    nominal = posterior.space.vector(job.problem.nominal)
+    scenery = Scenery(posterior.likelihood)
+    rows = scenery.sensitivities(nominal, scenery.as_it_is(nominal))
+    return information.from_sensitivities(TWO, rows).bounds()
+
+
+@pytest.mark.slow
+def test_bounds_are_the_posteriors_spread(job: Job) -> None:
+    posterior = job.problem.posterior
+    start = posterior.space.vector(job.problem.nominal)
+    with Crew(posterior, 1) as crew:
+        sampled = sampling.sample(
+            crew, posterior, start, pipeline.plan(job.config), Memory(), Silent()
+        )
+    assert sampled.convergence.converged
+    spread = np.log(sampled.draws.reshape(-1, len(TWO))).std(axis=0)
+    assert np.allclose(spread, bounds_at_nominal(job), rtol=0.1)
+
+
+@pytest.mark.slow
+def test_bounds_are_the_spread_of_repeated_fits(job: Job) -> None:
+    """500 maximum-likelihood fits of fresh records; their own error of a spread is 3 %."""
+    posterior = job.problem.posterior
+    nominal = posterior.space.vector(job.problem.nominal)
+    likelihood = posterior.likelihood
+    clean = likelihood.signals(nominal[None])
+    rng = seeds.stream(12, "record")
+    scenery = Scenery(likelihood)
+    found = []
+    for _ in range(FITS):
+        y = likelihood.noise.draw(clean, np.empty((1, 0)), rng)[0]
+        fresh = replace(likelihood, response=likelihood.response.with_record(y))
+        found.append(Fitter(replace(posterior, likelihood=fresh), scenery, nominal).best.logs)
+    logs = np.array(found)
+    bounds = bounds_at_nominal(job)
+    assert np.allclose(logs.std(axis=0), bounds, rtol=0.1)
+    # No bias either, to the error of a mean of 500.
+    assert np.all(np.abs(logs.mean(axis=0) - np.log(nominal)) < 4 * bounds / np.sqrt(FITS))

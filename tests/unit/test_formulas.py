@@ -1,0 +1,98 @@
+"""Formulas: what they are worth, when they are products of powers, and what they may not say."""
+
+from __future__ import annotations
+
+import math
+import pickle
+
+import numpy as np
+import pytest
+
+from bayesdrill.formulas import CircleError, expression, resolved
+from bayesdrill.models.tangent import Dual
+
+NAMES = ("G", "d", "L", "k_e", "k_s", "j_1")
+VALUES = {"G": 79.3e9, "d": 3e-3, "L": 2.4, "k_e": 0.06, "k_s": 0.26, "j_1": 0.0283}
+SHAFT = "pi*G*d**4/(32*L)"
+
+WORTH = [
+    ("k_e", 0.06),
+    (SHAFT, math.pi * 79.3e9 * 3e-3**4 / 76.8),
+    ("sqrt(k_s/j_1)", math.sqrt(0.26 / 0.0283)),
+    ("-(k_s - 1) + 2 ** -1", 1.24),
+    ("exp(log(k_s)*2)", 0.26**2),
+    ("k_s**1.5 / d**(1/2)", 0.26**1.5 / 3e-3**0.5),
+]
+
+
+@pytest.mark.parametrize(("text", "value"), WORTH)
+def test_value_at_numbers_and_at_arrays(text: str, value: float) -> None:
+    found = pickle.loads(pickle.dumps(expression(text, NAMES)))
+    assert found == expression(text, NAMES)
+    assert found.value(VALUES) == pytest.approx(value, rel=1e-14)
+    both = {name: np.array([x, x]) for name, x in VALUES.items()}
+    assert found.value(both) == pytest.approx([value, value], rel=1e-14)
+
+
+@pytest.mark.parametrize("text", [text for text, _ in WORTH])
+def test_derivatives_are_those_of_differences(text: str) -> None:
+    """Mutant killed: the slope of a power forgotten."""
+    found = expression(text, NAMES)
+    for name in found.names:
+        dual = found.value({**VALUES, name: Dual(VALUES[name], 1.0)})
+        h = 1e-6 * VALUES[name]
+        up, down = (found.value({**VALUES, name: VALUES[name] + s}) for s in (h, -h))
+        assert dual.slope == pytest.approx((up - down) / (2 * h), rel=1e-7)
+
+
+@pytest.mark.parametrize(
+    ("text", "powers"),
+    [
+        (SHAFT, {"G": 1, "d": 4, "L": -1}),
+        ("k_e", {"k_e": 1}),
+        ("2*k_s + k_s/3", {"k_s": 1}),
+        ("sqrt(k_s/j_1)*exp(1)", {"k_s": 0.5, "j_1": -0.5}),
+        ("k_s/k_s*d", {"d": 1}),
+    ],
+)
+def test_products_of_powers_are_seen_as_such(text: str, powers: dict[str, float]) -> None:
+    found = expression(text, NAMES)
+    monomial = found.monomial()
+    assert dict(monomial.powers) == powers
+    product = math.prod(VALUES[name] ** power for name, power in powers.items())
+    assert monomial.factor * product == pytest.approx(found.value(VALUES), rel=1e-13)
+
+
+@pytest.mark.parametrize("text", ["k_s + j_1", "exp(d)", "-k_s", "k_s - k_s", "1 + d", "log(k_e)"])
+def test_what_is_no_product_of_powers(text: str) -> None:
+    assert expression(text, NAMES).monomial() is None
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("k_x", "did you mean"),
+        ("pi*G*d^4", r"d\*\*4"),
+        ("sin(d)", "functions are sqrt, exp, log"),
+        ("sqrt(d, L)", "of one number each"),
+        ("d**L", "the power 'L'|not a known name"),
+        ("0,06", "decimal point"),
+        ("0.06 N*m", "without units"),
+        ("__import__('os').system('x')", "cannot stand"),
+        ("d.real", "cannot stand"),
+        ("True*d", "cannot stand"),
+        ("(" * 300 + "d" + ")" * 300, "not a formula"),
+        ("", "not a formula"),
+    ],
+)
+def test_refuses_the_rest_in_words(text: str, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        expression(text, NAMES)
+
+
+def test_chains_are_resolved_and_circles_named() -> None:
+    chain = {"k_T": expression("2*k_e", NAMES), "k_e": expression("G + d", NAMES)}
+    assert resolved(chain)["k_T"].value(VALUES) == pytest.approx(2 * (79.3e9 + 3e-3))
+    circle = {"k_s": expression("j_1", NAMES), "j_1": expression("k_s*2", NAMES)}
+    with pytest.raises(CircleError, match="k_s -> j_1 -> k_s"):
+        resolved(circle)

@@ -1,0 +1,99 @@
+"""Warnings of nonsense, against numbers that can be worked out by hand."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from oracles import NOMINAL, ORDER
+from rigs import experiment, posterior
+
+from bayesdrill import physics, symbols
+from bayesdrill.build import Problem
+from bayesdrill.config import Nominal
+from bayesdrill.identifiability.information import Information
+from bayesdrill.models.linear import Linear
+from bayesdrill.models.motor_shaft import MotorShaft, six_state_matrix
+
+BLIND = Information(ORDER, np.zeros((9, 9)))
+SEEN = Information(ORDER, np.eye(9))
+
+
+def problem(dt: float = 0.001, **changes: float) -> Problem:
+    return Problem(
+        posterior=posterior(experiment(11, dt), np.full(5, 0.1)),
+        symbols=tuple(symbols.PARAMETERS[name] for name in ORDER),
+        nominal={**NOMINAL, **changes},
+    )
+
+
+def nominal(of: Problem, **entries: Any) -> list[str]:
+    config: Any = SimpleNamespace(nominal=Nominal.model_validate(entries))
+    return [finding.split(":")[0] for finding in physics.of_nominal(config, of)]
+
+
+def draws(n: int = 50, **changes: float) -> np.ndarray:
+    return np.tile([{**NOMINAL, **changes}[name] for name in ORDER], (n, 1))
+
+
+def test_poles_are_the_eigenvalues_of_the_paper_s_matrix() -> None:
+    found = physics.poles(MotorShaft(), {name: np.array([NOMINAL[name]]) for name in ORDER})[0]
+    expected = np.linalg.eigvals(six_state_matrix(NOMINAL))
+    expected = np.delete(expected, np.argmin(np.abs(expected)))  # the charge adds a zero
+    order = [np.lexsort((x.imag.round(6), x.real.round(6))) for x in (found, expected)]
+    assert found[order[0]] == pytest.approx(expected[order[1]], abs=1e-6)
+
+
+def test_a_motor_that_gives_more_than_it_takes_is_named() -> None:
+    """Mutant killed: k_T below k_e is blamed instead."""
+    found = problem()
+    assert nominal(found) == ["energy"]
+    assert nominal(problem(k_T=NOMINAL["k_e"])) == []
+    assert nominal(problem(k_T=0.5 * NOMINAL["k_e"])) == []
+    (told,) = physics.of_draws(found, draws(), SEEN)
+    assert "100 % of the draws (median ratio 1.99)" in told
+    assert physics.of_draws(found, draws(k_T=NOMINAL["k_e"]), SEEN) == ()
+
+
+def test_a_ratio_that_the_record_cannot_show_is_not_blamed_on_the_rig() -> None:
+    (told,) = physics.of_draws(problem(), draws(), BLIND)
+    assert "cannot show this ratio" in told
+
+
+def test_geometry_is_that_of_the_paper_and_only_of_its_rig() -> None:
+    """0.30 N m/rad of Table 1 is 14 % above what 2.4 m of 3 mm steel have."""
+    other = problem(k_T=NOMINAL["k_e"], k_s=0.30)
+    assert nominal(other, table="table_1") == ["geometry"]
+    assert nominal(other, k_s=0.30) == []
+    stiffness, inertia = (physics.GEOMETRY[name][0] for name in ("k_s", "j_1"))
+    assert stiffness == pytest.approx(0.263, abs=5e-4)
+    assert inertia == pytest.approx(28.3e-3, abs=5e-5)
+
+
+def test_a_pole_faster_than_the_samples_is_named() -> None:
+    """Mutant killed: a step is compared with the time of the slowest motion."""
+    ideal = NOMINAL["k_e"]
+    values = {name: np.array([x]) for name, x in {**NOMINAL, "k_T": ideal}.items()}
+    fastest = -physics.poles(MotorShaft(), values)[0].real.min()
+    assert nominal(problem(0.9 / fastest, k_T=ideal)) == []
+    step = 1.1 / fastest
+    assert nominal(problem(step, k_T=ideal)) == ["sampling"]
+    (told,) = physics.of_draws(problem(step), draws(k_T=ideal), SEEN)
+    assert "100 % of the draws" in told
+
+
+def test_a_rig_that_runs_away_and_one_that_turns_too_fast_are_named() -> None:
+    class Unstable(MotorShaft):
+        def linear(self, p: Any) -> Linear:
+            # An oscillation of 100 Hz that grows by 1 % a second.
+            spin, n = 2 * np.pi * 100.0, np.ones_like(p["k_s"])
+            pairs = {("theta_1", "w_1"): spin * n, ("w_1", "theta_1"): -spin * n}
+            return Linear(A=pairs | {(x, x): 0.01 * n for x in ("theta_1", "w_1")}, B={}, c={})
+
+    found = physics.poles(Unstable(), {"k_s": np.ones(3)})
+    told = physics._poles(found, 0.01)
+    assert [finding.split(":")[0] for finding in told] == ["stability", "sampling"]
+    assert "0.01 1/s" in told[0]
+    assert "100 Hz" in told[1]

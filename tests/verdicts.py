@@ -1,0 +1,71 @@
+"""A study that is exactly linear, and the exact posterior of any record of it."""
+
+from __future__ import annotations
+
+import numpy as np
+from oracles import NOMINAL
+
+from bayesdrill.identifiability.information import Information, directions, products, root_of
+from bayesdrill.identifiability.structure import Structure
+from bayesdrill.identifiability.study import Known, Study, Thresholds
+from bayesdrill.verdict import Verdict, judge
+
+N = 4000
+RNG = np.random.default_rng(8)
+PRIOR_SD = 0.3
+NAMES = ("k_s", "j_1", "r_m")
+TABLE = {name: NOMINAL[name] for name in NAMES}
+# The record sees k_s/j_1 to 1 % and r_m to 2 %, and k_s and j_1 not by themselves.
+ROOT = root_of(np.array([[100.0, -100.0, 0.0], [0.0, 0.0, 50.0]]))
+
+
+def linear_study(prior_sd: np.ndarray) -> Study:
+    known = Information(NAMES, ROOT)
+    words = Thresholds()
+    joint = known.with_priors(prior_sd)
+
+    def judged(exponents: tuple[int, ...]) -> Known:
+        e = np.array(exponents, dtype=float)
+        sd, before = joint.bound(e), float(np.linalg.norm(prior_sd * e))
+        return Known(
+            exponents=exponents,
+            sd=sd,
+            prior_sd=before,
+            bound=known.bound(e),
+            word=words.judge(sd / before),
+        )
+
+    return Study(
+        names=NAMES,
+        at="the start",
+        of_interest=NAMES,
+        structure=Structure(
+            names=NAMES,
+            symmetries=((1, 1, 0),),
+            invariants=((0, 0, 1), (1, -1, 0)),
+            unexplained=0,
+        ),
+        parameters=tuple(judged(e) for e in ((1, 0, 0), (0, 1, 0), (0, 0, 1))),
+        products=tuple(judged(p.exponents) for p in products(known, prior_sd)),
+        directions=directions(known),
+        remedies=(),
+    )
+
+
+LINEAR = linear_study(np.full(3, PRIOR_SD))
+PRIOR = np.exp(PRIOR_SD * RNG.standard_normal((5000, 3))) * list(TABLE.values())
+
+
+def gaussian(truth: dict[str, float], rng: np.random.Generator, n: int = N) -> np.ndarray:
+    """Draws of the exact posterior of one record of a rig at `truth`, priors in logs around it."""
+    log_truth = np.log([truth[name] / TABLE[name] for name in NAMES])
+    precision = ROOT.T @ ROOT + np.eye(3) / PRIOR_SD**2
+    data = ROOT.T @ (ROOT @ log_truth + rng.standard_normal(3))
+    mean = np.linalg.solve(precision, data)
+    root = np.linalg.cholesky(np.linalg.inv(precision))
+    return np.exp(mean + rng.standard_normal((n, 3)) @ root.T) * list(TABLE.values())
+
+
+def verdict(draws: np.ndarray, tolerance: float = 0.0, pressed: tuple[str, ...] = ()) -> Verdict:
+    limits = dict.fromkeys(NAMES, tolerance)
+    return judge(LINEAR, draws, PRIOR, TABLE, limits, pressed, Thresholds())
