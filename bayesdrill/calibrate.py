@@ -24,7 +24,8 @@ from bayesdrill.convergence import Targets
 from bayesdrill.crew import ctrl_c_waits
 from bayesdrill.errors import InputError, Interrupted
 from bayesdrill.experiment import Experiment
-from bayesdrill.pipeline import CONFIG_FILE, RESOLVED_FILE, Job
+from bayesdrill.job import Job
+from bayesdrill.pipeline import CONFIG_FILE, RESOLVED_FILE
 from bayesdrill.progress import Reporter
 from bayesdrill.report import calibration_words
 from bayesdrill.store import RUN, Folder
@@ -50,7 +51,7 @@ class Outcome:
 
 
 def prepare(path: Path) -> Job:
-    """As `pipeline.prepare`, but nothing has to be measured yet where `simulation:` gives times."""
+    """As `job.prepare`, but nothing has to be measured yet where `simulation:` gives times."""
     config, source = loading.load(path)
     there = recording.path_of(config, source).exists()
     read: Callable[..., Experiment] = recording.read if there else simulation.grid

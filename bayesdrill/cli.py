@@ -66,14 +66,15 @@ def top(
 def check(config: ConfigPath) -> None:
     """Validate config and record and say what would run; samples nothing, writes nothing."""
     with _guarded():
-        from bayesdrill import pipeline
         from bayesdrill.identifiability.scenes import Scenery
+        from bayesdrill.identify import preflight
+        from bayesdrill.job import prepare
         from bayesdrill.report import words
 
-        job = pipeline.prepare(config)
+        job = prepare(config)
         typer.echo(words.opening(job.problem))
         typer.echo(words.preview(job.problem, job.config))
-        typer.echo(pipeline.preflight(job, Scenery(job.problem.posterior.likelihood)))
+        typer.echo(preflight(job, Scenery(job.problem.posterior.likelihood)))
 
 
 @app.command(epilog="Example: bayesdrill identify configs/nominal_step.yaml --profile k_s")
@@ -98,22 +99,23 @@ def identify(
     """Say what this record can and cannot determine, and what would help; samples nothing."""
     with _guarded():
         from bayesdrill import identify as job_
-        from bayesdrill import pipeline
         from bayesdrill.crew import available
+        from bayesdrill.job import prepare
         from bayesdrill.progress import reporter
 
-        job = pipeline.prepare(config)
+        job = prepare(config)
         space = job.problem.posterior.space
         with reporter() as report:
             at, values = "the start", space.start
             if at_map:
+                from bayesdrill import pipeline  # late: it loads all that sampling needs
+
                 at = "the MAP"
                 values = pipeline.find_mode(job, processes or available(), report).values
             findings = job_.identify(job, space.vector(values), at, profile or [], report)
         typer.echo(findings.text)
         if output is not None:
-            job_.publish(job, findings, output)
-            typer.echo(f"\nwritten: {output}/ ({job_.REPORT}, figures/)")
+            typer.echo("\nwritten: " + job_.publish(job, findings, output))
 
 
 @app.command("map", epilog="Example: bayesdrill map configs/nominal_step.yaml")
@@ -123,12 +125,12 @@ def map_(config: ConfigPath, processes: Processes = None) -> None:
         from bayesdrill import pipeline
         from bayesdrill.crew import available
         from bayesdrill.progress import reporter
-        from bayesdrill.report import tables
+        from bayesdrill.report.tables import mode_as_text
 
         job = pipeline.prepare(config)
         with reporter() as report:
             found = pipeline.find_mode(job, processes or available(), report)
-        typer.echo(tables.mode_as_text(job.problem, found))
+        typer.echo(mode_as_text(job.problem, found))
 
 
 @app.command(epilog="Example: bayesdrill posterior configs/nominal_step.yaml --output results/mine")

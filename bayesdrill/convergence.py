@@ -10,7 +10,6 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from arviz_stats.base import array_stats
 from numpy.typing import NDArray
 from scipy import fft
 
@@ -67,6 +66,8 @@ def assess(
 
     `log_p (E, S, W)` finds walkers that are far from the rest; without it they are not looked for.
     """
+    from arviz_stats.base import array_stats  # late: it takes half a second to load
+
     n_steps = theta.shape[1]
     half = (n_steps - pilot) // 2
     early = float(autocorrelation_time(theta[:, pilot + half :]).max())

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from arviz_stats.base import array_stats
 from numpy.typing import NDArray
 
 from bayesdrill.build import Problem
@@ -97,6 +96,8 @@ def summarise(
 
 def hdi(x: Array) -> tuple[float, float]:
     """The narrowest interval that holds `HDI_PROBABILITY` of the draws `(N,)`."""
+    from arviz_stats.base import array_stats  # late: it takes half a second to load
+
     low, high = array_stats.hdi(x, prob=HDI_PROBABILITY, axis=0)  # type: ignore[no-untyped-call]
     return float(low), float(high)
 

@@ -13,7 +13,7 @@ from bayesdrill.errors import InputError, did_you_mean
 from bayesdrill.identifiability.profile import Fitter, Profile, profile
 from bayesdrill.identifiability.scenes import Scenery
 from bayesdrill.identifiability.study import Study, study_of
-from bayesdrill.pipeline import Job
+from bayesdrill.job import Job
 from bayesdrill.progress import Reporter
 from bayesdrill.report import identify_words as words
 from bayesdrill.store import whole
@@ -55,8 +55,17 @@ def identify(job: Job, theta: Array, at: str, wanted: Sequence[str], report: Rep
     return Findings(study=found, profiles=tuple(profiles))
 
 
-def publish(job: Job, findings: Findings, folder: Path) -> None:
-    """Text and figures into `folder`, which may hold other results."""
+def preflight(job: Job, scenery: Scenery) -> str:
+    """What the record can show at the start values, in a few lines."""
+    if not scenery.unknowns:
+        return "no parameter is unknown: only noise levels are looked for"
+    posterior = job.problem.posterior
+    start = posterior.space.vector(posterior.space.start)
+    return words.brief(study_of(scenery, posterior, start, job.config))
+
+
+def publish(job: Job, findings: Findings, folder: Path) -> str:
+    """Text and figures into `folder`, which may hold other results; says where."""
     from bayesdrill.report import style  # late: matplotlib takes a second to load
     from bayesdrill.report.profile_plot import profile_figure
     from bayesdrill.report.spectrum_plot import spectrum_figure
@@ -72,6 +81,7 @@ def publish(job: Job, findings: Findings, folder: Path) -> None:
     if findings.profiles:
         drawn = profile_figure(findings.profiles, symbols, job.problem.nominal)
         style.save(drawn, figures, "profiles", note)
+    return f"{folder}/ ({REPORT}, figures/)"
 
 
 def _columns(unknowns: tuple[str, ...], wanted: Sequence[str]) -> list[int]:

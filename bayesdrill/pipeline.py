@@ -16,37 +16,29 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdrill import build, loading, mode, provenance, recording, seeds, store, verdict
 from bayesdrill import config as records
-from bayesdrill.build import Problem
+from bayesdrill import mode, provenance, seeds, store, verdict
 from bayesdrill.convergence import Targets
 from bayesdrill.crew import Crew
 from bayesdrill.diagnostics import Row, summarise
 from bayesdrill.errors import InputError, Interrupted
 from bayesdrill.identifiability.scenes import Scenery
-from bayesdrill.identifiability.study import study_of
+from bayesdrill.identify import preflight
+from bayesdrill.job import Job as Job
+from bayesdrill.job import assemble as assemble
+from bayesdrill.job import prepare as prepare
 from bayesdrill.mode import Mode, Search
 from bayesdrill.progress import Reporter
-from bayesdrill.report import identify_words, publish, tables, verdict_words, words
+from bayesdrill.report import publish, tables, verdict_words, words
 from bayesdrill.sampling import Plan, Sampled, sample, stored
 from bayesdrill.store import Folder
 from bayesdrill.verdict import Verdict
-from bayesdrill.yaml_source import Source
 
 Array = NDArray[np.float64]
 
 MAP_FILE = "map.json"
 CONFIG_FILE = "config.yaml"
 RESOLVED_FILE = "config.resolved.yaml"
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Job:
-    """A config that has been read, checked against its record, and built."""
-
-    config: records.Config
-    source: Source
-    problem: Problem
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -60,23 +52,6 @@ class Outcome:
     verdict: Verdict | None
     shown: tuple[str, ...]
     seconds: Mapping[str, float]
-
-
-def prepare(path: Path) -> Job:
-    """Everything that can be wrong with the input is found here; nothing is written."""
-    config, source = loading.load(path)
-    return assemble(config, source)
-
-
-def assemble(config: records.Config, source: Source) -> Job:
-    """The job of a config that is already validated; `source` is where its paths start."""
-    problem = build.problem(config, recording.read(config, source))
-    posterior = problem.posterior
-    start = posterior.space.vector(posterior.space.start)
-    if not np.isfinite(posterior.density(start[None])[0]):
-        message = "the model has no finite response at the start; check values and units"
-        raise InputError([source.problem(("parameters",), message)])
-    return Job(config=config, source=source, problem=problem)
 
 
 def posterior(job: Job, output: Path, how: store.Mode, processes: int, report: Reporter) -> Outcome:
@@ -123,15 +98,6 @@ def _run(job: Job, folder: Folder, processes: int, report: Reporter) -> Outcome:
         folder.finish_chain(sampled.pieces, {"coordinates": coordinates, "unknowns": names})
         seconds = {"map": clock[1] - clock[0], "sampling": clock[2] - clock[1]}
         return _publish(job, folder, found, sampled, scenery, seconds, crew)
-
-
-def preflight(job: Job, scenery: Scenery) -> str:
-    """What the record can show at the start values, in a few lines."""
-    if not scenery.unknowns:
-        return "no parameter is unknown: only noise levels are looked for"
-    posterior = job.problem.posterior
-    start = posterior.space.vector(posterior.space.start)
-    return identify_words.brief(study_of(scenery, posterior, start, job.config))
 
 
 def republish(output: Path, processes: int) -> Outcome:
@@ -191,7 +157,7 @@ def _end_search(job: Job, tasks: list[Future[Search]], report: Reporter) -> Mode
 
 def _load_ahead() -> None:
     """Libraries that take a while to load."""
-    for name in ("sklearn.mixture", "scipy.stats"):
+    for name in ("sklearn.mixture", "scipy.stats", "arviz_stats.base"):
         importlib.import_module(name)
 
 

@@ -76,6 +76,14 @@ def bits_gained(logs: Array, prior_logs: Array) -> float:
     edges = np.quantile(prior_logs, np.linspace(0.0, 1.0, PRIOR_BINS + 1))
     log_density = -math.log(PRIOR_BINS) - np.log(np.maximum(np.diff(edges), 1e-300))
     bins = np.clip(np.searchsorted(edges, logs) - 1, 0, PRIOR_BINS - 1)
+    return max(0.0, (-_entropy(logs) - float(log_density[bins].mean())) / math.log(2.0))
+
+
+def _entropy(logs: Array) -> float:
+    """In nats; where one value is repeated over and over (a stuck walker), of the distinct ones."""
     sd = float(logs.std()) or 1e-300
-    entropy = float(differential_entropy(logs / sd, method="ebrahimi")) + math.log(sd)
-    return max(0.0, (-entropy - float(log_density[bins].mean())) / math.log(2.0))
+    with np.errstate(divide="ignore"):
+        entropy = float(differential_entropy(logs / sd, method="ebrahimi"))
+    if not np.isfinite(entropy):
+        entropy = float(differential_entropy(np.unique(logs) / sd, method="ebrahimi"))
+    return entropy + math.log(sd)

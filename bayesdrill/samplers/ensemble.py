@@ -7,7 +7,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-import emcee
 import numpy as np
 from numpy.typing import NDArray
 
@@ -58,6 +57,8 @@ def advance(
     `proposal`: what the independence move draws from; without it that move is left out.
     `inside`: whether points `(n, D)` may have a density at all, cheaper than asking for it.
     """
+    import emcee  # late: it takes half a second to load
+
     failures = 0
 
     def target(z: Array) -> Array:

@@ -72,7 +72,7 @@ def test_a_bent_target_that_is_cut_off_is_kept_exactly() -> None:
 
 
 def test_a_proposal_learnt_from_something_else_is_exact_too() -> None:
-    draws = BENT.draw(2000, np.random.default_rng(2)) + [0.3, 0.5]
+    draws = BENT.draw(2000, np.random.default_rng(2)) + np.array([0.3, 0.5])
     proposal = learn(draws, BENT.inside, np.random.RandomState(3))
     assert min(BENT.p_values(walked(proposal, steps=100).state.z)) > FAIL
 
@@ -107,7 +107,7 @@ def test_redraws_that_run_out_keep_the_target(monkeypatch: pytest.MonkeyPatch) -
 def test_shear_goes_back_and_keeps_volumes() -> None:
     straight = shear.fit(BENT.draw(2000, np.random.default_rng(2)))
     assert list(straight.loose) == [0]
-    z = BENT.draw(50, np.random.default_rng(3)) + [0.1, -0.7]
+    z = BENT.draw(50, np.random.default_rng(3)) + np.array([0.1, -0.7])
     assert np.allclose(straight.bend(straight.straighten(z)), z, rtol=1e-12)
     for point in z[:5]:
         shifts = 1e-5 * straight.scale[:, None] * np.eye(2)

@@ -168,7 +168,7 @@ def test_the_chain_is_an_emcee_backend(done: Done) -> None:
 
 def test_the_tree_has_the_groups_and_units_of_arviz(done: Done) -> None:
     with xarray.open_datatree(done.folder / "posterior.nc", engine="h5netcdf") as tree:
-        groups = {"posterior", "sample_stats", "log_likelihood", "prior"}
+        groups = {"posterior", "sample_stats", "log_likelihood", "prior", "derived"}
         groups |= {"posterior_predictive", "observed_data", "constant_data"}
         assert set(tree.children) == groups
         assert set(tree["posterior"].data_vars) == {"k_e", "j_1"}

@@ -1,0 +1,38 @@
+"""A job: a config that has been read, checked against its record, and built."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from bayesdrill import build, loading, recording
+from bayesdrill import config as records
+from bayesdrill.build import Problem
+from bayesdrill.errors import InputError
+from bayesdrill.yaml_source import Source
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Job:
+    config: records.Config
+    source: Source
+    problem: Problem
+
+
+def prepare(path: Path) -> Job:
+    """Everything that can be wrong with the input is found here; nothing is written."""
+    config, source = loading.load(path)
+    return assemble(config, source)
+
+
+def assemble(config: records.Config, source: Source) -> Job:
+    """The job of a config that is already validated; `source` is where its paths start."""
+    problem = build.problem(config, recording.read(config, source))
+    posterior = problem.posterior
+    start = posterior.space.vector(posterior.space.start)
+    if not np.isfinite(posterior.density(start[None])[0]):
+        message = "the model has no finite response at the start; check values and units"
+        raise InputError([source.problem(("parameters",), message)])
+    return Job(config=config, source=source, problem=problem)
