@@ -30,6 +30,7 @@ PIECE = 250  # steps between savings, at most, and ...
 PIECE_SECONDS = 2.0  # ... about as many as take this long: what Ctrl-C waits for
 FIRST_ROUND = 0.6  # of the pilot, before anything has been learnt
 PILOT_EVERY = 5  # of the second half of a round, which a proposal is learnt from
+TRIED = 3000  # draws that the acceptance of a proposal is estimated from, about
 LEAST_ACCEPTANCE = 0.05  # below it the learnt proposal is not worth its share of the steps
 START_SPREAD = 1.5  # ensembles start wider than the Gaussian approximation, so that R-hat can tell
 
@@ -92,69 +93,113 @@ def walk(
     return advance(posterior.evaluate, state, n_steps, moves, proposal, posterior.supports)
 
 
-def learn(
-    posterior: Posterior, chains: list[list[Piece]], steps: slice, random: np.random.RandomState
-) -> tuple[Proposal, float]:
-    """The independence proposal from these pilot steps of all ensembles, and its acceptance."""
-    z = np.concatenate([np.concatenate([p.z for p in pieces])[steps] for pieces in chains])
-    log_p = np.concatenate([np.concatenate([p.log_p for p in pieces])[steps] for pieces in chains])
-    draws = z.reshape(-1, z.shape[-1])
-    with threadpool_limits(1):
-        proposal = independence.learn(draws, posterior.supports, random)
-        share = independence.expected_acceptance(
-            proposal, posterior, posterior.supports, draws, log_p.ravel(), random
-        )
-    return proposal, share
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Walk:
+    """Ensembles under way: their `pieces`, and the same steps in physical unknowns, `theta`."""
 
+    crew: Crew
+    posterior: Posterior
+    mode: Array
+    plan: Plan
+    shelf: Shelf
+    pieces: list[list[Piece]]
+    theta: list[list[Array]]
 
-def _pilot(
-    crew: Crew,
-    posterior: Posterior,
-    mode: Array,
-    plan: Plan,
-    chains: list[list[Piece]],
-    shelf: Shelf,
-    report: Reporter,
-) -> Proposal | None:
-    """The pilot in two rounds, each of which learns a proposal; None where it does not help.
+    @property
+    def steps(self) -> list[int]:
+        return [_steps(pieces) for pieces in self.pieces]
 
-    The second round walks with what the first has learnt, which brings the last walkers home.
-    """
-    wanted = plan.moves.get("independence", 0.0) > 0.0
-    random = np.random.RandomState()
-    random.set_state(seeds.legacy_state(plan.seed, "pilot"))
-    proposal, share, begun = None, 0.0, 0
-    for end in (int(FIRST_ROUND * plan.pilot), plan.pilot):
-        _advance_to(end, proposal, crew, posterior, mode, plan, chains, shelf)
-        if wanted:
-            steps = slice((begun + end) // 2, end, PILOT_EVERY)
-            learnt, share = learn(posterior, chains, steps, random)
-            proposal = learnt if share >= LEAST_ACCEPTANCE else None
-        begun = end
-    if wanted and proposal is None:
-        report.say(
-            f"pilot: a proposal learnt from it would be accepted {share:.1%} of the time, too rarely "
-            "to help; going on without"
+    def advance_to(self, goal: int, proposal: Proposal | None) -> None:
+        """All ensembles to `goal` steps; each goes on as soon as its last piece is in."""
+        running: dict[Future[Piece], int] = {}
+        length = PIECE
+
+        def submit(ensemble: int) -> None:
+            left = goal - self.steps[ensemble]
+            if left > 0:
+                arguments = min(length, left), dict(self.plan.moves), proposal
+                running[self.crew.submit(walk, self._state(ensemble), *arguments)] = ensemble
+
+        for ensemble in range(self.plan.ensembles):
+            submit(ensemble)
+        while running:
+            done, _ = wait(running, return_when=FIRST_COMPLETED)
+            for future in done:
+                ensemble = running.pop(future)
+                piece = future.result()
+                length = int(np.clip(PIECE_SECONDS * len(piece.z) / piece.seconds, 1, PIECE))
+                first = self.steps[ensemble]
+                self.pieces[ensemble].append(piece)
+                if not self.crew.alone:
+                    submit(ensemble)  # first, so that others walk on while this process writes
+                self.shelf.save(ensemble, first, piece)
+                self.theta[ensemble].append(_physical(self.posterior, piece))
+                if self.crew.alone:
+                    submit(ensemble)
+
+    def learn(self, steps: slice, random: np.random.RandomState) -> tuple[Proposal, float]:
+        """The independence proposal from these steps of all ensembles, and its acceptance."""
+        z, log_p = (
+            np.concatenate([np.concatenate(parts)[steps] for parts in chains])
+            for chains in (
+                [[piece.z for piece in pieces] for pieces in self.pieces],
+                [[piece.log_p for piece in pieces] for pieces in self.pieces],
+            )
         )
-    elif wanted:
-        report.say(
-            f"pilot: {plan.pilot} steps; the proposal learnt from them is accepted {share:.0%} of "
-            "the time"
-        )
-    return proposal
+        draws, densities = z.reshape(-1, z.shape[-1]), log_p.ravel()
+        some = slice(None, None, max(1, len(draws) // TRIED))
+        target, inside = self.posterior, self.posterior.supports
+        with threadpool_limits(1):
+            proposal = independence.learn(draws, inside, random)
+            share = independence.expected_acceptance(
+                proposal, target, inside, draws[some], densities[some], random
+            )
+        return proposal, share
+
+    def pilot(self, report: Reporter) -> Proposal | None:
+        """The pilot in two rounds, each of which learns a proposal; None where it does not help.
+
+        The second round walks with what the first has learnt, which brings the last walkers home.
+        """
+        wanted = self.plan.moves.get("independence", 0.0) > 0.0
+        random = np.random.RandomState()
+        random.set_state(seeds.legacy_state(self.plan.seed, "pilot"))
+        proposal, share, begun = None, 0.0, 0
+        for end in (int(FIRST_ROUND * self.plan.pilot), self.plan.pilot):
+            self.advance_to(end, proposal)
+            if wanted:
+                learnt, share = self.learn(slice((begun + end) // 2, end, PILOT_EVERY), random)
+                proposal = learnt if share >= LEAST_ACCEPTANCE else None
+            begun = end
+        if wanted and proposal is None:
+            report.say(
+                f"pilot: a proposal learnt from it would be accepted {share:.1%} of the time, too "
+                "rarely to help; going on without"
+            )
+        elif wanted:
+            report.say(
+                f"pilot: {self.plan.pilot} steps; the proposal learnt from them is accepted "
+                f"{share:.0%} of the time"
+            )
+        return proposal
+
+    def _state(self, ensemble: int) -> State:
+        if self.pieces[ensemble]:
+            return self.pieces[ensemble][-1].state
+        return begin(self.posterior, self.mode, self.plan.walkers, self.plan.seed, ensemble)
 
 
 def sample(
     crew: Crew, posterior: Posterior, mode: Array, plan: Plan, shelf: Shelf, report: Reporter
 ) -> Sampled:
     """Continue what `shelf` holds until converged or `max_steps`; every piece is saved."""
-    chains = [shelf.pieces(ensemble) for ensemble in range(plan.ensembles)]
-    proposal = _pilot(crew, posterior, mode, plan, chains, shelf, report)
-    have = max(map(_steps, chains))
+    under_way = _taken_up(crew, posterior, mode, plan, shelf)
+    proposal = under_way.pilot(report)
+    have = max(under_way.steps)
     # Shorter lengths were judged before an interruption, and found wanting.
     for goal in [goal for goal in _checks(plan) if goal >= have] or [have]:
-        _advance_to(goal, proposal, crew, posterior, mode, plan, chains, shelf)
-        sampled = _judge(posterior, plan, chains)
+        under_way.advance_to(goal, proposal)
+        sampled = _judge(posterior, plan, under_way.pieces, under_way.theta)
         convergence = sampled.convergence
         report.update(_share(convergence, plan.targets), _state_of(convergence))
         if convergence.converged:
@@ -163,44 +208,28 @@ def sample(
     return sampled
 
 
-def _advance_to(
-    goal: int,
-    proposal: Proposal | None,
-    crew: Crew,
-    posterior: Posterior,
-    mode: Array,
-    plan: Plan,
-    chains: list[list[Piece]],
-    shelf: Shelf,
-) -> None:
-    """All ensembles to `goal` steps; each goes on as soon as its last piece is in."""
-    running: dict[Future[Piece], int] = {}
-    length = PIECE
+def _taken_up(crew: Crew, posterior: Posterior, mode: Array, plan: Plan, shelf: Shelf) -> _Walk:
+    """From where `shelf` was left."""
+    pieces = [shelf.pieces(ensemble) for ensemble in range(plan.ensembles)]
+    return _Walk(
+        crew=crew,
+        posterior=posterior,
+        mode=mode,
+        plan=plan,
+        shelf=shelf,
+        pieces=pieces,
+        theta=[[_physical(posterior, piece) for piece in chain] for chain in pieces],
+    )
 
-    def submit(ensemble: int) -> None:
-        pieces = chains[ensemble]
-        steps = _steps(pieces)
-        if steps >= goal:
-            return
-        state = (
-            pieces[-1].state
-            if pieces
-            else begin(posterior, mode, plan.walkers, plan.seed, ensemble)
-        )
-        n_steps = min(length, goal - steps)
-        running[crew.submit(walk, state, n_steps, dict(plan.moves), proposal)] = ensemble
 
-    for ensemble in range(plan.ensembles):
-        submit(ensemble)
-    while running:
-        done, _ = wait(running, return_when=FIRST_COMPLETED)
-        for future in done:
-            ensemble = running.pop(future)
-            piece = future.result()
-            length = int(np.clip(PIECE_SECONDS * len(piece.z) / piece.seconds, 1, PIECE))
-            shelf.save(ensemble, _steps(chains[ensemble]), piece)
-            chains[ensemble].append(piece)
-            submit(ensemble)
+def _judge(
+    posterior: Posterior, plan: Plan, pieces: list[list[Piece]], theta: list[list[Array]]
+) -> Sampled:
+    physical = _stack(theta)
+    log_p = _stack([[piece.log_p for piece in chain] for chain in pieces])
+    names = posterior.space.free
+    convergence = assess(physical, names, plan.targets, plan.pilot, log_p)
+    return Sampled(pieces=pieces, theta=physical, convergence=convergence)
 
 
 def _checks(plan: Plan) -> Iterator[int]:
@@ -216,12 +245,9 @@ def _steps(pieces: list[Piece]) -> int:
     return sum(len(piece.z) for piece in pieces)
 
 
-def _judge(posterior: Posterior, plan: Plan, chains: list[list[Piece]]) -> Sampled:
-    z = _stack([[piece.z for piece in pieces] for pieces in chains])
-    theta = posterior.coordinates.to_physical(z.reshape(-1, z.shape[-1])).reshape(z.shape)
-    log_p = _stack([[piece.log_p for piece in pieces] for pieces in chains])
-    convergence = assess(theta, posterior.space.free, plan.targets, plan.pilot, log_p)
-    return Sampled(pieces=chains, theta=theta, convergence=convergence)
+def _physical(posterior: Posterior, piece: Piece) -> Array:
+    z = piece.z
+    return posterior.coordinates.to_physical(z.reshape(-1, z.shape[-1])).reshape(z.shape)
 
 
 def _stack(chains: list[list[Array]]) -> Array:
@@ -251,4 +277,5 @@ def stored(posterior: Posterior, plan: Plan, folder: Folder) -> Sampled:
         raise InputError.one(
             str(folder.path), "the run stopped before its first check; continue it with --resume"
         )
-    return _judge(posterior, plan, chains)
+    theta = [[_physical(posterior, piece) for piece in chain] for chain in chains]
+    return _judge(posterior, plan, chains, theta)

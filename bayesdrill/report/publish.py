@@ -42,8 +42,13 @@ def everything(
     crew: Crew,
 ) -> None:
     """Raises `OSError` when the disk is full; files already there stay whole."""
-    folder.write_text("summary.csv", tables.as_csv(rows))
     derived = derive(problem, sampled.draws)
+    tasks = [
+        crew.submit(_draw, *wanted, *_into(folder, config))
+        for wanted in _figures(problem, mode, sampled, derived, judged, config)
+    ]
+    # While others draw:
+    folder.write_text("summary.csv", tables.as_csv(rows))
     following = summarise(derived)
     folder.write_text("derived.csv", derived_words.as_csv(following))
     second = derived_words.as_markdown(following, derived)
@@ -59,15 +64,20 @@ def everything(
         _attributes(config, sampled),
         derived,
     )
+    tasks.append(crew.submit(_draw, *_fit(problem, mode, tree), *_into(folder, config)))
     image = io.BytesIO()  # in memory: see store._chain_image
     tree.to_netcdf(image, engine="h5netcdf")
     with whole(folder.path / "posterior.nc") as path:
         path.write_bytes(image.getvalue())
-    channels = problem.experiment.names
-    group = tree["posterior_predictive"]
-    predictive = np.stack([np.asarray(group[name]) for name in channels], axis=-1)
-    predictive = predictive.reshape(-1, *predictive.shape[2:])
-    _figures(problem, mode, sampled, derived, judged, predictive, folder, config, crew)
+    for task in tasks:
+        task.result()
+
+
+def _into(folder: Folder, config: records.Config) -> tuple[Path, dict[str, str]]:
+    """Where figures go, and the note in each."""
+    figures = folder.path / "figures"
+    figures.mkdir(exist_ok=True)
+    return figures, {"Title": config.name, "Creator": f"bayesdrill {bayesdrill.__version__}"}
 
 
 def _figures(
@@ -76,51 +86,42 @@ def _figures(
     sampled: Sampled,
     derived: Derived,
     judged: Judgement | None,
-    predictive: np.ndarray[tuple[int, ...], np.dtype[np.float32]],
-    folder: Folder,
     config: records.Config,
-    crew: Crew,
-) -> None:
+) -> list[Wanted]:
     """Each figure is a task of its own: drawing takes longer than all tables together."""
     # Late: matplotlib takes a second to load, and only reports need it.
     from bayesdrill.report.corner_plot import corner_figure
-    from bayesdrill.report.fit_plot import fit_figure
     from bayesdrill.report.prior_posterior_plot import prior_posterior_figure
     from bayesdrill.report.trace_plot import trace_figure
 
-    posterior = problem.posterior
-    theta = posterior.space.vector(mode.values)[None]
+    space, symbols = problem.posterior.space, problem.symbols
+    theta = space.vector(mode.values)[None]
     draws = sampled.draws.reshape(-1, theta.shape[1])
     shown = derived_words.shown(problem, config.output.corner, sampled.draws, derived, theta)
-    priors = posterior.space.priors
-    best = posterior.likelihood.signals(theta)[0]
-    sigma = posterior.likelihood.noise.sigmas(posterior.likelihood.sigma_columns(theta))[0]
-    wanted: list[Wanted] = [
-        ("corner", corner_figure, (shown.draws, shown.symbols, shown.nominal, shown.mode, priors)),
+    corner = (shown.draws, shown.symbols, shown.nominal, shown.mode, space.priors)
+    burn_in = sampled.convergence.burn_in
+    trace = (sampled.theta, symbols, burn_in, problem.nominal, mode.values)
+    before = (draws, symbols, space.priors, problem.nominal, mode.values)
+    return [
+        ("corner", corner_figure, corner),
         *_of_verdict(problem, judged, draws, mode),
-        (
-            "trace",
-            trace_figure,
-            (
-                sampled.theta,
-                problem.symbols,
-                sampled.convergence.burn_in,
-                problem.nominal,
-                mode.values,
-            ),
-        ),
-        ("fit", fit_figure, (problem.experiment, best, predictive.astype(np.float64), sigma)),
-        (
-            "prior_posterior",
-            prior_posterior_figure,
-            (draws, problem.symbols, priors, problem.nominal, mode.values),
-        ),
+        ("trace", trace_figure, trace),
+        ("prior_posterior", prior_posterior_figure, before),
     ]
-    figures = folder.path / "figures"
-    figures.mkdir(exist_ok=True)
-    note = {"Title": config.name, "Creator": f"bayesdrill {bayesdrill.__version__}"}
-    for task in [crew.submit(_draw, *each, figures, note) for each in wanted]:
-        task.result()
+
+
+def _fit(problem: Problem, mode: Mode, tree: Any) -> Wanted:
+    from bayesdrill.report.fit_plot import fit_figure
+
+    group = tree["posterior_predictive"]
+    channels = problem.experiment.names
+    predictive = np.stack([np.asarray(group[name]) for name in channels], axis=-1)
+    predictive = predictive.reshape(-1, *predictive.shape[2:]).astype(np.float64)
+    likelihood = problem.posterior.likelihood
+    theta = problem.posterior.space.vector(mode.values)[None]
+    best = likelihood.signals(theta)[0]
+    sigma = likelihood.noise.sigmas(likelihood.sigma_columns(theta))[0]
+    return "fit", fit_figure, (problem.experiment, best, predictive, sigma)
 
 
 Wanted = tuple[str, Callable[..., "Figure"], tuple[Any, ...]]
