@@ -22,7 +22,6 @@ from bayesdrill.posterior import Posterior
 from bayesdrill.report import derived_words, tables, verdict_words, words
 from bayesdrill.sampling import Sampled
 from bayesdrill.store import Folder, whole
-from bayesdrill.tree import make_tree
 from bayesdrill.verdict import Judgement
 
 if TYPE_CHECKING:
@@ -47,7 +46,9 @@ def everything(
         crew.submit(_draw, *wanted, *_into(folder, config))
         for wanted in _figures(problem, mode, sampled, derived, judged, config)
     ]
-    # While others draw:
+    # While others draw, the rest, and what it needs (xarray takes half a second to load).
+    from bayesdrill.tree import make_tree
+
     folder.write_text("summary.csv", tables.as_csv(rows))
     following = summarise(derived)
     folder.write_text("derived.csv", derived_words.as_csv(following))
