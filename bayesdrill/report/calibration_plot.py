@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -14,6 +13,7 @@ from matplotlib.patches import Patch
 
 from bayesdrill.calibration.verdict import Quantity, Verdict
 from bayesdrill.report import style
+from bayesdrill.report.pages import Page
 from bayesdrill.symbols import Symbol
 
 # Inches.
@@ -44,24 +44,26 @@ def calibration_figure(verdict: Verdict, symbols: Sequence[Symbol]) -> Figure:
 
 
 def _page(n: int) -> tuple[Figure, list[Axes], Axes]:
-    columns = min(n, COLUMNS)
-    rows = math.ceil(n / columns)
-    width = style.DOUBLE
-    height = BOTTOM + COVERAGE + FOOT + rows * ROW + (rows - 1) * GAP_Y + TOP
-    panel_width = (width - LEFT - RIGHT - (columns - 1) * GAP_X) / columns
-    figure = Figure(figsize=(width, height))
-    panels = []
-    for k in range(n):
-        row, column = divmod(k, columns)
-        x = LEFT + column * (panel_width + GAP_X)
-        y = height - TOP - ROW - row * (ROW + GAP_Y)
-        panel = figure.add_axes((x / width, y / height, panel_width / width, ROW / height))
-        panel.tick_params(labelleft=column == 0, labelbottom=k + columns >= n)
-        if k + columns >= n:
+    page = Page(
+        columns=COLUMNS,
+        width=style.DOUBLE,
+        row=ROW,
+        left=LEFT,
+        right=RIGHT,
+        gap_x=GAP_X,
+        gap_y=GAP_Y,
+        top=TOP,
+        bottom=BOTTOM,
+        foot=COVERAGE + FOOT,
+    )
+    figure, panels = page.build(n)
+    for k, panel in enumerate(panels):
+        panel.tick_params(labelleft=k % COLUMNS == 0, labelbottom=k + min(n, COLUMNS) >= n)
+        if k + min(n, COLUMNS) >= n:
             panel.set_xlabel("normalised rank", labelpad=2)
-        if column == 0:
+        if k % COLUMNS == 0:
             panel.set_ylabel("ECDF difference")
-        panels.append(panel)
+    width, height = figure.get_size_inches()
     room = (LEFT / width, BOTTOM / height, (width - LEFT - RIGHT) / width, COVERAGE / height)
     return figure, panels, figure.add_axes(room)
 

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import dataclasses
-import io
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,6 +12,7 @@ from numpy.typing import NDArray
 from bayesdrill.build import Problem
 from bayesdrill.derived import Derived, Row, at
 from bayesdrill.diagnostics import HDI_PROBABILITY
+from bayesdrill.report.tables import records_as_csv
 from bayesdrill.symbols import Symbol
 
 Array = NDArray[np.float64]
@@ -35,16 +33,7 @@ class Shown:
 
 def as_csv(rows: Sequence[Row]) -> str:
     """All digits, SI; `share` of the draws have the quantity, `deviation` is a fraction."""
-    low, high = (f"hdi{100 * HDI_PROBABILITY:.0f}_{end}" for end in ("low", "high"))
-    names = {"hdi_low": low, "hdi_high": high}
-    keys = [field.name for field in dataclasses.fields(Row)]
-    out = io.StringIO()
-    writer = csv.writer(out, lineterminator="\n")
-    writer.writerow([names.get(key, key) for key in keys])
-    for row in rows:
-        values = (getattr(row, key) for key in keys)
-        writer.writerow(["" if value is None else value for value in values])
-    return out.getvalue()
+    return records_as_csv(Row, rows, {})
 
 
 def as_markdown(rows: Sequence[Row], derived: Derived) -> str:

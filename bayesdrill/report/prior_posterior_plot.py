@@ -14,14 +14,22 @@ from numpy.typing import NDArray
 
 from bayesdrill.priors import Prior
 from bayesdrill.report import style
+from bayesdrill.report.pages import Page
 from bayesdrill.symbols import Symbol
 
 Array = NDArray[np.float64]
 
-# Inches.
-LEFT, RIGHT, ROW, GAP_X, GAP_Y = 0.14, 0.14, 1.05, 0.2, 0.56
-BOTTOM, TOP = 0.5, 0.36
-COLUMNS = 3
+PAGE = Page(
+    columns=3,
+    width=style.DOUBLE,
+    row=1.05,
+    left=0.14,
+    right=0.14,
+    gap_x=0.2,
+    gap_y=0.56,
+    top=0.36,
+    bottom=0.5,
+)
 TAIL = 0.001  # of a prior without an end: where its axis ends
 BINS = 60
 HEAD = 1.12  # of the highest density: where a panel ends
@@ -36,7 +44,7 @@ def prior_posterior_figure(
 ) -> Figure:
     """Of SI draws `(N, D)`, over the range of each prior."""
     with style.styled():
-        figure, panels = _page(len(symbols))
+        figure, panels = PAGE.build(len(symbols))
         sides = set()
         for panel, x, symbol in zip(panels, draws.T, symbols, strict=True):
             scale = _scale(priors[symbol.name], x)
@@ -48,23 +56,6 @@ def prior_posterior_figure(
                 sides.add(scale.side(known))
         _legend(figure, sides)
     return figure
-
-
-def _page(n: int) -> tuple[Figure, list[Axes]]:
-    columns = min(n, COLUMNS)
-    rows = math.ceil(n / columns)
-    width = style.DOUBLE
-    height = BOTTOM + rows * ROW + (rows - 1) * GAP_Y + TOP
-    panel_width = (width - LEFT - RIGHT - (columns - 1) * GAP_X) / columns
-    figure = Figure(figsize=(width, height))
-    panels = []
-    for k in range(n):
-        row, column = divmod(k, columns)
-        x = LEFT + column * (panel_width + GAP_X)
-        y = height - TOP - ROW - row * (ROW + GAP_Y)
-        panel = figure.add_axes((x / width, y / height, panel_width / width, ROW / height))
-        panels.append(panel)
-    return figure, panels
 
 
 def _scale(prior: Prior, x: Array) -> style.Scale:

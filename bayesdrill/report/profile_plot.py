@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -14,6 +13,7 @@ from scipy.interpolate import PchipInterpolator
 
 from bayesdrill.identifiability.profile import THRESHOLD, Profile
 from bayesdrill.report import style
+from bayesdrill.report.pages import Page
 from bayesdrill.symbols import Symbol
 
 # Inches.
@@ -27,23 +27,24 @@ def profile_figure(
     profiles: Sequence[Profile], symbols: Mapping[str, Symbol], nominal: Mapping[str, float]
 ) -> Figure:
     """A panel for each parameter: the loss against its value, and where it passes 95 %."""
-    n = len(profiles)
-    columns = min(n, COLUMNS)
-    rows = math.ceil(n / columns)
-    width = style.SINGLE if columns == 1 else style.DOUBLE
-    height = TOP + rows * ROW + (rows - 1) * GAP_Y + BOTTOM
-    panel_width = (width - LEFT - RIGHT - (columns - 1) * GAP_X) / columns
+    page = Page(
+        columns=COLUMNS,
+        width=style.DOUBLE if len(profiles) > 1 else style.SINGLE,
+        row=ROW,
+        left=LEFT,
+        right=RIGHT,
+        gap_x=GAP_X,
+        gap_y=GAP_Y,
+        top=TOP,
+        bottom=BOTTOM,
+    )
     with style.styled():
-        figure = Figure(figsize=(width, height))
+        figure, panels = page.build(len(profiles))
         sides = set()
-        for k, profile in enumerate(profiles):
-            row, column = divmod(k, columns)
-            x = LEFT + column * (panel_width + GAP_X)
-            y = height - TOP - ROW - row * (ROW + GAP_Y)
-            panel = figure.add_axes((x / width, y / height, panel_width / width, ROW / height))
+        for k, (panel, profile) in enumerate(zip(panels, profiles, strict=True)):
             sides.add(_panel(panel, profile, symbols[profile.name], nominal.get(profile.name)))
-            panel.tick_params(labelleft=column == 0)
-            if column == 0:
+            panel.tick_params(labelleft=k % COLUMNS == 0)
+            if k % COLUMNS == 0:
                 panel.set_ylabel("loss of log likelihood", fontsize=8)
         figure.legend(
             handles=_handles(sides),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import dataclasses
 import io
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from bayesdrill.build import Problem
 from bayesdrill.diagnostics import HDI_PROBABILITY, MEANING, Row
@@ -40,12 +40,17 @@ def cells(row: Row) -> tuple[str, ...]:
 
 def as_csv(rows: Sequence[Row]) -> str:
     """All digits, SI; `deviation` and `shrinkage` are fractions."""
+    return records_as_csv(Row, rows, {"word": "the_record_says"})
+
+
+def records_as_csv(kind: type, rows: Sequence[object], names: Mapping[str, str]) -> str:
+    """A column for each field of the record `kind`, under its own name unless `names` has another."""
     low, high = (f"hdi{100 * HDI_PROBABILITY:.0f}_{end}" for end in ("low", "high"))
-    names = {"hdi_low": low, "hdi_high": high, "word": "the_record_says"}
-    keys = [field.name for field in dataclasses.fields(Row)]
+    named = {"hdi_low": low, "hdi_high": high, **names}
+    keys = [field.name for field in dataclasses.fields(kind)]
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
-    writer.writerow([names.get(key, key) for key in keys])
+    writer.writerow([named.get(key, key) for key in keys])
     for row in rows:
         values = (getattr(row, key) for key in keys)
         writer.writerow(["" if value is None else value for value in values])

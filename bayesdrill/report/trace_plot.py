@@ -15,6 +15,7 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from bayesdrill.report import style
+from bayesdrill.report.pages import Page
 from bayesdrill.symbols import Symbol
 
 Array = NDArray[np.float64]
@@ -88,23 +89,23 @@ def _columns(n: int) -> int:
 def _page(n: int, n_handles: int) -> tuple[Figure, list[Axes]]:
     """Panels in rows, steps at the foot of each column, room for the legend above."""
     columns = _columns(n)
-    rows = math.ceil(n / columns)
-    top = LEGEND_MARGIN + LEGEND_LINE * math.ceil(n_handles / _legend_columns(n))
-    width = style.DOUBLE if n > 1 else 1.3 * style.SINGLE
-    height = BOTTOM + rows * ROW + (rows - 1) * GAP_Y + top
-    panel_width = (width - LEFT - RIGHT - (columns - 1) * GAP_X) / columns
-    figure = Figure(figsize=(width, height))
-    panels = []
-    for k in range(n):
-        row, column = divmod(k, columns)
-        x = LEFT + column * (panel_width + GAP_X)
-        y = height - top - ROW - row * (ROW + GAP_Y)
-        panel = figure.add_axes((x / width, y / height, panel_width / width, ROW / height))
+    page = Page(
+        columns=columns,
+        width=style.DOUBLE if n > 1 else 1.3 * style.SINGLE,
+        row=ROW,
+        left=LEFT,
+        right=RIGHT,
+        gap_x=GAP_X,
+        gap_y=GAP_Y,
+        top=LEGEND_MARGIN + LEGEND_LINE * math.ceil(n_handles / _legend_columns(n)),
+        bottom=BOTTOM,
+    )
+    figure, panels = page.build(n)
+    for k, panel in enumerate(panels):
         if k + columns < n:
             panel.tick_params(labelbottom=False)
         else:
             panel.set_xlabel("step")
-        panels.append(panel)
     return figure, panels
 
 

@@ -1,0 +1,42 @@
+"""A page of equal panels in rows, measured in inches."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Page:
+    """`row`: the height of a panel; `foot`: room for something else below all panels."""
+
+    columns: int
+    width: float
+    row: float
+    left: float
+    right: float
+    gap_x: float
+    gap_y: float
+    top: float
+    bottom: float
+    foot: float = 0.0
+
+    def build(self, n: int) -> tuple[Figure, list[Axes]]:
+        """A figure and its `n` panels, row by row."""
+        columns = min(n, self.columns)
+        rows = math.ceil(n / columns)
+        height = self.bottom + self.foot + rows * self.row + (rows - 1) * self.gap_y + self.top
+        inside = self.width - self.left - self.right - (columns - 1) * self.gap_x
+        width = inside / columns
+        figure = Figure(figsize=(self.width, height))
+        panels = []
+        for k in range(n):
+            row, column = divmod(k, columns)
+            x = self.left + column * (width + self.gap_x)
+            y = height - self.top - self.row - row * (self.row + self.gap_y)
+            room = (x / self.width, y / height, width / self.width, self.row / height)
+            panels.append(figure.add_axes(room))
+        return figure, panels
