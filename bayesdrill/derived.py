@@ -6,7 +6,7 @@ posterior is that of the unknowns.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -59,6 +59,39 @@ def derive(problem: Problem, draws: Array) -> Derived:
         symbols=described(problem),
         values=np.stack([column.reshape(shape) for column in columns], axis=-1),
         nominal=_nominal(problem),
+    )
+
+
+def with_products(
+    derived: Derived, problem: Problem, draws: Array, exponents: Sequence[Sequence[int]]
+) -> Derived:
+    """And products of powers of the first unknowns at draws `(E, N, D)`, such as `k_s_over_j_1`."""
+    known = {symbol.name: symbol for symbol in problem.symbols}
+    described_, columns, nominal = list(derived.symbols), [derived.values], dict(derived.nominal)
+    for powers in exponents:
+        names = list(problem.names[: len(powers)])
+        factors = [(known[n], e) for n, e in zip(names, powers, strict=True) if e]
+        if len(factors) < 2:  # an unknown by itself has its own row already
+            continue
+        above, below = ("_".join(n.name for n, e in factors if s * e > 0) for s in (1, -1))
+        name = f"{above or 'one'}_over_{below}" if below else above
+        described_.append(
+            Symbol(
+                name=name,
+                unit="*".join(f"({n.unit})" + (f"**{e}" if e != 1 else "") for n, e in factors),
+                latex=r"\,".join(
+                    f"{{{n.latex}}}^{{{e}}}" if e != 1 else n.latex for n, e in factors
+                ),
+                latex_unit="SI",
+                meaning="a product of powers that no exact symmetry changes",
+            )
+        )
+        logs = np.log(draws[..., : len(powers)]) @ np.array(powers, dtype=float)
+        columns.append(np.exp(logs)[..., None])
+        values = [problem.nominal.get(n.name, np.nan) ** e for n, e in factors]
+        nominal[name] = float(np.prod(values))
+    return Derived(
+        symbols=tuple(described_), values=np.concatenate(columns, axis=-1), nominal=nominal
     )
 
 

@@ -15,11 +15,11 @@ from bayesdrill import config as records
 from bayesdrill import seeds
 from bayesdrill.build import Problem
 from bayesdrill.crew import Crew
-from bayesdrill.derived import Derived, derive, summarise
+from bayesdrill.derived import Derived, derive, summarise, with_products
 from bayesdrill.diagnostics import Row
 from bayesdrill.mode import Mode
 from bayesdrill.posterior import Posterior
-from bayesdrill.report import derived_words, tables, verdict_words, words
+from bayesdrill.report import derived_words, identify_words, tables, verdict_words, words
 from bayesdrill.sampling import Sampled
 from bayesdrill.store import Folder, whole
 from bayesdrill.verdict import Judgement
@@ -42,6 +42,9 @@ def everything(
 ) -> None:
     """Raises `OSError` when the disk is full; files already there stay whole."""
     derived = derive(problem, sampled.draws)
+    if judged is not None:
+        products = [quantity.exponents for quantity in judged.verdict.products]
+        derived = with_products(derived, problem, sampled.draws, products)
     tasks = [
         crew.submit(_draw, *wanted, *_into(folder, config))
         for wanted in _figures(problem, mode, sampled, derived, judged, config)
@@ -199,6 +202,8 @@ def _judged(config: records.Config, judged: Judgement | None, *, converged: bool
         verdict_words.rule(verdict),
         verdict_words.as_markdown(verdict).rstrip(),
         verdict_words.EXPLAINED,
+        "## What this record can show, at the MAP",
+        f"```text\n{identify_words.structure(judged.study)}\n\n{identify_words.knowledge(judged.study)}\n```",
         "## Physical consistency of the posterior",
         _listed("\n".join(judged.findings) or nothing),
     ]

@@ -230,3 +230,30 @@ def test_profile_of_what_the_record_does_not_show_is_flat() -> None:
     assert flat.shape == "flat"
     assert flat.loss.max() < THRESHOLD
     assert profile(fitter, names, names.index("k_s")).shape == "bounded"
+
+
+def test_current_and_a_weighed_rotor_leave_no_symmetry() -> None:
+    from rigs import experiment
+
+    record = experiment(101, 0.03, y=np.ones((101, 5)))
+    assert studied(record, np.full(5, 0.1), free=without("j_1")).structure.symmetries == ()
+
+
+def test_the_tie_of_an_ideal_motor_leaves_one() -> None:
+    from pathlib import Path
+
+    from bayesdrill import job, loading
+    from bayesdrill.config import Config
+    from bayesdrill.identifiability.study import study_of
+
+    config, source = loading.load(Path(__file__).parents[2] / "configs" / "nominal_step.yaml")
+    entries = config.model_dump(exclude_unset=True, exclude_none=True)
+    entries["parameters"]["k_T"] = {"tie": "k_e"}
+    tied = job.assemble(Config.model_validate(entries), source)
+    target = tied.problem.posterior
+    theta = target.space.vector(target.space.start)
+    found = study_of(Scenery(target.likelihood), target, theta, tied.config).structure
+    assert len(found.symmetries) == 1
+    # k_T stays, so the factor of the mechanical scale is undone by the electrical one.
+    powers = dict(zip(found.names, found.symmetries[0], strict=True))
+    assert powers["j_m"] == -powers["r_m"] != 0
