@@ -38,6 +38,7 @@ app = typer.Typer(
 )
 
 ConfigPath = Annotated[Path, typer.Argument(metavar="CONFIG", help="Experiment config (YAML).")]
+Force = Annotated[bool, typer.Option("--force", help="Discard what is there and start over.")]
 Processes = Annotated[
     int | None, typer.Option(min=1, help="Processes; the result does not depend on it.")
 ]
@@ -143,9 +144,7 @@ def posterior(
         bool,
         typer.Option("--resume", help="Continue an interrupted run, or extend a finished one."),
     ] = False,
-    force: Annotated[
-        bool, typer.Option("--force", help="Discard what is there and start over.")
-    ] = False,
+    force: Force = False,
     processes: Processes = None,
 ) -> None:
     """MAP, sampling, diagnostics, tables and figures: the main job."""
@@ -171,9 +170,7 @@ def calibrate(
     resume: Annotated[
         bool, typer.Option("--resume", help="Go on with an interrupted calibration, or extend one.")
     ] = False,
-    force: Annotated[
-        bool, typer.Option("--force", help="Discard what is there and start over.")
-    ] = False,
+    force: Force = False,
     processes: Processes = None,
     scheduler: Annotated[
         str | None,

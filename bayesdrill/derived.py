@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from bayesdrill import symbols
 from bayesdrill.build import Problem, usual_inputs
 from bayesdrill.diagnostics import hdi
-from bayesdrill.models.linear import Linear, Model, Named
-from bayesdrill.symbols import Symbol
+from bayesdrill.models.linear import Linear, Model, Named, dynamics
+from bayesdrill.symbols import Symbol, product_latex
 
 Array = NDArray[np.float64]
 
@@ -79,9 +79,7 @@ def with_products(
             Symbol(
                 name=name,
                 unit="*".join(f"({n.unit})" + (f"**{e}" if e != 1 else "") for n, e in factors),
-                latex=r"\,".join(
-                    f"{{{n.latex}}}^{{{e}}}" if e != 1 else n.latex for n, e in factors
-                ),
+                latex=product_latex(powers, problem.symbols),
                 latex_unit="SI",
                 meaning="a product of powers that no exact symmetry changes",
             )
@@ -142,9 +140,8 @@ def poles(model: Model, linear: Linear, n: int) -> dict[str, Array]:
     The pole at zero, of a rig that turns as a whole, is taken out before: only differences of
     angles matter.  NaN where there is no pair, or not the poles that a time constant means.
     """
-    index = {name: k for k, name in enumerate(model.states)}
-    matrix = _matrix(model, linear, n)
-    first, *others = [index[name] for name in _angles(model)]
+    matrix = dynamics(linear, model.states, n)
+    first, *others = [model.states.index(name) for name in _angles(model)]
     matrix[:, others] -= matrix[:, [first]]
     matrix = np.delete(np.delete(matrix, first, axis=1), first, axis=2)
     bad = ~np.isfinite(matrix).all(axis=(1, 2))
@@ -171,7 +168,7 @@ def poles(model: Model, linear: Linear, n: int) -> dict[str, Array]:
 def steady(model: Model, linear: Linear, n: int, inputs: Mapping[str, float]) -> dict[str, Array]:
     """Speed and current that the rig ends with at constant inputs; all angles turn alike then."""
     index = {name: k for k, name in enumerate(model.states)}
-    matrix = _matrix(model, linear, n)
+    matrix = dynamics(linear, model.states, n)
     forcing = np.zeros((n, len(index)))
     for row, value in linear.c.items():
         forcing[:, index[row]] += value
@@ -190,15 +187,6 @@ def steady(model: Model, linear: Linear, n: int, inputs: Mapping[str, float]) ->
 
 def _angles(model: Model) -> list[str]:
     return [name for name in model.states if symbols.STATES[name].unit == "rad"]
-
-
-def _matrix(model: Model, linear: Linear, n: int) -> Array:
-    """A `(n, X, X)`."""
-    index = {name: k for k, name in enumerate(model.states)}
-    matrix = np.zeros((n, len(index), len(index)))
-    for (row, column), value in linear.A.items():
-        matrix[:, index[row], index[column]] = value
-    return matrix
 
 
 def summarise(derived: Derived) -> tuple[Row, ...]:

@@ -15,7 +15,7 @@ from bayesdrill import config as records
 from bayesdrill import symbols
 from bayesdrill.build import Problem
 from bayesdrill.identifiability.information import Information
-from bayesdrill.models.linear import Model
+from bayesdrill.models.linear import Model, dynamics
 
 Array = NDArray[np.float64]
 
@@ -51,7 +51,7 @@ def of_nominal(config: records.Config, problem: Problem) -> tuple[str, ...]:
     return (
         *_energy_of_nominal(values),
         *_geometry({name: values[name] for name in GEOMETRY if name not in own}),
-        *_poles(found[None], _step(problem)),
+        *_poles(found[None], problem.experiment.dt),
     )
 
 
@@ -61,16 +61,13 @@ def of_draws(problem: Problem, draws: Array, known: Information) -> tuple[str, .
     full = space.full(draws[:: max(1, len(draws) // MOST_DRAWS)])
     model = problem.posterior.likelihood.response.model
     values = dict(zip(model.parameters, full.T, strict=True))
-    return (*_energy_of_draws(values, known), *_poles(poles(model, values), _step(problem)))
+    return (*_energy_of_draws(values, known), *_poles(poles(model, values), problem.experiment.dt))
 
 
 def poles(model: Model, values: Mapping[str, Array]) -> NDArray[np.complex128]:
     """Eigenvalues of the dynamics at parameters `(W,)` each: `(W, X)`, in 1/s."""
     size = len(next(iter(values.values())))
-    rows = {state: k for k, state in enumerate(model.states)}
-    matrix = np.zeros((size, len(rows), len(rows)))
-    for (row, column), value in model.linear(values).A.items():
-        matrix[:, rows[row], rows[column]] = value
+    matrix = dynamics(model.linear(values), model.states, size)
     return np.asarray(np.linalg.eigvals(matrix), dtype=np.complex128)
 
 
@@ -108,7 +105,7 @@ def _geometry(values: Mapping[str, float]) -> list[str]:
     for name, value in values.items():
         expected, what = GEOMETRY[name]
         if abs(value / expected - 1) > APPRECIABLE:
-            unit = symbols.PARAMETERS[name].unit.replace("**", "^").replace("*", " ")
+            unit = symbols.PARAMETERS[name].plain_unit
             found.append(
                 f"geometry: {name} = {value:.4g} {unit} is {100 * (value / expected - 1):+.0f} % off "
                 f"what the paper's dimensions give; {what} {expected:.3g} {unit}"
@@ -152,8 +149,3 @@ def _in(every: NDArray[np.complex128], share: float) -> str:
 
 def _percent(share: float) -> str:
     return f"{100 * share:.3g} %"
-
-
-def _step(problem: Problem) -> float:
-    t = problem.experiment.t
-    return float(t[1] - t[0]) if len(t) > 1 else math.inf

@@ -85,8 +85,10 @@ def _run(job: Job, folder: Folder, processes: int, report: Reporter) -> Outcome:
         report.say(preflight(job, scenery))
         if not crew.alone:
             _load_ahead()
-        found = _read_mode(folder.path / MAP_FILE) if known else _end_search(job, searches, report)
-        if not known:
+        if known:
+            found = _read_mode(folder.path / MAP_FILE)
+        else:
+            found = _end_search(job, searches, report)
             text = json.dumps(dataclasses.asdict(found), indent=2) + "\n"
             folder.write_text(MAP_FILE, text)
         clock.append(time.perf_counter())

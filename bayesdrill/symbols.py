@@ -7,7 +7,7 @@ Symbols are the paper's own (Sandoval, Cunha Jr and Sampaio, ENIEF 2013, Table 1
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 
@@ -21,6 +21,38 @@ class Symbol:
     latex: str
     latex_unit: str
     meaning: str
+
+    @property
+    def plain_unit(self) -> str:
+        """For tables and sentences: `kg m^2`."""
+        return plain(self.unit)
+
+
+def plain(unit: str) -> str:
+    """A unit in the notation that pint reads, as one writes it by hand."""
+    return unit.replace("**", "^").replace("*", " ")
+
+
+def fraction(above: Sequence[str], below: Sequence[str], times: str) -> str:
+    """Factors over factors, with brackets where they are needed."""
+    over = times.join(above)
+    if not below:
+        return over
+    under = times.join(below)
+    return f"{over or '1'}/{under if len(below) == 1 else f'({under})'}"
+
+
+def product_latex(exponents: Sequence[int], symbols: Sequence[Symbol]) -> str:
+    r"""`k_T/(r_m\,k_s)`, without dollars; the first symbols belong to the exponents."""
+    above, below = (
+        [
+            symbol.latex + (f"^{{{sign * e}}}" if sign * e > 1 else "")
+            for symbol, e in zip(symbols, exponents, strict=False)
+            if sign * e > 0
+        ]
+        for sign in (1, -1)
+    )
+    return fraction(above, below, r"\,")
 
 
 @dataclass(frozen=True, slots=True)

@@ -116,7 +116,7 @@ def judgement(
         [row.name for row in rows if row.pressed_against is not None],
         Thresholds(determined=own.determined, left_to_prior=own.left_to_prior),
     )
-    findings = physics.of_draws(problem, draws, information(found))
+    findings = physics.of_draws(problem, draws, found.information)
     return Judgement(study=found, verdict=verdict, findings=findings)
 
 
@@ -146,7 +146,7 @@ def judge(
     table = np.array([math.log(nominal.get(name, math.nan)) for name in study.names])
     scene = _Scene(
         study=study,
-        known=information(study),
+        known=study.information,
         logs=np.log(draws) - table,
         prior_logs=np.log(prior_draws) - table,
         table=table,
@@ -167,12 +167,6 @@ def judge(
         limit=limit,
         joint=scene.joint([e for e in products if shown[e]]),
     )
-
-
-def information(study: Study) -> Information:
-    """Of the record alone, put together again from its principal directions."""
-    rows = [np.array(direction.exponents) / direction.sd for direction in study.directions]
-    return Information(study.names, np.array(rows))
 
 
 def basis(study: Study) -> tuple[Exponents, ...]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from oracles import NOMINAL
 
-from bayesdrill.identifiability.information import Information, directions, products, root_of
+from bayesdrill.identifiability.information import Information, products, root_of
 from bayesdrill.identifiability.structure import Structure
 from bayesdrill.identifiability.study import Known, Study, Thresholds
 from bayesdrill.verdict import Verdict, judge
@@ -47,7 +47,7 @@ def linear_study(prior_sd: np.ndarray) -> Study:
         ),
         parameters=tuple(judged(e) for e in ((1, 0, 0), (0, 1, 0), (0, 0, 1))),
         products=tuple(judged(p.exponents) for p in products(known, prior_sd)),
-        directions=directions(known),
+        information=known,
         remedies=(),
     )
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-RANK_TOLERANCE = 1e-11  # of the largest singular value
+RANK_TOLERANCE = 1e-11  # of the largest singular value; exact nulls come out at 1e-16
 BLIND = 1e-6  # share of a direction that may lie in the blind ones before its bound is infinite
 MOST_FACTORS = 3  # in a simple product
 
@@ -30,16 +30,20 @@ class Information:
 
     def bound(self, exponents: Array) -> float:
         """Cramer-Rao bound of the sd of the log of a product of powers; inf if not determined."""
-        _, values, rows = np.linalg.svd(self.root)
-        seen = values > RANK_TOLERANCE * values[0]
-        along = rows @ exponents
-        if np.linalg.norm(along[~seen]) > BLIND * np.linalg.norm(exponents):
-            return float("inf")
-        return float(np.linalg.norm(along[seen] / values[seen]))
+        return float(self._bounds(exponents[None])[0])
 
     def bounds(self) -> Array:
         """Of each unknown: `(m,)`."""
-        return np.array([self.bound(unit) for unit in np.eye(len(self.names))])
+        return self._bounds(np.eye(len(self.names)))
+
+    def _bounds(self, exponents: Array) -> Array:
+        """`(n, m) -> (n,)`."""
+        _, values, rows = np.linalg.svd(self.root)
+        seen = values > RANK_TOLERANCE * values[0]
+        along = exponents @ rows.T
+        hidden = np.linalg.norm(along[:, ~seen], axis=1)
+        known = np.linalg.norm(along[:, seen] / values[seen], axis=1)
+        return np.where(hidden > BLIND * np.linalg.norm(exponents, axis=1), np.inf, known)
 
     def with_knowledge(self, exponents: Array, sd: float) -> Information:
         """The log of a product of powers known to `sd` from elsewhere."""

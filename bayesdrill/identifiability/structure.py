@@ -15,10 +15,11 @@ from fractions import Fraction
 import numpy as np
 from numpy.typing import NDArray
 
+from bayesdrill.identifiability.information import RANK_TOLERANCE
+
 Array = NDArray[np.float64]
 Exponents = tuple[int, ...]
 
-RANK_TOLERANCE = 1e-11  # of the largest singular value; exact nulls come out at 1e-16
 SAME_RESPONSE = 1e-9  # relative to the largest value of each channel
 LARGEST_DENOMINATOR = 6
 MOST_BASES = 5000

@@ -11,8 +11,15 @@ from numpy.typing import NDArray
 
 from bayesdrill import config as records
 from bayesdrill import seeds
-from bayesdrill.identifiability import information, structure
-from bayesdrill.identifiability.information import Direction, Information, Product
+from bayesdrill.identifiability import structure
+from bayesdrill.identifiability.information import (
+    Direction,
+    Information,
+    Product,
+    directions,
+    from_sensitivities,
+    products,
+)
 from bayesdrill.identifiability.remedies import Remedy, remedies
 from bayesdrill.identifiability.scenes import Scenery
 from bayesdrill.identifiability.structure import Exponents, Structure
@@ -55,7 +62,10 @@ class Known:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Study:
-    """At a physical point, which `at` names; `directions` is the sloppy spectrum."""
+    """At a physical point, which `at` names.
+
+    `information` is that of the record alone, `directions` its sloppy spectrum.
+    """
 
     names: tuple[str, ...]
     at: str
@@ -63,8 +73,12 @@ class Study:
     structure: Structure
     parameters: tuple[Known, ...]
     products: tuple[Known, ...]
-    directions: tuple[Direction, ...]
+    information: Information
     remedies: tuple[Remedy, ...]
+
+    @property
+    def directions(self) -> tuple[Direction, ...]:
+        return directions(self.information)
 
 
 def study(
@@ -79,9 +93,7 @@ def study(
     """At `theta (D,)`; `rng` draws the points at which the structure is looked at."""
     names = scenery.unknowns
     found = _structure(posterior, scenery, theta, rng)
-    known = information.from_sensitivities(
-        names, scenery.sensitivities(theta, scenery.as_it_is(theta))
-    )
+    known = from_sensitivities(names, scenery.sensitivities(theta, scenery.as_it_is(theta)))
     prior_sd = prior_spreads(posterior)[: len(names)]
     return Study(
         names=names,
@@ -89,8 +101,8 @@ def study(
         of_interest=tuple(of_interest) or names,
         structure=found,
         parameters=_parameters(known, prior_sd, thresholds),
-        products=tuple(_known(p, thresholds) for p in information.products(known, prior_sd)),
-        directions=information.directions(known),
+        products=tuple(_known(p, thresholds) for p in products(known, prior_sd)),
+        information=known,
         remedies=remedies(scenery, theta, found.symmetries, prior_sd, of_interest or names),
     )
 

@@ -43,8 +43,8 @@ def emit_exponential(module: ir.Module, layout: Layout, name: str, span: float) 
     made = function(module, name, 0, [VECTORS] * 2)
     parameters, e = made.args
     b = ir.IRBuilder(made.append_basic_block())
-    n = layout.size
-    reached = [i * n + j for i in range(n) for j in range(n) if layout.reach[i][j]]
+    n, reach = layout.size, layout.reach
+    reached = [i * n + j for i in range(n) for j in range(n) if reach[i][j]]
     scratch = b.alloca(VEC, I64(5 * n * n))
     a, second, third, fourth, spare = (b.gep(scratch, [I64(k * n * n)]) for k in range(5))
     halvings = _emit_scaled_matrix(b, layout, parameters, span, a)
@@ -105,8 +105,9 @@ def _emit_scaled_matrix(
     halvings = _emit_halvings(b, norm)
     exponent = b.sub(whole_numbers(_EXPONENT_BIAS), halvings)
     factor = b.bitcast(b.shl(exponent, whole_numbers(_MANTISSA_BITS)), VEC)
+    reach = layout.reach
     for row in range(n):
-        for column in (c for c in range(n) if layout.reach[row][c]):
+        for column in (c for c in range(n) if reach[row][c]):
             value = values.get((row, column))
             scaled = vector(0.0) if value is None else b.fmul(value, factor)
             store(b, scaled, a, row * n + column)

@@ -31,6 +31,15 @@ class Linear:
     c: Mapping[str, Array | float]
 
 
+def dynamics(linear: Linear, states: tuple[str, ...], n: int) -> Array:
+    """`A (n, X, X)` in the order of `states`, for `linear` of n parameter vectors."""
+    index = {name: k for k, name in enumerate(states)}
+    matrix = np.zeros((n, len(states), len(states)))
+    for (row, column), value in linear.A.items():
+        matrix[:, index[row], index[column]] = value
+    return matrix
+
+
 class Chart(Protocol):
     """A change of the logs of the unknowns (but noise levels) that straightens the posterior.
 

@@ -8,6 +8,7 @@ from bayesdrill.build import Problem
 from bayesdrill.calibration.refit import Refit
 from bayesdrill.calibration.verdict import FALSE_ALARM, MOST_NOT_CONVERGED, Quantity, Verdict
 from bayesdrill.config import Config
+from bayesdrill.report.tables import markdown
 
 MOST_NAMED = 20  # refits that did not converge
 
@@ -82,9 +83,7 @@ def table(found: Verdict) -> str:
         "ranks",
         *(f"in {100 * each.share:.3g} % interval" for each in shares),
     ]
-    lines = ["| " + " | ".join(heads) + " |", "|" + " --- |" * len(heads)]
-    lines += ["| " + " | ".join(_cells(q, found, len(shares))) + " |" for q in found.quantities]
-    return "\n".join(lines) + "\n"
+    return markdown(heads, (_cells(q, found, len(shares)) for q in found.quantities))
 
 
 def _cells(quantity: Quantity, found: Verdict, n_intervals: int) -> list[str]:

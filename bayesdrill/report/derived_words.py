@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from bayesdrill.build import Problem
 from bayesdrill.derived import Derived, Row, at
 from bayesdrill.diagnostics import HDI_PROBABILITY
-from bayesdrill.report.tables import records_as_csv
-from bayesdrill.symbols import Symbol
+from bayesdrill.report.tables import markdown, records_as_csv
+from bayesdrill.symbols import Symbol, plain
 
 Array = NDArray[np.float64]
 
@@ -39,14 +39,14 @@ def as_csv(rows: Sequence[Row]) -> str:
 def as_markdown(rows: Sequence[Row], derived: Derived) -> str:
     """A table for the summary."""
     meanings = {symbol.name: symbol.meaning for symbol in derived.symbols}
-    lines = ["| " + " | ".join(_HEADERS) + " |", "|" + " --- |" * len(_HEADERS)]
+    lines = []
     for row in rows:
         part = "" if row.share == 1.0 else f"; {100 * (1 - row.share):.2g} % of the draws have none"
         ratio = abs(row.mean) / row.sd if row.sd > 0 else 1.0
         digits = max(4, min(12, 2 + math.ceil(math.log10(max(ratio, 1.0)))))  # down to the sd's
         cells = (
             row.name,
-            row.unit.replace("**", "^").replace("*", " "),
+            plain(row.unit),
             "" if row.nominal is None else f"{row.nominal:.4g}",
             f"{row.mean:.{digits}g}",
             f"{row.sd:.2g}",
@@ -54,8 +54,8 @@ def as_markdown(rows: Sequence[Row], derived: Derived) -> str:
             "" if row.deviation is None else f"{100 * row.deviation:+.2f}",
             meanings[row.name] + part,
         )
-        lines.append("| " + " | ".join(cells) + " |")
-    return "\n".join(lines)
+        lines.append(cells)
+    return markdown(_HEADERS, lines).rstrip()
 
 
 def shown(

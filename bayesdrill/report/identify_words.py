@@ -10,6 +10,7 @@ from bayesdrill.identifiability.remedies import Remedy
 from bayesdrill.identifiability.structure import Exponents
 from bayesdrill.identifiability.study import Known, Study
 from bayesdrill.report.tables import aligned
+from bayesdrill.symbols import fraction
 
 MOST_REMEDIES = 8
 
@@ -25,10 +26,7 @@ def product(names: Sequence[str], exponents: Sequence[float]) -> str:
     """`k_T r_m^2 / (k_s j_1)`, as one writes it by hand."""
     above = [_power(n, e) for n, e in zip(names, exponents, strict=True) if e > 0]
     below = [_power(n, -e) for n, e in zip(names, exponents, strict=True) if e < 0]
-    if not below:
-        return " ".join(above)
-    under = " ".join(below)
-    return f"{' '.join(above) or '1'}/{under if len(below) == 1 else f'({under})'}"
+    return fraction(above, below, " ")
 
 
 def full(study: Study) -> str:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from bayesdrill.identifiability.structure import Exponents
 from bayesdrill.report.corner_plot import corner_figure
 from bayesdrill.report.identify_words import product
-from bayesdrill.symbols import Symbol
+from bayesdrill.symbols import Symbol, product_latex
 from bayesdrill.verdict import Verdict
 
 Array = NDArray[np.float64]
@@ -45,23 +45,7 @@ def _symbol(names: Sequence[str], exponents: Exponents, symbols: Sequence[Symbol
     return Symbol(
         name=product(names, exponents),
         unit="%",
-        latex=rf"\Delta\,{latex(exponents, symbols)}",
+        latex=rf"\Delta\,{product_latex(exponents, symbols)}",
         latex_unit=r"\%\;of\;nominal",
         meaning="deviation from the nominal value",
     )
-
-
-def latex(exponents: Exponents, symbols: Sequence[Symbol]) -> str:
-    r"""`k_T / (r_m k_s)` for figures, without dollars."""
-    above, below = (
-        [
-            symbol.latex + (f"^{{{sign * e}}}" if sign * e > 1 else "")
-            for symbol, e in zip(symbols, exponents, strict=False)
-            if sign * e > 0
-        ]
-        for sign in (1, -1)
-    )
-    if not below:
-        return r"\,".join(above)
-    under = r"\,".join(below)
-    return rf"{r'\,'.join(above) or '1'}/{under if len(below) == 1 else f'({under})'}"

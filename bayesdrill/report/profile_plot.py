@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -16,9 +17,17 @@ from bayesdrill.report import style
 from bayesdrill.report.pages import Page
 from bayesdrill.symbols import Symbol
 
-# Inches.
-LEFT, RIGHT, ROW, GAP_X, GAP_Y, TOP, BOTTOM = 0.5, 0.12, 1.15, 0.18, 0.62, 0.34, 0.5
-COLUMNS = 3
+PAGE = Page(
+    columns=3,
+    width=style.DOUBLE,
+    row=1.15,
+    left=0.5,
+    right=0.12,
+    gap_x=0.18,
+    gap_y=0.62,
+    top=0.34,
+    bottom=0.5,
+)
 HIGHEST = 8.0  # of the loss that is shown
 MARGIN = 0.04  # of the width of a panel, so that walls can be seen
 
@@ -27,24 +36,14 @@ def profile_figure(
     profiles: Sequence[Profile], symbols: Mapping[str, Symbol], nominal: Mapping[str, float]
 ) -> Figure:
     """A panel for each parameter: the loss against its value, and where it passes 95 %."""
-    page = Page(
-        columns=COLUMNS,
-        width=style.DOUBLE if len(profiles) > 1 else style.SINGLE,
-        row=ROW,
-        left=LEFT,
-        right=RIGHT,
-        gap_x=GAP_X,
-        gap_y=GAP_Y,
-        top=TOP,
-        bottom=BOTTOM,
-    )
+    page = PAGE if len(profiles) > 1 else dataclasses.replace(PAGE, width=style.SINGLE)
     with style.styled():
         figure, panels = page.build(len(profiles))
         sides = set()
         for k, (panel, profile) in enumerate(zip(panels, profiles, strict=True)):
             sides.add(_panel(panel, profile, symbols[profile.name], nominal.get(profile.name)))
-            panel.tick_params(labelleft=k % COLUMNS == 0)
-            if k % COLUMNS == 0:
+            panel.tick_params(labelleft=k % PAGE.columns == 0)
+            if k % PAGE.columns == 0:
                 panel.set_ylabel("loss of log likelihood", fontsize=8)
         figure.legend(
             handles=_handles(sides),

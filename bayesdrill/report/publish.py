@@ -41,12 +41,13 @@ def everything(
     crew: Crew,
 ) -> None:
     """Raises `OSError` when the disk is full; files already there stay whole."""
+    place = _place(folder, config)
     derived = derive(problem, sampled.draws)
     if judged is not None:
         products = [quantity.exponents for quantity in judged.verdict.products]
         derived = with_products(derived, problem, sampled.draws, products)
     tasks = [
-        crew.submit(_draw, *wanted, *_into(folder, config))
+        crew.submit(_draw, *wanted, *place)
         for wanted in _figures(problem, mode, sampled, derived, judged, config)
     ]
     # While others draw, the rest, and what it needs (xarray takes half a second to load).
@@ -68,7 +69,7 @@ def everything(
         _attributes(config, sampled),
         derived,
     )
-    tasks.append(crew.submit(_draw, *_fit(problem, mode, tree), *_into(folder, config)))
+    tasks.append(crew.submit(_draw, *_fit(problem, mode, tree), *place))
     image = io.BytesIO()  # in memory: see store._chain_image
     tree.to_netcdf(image, engine="h5netcdf")
     with whole(folder.path / "posterior.nc") as path:
@@ -77,7 +78,7 @@ def everything(
         task.result()
 
 
-def _into(folder: Folder, config: records.Config) -> tuple[Path, dict[str, str]]:
+def _place(folder: Folder, config: records.Config) -> tuple[Path, dict[str, str]]:
     """Where figures go, and the note in each."""
     figures = folder.path / "figures"
     figures.mkdir(exist_ok=True)

@@ -5,11 +5,12 @@ from __future__ import annotations
 import csv
 import dataclasses
 import io
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 from bayesdrill.build import Problem
 from bayesdrill.diagnostics import HDI_PROBABILITY, MEANING, Row
 from bayesdrill.mode import Mode
+from bayesdrill.symbols import plain
 
 _HDI = f"{100 * HDI_PROBABILITY:.0f} % HDI"
 
@@ -23,7 +24,7 @@ def cells(row: Row) -> tuple[str, ...]:
     """What is shown of a row, in the order of `HEADERS`."""
     return (
         row.name,
-        _unit(row.unit),
+        plain(row.unit),
         "" if row.nominal is None else f"{row.nominal:.4g}",
         f"{row.map:.4g}",
         f"{row.mean:.4g}",
@@ -58,9 +59,17 @@ def records_as_csv(kind: type, rows: Sequence[object], names: Mapping[str, str])
 
 
 def as_markdown(rows: Sequence[Row]) -> str:
-    lines = ["| " + " | ".join(HEADERS) + " |", "|" + " --- |" * len(HEADERS)]
-    lines += ["| " + " | ".join(cells(row)) + " |" for row in rows]
-    return "\n".join(lines) + "\n"
+    return markdown(HEADERS, map(cells, rows))
+
+
+def markdown(heads: Sequence[str], lines: Iterable[Sequence[str]]) -> str:
+    """A table in Markdown, its last line ended."""
+    bar = "|" + " --- |" * len(heads)
+    return "\n".join([_line(heads), bar, *map(_line, lines)]) + "\n"
+
+
+def _line(cells: Sequence[str]) -> str:
+    return "| " + " | ".join(cells) + " |"
 
 
 def as_text(rows: Sequence[Row]) -> str:
@@ -78,12 +87,8 @@ def mode_as_text(problem: Problem, mode: Mode) -> str:
             if nominal is None
             else (f"{nominal:.4g}", f"{100 * (value / nominal - 1):+.2f}")
         )
-        lines.append((symbol.name, _unit(symbol.unit), shown[0], f"{value:.6g}", shown[1]))
+        lines.append((symbol.name, symbol.plain_unit, shown[0], f"{value:.6g}", shown[1]))
     return aligned(lines, left={0, 1})
-
-
-def _unit(unit: str) -> str:
-    return unit.replace("**", "^").replace("*", " ")
 
 
 def aligned(table: Sequence[tuple[str, ...]], left: set[int]) -> str:

@@ -9,7 +9,7 @@ from typing import Any
 
 from bayesdrill.diagnostics import HDI_PROBABILITY
 from bayesdrill.report.identify_words import product
-from bayesdrill.report.tables import aligned
+from bayesdrill.report.tables import aligned, markdown
 from bayesdrill.verdict import FALSE_ALARM, Quantity, Verdict
 
 _HDI = f"{100 * HDI_PROBABILITY:.0f} % HDI"
@@ -115,8 +115,7 @@ def as_text(found: Verdict) -> str:
 
 def as_markdown(found: Verdict) -> str:
     heads, *lines = _table(found, FULL)
-    out = ["| " + " | ".join(heads) + " |", "|" + " --- |" * len(heads)]
-    return "\n".join([*out, *("| " + " | ".join(line) + " |" for line in lines)]) + "\n"
+    return markdown(heads, lines)
 
 
 def as_csv(found: Verdict) -> str:

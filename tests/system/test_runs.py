@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
 import os
 import shutil
@@ -289,17 +288,6 @@ def waited(process: subprocess.Popen[str], ready: Callable[[], bool], seconds: f
         assert process.poll() is None, process.communicate()
         assert time.monotonic() < end
         time.sleep(0.002)
-
-
-@pytest.fixture
-def started() -> Iterator[list[subprocess.Popen[str]]]:
-    """Processes to be ended with the test, with all that they started."""
-    processes: list[subprocess.Popen[str]] = []
-    yield processes
-    for process in processes:
-        with contextlib.suppress(ProcessLookupError):
-            os.killpg(process.pid, signal.SIGKILL)
-        process.communicate()
 
 
 def soon(holds: Callable[[], bool], seconds: float = 10.0) -> bool:

@@ -13,17 +13,14 @@ from oracles import ORDER
 from pydantic import ValidationError
 from rigs import measured, posterior
 from scipy.stats import chi2, norm
-from verdicts import LINEAR, NAMES, PRIOR, PRIOR_SD, ROOT, TABLE, gaussian, linear_study, verdict
+from verdicts import LINEAR, PRIOR, PRIOR_SD, TABLE, gaussian, linear_study, verdict
 
 from bayesdrill.config import Nominal
-from bayesdrill.identifiability.information import (
-    Information,
-)
 from bayesdrill.identifiability.scenes import Scenery
 from bayesdrill.identifiability.study import Thresholds, study
 from bayesdrill.report import verdict_words
 from bayesdrill.tension import bits_gained, joint_tension, tension
-from bayesdrill.verdict import FALSE_ALARM, Verdict, basis, information, judge, tolerances
+from bayesdrill.verdict import FALSE_ALARM, Verdict, basis, judge, tolerances
 
 N = 4000
 NORMAL = norm.ppf((np.arange(N) + 0.5) / N)
@@ -169,13 +166,6 @@ def test_deviation_is_that_of_the_paper_and_an_unknown_without_nominal_is_left_o
     assert [q.exponents for q in found.parameters] == [(1, 0, 0), (0, 1, 0)]
     assert [q.exponents for q in found.products] == [(1, -1, 0)]
     assert found.parameters[0].deviation == pytest.approx(draws[:, 0].mean() / TABLE["k_s"] - 1)
-
-
-def test_information_comes_back_from_its_directions() -> None:
-    again = information(LINEAR)
-    for exponents in ([1.0, -1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 1.0, 0.0], [2.0, -2.0, 1.0]):
-        expected = Information(NAMES, ROOT).bound(np.array(exponents))
-        assert again.bound(np.array(exponents)) == pytest.approx(expected)
 
 
 def test_seven_independent_products_of_the_real_rig_are_looked_at() -> None:

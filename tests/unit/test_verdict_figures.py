@@ -8,10 +8,10 @@ from pictures import SYMBOLS, TABLE, clashes, drawn, mode_of, posterior, prior_o
 from verdicts import NAMES, gaussian, verdict
 
 from bayesdrill.identifiability.structure import Structure
-from bayesdrill.report.invariants_plot import invariants_figure, latex
+from bayesdrill.report.invariants_plot import invariants_figure
 from bayesdrill.report.prior_posterior_plot import prior_posterior_figure
 from bayesdrill.report.ridge_plot import Pair, ridge_figure, strongest_pair
-from bayesdrill.symbols import PARAMETERS
+from bayesdrill.symbols import PARAMETERS, product_latex
 
 ALL = SYMBOLS
 PRIORS = {symbol.name: prior_of(symbol) for symbol in ALL}
@@ -86,6 +86,6 @@ def test_invariants_are_shown_in_per_cent_of_nominal_and_only_what_is_determined
 
 def test_products_in_latex() -> None:
     symbols = [PARAMETERS[name] for name in ("k_T", "r_m", "k_s")]
-    assert latex((1, -1, -1), symbols) == r"k_T/(r_m\,k_s)"
-    assert latex((0, 2, -1), symbols) == r"r_m^{2}/k_s"
-    assert latex((0, 0, -1), symbols) == r"1/k_s"
+    assert product_latex((1, -1, -1), symbols) == r"k_T/(r_m\,k_s)"
+    assert product_latex((0, 2, -1), symbols) == r"r_m^{2}/k_s"
+    assert product_latex((0, 0, -1), symbols) == r"1/k_s"
