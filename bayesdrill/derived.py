@@ -20,6 +20,7 @@ from bayesdrill.symbols import Symbol, product_latex
 
 Array = NDArray[np.float64]
 
+_ROUNDING = 1e-12
 _FLAT = 1e-7  # relative imaginary part below which a pole is real: rounding of a double one
 
 
@@ -137,13 +138,15 @@ def _nominal(problem: Problem) -> dict[str, float]:
 def poles(model: Model, linear: Linear, n: int) -> dict[str, Array]:
     """Natural frequency and damping ratio of the least damped pair, and time constants.
 
-    The pole at zero, of a rig that turns as a whole, is taken out before: only differences of
+    The pole at zero, of a rig that can turn as a whole, is taken out before: only differences of
     angles matter.  NaN where there is no pair, or not the poles that a time constant means.
     """
     matrix = dynamics(linear, model.states, n)
-    first, *others = [model.states.index(name) for name in _angles(model)]
-    matrix[:, others] -= matrix[:, [first]]
-    matrix = np.delete(np.delete(matrix, first, axis=1), first, axis=2)
+    angles = _angles(model)
+    if _turns(matrix, angles):
+        first, *others = angles
+        matrix[:, others] -= matrix[:, [first]]
+        matrix = np.delete(np.delete(matrix, first, axis=1), first, axis=2)
     bad = ~np.isfinite(matrix).all(axis=(1, 2))
     matrix[bad] = 0.0
     found = np.linalg.eigvals(matrix)
@@ -166,7 +169,11 @@ def poles(model: Model, linear: Linear, n: int) -> dict[str, Array]:
 
 
 def steady(model: Model, linear: Linear, n: int, inputs: Mapping[str, float]) -> dict[str, Array]:
-    """Speed and current that the rig ends with at constant inputs; all angles turn alike then."""
+    """Speed and current that the rig ends with at constant inputs.
+
+    All angles turn alike then; a rig that is held by its angles stands still.  NaN where there is
+    no such state.
+    """
     index = {name: k for k, name in enumerate(model.states)}
     matrix = dynamics(linear, model.states, n)
     forcing = np.zeros((n, len(index)))
@@ -174,19 +181,33 @@ def steady(model: Model, linear: Linear, n: int, inputs: Mapping[str, float]) ->
         forcing[:, index[row]] += value
     for (row, name), value in linear.B.items():
         forcing[:, index[row]] += value * inputs.get(name, 0.0)
-    # One angle is taken as zero; its place takes the speed at which all angles turn.
-    angles = [index[name] for name in _angles(model)]
-    matrix[:, :, angles[0]] = 0.0
-    matrix[:, angles, angles[0]] = -1.0
+    angles = _angles(model)
+    turns = _turns(matrix, angles)
+    if turns:
+        # One angle is taken as zero; its place takes the speed at which all angles turn.
+        matrix[:, :, angles[0]] = 0.0
+        matrix[:, angles, angles[0]] = -1.0
     bad = ~(np.isfinite(matrix).all(axis=(1, 2)) & np.isfinite(forcing).all(axis=1))
     matrix[bad] = np.eye(len(index))
+    rows = np.abs(matrix).max(axis=2, keepdims=True)
+    singular = np.linalg.matrix_rank(matrix / np.where(rows > 0, rows, 1.0)) < len(index)
+    matrix[singular] = np.eye(len(index))
     ends = np.linalg.solve(matrix, -forcing[..., None])[..., 0]
-    ends[bad] = np.nan
-    return {"w_end": ends[:, angles[0]], "i_end": ends[:, index["i"]]}
+    ends[bad | singular] = np.nan
+    speed = ends[:, angles[0]] if turns else 0.0 * ends[:, angles[0]]
+    return {"w_end": speed, "i_end": ends[:, index["i"]]}
 
 
-def _angles(model: Model) -> list[str]:
-    return [name for name in model.states if symbols.STATES[name].unit == "rad"]
+def _angles(model: Model) -> list[int]:
+    """Their places among the states."""
+    return [k for k, name in enumerate(model.states) if symbols.STATES[name].unit == "rad"]
+
+
+def _turns(matrix: Array, angles: list[int]) -> bool:
+    """Whether nothing changes when all angles are shifted alike, in all of `matrix (n, X, X)`."""
+    columns = matrix[np.isfinite(matrix).all(axis=(1, 2))][:, :, angles]
+    left = np.abs(columns.sum(axis=-1)) <= _ROUNDING * np.abs(columns).sum(axis=-1)
+    return bool(left.all())
 
 
 def summarise(derived: Derived) -> tuple[Row, ...]:

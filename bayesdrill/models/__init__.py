@@ -1,11 +1,24 @@
-"""The registry of models: to add one, write its file and one line here."""
+"""The registry of models: to add one, write its file and one line here.
+
+The fields of a model are the constants that `model:` in a config may give (`config.ModelSpec`).
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import dataclasses
+from collections.abc import Mapping
 from types import MappingProxyType
 
-from bayesdrill.models.linear import Model
+from bayesdrill.models.as_printed import AsPrinted
 from bayesdrill.models.motor_shaft import MotorShaft
+from bayesdrill.models.two_rotors import TwoRotors
 
-MODELS: Mapping[str, Callable[[float], Model]] = MappingProxyType({"motor_shaft": MotorShaft})
+Kind = type[MotorShaft] | type[TwoRotors] | type[AsPrinted]
+
+MODELS: Mapping[str, Kind] = MappingProxyType(
+    {"motor_shaft": MotorShaft, "two_rotors": TwoRotors, "as_printed": AsPrinted}
+)
+
+
+def constants(kind: Kind) -> tuple[str, ...]:
+    return tuple(field.name for field in dataclasses.fields(kind))

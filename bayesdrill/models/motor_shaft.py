@@ -8,9 +8,8 @@
 
 Sandoval, Cunha Jr and Sampaio (ENIEF 2013), equations for motor, gearbox and rotors.  The matrix
 printed there has two errors that its own equations correct: A(5,1) is `i_m^2 k_s/j_m` (printed
-over j_1) and A(6,5) is `-k_e/(i_m l_m)` (printed `-i_n k_e/l_m`).  With the first error the shaft
-ends at 0 rad/s, with the second (i_n read as i_m) at 660 rad/s, instead of 15.91.  The charge `q`
-never feeds back and is left out here.
+over j_1) and A(6,5) is `-k_e/(i_m l_m)` (printed `-i_n k_e/l_m`).  What they do shows in
+`as_printed`.  The charge `q` never feeds back and is left out here.
 
 Assumes: rigid gearbox without loss or play, massless and undamped shaft, friction `t_f` of
 constant sign (one-way rotation), `t_1` the load torque on rotor 1.
@@ -22,10 +21,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
-import numpy as np
-
 from bayesdrill.formulas import Monomial
-from bayesdrill.models.linear import NO_RELATIONS, Array, Linear, Named
+from bayesdrill.models.linear import NO_RELATIONS, Linear, Named
 from bayesdrill.models.motor_shaft_chart import MotorShaftChart, make_chart
 
 PARAMETERS = ("j_m", "c_m", "k_e", "k_T", "r_m", "l_m", "k_s", "j_1", "t_f")
@@ -73,16 +70,3 @@ class MotorShaft:
         relations: Mapping[str, Monomial] = NO_RELATIONS,
     ) -> MotorShaftChart:
         return make_chart(self.i_m, v, free, fixed, relations)
-
-
-def six_state_matrix(p: Named, i_m: float = 1 / 8) -> Array:
-    """The paper's A `(6, 6)` with its two errors corrected, at scalar parameters.
-
-    States in the paper's order: theta_1, theta_2, q, theta_1', theta_2', q'.
-    """
-    rows = ("theta_1", "theta_2", "q", "w_1", "w_2", "i")
-    matrix = np.zeros((6, 6))
-    matrix[rows.index("q"), rows.index("i")] = 1.0
-    for (row, column), value in MotorShaft(i_m).linear(p).A.items():
-        matrix[rows.index(row), rows.index(column)] = value
-    return matrix

@@ -15,7 +15,8 @@ from bayesdrill.build import Problem
 from bayesdrill.config import Nominal
 from bayesdrill.identifiability.information import Information
 from bayesdrill.models.linear import Linear
-from bayesdrill.models.motor_shaft import MotorShaft, six_state_matrix
+from bayesdrill.models.motor_shaft import MotorShaft
+from bayesdrill.reproduction.trapezoid import six_states
 
 BLIND = Information(ORDER, np.zeros((9, 9)))
 SEEN = Information(ORDER, np.eye(9))
@@ -40,7 +41,7 @@ def draws(n: int = 50, **changes: float) -> np.ndarray:
 
 def test_poles_are_the_eigenvalues_of_the_paper_s_matrix() -> None:
     found = physics.poles(MotorShaft(), {name: np.array([NOMINAL[name]]) for name in ORDER})[0]
-    expected = np.linalg.eigvals(six_state_matrix(NOMINAL))
+    expected = np.linalg.eigvals(six_states(MotorShaft(), NOMINAL, {})[0])
     expected = np.delete(expected, np.argmin(np.abs(expected)))  # the charge adds a zero
     order = [np.lexsort((x.imag.round(6), x.real.round(6))) for x in (found, expected)]
     assert found[order[0]] == pytest.approx(expected[order[1]], abs=1e-6)

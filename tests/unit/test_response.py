@@ -9,7 +9,8 @@ import pytest
 from oracles import NOMINAL, ORDER, by_expm, by_radau, by_trapezoid, matrices, power_balance, skewed
 from rigs import STATES, experiment, vector
 
-from bayesdrill.models.motor_shaft import MotorShaft, six_state_matrix
+from bayesdrill.models.motor_shaft import MotorShaft
+from bayesdrill.reproduction.trapezoid import six_states
 from bayesdrill.response import Response
 
 START = {"theta_1": 0.7, "theta_2": -0.4, "w_1": 1.3, "w_2": -2.1, "i": 0.6}
@@ -159,11 +160,14 @@ def test_the_papers_six_state_matrix() -> None:
             [0, 0, 0, 0, -8 * p["k_e"] / lm, -p["r_m"] / lm],
         ]
     )
-    assert np.allclose(six_state_matrix(p), true, rtol=1e-14)
+    matrix, forcing = six_states(MotorShaft(), p, {"v": 8.0, "t_1": 0.3})
+    assert np.allclose(matrix, true, rtol=1e-14)
+    assert forcing == pytest.approx([0, 0, 0, -0.3 / j1, -p["t_f"] / 8 / jm, 8.0 / lm], rel=1e-14)
 
 
 def test_nominal_poles() -> None:
-    poles = np.sort_complex(np.linalg.eigvals(six_state_matrix({**NOMINAL, "k_s": 0.3})))
+    matrix, _ = six_states(MotorShaft(), {**NOMINAL, "k_s": 0.3}, {})
+    poles = np.sort_complex(np.linalg.eigvals(matrix))
     assert poles.real[:2] == pytest.approx([-227.9, -72.4], abs=0.06)
     assert np.abs(poles.imag).max() == pytest.approx(3.26, abs=0.005)
 
