@@ -6,8 +6,9 @@ by one to collect all mistakes.  `problem` puts everything together.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -19,14 +20,19 @@ from bayesdrill.expressions import linear_combination
 from bayesdrill.formulas import Expression, Monomial, resolved
 from bayesdrill.givens import Formula, formula, prior, quantity, relation, rescaled, start
 from bayesdrill.likelihood import Likelihood
-from bayesdrill.models import MODELS
+from bayesdrill.models import MODELS, constants
 from bayesdrill.models.linear import Chart, Model
 from bayesdrill.models.tangent import Dual
 from bayesdrill.noise.gaussian import Gaussian
+from bayesdrill.optimisers import OPTIMISERS
+from bayesdrill.optimisers.contract import Optimiser
+from bayesdrill.optimisers.pairwise import circle
 from bayesdrill.parameters import ParameterSpace
 from bayesdrill.posterior import Posterior
 from bayesdrill.priors import Prior
 from bayesdrill.response import Response
+
+PAIRWISE = ("pairs", "iterations", "steady")  # entries of `map:` that are for this method only
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -61,7 +67,10 @@ class Measured:
 
 
 def model(config: records.Config) -> Model:
-    return lookup(MODELS, config.model.name, "model")(config.model.i_m)
+    """With the constants that the config gives, as far as the model has them."""
+    kind = lookup(MODELS, config.model.name, "model")
+    given = {name: getattr(config.model, name) for name in constants(kind)}
+    return kind(**{name: value for name, value in given.items() if value is not None})
 
 
 def lookup[T](registry: Mapping[str, T], name: str, what: str) -> T:
@@ -75,6 +84,33 @@ def nominal(config: records.Config) -> dict[str, float]:
     table = lookup(symbols.NOMINAL, config.nominal.table, "nominal table")  # type: ignore[attr-defined]
     own = {name: getattr(config.nominal, name) for name in symbols.PARAMETERS}
     return {name: table.values[name] if own[name] is None else own[name] for name in table.values}
+
+
+def optimiser(config: records.Config, unknown: Sequence[str]) -> Optimiser:
+    """How the MAP is searched; `unknown` names what there is to search."""
+    own = config.map
+    found = lookup(OPTIMISERS, own.method, "method")
+    if own.method != "pairwise":
+        given = [name for name in PAIRWISE if getattr(own, name) is not None]
+        if given:
+            raise ValueError(f"{own.method} has no `{given[0]}`; remove it, or `method: pairwise`")
+        return found
+    pairs = [(first, second) for first, second in own.pairs or circle(unknown)]
+    for name in (name for pair in pairs for name in pair):
+        if name not in unknown:
+            raise ValueError(f"'{name}' in `pairs:` is not unknown{did_you_mean(name, unknown)}")
+    twice = [first for first, second in pairs if first == second]
+    if twice:
+        raise ValueError(f"`pairs:` has {twice[0]} with itself; name two different unknowns")
+    idle = [name for name in unknown if not any(name in pair for pair in pairs)]
+    if idle:
+        raise ValueError(f"no pair has {', '.join(idle)}, which would stay at the start; add it")
+    return partial(
+        found,
+        pairs=tuple(pairs),
+        iterations=own.iterations or 10,
+        steady=own.steady or 0.01,
+    )
 
 
 def si(value: float | beliefs.Quantity, unit: str) -> float:

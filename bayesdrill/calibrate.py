@@ -67,7 +67,7 @@ def study(job: Job) -> Study:
     plan = pipeline.plan(job.config)
     return Study(
         posterior=job.problem.posterior,
-        method=job.config.map.method,
+        optimiser=build.optimiser(job.config, job.problem.names),
         starts=own.starts,
         evaluations=job.config.map.evaluations,
         plan=dataclasses.replace(plan, targets=targets, max_steps=own.max_steps),

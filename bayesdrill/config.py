@@ -110,8 +110,22 @@ class RecordSpec(Strict):
 
 
 class ModelSpec(Strict):
+    """A rig and its constants; each model has some of them, with its own defaults."""
+
     name: str = "motor_shaft"
     i_m: Positive = Field(0.125, description="Gear reduction factor (8:1 is 0.125).")
+    j_2: NonNegative | None = Field(
+        None, description="two_rotors: inertia at the output of the gearbox [kg m^2]; default 0."
+    )
+    r_s: NonNegative | None = Field(
+        None, description="two_rotors: resistance in series with the motor [ohm]; default 0."
+    )
+    i_n: Positive | None = Field(
+        None, description="as_printed: the undefined factor in A(6,5); default: i_m."
+    )
+    a_51: Literal["j_1", "j_m"] | None = Field(
+        None, description="as_printed: what A(5,1) stands over; default: j_1, as printed."
+    )
 
 
 class Inputs(Strict):
@@ -190,12 +204,22 @@ def _named_table(value: Any) -> Any:
     return {"table": value} if isinstance(value, str) else value
 
 
+Pair = Annotated[list[str], Field(min_length=2, max_length=2)]
+
+
 class MapSpec(Strict):
     method: str = "nelder_mead"
     starts: Count = Field(
         4, description="The first is the configured one, the rest from the prior."
     )
     evaluations: Count = Field(8000, description="The most that one start may spend.")
+    pairs: Annotated[list[Pair], Field(min_length=1)] | None = Field(
+        None, description="pairwise: unknowns that are searched together, in this order."
+    )
+    iterations: Count | None = Field(None, description="pairwise: of each pair; default: 10.")
+    steady: Positive | None = Field(
+        None, description="pairwise: ends when a cycle lowers the misfit by less; default: 0.01."
+    )
 
 
 class SamplerSpec(Strict):

@@ -12,6 +12,7 @@ from bayesdrill import config as records
 from bayesdrill.errors import Problem, did_you_mean
 from bayesdrill.expressions import linear_combination
 from bayesdrill.formulas import CircleError, Expression
+from bayesdrill.models import MODELS, constants
 from bayesdrill.models.linear import Model
 from bayesdrill.optimisers import OPTIMISERS
 from bayesdrill.parameters import ParameterSpace
@@ -56,11 +57,13 @@ def check(config: records.Config, source: Source, spoilt: frozenset[Place]) -> l
     model = found.run(("model", "name"), build.model, config)
     nominal = found.run(("nominal", "table"), build.nominal, config)
     if model is not None:
+        _check_model(found, config, model)
         if nominal is not None:
             _check_parameters(found, config, model, nominal)
             _check_relations(found, config, model)
         _check_channels(found, config, model)
         _check_counts(found, config, model)
+        _check_map(found, config, model)
         _check_states(found, config, model)
         _check_output(found, config, model)
     _check_record(found, config)
@@ -68,8 +71,18 @@ def check(config: records.Config, source: Source, spoilt: frozenset[Place]) -> l
     _check_simulation(found, config)
     _check_calibration(found, config)
     _check_identify(found, config)
-    found.run(("map", "method"), build.lookup, OPTIMISERS, config.map.method, "method")
     return found.problems
+
+
+def _check_model(found: _Collector, config: records.Config, model: Model) -> None:
+    """Constants of another model would be given in vain."""
+    for name, value in config.model:
+        having = [other for other, kind in MODELS.items() if name in (*constants(kind), "name")]
+        if value is not None and model.name not in having:
+            found.add(
+                ("model", name),
+                f"the model {model.name} has no {name}; remove it, or name: {' or '.join(having)}",
+            )
 
 
 def _check_parameters(
@@ -215,16 +228,37 @@ def _check_quantity(
         found.run((*place, "unit"), units.factor, value.unit, unit)
 
 
-def _check_counts(found: _Collector, config: records.Config, model: Model) -> None:
-    """Unknowns against walkers, moves and coordinates."""
+def _free(config: records.Config, model: Model) -> list[str]:
+    """Parameters and quantities with a prior."""
     free = [
         name
         for name in model.parameters
         if isinstance(getattr(config.parameters, name), beliefs.PriorBase)
     ]
-    free += [name for name, q in config.quantities.items() if isinstance(q, beliefs.PriorBase)]
-    sigmas = [c for c in config.record.channels.values() if isinstance(c.sigma, beliefs.PriorBase)]
-    n_unknown = len(free) + len(sigmas)
+    return free + [n for n, q in config.quantities.items() if isinstance(q, beliefs.PriorBase)]
+
+
+def _sigmas(config: records.Config) -> list[str]:
+    """Unknown noise levels."""
+    return [
+        f"sigma_{name}"
+        for name, channel in config.record.channels.items()
+        if isinstance(channel.sigma, beliefs.PriorBase)
+    ]
+
+
+def _check_map(found: _Collector, config: records.Config, model: Model) -> None:
+    if found.run(("map", "method"), build.lookup, OPTIMISERS, config.map.method, "method") is None:
+        return
+    given = next((name for name in build.PAIRWISE if getattr(config.map, name) is not None), None)
+    unknown = [*_free(config, model), *_sigmas(config)]
+    found.run(("map", given or "method"), build.optimiser, config, unknown)
+
+
+def _check_counts(found: _Collector, config: records.Config, model: Model) -> None:
+    """Unknowns against walkers, moves and coordinates."""
+    free = _free(config, model)
+    n_unknown = len(free) + len(_sigmas(config))
     sampler = config.sampler
     if n_unknown == 0:
         found.add(("parameters",), "nothing is unknown; give at least one parameter a prior")
@@ -288,12 +322,7 @@ def _check_output(found: _Collector, config: records.Config, model: Model) -> No
         or givens.is_formula(getattr(config.parameters, name))
     ]
     shown += [name for name, q in config.quantities.items() if isinstance(q, beliefs.PriorBase)]
-    shown += [
-        f"sigma_{name}"
-        for name, channel in config.record.channels.items()
-        if isinstance(channel.sigma, beliefs.PriorBase)
-    ]
-    shown += [*symbols.DERIVED, *config.derived]
+    shown += [*_sigmas(config), *symbols.DERIVED, *config.derived]
     for k, name in enumerate(config.output.corner or ()):
         if name not in shown:
             hint = did_you_mean(name, shown)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from bayesdrill.coordinates import Coordinates
 from bayesdrill.posterior import Posterior
 from bayesdrill.priors import spread_of_log
 
@@ -31,11 +32,15 @@ def information_root(posterior: Posterior, theta: Array) -> Array:
 
 def covariance(posterior: Posterior, theta: Array) -> Array:
     """`(D, D)` in the sampler's coordinates, at the physical point `theta (D,)`."""
-    up, down = _neighbours(theta)
-    coordinates = posterior.coordinates
-    slopes = (coordinates.from_physical(up) - coordinates.from_physical(down)).T / (2 * _STEP)
+    slopes = slopes_by_logs(posterior.coordinates, theta)
     spread = slopes @ np.linalg.inv(information_root(posterior, theta))
     return np.asarray(spread @ spread.T)
+
+
+def slopes_by_logs(coordinates: Coordinates, theta: Array) -> Array:
+    """d coordinate / d log unknown at physical `theta (D,)`: `(D, D)`, a column for each unknown."""
+    up, down = _neighbours(theta)
+    return (coordinates.from_physical(up) - coordinates.from_physical(down)).T / (2 * _STEP)
 
 
 def _neighbours(theta: Array) -> tuple[Array, Array]:

@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayesdrill import laplace
-from bayesdrill.optimisers import OPTIMISERS
-from bayesdrill.optimisers.contract import Optimum
+from bayesdrill.optimisers.contract import Optimiser, Task
 from bayesdrill.posterior import Posterior
 
 Array = NDArray[np.float64]
@@ -78,19 +77,21 @@ def starts(posterior: Posterior, n: int, rng: np.random.Generator) -> Array:
     return np.array([first, *rest])
 
 
-def search(posterior: Posterior, method: str, evaluations: int, start: Array) -> Search:
-    """One search from the physical point `start (D,)`."""
-    coordinates = posterior.coordinates
-    found: Optimum = OPTIMISERS[method](
-        lambda z: posterior.density(coordinates.to_physical(z)),
-        coordinates.from_physical(start[None])[0],
-        lambda z: laplace.covariance(posterior, coordinates.to_physical(z[None])[0]),
-        evaluations,
+def task(posterior: Posterior) -> Task:
+    return Task(
+        names=posterior.space.free,
+        density=posterior.density,
+        coordinates=posterior.coordinates,
+        covariance=lambda theta: laplace.covariance(posterior, theta),
     )
-    end = coordinates.to_physical(found.z[None])[0]
+
+
+def search(posterior: Posterior, optimiser: Optimiser, evaluations: int, start: Array) -> Search:
+    """One search from the physical point `start (D,)`."""
+    found = optimiser(task(posterior), start, evaluations)
     return Search(
         start=_named(posterior, start),
-        end=_named(posterior, end),
+        end=_named(posterior, found.theta),
         log_posterior=found.value,
         evaluations=found.evaluations,
         settled=found.settled,

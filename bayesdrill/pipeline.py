@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from bayesdrill import build, mode, provenance, seeds, store, verdict
 from bayesdrill import config as records
-from bayesdrill import mode, provenance, seeds, store, verdict
 from bayesdrill.convergence import Targets
 from bayesdrill.crew import Crew
 from bayesdrill.diagnostics import Row, summarise
@@ -141,9 +141,8 @@ def plan(config: records.Config) -> Plan:
 def _begin_search(job: Job, crew: Crew) -> list[Future[Search]]:
     settings, target = job.config.map, job.problem.posterior
     points = mode.starts(target, settings.starts, seeds.stream(job.config.seed, "map"))
-    return [
-        crew.submit(mode.search, settings.method, settings.evaluations, point) for point in points
-    ]
+    optimiser = build.optimiser(job.config, job.problem.names)
+    return [crew.submit(mode.search, optimiser, settings.evaluations, point) for point in points]
 
 
 def _end_search(job: Job, tasks: list[Future[Search]], report: Reporter) -> Mode:

@@ -21,6 +21,7 @@ from bayesdrill import laplace, mode, provenance, seeds
 from bayesdrill.calibration.ranks import rank
 from bayesdrill.crew import Crew
 from bayesdrill.errors import InputError
+from bayesdrill.optimisers.contract import Optimiser
 from bayesdrill.posterior import Posterior
 from bayesdrill.progress import Silent
 from bayesdrill.sampling import Plan, Sampled, sample
@@ -40,7 +41,7 @@ class Study:
     """
 
     posterior: Posterior
-    method: str
+    optimiser: Optimiser
     starts: int
     evaluations: int
     plan: Plan
@@ -141,7 +142,7 @@ def _best(study: Study, posterior: Posterior, seed: int) -> mode.Search:
     points = points[np.argsort(-posterior.density(points), kind="stable")]
     found: list[mode.Search] = []
     for point in points:
-        found.append(mode.search(posterior, study.method, study.evaluations, point))
+        found.append(mode.search(posterior, study.optimiser, study.evaluations, point))
         best = max(found, key=lambda search: search.log_posterior)
         near = best.log_posterior - mode.SAME_LOG_DENSITY
         if sum(search.log_posterior > near for search in found) >= 2:

@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from types import MappingProxyType
 
-from bayesdrill.optimisers import nelder_mead
-from bayesdrill.optimisers.contract import Optimiser
+from bayesdrill.optimisers import fminsearch, nelder_mead, pairwise
+from bayesdrill.optimisers.contract import Optimum
 
-OPTIMISERS: Mapping[str, Optimiser] = MappingProxyType({"nelder_mead": nelder_mead.maximise})
+OPTIMISERS: Mapping[str, Callable[..., Optimum]] = MappingProxyType(
+    {
+        "nelder_mead": nelder_mead.maximise,
+        "fminsearch": fminsearch.maximise,
+        "pairwise": pairwise.maximise,
+    }
+)

@@ -1,60 +1,75 @@
 """Nelder-Mead on scaled unknowns, restarted with a fresh simplex until that no longer helps.
 
 Unscaled, the simplex stops where it likes: a damping of 1e-4 equals the usual absolute tolerance
-on the parameters.  Here a unit step is one standard deviation of the local Gaussian approximation,
-and the tolerances are in units of it.
+on the parameters.  Here a step is a tenth of each unknown as long as much is gained, and then one
+standard deviation of the local Gaussian approximation, which misleads far from the optimum; the
+tolerances are in units of the step.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bayesdrill import laplace
-from bayesdrill.optimisers.contract import Optimum
+from bayesdrill.optimisers.contract import Optimum, Task
+from bayesdrill.optimisers.simplex import descend
 
 Array = NDArray[np.float64]
 
 LOG_TOLERANCE = 1e-3  # of the log density: what a restart must gain to be followed by another
-MOST_STEP = 0.3  # first steps of the simplex, in a log: far from the optimum the scales mislead
+MOST_STEP = 0.3  # of a standard deviation, in a log: where the record says little it is long
+FAR = 100.0  # of the log density: a run that gained more was far from the optimum ...
+TENTH = 0.1  # ... and there first steps of the simplex are this, in a log of each unknown
 
 
-def maximise(
-    target: Callable[[Array], Array],
-    start: Array,
-    scale: Callable[[Array], Array],
-    evaluations: int,
-) -> Optimum:
+def maximise(task: Task, start: Array, evaluations: int) -> Optimum:
     """See `optimisers.contract.Optimiser`."""
-    from scipy.optimize import minimize  # late: 0.3 s, and most commands do not optimise
-
-    z, value, spent, settled = start, float(target(start[None])[0]), 0, False
+    physical = task.coordinates.to_physical
+    z, value, spent, settled = (
+        task.coordinates.from_physical(start[None])[0],
+        task.at(start),
+        0,
+        False,
+    )
+    history: list[float] = []
+    gain = np.inf
     while not settled and spent < evaluations:
-        root = _steps(scale(z))
-        result = minimize(
-            lambda s, z=z, root=root: -float(target((z + root @ s)[None])[0]),
+        root = _steps(task, physical(z[None])[0], far=gain > FAR)
+        run = descend(
+            partial(_lost, task, z, root),
             np.zeros(len(z)),
-            method="Nelder-Mead",
-            options={
-                "initial_simplex": np.vstack([np.zeros(len(z)), np.eye(len(z))]),
-                "xatol": 1e-2,
-                "fatol": 0.1 * LOG_TOLERANCE,
-                "maxfev": min(evaluations - spent, 400 * len(z)),
-                "adaptive": len(z) > 2,
-            },
+            initial_simplex=np.vstack([np.zeros(len(z)), np.eye(len(z))]),
+            xatol=1e-2,
+            fatol=0.1 * LOG_TOLERANCE,
+            maxfev=min(evaluations - spent, 400 * len(z)),
+            adaptive=len(z) > 2,
         )
-        spent += int(result.nfev)
-        gain = -float(result.fun) - value
+        spent += run.evaluations
+        gain = -run.lowest - value
         if gain > 0:
-            z, value = z + root @ result.x, -float(result.fun)
+            z, value = z + root @ run.x, -run.lowest
         settled = gain < LOG_TOLERANCE
-    return Optimum(z=z, value=value, evaluations=spent, settled=settled)
+        history += [-low for low in run.history]
+    return Optimum(
+        theta=physical(z[None])[0],
+        value=value,
+        evaluations=spent,
+        settled=settled,
+        history=tuple(history),
+    )
 
 
-def _steps(covariance: Array) -> Array:
-    """Columns: the principal directions, one standard deviation long but no longer than a cap."""
-    columns = laplace.root(covariance)
+def _lost(task: Task, z: Array, root: Array, steps: Array) -> float:
+    return -task.at(task.coordinates.to_physical((z + root @ steps)[None])[0])
+
+
+def _steps(task: Task, theta: Array, *, far: bool) -> Array:
+    """Columns: first steps of the simplex, in the coordinates of the search."""
+    if far:
+        return TENTH * laplace.slopes_by_logs(task.coordinates, theta)
+    columns = laplace.root(task.covariance(theta))
     longest = np.abs(columns).max(axis=0)
     return np.asarray(columns * np.minimum(1.0, MOST_STEP / longest))

@@ -28,11 +28,11 @@ FLOORS = [
     {"loading", "sampling", "diagnostics", "physics", "tension"},
     {"job", "derived"},
     {"simulation", "tree", "provenance", "verdict"},
-    {"calibration"},
+    {"calibration", "reproduction"},
     {"report"},
     {"identify"},
     {"pipeline"},
-    {"calibrate"},
+    {"calibrate", "paper", "guard"},
     {"cli"},
     {"__main__"},
 ]

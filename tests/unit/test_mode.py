@@ -3,16 +3,23 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
 import scipy.optimize
 from oracles import NOMINAL
+from oracles import ORDER as ORDER_OF_MODEL
 from rigs import measured, posterior, vector
 
-from bayesdrill import laplace, mode
-from bayesdrill.optimisers import OPTIMISERS
+from bayesdrill import build, laplace, loading, mode
+from bayesdrill.coordinates import Physical
+from bayesdrill.optimisers import OPTIMISERS, fminsearch, nelder_mead, pairwise
+from bayesdrill.optimisers.contract import Task
+from bayesdrill.optimisers.pairwise import ORDER, circle
 
+CONFIGS = Path(__file__).parents[2] / "configs"
 SIGMA = np.array([0.02, 0.03, 0.05, 0.04])
 RECORD = measured(SIGMA, n=200)
 TWO = ("k_e", "k_s")
@@ -64,27 +71,104 @@ def test_draws_near_an_edge_of_the_prior() -> None:
     assert np.isfinite(target(laplace.draws(target, edge, 40, np.random.default_rng(1)))).all()
 
 
+def valley(x: np.ndarray) -> np.ndarray:
+    """Rosenbrock's, with unequal scales; its maximum, zero, is at (6, 0.02), off the origin."""
+    a, b = x[:, 0] / 3 - 1, x[:, 1] * 50
+    return -100 * (b - a**2) ** 2 - (1 - a) ** 2
+
+
+def task(names: tuple[str, ...], density: Callable[[np.ndarray], np.ndarray]) -> Task:
+    return Task(
+        names=names,
+        density=density,
+        coordinates=Physical(),
+        covariance=lambda theta: np.diag([0.3, 0.002, 0.01][: len(theta)]) ** 2,
+    )
+
+
 @pytest.mark.parametrize("method", OPTIMISERS)
 def test_every_optimiser_finds_a_curved_skewed_maximum(method: str) -> None:
-    """Rosenbrock's valley with unequal scales, maximum off the origin."""
+    start = np.array([-3.0, 0.05])
+    options = {"pairs": (("b", "a"),), "iterations": 10, "steady": 1e-6}
+    own = options if method == "pairwise" else {}
+    found = OPTIMISERS[method](task(("a", "b"), valley), start, 8000, **own)
+    assert found.settled
+    assert found.theta == pytest.approx([6.0, 0.02], rel=0.02)
+    assert found.value == pytest.approx(valley(found.theta[None])[0])
+    assert found.evaluations <= 8000
+    assert found.history[-1] == pytest.approx(found.value)
+    assert start == pytest.approx([-3.0, 0.05])  # untouched
 
-    def target(x: np.ndarray) -> np.ndarray:
-        a, b = x[:, 0] / 3 - 1, x[:, 1] * 50
-        return -100 * (b - a**2) ** 2 - (1 - a) ** 2
 
-    found = OPTIMISERS[method](
-        target, np.array([-3.0, 0.05]), lambda z: np.diag([0.3, 0.002]) ** 2, 8000
+def test_fminsearch_stops_at_tolerances_that_are_absolute() -> None:
+    """The same hill in other units: of an unknown of 1e-4 it finds no digit.  MATLAB's defaults."""
+
+    def hill(x: np.ndarray, unit: float) -> np.ndarray:
+        return -1e-4 * (x[:, 0] / unit - 3.0) ** 2
+
+    fine = fminsearch.maximise(task(("a",), lambda x: hill(x, 1.0)), np.array([2.0]), 8000)
+    coarse = fminsearch.maximise(task(("a",), lambda x: hill(x, 1e-4)), np.array([2e-4]), 8000)
+    assert fine.theta[0] == pytest.approx(3.0, rel=1e-3)
+    assert abs(coarse.theta[0] / 3e-4 - 1) > 0.05
+    assert coarse.settled
+
+
+def test_pairs_are_the_papers_for_its_nine_and_a_circle_for_fewer() -> None:
+    printed = "t_f j_m, j_m c_m, c_m k_e, k_e k_T, k_T r_m, r_m l_m, l_m k_s, k_s j_1, j_1 t_f"
+    assert circle(ORDER) == tuple(tuple(pair.split()) for pair in printed.split(", "))
+    assert circle(("k_s", "sigma_w_1", "c_m")) == (
+        ("c_m", "k_s"),
+        ("k_s", "sigma_w_1"),
+        ("sigma_w_1", "c_m"),
+    )
+    assert circle(("k_e", "c_m")) == (("c_m", "k_e"),)
+    with pytest.raises(ValueError, match="two unknowns"):
+        circle(("k_e",))
+
+
+def test_no_unknown_may_be_left_out_of_the_pairs() -> None:
+    config, _ = loading.load(CONFIGS / "nominal_step.yaml")
+    pairs = [["k_s", "j_1"], ["j_m", "c_m"], ["k_e", "k_T"]]
+    own = config.map.model_copy(update={"method": "pairwise", "pairs": pairs})
+    changed = config.model_copy(update={"map": own})
+    with pytest.raises(ValueError, match="no pair has r_m, l_m, t_f"):
+        build.optimiser(changed, ORDER_OF_MODEL)
+
+
+def test_pairwise_moves_two_unknowns_at_a_time_in_the_order_given() -> None:
+    """Mutants killed: pairs in another order, other unknowns that move, iterations not counted."""
+    seen: list[np.ndarray] = []
+
+    def bowl(x: np.ndarray) -> np.ndarray:
+        seen.append(x[0].copy())
+        return -((x - np.array([1.0, 2.0, 3.0])) ** 2).sum(axis=1)
+
+    start = np.array([2.0, 3.0, 4.0])
+    pairs = (("c", "a"), ("b", "c"))
+    found = pairwise.maximise(
+        task(("a", "b", "c"), bowl), start, 8000, pairs=pairs, iterations=5, steady=1e-8
     )
     assert found.settled
-    assert found.z == pytest.approx([6.0, 0.02], rel=0.02)
-    assert found.evaluations <= 8000
+    assert found.theta == pytest.approx([1.0, 2.0, 3.0], abs=0.03)
+    first = next(k for k, x in enumerate(seen) if x[1] != start[1])
+    assert all(x[1] == start[1] for x in seen[:first])  # the first pair has no b
+    assert first >= 5
+    held = seen[first][0]
+    again = next(k for k, x in enumerate(seen) if k > first and x[0] != held)
+    assert all(x[0] == held for x in seen[first:again])  # the second has no a
+    assert list(found.history) == sorted(found.history)
+    few = pairwise.maximise(
+        task(("a", "b", "c"), bowl), start, 1, pairs=pairs, iterations=5, steady=1e-8
+    )
+    assert not few.settled
+    assert len(few.history) == 2 * (5 - 1)  # to set up the simplex counts as one
 
 
 def test_searches_agree_where_the_record_determines_everything() -> None:
     target = posterior(RECORD, SIGMA, "log", free=TWO)
     points = mode.starts(target, 4, np.random.default_rng(9))
     found = mode.summarise(
-        target, tuple(mode.search(target, "nelder_mead", 4000, point) for point in points)
+        target, tuple(mode.search(target, nelder_mead.maximise, 4000, point) for point in points)
     )
     assert found.same_height >= 2
     assert found.wandering == ()
@@ -98,7 +182,7 @@ def test_nine_parameters_wander_along_the_symmetries_and_that_is_said() -> None:
     target = posterior(RECORD, SIGMA, "modal")
     points = mode.starts(target, 4, np.random.default_rng(2))
     found = mode.summarise(
-        target, tuple(mode.search(target, "nelder_mead", 8000, point) for point in points)
+        target, tuple(mode.search(target, nelder_mead.maximise, 8000, point) for point in points)
     )
     assert found.log_posterior >= target.density(vector(NOMINAL)[None])[0]
     assert found.gain < 0.05
@@ -118,7 +202,7 @@ def test_gradient_at_a_slope_is_seen() -> None:
     """Away from the maximum the report says so."""
     target = posterior(RECORD, SIGMA, "log", free=TWO)
     off = target.space.vector({**NOMINAL, "k_e": NOMINAL["k_e"] * 1.01})
-    search = mode.search(target, "nelder_mead", 1, off)
+    search = mode.search(target, nelder_mead.maximise, 1, off)
     start = dict(zip(target.space.free, off, strict=True))
     stuck = dataclasses.replace(search, end=start, log_posterior=-1e9)
     assert mode.summarise(target, (stuck,)).gain > 1.0
@@ -127,6 +211,6 @@ def test_gradient_at_a_slope_is_seen() -> None:
 def test_a_maximum_on_the_bound_is_named() -> None:
     target = posterior(RECORD, SIGMA, "log", free=TWO)
     low = {**NOMINAL, "k_s": 1.5 * NOMINAL["k_s"] * (1 - 1e-5)}
-    search = mode.search(target, "nelder_mead", 1, target.space.vector(low))
+    search = mode.search(target, nelder_mead.maximise, 1, target.space.vector(low))
     stuck = dataclasses.replace(search, end={name: low[name] for name in TWO}, log_posterior=0.0)
     assert mode.summarise(target, (stuck,)).at_bound == ("k_s",)
