@@ -1,0 +1,186 @@
+"""The drawings of the rig and of the pairwise search as they are rendered."""
+
+from __future__ import annotations
+
+import itertools
+import re
+from functools import cache
+
+import numpy as np
+import pytest
+from matplotlib.colors import to_hex
+from matplotlib.figure import Figure
+from matplotlib.patches import FancyArrowPatch, Polygon, Rectangle
+from matplotlib.path import Path
+from matplotlib.text import Text
+from matplotlib.transforms import Bbox
+from numpy.typing import NDArray
+from pictures import box, drawn, overlap, shown
+
+from bayesdrill.models.motor_shaft import MotorShaft
+from bayesdrill.report import style
+from bayesdrill.report.schematics import heuristic_figure, rig_figure
+from bayesdrill.symbols import PARAMETERS
+
+CHAIN = ("t_f", "j_m", "c_m", "k_e", "k_T", "r_m", "l_m", "k_s", "j_1")
+CYCLE = [(name, CHAIN[(k + 1) % 9]) for k, name in enumerate(CHAIN)]
+STRANGERS = [("j_1", "t_f"), ("c_m", "k_e"), ("r_m", "l_m")]
+CASES = {
+    "1": CYCLE[:1],
+    "2": CYCLE[2:4],
+    "3 strangers": STRANGERS,
+    "9": CYCLE,
+    "12": CYCLE + CYCLE[:3],
+}
+
+
+@cache
+def picture(name: str) -> Figure:
+    return drawn(rig_figure() if name == "rig" else heuristic_figure(CASES[name], 10))
+
+
+def texts(figure: Figure) -> list[Text]:
+    return shown(list(figure.axes[0].texts))
+
+
+def framed(text: Text) -> Bbox:
+    frame = text.get_bbox_patch()
+    return box(text) if frame is None else frame.get_window_extent()
+
+
+def arrows(figure: Figure) -> list[FancyArrowPatch]:
+    return [p for p in figure.axes[0].patches if isinstance(p, FancyArrowPatch)]
+
+
+def corners(arrow: FancyArrowPatch) -> NDArray[np.float64]:
+    """Of the line and its head; the first is where the arrow starts."""
+    path = arrow.get_path()
+    vertices: NDArray[np.float64] = np.asarray(path.vertices, dtype=np.float64)
+    kept: NDArray[np.float64] = vertices[np.asarray(path.codes) != Path.CLOSEPOLY]
+    return kept
+
+
+def names(text: Text) -> list[str]:
+    found = re.findall(r"(?<![\\\w])[a-z]_\w", text.get_text())
+    return [name for name in found if name in PARAMETERS]
+
+
+@pytest.mark.parametrize("name", ["rig", *CASES])
+def test_texts_are_apart_inside_the_page_and_off_the_lines(name: str) -> None:
+    figure = picture(name)
+    (sheet,) = figure.axes
+    every = [(text.get_text(), framed(text)) for text in texts(figure)]
+    for (text, a), (other, b) in itertools.combinations(every, 2):
+        assert not overlap(a, b), f"{text} on {other}"
+    lines = [line.get_path() for line in sheet.lines]
+    lines += [Path(corners(arrow)) for arrow in arrows(figure)]
+    edges = [p.get_window_extent() for p in sheet.patches if isinstance(p, Rectangle)]
+    for text, a in every:
+        assert figure.bbox.contains(*a.p0), text
+        assert figure.bbox.contains(*a.p1), text
+        for line in lines:
+            assert not sheet.transData.transform_path(line).intersects_bbox(a, filled=False), text
+        for edge in edges:
+            inside = edge.contains(*a.p0) and edge.contains(*a.p1)
+            assert inside or not overlap(a, edge), f"{text} on the edge of a box"
+
+
+def test_the_rig_shows_the_nine_parameters() -> None:
+    assert {name for text in texts(picture("rig")) for name in names(text)} == set(PARAMETERS)
+
+
+def test_what_is_measured_has_a_frame_of_its_own() -> None:
+    frames = {
+        text.get_text(): (patch.get_linestyle(), to_hex(patch.get_facecolor()))
+        for text in texts(picture("rig"))
+        if (patch := text.get_bbox_patch()) is not None
+    }
+    assert frames["measured"][0] != frames["not measured"][0]
+    assert frames["measured"][1] != frames["not measured"][1]
+    for k in (1, 2):
+        assert frames.pop(rf"$\theta_{k},\,\dot\theta_{k}$") == frames["measured"]
+    assert frames.pop(r"$\dot q$") == frames["not measured"]
+    assert len(frames) == 2
+
+
+def test_the_gears_are_drawn_to_the_ratio_of_the_model() -> None:
+    figure = picture("rig")
+    boxes = [p for p in figure.axes[0].patches if isinstance(p, Rectangle)]
+    (label,) = (text for text in texts(figure) if "i_m" in text.get_text())
+    above = label.get_position()[0]
+    housing = min(
+        (p for p in boxes if np.isclose(p.get_x() + p.get_width() / 2, above)),
+        key=lambda p: -p.get_height(),
+    )
+    wheels = [
+        p.get_height()
+        for p in boxes
+        if to_hex(p.get_facecolor()) == to_hex(style.LIGHT)
+        and housing.get_window_extent().containsx(p.get_window_extent().x0)
+    ]
+    first, second, third, fourth = sorted(wheels)
+    assert (first * second) / (third * fourth) == pytest.approx(MotorShaft().i_m)
+
+
+def steps(figure: Figure) -> list[Rectangle]:
+    """The boxes of the search, there along the upper row and back along the lower one."""
+    boxes = [p for p in figure.axes[0].patches if isinstance(p, Rectangle) and p.get_height() > 0.5]
+    top = max(p.get_y() for p in boxes)
+    return sorted(
+        boxes, key=lambda p: (p.get_y() < top, p.get_x() * (1 if p.get_y() == top else -1))
+    )
+
+
+def inside(outer: Rectangle, inner: Bbox) -> bool:
+    area = outer.get_window_extent()
+    return bool(area.contains(*inner.p0) and area.contains(*inner.p1))
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_each_pair_has_a_box_and_its_two_cells_are_dark(name: str) -> None:
+    figure, pairs = picture(name), CASES[name]
+    boxes = steps(figure)
+    assert len(boxes) == len(pairs)
+    lowest = [text for text in texts(figure) if text.get_position()[1] < 0.5 and names(text)]
+    order = [names(text)[0] for text in sorted(lowest, key=lambda text: text.get_position()[0])]
+    assert sorted(order) == sorted(PARAMETERS)
+    words = [(text, box(text)) for text in texts(figure)]
+    cells = [p for p in figure.axes[0].patches if isinstance(p, Rectangle) and p not in boxes]
+    places = [p.get_window_extent() for p in cells]
+    for pair, outer in zip(pairs, boxes, strict=True):
+        own = [text for text, place in words if inside(outer, place)]
+        assert [found for text in own for found in names(text)] == list(pair)
+        assert any("10 iterations" in text.get_text() for text in own)
+        strip = [p for p, place in zip(cells, places, strict=True) if inside(outer, place)]
+        strip.sort(key=lambda p: p.get_x())
+        dark = [to_hex(p.get_facecolor()) != to_hex("white") for p in strip]
+        searched = {name for name, full in zip(order, dark, strict=True) if full}
+        assert searched == set(pair)
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_arrows_lead_through_all_pairs_to_the_decision_and_back(name: str) -> None:
+    figure = picture(name)
+    (decision,) = (p for p in figure.axes[0].patches if isinstance(p, Polygon))
+    nodes = [p.get_window_extent().padded(12) for p in (*steps(figure), decision)]
+    edges = set()
+    for arrow in arrows(figure):
+        path = figure.axes[0].transData.transform(corners(arrow))
+        touched = [{k for k, node in enumerate(nodes) if node.contains(*v)} for v in path]
+        edges |= set(itertools.product(touched[0], set().union(*touched) - touched[0]))
+    n = len(nodes)
+    assert edges == {(k, (k + 1) % n) for k in range(n)}
+
+
+def test_an_arrow_says_what_the_next_search_starts_from() -> None:
+    def passed(name: str) -> list[str]:
+        figure = picture(name)
+        outside = [
+            text
+            for text in texts(figure)
+            if text.get_position()[1] > 0.5 and not any(inside(b, box(text)) for b in steps(figure))
+        ]
+        return sorted(found for text in outside for found in names(text))
+
+    assert passed("9") == sorted(CHAIN)
+    assert passed("3 strangers") == []
