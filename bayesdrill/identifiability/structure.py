@@ -21,6 +21,7 @@ Array = NDArray[np.float64]
 Exponents = tuple[int, ...]
 
 SAME_RESPONSE = 1e-9  # relative to the largest value of each channel
+SAME_DIRECTION = 1e-6  # null directions of different points are equal to this
 LARGEST_DENOMINATOR = 6
 MOST_BASES = 5000
 
@@ -28,8 +29,8 @@ MOST_BASES = 5000
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Structure:
     """`symmetries`: proven exponents of the unknowns, sparsest first.  `invariants`: independent
-    products that no symmetry changes.  `unexplained`: further directions that no signal shows at
-    any of the points, but that are no product of powers with small whole exponents.
+    products that nothing of this changes.  `unexplained`: further directions that no signal shows,
+    but that are no product of powers with small whole exponents, or not the same one everywhere.
     """
 
     names: tuple[str, ...]
@@ -55,16 +56,20 @@ def analyse(
     null = null_space(sensitivities)
     found = sparse_basis(null)
     proven = tuple(exponents for exponents in found if unchanged(exponents))
-    if len(proven) == len(null):
-        determined = np.array(proven, dtype=float).reshape(-1, len(names))
+    each = [null_space([one]) for one in sensitivities]
+    blind = min(map(len, each))
+    if blind > len(null):  # of a sum only the sum may show: its direction turns with its terms
+        hidden = np.concatenate(each)
+    elif len(proven) == len(null):
+        hidden = np.array(proven, dtype=float).reshape(-1, len(names))
     else:
-        determined = null
-    rest = _complement(determined, len(names))
+        hidden = null
+    rest = _complement(hidden, len(names))
     return Structure(
         names=names,
         symmetries=proven,
         invariants=sparse_basis(rest),
-        unexplained=len(null) - len(proven),
+        unexplained=blind - len(proven),
     )
 
 
@@ -107,7 +112,8 @@ def _complement(rows: Array, m: int) -> Array:
     """All directions at right angles to `rows (n, m)`."""
     if len(rows) == 0:
         return np.eye(m)
-    return np.asarray(np.linalg.svd(rows)[2][np.linalg.matrix_rank(rows) :])
+    _, values, directions = np.linalg.svd(rows)
+    return np.asarray(directions[int(np.sum(values > SAME_DIRECTION * values[0])) :])
 
 
 def _whole(row: Array) -> Exponents | None:

@@ -9,8 +9,8 @@ r_s   resistance in series with the motor: driver, leads, brushes
     j_1 theta_1'' + k_s (theta_1 - theta_2) = -t_1
 
 Times i_m, the second equation with the third in it has (j_m + i_m^2 j_2) theta_2'': the rig is a
-`motor_shaft` with that inertia and with the resistance r_m + r_s.  A given j_2 sets the scale of
-the torques, and a given r_s that of the currents, which no record of a `motor_shaft` shows.
+`motor_shaft` with that inertia and with the resistance r_m + r_s.  So a record shows no more of it:
+both scales of a `motor_shaft` stay open, though they are no common factors here.
 """
 
 from __future__ import annotations

@@ -43,21 +43,31 @@ def structure(study: Study) -> str:
             f"structure: no exact symmetry; all of {_listed(names)} leave a trace of their own in "
             "the measured signals"
         )
+    n = len(found.symmetries) + found.unexplained
     lines = [
-        f"structure: {_count(len(found.symmetries), 'exact symmetry', 'exact symmetries')}; no record "
+        f"structure: {_count(n, 'exact symmetry', 'exact symmetries')}; no record "
         "of these channels, however long or clean, shows where on it the rig is:"
     ]
-    lines += [f"  - {symmetry(names, e)}" for e in found.symmetries]
-    if found.unexplained:
-        lines.append(
-            f"  - {_count(found.unexplained, 'further change', 'further changes')} of "
-            "several parameters at once, by no common factor, also leave every signal as it is"
-        )
+    lines += [f"  - {line}" for line in _symmetries(study)]
     products = ", ".join(product(names, e) for e in found.invariants)
     lines.append(
         f"what such a record can show are {len(found.invariants)} products of powers: {products}"
     )
     return "\n".join(lines)
+
+
+def _symmetries(study: Study) -> list[str]:
+    """A sentence for each, and one for those that are no common factor."""
+    found = study.structure
+    lines = [symmetry(found.names, e) for e in found.symmetries]
+    if found.unexplained:
+        blind = [known.exponents.index(1) for known in study.parameters if math.isinf(known.bound)]
+        lines.append(
+            f"{_count(found.unexplained, 'change', 'changes')} of several of "
+            f"{_listed([found.names[k] for k in blind])} at once, by no common factor, "
+            f"{'leaves' if found.unexplained == 1 else 'leave'} every signal as it is"
+        )
+    return lines
 
 
 def symmetry(names: Sequence[str], exponents: Exponents) -> str:
@@ -119,12 +129,13 @@ def brief(study: Study) -> str:
         for name, known in zip(study.names, study.parameters, strict=True)
         if known.word != "determined"
     ]
-    if not study.structure.symmetries:
+    symmetries = _symmetries(study)
+    if not symmetries:
         rest = f"; it leaves {_listed(undetermined)} largely to the prior" if undetermined else ""
         return f"the record shows every unknown by itself{rest}"
     lines = [
         "no such record shows everything:",
-        *(f"  {symmetry(study.names, e)}" for e in study.structure.symmetries),
+        *(f"  {line}" for line in symmetries),
         "  `bayesdrill identify` says what would",
     ]
     return "\n".join(lines)

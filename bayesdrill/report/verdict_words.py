@@ -82,7 +82,7 @@ def _not_determined(found: Verdict) -> list[str]:
     if blind:
         lines.append(
             f"not determined by themselves: {', '.join(blind)} (no such record can tell them apart: "
-            "scaled together they change no measured signal; only their products above count)"
+            "changed together they leave every measured signal as it is; only the products above count)"
         )
     if weak:
         lines.append(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from oracles import NOMINAL, ORDER
@@ -14,7 +16,9 @@ from bayesdrill.identifiability.structure import analyse, doubled, sparse_basis
 from bayesdrill.identifiability.study import Study, Thresholds, study
 from bayesdrill.models.motor_shaft import MotorShaft
 from bayesdrill.models.tangent import Dual
+from bayesdrill.models.two_rotors import TwoRotors
 from bayesdrill.report import identify_words as words
+from bayesdrill.response import Response
 
 SIGMA = np.array([0.02, 0.01, 0.05, 0.03])  # unequal
 
@@ -113,6 +117,41 @@ def test_only_what_is_null_everywhere_counts() -> None:
     points = [np.array([[a / (a + b), b / (a + b)]]) for a, b in ((1.0, 2.0), (3.0, 1.0))]
     assert len(structure.null_space(points)) == 0
     assert len(structure.null_space(points[:1])) == 1
+
+
+def test_a_direction_that_turns_from_place_to_place_is_still_blind() -> None:
+    """Of c and a + b: c shows, and the sum, but no product with a or b.  Mutant killed: only
+    directions that are the same everywhere count."""
+    points = [
+        np.array([[a / (a + b), b / (a + b), 0.0], [0.0, 0.0, 1.0]])
+        for a, b in ((1.0, 2.0), (3.0, 1.0), (0.4, 0.7))
+    ]
+    found = analyse(("a", "b", "c"), points, lambda _: True)
+    assert found.symmetries == ()
+    assert found.unexplained == 1
+    assert found.invariants == ((0, 0, 1),)
+
+
+def test_a_known_inertia_beside_the_motors_settles_no_scale() -> None:
+    """It only makes the two symmetries bend."""
+    target = posterior(measured(SIGMA), SIGMA)
+    likelihood = target.likelihood
+    rig = TwoRotors(j_2=7e-3, r_s=0.2)
+    response = Response(rig, likelihood.response.experiment)
+    target = replace(target, likelihood=replace(likelihood, response=response))
+    theta = target.space.vector(target.space.start)
+    found = study(
+        Scenery(target.likelihood), target, theta, (), Thresholds(), np.random.default_rng(2)
+    )
+    assert found.structure.symmetries == ()
+    assert found.structure.unexplained == 2
+    shown = np.array(found.structure.invariants, dtype=float)
+    assert np.linalg.matrix_rank(shown) == len(shown) == 5
+    assert np.linalg.matrix_rank(np.vstack([shown, exponents(k_s=1, j_1=-1)])) == 5
+    assert not shown[:, [ORDER.index("j_m"), ORDER.index("r_m")]].any()
+    said = words.brief(found)
+    assert "2 changes of several of j_m, c_m" in said
+    assert "leave every signal as it is" in said
 
 
 def test_sparse_basis_finds_small_whole_exponents_under_any_mixing() -> None:
