@@ -8,11 +8,12 @@ READY := .venv/.ready
 BENCH := .venv-bench/bin
 BENCH_READY := .venv-bench/.ready
 
-.PHONY: help posterior test test-slow check format bench bench-growth mutants schema clean
+.PHONY: help posterior paper test test-slow check format bench bench-growth mutants schema clean
 
 help:
 	@echo "make posterior [CONFIG=configs/mine.yaml] [ARGS=--resume|--force]"
 	@echo "                 the main job: a config in, results/<name>/ out"
+	@echo "make paper       the studies of the paper, repeated: results/paper/ (2 to 3 minutes)"
 	@echo "make test        the tests, under 5 minutes"
 	@echo "make test-slow   longer proofs"
 	@echo "make check       format, lint, types and tests"
@@ -25,6 +26,10 @@ help:
 
 posterior: $(READY)
 	@$(BIN)/bayesdrill posterior $(CONFIG) $(ARGS)
+
+# What is there comes from the same configs, so it is made anew.
+paper: $(READY)
+	@$(BIN)/bayesdrill paper --force
 
 test: $(READY)
 	@$(BIN)/python -m pytest -m "not slow" -n 2 --dist loadfile

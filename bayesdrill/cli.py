@@ -1,33 +1,20 @@
-"""The command line: parse, call, print; nothing else.
-
-Exit status: 0 done (and converged), 2 the input is wrong, 3 finished but not converged or not
-calibrated, 130 interrupted and saved.
-"""
+"""The command line: parse, call, print; nothing else.  `guard` says what the exit status means."""
 
 from __future__ import annotations
 
-import os
-import signal
-import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from bayesdrill import __version__
+from bayesdrill.guard import NOT_CONVERGED, guarded, saved_in
 
 if TYPE_CHECKING:
     from bayesdrill.calibrate import Outcome as Calibrated
     from bayesdrill.pipeline import Outcome
     from bayesdrill.store import Mode
-
-INPUT_WRONG = 2
-NOT_CONVERGED = 3
-INTERRUPTED = 130
-LONGEST_LINE = 400
 
 app = typer.Typer(
     add_completion=False,
@@ -66,7 +53,7 @@ def top(
 @app.command(epilog="Example: bayesdrill check configs/nominal_step.yaml")
 def check(config: ConfigPath) -> None:
     """Validate config and record and say what would run; samples nothing, writes nothing."""
-    with _guarded():
+    with guarded():
         from bayesdrill.identifiability.scenes import Scenery
         from bayesdrill.identify import preflight
         from bayesdrill.job import prepare
@@ -98,7 +85,7 @@ def identify(
     processes: Processes = None,
 ) -> None:
     """Say what this record can and cannot determine, and what would help; samples nothing."""
-    with _guarded():
+    with guarded():
         from bayesdrill import identify as job_
         from bayesdrill.crew import available
         from bayesdrill.job import prepare
@@ -122,7 +109,7 @@ def identify(
 @app.command("map", epilog="Example: bayesdrill map configs/nominal_step.yaml")
 def map_(config: ConfigPath, processes: Processes = None) -> None:
     """Search the maximum of the posterior (MAP) and print it; writes nothing."""
-    with _guarded():
+    with guarded():
         from bayesdrill import pipeline
         from bayesdrill.crew import available
         from bayesdrill.progress import reporter
@@ -148,7 +135,7 @@ def posterior(
     processes: Processes = None,
 ) -> None:
     """MAP, sampling, diagnostics, tables and figures: the main job."""
-    with _guarded():
+    with guarded():
         from bayesdrill import pipeline
         from bayesdrill.crew import available
         from bayesdrill.progress import reporter
@@ -156,7 +143,7 @@ def posterior(
         how = _mode(resume, force)
         job = pipeline.prepare(config)
         folder = output or Path("results") / job.config.name
-        with _saved_in(folder), reporter() as report:
+        with saved_in(folder), reporter() as report:
             outcome = pipeline.posterior(job, folder, how, processes or available(), report)
         _finish(outcome)
 
@@ -178,7 +165,7 @@ def calibrate(
     ] = None,
 ) -> None:
     """Test the posterior of a config: refit simulated records, and see where the truth ranks."""
-    with _guarded():
+    with guarded():
         from bayesdrill import calibrate as calibration
         from bayesdrill.calibration import executors
         from bayesdrill.crew import available
@@ -191,7 +178,7 @@ def calibrate(
             where = partial(executors.local, processes or available())
         else:
             where = partial(executors.dask, scheduler)
-        with where() as crew, _saved_in(folder), reporter() as report:
+        with where() as crew, saved_in(folder), reporter() as report:
             outcome = calibration.calibrate(job, folder, how, crew, report)
         _finish_calibration(outcome)
 
@@ -201,7 +188,7 @@ def report(
     folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="Folder of a finished run.")],
 ) -> None:
     """Make tables and figures again from the stored chain."""
-    with _guarded():
+    with guarded():
         from bayesdrill import pipeline
         from bayesdrill.crew import available
 
@@ -221,7 +208,7 @@ def simulate(
     ] = False,
 ) -> None:
     """Make a record from the config: exact response plus noise, as CSV."""
-    with _guarded():
+    with guarded():
         from bayesdrill import loading, recording, simulation
         from bayesdrill.errors import InputError
         from bayesdrill.store import whole
@@ -236,10 +223,35 @@ def simulate(
         typer.echo(f"{target}: {len(text.splitlines()) - 1} samples")
 
 
+@app.command(epilog="Example: bayesdrill paper --output results/paper")
+def paper(
+    configs: Annotated[
+        Path, typer.Argument(metavar="[FOLDER]", help="With the configs of the studies.")
+    ] = Path("configs/paper"),
+    output: Annotated[
+        Path, typer.Option("--output", "-o", help="Folder for tables and figures.")
+    ] = Path("results/paper"),
+    force: Force = False,
+    processes: Processes = None,
+) -> None:
+    """Repeat the studies of the paper, each beside what a full posterior says of it."""
+    with guarded():
+        from bayesdrill.crew import available
+        from bayesdrill.paper import reproduce
+        from bayesdrill.progress import reporter
+
+        with reporter() as report:
+            done = reproduce(configs, output, processes or available(), report, force=force)
+        typer.echo(done.text)
+        typer.echo(f"results: {done.folder}/ (report.md, tables, figures/, two posteriors)")
+        if not done.converged:
+            raise typer.Exit(NOT_CONVERGED)
+
+
 @app.command(epilog="Example: bayesdrill schema > schema.json")
 def schema() -> None:
     """Print the JSON schema of configs, for editors that complete and check them."""
-    with _guarded():
+    with guarded():
         from bayesdrill.schema import as_text
 
         typer.echo(as_text(), nl=False)
@@ -271,76 +283,6 @@ def _finish(outcome: Outcome) -> None:
     typer.echo(f"results: {outcome.folder}/ (summary.md, figures/, posterior.nc, chain.h5)")
     if not outcome.sampled.convergence.converged:
         raise typer.Exit(NOT_CONVERGED)
-
-
-@contextmanager
-def _guarded() -> Iterator[None]:
-    """A user's mistake, a full disk or Ctrl-C end in a message and a status, not in a traceback."""
-    from bayesdrill.errors import InputError, Interrupted
-
-    before = signal.signal(signal.SIGTERM, _interrupt)
-    try:
-        yield
-    except InputError as error:
-        _fail(error.problems)
-    except Interrupted as stopped:
-        typer.echo(f"{stopped}; continue with --resume", err=True)
-        raise typer.Exit(INTERRUPTED) from None
-    except KeyboardInterrupt:
-        typer.echo("stopped; nothing was written", err=True)
-        raise typer.Exit(INTERRUPTED) from None
-    except BrokenPipeError:
-        # Nobody reads on.  Python would try once more at the end, and fail, so give it a place.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        raise typer.Exit(0) from None
-    except OSError as error:
-        place = f"{error.filename}: " if error.filename else ""
-        typer.echo(_line(f"{place}{_reason(error)}"), err=True)
-        raise typer.Exit(INPUT_WRONG) from None
-    except MemoryError:
-        message = "out of memory; a shorter record, fewer walkers or fewer steps need less"
-        typer.echo(message, err=True)
-        raise typer.Exit(INPUT_WRONG) from None
-    finally:
-        signal.signal(signal.SIGTERM, before)
-
-
-@contextmanager
-def _saved_in(folder: Path) -> Iterator[None]:
-    """A disk that fails during a run: where, and that the run can go on from there."""
-    from bayesdrill.errors import InputError
-
-    try:
-        yield
-    except BrokenPipeError:
-        raise
-    except OSError as error:
-        message = f"{_reason(error)}; mend this, then go on with --resume"
-        raise InputError.one(str(error.filename or folder), message) from None
-
-
-def _reason(error: OSError) -> str:
-    # HDF5 puts a page of its own into `strerror`.
-    return f"cannot be written or read: {os.strerror(error.errno) if error.errno else error}"
-
-
-def _fail(problems: tuple[Any, ...]) -> None:
-    most = 15
-    for problem in problems[:most]:
-        typer.echo(_line(str(problem)), err=True)
-    if len(problems) > most:
-        typer.echo(f"... and {len(problems) - most} more", err=True)
-    raise typer.Exit(INPUT_WRONG)
-
-
-def _line(text: str) -> str:
-    """One line that a terminal can show, however long the names in a file are."""
-    text = "".join(letter if letter.isprintable() else " " for letter in text)
-    return text if len(text) <= LONGEST_LINE else f"{text[: LONGEST_LINE - 3]}..."
-
-
-def _interrupt(_number: int, _frame: object) -> None:
-    raise KeyboardInterrupt
 
 
 def main() -> None:

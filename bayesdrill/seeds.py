@@ -7,7 +7,16 @@ from typing import Any, Literal, get_args
 import numpy as np
 
 Purpose = Literal[
-    "record", "map", "start", "walk", "predictive", "prior", "pilot", "calibrate", "identify"
+    "record",
+    "map",
+    "start",
+    "walk",
+    "predictive",
+    "prior",
+    "pilot",
+    "calibrate",
+    "identify",
+    "reproduce",
 ]
 
 _ORDER: tuple[Purpose, ...] = get_args(Purpose)

@@ -29,8 +29,8 @@ def simulate(config: records.Config, source: Source, seed: int) -> str:
     experiment = grid(config, source)
     rig = build.model(config)
     measured = build.channels(config, rig)
-    truth = _truth(config, rig)
-    signals = Response(rig, experiment).signals(np.array([[truth[p] for p in rig.parameters]]))[0]
+    values = truth(config, rig)
+    signals = Response(rig, experiment).signals(np.array([[values[p] for p in rig.parameters]]))[0]
     sigmas = np.array([_sigma(config, source, entry) for entry in measured])
     noise = seeds.stream(seed, "record").standard_normal(signals.shape)
     factors = np.array([entry.factor for entry in measured])
@@ -69,7 +69,8 @@ def grid(config: records.Config, source: Source) -> Experiment:
     )
 
 
-def _truth(config: records.Config, rig: Model) -> dict[str, float]:
+def truth(config: records.Config, rig: Model) -> dict[str, float]:
+    """What a simulated record is made of: the parameters of `rig`, SI."""
     space = build.space(config, rig, [])
     simulation: Any = config.simulation
     named = {name: getattr(simulation, name, None) for name in rig.parameters}

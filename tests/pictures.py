@@ -1,4 +1,4 @@
-"""Draws that are hard to picture, and what overlaps in a picture."""
+"""Draws that are hard to picture, what overlaps in a picture, and where its points are."""
 
 from __future__ import annotations
 
@@ -6,8 +6,10 @@ import itertools
 from collections.abc import Iterator
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from matplotlib.text import Text
 from matplotlib.transforms import Bbox
 from numpy.typing import NDArray
@@ -94,3 +96,19 @@ def clashes(figure: Figure) -> Iterator[str]:
     for text, a in boxes:
         if not (page.contains(*a.p0) and page.contains(*a.p1)):
             yield f"{text} leaves the page"
+
+
+def xy(line: Line2D) -> Array:
+    return np.array(line.get_data(), dtype=float)
+
+
+def marked(panel: Axes, marker: str, *, filled: bool | None = None) -> list[Line2D]:
+    found = [line for line in panel.get_lines() if line.get_marker() == marker]
+    if filled is None:
+        return found
+    return [line for line in found if (line.get_markerfacecolor() != "none") is filled]
+
+
+def within(panel: Axes, y: Array) -> bool:
+    low, high = panel.get_ylim()
+    return bool(low <= y.min() and y.max() <= high)

@@ -47,7 +47,7 @@ def everything(
         products = [quantity.exponents for quantity in judged.verdict.products]
         derived = with_products(derived, problem, sampled.draws, products)
     tasks = [
-        crew.submit(_draw, *wanted, *place)
+        crew.submit(draw, *wanted, *place)
         for wanted in _figures(problem, mode, sampled, derived, judged, config)
     ]
     # While others draw, the rest, and what it needs (xarray takes half a second to load).
@@ -69,7 +69,7 @@ def everything(
         _attributes(config, sampled),
         derived,
     )
-    tasks.append(crew.submit(_draw, *_fit(problem, mode, tree), *place))
+    tasks.append(crew.submit(draw, *_fit(problem, mode, tree), *place))
     image = io.BytesIO()  # in memory: see store._chain_image
     tree.to_netcdf(image, engine="h5netcdf")
     with whole(folder.path / "posterior.nc") as path:
@@ -132,7 +132,7 @@ def _fit(problem: Problem, mode: Mode, tree: Any) -> Wanted:
 Wanted = tuple[str, Callable[..., "Figure"], tuple[Any, ...]]
 
 
-def _draw(
+def draw(
     _: Posterior,
     stem: str,
     figure: Callable[..., Figure],

@@ -44,11 +44,15 @@ def as_csv(rows: Sequence[Row]) -> str:
     return records_as_csv(Row, rows, {"word": "the_record_says"})
 
 
-def records_as_csv(kind: type, rows: Sequence[object], names: Mapping[str, str]) -> str:
-    """A column for each field of the record `kind`, under its own name unless `names` has another."""
+def records_as_csv(
+    kind: type, rows: Sequence[object], names: Mapping[str, str], leave: Sequence[str] = ()
+) -> str:
+    """A column for each field of the record `kind` but those to `leave`, under its own name unless
+    `names` has another.
+    """
     low, high = (f"hdi{100 * HDI_PROBABILITY:.0f}_{end}" for end in ("low", "high"))
     named = {"hdi_low": low, "hdi_high": high, **names}
-    keys = [field.name for field in dataclasses.fields(kind)]
+    keys = [field.name for field in dataclasses.fields(kind) if field.name not in leave]
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow([named.get(key, key) for key in keys])

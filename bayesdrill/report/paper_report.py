@@ -1,0 +1,112 @@
+"""The files of the paper's reproduction: tables, figures, and a report that shows them in order."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import bayesdrill
+from bayesdrill import symbols
+from bayesdrill.crew import Crew
+from bayesdrill.optimisers.pairwise import ORDER, circle
+from bayesdrill.report.paper_tables import Table, tables
+from bayesdrill.report.publish import draw
+from bayesdrill.reproduction import printed
+from bayesdrill.reproduction.findings import Findings
+from bayesdrill.store import RUN, Folder
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+OWN = ("*.csv", "*.md", "figures/*", RUN)  # as store.OWN
+
+Wanted = tuple[str, str, Callable[..., "Figure"], tuple[Any, ...]]
+ITERATIONS = 10  # of each pair, in the paper
+
+
+def write(found: Findings, folder: Folder, crew: Crew) -> None:
+    figures = folder.path / "figures"
+    figures.mkdir(exist_ok=True)
+    note = {"Title": "paper", "Creator": f"bayesdrill {bayesdrill.__version__}"}
+    wanted = _figures(found)
+    tasks = [
+        crew.submit(draw, stem, figure, arguments, figures, note)
+        for stem, _, figure, arguments in wanted
+    ]
+    made = tables(found)
+    for table in made:
+        folder.write_text(f"{table.stem}.csv", table.csv)
+        folder.write_text(f"{table.stem}.md", table.markdown)
+    for task in tasks:
+        task.result()
+    folder.write_text("report.md", report(made, {stem: says for stem, says, *_ in wanted}))
+
+
+def report(made: Sequence[Table], figures: Mapping[str, str]) -> str:
+    parts = ["# The paper, repeated"]
+    for table in made:
+        parts += [f"## {table.title}", table.says, table.markdown.rstrip()]
+    parts.append("## Figures")
+    parts += [f"![{says}](figures/{stem}.png)\n\n{says}" for stem, says in figures.items()]
+    return "\n\n".join(parts) + "\n"
+
+
+def _figures(found: Findings) -> list[Wanted]:
+    from bayesdrill.report import paper_plots as plots
+    from bayesdrill.report import paper_search_plots as search
+    from bayesdrill.report.paper_table_plot import table_3_figure
+    from bayesdrill.report.schematics import heuristic_figure, rig_figure
+
+    heuristics = [(nine.name, nine.heuristic) for nine in found.nines]
+    latex = [
+        ", ".join(symbols.PARAMETERS[name].latex for name in words.split(", "))
+        for words in found.symmetries
+    ]
+    wanted: list[Wanted] = [
+        ("rig", "The rig.", rig_figure, ()),
+        ("heuristic", "The heuristic.", heuristic_figure, (circle(ORDER), ITERATIONS)),
+        (
+            "matrix",
+            "Speed of theta_2 with four readings of the printed matrix.",
+            plots.readings_figure,
+            (found.times, found.readings),
+        ),
+        (
+            "table_2",
+            "Error of the two-parameter estimates against the noise.",
+            plots.verification_figure,
+            (found.verification, dict(printed.TWO_PARAMETERS)),
+        ),
+        (
+            "simultaneous",
+            "Where searches for all nine end.",
+            search.simultaneous_figure,
+            (found.ends, latex),
+        ),
+        (
+            "convergence",
+            "Misfit after each iteration of the heuristic.",
+            search.convergence_figure,
+            (heuristics, None),
+        ),
+    ]
+    for nine in found.nines:
+        h = nine.heuristic
+        wanted.append(
+            (
+                f"fit_{nine.name}",
+                f"Record `{nine.name}` and the heuristic's fit.",
+                plots.fit_paper_figure,
+                (nine.experiment, nine.signals),
+            )
+        )
+        values = (nine.names, h.guess, h.estimate, h.others, nine.truth, nine.draws)
+        wanted.append(
+            (
+                f"table_3_{nine.name}",
+                f"Record `{nine.name}`: the heuristic's estimates and the posterior.",
+                table_3_figure,
+                values,
+            )
+        )
+    return wanted

@@ -1,0 +1,77 @@
+"""All that the studies of the paper find, as one record; tables and figures are made of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayesdrill.experiment import Experiment
+from bayesdrill.reproduction.bounds import Length
+from bayesdrill.reproduction.causes import Cause
+from bayesdrill.reproduction.forward import Error, Reading
+from bayesdrill.reproduction.heuristic import Heuristic
+from bayesdrill.reproduction.shaft import Tone
+from bayesdrill.reproduction.simultaneous import End
+from bayesdrill.reproduction.verification import Verification
+from bayesdrill.verdict import Verdict
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Misfits:
+    """The paper's misfit per measured number of one record, of which there are `numbers`.
+
+    `truth`: None where it is not known.  95 % of records have it between `low` and `high` there.
+    """
+
+    record: str
+    numbers: int
+    guess: float
+    heuristic: float
+    map: float
+    truth: float | None
+    low: float
+    high: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Nine:
+    """The nine-parameter study of one record; vectors `(D,)` of `names`, physical, SI.
+
+    `draws (N, D)`: of the posterior; `signals (T, K)`: of the heuristic's estimate.
+    """
+
+    name: str
+    names: tuple[str, ...]
+    experiment: Experiment
+    heuristic: Heuristic
+    signals: Array
+    truth: Array | None
+    draws: Array
+    verdict: Verdict
+    misfits: Misfits
+    causes: tuple[Cause, ...]
+    converged: bool
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Findings:
+    """`ends`: of simultaneous searches, whose distances are from the truth of `searched`."""
+
+    times: Array
+    readings: tuple[Reading, ...]
+    errors: tuple[Error, ...]
+    verification: Verification
+    lengths: tuple[Length, ...]
+    searched: str
+    symmetries: tuple[str, ...]
+    ends: tuple[End, ...]
+    nines: tuple[Nine, ...]
+    tones: tuple[Tone, ...]
+
+    @property
+    def converged(self) -> bool:
+        return self.verification.converged and all(nine.converged for nine in self.nines)

@@ -1,0 +1,119 @@
+"""The paper's forward model beside the exact one: its printed matrix, and its integrator."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayesdrill import derived
+from bayesdrill.experiment import Experiment
+from bayesdrill.models.as_printed import AsPrinted
+from bayesdrill.models.linear import Model
+from bayesdrill.models.motor_shaft import MotorShaft
+from bayesdrill.reproduction import trapezoid
+from bayesdrill.response import Response
+
+Array = NDArray[np.float64]
+
+READINGS: Mapping[str, tuple[str, Mapping[str, Any]]] = {
+    "right": ("A(5,1) over j_m, A(6,5) with 1/i_m: the equations", {"a_51": "j_m", "i_n": 8.0}),
+    "a_51": ("A(5,1) over j_1 as printed, i_n read as 1/i_m", {"a_51": "j_1", "i_n": 8.0}),
+    "i_n": ("A(5,1) over j_m, i_n read as i_m", {"a_51": "j_m", "i_n": 0.125}),
+    "printed": ("as printed, i_n read as i_m", {"a_51": "j_1", "i_n": 0.125}),
+}  # names, what they mean, constants of `as_printed`
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Reading:
+    """A way to read the printed matrix: the speed of theta_2 [rad/s] at `time` [s] and at the end.
+
+    `error`: largest distance of the paper's integrator from the exact speed, `steps` its steps.
+    """
+
+    name: str
+    matrix: str
+    time: float
+    w_2: float
+    w_2_trapezoid: float
+    w_end: float
+    error: float
+    steps: int
+    curve: Array
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Error:
+    """Of the paper's integrator in one channel of the record, at its default tolerances."""
+
+    channel: str
+    largest: float
+    rms: float
+    steps: int
+
+
+def readings(experiment: Experiment, p: Mapping[str, float]) -> tuple[Reading, ...]:
+    """The same step with each reading, at parameters `p` (SI)."""
+    found = []
+    for name, (matrix, choice) in READINGS.items():
+        model = AsPrinted(i_m=0.125, **choice)
+        exact = Response(model, experiment).signals(_row(model, p))[0]
+        w_2 = exact[:, experiment.names.index("w_2")]
+        stepped, steps = signals(model, experiment, _row(model, p)[0])
+        approximate = stepped[:, experiment.names.index("w_2")]
+        linear = model.linear({name: np.array([value]) for name, value in p.items()})
+        end = derived.steady(model, linear, 1, experiment.constant)["w_end"]
+        found.append(
+            Reading(
+                name=name,
+                matrix=matrix,
+                time=float(experiment.t[-1]),
+                w_2=float(w_2[-1]),
+                w_2_trapezoid=float(approximate[-1]),
+                w_end=float(end[0]),
+                error=float(np.abs(approximate - w_2).max()),
+                steps=steps,
+                curve=w_2,
+            )
+        )
+    return tuple(found)
+
+
+def errors(experiment: Experiment, p: Mapping[str, float]) -> tuple[Error, ...]:
+    """Of the integrator on the corrected model."""
+    model = MotorShaft()
+    exact = Response(model, experiment).signals(_row(model, p))[0]
+    stepped, steps = signals(model, experiment, _row(model, p)[0])
+    off = stepped - exact
+    return tuple(
+        Error(
+            channel=name,
+            largest=float(np.abs(off[:, k]).max()),
+            rms=float(np.sqrt(np.mean(off[:, k] ** 2))),
+            steps=steps,
+        )
+        for k, name in enumerate(experiment.names)
+    )
+
+
+def signals(model: Model, experiment: Experiment, p: Array) -> tuple[Array, int]:
+    """Channels `(T, K)` as the paper integrates, at parameters `p (P,)`; and the steps taken.
+
+    For constant inputs; the record starts where the state is given.
+    """
+    named = dict(zip(model.parameters, p, strict=True))
+    matrix, forcing = trapezoid.six_states(model, named, experiment.constant)
+    start = np.array([experiment.start.get(name, 0.0) for name in trapezoid.SIX_STATES])
+    solution = trapezoid.integrate(matrix, forcing, start, experiment.t)
+    weights = [
+        [channel.weights.get(name, 0.0) for name in trapezoid.SIX_STATES]
+        for channel in experiment.channels
+    ]
+    return solution.x @ np.array(weights).T, solution.steps
+
+
+def _row(model: Model, p: Mapping[str, float]) -> Array:
+    return np.array([[p[name] for name in model.parameters]])

@@ -1,0 +1,162 @@
+"""What the paper prints: its tables as they stand, and what follows from them by arithmetic alone.
+
+Sandoval, Cunha Jr and Sampaio (ENIEF 2013), Tables 1 to 3.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+
+from bayesdrill import physics, symbols
+
+START = MappingProxyType({"c_m": 1e-3, "k_e": 1e-2})  # of the two-parameter study
+
+
+@dataclass(frozen=True, slots=True)
+class Estimate:
+    """As printed: a value (SI) and its relative deviation in per cent, without a sign."""
+
+    value: float
+    deviation: float
+
+
+# Table 2, by sigma_n.
+TWO_PARAMETERS: Mapping[float, Mapping[str, Estimate]] = MappingProxyType(
+    {
+        0.001: {"c_m": Estimate(18.9e-5, 0.77), "k_e": Estimate(601.6e-4, 0.0064)},
+        0.01: {"c_m": Estimate(19.1e-5, 0.77), "k_e": Estimate(601.6e-4, 0.0068)},
+        0.1: {"c_m": Estimate(19.0e-5, 0.60), "k_e": Estimate(601.6e-4, 0.0051)},
+        1.0: {"c_m": Estimate(18.9e-5, 0.82), "k_e": Estimate(601.9e-4, 0.0061)},
+    }
+)
+
+# Table 3, in its order; its initial guesses are the nominal table `tables_2_3`.
+NINE_PARAMETERS: Mapping[str, Estimate] = MappingProxyType(
+    {
+        "j_m": Estimate(5.0e-4, 28.0),
+        "c_m": Estimate(18.0e-5, 6.6),
+        "k_e": Estimate(587.7e-4, 2.3),
+        "k_T": Estimate(1.3e-1, 5.0),
+        "r_m": Estimate(5.3e-1, 60.0),
+        "l_m": Estimate(0.8e-3, 23.3),
+        "k_s": Estimate(2.7e-1, 3.0),
+        "j_1": Estimate(29.8e-3, 5.4),
+        "t_f": Estimate(1.0e-1, 0.0),
+    }
+)
+
+GUESS = symbols.NOMINAL["tables_2_3"].values
+TABLE_1 = symbols.NOMINAL["table_1"].values
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Inconsistency:
+    """`printed` and `implied`: two numbers of the paper for one thing; `says`: our reading."""
+
+    what: str
+    printed: float
+    implied: float
+    unit: str
+    says: str
+
+
+def inconsistencies() -> tuple[Inconsistency, ...]:
+    """Those that numbers show; what is wrong with the matrix is in `models.as_printed`."""
+    return (*_of_tables(), *_of_rig(), *_of_table_2(), *_of_table_3())
+
+
+def _of_tables() -> list[Inconsistency]:
+    found = []
+    for name, reading in (
+        ("k_s", "the guess of Table 3; the shaft's geometry supports it"),
+        ("c_m", "the guess of Table 3, which the deviations of Table 2 refer to"),
+    ):
+        found.append(
+            Inconsistency(
+                what=f"{name}: Table 1, and the initial guess of Table 3",
+                printed=TABLE_1[name],
+                implied=GUESS[name],
+                unit=symbols.PARAMETERS[name].plain_unit,
+                says=reading,
+            )
+        )
+    return found
+
+
+def _of_rig() -> list[Inconsistency]:
+    stiffness, disc = physics.GEOMETRY["k_s"][0], physics.GEOMETRY["j_1"][0]
+    modulus = TABLE_1["k_s"] * 32 * physics.SHAFT_LENGTH / (math.pi * physics.SHAFT_DIAMETER**4)
+    return [
+        Inconsistency(
+            what="k_s: Table 1, and G pi d^4/(32 L) of a steel shaft (G 79.3 GPa)",
+            printed=TABLE_1["k_s"],
+            implied=stiffness,
+            unit="N m/rad",
+            says=f"0.26; 0.30 would need a shear modulus of {modulus / 1e9:.1f} GPa",
+        ),
+        Inconsistency(
+            what="j_1: Table 1, and m r^2/2 with 188 mm as the radius, as printed",
+            printed=TABLE_1["j_1"],
+            implied=4 * disc,
+            unit="kg m^2",
+            says=f"188 mm is the diameter, which gives {disc:.4f} kg m^2",
+        ),
+        Inconsistency(
+            what="k_T: Table 1, and k_e, which it equals in SI units in an ideal motor",
+            printed=TABLE_1["k_T"],
+            implied=TABLE_1["k_e"],
+            unit="N m/A",
+            says=f"one of k_T, k_e, v or i_m is off by {TABLE_1['k_T'] / TABLE_1['k_e']:.3f}; which one "
+            "cannot be known from the paper",
+        ),
+    ]
+
+
+def _of_table_2() -> list[Inconsistency]:
+    """A printed deviation that its own printed estimate excludes, however that was rounded."""
+    found = []
+    digit = {"c_m": 0.05e-5, "k_e": 0.05e-4}
+    for sigma, row in TWO_PARAMETERS.items():
+        for name, cell in row.items():
+            near = abs(cell.value / GUESS[name] - 1)
+            half = digit[name] / GUESS[name]
+            if not near - half <= cell.deviation / 100 <= near + half:
+                found.append(
+                    Inconsistency(
+                        what=f"{name} in Table 2 at sigma_n {sigma:g}: deviation",
+                        printed=cell.deviation,
+                        implied=100 * near,
+                        unit="%",
+                        says=f"{cell.value:g} is {100 * near:.2g} % (+- {100 * half:.2g}) from "
+                        f"{GUESS[name]:g}, which is not the printed deviation",
+                    )
+                )
+    return found
+
+
+def _of_table_3() -> list[Inconsistency]:
+    found = []
+    for name, cell in NINE_PARAMETERS.items():
+        plain = 100 * abs(cell.value / GUESS[name] - 1)
+        if abs(plain - cell.deviation) > 0.5:
+            found.append(
+                Inconsistency(
+                    what=f"{name} in Table 3: deviation",
+                    printed=cell.deviation,
+                    implied=plain,
+                    unit="%",
+                    says="the percentage comes from more digits than the estimate shows: it is "
+                    f"{implied(name):.4g} {symbols.PARAMETERS[name].plain_unit}",
+                )
+            )
+    return found
+
+
+def implied(name: str) -> float:
+    """The estimate of Table 3 with the digits that its percentage has, SI."""
+    cell = NINE_PARAMETERS[name]
+    side = 1.0 if cell.value >= GUESS[name] else -1.0
+    return GUESS[name] * (1.0 + side * cell.deviation / 100)

@@ -1,0 +1,109 @@
+"""All unknowns at once, from many starts: where the searches end, and how far from the truth.
+
+An exact symmetry leaves the misfit as it is, so that a search may end anywhere along it.  An end is
+as far from the truth as the logs of its unknowns; that distance has a part along each symmetry,
+which no misfit can show, and the rest.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayesdrill import seeds
+from bayesdrill.crew import Crew
+from bayesdrill.identifiability.structure import Exponents
+from bayesdrill.optimisers import fminsearch, nelder_mead
+from bayesdrill.optimisers.contract import Optimiser
+from bayesdrill.posterior import Posterior
+from bayesdrill.reproduction import misfit
+
+Array = NDArray[np.float64]
+
+WAYS: Mapping[str, Optimiser] = {
+    "fminsearch": fminsearch.maximise,
+    "scaled": nelder_mead.maximise,
+}
+EVALUATIONS = 8000
+FLOOR = 1.1  # misfit per number: what is below has found what the noise allows
+WITHIN = 0.5  # starts are drawn from 1 - this to 1 + this of the configured one
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class End:
+    """Of one search.  `theta (D,)` physical; `misfit` per measured number (1: the noise).
+
+    `scales`: log distance from the truth along each symmetry; `rest`: root mean square of the logs'
+    distance off all of them; `distance`: of all of it.
+    """
+
+    way: str
+    theta: tuple[float, ...]
+    misfit: float
+    evaluations: int
+    settled: bool
+    scales: tuple[float, ...]
+    rest: float
+    distance: float
+
+    @property
+    def reached(self) -> bool:
+        return self.misfit < FLOOR
+
+
+def many(
+    crew: Crew,
+    posterior: Posterior,
+    reference: Array,
+    symmetries: Sequence[Exponents],
+    starts: int,
+    seed: int,
+) -> tuple[End, ...]:
+    """From the configured start and others around it, each way; distances are from `reference (D,)`."""
+    centre = posterior.space.vector(posterior.space.start)
+    rng = seeds.stream(seed, "reproduce")
+    around = rng.uniform(1 - WITHIN, 1 + WITHIN, (starts - 1, len(centre)))
+    points = np.vstack([centre, centre * around])
+    tasks = [(way, crew.submit(_search, way, point)) for way in WAYS for point in points]
+    ends = []
+    for way, task in tasks:
+        theta, evaluations, settled = task.result()
+        scales, rest, distance = apart(theta, reference, symmetries)
+        ends.append(
+            End(
+                way=way,
+                theta=tuple(map(float, theta)),
+                misfit=misfit.per_number(posterior, theta),
+                evaluations=evaluations,
+                settled=settled,
+                scales=scales,
+                rest=rest,
+                distance=distance,
+            )
+        )
+    return tuple(ends)
+
+
+def apart(
+    theta: Array, reference: Array, symmetries: Sequence[Exponents]
+) -> tuple[tuple[float, ...], float, float]:
+    """Log distance along each symmetry, and the root mean square off them all, and of everything."""
+    logs = np.log(theta / reference)
+    rows = np.zeros((len(symmetries), len(theta)))
+    for row, exponents in zip(rows, symmetries, strict=True):
+        row[: len(exponents)] = exponents  # noise levels have no part in them
+    scales = np.linalg.lstsq(rows.T, logs, rcond=None)[0]
+    rest = logs - scales @ rows
+    return (
+        tuple(map(float, scales)),
+        float(np.sqrt(np.mean(rest**2))),
+        float(np.sqrt(np.mean(logs**2))),
+    )
+
+
+def _search(posterior: Posterior, way: str, point: Array) -> tuple[Array, int, bool]:
+    found = WAYS[way](misfit.task(posterior), point, EVALUATIONS)
+    return found.theta, found.evaluations, found.settled

@@ -1,0 +1,259 @@
+"""The paper's verification study (Table 2), with what it leaves out: how good an estimate can be.
+
+A few unknowns, records of the nominal rig with noise of several sizes, and two ways to the least
+misfit: Nelder-Mead as fminsearch runs it, and scaled.  Estimates are free, as the paper's are: no
+prior holds them, not even above zero.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Future
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayesdrill import laplace, mode, seeds
+from bayesdrill.coordinates import Physical
+from bayesdrill.crew import Crew
+from bayesdrill.optimisers import fminsearch, nelder_mead
+from bayesdrill.optimisers.contract import Optimiser, Task
+from bayesdrill.posterior import Posterior
+from bayesdrill.progress import Silent
+from bayesdrill.reproduction import forward
+from bayesdrill.reproduction.bounds import bounds
+from bayesdrill.sampling import Plan, sample
+from bayesdrill.shelf import Memory
+
+Array = NDArray[np.float64]
+
+WAYS: Mapping[str, Optimiser] = {
+    "fminsearch": fminsearch.maximise,
+    "scaled": nelder_mead.maximise,
+}
+EVALUATIONS = 4000  # of one search, at most
+BATCHES = 8  # in which the records of one sigma are shared out
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Cell:
+    """One unknown at one sigma, SI.  `bound`: Cramer-Rao, of the standard deviation.
+
+    Of the first record: `fminsearch`, `scaled`; by fminsearch with the paper's integrator for the
+    model, `trapezoid_both` where the integrator made the record too, `trapezoid_fit` where the exact
+    response did.  `weights_only`: by fminsearch from a record without noise, where sigma is but a
+    weight.  `posterior`, `posterior_sd`: of the first record, with the priors.  `bias_*`, `sd_*`,
+    `median_*` (of the distance from the truth): over all records.
+    """
+
+    sigma: float
+    name: str
+    truth: float
+    fminsearch: float
+    scaled: float
+    trapezoid_both: float
+    trapezoid_fit: float
+    weights_only: float
+    posterior: float
+    posterior_sd: float
+    bound: float
+    bias_fminsearch: float
+    sd_fminsearch: float
+    median_fminsearch: float
+    bias_scaled: float
+    sd_scaled: float
+    median_scaled: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Verification:
+    """`estimates` by way and sigma: `(R, D)`, one row for each record."""
+
+    names: tuple[str, ...]
+    truth: Array
+    start: Array
+    sigmas: tuple[float, ...]
+    records: int
+    cells: tuple[Cell, ...]
+    estimates: Mapping[str, Mapping[float, Array]]
+    converged: bool
+
+    def cell(self, sigma: float, name: str) -> Cell:
+        return next(c for c in self.cells if c.sigma == sigma and c.name == name)
+
+
+def verify(
+    crew: Crew,
+    posterior: Posterior,
+    truth: Array,
+    sigmas: Sequence[float],
+    records: int,
+    plan: Plan,
+) -> Verification:
+    """`truth (D,)` physical makes the records; the search begins at the start of the space.
+
+    `plan`: how posteriors are sampled; its seed is that of the records too.
+    """
+    seed = plan.seed
+    space = posterior.space
+    start = space.vector(space.start)
+    tasks: dict[tuple[str, float], list[Future[Array]]] = {
+        (way, sigma): [
+            crew.submit(estimates, way, sigma, truth, start, seed, tuple(map(int, batch)))
+            for batch in np.array_split(np.arange(records), min(BATCHES, records))
+        ]
+        for sigma in sigmas
+        for way in WAYS
+    }
+    posteriors = {s: crew.submit(_posterior, s, truth, plan) for s in sigmas}
+    by_trapezoid = {
+        (name, s): crew.submit(_by_trapezoid, s, truth, start, seed, own=name == "trapezoid_both")
+        for s in sigmas
+        for name in ("trapezoid_both", "trapezoid_fit")
+    }
+    found: dict[str, dict[float, Array]] = {
+        way: {s: np.concatenate([t.result() for t in tasks[way, s]]) for s in sigmas}
+        for way in WAYS
+    }
+    one = bounds(posterior.likelihood, truth)
+    cells: list[Cell] = []
+    for sigma in sigmas:
+        clean = _with_sigma(posterior, sigma)
+        without = _search("fminsearch", _record(clean, truth, None), start)
+        for k, name in enumerate(space.free):
+            spread = {
+                f"{what}_{way}": float(function(found[way][sigma][:, k] - truth[k]))
+                for way in WAYS
+                for what, function in _SPREADS.items()
+            }
+            cells.append(
+                Cell(
+                    sigma=sigma,
+                    name=name,
+                    truth=float(truth[k]),
+                    trapezoid_both=float(by_trapezoid["trapezoid_both", sigma].result()[k]),
+                    trapezoid_fit=float(by_trapezoid["trapezoid_fit", sigma].result()[k]),
+                    weights_only=float(without[k]),
+                    posterior=float(posteriors[sigma].result()[0][k]),
+                    posterior_sd=float(posteriors[sigma].result()[1][k]),
+                    bound=float(sigma * one[k]),
+                    **{way: float(found[way][sigma][0, k]) for way in WAYS},
+                    **spread,
+                )
+            )
+    return Verification(
+        names=space.free,
+        truth=truth,
+        start=start,
+        sigmas=tuple(sigmas),
+        records=records,
+        cells=tuple(cells),
+        estimates=found,
+        converged=all(posteriors[sigma].result()[2] for sigma in sigmas),
+    )
+
+
+_SPREADS: Mapping[str, Callable[[Array], Any]] = {
+    "bias": np.mean,
+    "sd": lambda errors: np.std(errors, ddof=1),
+    "median": lambda errors: np.median(np.abs(errors)),
+}
+
+
+def estimates(
+    posterior: Posterior,
+    way: str,
+    sigma: float,
+    truth: Array,
+    start: Array,
+    seed: int,
+    indices: tuple[int, ...],
+) -> Array:
+    """Of the records with these numbers: `(R, D)`."""
+    target = _with_sigma(posterior, sigma)
+    return np.array([_search(way, record(target, truth, seed, k), start) for k in indices])
+
+
+def record(posterior: Posterior, truth: Array, seed: int, index: int) -> Posterior:
+    """With record `index` of the rig `truth (D,)`: its noise is the same for every sigma."""
+    return _record(posterior, truth, seeds.stream(seed, "reproduce", index))
+
+
+def _with_sigma(posterior: Posterior, sigma: float) -> Posterior:
+    likelihood = posterior.likelihood
+    known = dict.fromkeys(range(likelihood.noise.n_channels), sigma)
+    noise = dataclasses.replace(likelihood.noise, known=known)
+    return dataclasses.replace(posterior, likelihood=dataclasses.replace(likelihood, noise=noise))
+
+
+def _record(posterior: Posterior, truth: Array, rng: np.random.Generator | None) -> Posterior:
+    likelihood = posterior.likelihood
+    y = likelihood.signals(truth[None])
+    if rng is not None:
+        y = likelihood.noise.draw(y, np.empty((1, 0)), rng)
+    response = likelihood.response.with_record(y[0])
+    return dataclasses.replace(
+        posterior, likelihood=dataclasses.replace(likelihood, response=response)
+    )
+
+
+def _search(way: str, target: Posterior, start: Array) -> Array:
+    return WAYS[way](_free(target), start, EVALUATIONS).theta
+
+
+def _free(target: Posterior) -> Task:
+    """The likelihood alone, whatever the signs of the unknowns."""
+    plain = dataclasses.replace(target, coordinates=Physical())
+
+    def density(theta: Array) -> Array:
+        return np.nan_to_num(target.likelihood(theta), nan=-np.inf)
+
+    return Task(
+        names=target.space.free,
+        density=density,
+        coordinates=plain.coordinates,
+        covariance=lambda theta: laplace.covariance(plain, theta),
+    )
+
+
+def _posterior(
+    posterior: Posterior, sigma: float, truth: Array, plan: Plan
+) -> tuple[Array, Array, bool]:
+    """Mean and standard deviation `(D,)` from record 0, and whether the ensembles converged."""
+    target = record(_with_sigma(posterior, sigma), truth, plan.seed, 0)
+    found = mode.search(target, nelder_mead.maximise, EVALUATIONS, truth)
+    with Crew(target, 1) as alone:
+        start = target.space.vector(found.end)
+        sampled = sample(alone, target, start, plan, Memory(), Silent())
+    draws = sampled.draws.reshape(-1, len(truth))
+    return draws.mean(axis=0), draws.std(axis=0, ddof=1), sampled.convergence.converged
+
+
+def _by_trapezoid(
+    posterior: Posterior, sigma: float, truth: Array, start: Array, seed: int, *, own: bool
+) -> Array:
+    """The estimate from record 0 as the paper integrates, at its default tolerances: `(D,)`.
+
+    `own`: the record is what that integrator gives, with noise.
+    """
+    target = record(_with_sigma(posterior, sigma), truth, seed, 0)
+    likelihood = target.likelihood
+    response, space = likelihood.response, likelihood.space
+
+    def stepped(theta: Array) -> Array:
+        (full,) = space.full(theta[None])
+        return forward.signals(response.model, response.experiment, full)[0]
+
+    y = response.experiment.y
+    if own:
+        y = y - likelihood.signals(truth[None])[0] + stepped(truth)
+
+    def density(theta: Array) -> Array:
+        misfits = [np.sum(((stepped(row) - y) / sigma) ** 2) for row in theta]
+        return np.nan_to_num(-0.5 * np.array(misfits), nan=-np.inf)
+
+    task = dataclasses.replace(_free(target), density=density)
+    return fminsearch.maximise(task, start, EVALUATIONS).theta

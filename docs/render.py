@@ -1,0 +1,70 @@
+"""`docs/paper.md` from its template and the tables of `make paper`, so that no number is typed.
+
+    python docs/render.py results/paper     copies tables and figures into docs, then renders
+    python docs/render.py                   renders with the tables that docs has
+
+In the template `{table_2[0.001,c_m].bound_percent:.2g}` is the cell of the line that has both keys,
+and `{table:matrix}` a whole table.
+"""
+
+from __future__ import annotations
+
+import csv
+import re
+import shutil
+import sys
+from pathlib import Path
+
+DOCS = Path(__file__).parent
+TEMPLATE, PAGE = DOCS / "paper.template.md", DOCS / "paper.md"
+TABLES, FIGURES = DOCS / "paper", DOCS / "figures"
+PREFIX = "paper_"  # of the names of figures in docs
+
+CELL = re.compile(r"\{(\w+)\[([^\]]+)\]\.(\w+)(?::([^}]*))?\}")
+WHOLE = re.compile(r"\{table:(\w+)\}")
+
+
+def render(template: str, tables: Path) -> str:
+    """Raises `LookupError` where a table has not exactly one such line, or no such column."""
+    whole = WHOLE.sub(lambda m: (tables / f"{m[1]}.md").read_text().rstrip(), template)
+    return CELL.sub(lambda m: _cell(tables, m[1], m[2], m[3], m[4]), whole)
+
+
+def _cell(tables: Path, stem: str, keys: str, column: str, form: str | None) -> str:
+    with (tables / f"{stem}.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    wanted = keys.split(",")
+    found = [row for row in rows if all(_has(row, key) for key in wanted)]
+    if len(found) != 1:
+        raise LookupError(f"{stem}.csv has {len(found)} lines with {keys}")
+    if column not in found[0]:
+        raise LookupError(f"{stem}.csv has no column {column}, but {', '.join(found[0])}")
+    text = found[0][column]
+    return format(float(text), form) if form else text
+
+
+def _has(row: dict[str, str], key: str) -> bool:
+    return any(cell == key or _number(cell) == _number(key) for cell in row.values())
+
+
+def _number(text: str) -> float | str:
+    try:
+        return float(text)
+    except ValueError:
+        return text
+
+
+def gather(results: Path) -> None:
+    """Tables and figures (PNG) of a finished `make paper`."""
+    TABLES.mkdir(exist_ok=True)
+    for path in sorted(results.glob("*.csv")) + sorted(results.glob("*.md")):
+        if path.name != "report.md":
+            shutil.copyfile(path, TABLES / path.name)
+    for path in sorted((results / "figures").glob("*.png")):
+        shutil.copyfile(path, FIGURES / f"{PREFIX}{path.name}")
+
+
+if __name__ == "__main__":
+    if len(sys.argv) > 1:
+        gather(Path(sys.argv[1]))
+    PAGE.write_text(render(TEMPLATE.read_text(), TABLES))

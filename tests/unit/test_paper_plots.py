@@ -1,0 +1,213 @@
+"""Figures of the paper's matrix, Table 2 and fit: nothing overlaps, numbers are in their places."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from pictures import clashes, drawn, marked, within, xy
+
+from bayesdrill.experiment import Channel, Experiment
+from bayesdrill.report.paper_plots import (
+    SHORT,
+    fit_paper_figure,
+    readings_figure,
+    verification_figure,
+)
+from bayesdrill.reproduction import printed
+from bayesdrill.reproduction.forward import READINGS, Reading
+from bayesdrill.reproduction.verification import Cell, Verification
+from bayesdrill.symbols import PARAMETERS
+
+Array = NDArray[np.float64]
+
+SIGMAS = (0.001, 0.01, 0.1, 1.0)
+BOUNDS = {"c_m": 0.0072, "k_e": 0.0198}  # at sigma 1, SI
+
+
+def si(label: str, u: Array) -> Array:
+    """What a reader of the axis makes of the numbers u on it."""
+    power = re.search(r"\[\$10\^\{(-?\d+)\}", label)
+    return u * 10.0 ** (int(power[1]) if power else 0)
+
+
+# The printed matrix
+
+
+def readings() -> tuple[Array, tuple[Reading, ...]]:
+    t = np.linspace(0.0, 10.0, 401)
+    fast = 1 - np.exp(-t / 0.03)
+    curves = (
+        16 * fast + np.sin(3 * t),
+        16 * fast * np.exp(-t / 5),
+        660 * (1 - np.exp(-t)),
+        -260 * np.exp(-0.2 * t) * np.sin(6 * t),
+    )
+    ends = (15.913, 1e-15, 660.26, -0.02)
+    found = [
+        Reading(
+            name=name,
+            matrix=matrix,
+            time=10.0,
+            w_2=float(curve[-1]),
+            w_2_trapezoid=float(curve[-1]),
+            w_end=end,
+            error=0.01,
+            steps=100,
+            curve=curve,
+        )
+        for (name, (matrix, _)), curve, end in zip(READINGS.items(), curves, ends, strict=True)
+    ]
+    return t, tuple(found)
+
+
+def test_readings_are_all_on_the_left_and_the_right_one_is_large_on_the_right() -> None:
+    t, found = readings()
+    figure = readings_figure(t, found)
+    assert not list(clashes(drawn(figure)))
+    left, right = figure.axes
+    for reading, line in zip(found, left.get_lines(), strict=True):
+        np.testing.assert_allclose(si(left.get_ylabel(), xy(line)[1]), reading.curve, rtol=1e-12)
+        assert within(left, xy(line)[1])
+    first = xy(right.get_lines()[0])[1]
+    assert within(right, first)
+    assert np.ptp(first) > 0.5 * np.ptp(right.get_ylim())
+    labels = [text.get_text() for text in figure.legends[0].get_texts()]
+    for label, end in zip(labels, ("15.9", "0", "660.3", "0"), strict=True):
+        assert label.endswith(f"settles at {end} rad/s")
+
+
+def test_every_reading_has_a_short_name() -> None:
+    assert set(SHORT) == set(READINGS)
+    assert len(set(SHORT.values())) == len(READINGS)
+
+
+# Table 2
+
+
+def verification(records: int) -> Verification:
+    """Estimates far from normal: by fminsearch half as far off again, and one exact."""
+    rng = np.random.default_rng(3)
+    names = ("c_m", "k_e")
+    truth = np.array([printed.GUESS[name] for name in names])
+    bound = np.array([BOUNDS[name] for name in names])
+    z = rng.standard_exponential((records, 2)) * rng.choice([-1, 1], (records, 2))
+    z[0] = 0.0
+    found = {
+        way: {s: truth + wide * s * bound * z for s in SIGMAS}
+        for way, wide in (("fminsearch", 1.5), ("scaled", 1.0))
+    }
+    same = dict.fromkeys(
+        [
+            *("fminsearch", "scaled", "trapezoid_both", "trapezoid_fit", "weights_only"),
+            *("posterior", "posterior_sd"),
+            *("bias_fminsearch", "median_fminsearch", "bias_scaled", "median_scaled"),
+        ],
+        0.1,
+    )
+    cells = [
+        Cell(
+            sigma=s,
+            name=name,
+            truth=float(truth[k]),
+            bound=float(s * bound[k]),
+            sd_fminsearch=float(found["fminsearch"][s][:, k].std(ddof=1)),
+            sd_scaled=float(found["scaled"][s][:, k].std(ddof=1)),
+            **same,
+        )
+        for s in SIGMAS
+        for k, name in enumerate(names)
+    ]
+    return Verification(
+        names=names,
+        truth=truth,
+        start=truth,
+        sigmas=SIGMAS,
+        records=records,
+        cells=tuple(cells),
+        estimates=found,
+        converged=True,
+    )
+
+
+def test_errors_and_bounds_stand_at_their_sigmas_in_per_cent() -> None:
+    v = verification(60)
+    figure = verification_figure(v, printed.TWO_PARAMETERS)
+    assert not list(clashes(drawn(figure)))
+    for panel, name in zip(figure.axes, v.names, strict=True):
+        cells = [v.cell(s, name) for s in SIGMAS]
+        percent = 100 / cells[0].truth
+        (bound,) = (line for line in panel.get_lines() if line.get_marker() == "None")
+        np.testing.assert_allclose(xy(bound), [SIGMAS, [percent * c.bound for c in cells]])
+        (fminsearch,) = (line for line in marked(panel, "o", filled=False))
+        np.testing.assert_allclose(xy(fminsearch)[1], [percent * c.sd_fminsearch for c in cells])
+        (scaled,) = marked(panel, "+")
+        np.testing.assert_allclose(xy(scaled)[1], [percent * c.sd_scaled for c in cells])
+        (paper,) = marked(panel, "D")
+        expected = [printed.TWO_PARAMETERS[s][name].deviation for s in SIGMAS]
+        np.testing.assert_array_equal(xy(paper), [SIGMAS, expected])
+        assert all(within(panel, xy(line)[1]) for line in (bound, fminsearch, scaled, paper))
+        assert panel.get_xscale() == panel.get_yscale() == "log"
+        assert rf"${PARAMETERS[name].latex}$" in panel.get_ylabel()
+
+
+def test_a_row_that_the_paper_does_not_print_is_left_out() -> None:
+    some = {0.01: {"c_m": printed.Estimate(19e-5, 0.77)}}
+    figure = verification_figure(verification(3), some)
+    assert not list(clashes(drawn(figure)))
+    counts = [xy(marked(panel, "D")[0]).shape[1] for panel in figure.axes]
+    assert counts == [1, 0]
+
+
+# The fit
+
+
+CHANNELS = (
+    ("theta_1", r"\theta_1", "rad", 160.0),
+    ("w_1", r"\dot\theta_1", "rad/s", 30.0),
+    ("i", r"\dot q", "A", 1.9),
+    ("s", r"\theta_1 - \theta_2", "rad", 2e-3),
+    ("theta_2", r"\theta_2", "rad", 4e3),
+    ("w_2", r"\dot\theta_2", "rad/s", 1e5),
+)
+
+
+def record(n_channels: int) -> tuple[Experiment, Array]:
+    """And the model that made it; each channel of its own size."""
+    rng = np.random.default_rng(7)
+    t = 0.1 + np.arange(700) / 70
+    model = (1 - np.exp(-t / 0.8) * np.cos(4 * t))[:, None] * [c[-1] for c in CHANNELS[:n_channels]]
+    experiment = Experiment(
+        t=t,
+        y=model * (1 + 0.03 * rng.standard_normal(model.shape)),
+        channels=tuple(
+            Channel(name=name, weights={}, unit=unit, latex=latex, latex_unit=unit)
+            for name, latex, unit, _ in CHANNELS[:n_channels]
+        ),
+        constant={},
+        series={},
+        first_order=False,
+        start={},
+        t_start=0.0,
+    )
+    return experiment, model
+
+
+@pytest.mark.parametrize("n_channels", [1, 3, 4, 6])
+def test_a_fit_shows_the_record_as_a_line_and_the_estimate_as_marks(n_channels: int) -> None:
+    experiment, model = record(n_channels)
+    figure = fit_paper_figure(experiment, model)
+    assert not list(clashes(drawn(figure)))
+    assert len(figure.axes) == n_channels
+    for k, panel in enumerate(figure.axes):
+        line, marks = panel.get_lines()
+        t, y = xy(line)
+        np.testing.assert_allclose(t, experiment.t)
+        np.testing.assert_allclose(si(panel.get_ylabel(), y), experiment.y[:, k], rtol=1e-9)
+        t, y = xy(marks)
+        assert 20 < len(t) < 60
+        at = np.searchsorted(experiment.t, t - 1e-9)
+        np.testing.assert_allclose(si(panel.get_ylabel(), y), model[at, k], rtol=1e-9)
+        assert panel.get_xlabel() == ("$t$ [$\\mathrm{s}$]" if k >= n_channels - 2 else "")

@@ -1,0 +1,192 @@
+"""Figures of the paper's searches and of its Table 3: nothing overlaps, every mark is in its place."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from numpy.typing import NDArray
+from pictures import SYMBOLS, clashes, drawn, marked, posterior, within, xy
+
+from bayesdrill.report.log_axes import set_decades
+from bayesdrill.report.paper_search_plots import convergence_figure, simultaneous_figure
+from bayesdrill.report.paper_table_plot import table_3_figure
+from bayesdrill.reproduction.heuristic import Heuristic
+from bayesdrill.reproduction.simultaneous import End
+
+Array = NDArray[np.float64]
+
+SCALES = (r"j_m, c_m, k_T, k_s, j_1, t_f", r"k_T, r_m, l_m")
+
+
+def points(lines: Sequence[Line2D]) -> list[tuple[float, float]]:
+    return sorted((float(x), float(y)) for line in lines for x, y in xy(line).T)
+
+
+# Searches
+
+
+@pytest.mark.parametrize("ends_at", [(0.7, 9e5), (2e-7, 30.0), (0.004, 2e3), (1e-40, 1e40)])
+def test_decades_are_labelled_with_what_they_are(ends_at: tuple[float, float]) -> None:
+    panel = Figure().add_subplot()
+    set_decades(panel.yaxis, *ends_at)
+    drawn(panel.figure)
+    low, high = ends_at
+    labels = [label.get_text() for label in panel.get_yticklabels()]
+    assert 2 <= len(labels) <= 9
+    for place, label in zip(panel.get_yticks(), labels, strict=True):
+        assert low <= place <= high
+        power = re.fullmatch(r"\$10\^\{(0|-?[1-9]\d*)\}\$", label)
+        assert place == pytest.approx(10.0 ** int(power[1]) if power else float(label))
+
+
+def end(way: str, misfit: float, scales: tuple[float, ...], distance: float) -> End:
+    return End(
+        way=way,
+        theta=(1.0,) * 9,
+        misfit=misfit,
+        evaluations=900,
+        settled=True,
+        scales=scales,
+        rest=0.1,
+        distance=distance,
+    )
+
+
+def ends(n_scales: int) -> tuple[End, ...]:
+    found = [
+        ("fminsearch", 0.98, (-0.1, -0.4), 0.26),
+        ("fminsearch", 546.6, (-0.5, -3.1), 1.8),
+        ("fminsearch", 1.2, (0.9, 0.3), 0.7),
+        ("scaled", 1.02, (-0.9, 1.1), 1.2),
+        ("scaled", 8e3, (2.0, -0.3), 1.1),
+    ]
+    return tuple(end(way, m, s[:n_scales], d) for way, m, s, d in found)
+
+
+@pytest.mark.parametrize("n_scales", [0, 1, 2])
+def test_open_marks_are_the_searches_that_did_not_reach_the_noise(n_scales: int) -> None:
+    every = ends(n_scales)
+    figure = simultaneous_figure(every, SCALES[:n_scales])
+    assert not list(clashes(drawn(figure)))
+    assert len(figure.axes) == (2 if n_scales else 1)
+    right = figure.axes[-1]
+    for way, marker in (("fminsearch", "o"), ("scaled", "^")):
+        for reached in (True, False):
+            chosen = [e for e in every if e.way == way and (e.misfit < 1.1) is reached]
+            expected = sorted((e.distance, e.misfit) for e in chosen)
+            assert points(marked(right, marker, filled=reached)) == expected
+            if n_scales == 2:
+                factors = sorted((float(np.exp(e.scales[0])), e.scales[1]) for e in chosen)
+                seen = points(marked(figure.axes[0], marker, filled=reached))
+                assert [x for x, _ in seen] == pytest.approx([x for x, _ in factors])
+                assert np.log([y for _, y in seen]) == pytest.approx([y for _, y in factors])
+    assert right.get_ylim()[0] < 1.0
+    assert right.get_ylim()[1] > 8e3
+
+
+@pytest.mark.parametrize("n_scales", [1, 2])
+def test_the_truth_stands_at_factor_one(n_scales: int) -> None:
+    left = simultaneous_figure(ends(n_scales), SCALES[:n_scales]).axes[0]
+    ((x, y),) = points(marked(left, "+"))
+    assert x == 1.0
+    assert n_scales == 1 or y == 1.0
+    for line in (line for line in left.get_lines() if line.get_marker() in ("o", "^")):
+        low, high = left.get_xlim()
+        assert np.all((low <= xy(line)[0]) & (xy(line)[0] <= high))
+        assert within(left, xy(line)[1])
+
+
+def test_searches_that_all_reach_the_noise_have_no_open_mark() -> None:
+    figure = simultaneous_figure([end("scaled", 0.99, (0.0, 0.0), 0.0)] * 2, SCALES)
+    assert not list(clashes(drawn(figure)))
+    labels = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert not any("open" in label or "fminsearch" in label for label in labels)
+
+
+# The heuristic
+
+
+def heuristic(misfits: Array) -> Heuristic:
+    return Heuristic(
+        guess=np.ones(9),
+        estimate=np.ones(9),
+        misfits=misfits,
+        evaluations=3000,
+        settled=True,
+        others=np.ones((0, 9)),
+        others_misfits=np.ones(0),
+    )
+
+
+@pytest.mark.parametrize("per_cycle", [None, 90])
+def test_the_misfit_after_each_iteration(per_cycle: int | None) -> None:
+    paths = [0.98 + 500 * 0.9 ** np.arange(200.0), 0.97 + 3e5 * 0.95 ** np.arange(1379.0)]
+    named = list(zip(("estimates", "missing_$physics"), map(heuristic, paths), strict=True))
+    figure = convergence_figure(named, per_cycle)
+    assert not list(clashes(drawn(figure)))
+    (panel,) = figure.axes
+    steps = [line for line in panel.get_lines() if line.get_drawstyle() == "steps-post"]
+    for line, path in zip(steps, paths, strict=True):
+        np.testing.assert_array_equal(xy(line), [np.arange(len(path)), path])
+        assert within(panel, path)
+    upright = [xy(line)[0][0] for line in panel.get_lines() if upright_line(line)]
+    assert upright == ([] if per_cycle is None else list(range(90, 1379, 90)))
+    assert any(np.all(xy(line)[1] == 1.0) for line in panel.get_lines())
+
+
+def upright_line(line: Line2D) -> bool:
+    x, y = xy(line)
+    return len(x) == 2 and x[0] == x[1] and list(y) == [0, 1]
+
+
+# Table 3
+
+
+@pytest.mark.parametrize(("n", "known", "starts"), [(9, True, 24), (13, False, 0), (2, True, 1)])
+def test_table_3_shows_each_estimate_over_its_guess(n: int, known: bool, starts: int) -> None:
+    draws = posterior(4000)[:, :n]
+    names = [symbol.name for symbol in SYMBOLS[:n]]
+    guess = np.median(draws, axis=0) / np.geomspace(0.6, 1.6, n)
+    estimate = guess * np.geomspace(0.2, 3.3, n)
+    others = guess * np.random.default_rng(2).uniform(0.3, 3.0, (starts, n))
+    truth = np.quantile(draws, 0.7, axis=0) if known else None
+    figure = table_3_figure(names, guess, estimate, others, truth, draws)
+    assert not list(clashes(drawn(figure)))
+    (panel,) = figure.axes
+    np.testing.assert_allclose(xy(*marked(panel, "D"))[0], estimate / guess)
+    dots = [xy(line)[0] for line in marked(panel, "o")]
+    np.testing.assert_allclose(np.array(dots).reshape(-1, n), others / guess)
+    ticks = marked(panel, "|")
+    if truth is None:
+        assert not ticks
+    else:
+        np.testing.assert_allclose(xy(ticks[0])[0], truth / guess)
+    labels = [label.get_text() for label in panel.get_yticklabels()]
+    assert labels[:9] == [f"${symbol.latex}$" for symbol in SYMBOLS[:n][:9]]
+    assert len(set(labels)) == n
+    low, high = panel.get_xlim()
+    assert low < (estimate / guess).min()
+    assert (estimate / guess).max() < high
+
+
+def test_bars_hold_their_share_of_the_draws_and_are_the_narrowest() -> None:
+    draws = np.random.default_rng(4).standard_exponential((20_000, 2)) + 1.0
+    guess = np.array([1.0, 2.0])
+    figure = table_3_figure(("k_s", "j_1"), guess, guess, np.ones((0, 2)), None, draws)
+    for row, ratios in enumerate((draws / guess).T):
+        bars = {}
+        for line in figure.axes[0].get_lines():
+            x, y = xy(line)
+            if len(x) == 2 and y[0] == y[1] and round(y[0]) == row and x[0] > 0:
+                bars[line.get_linewidth()] = x
+        thin, thick = (bars[width] for width in sorted(bars))
+        for (low, high), share in ((thin, 0.94), (thick, 0.5)):
+            inside = np.mean((low <= ratios) & (ratios <= high))
+            assert inside == pytest.approx(share, abs=0.001)
+            # Of a density that only falls, the narrowest interval begins where it does.
+            assert low < np.quantile(ratios, 0.02)
