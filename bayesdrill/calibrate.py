@@ -104,7 +104,9 @@ def calibrate(
             refits = run(study(job), own.refits, folder.path / REFITS, crew, report)
         except KeyboardInterrupt:
             folder.write_run(status="interrupted")
-            message = f"stopped; the refits that were done are saved in {output}"
+            message = (
+                f"stopped; the refits that were done are saved in {output}; continue with --resume"
+            )
             raise Interrupted(message) from None
         except InputError:
             folder.write_run(status="interrupted")

@@ -31,7 +31,7 @@ class InputError(Exception):
 
 
 class Interrupted(Exception):
-    """The user or the system asked to stop; what was computed is saved. Exit status 130."""
+    """The user or the system asked to stop: what is saved, and how to go on. Exit status 130."""
 
 
 def did_you_mean(word: str, known: Iterable[str]) -> str:

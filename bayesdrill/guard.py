@@ -33,7 +33,7 @@ def guarded() -> Iterator[None]:
     except InputError as error:
         _fail(error.problems)
     except Interrupted as stopped:
-        typer.echo(f"{stopped}; continue with --resume", err=True)
+        typer.echo(str(stopped), err=True)
         raise typer.Exit(INTERRUPTED) from None
     except KeyboardInterrupt:
         typer.echo("stopped; nothing was written", err=True)

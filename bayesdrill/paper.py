@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,7 @@ from scipy.stats import chi2
 
 from bayesdrill import build, job, pipeline, provenance
 from bayesdrill.crew import Crew
-from bayesdrill.errors import InputError
+from bayesdrill.errors import InputError, Interrupted
 from bayesdrill.identifiability.scenes import Scenery
 from bayesdrill.identifiability.study import study_of
 from bayesdrill.job import Job
@@ -66,36 +67,50 @@ def reproduce(
         raise InputError.one(str(output), message)
     with Folder(output, "force" if force else "fresh", {}, own=paper_report.OWN) as folder:
         folder.write_run(status="running", versions=provenance.versions())
-        clock = _Clock(report)
-        two = jobs[TWO]
-        readings, errors = _forward(two)
-        verification, lengths = _verification(two, processes)
-        clock.done(
-            f"two parameters: {RECORDS} records at each of {len(verification.sigmas)} sigmas"
-        )
-        nines = [_nine(jobs[name], configs, folder.path, processes, clock) for name in NINES]
-        ends, symmetries = _simultaneous(jobs[NINES[0]], nines[0], processes)
-        clock.done(f"all at once: {len(ends)} searches")
-        nominal = two.problem.nominal
-        findings = Findings(
-            times=two.problem.experiment.t,
-            readings=readings,
-            errors=errors,
-            verification=verification,
-            lengths=lengths,
-            searched=nines[0].name,
-            symmetries=symmetries,
-            ends=ends,
-            nines=tuple(nines),
-            tones=shaft.tones(nominal["j_1"], nominal["j_m"] / causes.I_M**2, TONES),
-        )
-        with Crew(two.problem.posterior, processes) as crew:
-            paper_report.write(findings, folder, crew)
-        clock.done("tables and figures")
-        folder.write_run(status="finished", converged=findings.converged, seconds=clock.seconds)
+        try:
+            findings = _studies(jobs, configs, folder, processes, _Clock(report))
+        except (KeyboardInterrupt, Interrupted):
+            folder.write_run(status="interrupted")
+            raise Interrupted(
+                f"stopped; {output} is not complete; start over with --force"
+            ) from None
+        except BrokenProcessPool:
+            folder.write_run(status="interrupted")
+            message = "a worker process was killed (out of memory?); start over with --force"
+            raise InputError.one(str(output), message) from None
     return Outcome(
         folder=output, converged=findings.converged, text=paper_tables.in_words(findings)
     )
+
+
+def _studies(
+    jobs: Mapping[str, Job], configs: Path, folder: Folder, processes: int, clock: _Clock
+) -> Findings:
+    two = jobs[TWO]
+    readings, errors = _forward(two)
+    verification, lengths = _verification(two, processes)
+    clock.done(f"two parameters: {RECORDS} records at each of {len(verification.sigmas)} sigmas")
+    nines = [_nine(jobs[name], configs, folder.path, processes, clock) for name in NINES]
+    ends, symmetries = _simultaneous(jobs[NINES[0]], nines[0], processes)
+    clock.done(f"all at once: {len(ends)} searches")
+    nominal = two.problem.nominal
+    findings = Findings(
+        times=two.problem.experiment.t,
+        readings=readings,
+        errors=errors,
+        verification=verification,
+        lengths=lengths,
+        searched=nines[0].name,
+        symmetries=symmetries,
+        ends=ends,
+        nines=tuple(nines),
+        tones=shaft.tones(nominal["j_1"], nominal["j_m"] / causes.I_M**2, TONES),
+    )
+    with Crew(two.problem.posterior, processes) as crew:
+        paper_report.write(findings, folder, crew)
+    clock.done("tables and figures")
+    folder.write_run(status="finished", converged=findings.converged, seconds=clock.seconds)
+    return findings
 
 
 def _refuse_unknown_noise(jobs: Mapping[str, Job]) -> None:

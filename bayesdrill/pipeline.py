@@ -66,7 +66,8 @@ def posterior(job: Job, output: Path, how: store.Mode, processes: int, report: R
             return _run(job, folder, processes, report)
         except KeyboardInterrupt:
             folder.write_run(status="interrupted")
-            raise Interrupted(f"stopped; what was sampled is saved in {output}") from None
+            message = f"stopped; what was sampled is saved in {output}; continue with --resume"
+            raise Interrupted(message) from None
         except BrokenProcessPool:
             folder.write_run(status="interrupted")
             message = "a worker process was killed (out of memory?); continue with --resume"
