@@ -19,6 +19,7 @@ from bayesdrill.errors import InputError, Interrupted
 from bayesdrill.identifiability.scenes import Scenery
 from bayesdrill.identifiability.study import study_of
 from bayesdrill.job import Job
+from bayesdrill.optimisers.contract import Optimiser
 from bayesdrill.progress import Reporter, Silent
 from bayesdrill.report import paper_report, paper_tables
 from bayesdrill.reproduction import (
@@ -31,6 +32,7 @@ from bayesdrill.reproduction import (
     shaft,
     simultaneous,
 )
+from bayesdrill.reproduction.control import Control, control
 from bayesdrill.reproduction.findings import Findings, Misfits, Nine
 from bayesdrill.reproduction.truths import truth_of
 from bayesdrill.reproduction.verification import Verification, verify
@@ -45,6 +47,7 @@ RECORDS = 400  # of each sigma in the verification study
 STARTS = 40  # of the simultaneous searches, each way
 OTHERS = 24  # further starts of the heuristic ...
 EVALUATIONS = 50_000  # ... which may spend so many
+CONTROLS = 12  # records of the rig that is as the table says
 LENGTHS = ((1.0, 1000.0), (10.0, 100.0), (10.0, 1000.0), (100.0, 100.0), (100.0, 1000.0))
 TONES = 4
 
@@ -103,6 +106,7 @@ def _studies(
         searched=nines[0].name,
         symmetries=symmetries,
         ends=ends,
+        control=_control(jobs[NINES[0]], processes),
         nines=tuple(nines),
         tones=shaft.tones(nominal["j_1"], nominal["j_m"] / causes.I_M**2, TONES),
     )
@@ -156,14 +160,25 @@ def _verification(two: Job, processes: int) -> tuple[Verification, tuple[bounds.
     return found, bounds.lengths(posterior.likelihood, truth, LENGTHS)
 
 
+def _control(nine: Job, processes: int) -> tuple[Control, ...]:
+    posterior = nine.problem.posterior
+    with Crew(posterior, processes) as crew:
+        return control(crew, posterior, _pairwise(nine), EVALUATIONS, CONTROLS, nine.config.seed)
+
+
+def _pairwise(nine: Job) -> Optimiser:
+    own = nine.config.map.model_copy(update={"method": "pairwise"})
+    repeated = nine.config.model_copy(update={"map": own})
+    return build.optimiser(repeated, nine.problem.names)
+
+
 def _nine(nine: Job, configs: Path, folder: Path, processes: int, clock: _Clock) -> Nine:
     """Heuristic and posterior of one record; the posterior has a results folder of its own."""
     name, posterior = nine.config.name, nine.problem.posterior
-    pairwise = nine.config.map.model_copy(update={"method": "pairwise"})
-    repeated = nine.config.model_copy(update={"map": pairwise})
-    optimiser = build.optimiser(repeated, nine.problem.names)
     with Crew(posterior, processes) as crew:
-        found = heuristic.run(crew, posterior, optimiser, EVALUATIONS, OTHERS, nine.config.seed)
+        found = heuristic.run(
+            crew, posterior, _pairwise(nine), EVALUATIONS, OTHERS, nine.config.seed
+        )
     clock.done(f"{name}: the heuristic from {OTHERS + 1} starts")
     whole = pipeline.posterior(nine, folder / name, "force", processes, Silent())
     state = "converged" if whole.sampled.convergence.converged else "NOT converged"

@@ -27,6 +27,7 @@ class Line2:
     scaled: float
     scaled_percent: float
     weights_only_percent: float
+    weights_only_trapezoid_percent: float
     trapezoid_both_percent: float
     trapezoid_fit_percent: float
     bound_percent: float
@@ -41,8 +42,8 @@ class Line2:
 class Line3:
     """A line of Table 3.  Deviations are relative to the initial guess, `off_percent` to the truth.
 
-    `starts_percent`: standard deviation of the estimates from other starts.  `holds`: whether the
-    94 % HDI has the truth in it.
+    `starts_percent`: standard deviation of the estimates from other starts.  `posterior`: its median;
+    HDI: of the logarithm, 94 %; `holds`: whether the truth is in it.
     """
 
     parameter: str
@@ -56,7 +57,6 @@ class Line3:
     truth: float | None
     off_percent: float | None
     posterior: float
-    posterior_sd: float
     hdi_low: float
     hdi_high: float
     holds: bool | None
@@ -65,21 +65,22 @@ class Line3:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Way:
-    """All searches of one way: how many came to the noise floor, and how those lie apart.
+    """All searches of one way: how many are as good as the best, and how those lie apart.
 
-    `scale_*`: standard deviation along a symmetry, `rest` off both (root mean square), in per cent.
+    `scale_*`: standard deviation along a symmetry, `rest`: off both, of the logs; 0.01 is 1 %.
     """
 
     way: str
     searches: int
     reached: int
+    best: int
     settled: int
     misfit_median: float
     misfit_worst: float
-    scale_1_percent: float
-    scale_2_percent: float
-    rest_percent: float
-    distance_percent: float
+    scale_1: float
+    scale_2: float
+    rest: float
+    distance: float
 
 
 def lines_2(found: Verification) -> tuple[Line2, ...]:
@@ -98,6 +99,8 @@ def lines_2(found: Verification) -> tuple[Line2, ...]:
                 scaled=cell.scaled,
                 scaled_percent=percent * abs(cell.scaled - cell.truth),
                 weights_only_percent=percent * abs(cell.weights_only - cell.truth),
+                weights_only_trapezoid_percent=percent
+                * abs(cell.weights_only_trapezoid - cell.truth),
                 trapezoid_both_percent=percent * abs(cell.trapezoid_both - cell.truth),
                 trapezoid_fit_percent=percent * abs(cell.trapezoid_fit - cell.truth),
                 bound_percent=percent * cell.bound,
@@ -124,7 +127,7 @@ def lines_3(nine: Nine) -> tuple[Line3, ...]:
         k = nine.names.index(name)
         guess, estimate = float(nine.heuristic.guess[k]), float(nine.heuristic.estimate[k])
         truth = None if nine.truth is None else float(nine.truth[k])
-        low, high = hdi(nine.draws[:, k])
+        low, high = np.exp(hdi(np.log(nine.draws[:, k])))
         lines.append(
             Line3(
                 parameter=name,
@@ -137,11 +140,10 @@ def lines_3(nine: Nine) -> tuple[Line3, ...]:
                 starts_percent=100 * float(nine.heuristic.others[:, k].std(ddof=1)) / guess,
                 truth=truth,
                 off_percent=None if truth is None else 100 * (estimate / truth - 1),
-                posterior=float(nine.draws[:, k].mean()),
-                posterior_sd=float(nine.draws[:, k].std(ddof=1)),
-                hdi_low=low,
-                hdi_high=high,
-                holds=None if truth is None else low <= truth <= high,
+                posterior=float(np.median(nine.draws[:, k])),
+                hdi_low=float(low),
+                hdi_high=float(high),
+                holds=None if truth is None else bool(low <= truth <= high),
                 verdict=says.get(name, ""),
             )
         )
@@ -152,7 +154,7 @@ def ways(found: Findings) -> tuple[Way, ...]:
     lines = []
     for way in dict.fromkeys(end.way for end in found.ends):
         ends = [end for end in found.ends if end.way == way]
-        there = [end for end in ends if end.reached] or ends
+        there = [end for end in ends if end.best] or ends
         scales = np.array([(*end.scales, np.nan, np.nan)[:2] for end in there])
         misfits = np.array([end.misfit for end in ends])
         lines.append(
@@ -160,13 +162,14 @@ def ways(found: Findings) -> tuple[Way, ...]:
                 way=way,
                 searches=len(ends),
                 reached=sum(end.reached for end in ends),
+                best=sum(end.best for end in ends),
                 settled=sum(end.settled for end in ends),
                 misfit_median=float(np.median(misfits)),
                 misfit_worst=float(misfits.max()),
-                scale_1_percent=100 * float(scales[:, 0].std()),
-                scale_2_percent=100 * float(scales[:, 1].std()),
-                rest_percent=100 * _rms([end.rest for end in there]),
-                distance_percent=100 * _rms([end.distance for end in there]),
+                scale_1=float(scales[:, 0].std()),
+                scale_2=float(scales[:, 1].std()),
+                rest=_rms([end.rest for end in there]),
+                distance=_rms([end.distance for end in there]),
             )
         )
     return tuple(lines)

@@ -227,7 +227,7 @@ def fit_paper_figure(experiment: Experiment, estimated: Array) -> Figure:
             if lowest:
                 panel.set_xlabel(time.label(TIME))
         handles = [
-            Line2D([], [], label="measured", **MEASURED),
+            Line2D([], [], label="record", **MEASURED),
             Line2D([], [], label="estimated", **ESTIMATED),
         ]
         figure.legend(handles=handles, ncols=2, **LEGEND)

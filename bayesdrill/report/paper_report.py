@@ -36,7 +36,7 @@ def write(found: Findings, folder: Folder, crew: Crew) -> None:
     made = tables(found)
     for table in made:
         folder.write_text(f"{table.stem}.csv", table.csv)
-        folder.write_text(f"{table.stem}.md", table.markdown)
+        folder.write_text(f"{table.stem}.md", f"{table.says}\n\n{table.markdown}")
     for task in tasks:
         task.result()
     folder.write_text("report.md", report(made, {stem: says for stem, says, *_ in wanted}))

@@ -73,7 +73,7 @@ def table_3_figure(
         ends: list[float] = []
         for row in range(n):
             for probability, look in ((HDI_PROBABILITY, THIN), (HALF, THICK)):
-                interval = hdi(ratios[:, row], probability)
+                interval = np.exp(hdi(np.log(ratios[:, row]), probability)).tolist()
                 panel.plot(interval, [row + UP] * 2, **look)
                 ends += interval
             if row:

@@ -10,6 +10,7 @@ from bayesdrill.report.tables import markdown, records_as_csv
 from bayesdrill.reproduction import printed
 from bayesdrill.reproduction.bounds import Length
 from bayesdrill.reproduction.causes import Cause
+from bayesdrill.reproduction.control import Control
 from bayesdrill.reproduction.findings import Findings, Misfits, Nine
 from bayesdrill.reproduction.forward import Error, Reading
 from bayesdrill.reproduction.printed import Inconsistency
@@ -40,6 +41,7 @@ def tables(found: Findings) -> tuple[Table, ...]:
         _lengths(found.lengths),
         _simultaneous(found),
         _misfits([nine.misfits for nine in found.nines]),
+        _control(found.control),
         *(_table_3(nine) for nine in found.nines),
         *(_causes(nine) for nine in found.nines),
         _shaft(found.tones),
@@ -102,13 +104,15 @@ def _table_2(found: Verification) -> Table:
     attained = markdown(
         (
             *("sigma_n", "", "Cramer-Rao %", "spread fminsearch %", "spread scaled %"),
-            *("posterior sd %", "weights only %", "ode23t, exact record %", "ode23t, own record %"),
+            *("posterior sd %", "weights only %", "weights only, ode23t %"),
+            *("ode23t, exact record %", "ode23t, own record %"),
         ),
         (
             (
                 *(f"{n.sigma:g}", n.parameter, *_digits(n.bound_percent)),
                 *_digits(n.spread_fminsearch_percent, n.spread_scaled_percent),
                 *_digits(n.posterior_sd_percent, n.weights_only_percent),
+                *_digits(n.weights_only_trapezoid_percent),
                 *_digits(n.trapezoid_fit_percent, n.trapezoid_both_percent),
             )
             for n in lines
@@ -157,20 +161,34 @@ def _simultaneous(found: Findings) -> Table:
     return _table(
         "simultaneous",
         "Nine parameters at once",
-        f"Searches of the record `{found.searched}` from starts within 50 % of the guesses; how those "
-        "that reached the noise floor lie apart, in per cent: along the two exact symmetries (a factor "
-        f"on {'; on '.join(found.symmetries)}), and off both.",
+        f"Searches of the record `{found.searched}` from starts within 50 % of the guesses, inside a "
+        "quarter to four times those: how many leave no more than noise, how many are as good as the "
+        "best (within 4 of its misfit), how many stopped by themselves; and how those as good as the "
+        "best scatter: standard deviations of the log of a common factor on "
+        f"{' and on '.join(found.symmetries)}, and root mean square distance off both.",
         Way,
         ways(found),
         lambda w: (
-            *(w.way, f"{w.reached} of {w.searches}", f"{w.settled}"),
-            *_digits(w.misfit_median, w.misfit_worst, w.scale_1_percent, w.scale_2_percent),
-            *_digits(w.rest_percent),
+            *(w.way, str(w.searches), str(w.reached), str(w.best), str(w.settled)),
+            *_digits(w.misfit_median, w.misfit_worst, w.scale_1, w.scale_2, w.rest),
         ),
         (
-            *("way", "reached the floor", "stopped by themselves", "misfit median", "worst"),
-            *("scale 1 sd", "scale 2 sd", "off both"),
+            *("way", "searches", "noise only", "best", "stopped", "misfit median", "worst"),
+            *("factor 1", "factor 2", "off both"),
         ),
+    )
+
+
+def _control(lines: Sequence[Control]) -> Table:
+    return _table(
+        "control",
+        "A rig that is as the table says",
+        f"The heuristic on {lines[0].records} records of the nominal rig, searched from its true "
+        "values: largest distance of an estimate from them, in per cent.",
+        Control,
+        lines,
+        lambda c: (c.parameter, *_digits(c.largest_percent)),
+        ("", "largest %"),
     )
 
 
@@ -208,8 +226,9 @@ def _table_3(nine: Nine) -> Table:
     return _table(
         f"table_3_{nine.name}",
         f"Table 3: nine parameters, record `{nine.name}`",
-        "The paper's guess and estimate, the heuristic's estimate here (deviation from the guess; sd "
-        "over other starts; distance from the truth), and the posterior (mean, 94 % HDI, verdict).",
+        "The paper's guess, estimate and deviation; the heuristic's estimate here, its deviation from "
+        "the guess, standard deviation over other starts (`starts`) and distance from the truth "
+        "(`off`), all three in per cent; and the posterior: median, 94 % HDI of the logarithm, verdict.",
         Line3,
         lines_3(nine),
         lambda n: (
@@ -231,15 +250,16 @@ def _causes(nine: Nine) -> Table:
         f"What a record can show, record `{nine.name}`",
         "Products of the parameters over their values at the initial guesses: of Table 3 as printed "
         "and with the digits of its percentages, of the nominal rig with 7e-3 kg m^2 at the output, "
-        "with 0.2 ohm in series, with both, and of this record.",
+        "with 0.2 ohm in series, with both, with k_T = k_e; and of this record, by heuristic and "
+        "posterior (median, 94 % HDI of the logarithm).",
         Cause,
         nine.causes,
         lambda c: (
-            *(c.product, *_digits(c.table_3, c.table_3_digits, c.j_2, c.r_s, c.both)),
+            *(c.product, *_digits(c.table_3, c.table_3_digits, c.j_2, c.r_s, c.both, c.k_T)),
             *(*_digits(c.heuristic, c.posterior), f"{c.hdi_low:.4g} to {c.hdi_high:.4g}"),
         ),
         (
-            *("product", "Table 3", "with digits", "j_2", "r_s", "both", "heuristic"),
+            *("product", "Table 3", "with digits", "j_2", "r_s", "both", "k_T", "heuristic"),
             *("posterior", "94 % HDI"),
         ),
     )

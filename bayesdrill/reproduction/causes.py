@@ -39,8 +39,8 @@ class Cause:
     """A product over its value at the initial guesses.
 
     `table_3`: of the printed estimates, `table_3_digits` of those with the digits of the percentages;
-    `j_2`, `r_s`, `both`: of a rig with that missing; the rest: of the record, by the heuristic and
-    the posterior (mean and 94 % HDI).
+    `j_2`, `r_s`, `both`: of a rig with that missing; `k_T`: of one whose k_T equals k_e; the rest: of
+    the record, by the heuristic and the posterior (median, and 94 % HDI of the logarithm).
     """
 
     product: str
@@ -49,6 +49,7 @@ class Cause:
     j_2: float
     r_s: float
     both: float
+    k_T: float
     heuristic: float
     posterior: float
     hdi_low: float
@@ -64,8 +65,8 @@ def causes(
         if not set(powers) <= set(names):
             continue
         exponents = np.array([powers.get(name, 0) for name in names], dtype=float)
-        ratios = np.exp(np.log(draws / guess) @ exponents)
-        low, high = hdi(ratios)
+        logs = np.log(draws / guess) @ exponents
+        low, high = np.exp(hdi(logs))
         found.append(
             Cause(
                 product=product,
@@ -75,9 +76,10 @@ def causes(
                 r_s=_of(with_missing(j_2=0.0, r_s=R_S), powers),
                 both=_of(with_missing(j_2=J_2, r_s=R_S), powers),
                 heuristic=float(np.exp(np.log(estimate / guess) @ exponents)),
-                posterior=float(ratios.mean()),
-                hdi_low=low,
-                hdi_high=high,
+                k_T=_of({**printed.GUESS, "k_T": printed.GUESS["k_e"]}, powers),
+                posterior=float(np.exp(np.median(logs))),
+                hdi_low=float(low),
+                hdi_high=float(high),
             )
         )
     return tuple(found)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from bayesdrill.experiment import Experiment
 from bayesdrill.reproduction.bounds import Length
 from bayesdrill.reproduction.causes import Cause
+from bayesdrill.reproduction.control import Control
 from bayesdrill.reproduction.forward import Error, Reading
 from bayesdrill.reproduction.heuristic import Heuristic
 from bayesdrill.reproduction.shaft import Tone
@@ -69,6 +70,7 @@ class Findings:
     searched: str
     symmetries: tuple[str, ...]
     ends: tuple[End, ...]
+    control: tuple[Control, ...]
     nines: tuple[Nine, ...]
     tones: tuple[Tone, ...]
 

@@ -45,8 +45,9 @@ class Cell:
     Of the first record: `fminsearch`, `scaled`; by fminsearch with the paper's integrator for the
     model, `trapezoid_both` where the integrator made the record too, `trapezoid_fit` where the exact
     response did.  `weights_only`: by fminsearch from a record without noise, where sigma is but a
-    weight.  `posterior`, `posterior_sd`: of the first record, with the priors.  `bias_*`, `sd_*`,
-    `median_*` (of the distance from the truth): over all records.
+    weight (`weights_only_trapezoid`: with the integrator for both).  `posterior`, `posterior_sd`: of
+    the first record, with the priors.  `bias_*`, `sd_*`, `median_*` (of the distance from the truth):
+    over all records.
     """
 
     sigma: float
@@ -57,6 +58,7 @@ class Cell:
     trapezoid_both: float
     trapezoid_fit: float
     weights_only: float
+    weights_only_trapezoid: float
     posterior: float
     posterior_sd: float
     bound: float
@@ -110,9 +112,9 @@ def verify(
     }
     posteriors = {s: crew.submit(_posterior, s, truth, plan) for s in sigmas}
     by_trapezoid = {
-        (name, s): crew.submit(_by_trapezoid, s, truth, start, seed, own=name == "trapezoid_both")
+        (name, s): crew.submit(_by_trapezoid, s, truth, start, seed, **how)
         for s in sigmas
-        for name in ("trapezoid_both", "trapezoid_fit")
+        for name, how in _STEPPED.items()
     }
     found: dict[str, dict[float, Array]] = {
         way: {s: np.concatenate([t.result() for t in tasks[way, s]]) for s in sigmas}
@@ -134,8 +136,7 @@ def verify(
                     sigma=sigma,
                     name=name,
                     truth=float(truth[k]),
-                    trapezoid_both=float(by_trapezoid["trapezoid_both", sigma].result()[k]),
-                    trapezoid_fit=float(by_trapezoid["trapezoid_fit", sigma].result()[k]),
+                    **{n: float(by_trapezoid[n, sigma].result()[k]) for n in _STEPPED},
                     weights_only=float(without[k]),
                     posterior=float(posteriors[sigma].result()[0][k]),
                     posterior_sd=float(posteriors[sigma].result()[1][k]),
@@ -156,6 +157,11 @@ def verify(
     )
 
 
+_STEPPED: Mapping[str, Mapping[str, bool]] = {
+    "trapezoid_both": {"own": True, "noisy": True},
+    "trapezoid_fit": {"own": False, "noisy": True},
+    "weights_only_trapezoid": {"own": True, "noisy": False},
+}
 _SPREADS: Mapping[str, Callable[[Array], Any]] = {
     "bias": np.mean,
     "sd": lambda errors: np.std(errors, ddof=1),
@@ -233,13 +239,21 @@ def _posterior(
 
 
 def _by_trapezoid(
-    posterior: Posterior, sigma: float, truth: Array, start: Array, seed: int, *, own: bool
+    posterior: Posterior,
+    sigma: float,
+    truth: Array,
+    start: Array,
+    seed: int,
+    *,
+    own: bool,
+    noisy: bool,
 ) -> Array:
     """The estimate from record 0 as the paper integrates, at its default tolerances: `(D,)`.
 
-    `own`: the record is what that integrator gives, with noise.
+    `own`: the record is what that integrator gives; `noisy`: with noise.
     """
-    target = record(_with_sigma(posterior, sigma), truth, seed, 0)
+    rng = seeds.stream(seed, "reproduce", 0) if noisy else None
+    target = _record(_with_sigma(posterior, sigma), truth, rng)
     likelihood = target.likelihood
     response, space = likelihood.response, likelihood.space
 

@@ -102,7 +102,7 @@ def verification(records: int) -> Verification:
     same = dict.fromkeys(
         [
             *("fminsearch", "scaled", "trapezoid_both", "trapezoid_fit", "weights_only"),
-            *("posterior", "posterior_sd"),
+            *("posterior", "posterior_sd", "weights_only_trapezoid"),
             *("bias_fminsearch", "median_fminsearch", "bias_scaled", "median_scaled"),
         ],
         0.1,

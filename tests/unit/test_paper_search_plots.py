@@ -49,6 +49,8 @@ def end(way: str, misfit: float, scales: tuple[float, ...], distance: float) -> 
         way=way,
         theta=(1.0,) * 9,
         misfit=misfit,
+        reached=misfit < 1.1,
+        best=misfit < 1.0,
         evaluations=900,
         settled=True,
         scales=scales,
