@@ -133,8 +133,7 @@ def _table_2(found: Verification) -> Table:
 def _estimate(line: Line2, value: float, deviation: float) -> tuple[str, str]:
     """With the power of ten that the paper writes."""
     power = {"c_m": 5, "k_e": 4}[line.parameter]
-    percent = f"{deviation:.2g}" if deviation < 99.5 else f"{deviation:.0f}"
-    return f"{value * 10**power:.1f}e-{power}", percent
+    return f"{value * 10**power:.1f}e-{power}", _percent(deviation)
 
 
 def _lengths(found: Sequence[Length]) -> Table:
@@ -284,6 +283,10 @@ def _table[T](
     )
 
 
+def _percent(x: float) -> str:
+    return f"{x:.2g}" if x < 99.5 else f"{x:.0f}"
+
+
 def _digits(*values: float) -> tuple[str, ...]:
     return tuple(f"{value:.4g}" for value in values)
 
@@ -294,7 +297,7 @@ def in_words(found: Findings) -> str:
     for line in lines_2(found.verification):
         if line.parameter == "c_m":
             said.append(
-                f"Table 2, sigma_n {line.sigma:g}: c_m can be known to {line.bound_percent:.3g} %; the "
+                f"Table 2, sigma_n {line.sigma:g}: c_m can be known to {_percent(line.bound_percent)} %; the "
                 f"paper reports {line.printed_percent:g} %"
             )
     for nine in found.nines:
