@@ -297,8 +297,8 @@ def in_words(found: Findings) -> str:
     for line in lines_2(found.verification):
         if line.parameter == "c_m":
             said.append(
-                f"Table 2, sigma_n {line.sigma:g}: c_m can be known to {_percent(line.bound_percent)} %; the "
-                f"paper reports {line.printed_percent:g} %"
+                f"Table 2, sigma_n {line.sigma:g}: c_m can be known to "
+                f"{_percent(line.bound_percent)} %; the paper reports {line.printed_percent:g} %"
             )
     for nine in found.nines:
         lines = [line for line in lines_3(nine) if line.truth is not None]
