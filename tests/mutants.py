@@ -263,7 +263,7 @@ MUTANTS = [
     Mutant(
         "an interval with equal tails under the HDI header",
         "diagnostics.py",
-        "low, high = array_stats.hdi(x, prob=HDI_PROBABILITY, axis=0)",
+        "low, high = array_stats.hdi(x, prob=probability, axis=0)",
         "low, high = np.quantile(x, [0.03, 0.97])",
         "tests/unit/test_convergence.py::"
         "test_hdi_is_the_narrowest_interval_not_the_one_with_equal_tails",
@@ -397,6 +397,57 @@ MUTANTS = [
         '"the seed": str(config.seed),',
         "",
         "tests/unit/test_config.py::test_what_decides_a_chain_is_in_its_fingerprint",
+    ),
+    Mutant(
+        "only directions that are blind everywhere alike count",
+        "identifiability/structure.py",
+        "blind = min(map(len, each))",
+        "blind = len(null)",
+        "tests/unit/test_identifiability.py::"
+        "test_a_direction_that_turns_from_place_to_place_is_still_blind",
+    ),
+    Mutant(
+        "a pair of the heuristic moves all unknowns",
+        "optimisers/pairwise.py",
+        "changed[pair] = values",
+        "changed[pair] = values; changed[:] = changed * (1 + 1e-6)",
+        "tests/unit/test_mode.py::test_pairwise_moves_two_unknowns_at_a_time_in_the_order_given",
+    ),
+    Mutant(
+        "the last pair of the circle forgotten",
+        "optimisers/pairwise.py",
+        "[*chain[1:], chain[0]]",
+        "[*chain[1:], chain[-1]]",
+        "tests/unit/test_mode.py::test_pairs_are_the_papers_for_its_nine_and_a_circle_for_fewer",
+    ),
+    Mutant(
+        "a prior in the estimates of Table 2",
+        "reproduction/verification.py",
+        "return np.nan_to_num(target.likelihood(theta), nan=-np.inf)",
+        "return np.nan_to_num(target.density(theta), nan=-np.inf)",
+        "tests/unit/test_reproduction.py::test_estimates_are_those_of_least_squares",
+    ),
+    Mutant(
+        "a rotor at the wrong side of the gearbox",
+        "models/two_rotors.py",
+        'return {"j_m": self.i_m**2 * self.j_2, "r_m": self.r_s}',
+        'return {"j_m": self.i_m * self.j_2, "r_m": self.r_s}',
+        "tests/unit/test_models.py",
+    ),
+    Mutant(
+        "the printed matrix is the right one",
+        "models/as_printed.py",
+        'self.i_m**2 * p["k_s"] / p[self.a_51]',
+        'self.i_m**2 * p["k_s"] / p["j_m"]',
+        "tests/unit/test_models.py",
+    ),
+    Mutant(
+        "a truth is believed of any record",
+        "reproduction/truths.py",
+        "if not _same(simulation.simulate(other, its_source, other.seed), path.read_text()):",
+        "if False:",
+        "tests/unit/test_reproduction.py::"
+        "test_truth_is_known_only_of_a_record_that_comes_out_again",
     ),
 ]
 
