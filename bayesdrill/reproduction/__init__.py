@@ -1,1 +1,1 @@
-"""The paper's own way, beside which the package's can be put: its integrator."""
+"""The studies of the paper, computed anew: its numbers, its integrator, its searches, its causes."""

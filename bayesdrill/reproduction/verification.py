@@ -123,28 +123,19 @@ def verify(
     one = bounds(posterior.likelihood, truth)
     cells: list[Cell] = []
     for sigma in sigmas:
-        clean = _with_sigma(posterior, sigma)
-        without = _search("fminsearch", _record(clean, truth, None), start)
-        for k, name in enumerate(space.free):
-            spread = {
-                f"{what}_{way}": float(function(found[way][sigma][:, k] - truth[k]))
-                for way in WAYS
-                for what, function in _SPREADS.items()
-            }
-            cells.append(
-                Cell(
-                    sigma=sigma,
-                    name=name,
-                    truth=float(truth[k]),
-                    **{n: float(by_trapezoid[n, sigma].result()[k]) for n in _STEPPED},
-                    weights_only=float(without[k]),
-                    posterior=float(posteriors[sigma].result()[0][k]),
-                    posterior_sd=float(posteriors[sigma].result()[1][k]),
-                    bound=float(sigma * one[k]),
-                    **{way: float(found[way][sigma][0, k]) for way in WAYS},
-                    **spread,
-                )
-            )
+        clean = _record(_with_sigma(posterior, sigma), truth, None)
+        mean, sd, _ = posteriors[sigma].result()
+        single = {
+            **{way: found[way][sigma][0] for way in WAYS},
+            **{name: by_trapezoid[name, sigma].result() for name in _STEPPED},
+            "weights_only": _search("fminsearch", clean, start),
+            "posterior": mean,
+            "posterior_sd": sd,
+            "bound": sigma * one,
+            "truth": truth,
+        }
+        off = {way: found[way][sigma] - truth for way in WAYS}
+        cells += _cells(sigma, space.free, single, off)
     return Verification(
         names=space.free,
         truth=truth,
@@ -155,6 +146,25 @@ def verify(
         estimates=found,
         converged=all(posteriors[sigma].result()[2] for sigma in sigmas),
     )
+
+
+def _cells(
+    sigma: float, names: tuple[str, ...], single: Mapping[str, Array], off: Mapping[str, Array]
+) -> list[Cell]:
+    """From what there is one of, each `(D,)`, and the errors of all records by way, `(R, D)`."""
+    return [
+        Cell(
+            sigma=sigma,
+            name=name,
+            **{what: float(values[k]) for what, values in single.items()},
+            **{
+                f"{what}_{way}": float(function(errors[:, k]))
+                for way, errors in off.items()
+                for what, function in _SPREADS.items()
+            },
+        )
+        for k, name in enumerate(names)
+    ]
 
 
 _STEPPED: Mapping[str, Mapping[str, bool]] = {
