@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
@@ -58,6 +59,13 @@ def frozen(values: Array) -> Array:
     copy = np.array(values, dtype=np.float64, order="C")
     copy.setflags(write=False)
     return copy
+
+
+def regular(experiment: Experiment, duration: float, rate: float) -> Experiment:
+    """The same with constant inputs, for `duration` [s] at `rate` [Hz] from 0; its signals are zero."""
+    t = np.arange(round(duration * rate) + 1) / rate
+    y = np.zeros((len(t), len(experiment.channels)))
+    return dataclasses.replace(experiment, t=frozen(t), y=frozen(y))
 
 
 def check_series(

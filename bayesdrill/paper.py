@@ -98,7 +98,6 @@ def _studies(
     clock.done(f"all at once: {len(ends)} searches")
     nominal = two.problem.nominal
     findings = Findings(
-        times=two.problem.experiment.t,
         readings=readings,
         errors=errors,
         verification=verification,

@@ -55,21 +55,21 @@ BAND: Look = {"color": "0.95", "linewidth": 0, "zorder": -2}  # that range, in b
 BELOW, ABOVE = 0.25, 1.3  # what the near panel shows, over the largest of the right speed
 
 
-def readings_figure(t: Array, readings: Sequence[Reading]) -> Figure:
-    """Speeds of theta_2 `(T,)` [rad/s] at times `t` [s]: all of them, and near the first, right one."""
+def readings_figure(readings: Sequence[Reading]) -> Figure:
+    """Speeds of theta_2 over time: all of them, and those near the first, which is the right one."""
     far = np.concatenate([reading.curve for reading in readings])
     right = float(np.abs(readings[0].curve).max())
     near = (-BELOW * right, ABOVE * right)
     margin = 0.06 * float(far.max() - far.min())
     ranges = ((float(far.min()) - margin, float(far.max()) + margin), near)
-    time = style.scale(float(t[0]), float(t[-1]))
+    time = style.scale(0.0, max(reading.time for reading in readings))
     with style.styled():
         figure, panels = PAIR.build(2)
         for panel, (low, high) in zip(panels, ranges, strict=True):
             speed = style.scale(low, high)
             for k, reading in enumerate(readings):
                 looks = CURVES[k % len(CURVES)]
-                panel.plot(time(t), speed(reading.curve), zorder=3 - 0.1 * k, **looks)
+                panel.plot(time(reading.t), speed(reading.curve), zorder=3 - 0.1 * k, **looks)
             panel.set_xlim(time.low, time.high)
             panel.set_ylim(speed.low, speed.high)
             style.set_ticks(panel.xaxis, *style.ticks(time.low, time.high, 6, clear=0.0))

@@ -69,7 +69,7 @@ def _figures(found: Findings) -> list[Wanted]:
             "matrix",
             "Speed of theta_2 with four readings of the printed matrix.",
             plots.readings_figure,
-            (found.times, found.readings),
+            (found.readings,),
         ),
         (
             "table_2",

@@ -12,7 +12,7 @@ from bayesdrill.reproduction.bounds import Length
 from bayesdrill.reproduction.causes import Cause
 from bayesdrill.reproduction.control import Control
 from bayesdrill.reproduction.findings import Findings, Misfits, Nine
-from bayesdrill.reproduction.forward import Error, Reading
+from bayesdrill.reproduction.forward import FOLLOWED, Error, Reading
 from bayesdrill.reproduction.printed import Inconsistency
 from bayesdrill.reproduction.shaft import Tone
 from bayesdrill.reproduction.verification import Verification
@@ -64,13 +64,13 @@ def _matrix(readings: Sequence[Reading]) -> Table:
     return _table(
         "matrix",
         "The printed matrix",
-        "Speed of theta_2 after the 8 V step [rad/s], by the reading of the printed matrix: at the "
-        "end of the record, as the paper's integrator has it there, and in the end.",
+        f"Speed of theta_2 [rad/s] {FOLLOWED:g} s after the 8 V step, by the reading of the printed "
+        "matrix; the same by the paper's integrator; and where it settles.",
         Reading,
         readings,
         lambda r: (r.matrix, *_digits(r.w_2, r.w_2_trapezoid, r.w_end), str(r.steps)),
-        ("matrix", "at the end", "trapezoidal rule", "in the end", "steps"),
-        leave=("curve",),
+        ("matrix", f"after {FOLLOWED:g} s", "trapezoidal rule", "in the end", "steps"),
+        leave=("t", "curve"),
     )
 
 

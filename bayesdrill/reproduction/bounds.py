@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdrill.experiment import frozen
+from bayesdrill.experiment import regular
 from bayesdrill.identifiability.information import from_sensitivities
 from bayesdrill.identifiability.scenes import Scenery
 from bayesdrill.likelihood import Likelihood
@@ -41,17 +41,12 @@ def lengths(
     """Of records of (duration [s], rate [Hz]), otherwise like the one there is."""
     found = []
     for duration, rate in grid:
-        t = np.arange(round(duration * rate) + 1) / rate
-        experiment = dataclasses.replace(
-            likelihood.response.experiment,
-            t=frozen(t),
-            y=frozen(np.zeros((len(t), likelihood.noise.n_channels))),
-        )
+        experiment = regular(likelihood.response.experiment, duration, rate)
         response = Response(likelihood.response.model, experiment)
         longer = dataclasses.replace(
             likelihood,
             response=response,
-            noise=dataclasses.replace(likelihood.noise, n_samples=len(t)),
+            noise=dataclasses.replace(likelihood.noise, n_samples=len(experiment.t)),
         )
         relative = bounds(longer, truth) / truth
         named = dict(zip(likelihood.space.free, map(float, relative), strict=True))

@@ -62,7 +62,6 @@ class Nine:
 class Findings:
     """`ends`: of simultaneous searches, whose distances are from the truth of `searched`."""
 
-    times: Array
     readings: tuple[Reading, ...]
     errors: tuple[Error, ...]
     verification: Verification

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayesdrill import derived
-from bayesdrill.experiment import Experiment
+from bayesdrill.experiment import Experiment, regular
 from bayesdrill.models.as_printed import AsPrinted
 from bayesdrill.models.linear import Model
 from bayesdrill.models.motor_shaft import MotorShaft
@@ -25,13 +25,15 @@ READINGS: Mapping[str, tuple[str, Mapping[str, Any]]] = {
     "i_n": ("A(5,1) over j_m, i_n read as i_m", {"a_51": "j_m", "i_n": 0.125}),
     "printed": ("as printed, i_n read as i_m", {"a_51": "j_1", "i_n": 0.125}),
 }  # names, what they mean, constants of `as_printed`
+FOLLOWED = 30.0  # s; until then the slowest of them has come to what it tends to
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reading:
-    """A way to read the printed matrix: the speed of theta_2 [rad/s] at `time` [s] and at the end.
+    """A way to read the printed matrix: the speed of theta_2 [rad/s] at `time` [s] and in the end.
 
-    `error`: largest distance of the paper's integrator from the exact speed, `steps` its steps.
+    `error`: largest distance of the paper's integrator from the exact speed until `time`, `steps`
+    its steps; `curve (T,)`: the speed at times `t (T,)` [s].
     """
 
     name: str
@@ -42,6 +44,7 @@ class Reading:
     w_end: float
     error: float
     steps: int
+    t: Array
     curve: Array
 
 
@@ -56,7 +59,8 @@ class Error:
 
 
 def readings(experiment: Experiment, p: Mapping[str, float]) -> tuple[Reading, ...]:
-    """The same step with each reading, at parameters `p` (SI)."""
+    """The same step with each reading, at parameters `p` (SI), followed for `FOLLOWED` s."""
+    experiment = regular(experiment, FOLLOWED, 1 / experiment.dt)
     found = []
     for name, (matrix, choice) in READINGS.items():
         model = AsPrinted(i_m=0.125, **choice)
@@ -76,6 +80,7 @@ def readings(experiment: Experiment, p: Mapping[str, float]) -> tuple[Reading, .
                 w_end=float(end[0]),
                 error=float(np.abs(approximate - w_2).max()),
                 steps=steps,
+                t=experiment.t,
                 curve=w_2,
             )
         )

@@ -36,7 +36,7 @@ def si(label: str, u: Array) -> Array:
 # The printed matrix
 
 
-def readings() -> tuple[Array, tuple[Reading, ...]]:
+def readings() -> tuple[Reading, ...]:
     t = np.linspace(0.0, 10.0, 401)
     fast = 1 - np.exp(-t / 0.03)
     curves = (
@@ -56,16 +56,17 @@ def readings() -> tuple[Array, tuple[Reading, ...]]:
             w_end=end,
             error=0.01,
             steps=100,
+            t=t,
             curve=curve,
         )
         for (name, (matrix, _)), curve, end in zip(READINGS.items(), curves, ends, strict=True)
     ]
-    return t, tuple(found)
+    return tuple(found)
 
 
 def test_readings_are_all_on_the_left_and_the_right_one_is_large_on_the_right() -> None:
-    t, found = readings()
-    figure = readings_figure(t, found)
+    found = readings()
+    figure = readings_figure(found)
     assert not list(clashes(drawn(figure)))
     left, right = figure.axes
     for reading, line in zip(found, left.get_lines(), strict=True):

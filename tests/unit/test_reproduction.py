@@ -13,14 +13,25 @@ import pytest
 import scipy.linalg
 import scipy.optimize
 from oracles import NOMINAL, ORDER, by_expm, skewed
-from rigs import measured, posterior, vector
+from rigs import experiment, measured, posterior, vector
 
 from bayesdrill import loading, physics
 from bayesdrill.crew import Crew
+from bayesdrill.models.as_printed import AsPrinted
 from bayesdrill.optimisers import pairwise
 from bayesdrill.priors import Uniform
-from bayesdrill.reproduction import bounds, causes, heuristic, misfit, printed, shaft, simultaneous
+from bayesdrill.reproduction import (
+    bounds,
+    causes,
+    forward,
+    heuristic,
+    misfit,
+    printed,
+    shaft,
+    simultaneous,
+)
 from bayesdrill.reproduction import verification as study
+from bayesdrill.reproduction.trapezoid import SIX_STATES, six_states
 from bayesdrill.reproduction.truths import truth_of
 
 ROOT = Path(__file__).parents[2]
@@ -73,6 +84,21 @@ def test_inconsistencies_are_what_they_say() -> None:
         0.82,
         0.0061,
     }
+
+
+def test_every_reading_is_followed_until_it_has_settled_or_nearly() -> None:
+    """Against the exponential of its six states. Mutant killed: the end of the record for the end."""
+    found = forward.readings(experiment(101), NOMINAL)
+    assert [reading.name for reading in found] == list(forward.READINGS)
+    for reading in found:
+        choice = forward.READINGS[reading.name][1]
+        augmented = np.zeros((7, 7))
+        augmented[:6, :6], augmented[:6, 6] = six_states(AsPrinted(**choice), NOMINAL, {"v": 8.0})
+        by_hand = scipy.linalg.expm(30.0 * augmented)[SIX_STATES.index("w_2"), 6]
+        assert (reading.time, reading.t[-1]) == (30.0, 30.0)
+        assert reading.w_2 == pytest.approx(by_hand, rel=1e-6, abs=1e-6)
+        assert reading.curve[-1] == reading.w_2
+        assert abs(reading.w_2 - reading.w_2_trapezoid) <= reading.error
 
 
 def test_bounds_are_those_of_numeric_slopes() -> None:
