@@ -83,7 +83,9 @@ def calibrate(
     crew: Executor,
     report: Reporter,
 ) -> Outcome:
-    """The whole job. Raises `Interrupted` when asked to stop; refits that are done are saved."""
+    """The whole job. Raises `Interrupted` when asked to stop, and `BrokenProcessPool` when a worker
+    was killed; refits that are done are saved.
+    """
     own = job.config.calibration
     # A refit does not depend on how many there are: a calibration can be extended.
     marks = provenance.fingerprint(job.config, job.problem) | {
@@ -108,7 +110,7 @@ def calibrate(
                 f"stopped; the refits that were done are saved in {output}; continue with --resume"
             )
             raise Interrupted(message) from None
-        except InputError:
+        except (InputError, BrokenProcessPool):
             folder.write_run(status="interrupted")
             raise
         verdict = _publish(job, folder, refits)
@@ -133,8 +135,6 @@ def run(
     report.update(0.0, f"{len(done)} of {n} refits")
     try:
         _collect(study, missing, crew, done, n, folder, report)
-    except BrokenProcessPool:
-        raise _lost(folder, "a worker process was killed (out of memory?)") from None
     except CancelledError:
         raise _lost(folder, "the scheduler is gone") from None
     report.update(1.0, "")

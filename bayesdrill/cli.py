@@ -186,13 +186,14 @@ def calibrate(
 @app.command(epilog="Example: bayesdrill report results/nominal_step")
 def report(
     folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="Folder of a finished run.")],
+    processes: Processes = None,
 ) -> None:
     """Make tables and figures again from the stored chain."""
     with guarded():
         from bayesdrill import pipeline
         from bayesdrill.crew import available
 
-        _finish(pipeline.republish(folder, available()))
+        _finish(pipeline.republish(folder, processes or available()))
 
 
 @app.command(epilog="Example: bayesdrill simulate configs/nominal_step.yaml --output my_record.csv")

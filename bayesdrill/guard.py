@@ -1,7 +1,7 @@
 """Where mistakes end: in a message and a status, whatever command they happen in.
 
-Exit status: 0 done (and converged), 2 the input is wrong, 3 finished but not converged or not
-calibrated, 130 interrupted and saved.
+Exit status: 0 done (and converged), 2 the input is wrong or disk or memory ran out, 3 finished but
+not converged or not calibrated, 130 interrupted.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ import os
 import signal
 import sys
 from collections.abc import Iterator
+from concurrent.futures import BrokenExecutor
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -20,11 +21,12 @@ INPUT_WRONG = 2
 NOT_CONVERGED = 3
 INTERRUPTED = 130
 LONGEST_LINE = 400
+KILLED = "a worker process was killed (out of memory?); fewer --processes need less"
 
 
 @contextmanager
 def guarded() -> Iterator[None]:
-    """A user's mistake, a full disk or Ctrl-C end in a message and a status, not in a traceback."""
+    """Mistakes, a full disk, a killed worker and Ctrl-C end in a message and a status."""
     from bayesdrill.errors import InputError, Interrupted
 
     before = signal.signal(signal.SIGTERM, _interrupt)
@@ -36,7 +38,7 @@ def guarded() -> Iterator[None]:
         typer.echo(str(stopped), err=True)
         raise typer.Exit(INTERRUPTED) from None
     except KeyboardInterrupt:
-        typer.echo("stopped; nothing was written", err=True)
+        typer.echo("stopped", err=True)
         raise typer.Exit(INTERRUPTED) from None
     except BrokenPipeError:
         # Nobody reads on.  Python would try once more at the end, and fail, so give it a place.
@@ -45,6 +47,9 @@ def guarded() -> Iterator[None]:
     except OSError as error:
         place = f"{error.filename}: " if error.filename else ""
         typer.echo(_line(f"{place}{_reason(error)}"), err=True)
+        raise typer.Exit(INPUT_WRONG) from None
+    except BrokenExecutor:
+        typer.echo(KILLED, err=True)
         raise typer.Exit(INPUT_WRONG) from None
     except MemoryError:
         message = "out of memory; a shorter record, fewer walkers or fewer steps need less"
@@ -56,7 +61,7 @@ def guarded() -> Iterator[None]:
 
 @contextmanager
 def saved_in(folder: Path) -> Iterator[None]:
-    """A disk that fails during a run: where, and that the run can go on from there."""
+    """A disk or a worker that fails during a run: where, and that the run can go on from there."""
     from bayesdrill.errors import InputError
 
     try:
@@ -66,6 +71,8 @@ def saved_in(folder: Path) -> Iterator[None]:
     except OSError as error:
         message = f"{_reason(error)}; mend this, then go on with --resume"
         raise InputError.one(str(error.filename or folder), message) from None
+    except BrokenExecutor:
+        raise InputError.one(str(folder), f"{KILLED}; go on with --resume") from None
 
 
 def _reason(error: OSError) -> str:

@@ -30,10 +30,14 @@ def information_root(posterior: Posterior, theta: Array) -> Array:
     return np.asarray(np.linalg.qr(np.vstack([record, np.diag(1.0 / prior_sd)]), mode="r"))
 
 
-def covariance(posterior: Posterior, theta: Array) -> Array:
-    """`(D, D)` in the sampler's coordinates, at the physical point `theta (D,)`."""
-    slopes = slopes_by_logs(posterior.coordinates, theta)
-    spread = slopes @ np.linalg.inv(information_root(posterior, theta))
+def covariance(posterior: Posterior, theta: Array, information: Array | None = None) -> Array:
+    """`(D, D)` in the sampler's coordinates, at the physical point `theta (D,)`.
+
+    `information (D, D)`: its root there, where that is known already.
+    """
+    if information is None:
+        information = information_root(posterior, theta)
+    spread = slopes_by_logs(posterior.coordinates, theta) @ np.linalg.inv(information)
     return np.asarray(spread @ spread.T)
 
 
@@ -66,10 +70,7 @@ def _record_rows(posterior: Posterior, theta: Array) -> Array:
 
 def excess(posterior: Posterior, theta: Array) -> float:
     """Mean squared residual over the noise variance, at least 1."""
-    likelihood = posterior.likelihood
-    sigma = likelihood.noise.sigmas(likelihood.sigma_columns(theta[None]))
-    misfit = likelihood.response.misfit(posterior.space.full(theta[None]))
-    ratio = float(np.mean(misfit / sigma**2)) / likelihood.noise.n_samples
+    ratio = float(posterior.likelihood.per_number(theta[None])[0])
     return max(ratio, 1.0) if np.isfinite(ratio) else 1.0
 
 

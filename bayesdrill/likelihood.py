@@ -32,6 +32,17 @@ class Likelihood:
         misfit = self.response.misfit(self.space.full(theta))
         return self.noise.log_likelihood(misfit, self.sigma_columns(theta))
 
+    @property
+    def numbers(self) -> int:
+        """How many were measured."""
+        return self.noise.n_samples * self.noise.n_channels
+
+    def per_number(self, theta: Array) -> Array:
+        """Squared residuals over the noise variance, their mean `(W,)`: 1 where only noise is left."""
+        squares = self.response.misfit(self.space.full(theta))
+        sigma = self.noise.sigmas(self.sigma_columns(theta))
+        return np.asarray((squares / sigma**2).mean(axis=-1) / self.noise.n_samples)
+
     def sigma_columns(self, theta: Array) -> Array:
         """The unknown sigmas among the unknowns, `(W, n)`."""
         return theta[:, theta.shape[1] - len(self.noise.unknown) :]

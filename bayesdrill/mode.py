@@ -102,13 +102,14 @@ def summarise(posterior: Posterior, searches: tuple[Search, ...]) -> Mode:
     best = max(searches, key=lambda s: s.log_posterior)
     theta = posterior.space.vector(best.end)
     z = posterior.coordinates.from_physical(theta[None])[0]
-    single = np.diag(1.0 / np.linalg.norm(laplace.information_root(posterior, theta), axis=0))
+    information = laplace.information_root(posterior, theta)
+    single = np.diag(1.0 / np.linalg.norm(information, axis=0))
     slope = _slopes(lambda logs: posterior.density(np.exp(logs)), np.log(theta), single)
     # Along the principal directions in the sampler's coordinates, where ridges are straight.
     principal = _slopes(
         lambda z: posterior.density(posterior.coordinates.to_physical(z)),
         z,
-        laplace.root(laplace.covariance(posterior, theta)).T,
+        laplace.root(laplace.covariance(posterior, theta, information)).T,
     )
     return Mode(
         values=best.end,

@@ -3,22 +3,22 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Sequence
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
 
-from bayesdrill import build, job, pipeline, provenance
+from bayesdrill import build, job, loading, pipeline, provenance
+from bayesdrill import config as records
 from bayesdrill.crew import Crew
 from bayesdrill.errors import InputError, Interrupted
 from bayesdrill.identifiability.scenes import Scenery
 from bayesdrill.identifiability.study import study_of
 from bayesdrill.job import Job
+from bayesdrill.models.motor_shaft import MotorShaft
 from bayesdrill.optimisers.contract import Optimiser
 from bayesdrill.progress import Reporter, Silent
 from bayesdrill.report import paper_report, paper_tables
@@ -37,6 +37,7 @@ from bayesdrill.reproduction.findings import Findings, Misfits, Nine
 from bayesdrill.reproduction.truths import truth_of
 from bayesdrill.reproduction.verification import Verification, verify
 from bayesdrill.store import RUN, Folder
+from bayesdrill.yaml_source import Source
 
 Array = NDArray[np.float64]
 
@@ -47,7 +48,8 @@ RECORDS = 400  # of each sigma in the verification study
 STARTS = 40  # of the simultaneous searches, each way
 OTHERS = 24  # further starts of the heuristic ...
 EVALUATIONS = 50_000  # ... which may spend so many
-CONTROLS = 12  # records of the rig that is as the table says
+CONTROLS = 12  # records of the rig that is as the table says, at each of ...
+SIGMAS = (0.01, 0.1, 1.0)
 LENGTHS = ((1.0, 1000.0), (10.0, 100.0), (10.0, 1000.0), (100.0, 100.0), (100.0, 1000.0))
 TONES = 4
 
@@ -63,68 +65,101 @@ def reproduce(
     configs: Path, output: Path, processes: int, report: Reporter, *, force: bool
 ) -> Outcome:
     """Everything, from the configs of a folder; the tables do not depend on `processes`."""
-    jobs = {name: job.prepare(configs / name) for name in (TWO, *NINES)}
-    _refuse_unknown_noise(jobs)
+    studies = _studies(configs)
     if (output / RUN).exists() and not force:
         message = "results exist already; make them anew with --force, or give another --output"
         raise InputError.one(str(output), message)
     with Folder(output, "force" if force else "fresh", {}, own=paper_report.OWN) as folder:
         folder.write_run(status="running", versions=provenance.versions())
         try:
-            findings = _studies(jobs, configs, folder, processes, _Clock(report))
-        except (KeyboardInterrupt, Interrupted):
+            findings = _run(studies, folder, processes, _Clock(report))
+        except BaseException as error:
             folder.write_run(status="interrupted")
-            raise Interrupted(
-                f"stopped; {output} is not complete; start over with --force"
-            ) from None
-        except BrokenProcessPool:
-            folder.write_run(status="interrupted")
-            message = "a worker process was killed (out of memory?); start over with --force"
-            raise InputError.one(str(output), message) from None
+            raise _to_tell(error, output) from None
     return Outcome(
         folder=output, converged=findings.converged, text=paper_tables.in_words(findings)
     )
 
 
-def _studies(
-    jobs: Mapping[str, Job], configs: Path, folder: Folder, processes: int, clock: _Clock
-) -> Findings:
-    two = jobs[TWO]
-    readings, errors = _forward(two)
+def _to_tell(error: BaseException, output: Path) -> BaseException:
+    """What stopped the studies, with the way out that this job has."""
+    if isinstance(error, KeyboardInterrupt | Interrupted):
+        return Interrupted(f"stopped; {output} is not complete; start over with --force")
+    if isinstance(error, BrokenProcessPool):
+        message = "a worker process was killed (out of memory?); start over with --force"
+        return InputError.one(str(output), f"{message}, and fewer --processes, which need less")
+    return error
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Studies:
+    """`pairwise`: the heuristic for the unknowns of each of `nines`; `makers` made the records."""
+
+    two: Job
+    nines: tuple[Job, ...]
+    pairwise: tuple[Optimiser, ...]
+    makers: tuple[tuple[records.Config, Source], ...]
+
+
+def _studies(configs: Path) -> _Studies:
+    """Raises `InputError` with all that would stop them later."""
+    two, *nines = (job.prepare(configs / name) for name in (TWO, *NINES))
+    makers = tuple(loading.load(configs / name) for name in MAKERS)
+    problems = [
+        own.source.problem(
+            ("record", "channels"),
+            "the paper's misfit needs known noise; give each sigma as a number",
+        )
+        for own in (two, *nines)
+        if own.problem.posterior.likelihood.noise.unknown
+    ]
+    if set(two.problem.names) != set(printed.START):
+        message = (
+            f"Table 2 has the unknowns {' and '.join(printed.START)}; give a prior to these alone"
+        )
+        problems.append(two.source.problem(("parameters",), message))
+    for nine in nines:
+        if len(set(nine.problem.names) & set(printed.NINE_PARAMETERS)) < 2:
+            message = "the heuristic needs two unknown parameters or more; give a prior to more"
+            problems.append(nine.source.problem(("parameters",), message))
+    if problems:
+        raise InputError(problems)
+    pairwise = tuple(_pairwise(nine) for nine in nines)
+    return _Studies(two=two, nines=tuple(nines), pairwise=pairwise, makers=makers)
+
+
+def _run(studies: _Studies, folder: Folder, processes: int, clock: _Clock) -> Findings:
+    two = studies.two
     verification, lengths = _verification(two, processes)
     clock.done(f"two parameters: {RECORDS} records at each of {len(verification.sigmas)} sigmas")
-    nines = [_nine(jobs[name], configs, folder.path, processes, clock) for name in NINES]
-    ends, symmetries = _simultaneous(jobs[NINES[0]], nines[0], processes)
+    nines = [
+        _nine(nine, search, studies.makers, folder.path, processes, clock)
+        for nine, search in zip(studies.nines, studies.pairwise, strict=True)
+    ]
+    first = studies.nines[0]
+    ends, symmetries = _simultaneous(first, nines[0], processes)
     clock.done(f"all at once: {len(ends)} searches")
-    nominal = two.problem.nominal
+    controls = _control(first, studies.pairwise[0], processes)
+    clock.done(f"the heuristic on {CONTROLS} nominal records at each of {len(SIGMAS)} sigmas")
+    experiment, nominal = two.problem.experiment, two.problem.nominal
     findings = Findings(
-        readings=readings,
-        errors=errors,
+        readings=forward.readings(experiment, nominal),
+        errors=forward.errors(experiment, nominal),
         verification=verification,
         lengths=lengths,
+        implied=bounds.implied_noise(bounds.at_sigma_1(two.problem.posterior.likelihood, nominal)),
         searched=nines[0].name,
         symmetries=symmetries,
         ends=ends,
-        control=_control(jobs[NINES[0]], processes),
+        control=controls,
         nines=tuple(nines),
-        tones=shaft.tones(nominal["j_1"], nominal["j_m"] / causes.I_M**2, TONES),
+        tones=shaft.tones(nominal["j_1"], nominal["j_m"] / MotorShaft().i_m ** 2, TONES),
     )
     with Crew(two.problem.posterior, processes) as crew:
         paper_report.write(findings, folder, crew)
     clock.done("tables and figures")
     folder.write_run(status="finished", converged=findings.converged, seconds=clock.seconds)
     return findings
-
-
-def _refuse_unknown_noise(jobs: Mapping[str, Job]) -> None:
-    message = "the paper's misfit needs known noise; give each sigma as a number"
-    found = [
-        own.source.problem(("record", "channels"), message)
-        for own in jobs.values()
-        if own.problem.posterior.likelihood.noise.unknown
-    ]
-    if found:
-        raise InputError(found)
 
 
 class _Clock:
@@ -142,27 +177,20 @@ class _Clock:
         self._last = now
 
 
-def _forward(two: Job) -> tuple[Any, Any]:
-    experiment = two.problem.experiment
-    return (
-        forward.readings(experiment, two.problem.nominal),
-        forward.errors(experiment, two.problem.nominal),
-    )
-
-
 def _verification(two: Job, processes: int) -> tuple[Verification, tuple[bounds.Length, ...]]:
     posterior = two.problem.posterior
-    truth = posterior.space.vector(two.problem.nominal)
+    nominal = two.problem.nominal
+    truth = posterior.space.vector(nominal)
     sigmas = tuple(printed.TWO_PARAMETERS)
     with Crew(posterior, processes) as crew:
         found = verify(crew, posterior, truth, sigmas, RECORDS, pipeline.plan(two.config))
-    return found, bounds.lengths(posterior.likelihood, truth, LENGTHS)
+    return found, bounds.lengths(posterior.likelihood, nominal, LENGTHS)
 
 
-def _control(nine: Job, processes: int) -> tuple[Control, ...]:
-    posterior = nine.problem.posterior
+def _control(nine: Job, search: Optimiser, processes: int) -> tuple[Control, ...]:
+    posterior, seed = nine.problem.posterior, nine.config.seed
     with Crew(posterior, processes) as crew:
-        return control(crew, posterior, _pairwise(nine), EVALUATIONS, CONTROLS, nine.config.seed)
+        return control(crew, posterior, search, EVALUATIONS, SIGMAS, CONTROLS, seed)
 
 
 def _pairwise(nine: Job) -> Optimiser:
@@ -171,21 +199,27 @@ def _pairwise(nine: Job) -> Optimiser:
     return build.optimiser(repeated, nine.problem.names)
 
 
-def _nine(nine: Job, configs: Path, folder: Path, processes: int, clock: _Clock) -> Nine:
+def _nine(
+    nine: Job,
+    search: Optimiser,
+    makers: Sequence[tuple[records.Config, Source]],
+    folder: Path,
+    processes: int,
+    clock: _Clock,
+) -> Nine:
     """Heuristic and posterior of one record; the posterior has a results folder of its own."""
     name, posterior = nine.config.name, nine.problem.posterior
     with Crew(posterior, processes) as crew:
-        found = heuristic.run(
-            crew, posterior, _pairwise(nine), EVALUATIONS, OTHERS, nine.config.seed
-        )
-    clock.done(f"{name}: the heuristic from {OTHERS + 1} starts")
+        found = heuristic.run(crew, posterior, search, EVALUATIONS, OTHERS, nine.config.seed)
+    clock.done(f"{name}: the heuristic from {OTHERS + 1} starts, and with the paper's integrator")
     whole = pipeline.posterior(nine, folder / name, "force", processes, Silent())
     state = "converged" if whole.sampled.convergence.converged else "NOT converged"
     clock.done(f"{name}: the posterior, {state}")
     draws = whole.sampled.draws.reshape(-1, len(found.estimate))
-    values = truth_of(nine.config, nine.source, [configs / maker for maker in MAKERS])
+    values = truth_of(nine.config, nine.source, makers)
     truth = None if values is None else posterior.space.vector(values)
-    assert whole.verdict is not None  # the nine have nominal values
+    mode = posterior.space.vector(whole.mode.values)
+    assert whole.verdict is not None  # there are unknowns with nominal values
     return Nine(
         name=name,
         names=nine.problem.names,
@@ -195,34 +229,33 @@ def _nine(nine: Job, configs: Path, folder: Path, processes: int, clock: _Clock)
         truth=truth,
         draws=draws,
         verdict=whole.verdict,
-        misfits=_misfits(nine, found.guess, found.estimate, whole.mode.values, truth),
-        causes=causes.causes(nine.problem.names, found.guess, found.estimate, draws),
+        misfits=_misfits(nine, found, mode, truth),
+        causes=causes.causes(posterior, mode, found.estimate, draws),
         converged=whole.sampled.convergence.converged,
     )
 
 
-def _misfits(
-    nine: Job, guess: Array, estimate: Array, mode: Mapping[str, float], truth: Array | None
-) -> Misfits:
+def _misfits(nine: Job, found: heuristic.Heuristic, mode: Array, truth: Array | None) -> Misfits:
     posterior = nine.problem.posterior
-    noise = posterior.likelihood.noise
-    numbers = noise.n_samples * noise.n_channels
-    low, high = chi2.ppf((0.025, 0.975), numbers) / numbers
+    numbers = posterior.likelihood.numbers
+    low, high = misfit.expected(numbers)
     return Misfits(
         record=nine.config.name,
         numbers=numbers,
-        guess=misfit.per_number(posterior, guess),
-        heuristic=misfit.per_number(posterior, estimate),
-        map=misfit.per_number(posterior, posterior.space.vector(mode)),
+        guess=misfit.per_number(posterior, found.guess),
+        heuristic=misfit.per_number(posterior, found.estimate),
+        others=float(found.others_misfits.max()),
+        stepped=found.stepped_misfit,
+        map=misfit.per_number(posterior, mode),
         truth=None if truth is None else misfit.per_number(posterior, truth),
-        low=float(low),
-        high=float(high),
+        low=low,
+        high=high,
     )
 
 
 def _simultaneous(
     nine: Job, found: Nine, processes: int
-) -> tuple[tuple[simultaneous.End, ...], tuple[str, ...]]:
+) -> tuple[tuple[simultaneous.End, ...], tuple[tuple[str, ...], ...]]:
     """Distances are from the truth, or else from the median of the posterior."""
     posterior = nine.problem.posterior
     centre = posterior.space.vector(posterior.space.start)
@@ -232,8 +265,8 @@ def _simultaneous(
         ends = simultaneous.many(
             crew, posterior, reference, structure.symmetries, STARTS, nine.config.seed
         )
-    words = tuple(
-        ", ".join(name for name, e in zip(found.names, exponents, strict=False) if e)
+    scaled = tuple(
+        tuple(name for name, e in zip(found.names, exponents, strict=False) if e)
         for exponents in structure.symmetries
     )
-    return ends, words
+    return ends, scaled

@@ -55,7 +55,9 @@ class Outcome:
 
 
 def posterior(job: Job, output: Path, how: store.Mode, processes: int, report: Reporter) -> Outcome:
-    """The whole job. Raises `Interrupted` when asked to stop; what was sampled is saved."""
+    """The whole job. Raises `Interrupted` when asked to stop, and `BrokenProcessPool` when a worker
+    was killed; what was sampled is saved.
+    """
     marks = provenance.fingerprint(job.config, job.problem)
     with Folder(output, how, marks) as folder:
         report.say(words.opening(job.problem))
@@ -70,8 +72,7 @@ def posterior(job: Job, output: Path, how: store.Mode, processes: int, report: R
             raise Interrupted(message) from None
         except BrokenProcessPool:
             folder.write_run(status="interrupted")
-            message = "a worker process was killed (out of memory?); continue with --resume"
-            raise InputError.one(str(output), message) from None
+            raise
 
 
 def _run(job: Job, folder: Folder, processes: int, report: Reporter) -> Outcome:

@@ -17,6 +17,8 @@ Purpose = Literal[
     "calibrate",
     "identify",
     "reproduce",
+    "around",
+    "starts",
 ]
 
 _ORDER: tuple[Purpose, ...] = get_args(Purpose)

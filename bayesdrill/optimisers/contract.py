@@ -36,7 +36,9 @@ class Task:
 class Optimum:
     """The best point found from one start, physical: `theta (D,)`.
 
-    `history`: the best log density after each iteration of a simplex.
+    `value`: the highest seen; `evaluations`: all that were made.  `settled`: the search stopped by
+    itself, before its evaluations ran out.  `history`: the best log density after each iteration of a
+    simplex.
     """
 
     theta: Array

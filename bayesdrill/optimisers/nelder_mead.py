@@ -28,15 +28,10 @@ TENTH = 0.1  # ... and there first steps of the simplex are this, in a log of ea
 def maximise(task: Task, start: Array, evaluations: int) -> Optimum:
     """See `optimisers.contract.Optimiser`."""
     physical = task.coordinates.to_physical
-    z, value, spent, settled = (
-        task.coordinates.from_physical(start[None])[0],
-        task.at(start),
-        0,
-        False,
-    )
+    z, spent = task.coordinates.from_physical(start[None])[0], 0
     history: list[float] = []
-    gain = np.inf
-    while not settled and spent < evaluations:
+    gain, done = np.inf, False
+    while not done and spent < evaluations:
         root = _steps(task, physical(z[None])[0], far=gain > FAR)
         run = descend(
             partial(_lost, task, z, root),
@@ -48,16 +43,16 @@ def maximise(task: Task, start: Array, evaluations: int) -> Optimum:
             adaptive=len(z) > 2,
         )
         spent += run.evaluations
-        gain = -run.lowest - value
+        gain = run.first - run.lowest
         if gain > 0:
-            z, value = z + root @ run.x, -run.lowest
-        settled = gain < LOG_TOLERANCE
+            z = z + root @ run.x
+        done = gain < LOG_TOLERANCE
         history += [-low for low in run.history]
     return Optimum(
         theta=physical(z[None])[0],
-        value=value,
+        value=-run.lowest,
         evaluations=spent,
-        settled=settled,
+        settled=done and run.stopped,
         history=tuple(history),
     )
 

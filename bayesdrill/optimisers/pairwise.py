@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from bayesdrill.optimisers.contract import Optimum, Task
 from bayesdrill.optimisers.fminsearch import TOLERANCE, misfit
-from bayesdrill.optimisers.simplex import descend
+from bayesdrill.optimisers.simplex import Run, descend
 
 Array = NDArray[np.float64]
 Pairs = tuple[tuple[str, str], ...]
@@ -48,26 +48,30 @@ def maximise(
 
     `iterations` of each pair; a cycle that lowers the misfit by less than `steady` is the last.
     """
-    theta, lowest, spent, settled = start.copy(), misfit(task, start), 0, False
+    theta, spent, settled = start.copy(), 0, False
     columns = [[task.names.index(name) for name in pair] for pair in pairs]
     history: list[float] = []
     while not settled and spent < evaluations:
-        before = lowest
+        cycle: list[Run] = []
         for pair in columns:
+            if spent == evaluations:
+                break
             run = descend(
                 partial(_misfit, task, theta, pair),
                 theta[pair],
                 xatol=TOLERANCE,
                 fatol=TOLERANCE,
                 maxiter=iterations,
+                maxfev=evaluations - spent,
             )
-            theta, lowest = _with(theta, pair, run.x), run.lowest
+            theta = _with(theta, pair, run.x)
             spent += run.evaluations
             history += run.history
-        settled = before - lowest < steady
+            cycle.append(run)
+        settled = spent < evaluations and cycle[0].first - cycle[-1].lowest < steady
     return Optimum(
         theta=theta,
-        value=-0.5 * lowest,
+        value=-0.5 * cycle[-1].lowest,
         evaluations=spent,
         settled=settled,
         history=tuple(-0.5 * low for low in history),

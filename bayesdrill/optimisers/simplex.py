@@ -14,9 +14,12 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Run:
-    """`history`: the lowest value after each iteration; `stopped`: by its tolerances."""
+    """`first`: the value at the start; `history`: the lowest value after each iteration; `stopped`: by
+    its tolerances.
+    """
 
     x: Array
+    first: float
     lowest: float
     evaluations: int
     stopped: bool
@@ -31,16 +34,27 @@ def descend(function: Callable[[Array], float], start: Array, **options: Any) ->
     """
     from scipy.optimize import OptimizeResult, minimize  # late: 0.3 s, and few commands optimise
 
+    values: list[float] = []
     history: list[float] = []
+    best, lowest = start, np.inf
+
+    # SciPy may forget the best point, if it finds that in an iteration that `maxfev` cuts.
+    def noted(x: Array) -> float:
+        nonlocal best, lowest
+        values.append(function(x))
+        if values[-1] < lowest:
+            best, lowest = x, values[-1]
+        return values[-1]
 
     def note(intermediate_result: OptimizeResult) -> None:
-        history.append(float(intermediate_result.fun))
+        history.append(lowest)
 
-    found = minimize(function, start, method="Nelder-Mead", callback=note, options=options)
+    found = minimize(noted, start, method="Nelder-Mead", callback=note, options=options)
     return Run(
-        x=np.asarray(found.x),
-        lowest=float(found.fun),
-        evaluations=int(found.nfev),
+        x=best if lowest < found.fun else np.asarray(found.x),
+        first=values[0],
+        lowest=lowest,
+        evaluations=len(values),
         stopped=bool(found.status == 0),
         history=tuple(history),
     )

@@ -9,7 +9,9 @@ import numpy as np
 
 from bayesdrill import symbols
 from bayesdrill.diagnostics import hdi
+from bayesdrill.report.identify_words import product
 from bayesdrill.reproduction import printed
+from bayesdrill.reproduction.bounds import Length
 from bayesdrill.reproduction.findings import Findings, Nine
 from bayesdrill.reproduction.verification import Verification
 
@@ -36,14 +38,17 @@ class Line2:
     spread_fminsearch_percent: float
     spread_scaled_percent: float
     efficiency_scaled: float
+    records: int
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Line3:
-    """A line of Table 3.  Deviations are relative to the initial guess, `off_percent` to the truth.
+    """A line of Table 3.  Deviations are relative to the initial guess, with their signs; those off
+    the truth, `*off_percent`, to that.
 
-    `starts_percent`: standard deviation of the estimates from other starts.  `posterior`: its median;
-    HDI: of the logarithm, 94 %; `holds`: whether the truth is in it.
+    `stepped`: the heuristic with the paper's integrator.  `starts_percent`: standard deviation of the
+    estimates from other starts, over the guess.  `posterior`: its median; HDI: of the logarithm, 94 %;
+    `holds`: whether the truth is in it.
     """
 
     parameter: str
@@ -53,9 +58,13 @@ class Line3:
     printed_percent: float
     heuristic: float
     heuristic_percent: float
+    stepped: float
+    stepped_percent: float
     starts_percent: float
     truth: float | None
+    true_percent: float | None
     off_percent: float | None
+    stepped_off_percent: float | None
     posterior: float
     hdi_low: float
     hdi_high: float
@@ -67,7 +76,8 @@ class Line3:
 class Way:
     """All searches of one way: how many are as good as the best, and how those lie apart.
 
-    `scale_*`: standard deviation along a symmetry, `rest`: off both, of the logs; 0.01 is 1 %.
+    `scale_*`: standard deviation along a symmetry, `rest`: off both, of the logs; 0.01 is 1 %.  None
+    where there is none.
     """
 
     way: str
@@ -77,10 +87,31 @@ class Way:
     settled: int
     misfit_median: float
     misfit_worst: float
-    scale_1: float
-    scale_2: float
-    rest: float
-    distance: float
+    scale_1: float | None
+    scale_2: float | None
+    rest: float | None
+    distance: float | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LineLength:
+    """Cramer-Rao bounds of a record at sigma 0.001, and how many such records at sigma 1 attain c_m."""
+
+    duration: float
+    rate: float
+    c_m_percent: float
+    k_e_percent: float
+    repeats: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Said:
+    """A product in the verdict on one record."""
+
+    product: str
+    deviation_percent: float
+    sigmas: float
+    says: str
 
 
 def lines_2(found: Verification) -> tuple[Line2, ...]:
@@ -109,6 +140,7 @@ def lines_2(found: Verification) -> tuple[Line2, ...]:
                 spread_fminsearch_percent=percent * cell.sd_fminsearch,
                 spread_scaled_percent=percent * cell.sd_scaled,
                 efficiency_scaled=cell.sd_scaled / cell.bound,
+                records=found.records,
             )
         )
     return tuple(lines)
@@ -125,7 +157,9 @@ def lines_3(nine: Nine) -> tuple[Line3, ...]:
         if name not in nine.names:
             continue
         k = nine.names.index(name)
-        guess, estimate = float(nine.heuristic.guess[k]), float(nine.heuristic.estimate[k])
+        found = nine.heuristic
+        guess, estimate = float(found.guess[k]), float(found.estimate[k])
+        stepped = float(found.stepped[k])
         truth = None if nine.truth is None else float(nine.truth[k])
         low, high = np.exp(hdi(np.log(nine.draws[:, k])))
         lines.append(
@@ -134,12 +168,16 @@ def lines_3(nine: Nine) -> tuple[Line3, ...]:
                 unit=symbols.PARAMETERS[name].plain_unit,
                 guess=guess,
                 printed=paper.value,
-                printed_percent=paper.deviation,
+                printed_percent=printed.signed_deviation(name),
                 heuristic=estimate,
-                heuristic_percent=100 * abs(estimate / guess - 1),
-                starts_percent=100 * float(nine.heuristic.others[:, k].std(ddof=1)) / guess,
+                heuristic_percent=100 * (estimate / guess - 1),
+                stepped=stepped,
+                stepped_percent=100 * (stepped / guess - 1),
+                starts_percent=100 * float(found.others[:, k].std(ddof=1)) / guess,
                 truth=truth,
+                true_percent=None if truth is None else 100 * (truth / guess - 1),
                 off_percent=None if truth is None else 100 * (estimate / truth - 1),
+                stepped_off_percent=None if truth is None else 100 * (stepped / truth - 1),
                 posterior=float(np.median(nine.draws[:, k])),
                 hdi_low=float(low),
                 hdi_high=float(high),
@@ -154,8 +192,8 @@ def ways(found: Findings) -> tuple[Way, ...]:
     lines = []
     for way in dict.fromkeys(end.way for end in found.ends):
         ends = [end for end in found.ends if end.way == way]
-        there = [end for end in ends if end.best] or ends
-        scales = np.array([(*end.scales, np.nan, np.nan)[:2] for end in there])
+        there = [end for end in ends if end.best]
+        scales = [_spread([end.scales[k] for end in there if len(end.scales) > k]) for k in (0, 1)]
         misfits = np.array([end.misfit for end in ends])
         lines.append(
             Way(
@@ -166,8 +204,8 @@ def ways(found: Findings) -> tuple[Way, ...]:
                 settled=sum(end.settled for end in ends),
                 misfit_median=float(np.median(misfits)),
                 misfit_worst=float(misfits.max()),
-                scale_1=float(scales[:, 0].std()),
-                scale_2=float(scales[:, 1].std()),
+                scale_1=scales[0],
+                scale_2=scales[1],
                 rest=_rms([end.rest for end in there]),
                 distance=_rms([end.distance for end in there]),
             )
@@ -175,5 +213,35 @@ def ways(found: Findings) -> tuple[Way, ...]:
     return tuple(lines)
 
 
-def _rms(values: Sequence[float]) -> float:
-    return float(np.sqrt(np.mean(np.square(values))))
+def lengths(found: Sequence[Length], attained: float) -> tuple[LineLength, ...]:
+    """`attained`: per cent of c_m at sigma 1."""
+    return tuple(
+        LineLength(
+            duration=line.duration,
+            rate=line.rate,
+            c_m_percent=0.1 * line.bounds["c_m"],  # 100 % at a thousandth
+            k_e_percent=0.1 * line.bounds["k_e"],
+            repeats=(100 * line.bounds["c_m"] / attained) ** 2,
+        )
+        for line in found
+    )
+
+
+def said(nine: Nine) -> tuple[Said, ...]:
+    return tuple(
+        Said(
+            product=product(nine.verdict.names, q.exponents),
+            deviation_percent=100 * q.deviation,
+            sigmas=q.tension,
+            says=q.says,
+        )
+        for q in nine.verdict.products
+    )
+
+
+def _spread(values: Sequence[float]) -> float | None:
+    return float(np.std(values)) if values else None
+
+
+def _rms(values: Sequence[float]) -> float | None:
+    return float(np.sqrt(np.mean(np.square(values)))) if values else None

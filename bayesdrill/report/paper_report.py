@@ -5,11 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 import bayesdrill
 from bayesdrill import symbols
 from bayesdrill.crew import Crew
 from bayesdrill.optimisers.pairwise import ORDER, circle
-from bayesdrill.report.paper_tables import Table, tables
+from bayesdrill.report.paper_cells import Table
+from bayesdrill.report.paper_tables import tables
 from bayesdrill.report.publish import draw
 from bayesdrill.reproduction import printed
 from bayesdrill.reproduction.findings import Findings
@@ -51,6 +54,11 @@ def report(made: Sequence[Table], figures: Mapping[str, str]) -> str:
     return "\n\n".join(parts) + "\n"
 
 
+def _paper(name: str) -> float:
+    """What Table 3 prints; NaN of what is not in it."""
+    return printed.NINE_PARAMETERS[name].value if name in printed.NINE_PARAMETERS else np.nan
+
+
 def _figures(found: Findings) -> list[Wanted]:
     from bayesdrill.report import paper_plots as plots
     from bayesdrill.report import paper_search_plots as search
@@ -59,8 +67,7 @@ def _figures(found: Findings) -> list[Wanted]:
 
     heuristics = [(nine.name, nine.heuristic) for nine in found.nines]
     latex = [
-        ", ".join(symbols.PARAMETERS[name].latex for name in words.split(", "))
-        for words in found.symmetries
+        ", ".join(symbols.PARAMETERS[name].latex for name in names) for names in found.symmetries
     ]
     wanted: list[Wanted] = [
         ("rig", "The rig.", rig_figure, ()),
@@ -87,7 +94,7 @@ def _figures(found: Findings) -> list[Wanted]:
             "convergence",
             "Misfit after each iteration of the heuristic.",
             search.convergence_figure,
-            (heuristics, None),
+            (heuristics,),
         ),
     ]
     for nine in found.nines:
@@ -100,7 +107,8 @@ def _figures(found: Findings) -> list[Wanted]:
                 (nine.experiment, nine.signals),
             )
         )
-        values = (nine.names, h.guess, h.estimate, h.others, nine.truth, nine.draws)
+        paper = np.array([_paper(name) for name in nine.names])
+        values = (nine.names, h.guess, h.estimate, h.others, nine.truth, nine.draws, paper)
         wanted.append(
             (
                 f"table_3_{nine.name}",

@@ -150,10 +150,8 @@ PATHS: tuple[Look, ...] = (
 )
 
 
-def convergence_figure(
-    found: Sequence[tuple[str, Heuristic]], per_cycle: int | None = None
-) -> Figure:
-    """Misfit per number after each iteration, by name of the record; a line every `per_cycle`."""
+def convergence_figure(found: Sequence[tuple[str, Heuristic]]) -> Figure:
+    """Misfit per number after each iteration, by name of the record."""
     width, top = style.DOUBLE * 0.72, 0.46
     height = top + ROW - 0.3 + BOTTOM
     with style.styled():
@@ -174,14 +172,6 @@ def convergence_figure(
             panel.plot(len(misfits) - 1, misfits[-1], marker="o", markersize=4, color=look["color"])
             handles.append(Line2D([], [], label=f"record {name}".replace("$", r"\$"), **look))
         last = max(len(heuristic.misfits) - 1 for _, heuristic in found)
-        if per_cycle is not None:
-            for cycle in range(per_cycle, last + 1, per_cycle):
-                panel.axvline(cycle, color=style.LIGHT, linewidth=0.5, zorder=0)
-            handles.append(
-                Line2D(
-                    [], [], color=style.LIGHT, linewidth=0.8, label=f"every {per_cycle} iterations"
-                )
-            )
         panel.axhline(1.0, **FLOOR)
         handles.append(Line2D([], [], label="noise floor", **FLOOR))
         _misfit_axis(panel, np.concatenate([heuristic.misfits for _, heuristic in found]))

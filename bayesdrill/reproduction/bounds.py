@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -13,6 +14,7 @@ from bayesdrill.experiment import regular
 from bayesdrill.identifiability.information import from_sensitivities
 from bayesdrill.identifiability.scenes import Scenery
 from bayesdrill.likelihood import Likelihood
+from bayesdrill.reproduction import printed
 from bayesdrill.response import Response
 
 Array = NDArray[np.float64]
@@ -35,8 +37,15 @@ def bounds(likelihood: Likelihood, truth: Array) -> Array:
     return np.asarray(known.bounds() * truth)
 
 
+def at_sigma_1(likelihood: Likelihood, truth: Mapping[str, float]) -> dict[str, float]:
+    """`bounds` relative to the truth, by unknown."""
+    theta = likelihood.space.vector(truth)
+    relative = bounds(likelihood, theta) / theta
+    return dict(zip(likelihood.space.free, map(float, relative), strict=True))
+
+
 def lengths(
-    likelihood: Likelihood, truth: Array, grid: Sequence[tuple[float, float]]
+    likelihood: Likelihood, truth: Mapping[str, float], grid: Sequence[tuple[float, float]]
 ) -> tuple[Length, ...]:
     """Of records of (duration [s], rate [Hz]), otherwise like the one there is."""
     found = []
@@ -48,7 +57,44 @@ def lengths(
             response=response,
             noise=dataclasses.replace(likelihood.noise, n_samples=len(experiment.t)),
         )
-        relative = bounds(longer, truth) / truth
-        named = dict(zip(likelihood.space.free, map(float, relative), strict=True))
-        found.append(Length(duration=duration, rate=rate, bounds=named))
+        found.append(Length(duration=duration, rate=rate, bounds=at_sigma_1(longer, truth)))
     return tuple(found)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Implied:
+    """Deviations of Table 2 in per cent, and the noise whose Cramer-Rao bound each is.
+
+    `row`: the sigma_n of Table 2, `rms` over all of them, or `bound`: the bounds at 0.001.
+    """
+
+    row: str
+    c_m_percent: float
+    k_e_percent: float
+    ratio: float
+    noise_c_m: float
+    noise_k_e: float
+
+
+def implied_noise(one: Mapping[str, float]) -> tuple[Implied, ...]:
+    """Given the relative bounds at sigma 1: what noise the printed deviations would come from."""
+    table = {
+        f"{sigma:g}": {name: cell.deviation for name, cell in row.items()}
+        for sigma, row in printed.TWO_PARAMETERS.items()
+    }
+    squares = {
+        name: float(np.mean([row[name] ** 2 for row in table.values()])) for name in printed.START
+    }
+    table["rms"] = {name: math.sqrt(square) for name, square in squares.items()}
+    table["bound"] = {name: 100 * 1e-3 * one[name] for name in printed.START}
+    return tuple(
+        Implied(
+            row=label,
+            c_m_percent=row["c_m"],
+            k_e_percent=row["k_e"],
+            ratio=row["c_m"] / row["k_e"],
+            noise_c_m=row["c_m"] / 100 / one["c_m"],
+            noise_k_e=row["k_e"] / 100 / one["k_e"],
+        )
+        for label, row in table.items()
+    )

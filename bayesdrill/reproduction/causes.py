@@ -14,12 +14,20 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from bayesdrill import derived
+from bayesdrill.build import usual_inputs
 from bayesdrill.diagnostics import hdi
+from bayesdrill.identifiability.information import from_sensitivities
+from bayesdrill.identifiability.scenes import Scenery
+from bayesdrill.models.linear import Model, Named
+from bayesdrill.models.motor_shaft import MotorShaft
+from bayesdrill.models.two_rotors import TwoRotors
+from bayesdrill.posterior import Posterior
 from bayesdrill.reproduction import printed
 
 Array = NDArray[np.float64]
 
-# The seven products that neither symmetry changes, and what follows from them.
+# The seven products that neither symmetry changes, and some that follow from them.
 PRODUCTS: Mapping[str, Mapping[str, int]] = {
     "k_s/j_1": {"k_s": 1, "j_1": -1},
     "k_s/j_m": {"k_s": 1, "j_m": -1},
@@ -31,19 +39,22 @@ PRODUCTS: Mapping[str, Mapping[str, int]] = {
     "k_T/(r_m j_m)": {"k_T": 1, "r_m": -1, "j_m": -1},
     "r_m j_m/(k_T k_e)": {"r_m": 1, "j_m": 1, "k_T": -1, "k_e": -1},
 }
-J_2, R_S, I_M = 7.0e-3, 0.2, 1 / 8  # kg m^2, ohm
+FOLLOWING = ("w_end", "zeta")  # of `derived`: no products, but no symmetry changes them either
+J_2, R_S = 7.0e-3, 0.2  # kg m^2, ohm
+STEP = 1e-4  # of a log, for slopes
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Cause:
-    """A product over its value at the initial guesses.
+    """A quantity over its value at the paper's initial guesses.
 
     `table_3`: of the printed estimates, `table_3_digits` of those with the digits of the percentages;
     `j_2`, `r_s`, `both`: of a rig with that missing; `k_T`: of one whose k_T equals k_e; the rest: of
-    the record, by the heuristic and the posterior (median, and 94 % HDI of the logarithm).
+    the record, by the heuristic and the posterior (median, and 94 % HDI of the logarithm).  `alone`:
+    Cramer-Rao bound of the sd of its log without any prior, at the MAP; inf if not determined.
     """
 
-    product: str
+    quantity: str
     table_3: float
     table_3_digits: float
     j_2: float
@@ -54,43 +65,78 @@ class Cause:
     posterior: float
     hdi_low: float
     hdi_high: float
+    alone: float
 
 
-def causes(
-    names: tuple[str, ...], guess: Array, estimate: Array, draws: Array
-) -> tuple[Cause, ...]:
-    """From the initial guess, the heuristic's estimate `(D,)` and draws `(N, D)`, all of `names`."""
+def causes(posterior: Posterior, mode: Array, estimate: Array, draws: Array) -> tuple[Cause, ...]:
+    """From the MAP and the heuristic's estimate `(D,)`, and draws `(N, D)`."""
+    inputs = usual_inputs(posterior.likelihood.response.experiment)
+    guess = quantities(MotorShaft(), printed.GUESS, inputs, 1)
+    rigs: dict[str, Mapping[str, float]] = {
+        "table_3": {n: e.value for n, e in printed.NINE_PARAMETERS.items()},
+        "table_3_digits": {n: printed.implied(n) for n in printed.GUESS},
+        "j_2": with_missing(j_2=J_2),
+        "r_s": with_missing(r_s=R_S),
+        "both": with_missing(j_2=J_2, r_s=R_S),
+        "k_T": {**printed.GUESS, "k_T": printed.GUESS["k_e"]},
+    }
+    columns = {name: quantities(MotorShaft(), rig, inputs, 1) for name, rig in rigs.items()}
+    columns["heuristic"] = _at(posterior, estimate[None], inputs)
+    drawn = _at(posterior, draws, inputs)
+    alone = _alone(posterior, mode, inputs)
     found = []
-    for product, powers in PRODUCTS.items():
-        if not set(powers) <= set(names):
-            continue
-        exponents = np.array([powers.get(name, 0) for name in names], dtype=float)
-        logs = np.log(draws / guess) @ exponents
+    for name, value in guess.items():
+        logs = np.log(drawn[name] / value)
+        logs = logs[np.isfinite(logs)]
         low, high = np.exp(hdi(logs))
         found.append(
             Cause(
-                product=product,
-                table_3=_of({n: e.value for n, e in printed.NINE_PARAMETERS.items()}, powers),
-                table_3_digits=_of({n: printed.implied(n) for n in printed.GUESS}, powers),
-                j_2=_of(with_missing(j_2=J_2, r_s=0.0), powers),
-                r_s=_of(with_missing(j_2=0.0, r_s=R_S), powers),
-                both=_of(with_missing(j_2=J_2, r_s=R_S), powers),
-                heuristic=float(np.exp(np.log(estimate / guess) @ exponents)),
-                k_T=_of({**printed.GUESS, "k_T": printed.GUESS["k_e"]}, powers),
+                quantity=name,
+                **{column: float((own[name] / value)[0]) for column, own in columns.items()},
                 posterior=float(np.exp(np.median(logs))),
                 hdi_low=float(low),
                 hdi_high=float(high),
+                alone=alone[name],
             )
         )
     return tuple(found)
 
 
-def with_missing(*, j_2: float, r_s: float) -> dict[str, float]:
+def quantities(model: Model, p: Named, inputs: Mapping[str, float], n: int) -> dict[str, Array]:
+    """By name, each `(n,)`, SI; NaN where a draw has no such value."""
+    found = {
+        name: np.asarray(math.prod(np.asarray(p[q]) ** float(e) for q, e in powers.items()))
+        for name, powers in PRODUCTS.items()
+    }
+    # With arrays, whatever is held: the poles are those of n rigs.
+    rigs = {name: np.broadcast_to(np.asarray(p[name], dtype=float), n) for name in model.parameters}
+    linear = model.linear(rigs)
+    both = {**derived.poles(model, linear, n), **derived.steady(model, linear, n, inputs)}
+    every = {**found, **{name: both[name] for name in FOLLOWING}}
+    return {name: np.broadcast_to(x, n) for name, x in every.items()}
+
+
+def with_missing(*, j_2: float = 0.0, r_s: float = 0.0) -> dict[str, float]:
     """The nominal rig with these, as a rig of the paper's model."""
-    guess = dict(printed.GUESS)
-    return {**guess, "j_m": guess["j_m"] + I_M**2 * j_2, "r_m": guess["r_m"] + r_s}
+    whole = TwoRotors(j_2=j_2, r_s=r_s).whole(printed.GUESS)
+    return {name: float(x) for name, x in whole.items()}
 
 
-def _of(values: Mapping[str, float], powers: Mapping[str, int]) -> float:
-    """A product of `values` over that of the initial guesses."""
-    return math.prod((values[n] / printed.GUESS[n]) ** e for n, e in powers.items())
+def _at(posterior: Posterior, theta: Array, inputs: Mapping[str, float]) -> dict[str, Array]:
+    """At unknowns `(W, D)`."""
+    model = posterior.likelihood.response.model
+    return quantities(model, posterior.space.named(theta), inputs, len(theta))
+
+
+def _alone(posterior: Posterior, mode: Array, inputs: Mapping[str, float]) -> dict[str, float]:
+    scenery = Scenery(posterior.likelihood)
+    names = scenery.unknowns
+    known = from_sensitivities(names, scenery.sensitivities(mode, scenery.as_it_is(mode)))
+    steps = STEP * np.eye(len(names), len(mode))
+    up, down = (_at(posterior, mode * np.exp(sign * steps), inputs) for sign in (1, -1))
+    with np.errstate(invalid="ignore"):
+        slopes = {name: (np.log(up[name]) - np.log(down[name])) / (2 * STEP) for name in up}
+    return {
+        name: known.bound(slope) if np.isfinite(slope).all() else float("nan")
+        for name, slope in slopes.items()
+    }

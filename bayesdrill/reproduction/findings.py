@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayesdrill.experiment import Experiment
-from bayesdrill.reproduction.bounds import Length
+from bayesdrill.reproduction.bounds import Implied, Length
 from bayesdrill.reproduction.causes import Cause
 from bayesdrill.reproduction.control import Control
 from bayesdrill.reproduction.forward import Error, Reading
@@ -25,6 +25,8 @@ Array = NDArray[np.float64]
 class Misfits:
     """The paper's misfit per measured number of one record, of which there are `numbers`.
 
+    `others`: the largest of the heuristic's from other starts.  `stepped`: where it ends with the
+    paper's integrator, computed with that.
     `truth`: None where it is not known.  95 % of records have it between `low` and `high` there.
     """
 
@@ -32,6 +34,8 @@ class Misfits:
     numbers: int
     guess: float
     heuristic: float
+    others: float
+    stepped: float
     map: float
     truth: float | None
     low: float
@@ -66,8 +70,9 @@ class Findings:
     errors: tuple[Error, ...]
     verification: Verification
     lengths: tuple[Length, ...]
+    implied: tuple[Implied, ...]
     searched: str
-    symmetries: tuple[str, ...]
+    symmetries: tuple[tuple[str, ...], ...]
     ends: tuple[End, ...]
     control: tuple[Control, ...]
     nines: tuple[Nine, ...]

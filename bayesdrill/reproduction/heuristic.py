@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from bayesdrill import seeds
 from bayesdrill.crew import Crew
-from bayesdrill.optimisers.contract import Optimiser
+from bayesdrill.optimisers.contract import Optimiser, Optimum
 from bayesdrill.posterior import Posterior
-from bayesdrill.reproduction import misfit
+from bayesdrill.reproduction import misfit, stepped
 
 Array = NDArray[np.float64]
 
@@ -21,16 +21,18 @@ AROUND = 0.2  # other starts are from 1 - this to 1 + this of the configured one
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Heuristic:
     """`guess`, `estimate` `(D,)` physical; `misfits`: per measured number, at the guess and then after
-    each iteration; `others (S, D)`: estimates from other starts, `others_misfits (S,)` theirs.
+    each iteration; `others (S, D)`: estimates from other starts, `others_misfits (S,)` theirs;
+    `stepped (D,)`: the estimate with the paper's integrator, whose misfit it is that `stepped_misfit`
+    tells.
     """
 
     guess: Array
     estimate: Array
     misfits: Array
-    evaluations: int
-    settled: bool
     others: Array
     others_misfits: Array
+    stepped: Array
+    stepped_misfit: float
 
 
 def run(
@@ -38,29 +40,35 @@ def run(
 ) -> Heuristic:
     """From the configured start, and from `starts` others around it."""
     guess = posterior.space.vector(posterior.space.start)
-    rng = seeds.stream(seed, "reproduce", 1)
+    rng = seeds.stream(seed, "around")
     around = rng.uniform(1 - AROUND, 1 + AROUND, (starts, len(guess)))
+    by_integrator = crew.submit(_search_stepped, optimiser, evaluations, guess)  # the longest
     points = [guess, *(guess * around)]
     tasks = [crew.submit(_search, optimiser, evaluations, point) for point in points]
-    (estimate, history, spent, settled), *rest = [task.result() for task in tasks]
+    found, *rest = [task.result() for task in tasks]
     first = misfit.per_number(posterior, guess)
     # The misfit is -2 log likelihood but for a constant, which the first point tells.
     density = posterior.likelihood(guess[None])[0]
-    numbers = posterior.likelihood.noise.n_samples * posterior.likelihood.noise.n_channels
-    path = first - 2.0 * (np.array(history) - density) / numbers
+    path = first - 2.0 * (np.array(found.history) - density) / posterior.likelihood.numbers
+    others = np.array([other.theta for other in rest]).reshape(starts, len(guess))
+    stepped_end = by_integrator.result().theta
     return Heuristic(
         guess=guess,
-        estimate=estimate,
+        estimate=found.theta,
         misfits=np.array([first, *path]),
-        evaluations=spent,
-        settled=settled,
-        others=np.array([found[0] for found in rest]),
-        others_misfits=np.array([misfit.per_number(posterior, found[0]) for found in rest]),
+        others=others,
+        others_misfits=posterior.likelihood.per_number(others),
+        stepped=stepped_end,
+        stepped_misfit=stepped.per_number(posterior.likelihood, stepped_end),
     )
 
 
-def _search(
+def _search(posterior: Posterior, optimiser: Optimiser, evaluations: int, point: Array) -> Optimum:
+    return optimiser(misfit.task(posterior), point, evaluations)
+
+
+def _search_stepped(
     posterior: Posterior, optimiser: Optimiser, evaluations: int, point: Array
-) -> tuple[Array, tuple[float, ...], int, bool]:
-    found = optimiser(misfit.task(posterior), point, evaluations)
-    return found.theta, found.history, found.evaluations, found.settled
+) -> Optimum:
+    task = stepped.task(misfit.task(posterior), posterior.likelihood)
+    return optimiser(task, point, evaluations)

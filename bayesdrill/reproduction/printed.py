@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from decimal import Decimal
 from types import MappingProxyType
 
 from bayesdrill import physics, symbols
@@ -17,57 +18,84 @@ START = MappingProxyType({"c_m": 1e-3, "k_e": 1e-2})  # of the two-parameter stu
 
 @dataclass(frozen=True, slots=True)
 class Estimate:
-    """As printed: a value (SI) and its relative deviation in per cent, without a sign."""
+    """As printed, digit by digit: an estimate (SI) and its deviation in per cent, without a sign."""
 
-    value: float
-    deviation: float
+    text: str
+    percent: str
+
+    @property
+    def value(self) -> float:
+        return float(self.text)
+
+    @property
+    def deviation(self) -> float:
+        return float(self.percent)
+
+
+def half_digit(text: str) -> float:
+    """Half a unit of the last digit of a number as printed: how far its rounding may have moved it."""
+    exponent = Decimal(text).as_tuple().exponent
+    assert isinstance(exponent, int)  # a number
+    return float(Decimal(5).scaleb(exponent - 1))
 
 
 # Table 2, by sigma_n.
 TWO_PARAMETERS: Mapping[float, Mapping[str, Estimate]] = MappingProxyType(
     {
-        0.001: {"c_m": Estimate(18.9e-5, 0.77), "k_e": Estimate(601.6e-4, 0.0064)},
-        0.01: {"c_m": Estimate(19.1e-5, 0.77), "k_e": Estimate(601.6e-4, 0.0068)},
-        0.1: {"c_m": Estimate(19.0e-5, 0.60), "k_e": Estimate(601.6e-4, 0.0051)},
-        1.0: {"c_m": Estimate(18.9e-5, 0.82), "k_e": Estimate(601.9e-4, 0.0061)},
+        0.001: {"c_m": Estimate("18.9e-5", "0.77"), "k_e": Estimate("601.6e-4", "0.0064")},
+        0.01: {"c_m": Estimate("19.1e-5", "0.77"), "k_e": Estimate("601.6e-4", "0.0068")},
+        0.1: {"c_m": Estimate("19.0e-5", "0.60"), "k_e": Estimate("601.6e-4", "0.0051")},
+        1.0: {"c_m": Estimate("18.9e-5", "0.82"), "k_e": Estimate("601.9e-4", "0.0061")},
     }
 )
 
 # Table 3, in its order; its initial guesses are the nominal table `tables_2_3`.
 NINE_PARAMETERS: Mapping[str, Estimate] = MappingProxyType(
     {
-        "j_m": Estimate(5.0e-4, 28.0),
-        "c_m": Estimate(18.0e-5, 6.6),
-        "k_e": Estimate(587.7e-4, 2.3),
-        "k_T": Estimate(1.3e-1, 5.0),
-        "r_m": Estimate(5.3e-1, 60.0),
-        "l_m": Estimate(0.8e-3, 23.3),
-        "k_s": Estimate(2.7e-1, 3.0),
-        "j_1": Estimate(29.8e-3, 5.4),
-        "t_f": Estimate(1.0e-1, 0.0),
+        "j_m": Estimate("5.0e-4", "28.0"),
+        "c_m": Estimate("18.0e-5", "6.6"),
+        "k_e": Estimate("587.7e-4", "2.3"),
+        "k_T": Estimate("1.3e-1", "5.0"),
+        "r_m": Estimate("5.3e-1", "60.0"),
+        "l_m": Estimate("0.8e-3", "23.3"),
+        "k_s": Estimate("2.7e-1", "3.0"),
+        "j_1": Estimate("29.8e-3", "5.4"),
+        "t_f": Estimate("1.0e-1", "0.0"),
     }
 )
-
-# Half a unit of the last digit that is printed of an estimate.
-HALF_DIGIT: Mapping[str, float] = MappingProxyType(
-    {
-        "j_m": 0.05e-4,
-        "c_m": 0.05e-5,
-        "k_e": 0.05e-4,
-        "k_T": 0.05e-1,
-        "r_m": 0.05e-1,
-        "l_m": 0.05e-3,
-        "k_s": 0.05e-1,
-        "j_1": 0.05e-3,
-        "t_f": 0.05e-1,
-    }
-)
-
-TABLE_2: Mapping[str, float] = MappingProxyType({"c_m": 0.005, "k_e": 0.00005})
-TABLE_3 = 0.05  # half a unit of the last digit of a deviation, per cent
 
 GUESS = symbols.NOMINAL["tables_2_3"].values
 TABLE_1 = symbols.NOMINAL["table_1"].values
+MENDED: Mapping[str, str] = MappingProxyType(
+    {
+        "k_s": "the guess of Table 3; the shaft's geometry supports it",
+        "c_m": "the guess of Table 3, which the deviations of Table 2 refer to",
+    }
+)  # where Table 1 is not believed, and what is believed instead
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Nominal:
+    """A line of Table 1, SI: what it prints, what is the nominal value here, and why."""
+
+    parameter: str
+    unit: str
+    printed: float
+    nominal: float
+    says: str
+
+
+def table_1() -> tuple[Nominal, ...]:
+    return tuple(
+        Nominal(
+            parameter=name,
+            unit=symbols.PARAMETERS[name].plain_unit,
+            printed=value,
+            nominal=GUESS[name],
+            says="" if value == GUESS[name] else MENDED[name],
+        )
+        for name, value in TABLE_1.items()
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -88,10 +116,7 @@ def inconsistencies() -> tuple[Inconsistency, ...]:
 
 def _of_tables() -> list[Inconsistency]:
     found = []
-    for name, reading in (
-        ("k_s", "the guess of Table 3; the shaft's geometry supports it"),
-        ("c_m", "the guess of Table 3, which the deviations of Table 2 refer to"),
-    ):
+    for name, reading in MENDED.items():
         found.append(
             Inconsistency(
                 what=f"{name}: Table 1, and the initial guess of Table 3",
@@ -106,7 +131,7 @@ def _of_tables() -> list[Inconsistency]:
 
 def _of_rig() -> list[Inconsistency]:
     stiffness, disc = physics.GEOMETRY["k_s"][0], physics.GEOMETRY["j_1"][0]
-    modulus = TABLE_1["k_s"] * 32 * physics.SHAFT_LENGTH / (math.pi * physics.SHAFT_DIAMETER**4)
+    modulus = physics.STEEL * TABLE_1["k_s"] / stiffness
     return [
         Inconsistency(
             what="k_s: Table 1, and G pi d^4/(32 L) of a steel shaft (G 79.3 GPa)",
@@ -127,8 +152,8 @@ def _of_rig() -> list[Inconsistency]:
             printed=TABLE_1["k_T"],
             implied=TABLE_1["k_e"],
             unit="N m/A",
-            says=f"{TABLE_1['k_T'] / TABLE_1['k_e']:.3f} times as much power out of the motor as into "
-            "it: at least one of the two is not what it is said to be",
+            says=f"{TABLE_1['k_T'] / TABLE_1['k_e']:.3f} times as much mechanical power as the back-EMF "
+            "takes from the current: k_T, k_e, v or i_m is not what it is said to be",
         ),
     ]
 
@@ -138,11 +163,7 @@ def _of_table_2() -> list[Inconsistency]:
         odd
         for sigma, row in TWO_PARAMETERS.items()
         for name, cell in row.items()
-        if (
-            odd := _odd(
-                f"{name} in Table 2 at sigma_n {sigma:g}: deviation", name, cell, TABLE_2[name]
-            )
-        )
+        if (odd := _odd(f"{name} in Table 2 at sigma_n {sigma:g}: deviation", name, cell))
     ]
 
 
@@ -150,14 +171,14 @@ def _of_table_3() -> list[Inconsistency]:
     return [
         odd
         for name, cell in NINE_PARAMETERS.items()
-        if (odd := _odd(f"{name} in Table 3: deviation", name, cell, TABLE_3))
+        if (odd := _odd(f"{name} in Table 3: deviation", name, cell))
     ]
 
 
-def _odd(what: str, name: str, cell: Estimate, digit: float) -> Inconsistency | None:
+def _odd(what: str, name: str, cell: Estimate) -> Inconsistency | None:
     """A printed deviation that the estimate printed beside it excludes, however they were rounded."""
     plain = 100 * abs(cell.value / GUESS[name] - 1)
-    half = 100 * HALF_DIGIT[name] / GUESS[name]
+    half, digit = 100 * half_digit(cell.text) / GUESS[name], half_digit(cell.percent)
     if plain - half <= cell.deviation + digit and cell.deviation - digit <= plain + half:
         return None
     return Inconsistency(
@@ -172,6 +193,10 @@ def _odd(what: str, name: str, cell: Estimate, digit: float) -> Inconsistency | 
 
 def implied(name: str) -> float:
     """The estimate of Table 3 with the digits that its percentage has, SI."""
+    return GUESS[name] * (1.0 + signed_deviation(name) / 100)
+
+
+def signed_deviation(name: str) -> float:
+    """That of Table 3 in per cent, with the sign that its estimate has."""
     cell = NINE_PARAMETERS[name]
-    side = 1.0 if cell.value >= GUESS[name] else -1.0
-    return GUESS[name] * (1.0 + side * cell.deviation / 100)
+    return math.copysign(cell.deviation, cell.value - GUESS[name])

@@ -7,36 +7,29 @@ which no misfit can show, and the rest.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
 
 from bayesdrill import seeds
 from bayesdrill.crew import Crew
 from bayesdrill.identifiability.structure import Exponents
-from bayesdrill.optimisers import fminsearch, nelder_mead
-from bayesdrill.optimisers.contract import Optimiser
+from bayesdrill.optimisers.contract import Optimum
 from bayesdrill.posterior import Posterior
 from bayesdrill.reproduction import misfit
 
 Array = NDArray[np.float64]
 
-WAYS: Mapping[str, Optimiser] = {
-    "fminsearch": fminsearch.maximise,
-    "scaled": nelder_mead.maximise,
-}
 EVALUATIONS = 8000
-LEVEL = 0.975  # of records have a lower misfit at their truth: what is below has reached the noise
 SAME = 4.0  # of the paper's misfit: ends nearer to the least one are equally good
 WITHIN = 0.5  # starts are drawn from 1 - this to 1 + this of the configured one
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class End:
-    """Of one search.  `theta (D,)` physical; `misfit` per measured number (1: the noise).
+    """Of one search.  `misfit`: per measured number (1: the noise).
 
     `reached`: no more than noise is left; `best`: as good as the best of all searches.
     `scales`: log distance from the truth along each symmetry; `rest`: root mean square of the logs'
@@ -44,11 +37,9 @@ class End:
     """
 
     way: str
-    theta: tuple[float, ...]
     misfit: float
     reached: bool
     best: bool
-    evaluations: int
     settled: bool
     scales: tuple[float, ...]
     rest: float
@@ -65,28 +56,25 @@ def many(
 ) -> tuple[End, ...]:
     """From the configured start and others around it, each way; distances are from `reference (D,)`."""
     centre = posterior.space.vector(posterior.space.start)
-    rng = seeds.stream(seed, "reproduce")
+    rng = seeds.stream(seed, "starts")
     around = rng.uniform(1 - WITHIN, 1 + WITHIN, (starts - 1, len(centre)))
     points = np.vstack([centre, centre * around])
-    tasks = [(way, crew.submit(_search, way, point)) for way in WAYS for point in points]
-    found = [(way, *task.result()) for way, task in tasks]
-    misfits = np.array([misfit.per_number(posterior, theta) for _, theta, *_ in found])
-    noise = posterior.likelihood.noise
-    numbers = noise.n_samples * noise.n_channels
-    floor = chi2.ppf(LEVEL, numbers) / numbers
-    least = misfits.min() + SAME / numbers
+    tasks = [(way, crew.submit(_search, way, point)) for way in misfit.WAYS for point in points]
+    found = [(way, task.result()) for way, task in tasks]
+    likelihood = posterior.likelihood
+    misfits = likelihood.per_number(np.array([end.theta for _, end in found]))
+    _, floor = misfit.expected(likelihood.numbers)
+    least = misfits.min() + SAME / likelihood.numbers
     ends = []
-    for (way, theta, evaluations, settled), left in zip(found, misfits, strict=True):
-        scales, rest, distance = apart(theta, reference, symmetries)
+    for (way, end), left in zip(found, misfits, strict=True):
+        scales, rest, distance = apart(end.theta, reference, symmetries)
         ends.append(
             End(
                 way=way,
-                theta=tuple(map(float, theta)),
                 misfit=float(left),
                 reached=bool(left < floor),
                 best=bool(left < least),
-                evaluations=evaluations,
-                settled=settled,
+                settled=end.settled,
                 scales=scales,
                 rest=rest,
                 distance=distance,
@@ -112,6 +100,5 @@ def apart(
     )
 
 
-def _search(posterior: Posterior, way: str, point: Array) -> tuple[Array, int, bool]:
-    found = WAYS[way](misfit.task(posterior), point, EVALUATIONS)
-    return found.theta, found.evaluations, found.settled
+def _search(posterior: Posterior, way: str, point: Array) -> Optimum:
+    return misfit.WAYS[way](misfit.task(posterior), point, EVALUATIONS)

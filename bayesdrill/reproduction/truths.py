@@ -6,11 +6,10 @@ So a measured record that takes the place of a simulated one has no truth, whate
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 
-from bayesdrill import build, loading, recording, simulation
+from bayesdrill import build, recording, simulation
 from bayesdrill import config as records
 from bayesdrill.models.two_rotors import TwoRotors
 from bayesdrill.yaml_source import Source
@@ -19,15 +18,14 @@ SAME = 1e-6  # relative, and absolute: records hold nine digits
 
 
 def truth_of(
-    config: records.Config, source: Source, makers: Sequence[Path]
+    config: records.Config, source: Source, makers: Sequence[tuple[records.Config, Source]]
 ) -> dict[str, float] | None:
-    """Parameters of the paper's model with which its record was simulated by one of `makers` (configs).
+    """Parameters of the paper's model with which its record was simulated by one of `makers`.
 
     Of a rig with more to it, those of the paper's model that it is the same as.
     """
     path = recording.path_of(config, source)
-    for maker in makers:
-        other, its_source = loading.load(maker)
+    for other, its_source in makers:
         if recording.path_of(other, its_source).resolve() != path.resolve():
             continue
         if not _same(simulation.simulate(other, its_source, other.seed), path.read_text()):

@@ -8,32 +8,28 @@ prior holds them, not even above zero.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdrill import laplace, mode, seeds
+from bayesdrill import laplace, mode
 from bayesdrill.coordinates import Physical
 from bayesdrill.crew import Crew
 from bayesdrill.optimisers import fminsearch, nelder_mead
-from bayesdrill.optimisers.contract import Optimiser, Task
+from bayesdrill.optimisers.contract import Task
 from bayesdrill.posterior import Posterior
 from bayesdrill.progress import Silent
-from bayesdrill.reproduction import forward
+from bayesdrill.reproduction import made, stepped
 from bayesdrill.reproduction.bounds import bounds
+from bayesdrill.reproduction.misfit import WAYS
 from bayesdrill.sampling import Plan, sample
 from bayesdrill.shelf import Memory
 
 Array = NDArray[np.float64]
 
-WAYS: Mapping[str, Optimiser] = {
-    "fminsearch": fminsearch.maximise,
-    "scaled": nelder_mead.maximise,
-}
 EVALUATIONS = 4000  # of one search, at most
 BATCHES = 8  # in which the records of one sigma are shared out
 
@@ -46,8 +42,7 @@ class Cell:
     model, `trapezoid_both` where the integrator made the record too, `trapezoid_fit` where the exact
     response did.  `weights_only`: by fminsearch from a record without noise, where sigma is but a
     weight (`weights_only_trapezoid`: with the integrator for both).  `posterior`, `posterior_sd`: of
-    the first record, with the priors.  `bias_*`, `sd_*`, `median_*` (of the distance from the truth):
-    over all records.
+    the first record, with the priors.  `sd_*`: of the estimates from all records.
     """
 
     sigma: float
@@ -62,12 +57,8 @@ class Cell:
     posterior: float
     posterior_sd: float
     bound: float
-    bias_fminsearch: float
     sd_fminsearch: float
-    median_fminsearch: float
-    bias_scaled: float
     sd_scaled: float
-    median_scaled: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -123,7 +114,7 @@ def verify(
     one = bounds(posterior.likelihood, truth)
     cells: list[Cell] = []
     for sigma in sigmas:
-        clean = _record(_with_sigma(posterior, sigma), truth, None)
+        clean = made.clean(made.with_sigma(posterior, sigma), truth)
         mean, sd, _ = posteriors[sigma].result()
         single = {
             **{way: found[way][sigma][0] for way in WAYS},
@@ -134,8 +125,12 @@ def verify(
             "bound": sigma * one,
             "truth": truth,
         }
-        off = {way: found[way][sigma] - truth for way in WAYS}
-        cells += _cells(sigma, space.free, single, off)
+        spread = {f"sd_{way}": found[way][sigma].std(axis=0, ddof=1) for way in WAYS}
+        both = {**single, **spread}
+        cells += [
+            Cell(sigma=sigma, name=name, **{what: float(x[k]) for what, x in both.items()})
+            for k, name in enumerate(space.free)
+        ]
     return Verification(
         names=space.free,
         truth=truth,
@@ -148,34 +143,10 @@ def verify(
     )
 
 
-def _cells(
-    sigma: float, names: tuple[str, ...], single: Mapping[str, Array], off: Mapping[str, Array]
-) -> list[Cell]:
-    """From what there is one of, each `(D,)`, and the errors of all records by way, `(R, D)`."""
-    return [
-        Cell(
-            sigma=sigma,
-            name=name,
-            **{what: float(values[k]) for what, values in single.items()},
-            **{
-                f"{what}_{way}": float(function(errors[:, k]))
-                for way, errors in off.items()
-                for what, function in _SPREADS.items()
-            },
-        )
-        for k, name in enumerate(names)
-    ]
-
-
 _STEPPED: Mapping[str, Mapping[str, bool]] = {
     "trapezoid_both": {"own": True, "noisy": True},
     "trapezoid_fit": {"own": False, "noisy": True},
     "weights_only_trapezoid": {"own": True, "noisy": False},
-}
-_SPREADS: Mapping[str, Callable[[Array], Any]] = {
-    "bias": np.mean,
-    "sd": lambda errors: np.std(errors, ddof=1),
-    "median": lambda errors: np.median(np.abs(errors)),
 }
 
 
@@ -189,31 +160,8 @@ def estimates(
     indices: tuple[int, ...],
 ) -> Array:
     """Of the records with these numbers: `(R, D)`."""
-    target = _with_sigma(posterior, sigma)
-    return np.array([_search(way, record(target, truth, seed, k), start) for k in indices])
-
-
-def record(posterior: Posterior, truth: Array, seed: int, index: int) -> Posterior:
-    """With record `index` of the rig `truth (D,)`: its noise is the same for every sigma."""
-    return _record(posterior, truth, seeds.stream(seed, "reproduce", index))
-
-
-def _with_sigma(posterior: Posterior, sigma: float) -> Posterior:
-    likelihood = posterior.likelihood
-    known = dict.fromkeys(range(likelihood.noise.n_channels), sigma)
-    noise = dataclasses.replace(likelihood.noise, known=known)
-    return dataclasses.replace(posterior, likelihood=dataclasses.replace(likelihood, noise=noise))
-
-
-def _record(posterior: Posterior, truth: Array, rng: np.random.Generator | None) -> Posterior:
-    likelihood = posterior.likelihood
-    y = likelihood.signals(truth[None])
-    if rng is not None:
-        y = likelihood.noise.draw(y, np.empty((1, 0)), rng)
-    response = likelihood.response.with_record(y[0])
-    return dataclasses.replace(
-        posterior, likelihood=dataclasses.replace(likelihood, response=response)
-    )
+    target = made.with_sigma(posterior, sigma)
+    return np.array([_search(way, made.record(target, truth, seed, k), start) for k in indices])
 
 
 def _search(way: str, target: Posterior, start: Array) -> Array:
@@ -239,7 +187,7 @@ def _posterior(
     posterior: Posterior, sigma: float, truth: Array, plan: Plan
 ) -> tuple[Array, Array, bool]:
     """Mean and standard deviation `(D,)` from record 0, and whether the ensembles converged."""
-    target = record(_with_sigma(posterior, sigma), truth, plan.seed, 0)
+    target = made.record(made.with_sigma(posterior, sigma), truth, plan.seed, 0)
     found = mode.search(target, nelder_mead.maximise, EVALUATIONS, truth)
     with Crew(target, 1) as alone:
         start = target.space.vector(found.end)
@@ -258,26 +206,15 @@ def _by_trapezoid(
     own: bool,
     noisy: bool,
 ) -> Array:
-    """The estimate from record 0 as the paper integrates, at its default tolerances: `(D,)`.
+    """The estimate from record 0 as the paper integrates: `(D,)`.
 
     `own`: the record is what that integrator gives; `noisy`: with noise.
     """
-    rng = seeds.stream(seed, "reproduce", 0) if noisy else None
-    target = _record(_with_sigma(posterior, sigma), truth, rng)
-    likelihood = target.likelihood
-    response, space = likelihood.response, likelihood.space
-
-    def stepped(theta: Array) -> Array:
-        (full,) = space.full(theta[None])
-        return forward.signals(response.model, response.experiment, full)[0]
-
-    y = response.experiment.y
+    sized = made.with_sigma(posterior, sigma)
+    exact = made.clean(sized, truth)
+    target = made.record(sized, truth, seed, 0) if noisy else exact
     if own:
-        y = y - likelihood.signals(truth[None])[0] + stepped(truth)
-
-    def density(theta: Array) -> Array:
-        misfits = [np.sum(((stepped(row) - y) / sigma) ** 2) for row in theta]
-        return np.nan_to_num(-0.5 * np.array(misfits), nan=-np.inf)
-
-    task = dataclasses.replace(_free(target), density=density)
+        y = target.likelihood.response.experiment.y - exact.likelihood.response.experiment.y
+        target = made.of(target, y + stepped.signals(target.likelihood, truth))
+    task = stepped.task(_free(target), target.likelihood)
     return fminsearch.maximise(task, start, EVALUATIONS).theta

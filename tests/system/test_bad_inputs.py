@@ -821,6 +821,12 @@ NAMES = [
         says=("simulation", "give both or neither"),
     ),
     case(
+        "the other half of a simulation",
+        (", rate: 20", ""),
+        at="simulation:",
+        says=("simulation", "give both or neither"),
+    ),
+    case(
         "simulated noise of no channel",
         ("duration: 5", "sigma: {w_3: 1}, duration: 5"),
         at="simulation:",

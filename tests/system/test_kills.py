@@ -1,8 +1,12 @@
-"""A run that is killed again and again ends with the chain that it would have had anyway."""
+"""A run that is killed again and again ends with the chain that it would have had anyway.
+
+And where only a worker is killed, as the kernel does when memory is out, that is said.
+"""
 
 from __future__ import annotations
 
 import contextlib
+import json
 import os
 import signal
 import subprocess
@@ -114,3 +118,44 @@ def test_twenty_kills_in_a_row_cost_nothing(tmp_path: Path) -> None:
             xarray.testing.assert_equal(one[group].to_dataset(), other[group].to_dataset())
     assert (peace / "summary.csv").read_bytes() == (folder / "summary.csv").read_bytes()
     assert set(systems.listing(peace)) == set(systems.listing(folder))
+
+
+def workers(leader: int) -> list[int]:
+    """The worker processes in the group of `leader`."""
+    found = []
+    for path in Path("/proc").glob("[0-9]*/cmdline"):
+        with contextlib.suppress(OSError):
+            pid = int(path.parent.name)
+            if os.getpgid(pid) == leader and b"spawn_main" in path.read_bytes():
+                found.append(pid)
+    return found
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "command", ["map", "identify --at-map", "posterior", "calibrate", "report"]
+)
+def test_a_worker_that_is_killed_ends_in_a_message(
+    command: str, tmp_path: Path, started: list[subprocess.Popen[str]]
+) -> None:
+    config, folder = systems.small(tmp_path), tmp_path / "out"
+    saves = command in ("posterior", "calibrate")
+    if command == "report":
+        assert systems.cli("posterior", config, "-o", folder, "--processes", "1").status == 0
+    target = folder if command == "report" else config
+    options = ["-o", folder] if saves else []
+    process = systems.start(*command.split(), target, *options, "--processes", "2", cwd=tmp_path)
+    started.append(process)
+    end = time.monotonic() + 60
+    while not (there := workers(process.pid)) and time.monotonic() < end:
+        assert process.poll() is None, process.communicate()
+        time.sleep(0.002)
+    os.kill(there[0], signal.SIGKILL)
+    _, err = process.communicate(timeout=30)
+    assert process.returncode == 2, err
+    assert "Traceback" not in err
+    assert "a worker process was killed" in err
+    assert "--processes" in err
+    assert ("--resume" in err) == saves
+    if saves:
+        assert json.loads((folder / "run.json").read_text())["status"] == "interrupted"

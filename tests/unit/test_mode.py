@@ -16,7 +16,7 @@ from rigs import measured, posterior, vector
 from bayesdrill import build, laplace, loading, mode
 from bayesdrill.coordinates import Physical
 from bayesdrill.optimisers import OPTIMISERS, fminsearch, nelder_mead, pairwise
-from bayesdrill.optimisers.contract import Task
+from bayesdrill.optimisers.contract import Optimum, Task
 from bayesdrill.optimisers.pairwise import ORDER, circle
 
 CONFIGS = Path(__file__).parents[2] / "configs"
@@ -86,18 +86,54 @@ def task(names: tuple[str, ...], density: Callable[[np.ndarray], np.ndarray]) ->
     )
 
 
+def searched(method: str, evaluations: int) -> tuple[Optimum, list[tuple[float, ...]]]:
+    """In the valley; and every point that was asked for, with its value."""
+    asked: list[tuple[float, ...]] = []
+
+    def density(x: np.ndarray) -> np.ndarray:
+        values = valley(x)
+        asked.extend((*map(float, row), float(value)) for row, value in zip(x, values, strict=True))
+        return values
+
+    options = {"pairs": (("b", "a"), ("a", "b")), "iterations": 10, "steady": 1e-6}
+    own = options if method == "pairwise" else {}
+    start = np.array([-3.0, 0.05])
+    found = OPTIMISERS[method](task(("a", "b"), density), start, evaluations, **own)
+    assert start == pytest.approx([-3.0, 0.05])  # untouched
+    return found, asked
+
+
 @pytest.mark.parametrize("method", OPTIMISERS)
 def test_every_optimiser_finds_a_curved_skewed_maximum(method: str) -> None:
-    start = np.array([-3.0, 0.05])
-    options = {"pairs": (("b", "a"),), "iterations": 10, "steady": 1e-6}
-    own = options if method == "pairwise" else {}
-    found = OPTIMISERS[method](task(("a", "b"), valley), start, 8000, **own)
+    found, _ = searched(method, 8000)
     assert found.settled
     assert found.theta == pytest.approx([6.0, 0.02], rel=0.02)
     assert found.value == pytest.approx(valley(found.theta[None])[0])
     assert found.evaluations <= 8000
     assert found.history[-1] == pytest.approx(found.value)
-    assert start == pytest.approx([-3.0, 0.05])  # untouched
+
+
+@pytest.mark.parametrize("method", OPTIMISERS)
+def test_what_a_search_may_spend_only_cuts_it_short(method: str) -> None:
+    """Wherever it is cut: the same points as without a limit, and the best of them.
+
+    Mutants killed: settled because nothing was gained before the end; a limit of each descent, not
+    of all; a start that is not counted; the best point lost with the iteration that was cut, or left
+    out of the history.
+    """
+    whole, asked = searched(method, 8000)
+    assert whole.evaluations == len(asked)
+    for most in (*range(1, 201), len(asked) - 1, len(asked), len(asked) + 1):
+        found, made = searched(method, most)
+        assert made == asked[:most], most
+        assert found.evaluations == len(made), most
+        assert found.value == max(value for *_, value in made), most
+        assert found.value == valley(found.theta[None])[0], most
+        assert found.settled == (most > len(asked)), most
+        assert found.history[:-1] == whole.history[: max(len(found.history) - 1, 0)], most
+        assert list(found.history) == sorted(found.history), most
+        if method == "fminsearch" and found.history:  # others may be cut as they set up a simplex
+            assert found.history[-1] == found.value, most
 
 
 def test_fminsearch_stops_at_tolerances_that_are_absolute() -> None:
@@ -157,11 +193,11 @@ def test_pairwise_moves_two_unknowns_at_a_time_in_the_order_given() -> None:
     again = next(k for k, x in enumerate(seen) if k > first and x[0] != held)
     assert all(x[0] == held for x in seen[first:again])  # the second has no a
     assert list(found.history) == sorted(found.history)
-    few = pairwise.maximise(
-        task(("a", "b", "c"), bowl), start, 1, pairs=pairs, iterations=5, steady=1e-8
+    once = pairwise.maximise(
+        task(("a", "b", "c"), bowl), start, 8000, pairs=pairs, iterations=5, steady=1e8
     )
-    assert not few.settled
-    assert len(few.history) == 2 * (5 - 1)  # to set up the simplex counts as one
+    assert once.settled
+    assert len(once.history) == 2 * (5 - 1)  # to set up the simplex counts as one
 
 
 def test_searches_agree_where_the_record_determines_everything() -> None:

@@ -1,0 +1,122 @@
+"""The model and what is unknown of it: parameters, relations between them, noise levels."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+
+import numpy as np
+
+from bayesdrill import beliefs, build, givens, symbols
+from bayesdrill import config as records
+from bayesdrill.consistency.collector import Collector
+from bayesdrill.formulas import CircleError, Expression
+from bayesdrill.models import MODELS, constants
+from bayesdrill.models.linear import Model
+from bayesdrill.parameters import ParameterSpace
+from bayesdrill.yaml_source import Place
+
+_TRIED = 4096  # draws from the priors, at which formulas are tried
+
+
+def check_model(found: Collector, config: records.Config, model: Model) -> None:
+    """Constants of another model would be given in vain."""
+    for name, value in config.model:
+        having = [other for other, kind in MODELS.items() if name in (*constants(kind), "name")]
+        if value is not None and model.name not in having:
+            found.add(
+                ("model", name),
+                f"the model {model.name} has no {name}; remove it, or name: {' or '.join(having)}",
+            )
+
+
+def check_parameters(
+    found: Collector, config: records.Config, model: Model, nominal: dict[str, float]
+) -> None:
+    for name in symbols.PARAMETERS:
+        spec = getattr(config.parameters, name)
+        place: Place = ("parameters", name)
+        if spec is None:
+            if name in model.parameters:
+                found.add(
+                    place,
+                    f"missing; to hold it write `{name}: nominal` ({nominal[name]:g}) or a number",
+                )
+        elif name not in model.parameters:
+            found.add(place, f"the model {model.name} has no such parameter; remove it")
+        elif isinstance(spec, beliefs.PriorBase):
+            built = found.run(place, givens.prior, spec, nominal[name])
+            if built is not None:
+                found.run(place, givens.start, spec, built, nominal[name])
+
+
+def check_relations(found: Collector, config: records.Config, model: Model) -> None:
+    """Ties, formulas, and the quantities in them."""
+    before = len(found.problems)
+    used: set[str] = set()
+    for name, spec in config.quantities.items():
+        found.run(("quantities", name), givens.quantity, name, spec)
+    for name in config.derived:
+        own = found.run(("derived", name), givens.formula, config, model, name)
+        used |= set(own.expression.names) if own else set()
+    relations = {
+        name: found.run(("parameters", name), givens.relation, config, model, name)
+        for name in model.parameters
+    }
+    related = {name: r for name, r in relations.items() if r is not None}
+    missing = any(getattr(config.parameters, name) is None for name in model.parameters)
+    if missing or len(found.problems) > before:
+        return
+    used |= {name for r in related.values() for name in r.names}
+    for name in [n for n in config.quantities if n not in used]:
+        message = "no formula names it; use it in `parameters:` or `derived:`, or remove it"
+        found.add(("quantities", name), message)
+    try:
+        space = build.space(config, model, [])
+    except CircleError as circle:
+        found.add(("parameters", circle.name), str(circle))
+        return
+    except ValueError:  # a prior or a start, said already
+        return
+    _check_values(found, space, related)
+
+
+def _check_values(
+    found: Collector, space: ParameterSpace, related: Mapping[str, Expression]
+) -> None:
+    """What is computed for a parameter must be a positive number wherever the priors lead."""
+    theta = space.draw(_TRIED, np.random.default_rng(0)) if space.free else np.ones((1, 0))
+    named = space.named(theta)
+    for name, relation in related.items():
+        values = np.broadcast_to(named[name], len(theta))
+        good = np.isfinite(values) & (values > 0)
+        if not good.all():
+            k = int(np.argmin(good))
+            found.add(
+                ("parameters", name),
+                f"'{relation.text}' is {values[k]:.3g} at {100 * np.mean(~good):.3g} % of what the "
+                "priors allow, and must be positive; mend the formula or narrow the priors",
+            )
+
+
+def free_parameters(config: records.Config, names: Iterable[str]) -> list[str]:
+    """Those of `names` that have a prior."""
+    given = config.parameters
+    return [name for name in names if isinstance(getattr(given, name), beliefs.PriorBase)]
+
+
+def free_quantities(config: records.Config) -> list[str]:
+    return [name for name, q in config.quantities.items() if isinstance(q, beliefs.PriorBase)]
+
+
+def free(config: records.Config, model: Model) -> list[str]:
+    """Parameters and quantities with a prior."""
+    return free_parameters(config, model.parameters) + free_quantities(config)
+
+
+def sigmas(config: records.Config) -> list[str]:
+    """Unknown noise levels."""
+    return [
+        f"sigma_{name}"
+        for name, channel in config.record.channels.items()
+        if isinstance(channel.sigma, beliefs.PriorBase)
+    ]

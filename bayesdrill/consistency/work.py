@@ -1,0 +1,105 @@
+"""What is to be done with record and unknowns: search, sampling, calibration, simulation, output."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from bayesdrill import beliefs, build, givens, symbols
+from bayesdrill import config as records
+from bayesdrill.consistency.collector import Collector
+from bayesdrill.consistency.unknowns import free, free_parameters, free_quantities, sigmas
+from bayesdrill.models.linear import Model
+from bayesdrill.optimisers import OPTIMISERS
+from bayesdrill.samplers.moves import MOVES
+from bayesdrill.yaml_source import Place
+
+
+def check_map(found: Collector, config: records.Config, model: Model) -> None:
+    if found.run(("map", "method"), build.lookup, OPTIMISERS, config.map.method, "method") is None:
+        return
+    given = next((name for name in build.PAIRWISE if getattr(config.map, name) is not None), None)
+    unknown = [*free(config, model), *sigmas(config)]
+    found.run(("map", given or "method"), build.optimiser, config, unknown)
+
+
+def check_counts(found: Collector, config: records.Config, model: Model) -> None:
+    """Unknowns against walkers, moves and coordinates."""
+    charted = free(config, model)
+    n_unknown = len(charted) + len(sigmas(config))
+    sampler = config.sampler
+    if n_unknown == 0:
+        found.add(("parameters",), "nothing is unknown; give at least one parameter a prior")
+    if sampler.walkers % 2 or sampler.walkers < 2 * n_unknown:
+        found.add(
+            ("sampler", "walkers"),
+            f"{sampler.walkers} walkers: an even number, at least twice the {n_unknown} unknowns, is "
+            "wanted",
+        )
+    if config.coordinates == "modal" and not charted:
+        found.add(("coordinates",), "modal coordinates need a free parameter; write `auto`")
+    for name in sampler.moves:
+        found.run(("sampler", "moves", name), build.lookup, MOVES, name, "move")
+    if sum(weight for name, weight in sampler.moves.items() if name != "independence") <= 0:
+        message = "no move is left for the pilot; give differential_evolution or stretch a share"
+        found.add(("sampler", "moves"), message)
+    if sampler.max_steps <= sampler.pilot:
+        message = f"{sampler.max_steps} is not above the pilot's {sampler.pilot}; make it larger"
+        found.add(("sampler", "max_steps"), message)
+
+
+def check_calibration(found: Collector, config: records.Config) -> None:
+    """What the pilot and the ranks need."""
+    own = config.calibration
+    if own.max_steps <= config.sampler.pilot:
+        message = f"{own.max_steps} is not above the pilot's {config.sampler.pilot}; make it larger"
+        found.add(("calibration", "max_steps"), message)
+    if own.ess < own.draws:
+        message = (
+            f"{own.ess:g} effective draws do not hold {own.draws} independent ones; make it larger"
+        )
+        found.add(("calibration", "ess"), message)
+
+
+def check_simulation(found: Collector, config: records.Config) -> None:
+    simulation: Any = config.simulation
+    if simulation is None:
+        return
+    if (simulation.duration is None) != (simulation.rate is None):
+        found.add(("simulation",), "`duration:` and `rate:` belong together; give both or neither")
+    elif simulation.duration is not None and simulation.duration * simulation.rate < 1:
+        found.add(
+            ("simulation", "duration"), "the record would have one sample only; make it longer"
+        )
+    for name in simulation.sigma:
+        if not found.spoilt(("record", "channels", name)):
+            place: Place = ("simulation", "sigma", name)
+            found.expect(place, name, config.record.channels, "there is no such channel")
+    for name in simulation.quantities:
+        if not found.spoilt(("quantities", name)):
+            place = ("simulation", "quantities", name)
+            found.expect(place, name, config.quantities, "there is no such quantity")
+
+
+def check_output(found: Collector, config: records.Config, model: Model) -> None:
+    """Names that a corner plot can show: unknowns, what is tied, what is derived."""
+    shown = [
+        name
+        for name in model.parameters
+        if isinstance(getattr(config.parameters, name), beliefs.PriorBase | beliefs.Tie)
+        or givens.is_formula(getattr(config.parameters, name))
+    ]
+    shown += [*free_quantities(config), *sigmas(config), *symbols.DERIVED, *config.derived]
+    for k, name in enumerate(config.output.corner or ()):
+        message = f"{name} is neither unknown nor derived"
+        found.expect(("output", "corner", k), name, shown, message)
+
+
+def check_identify(found: Collector, config: records.Config) -> None:
+    own = config.identify
+    unknown = free_parameters(config, symbols.PARAMETERS)
+    for k, name in enumerate(own.of_interest):
+        message = f"{name} is no unknown parameter"
+        found.expect(("identify", "of_interest", k), name, unknown, message)
+    if own.determined > own.left_to_prior:
+        message = f"{own.determined:g} is above left_to_prior, {own.left_to_prior:g}; exchange them"
+        found.add(("identify", "determined"), message)

@@ -1,0 +1,47 @@
+"""A table of the paper's studies: its records as CSV, and their cells as Markdown."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from bayesdrill.report.tables import markdown, records_as_csv
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Table:
+    """`stem` names its files; `says` is its caption."""
+
+    stem: str
+    title: str
+    says: str
+    csv: str
+    markdown: str
+
+
+def table[T](
+    stem: str,
+    title: str,
+    says: str,
+    kind: type[T],
+    rows: Sequence[T],
+    cells: Callable[[T], Sequence[str]],
+    heads: Sequence[str],
+    leave: Sequence[str] = (),
+) -> Table:
+    return Table(
+        stem=stem,
+        title=title,
+        says=says,
+        csv=records_as_csv(kind, rows, {}, leave),
+        markdown=markdown(heads, map(cells, rows)),
+    )
+
+
+def percent(x: float) -> str:
+    return f"{x:.2g}" if x < 99.5 else f"{x:.0f}"
+
+
+def digits(*values: float | None) -> tuple[str, ...]:
+    """Empty where there is no number."""
+    return tuple("" if value is None else f"{value:.4g}" for value in values)
