@@ -1,0 +1,463 @@
+"""Tables of the paper's studies, of numbers that no study has found: each says what it was given."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+import re
+import types
+import typing
+from collections.abc import Mapping, Sequence
+from dataclasses import fields, replace
+from decimal import Decimal
+from functools import cache
+
+import numpy as np
+import pytest
+from oracles import ORDER
+from rigs import experiment
+
+from bayesdrill.report import paper_tables
+from bayesdrill.report.paper_cells import Table
+from bayesdrill.report.paper_lines import lengths, lines_2, lines_3, said, ways
+from bayesdrill.reproduction import printed
+from bayesdrill.reproduction.bounds import Implied, Length
+from bayesdrill.reproduction.causes import FOLLOWING, PRODUCTS, Cause
+from bayesdrill.reproduction.control import Control
+from bayesdrill.reproduction.findings import Findings, Misfits, Nine
+from bayesdrill.reproduction.forward import Error, Reading
+from bayesdrill.reproduction.heuristic import Heuristic
+from bayesdrill.reproduction.shaft import Tone
+from bayesdrill.reproduction.simultaneous import End
+from bayesdrill.reproduction.verification import Cell, Verification
+from bayesdrill.verdict import Quantity, Verdict
+
+RNG = np.random.default_rng(11)
+NAMES = ("k_s", "t_f", "j_m", "l_m", "c_m", "k_T", "j_1", "r_m", "k_e")  # in no one's order
+CONTROL_SIGMAS = (0.03, 0.4)
+ESTIMATES = (
+    *("fminsearch", "scaled", "trapezoid_both", "trapezoid_fit"),
+    *("weights_only", "weights_only_trapezoid", "posterior"),
+)
+
+
+def uneven() -> float:
+    return float(np.exp(1.5 * RNG.standard_normal()))
+
+
+def filled[T](kind: type[T], **given: object) -> T:
+    """With uneven numbers, none like another, for the fields that are not given."""
+    hints = typing.get_type_hints(kind)
+
+    def some(name: str) -> object:
+        hint = hints[name]
+        if isinstance(hint, types.UnionType):
+            return uneven()
+        return {float: uneven, int: lambda: int(RNG.integers(20, 900)), bool: lambda: True}[hint]()
+
+    own = {f.name: given[f.name] if f.name in given else some(f.name) for f in fields(kind)}
+    return kind(**own)
+
+
+# Findings made up
+
+
+def verification() -> Verification:
+    sigmas = tuple(printed.TWO_PARAMETERS)
+    cells = []
+    for sigma in sigmas:
+        for name in ("c_m", "k_e"):
+            truth = printed.GUESS[name]
+            off = {what: truth * (1 + 0.3 * RNG.standard_normal()) for what in ESTIMATES}
+            cells.append(filled(Cell, sigma=sigma, name=name, truth=truth, **off))
+    return Verification(
+        names=("c_m", "k_e"),
+        truth=np.ones(2),
+        start=np.ones(2),
+        sigmas=sigmas,
+        records=37,
+        cells=tuple(cells),
+        estimates={},
+        converged=True,
+    )
+
+
+def quantity(exponents: tuple[int, ...], says: str) -> Quantity:
+    return filled(
+        Quantity,
+        exponents=exponents,
+        tolerance=(0.0, 0.0),
+        deviation=float(RNG.standard_normal()),
+        blind=False,
+        says=says,
+    )
+
+
+def unit(name: str) -> tuple[int, ...]:
+    return tuple(int(name == other) for other in NAMES)
+
+
+def nine(name: str, truth: np.ndarray | None) -> Nine:
+    guess = np.array([printed.GUESS[n] for n in NAMES])
+    words = {"k_s": "disagrees", "j_1": "agrees", "r_m": "cannot say"}
+    product = tuple(a - 2 * b for a, b in zip(unit("k_s"), unit("j_1"), strict=True))
+    quantities = [(q, 10 * uneven()) for q in (*PRODUCTS, *FOLLOWING)]
+    quantities[3] = (quantities[3][0], math.inf)
+    quantities[4] = (quantities[4][0], 0.0123)
+    return Nine(
+        name=name,
+        names=NAMES,
+        experiment=experiment(5),
+        heuristic=filled(
+            Heuristic,
+            guess=guess,
+            estimate=guess * [uneven() for _ in NAMES],
+            misfits=np.ones(3),
+            others=guess * np.exp(RNG.standard_normal((6, 9))),
+            others_misfits=np.ones(6),
+            stepped=guess * [uneven() for _ in NAMES],
+        ),
+        signals=np.zeros((5, 5)),
+        truth=truth,
+        draws=guess * np.exp(0.3 * RNG.standard_normal((400, 9)) + RNG.standard_normal(9)),
+        verdict=Verdict(
+            names=NAMES,
+            parameters=tuple(quantity(unit(n), word) for n, word in words.items()),
+            products=(quantity(unit("k_e"), "agrees"), quantity(product, "disagrees")),
+            limit=3.7,
+            joint=None,
+        ),
+        misfits=filled(
+            Misfits, record=name, truth=None if truth is None else uneven(), numbers=4004
+        ),
+        causes=tuple(filled(Cause, quantity=q, alone=a) for q, a in quantities),
+        converged=True,
+    )
+
+
+def ends() -> tuple[End, ...]:
+    counts = {"fminsearch": (5, 2, 0, 3), "scaled": (7, 6, 4, 5)}
+    return tuple(
+        filled(
+            End,
+            way=way,
+            reached=k < reached,
+            best=k < best,
+            settled=k < settled,
+            scales=(uneven(), -uneven()),
+        )
+        for way, (n, reached, best, settled) in counts.items()
+        for k in range(n)
+    )
+
+
+@cache
+def findings() -> Findings:
+    truth = np.array([printed.GUESS[n] for n in NAMES]) * [uneven() for _ in NAMES]
+    one = {"c_m": 37.9, "k_e": 0.33}
+    series = {"t": np.arange(3.0), "curve": np.arange(3.0)}
+    return Findings(
+        readings=tuple(filled(Reading, name=n, matrix=f"A as {n}", **series) for n in "ab"),
+        errors=tuple(filled(Error, channel=c) for c in ("theta_1", "w_1")),
+        verification=verification(),
+        lengths=tuple(
+            Length(duration=d, rate=r, bounds={n: uneven() * b for n, b in one.items()})
+            for d, r in ((3.0, 70.0), (11.0, 900.0))
+        ),
+        implied=tuple(filled(Implied, row=r) for r in ("0.001", "rms")),
+        searched="one",
+        symmetries=(("j_m", "k_T"), ("r_m", "l_m")),
+        ends=ends(),
+        control=tuple(
+            filled(Control, sigma=s, parameter=p, records=12)
+            for s in CONTROL_SIGMAS
+            for p in ("c_m", "k_e", "t_f")
+        ),
+        nines=(nine("one", truth), nine("two", None)),
+        tones=(filled(Tone, mode=1), filled(Tone, mode=2, lumped=None)),
+    )
+
+
+@cache
+def tables() -> dict[str, Table]:
+    made = paper_tables.tables(findings())
+    found = {table.stem: table for table in made}
+    assert len(found) == len(made)
+    return found
+
+
+# What is in the files
+
+
+def records(stem: str) -> list[dict[str, str]]:
+    heads, *rows = csv.reader(io.StringIO(tables()[stem].csv))
+    return [dict(zip(heads, row, strict=True)) for row in rows]
+
+
+def grids(text: str) -> list[tuple[list[str], list[list[str]]]]:
+    """Heads and rows of each table in a text of Markdown."""
+    found = []
+    for block in text.strip().split("\n\n"):
+        heads, bar, *rows = (
+            [cell.strip() for cell in line.strip().removeprefix("|").removesuffix("|").split("|")]
+            for line in block.splitlines()
+        )
+        assert set(bar) == {"---"}
+        assert len(bar) == len(heads)
+        found.append((heads, rows))
+    return found
+
+
+def agrees(cell: str, value: str, scale: float = 1.0) -> bool:
+    """Whether a cell is a value of the CSV, rounded to the digits that it shows."""
+    try:
+        exact = scale * float(value)
+    except ValueError:
+        return cell == value
+    if cell.startswith("> "):
+        return exact > float(cell[2:])
+    shown = Decimal(cell)
+    half = 0.5 * 10.0 ** int(shown.as_tuple().exponent)
+    return abs(float(shown) - exact) <= half * (1 + 1e-9)
+
+
+# Columns of the CSV behind those of each Markdown table; `~`: two of them in one cell, `+`: with its
+# unit behind it, `*`: times a number.
+NINE_TABLES: Mapping[str, Sequence[str]] = {
+    "table_3": (
+        "parameter guess printed printed_percent heuristic heuristic_percent stepped "
+        "stepped_percent",
+        "parameter truth off_percent stepped_off_percent starts_percent posterior "
+        "hdi94_low~hdi94_high verdict",
+    ),
+    "products": (
+        "quantity table_3 table_3_digits j_2 r_s both k_T",
+        "quantity heuristic posterior hdi94_low~hdi94_high 100*alone",
+    ),
+    "verdict": ("product deviation_percent sigmas says",),
+}
+COLUMNS: Mapping[str, Sequence[str]] = {
+    "table_1": ("parameter unit printed nominal says",),
+    "inconsistencies": ("what printed+unit implied+unit says",),
+    "matrix": ("matrix w_2 w_2_trapezoid w_end steps",),
+    "integrator": ("channel largest rms steps",),
+    "implied": ("row c_m_percent k_e_percent ratio noise_c_m noise_k_e",),
+    "lengths": ("duration rate c_m_percent k_e_percent repeats",),
+    "simultaneous": (
+        "way searches reached best settled misfit_median misfit_worst scale_1 scale_2 rest",
+    ),
+    "misfits": ("record numbers guess heuristic others stepped map truth low high",),
+    "shaft": ("mode distributed lumped",),
+    "table_2": (
+        "",  # the paper's layout
+        "sigma parameter bound_percent spread_fminsearch_percent spread_scaled_percent "
+        "posterior_sd_percent weights_only_percent weights_only_trapezoid_percent "
+        "trapezoid_fit_percent trapezoid_both_percent",
+    ),
+    **{f"{s}_{nine}": columns for s, columns in NINE_TABLES.items() for nine in ("one", "two")},
+}
+IN_ROWS = [(stem, k) for stem, its in COLUMNS.items() for k, names in enumerate(its) if names]
+
+
+def check(cell: str, name: str, record: Mapping[str, str]) -> None:
+    if "~" in name:
+        for part, own in zip(cell.split(" to "), name.split("~"), strict=True):
+            assert agrees(part, record[own]), (name, cell, record[own])
+    elif "+" in name:
+        value, unit_ = name.split("+")
+        assert agrees(cell.removesuffix(" " + record[unit_]), record[value]), (name, cell)
+    else:
+        scale, _, own = name.rpartition("*")
+        value = record[own]
+        assert agrees(cell, value, float(scale or 1)), (name, cell, value)
+
+
+@pytest.mark.parametrize(("stem", "k"), IN_ROWS)
+def test_every_row_is_that_of_the_csv_to_the_digits_shown(stem: str, k: int) -> None:
+    """Mutants killed: one column in the place of another, digits lost, a scale forgotten."""
+    heads, rows = grids(tables()[stem].markdown)[k]
+    names = COLUMNS[stem][k].split()
+    assert len(heads) == len(names)
+    for row, record in zip(rows, records(stem), strict=True):
+        for cell, name in zip(row, names, strict=True):
+            check(cell, name, record)
+
+
+def test_every_table_has_a_cell_below_each_head_and_a_caption() -> None:
+    assert set(tables()) == {*COLUMNS, "control"}
+    for stem, table in tables().items():
+        for text in (table.title, table.says):
+            assert text == " ".join(text.split()), stem
+            assert "{" not in text
+        assert table.says.endswith(".")
+        assert table.markdown.endswith("|\n")
+        found = grids(table.markdown)
+        assert len(found) == len(COLUMNS.get(stem, [""]))
+        for heads, rows in found:
+            assert rows
+            assert all(len(row) == len(heads) for row in rows), stem
+        assert records(stem)
+        csv_heads = next(csv.reader(io.StringIO(table.csv)))
+        assert len(set(csv_heads)) == len(csv_heads)
+
+
+def test_the_layout_of_table_2_is_the_papers() -> None:
+    (heads, rows), _ = grids(tables()["table_2"].markdown)
+    assert heads[2:] == ["c_m", "dev. %", "k_e", "dev. %"]
+    found = {(r["sigma"], r["parameter"]): r for r in records("table_2")}
+    sigma = ""
+    for k, (first, by, *cells) in enumerate(rows):
+        assert by == ("paper", "fminsearch", "scaled")[k % 3]
+        assert bool(first) == (by == "paper")
+        sigma = first or sigma
+        kind = "printed" if by == "paper" else by
+        for name, value, percent in zip(("c_m", "k_e"), cells[::2], cells[1::2], strict=True):
+            (record,) = (r for (s, p), r in found.items() if (float(s), p) == (float(sigma), name))
+            assert value.endswith({"c_m": "e-5", "k_e": "e-4"}[name])
+            check(value, kind, record)
+            check(percent, f"{kind}_percent", record)
+    assert len(rows) == 3 * len(printed.TWO_PARAMETERS)
+
+
+def test_the_control_has_a_column_for_each_noise() -> None:
+    ((heads, rows),) = grids(tables()["control"].markdown)
+    assert [float(head.removeprefix("noise ")) for head in heads[1:]] == list(CONTROL_SIGMAS)
+    found = {(line.parameter, line.sigma): line for line in findings().control}
+    assert len(rows) * len(CONTROL_SIGMAS) == len(found) == len(records("control"))
+    for name, *cells in rows:
+        for cell, sigma in zip(cells, CONTROL_SIGMAS, strict=True):
+            assert agrees(cell, str(found[name, sigma].largest_percent))
+
+
+# What is in the lines
+
+
+def test_lines_of_table_2_lead_back_to_what_was_found() -> None:
+    """Mutants killed: the spread of one way for the other's, a deviation of another estimate."""
+    found = findings().verification
+    for line, cell in zip(lines_2(found), found.cells, strict=True):
+        assert (line.sigma, line.parameter, line.records) == (cell.sigma, cell.name, 37)
+        one = cell.truth / 100
+        for what in ESTIMATES[:-1]:
+            off = getattr(cell, what) - cell.truth
+            assert getattr(line, f"{what}_percent") * one == pytest.approx(max(off, -off)), what
+        assert line.bound_percent * one == pytest.approx(cell.bound)
+        assert line.posterior_sd_percent * one == pytest.approx(cell.posterior_sd)
+        assert line.spread_fminsearch_percent * one == pytest.approx(cell.sd_fminsearch)
+        assert line.spread_scaled_percent * one == pytest.approx(cell.sd_scaled)
+        assert line.efficiency_scaled * cell.bound == pytest.approx(cell.sd_scaled)
+        assert (line.fminsearch, line.scaled) == (cell.fminsearch, cell.scaled)
+        assert line.posterior == cell.posterior
+        paper = printed.TWO_PARAMETERS[cell.sigma][cell.name]
+        assert (line.printed, line.printed_percent) == (paper.value, paper.deviation)
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_lines_of_table_3_lead_back_to_what_was_found(known: bool) -> None:
+    """Mutants killed: off the guess where it says off the truth, another parameter's number."""
+    found = findings().nines[0 if known else 1]
+    lines = lines_3(found)
+    assert [line.parameter for line in lines] == list(ORDER)
+    for line in lines:
+        k = NAMES.index(line.parameter)
+        h = found.heuristic
+        assert (line.guess, line.heuristic, line.stepped) == (
+            h.guess[k],
+            h.estimate[k],
+            h.stepped[k],
+        )
+        moved = {
+            h.estimate[k]: line.heuristic_percent,
+            h.stepped[k]: line.stepped_percent,
+            printed.implied(line.parameter): line.printed_percent,
+        }
+        for value, percent in moved.items():
+            assert line.guess * (1 + percent / 100) == pytest.approx(value)
+        spread = line.starts_percent / 100 * line.guess
+        own = h.others[:, k]
+        assert spread**2 * (len(own) - 1) == pytest.approx(((own - own.mean()) ** 2).sum())
+        draws = found.draws[:, k]
+        assert np.mean(draws < line.posterior) == pytest.approx(0.5)
+        inside = (line.hdi_low <= draws) & (draws <= line.hdi_high)
+        assert np.mean(inside) == pytest.approx(0.94, abs=0.005)
+        truths = (line.truth, line.true_percent, line.off_percent, line.stepped_off_percent)
+        if found.truth is None:
+            assert (*truths, line.holds) == (None,) * 5
+            continue
+        truth, true, off, stepped = truths
+        assert truth == found.truth[k]
+        assert line.guess * (1 + true / 100) == pytest.approx(truth)
+        assert truth * (1 + off / 100) == pytest.approx(line.heuristic)
+        assert truth * (1 + stepped / 100) == pytest.approx(line.stepped)
+        assert line.holds is bool(line.hdi_low <= truth <= line.hdi_high)
+    if known:
+        assert {line.holds for line in lines} == {True, False}
+    verdicts = {line.parameter: line.verdict for line in lines if line.verdict}
+    assert verdicts == {"k_s": "disagrees", "j_1": "agrees", "r_m": "cannot say"}
+
+
+def test_a_way_without_a_best_end_has_no_scatter() -> None:
+    """Mutants killed: the scatter of all ends for that of the best; zero where there is none."""
+    lines = {line.way: line for line in ways(findings())}
+    none, some = lines["fminsearch"], lines["scaled"]
+    assert (none.searches, none.reached, none.best, none.settled) == (5, 2, 0, 3)
+    assert (some.searches, some.reached, some.best, some.settled) == (7, 6, 4, 5)
+    assert (none.scale_1, none.scale_2, none.rest, none.distance) == (None,) * 4
+    own = [end for end in findings().ends if end.way == "scaled"]
+    best = own[:4]
+    for k, scale in enumerate((some.scale_1, some.scale_2)):
+        along = np.array([end.scales[k] for end in best])
+        assert 4 * scale**2 == pytest.approx(((along - along.mean()) ** 2).sum())
+    assert 4 * some.rest**2 == pytest.approx(sum(end.rest**2 for end in best))
+    assert 4 * some.distance**2 == pytest.approx(sum(end.distance**2 for end in best))
+    misfits = sorted(end.misfit for end in own)
+    assert (some.misfit_median, some.misfit_worst) == (misfits[3], misfits[-1])
+    one = replace(findings(), ends=tuple(replace(end, scales=end.scales[:1]) for end in own))
+    (line,) = ways(one)
+    assert (line.scale_1, line.scale_2) == (some.scale_1, None)
+    first, _ = records("simultaneous")
+    assert [first[name] for name in ("scale_1", "scale_2", "rest", "distance")] == [""] * 4
+    ((_, (row, _)),) = grids(tables()["simultaneous"].markdown)
+    assert row[-3:] == ["", "", ""]
+
+
+def test_bounds_of_lengths_are_those_at_a_thousandth_and_repeats_attain_what_is_wanted() -> None:
+    """Mutant killed: a factor of a thousand in the bounds."""
+    attained = paper_tables.ATTAINED
+    assert attained == float(printed.TWO_PARAMETERS[1.0]["c_m"].percent)
+    found = findings().lengths
+    for line, length in zip(lengths(found, attained), found, strict=True):
+        for name, percent in (("c_m", line.c_m_percent), ("k_e", line.k_e_percent)):
+            assert percent / 100 == pytest.approx(0.001 * length.bounds[name])
+        mean_of_all = length.bounds["c_m"] / math.sqrt(line.repeats)
+        assert mean_of_all == pytest.approx(attained / 100)
+        assert (line.duration, line.rate) == (length.duration, length.rate)
+
+
+def test_the_verdict_names_its_products() -> None:
+    found = findings().nines[0]
+    lines = said(found)
+    assert [line.product for line in lines] == ["k_e", "k_s/j_1^2"]
+    for line, own in zip(lines, found.verdict.products, strict=True):
+        assert line.deviation_percent / 100 == pytest.approx(own.deviation)
+        assert (line.sigmas, line.says) == (own.tension, own.says)
+
+
+def test_the_words_name_the_worst_parameter_and_count_those_that_are_held() -> None:
+    text = paper_tables.in_words(findings()).splitlines()
+    table_2 = [line for line in text if line.startswith("Table 2")]
+    assert len(table_2) == len(printed.TWO_PARAMETERS)
+    for line, cell in zip(table_2, findings().verification.cells[::2], strict=True):
+        shown = re.search(r"known to (\S+) %", line)
+        assert shown
+        assert agrees(shown[1], str(100 * cell.bound / cell.truth))
+    first, second = text[len(table_2) :]
+    found = lines_3(findings().nines[0])
+    worst = max(found, key=lambda line: abs(line.heuristic / line.truth - 1))
+    shown = re.search(r", (\w+) (\S+) % off", first)
+    assert shown
+    assert agrees(shown[2].removeprefix("+"), str(100 * (worst.heuristic / worst.truth - 1)))
+    assert shown[1] == worst.parameter
+    assert f"truth of {sum(line.holds for line in found)} of 9" in first
+    assert "off" not in second
