@@ -449,6 +449,179 @@ MUTANTS = [
         "tests/unit/test_reproduction.py::"
         "test_truth_is_known_only_of_a_record_that_comes_out_again",
     ),
+    Mutant(
+        "the end of the record for the end of a step",
+        "reproduction/forward.py",
+        "w_end=float(end[0]),",
+        "w_end=float(w_2[-1]),",
+        "tests/unit/test_paper_studies.py::"
+        "test_readings_settle_where_they_are_after_hours_and_their_errors_are_the_largest",
+    ),
+    Mutant(
+        "the integrator's error squared and not rooted",
+        "reproduction/forward.py",
+        "np.sqrt(np.mean(off[:, k] ** 2))",
+        "np.mean(off[:, k] ** 2)",
+        "tests/unit/test_paper_studies.py::test_the_integrators_error_in_each_channel",
+    ),
+    Mutant(
+        "an exact record for the integrator's own",
+        "reproduction/verification.py",
+        '"trapezoid_both": {"own": True,',
+        '"trapezoid_both": {"own": False,',
+        "tests/unit/test_paper_studies.py::"
+        "test_each_search_ends_low_in_the_misfit_of_its_own_record_and_model",
+    ),
+    Mutant(
+        "the bound of sigma 1 for every sigma",
+        "reproduction/verification.py",
+        '"bound": sigma * one',
+        '"bound": one',
+        "tests/unit/test_paper_studies.py::test_bounds_and_posteriors_grow_with_the_noise",
+    ),
+    Mutant(
+        "the posterior twice as wide as it is",
+        "reproduction/verification.py",
+        "draws.std(axis=0, ddof=1), sampled",
+        "2 * draws.std(axis=0, ddof=1), sampled",
+        "tests/unit/test_paper_studies.py::test_bounds_and_posteriors_grow_with_the_noise",
+    ),
+    Mutant(
+        "the same record again and again",
+        "reproduction/verification.py",
+        "made.record(target, truth, seed, k), start",
+        "made.record(target, truth, seed, 0), start",
+        "tests/unit/test_paper_studies.py::test_records_differ_in_the_size_of_their_noise_alone",
+    ),
+    Mutant(
+        "searches that leave more than noise are said to have reached it",
+        "reproduction/simultaneous.py",
+        "reached=bool(left < floor)",
+        "reached=bool(left > floor)",
+        "tests/unit/test_paper_studies.py::test_ends_of_searches_are_told_apart_by_their_misfits",
+    ),
+    Mutant(
+        "nearly every end is as good as the best",
+        "reproduction/simultaneous.py",
+        "SAME = 4.0",
+        "SAME = 400.0",
+        "tests/unit/test_paper_studies.py::test_ends_of_searches_are_told_apart_by_their_misfits",
+    ),
+    Mutant(
+        "the least distance of the control for the largest",
+        "reproduction/control.py",
+        ".max(axis=0)",
+        ".min(axis=0)",
+        "tests/unit/test_paper_studies.py::"
+        "test_the_control_tells_the_largest_of_what_a_search_makes_of_records_with_that_noise",
+    ),
+    Mutant(
+        "another noise in the control",
+        "reproduction/control.py",
+        "made.with_sigma(posterior, sigma)",
+        "made.with_sigma(posterior, 2 * sigma)",
+        "tests/unit/test_paper_studies.py::"
+        "test_the_control_tells_the_largest_of_what_a_search_makes_of_records_with_that_noise",
+    ),
+    Mutant(
+        "half of the records are enough",
+        "reproduction/misfit.py",
+        "SHARE = 0.95",
+        "SHARE = 0.5",
+        "tests/unit/test_paper_studies.py::"
+        "test_records_have_the_misfit_that_is_expected_in_nineteen_of_twenty",
+    ),
+    Mutant(
+        "the exact misfit in the heuristic with the paper's integrator",
+        "reproduction/heuristic.py",
+        "task = stepped.task(misfit.task(posterior), posterior.likelihood)",
+        "task = misfit.task(posterior)",
+        "tests/unit/test_paper_studies.py::"
+        "test_the_heuristic_ends_lower_in_the_misfit_that_it_searches",
+    ),
+    Mutant(
+        "the exact misfit told of the end by the integrator",
+        "reproduction/heuristic.py",
+        "stepped_misfit=stepped.per_number(posterior.likelihood, stepped_end)",
+        "stepped_misfit=misfit.per_number(posterior, stepped_end)",
+        "tests/unit/test_paper_studies.py::"
+        "test_the_heuristic_ends_lower_in_the_misfit_that_it_searches",
+    ),
+    Mutant(
+        "per cent taken for shares in the implied noise",
+        "reproduction/bounds.py",
+        'row["c_m"] / 100 / one["c_m"]',
+        'row["c_m"] / one["c_m"]',
+        "tests/unit/test_paper_studies.py::"
+        "test_the_implied_noise_is_that_at_which_the_bound_is_the_deviation",
+    ),
+    Mutant(
+        "a mean square for its root",
+        "reproduction/bounds.py",
+        "math.sqrt(square) for",
+        "square for",
+        "tests/unit/test_paper_studies.py::"
+        "test_the_implied_noise_is_that_at_which_the_bound_is_the_deviation",
+    ),
+    Mutant(
+        "slopes twice as steep in what a record says alone",
+        "reproduction/causes.py",
+        "/ (2 * STEP) for",
+        "/ STEP for",
+        "tests/unit/test_paper_studies.py::"
+        "test_what_a_record_says_alone_is_its_information_without_any_prior",
+    ),
+    Mutant(
+        "the current for the speed in the end",
+        "reproduction/causes.py",
+        "{name: both[name] for name in FOLLOWING}",
+        "{'w_end': both['i_end'], 'zeta': both['zeta']}",
+        "tests/unit/test_paper_studies.py::"
+        "test_the_end_of_a_step_and_the_damping_are_those_of_the_equations",
+    ),
+    Mutant(
+        "off the guess for off the truth",
+        "report/paper_lines.py",
+        "off_percent=None if truth is None else 100 * (estimate / truth - 1)",
+        "off_percent=None if truth is None else 100 * (estimate / guess - 1)",
+        "tests/unit/test_paper_tables.py::test_lines_of_table_3_lead_back_to_what_was_found",
+    ),
+    Mutant(
+        "the spread of one way for the other's",
+        "report/paper_lines.py",
+        "percent * cell.sd_fminsearch",
+        "percent * cell.sd_scaled",
+        "tests/unit/test_paper_tables.py::test_lines_of_table_2_lead_back_to_what_was_found",
+    ),
+    Mutant(
+        "a bound a thousand times too wide",
+        "report/paper_lines.py",
+        '0.1 * line.bounds["c_m"]',
+        '100 * line.bounds["c_m"]',
+        "tests/unit/test_paper_tables.py::"
+        "test_bounds_of_lengths_are_those_at_a_thousandth_and_repeats_attain_what_is_wanted",
+    ),
+    Mutant(
+        "no scatter for the scatter of none",
+        "report/paper_lines.py",
+        "float(np.std(values)) if values else None",
+        "float(np.std(values)) if values else 0.0",
+        "tests/unit/test_paper_tables.py::test_a_way_without_a_best_end_has_no_scatter",
+    ),
+    Mutant(
+        "one column of Table 2 twice",
+        "report/paper_tables.py",
+        '"scaled": (line.scaled, line.scaled_percent)',
+        '"scaled": (line.fminsearch, line.fminsearch_percent)',
+        "tests/unit/test_paper_tables.py::test_the_layout_of_table_2_is_the_papers",
+    ),
+    Mutant(
+        "fminsearch ten times as patient",
+        "optimisers/fminsearch.py",
+        "PER_UNKNOWN = 200 ",
+        "PER_UNKNOWN = 2000 ",
+        "tests/unit/test_paper_studies.py::test_fminsearch_gives_up_where_matlab_documents_it",
+    ),
 ]
 
 

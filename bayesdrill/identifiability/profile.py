@@ -136,7 +136,8 @@ class Fitter:
 
     def _jacobian(self, logs: Array) -> Array:
         theta = self._with_noise(np.exp(logs)[None])[0]
-        return np.nan_to_num(self._scenery.sensitivities(theta, self._scene))
+        slopes = self._scenery.sensitivities(theta, self._scene)
+        return np.nan_to_num(slopes, posinf=0.0, neginf=0.0)
 
     def _learn_noise(self) -> None:
         """Unknown noise levels, from what the best fit leaves."""

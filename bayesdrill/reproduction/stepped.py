@@ -37,6 +37,6 @@ def task(exact: Task, likelihood: Likelihood) -> Task:
             -half * per_number(likelihood, row) if good else -np.inf
             for row, good in zip(theta, inside, strict=True)
         ]
-        return np.asarray(np.nan_to_num(values, nan=-np.inf))
+        return np.asarray(np.nan_to_num(values, nan=-np.inf, neginf=-np.inf))
 
     return dataclasses.replace(exact, density=density)

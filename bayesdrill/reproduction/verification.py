@@ -173,7 +173,7 @@ def _free(target: Posterior) -> Task:
     plain = dataclasses.replace(target, coordinates=Physical())
 
     def density(theta: Array) -> Array:
-        return np.nan_to_num(target.likelihood(theta), nan=-np.inf)
+        return np.nan_to_num(target.likelihood(theta), nan=-np.inf, neginf=-np.inf)
 
     return Task(
         names=target.space.free,

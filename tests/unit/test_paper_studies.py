@@ -130,23 +130,37 @@ def test_records_have_the_misfit_that_is_expected_in_nineteen_of_twenty() -> Non
         assert np.mean(tail) == pytest.approx(0.025, abs=0.007)  # four standard deviations
 
 
-def test_the_misfit_with_the_integrator_is_its_own_and_its_task_ends_at_the_priors() -> None:
-    names = ("c_m", "k_e")
-    rig = target(names, UNEVEN, 41, at(names, 1.0, 1.0), wide=(0.5, 1.5))
-    y = rig.likelihood.response.experiment.y
-    rows, expected = np.array([[0.8, 1.1], [1.4, 0.6], [1.6, 1.0], [1.0, 0.4]]), []
+BOX = ("c_m", "k_e")
+
+
+@pytest.fixture(scope="module")
+def boxed() -> Posterior:
+    return target(BOX, UNEVEN, 41, at(BOX, 1.0, 1.0), wide=(0.5, 1.5))
+
+
+def test_the_misfit_with_the_integrator_is_its_own(boxed: Posterior) -> None:
+    """Mutants killed: the exact misfit, twice the density, noise that is the same everywhere."""
+    y = boxed.likelihood.response.experiment.y
+    rows, expected = np.array([[0.8, 1.1], [1.4, 0.6]]), []
     for factors in rows:
-        p = NOMINAL | at(names, *factors)
+        p = NOMINAL | at(BOX, *factors)
         matrix, forcing = six_states(MotorShaft(), p, {"v": 8.0})
         x = integrate(matrix, forcing, np.zeros(6), 0.01 * np.arange(41)).x
         off = x[:, [SIX_STATES.index(name) for name in STATES[:4]]] - y
         expected.append(np.mean((off / UNEVEN) ** 2))
-    theta = rows * [NOMINAL[name] for name in names]
+    theta = rows * [NOMINAL[name] for name in BOX]
     for one, per in zip(theta, expected, strict=True):
-        assert stepped.per_number(rig.likelihood, one) == pytest.approx(per, rel=1e-9)
-    found = stepped.task(misfit.task(rig), rig.likelihood).density(theta)
-    assert found[:2] == pytest.approx(-0.5 * y.size * np.array(expected[:2]))
-    assert list(found[2:]) == [-np.inf, -np.inf]
+        assert stepped.per_number(boxed.likelihood, one) == pytest.approx(per, rel=1e-9)
+    found = stepped.task(misfit.task(boxed), boxed.likelihood).density(theta)
+    assert found == pytest.approx(-0.5 * y.size * np.array(expected))
+
+
+def test_a_search_with_the_integrator_ends_at_the_priors(boxed: Posterior) -> None:
+    """Mutant killed: a density beyond them."""
+    theta = np.array([[1.6, 1.0], [1.0, 0.4], [1.0, 1.0]]) * [NOMINAL[name] for name in BOX]
+    found = stepped.task(misfit.task(boxed), boxed.likelihood).density(theta)
+    assert list(found[:2]) == [-np.inf, -np.inf]
+    assert np.isfinite(found[2])
 
 
 def test_the_heuristic_ends_lower_in_the_misfit_that_it_searches() -> None:
@@ -250,16 +264,19 @@ def test_each_search_ends_low_in_the_misfit_of_its_own_record_and_model(
         "weights_only_trapezoid": made.of(sized, own),
     }
     ends = {name: column(found, sigma, lambda c, n=name: getattr(c, n)) for name in record}
+    beside = 0.2 / rig.likelihood.numbers  # how high a search may stop: less than what noise does
     for name, its in record.items():
         left = {
             other: stepped.per_number(its.likelihood, end)
             for other, end in {**ends, "truth": truth}.items()
         }
-        # A rough misfit: its search may stop beside its least, by less than what noise moves it.
-        assert left[name] <= min(left.values()) + 0.2 / its.likelihood.numbers
+        assert left[name] <= min(left.values()) + beside
+        if sigma == 0.001 and name != "weights_only_trapezoid":
+            (other,) = {"trapezoid_both", "trapezoid_fit"} - {name}
+            assert left[name] + beside < left[other]  # small noise: the records differ by more
     assert stepped.per_number(record["weights_only_trapezoid"].likelihood, truth) == 0.0
     weights = column(found, sigma, lambda c: c.weights_only)
-    assert misfit.per_number(clean, weights) < 0.1 / clean.likelihood.numbers
+    assert misfit.per_number(clean, weights) < 0.5 * beside
 
 
 # Starts all over, and the control

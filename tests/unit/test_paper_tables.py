@@ -210,7 +210,7 @@ def grids(text: str) -> list[tuple[list[str], list[list[str]]]]:
 
 
 def agrees(cell: str, value: str, scale: float = 1.0) -> bool:
-    """Whether a cell is a value of the CSV, rounded to the digits that it shows."""
+    """Whether a cell is a value of the CSV, rounded to the digits that it shows, two at least."""
     try:
         exact = scale * float(value)
     except ValueError:
@@ -219,7 +219,7 @@ def agrees(cell: str, value: str, scale: float = 1.0) -> bool:
         return exact > float(cell[2:])
     shown = Decimal(cell)
     half = 0.5 * 10.0 ** int(shown.as_tuple().exponent)
-    return abs(float(shown) - exact) <= half * (1 + 1e-9)
+    return abs(float(shown) - exact) <= min(half, 0.05 * abs(exact)) * (1 + 1e-9)
 
 
 # Columns of the CSV behind those of each Markdown table; `~`: two of them in one cell, `+`: with its
