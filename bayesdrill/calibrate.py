@@ -96,6 +96,7 @@ def calibrate(
         report.say(calibration_words.opening(job.problem, job.config))
         folder.write_run(
             status="running",
+            job="calibrate",
             seed=job.config.seed,
             versions=provenance.versions(),
             refits=own.refits,

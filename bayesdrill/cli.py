@@ -110,15 +110,19 @@ def identify(
 def map_(config: ConfigPath, processes: Processes = None) -> None:
     """Search the maximum of the posterior (MAP) and print it; writes nothing."""
     with guarded():
-        from bayesdrill import pipeline
+        from bayesdrill import pipeline, residuals
         from bayesdrill.crew import available
         from bayesdrill.progress import reporter
+        from bayesdrill.report import residual_words
         from bayesdrill.report.tables import mode_as_text
 
         job = pipeline.prepare(config)
         with reporter() as report:
             found = pipeline.find_mode(job, processes or available(), report)
+        target = job.problem.posterior
+        left = residuals.left(target.likelihood, target.space.vector(found.values))
         typer.echo(mode_as_text(job.problem, found))
+        typer.echo(residual_words.sentences(left))
 
 
 @app.command(epilog="Example: bayesdrill posterior configs/nominal_step.yaml --output results/mine")
@@ -235,15 +239,15 @@ def paper(
     force: Force = False,
     processes: Processes = None,
 ) -> None:
-    """Repeat the studies of the paper, each beside what a full posterior says of it."""
+    """Repeat the studies of the paper, each beside what a full posterior says of it (minutes)."""
     with guarded():
         from bayesdrill.crew import available
         from bayesdrill.paper import reproduce
         from bayesdrill.progress import reporter
 
-        with reporter() as report:
+        with saved_in(output, "start over with --force"), reporter() as report:
             done = reproduce(configs, output, processes or available(), report, force=force)
-        typer.echo(done.text)
+        typer.echo("\n".join(done.said))
         typer.echo(f"results: {done.folder}/ (report.md, tables, figures/, two posteriors)")
         if not done.converged:
             raise typer.Exit(NOT_CONVERGED)

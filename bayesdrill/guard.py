@@ -60,8 +60,8 @@ def guarded() -> Iterator[None]:
 
 
 @contextmanager
-def saved_in(folder: Path) -> Iterator[None]:
-    """A disk or a worker that fails during a run: where, and that the run can go on from there."""
+def saved_in(folder: Path, way_out: str = "go on with --resume") -> Iterator[None]:
+    """A disk or a worker that fails during a run: where, and how the run goes on from there."""
     from bayesdrill.errors import InputError
 
     try:
@@ -69,10 +69,10 @@ def saved_in(folder: Path) -> Iterator[None]:
     except BrokenPipeError:
         raise
     except OSError as error:
-        message = f"{_reason(error)}; mend this, then go on with --resume"
+        message = f"{_reason(error)}; mend this, then {way_out}"
         raise InputError.one(str(error.filename or folder), message) from None
     except BrokenExecutor:
-        raise InputError.one(str(folder), f"{KILLED}; go on with --resume") from None
+        raise InputError.one(str(folder), f"{KILLED}; {way_out}") from None
 
 
 def _reason(error: OSError) -> str:

@@ -33,7 +33,7 @@ class Findings:
     def text(self) -> str:
         parts = [words.full(self.study)]
         if self.profiles:
-            parts.append(words.profiles(self.profiles))
+            parts.append(words.profiles(self.profiles, self.study))
         return "\n\n".join(parts)
 
 

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from concurrent.futures.process import BrokenProcessPool
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdrill import build, job, loading, pipeline, provenance
 from bayesdrill import config as records
+from bayesdrill import pipeline, provenance
 from bayesdrill.crew import Crew
 from bayesdrill.errors import InputError, Interrupted
 from bayesdrill.identifiability.scenes import Scenery
@@ -20,6 +20,7 @@ from bayesdrill.identifiability.study import study_of
 from bayesdrill.job import Job
 from bayesdrill.models.motor_shaft import MotorShaft
 from bayesdrill.optimisers.contract import Optimiser
+from bayesdrill.parameters import ParameterSpace
 from bayesdrill.progress import Reporter, Silent
 from bayesdrill.report import paper_report, paper_tables
 from bayesdrill.reproduction import (
@@ -34,6 +35,7 @@ from bayesdrill.reproduction import (
 )
 from bayesdrill.reproduction.control import Control, control
 from bayesdrill.reproduction.findings import Findings, Misfits, Nine
+from bayesdrill.reproduction.studies import Studies, prepare
 from bayesdrill.reproduction.truths import truth_of
 from bayesdrill.reproduction.verification import Verification, verify
 from bayesdrill.store import RUN, Folder
@@ -41,9 +43,6 @@ from bayesdrill.yaml_source import Source
 
 Array = NDArray[np.float64]
 
-TWO = "two_parameters.yaml"
-NINES = ("estimates.yaml", "measured.yaml")
-MAKERS = ("estimates.yaml", "missing_physics.yaml")  # make records, whose truth is known
 RECORDS = 400  # of each sigma in the verification study
 STARTS = 40  # of the simultaneous searches, each way
 OTHERS = 24  # further starts of the heuristic ...
@@ -56,79 +55,40 @@ TONES = 4
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Outcome:
+    """`said`: sentences for the terminal."""
+
     folder: Path
     converged: bool
-    text: str
+    said: tuple[str, ...]
 
 
 def reproduce(
     configs: Path, output: Path, processes: int, report: Reporter, *, force: bool
 ) -> Outcome:
     """Everything, from the configs of a folder; the tables do not depend on `processes`."""
-    studies = _studies(configs)
+    studies = prepare(configs)
     if (output / RUN).exists() and not force:
         message = "results exist already; make them anew with --force, or give another --output"
         raise InputError.one(str(output), message)
     with Folder(output, "force" if force else "fresh", {}, own=paper_report.OWN) as folder:
-        folder.write_run(status="running", versions=provenance.versions())
+        folder.write_run(status="running", job="paper", versions=provenance.versions())
+        report.say("two parameters, nine of two records: two to five minutes with two processes")
         try:
             findings = _run(studies, folder, processes, _Clock(report))
-        except BaseException as error:
+        except (KeyboardInterrupt, Interrupted):
             folder.write_run(status="interrupted")
-            raise _to_tell(error, output) from None
+            message = f"stopped; {output} is not complete; start over with --force"
+            raise Interrupted(message) from None
+        except BaseException:
+            with suppress(OSError):  # a full disk
+                folder.write_run(status="interrupted")
+            raise
     return Outcome(
-        folder=output, converged=findings.converged, text=paper_tables.in_words(findings)
+        folder=output, converged=findings.converged, said=paper_tables.in_words(findings)
     )
 
 
-def _to_tell(error: BaseException, output: Path) -> BaseException:
-    """What stopped the studies, with the way out that this job has."""
-    if isinstance(error, KeyboardInterrupt | Interrupted):
-        return Interrupted(f"stopped; {output} is not complete; start over with --force")
-    if isinstance(error, BrokenProcessPool):
-        message = "a worker process was killed (out of memory?); start over with --force"
-        return InputError.one(str(output), f"{message}, and fewer --processes, which need less")
-    return error
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Studies:
-    """`pairwise`: the heuristic for the unknowns of each of `nines`; `makers` made the records."""
-
-    two: Job
-    nines: tuple[Job, ...]
-    pairwise: tuple[Optimiser, ...]
-    makers: tuple[tuple[records.Config, Source], ...]
-
-
-def _studies(configs: Path) -> _Studies:
-    """Raises `InputError` with all that would stop them later."""
-    two, *nines = (job.prepare(configs / name) for name in (TWO, *NINES))
-    makers = tuple(loading.load(configs / name) for name in MAKERS)
-    problems = [
-        own.source.problem(
-            ("record", "channels"),
-            "the paper's misfit needs known noise; give each sigma as a number",
-        )
-        for own in (two, *nines)
-        if own.problem.posterior.likelihood.noise.unknown
-    ]
-    if set(two.problem.names) != set(printed.START):
-        message = (
-            f"Table 2 has the unknowns {' and '.join(printed.START)}; give a prior to these alone"
-        )
-        problems.append(two.source.problem(("parameters",), message))
-    for nine in nines:
-        if len(set(nine.problem.names) & set(printed.NINE_PARAMETERS)) < 2:
-            message = "the heuristic needs two unknown parameters or more; give a prior to more"
-            problems.append(nine.source.problem(("parameters",), message))
-    if problems:
-        raise InputError(problems)
-    pairwise = tuple(_pairwise(nine) for nine in nines)
-    return _Studies(two=two, nines=tuple(nines), pairwise=pairwise, makers=makers)
-
-
-def _run(studies: _Studies, folder: Folder, processes: int, clock: _Clock) -> Findings:
+def _run(studies: Studies, folder: Folder, processes: int, clock: _Clock) -> Findings:
     two = studies.two
     verification, lengths = _verification(two, processes)
     clock.done(f"two parameters: {RECORDS} records at each of {len(verification.sigmas)} sigmas")
@@ -193,12 +153,6 @@ def _control(nine: Job, search: Optimiser, processes: int) -> tuple[Control, ...
         return control(crew, posterior, search, EVALUATIONS, SIGMAS, CONTROLS, seed)
 
 
-def _pairwise(nine: Job) -> Optimiser:
-    own = nine.config.map.model_copy(update={"method": "pairwise"})
-    repeated = nine.config.model_copy(update={"map": own})
-    return build.optimiser(repeated, nine.problem.names)
-
-
 def _nine(
     nine: Job,
     search: Optimiser,
@@ -223,6 +177,8 @@ def _nine(
     return Nine(
         name=name,
         names=nine.problem.names,
+        units=tuple(symbol.plain_unit for symbol in nine.problem.symbols),
+        given=_given(posterior.space),
         experiment=nine.problem.experiment,
         heuristic=found,
         signals=posterior.likelihood.signals(found.estimate[None])[0],
@@ -233,6 +189,12 @@ def _nine(
         causes=causes.causes(posterior, mode, found.estimate, draws),
         converged=whole.sampled.convergence.converged,
     )
+
+
+def _given(space: ParameterSpace) -> tuple[str, ...]:
+    """Parameters that are held or tied, each with its value or formula."""
+    held = [f"{name} = {value:.4g}" for name, value in space.fixed.items()]
+    return (*held, *(f"{name} = {tie.text}" for name, tie in space.relations.items()))
 
 
 def _misfits(nine: Job, found: heuristic.Heuristic, mode: Array, truth: Array | None) -> Misfits:

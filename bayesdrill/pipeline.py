@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdrill import build, mode, provenance, seeds, store, verdict
+from bayesdrill import build, mode, provenance, residuals, seeds, store, verdict
 from bayesdrill import config as records
 from bayesdrill.convergence import Targets
 from bayesdrill.crew import Crew
@@ -29,7 +29,7 @@ from bayesdrill.job import assemble as assemble
 from bayesdrill.job import prepare as prepare
 from bayesdrill.mode import Mode, Search
 from bayesdrill.progress import Reporter
-from bayesdrill.report import publish, tables, verdict_words, words
+from bayesdrill.report import publish, residual_words, tables, verdict_words, words
 from bayesdrill.sampling import Plan, Sampled, sample, stored
 from bayesdrill.store import Folder
 from bayesdrill.verdict import Verdict
@@ -106,8 +106,12 @@ def _run(job: Job, folder: Folder, processes: int, report: Reporter) -> Outcome:
 
 def republish(output: Path, processes: int) -> Outcome:
     """Tables and figures again, from the chain that `output` holds."""
-    if store.read_run(output) is None:
+    run = store.read_run(output)
+    if run is None:
         raise InputError.one(str(output), "no results here; give the folder of a finished run")
+    if "job" in run:
+        message = f"results of `bayesdrill {run['job']}`, which makes its tables and figures itself"
+        raise InputError.one(str(output), f"{message}; give the folder of a posterior")
     if not (output / RESOLVED_FILE).exists():
         raise InputError.one(str(output), "the run stopped as it began; continue it with --resume")
     job = prepare(output / RESOLVED_FILE)
@@ -190,7 +194,8 @@ def _publish(
     vector = job.problem.posterior.space.vector(found.values)
     draws = sampled.draws.reshape(-1, len(vector))
     judged = verdict.judgement(job.problem, job.config, scenery, vector, draws, rows)
-    publish.everything(job.problem, found, sampled, rows, judged, job.config, folder, crew)
+    left = residuals.left(job.problem.posterior.likelihood, vector)
+    publish.everything(job.problem, found, left, sampled, rows, judged, job.config, folder, crew)
     if seconds:
         seconds["report"] = time.perf_counter() - begun
         folder.write_run(seconds={name: round(value, 3) for name, value in seconds.items()})
@@ -199,6 +204,7 @@ def _publish(
         converged=c.converged,
         reasons=list(c.reasons),
         notes=tables.notes(rows),
+        fit=residual_words.as_data(left),
         verdict=None
         if judged is None
         else verdict_words.as_data(judged.verdict, table, converged=c.converged),
@@ -213,7 +219,7 @@ def _publish(
         acceptance=[round(float(x), 4) for x in sampled.acceptance],
         failures=sampled.failures,
     )
-    shown = [tables.as_text(rows), tables.in_words(rows)]
+    shown = [tables.as_text(rows), tables.in_words(rows), residual_words.sentences(left)]
     if judged is not None:
         said = verdict_words.sentences(judged.verdict, table, converged=c.converged)
         shown += [verdict_words.as_text(judged.verdict), said]

@@ -85,7 +85,11 @@ class Folder:
     def __enter__(self) -> Self:
         """Raises `InputError` when results are in the way, differ, or are being written."""
         self._refuse()
-        self.path.mkdir(parents=True, exist_ok=True)
+        try:
+            self.path.mkdir(parents=True, exist_ok=True)
+        except (FileExistsError, NotADirectoryError):
+            message = "a file is in the way; give another --output"
+            raise InputError.one(str(self.path), message) from None
         lock = FileLock(self.path / ".lock")
         try:
             lock.acquire(timeout=0)

@@ -22,6 +22,10 @@ SHAPES = {
 }
 
 
+# Of a parameter without a trace of its own: beyond such a limit the others would leave their priors.
+THROUGH_OTHERS = "by the ends of the others' priors; the record alone does not determine it"
+
+
 def product(names: Sequence[str], exponents: Sequence[float]) -> str:
     """`k_T r_m^2 / (k_s j_1)`, as one writes it by hand."""
     above = [_power(n, e) for n, e in zip(names, exponents, strict=True) if e > 0]
@@ -141,13 +145,21 @@ def brief(study: Study) -> str:
     return "\n".join(lines)
 
 
-def profiles(found: Sequence[Profile]) -> str:
+def profiles(found: Sequence[Profile], study: Study) -> str:
     """One line each."""
+    open_ones = {
+        name
+        for name, known in zip(study.names, study.parameters, strict=True)
+        if math.isinf(known.bound)
+    }
     rows = [("", "best fit", "95 % from", "to", "")]
     for p in found:
         low, high = ("-" if x is None else f"{x:.6g}" for x in (p.low, p.high))
         best = "-" if p.shape == "flat" else f"{p.best:.6g}"
-        rows.append((p.name, best, low, high, f"{p.shape}: {SHAPES[p.shape]}"))
+        meant = SHAPES[p.shape]
+        if p.name in open_ones and p.shape in ("bounded", "one-sided"):
+            meant = THROUGH_OTHERS
+        rows.append((p.name, best, low, high, f"{p.shape}: {meant}"))
     return "profile likelihood:\n" + aligned(rows, left={0, 4})
 
 

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bayesdrill import symbols
 from bayesdrill.diagnostics import hdi
 from bayesdrill.report.identify_words import product
 from bayesdrill.reproduction import printed
@@ -43,23 +42,23 @@ class Line2:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Line3:
-    """A line of Table 3.  Deviations are relative to the initial guess, with their signs; those off
-    the truth, `*off_percent`, to that.
+    """A line of Table 3.  Deviations are relative to the initial guess, with their signs, the printed
+    one to the paper's; those off the truth, `*off_percent`, to that.
 
-    `stepped`: the heuristic with the paper's integrator.  `starts_percent`: standard deviation of the
-    estimates from other starts, over the guess.  `posterior`: its median; HDI: of the logarithm, 94 %;
-    `holds`: whether the truth is in it.
+    `stepped`: the heuristic with the paper's integrator; None with a measured input.
+    `starts_percent`: standard deviation of the estimates from other starts, over the guess.
+    `posterior`: its median; HDI: of the logarithm, 94 %; `holds`: whether the truth is in it.
     """
 
     parameter: str
     unit: str
     guess: float
-    printed: float
-    printed_percent: float
+    printed: float | None
+    printed_percent: float | None
     heuristic: float
     heuristic_percent: float
-    stepped: float
-    stepped_percent: float
+    stepped: float | None
+    stepped_percent: float | None
     starts_percent: float
     truth: float | None
     true_percent: float | None
@@ -153,31 +152,31 @@ def lines_3(nine: Nine) -> tuple[Line3, ...]:
         if np.count_nonzero(q.exponents) == 1
     }
     lines = []
-    for name, paper in printed.NINE_PARAMETERS.items():
-        if name not in nine.names:
-            continue
+    ours = [name for name in nine.names if name not in printed.NINE_PARAMETERS]
+    for name in (*(n for n in printed.NINE_PARAMETERS if n in nine.names), *ours):
+        paper = printed.NINE_PARAMETERS.get(name)
         k = nine.names.index(name)
         found = nine.heuristic
         guess, estimate = float(found.guess[k]), float(found.estimate[k])
-        stepped = float(found.stepped[k])
+        stepped = None if found.stepped is None else float(found.stepped[k])
         truth = None if nine.truth is None else float(nine.truth[k])
         low, high = np.exp(hdi(np.log(nine.draws[:, k])))
         lines.append(
             Line3(
                 parameter=name,
-                unit=symbols.PARAMETERS[name].plain_unit,
+                unit=nine.units[k],
                 guess=guess,
-                printed=paper.value,
-                printed_percent=printed.signed_deviation(name),
+                printed=None if paper is None else paper.value,
+                printed_percent=None if paper is None else printed.signed_deviation(name),
                 heuristic=estimate,
                 heuristic_percent=100 * (estimate / guess - 1),
                 stepped=stepped,
-                stepped_percent=100 * (stepped / guess - 1),
+                stepped_percent=_off(stepped, guess),
                 starts_percent=100 * float(found.others[:, k].std(ddof=1)) / guess,
                 truth=truth,
-                true_percent=None if truth is None else 100 * (truth / guess - 1),
-                off_percent=None if truth is None else 100 * (estimate / truth - 1),
-                stepped_off_percent=None if truth is None else 100 * (stepped / truth - 1),
+                true_percent=_off(truth, guess),
+                off_percent=_off(estimate, truth),
+                stepped_off_percent=_off(stepped, truth),
                 posterior=float(np.median(nine.draws[:, k])),
                 hdi_low=float(low),
                 hdi_high=float(high),
@@ -186,6 +185,11 @@ def lines_3(nine: Nine) -> tuple[Line3, ...]:
             )
         )
     return tuple(lines)
+
+
+def _off(value: float | None, reference: float | None) -> float | None:
+    """In per cent, with its sign."""
+    return None if value is None or reference is None else 100 * (value / reference - 1)
 
 
 def ways(found: Findings) -> tuple[Way, ...]:

@@ -28,7 +28,7 @@ def _simultaneous(found: Findings) -> Table:
     factors = " and on ".join(", ".join(names) for names in found.symmetries)
     return table(
         "simultaneous",
-        "Nine parameters at once",
+        "All parameters at once",
         f"Searches of `{found.searched}` from starts within {100 * simultaneous.WITHIN:.0f} % of the "
         "guesses: how many leave no more than noise, how many are as good as the best (within "
         f"{simultaneous.SAME:g} of its misfit), how many stopped by themselves. How those that are as "
@@ -53,7 +53,8 @@ def _misfits(found: Sequence[Misfits]) -> Table:
         "Misfit per measured number",
         "1 is what the noise leaves; at the truth 95 % of records have it between `low` and `high`. "
         "`other starts`: the largest of the heuristic's. `ode23t`: the heuristic with the paper's "
-        "integrator, its misfit computed with that.",
+        "integrator, its misfit computed with that (empty with a measured input, which the paper has "
+        "not).",
         Misfits,
         found,
         lambda m: (
@@ -116,12 +117,13 @@ def _table_3(nine: Nine) -> Table:
     )
     return Table(
         stem=f"table_3_{nine.name}",
-        title=f"Table 3: nine parameters, record `{nine.name}`",
-        says="First the paper's layout, deviations in per cent of the initial guess, with their signs: "
-        "the paper's estimates, the heuristic's here, and the heuristic's with the paper's integrator. "
-        "Then the truth, where it is known, and how far off it both are; the standard deviation of the "
-        "estimates from other starts, over the guess; and the posterior: median, 94 % HDI of the "
-        "logarithm, and what the record says of the nominal value.",
+        title=f"Table 3, record `{nine.name}`",
+        says=f"{_doubts(nine)}First the paper's layout, deviations in per cent of the initial guess, "
+        "with their signs: the paper's estimates and its deviations from its own guesses, the "
+        f"heuristic's here, and the heuristic's with the paper's integrator.{_given(nine)} Then the "
+        "truth, where it is known, and how far off it both are; the standard deviation of the estimates "
+        "from other starts, over the guess; and the posterior: median, 94 % HDI of the logarithm, and "
+        "what the record says of the nominal value.",
         csv=records_as_csv(Line3, lines, {}),
         markdown=f"{layout}\n{judged}",
     )
@@ -140,8 +142,8 @@ def _causes(nine: Nine) -> Table:
         ("", "heuristic", "posterior", "94 % HDI", "alone %"),
         (
             (
-                *(c.quantity, *digits(c.heuristic, c.posterior)),
-                *(f"{c.hdi_low:.4g} to {c.hdi_high:.4g}", _share(c.alone)),
+                *(c.quantity, *digits(c.heuristic), *digits(c.posterior)),
+                *(_interval(c.hdi_low, c.hdi_high), _share(c.alone)),
             )
             for c in nine.causes
         ),
@@ -149,12 +151,13 @@ def _causes(nine: Nine) -> Table:
     return Table(
         stem=f"products_{nine.name}",
         title=f"What a record can show, record `{nine.name}`",
-        says="Quantities that no symmetry changes, over their values at the initial guesses (w_end: the "
-        "steady speed; zeta: the damping ratio). First those of Table 3 as printed, and with the digits "
-        f"of its percentages; of the nominal rig with j_2 = {causes.J_2:g} kg m^2 at the output, with "
-        f"r_s = {causes.R_S:g} ohm in series, with both; and with k_T = k_e. Then those of this record, "
-        "by heuristic and posterior (median, 94 % HDI of the logarithm); `alone`: the Cramer-Rao bound "
-        "of the standard deviation without any prior, in per cent.",
+        says=f"{_doubts(nine)}Quantities that no symmetry changes, over their values at the paper's "
+        "initial guesses (w_end: the steady speed; zeta: the damping ratio). First those of Table 3 as "
+        f"printed, and with the digits of its percentages; of the nominal rig with j_2 = {causes.J_2:g} "
+        f"kg m^2 at the output, with r_s = {causes.R_S:g} ohm in series, with both; and with k_T = k_e. "
+        "Then those of this record, by heuristic and posterior (median, 94 % HDI of the logarithm); "
+        "`alone`: the Cramer-Rao bound of the standard deviation without any prior, in per cent. Empty "
+        "where the config gives the quantity.",
         csv=records_as_csv(Cause, nine.causes, {}),
         markdown=f"{behind}\n{shown}",
     )
@@ -164,9 +167,10 @@ def _verdict(nine: Nine) -> Table:
     return table(
         f"verdict_{nine.name}",
         f"The verdict, record `{nine.name}`",
-        "Independent products of the parameters that such a record can show: deviation of the mean of "
-        "the posterior from the nominal table, how many standard deviations that is (above "
-        f"{nine.verdict.limit:.2f} the record disagrees), and what the record says of the table.",
+        f"{_doubts(nine)}Independent products of the parameters that such a record can show: deviation "
+        "of the mean of the posterior from the nominal table, how many standard deviations that is, "
+        f"beyond a tolerance if there is one (above {nine.verdict.limit:.2f} the record disagrees), and "
+        "what the record says of the table.",
         Said,
         said(nine),
         lambda q: (q.product, _signed(q.deviation_percent), percent(q.sigmas), q.says),
@@ -174,8 +178,38 @@ def _verdict(nine: Nine) -> Table:
     )
 
 
-def _share(x: float) -> str:
+def doubts(nine: Nine) -> list[str]:
+    """What takes the worth away from all that is said of a record."""
+    found, m = [], nine.misfits
+    if not m.explained:
+        found.append(
+            f"even the MAP leaves a misfit of {m.map:.4g} per number, where noise leaves at most "
+            f"{m.high:.3g}: a unit, the voltage, a sigma or the model does not fit this record, and "
+            "estimates and intervals say little"
+        )
+    if not nine.converged:
+        found.append(
+            f"the posterior did not converge (`{nine.name}/run.json` says why): do not use its numbers"
+        )
+    return found
+
+
+def _doubts(nine: Nine) -> str:
+    return "".join(f"**Careful: {doubt}.** " for doubt in doubts(nine))
+
+
+def _given(nine: Nine) -> str:
+    return f" Not searched: {', '.join(nine.given)}." if nine.given else ""
+
+
+def _interval(low: float | None, high: float | None) -> str:
+    return "" if low is None or high is None else f"{low:.4g} to {high:.4g}"
+
+
+def _share(x: float | None) -> str:
     """In per cent; a linear bound beyond ten says no more than that."""
+    if x is None:
+        return ""
     return percent(100 * x) if x <= 10 else "> 1000"
 
 

@@ -12,23 +12,24 @@ from bayesdrill import symbols
 from bayesdrill.crew import Crew
 from bayesdrill.optimisers.pairwise import ORDER, circle
 from bayesdrill.report.paper_cells import Table
-from bayesdrill.report.paper_tables import tables
+from bayesdrill.report.paper_tables import in_words, tables
 from bayesdrill.report.publish import draw
 from bayesdrill.reproduction import printed
 from bayesdrill.reproduction.findings import Findings
+from bayesdrill.reproduction.studies import FIGURES
 from bayesdrill.store import RUN, Folder
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-OWN = ("*.csv", "*.md", "figures/*", RUN)  # as store.OWN
+OWN = ("*.csv", "*.md", f"{FIGURES}/*", RUN)  # as store.OWN
 
 Wanted = tuple[str, str, Callable[..., "Figure"], tuple[Any, ...]]
 ITERATIONS = 10  # of each pair, in the paper
 
 
 def write(found: Findings, folder: Folder, crew: Crew) -> None:
-    figures = folder.path / "figures"
+    figures = folder.path / FIGURES
     figures.mkdir(exist_ok=True)
     note = {"Title": "paper", "Creator": f"bayesdrill {bayesdrill.__version__}"}
     wanted = _figures(found)
@@ -42,11 +43,13 @@ def write(found: Findings, folder: Folder, crew: Crew) -> None:
         folder.write_text(f"{table.stem}.md", f"{table.says}\n\n{table.markdown}")
     for task in tasks:
         task.result()
-    folder.write_text("report.md", report(made, {stem: says for stem, says, *_ in wanted}))
+    figures_say = {stem: says for stem, says, *_ in wanted}
+    folder.write_text("report.md", report(in_words(found), made, figures_say))
 
 
-def report(made: Sequence[Table], figures: Mapping[str, str]) -> str:
-    parts = ["# The paper, repeated"]
+def report(first: Sequence[str], made: Sequence[Table], figures: Mapping[str, str]) -> str:
+    """`first`: what is said before all tables."""
+    parts = ["# The paper, repeated", "\n".join(f"- {line}" for line in first)]
     for table in made:
         parts += [f"## {table.title}", table.says, table.markdown.rstrip()]
     parts.append("## Figures")
@@ -71,7 +74,12 @@ def _figures(found: Findings) -> list[Wanted]:
     ]
     wanted: list[Wanted] = [
         ("rig", "The rig.", rig_figure, ()),
-        ("heuristic", "The heuristic.", heuristic_figure, (circle(ORDER), ITERATIONS)),
+        (
+            "heuristic",
+            "The heuristic, as in the paper.",
+            heuristic_figure,
+            (circle(ORDER), ITERATIONS),
+        ),
         (
             "matrix",
             "Speed of theta_2 with four readings of the printed matrix.",
@@ -86,7 +94,7 @@ def _figures(found: Findings) -> list[Wanted]:
         ),
         (
             "simultaneous",
-            "Where searches for all nine end.",
+            "Where searches for all unknowns at once end.",
             search.simultaneous_figure,
             (found.ends, latex),
         ),

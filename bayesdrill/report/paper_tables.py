@@ -62,7 +62,7 @@ def _matrix(readings: Sequence[Reading]) -> Table:
     return table(
         "matrix",
         "The printed matrix",
-        f"Speed of theta_2 [rad/s] {FOLLOWED:g} s after the 8 V step, by the reading of the printed "
+        f"Speed of theta_2 [rad/s] {FOLLOWED:g} s after the step, by the reading of the printed "
         "matrix; the same by the paper's integrator; and where it settles.",
         Reading,
         readings,
@@ -186,8 +186,8 @@ def _shaft(tones: Sequence[Tone]) -> Table:
     )
 
 
-def in_words(found: Findings) -> str:
-    """What a reader of the paper wants to know first."""
+def in_words(found: Findings) -> tuple[str, ...]:
+    """What a reader of the paper wants to know first, and what must not be believed."""
     said = []
     for line in lines_2(found.verification):
         if line.parameter == "c_m":
@@ -205,5 +205,7 @@ def in_words(found: Findings) -> str:
                 f", {worst.parameter} {worst.off_percent:+.0f} % off; the posterior's 94 % intervals "
                 f"hold the truth of {inside} of {len(lines)} parameters"
             )
-        said.append(text)
-    return "\n".join(said)
+        said += [text, *(f"{nine.name}: {doubt}" for doubt in paper_nine_tables.doubts(nine))]
+    if not found.verification.converged:
+        said.append("Table 2: a posterior did not converge: do not use `posterior sd`")
+    return tuple(said)

@@ -19,7 +19,15 @@ from bayesdrill.derived import Derived, derive, summarise, with_products
 from bayesdrill.diagnostics import Row
 from bayesdrill.mode import Mode
 from bayesdrill.posterior import Posterior
-from bayesdrill.report import derived_words, identify_words, tables, verdict_words, words
+from bayesdrill.report import (
+    derived_words,
+    identify_words,
+    residual_words,
+    tables,
+    verdict_words,
+    words,
+)
+from bayesdrill.residuals import Left
 from bayesdrill.sampling import Sampled
 from bayesdrill.store import Folder, whole
 from bayesdrill.verdict import Judgement
@@ -33,6 +41,7 @@ Array = NDArray[np.float64]
 def everything(
     problem: Problem,
     mode: Mode,
+    left: Sequence[Left],
     sampled: Sampled,
     rows: Sequence[Row],
     judged: Judgement | None,
@@ -57,7 +66,7 @@ def everything(
     following = summarise(derived)
     folder.write_text("derived.csv", derived_words.as_csv(following))
     second = derived_words.as_markdown(following, derived)
-    folder.write_text("summary.md", _summary(config, mode, sampled, rows, judged, second))
+    folder.write_text("summary.md", _summary(config, mode, left, sampled, rows, judged, second))
     if judged is not None:
         folder.write_text("verdict.csv", verdict_words.as_csv(judged.verdict))
     tree = make_tree(
@@ -169,6 +178,7 @@ def _of_verdict(
 def _summary(
     config: records.Config,
     mode: Mode,
+    left: Sequence[Left],
     sampled: Sampled,
     rows: Sequence[Row],
     judged: Judgement | None,
@@ -180,7 +190,7 @@ def _summary(
         "`dev. %` is the deviation of the posterior mean from the nominal value "
         f"({config.nominal.table}); `shrinkage` is one minus the ratio of the posterior's to the "  # type: ignore[attr-defined]
         "prior's standard deviation.",
-        _listed(tables.in_words(rows)),
+        _listed(f"{tables.in_words(rows)}\n{residual_words.sentences(left)}"),
         "## What follows from these",
         derived,
         *_judged(config, judged, converged=sampled.convergence.converged),

@@ -32,7 +32,8 @@ def preview(problem: Problem, config: Config) -> str:
     )
     return (
         f"priors (SI):\n{priors}\n"
-        f"log posterior at the start: {posterior.density(start[None])[0]:.2f}\n"
+        f"log posterior at the start: {posterior.density(start[None])[0]:.2f}; misfit per number "
+        f"{posterior.likelihood.per_number(start[None])[0]:.4g}, of which noise leaves 1\n"
         f"would run: {config.map.starts} searches by {config.map.method}, then "
         f"{sampler.ensembles} ensembles of {sampler.walkers} walkers in "
         f"{type(posterior.coordinates).__name__.lower()} coordinates, until R-hat <= "

@@ -42,16 +42,18 @@ PRODUCTS: Mapping[str, Mapping[str, int]] = {
 FOLLOWING = ("w_end", "zeta")  # of `derived`: no products, but no symmetry changes them either
 J_2, R_S = 7.0e-3, 0.2  # kg m^2, ohm
 STEP = 1e-4  # of a log, for slopes
+GIVEN = 1e-9  # logs of draws that all lie within this are rounding alone
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Cause:
-    """A quantity over its value at the paper's initial guesses.
+    """A quantity over its value at the initial guesses of the paper.
 
     `table_3`: of the printed estimates, `table_3_digits` of those with the digits of the percentages;
     `j_2`, `r_s`, `both`: of a rig with that missing; `k_T`: of one whose k_T equals k_e; the rest: of
     the record, by the heuristic and the posterior (median, and 94 % HDI of the logarithm).  `alone`:
-    Cramer-Rao bound of the sd of its log without any prior, at the MAP; inf if not determined.
+    Cramer-Rao bound of the sd of its log without any prior, at the MAP; inf if not determined.  None
+    where the config itself gives the quantity, so that the record says nothing of it.
     """
 
     quantity: str
@@ -62,10 +64,10 @@ class Cause:
     both: float
     k_T: float
     heuristic: float
-    posterior: float
-    hdi_low: float
-    hdi_high: float
-    alone: float
+    posterior: float | None
+    hdi_low: float | None
+    hdi_high: float | None
+    alone: float | None
 
 
 def causes(posterior: Posterior, mode: Array, estimate: Array, draws: Array) -> tuple[Cause, ...]:
@@ -88,15 +90,16 @@ def causes(posterior: Posterior, mode: Array, estimate: Array, draws: Array) -> 
     for name, value in guess.items():
         logs = np.log(drawn[name] / value)
         logs = logs[np.isfinite(logs)]
-        low, high = np.exp(hdi(logs))
+        there = np.ptp(logs) > GIVEN
+        low, high = np.exp(hdi(logs)).tolist() if there else (None, None)
         found.append(
             Cause(
                 quantity=name,
                 **{column: float((own[name] / value)[0]) for column, own in columns.items()},
-                posterior=float(np.exp(np.median(logs))),
-                hdi_low=float(low),
-                hdi_high=float(high),
-                alone=alone[name],
+                posterior=float(np.exp(np.median(logs))) if there else None,
+                hdi_low=low,
+                hdi_high=high,
+                alone=alone[name] if there else None,
             )
         )
     return tuple(found)

@@ -26,7 +26,7 @@ class Misfits:
     """The paper's misfit per measured number of one record, of which there are `numbers`.
 
     `others`: the largest of the heuristic's from other starts.  `stepped`: where it ends with the
-    paper's integrator, computed with that.
+    paper's integrator, computed with that; None with a measured input.
     `truth`: None where it is not known.  95 % of records have it between `low` and `high` there.
     """
 
@@ -35,22 +35,30 @@ class Misfits:
     guess: float
     heuristic: float
     others: float
-    stepped: float
+    stepped: float | None
     map: float
     truth: float | None
     low: float
     high: float
+
+    @property
+    def explained(self) -> bool:
+        """Whether the best fit leaves no more than noise."""
+        return self.map <= self.high
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Nine:
     """The nine-parameter study of one record; vectors `(D,)` of `names`, physical, SI.
 
-    `draws (N, D)`: of the posterior; `signals (T, K)`: of the heuristic's estimate.
+    `draws (N, D)`: of the posterior; `signals (T, K)`: of the heuristic's estimate; `given`: the
+    parameters that were not searched, each with its value or formula.
     """
 
     name: str
     names: tuple[str, ...]
+    units: tuple[str, ...]
+    given: tuple[str, ...]
     experiment: Experiment
     heuristic: Heuristic
     signals: Array

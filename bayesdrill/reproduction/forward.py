@@ -108,17 +108,20 @@ def errors(experiment: Experiment, p: Mapping[str, float]) -> tuple[Error, ...]:
 def signals(model: Model, experiment: Experiment, p: Array) -> tuple[Array, int]:
     """Channels `(T, K)` as the paper integrates, at parameters `p (P,)`; and the steps taken.
 
-    For constant inputs; the record starts where the state is given.
+    Raises `ValueError` unless all inputs are constant, as they are in the paper.
     """
+    if experiment.series:
+        raise ValueError(f"{', '.join(experiment.series)} must be constant")
     named = dict(zip(model.parameters, p, strict=True))
     matrix, forcing = trapezoid.six_states(model, named, experiment.constant)
     start = np.array([experiment.start.get(name, 0.0) for name in trapezoid.SIX_STATES])
-    solution = trapezoid.integrate(matrix, forcing, start, experiment.t)
+    lead = [experiment.t_start] if experiment.t_start < experiment.t[0] else []
+    solution = trapezoid.integrate(matrix, forcing, start, np.array([*lead, *experiment.t]))
     weights = [
         [channel.weights.get(name, 0.0) for name in trapezoid.SIX_STATES]
         for channel in experiment.channels
     ]
-    return solution.x @ np.array(weights).T, solution.steps
+    return solution.x[len(lead) :] @ np.array(weights).T, solution.steps
 
 
 def _row(model: Model, p: Mapping[str, float]) -> Array:

@@ -23,7 +23,7 @@ class Heuristic:
     """`guess`, `estimate` `(D,)` physical; `misfits`: per measured number, at the guess and then after
     each iteration; `others (S, D)`: estimates from other starts, `others_misfits (S,)` theirs;
     `stepped (D,)`: the estimate with the paper's integrator, whose misfit it is that `stepped_misfit`
-    tells.
+    tells; None with a measured input, which the paper does not have.
     """
 
     guess: Array
@@ -31,8 +31,8 @@ class Heuristic:
     misfits: Array
     others: Array
     others_misfits: Array
-    stepped: Array
-    stepped_misfit: float
+    stepped: Array | None
+    stepped_misfit: float | None
 
 
 def run(
@@ -42,7 +42,9 @@ def run(
     guess = posterior.space.vector(posterior.space.start)
     rng = seeds.stream(seed, "around")
     around = rng.uniform(1 - AROUND, 1 + AROUND, (starts, len(guess)))
-    by_integrator = crew.submit(_search_stepped, optimiser, evaluations, guess)  # the longest
+    by_integrator = None
+    if stepped.applies(posterior.likelihood):  # first, because it takes longest
+        by_integrator = crew.submit(_search_stepped, optimiser, evaluations, guess)
     points = [guess, *(guess * around)]
     tasks = [crew.submit(_search, optimiser, evaluations, point) for point in points]
     found, *rest = [task.result() for task in tasks]
@@ -51,15 +53,15 @@ def run(
     density = posterior.likelihood(guess[None])[0]
     path = first - 2.0 * (np.array(found.history) - density) / posterior.likelihood.numbers
     others = np.array([other.theta for other in rest]).reshape(starts, len(guess))
-    stepped_end = by_integrator.result().theta
+    end = None if by_integrator is None else by_integrator.result().theta
     return Heuristic(
         guess=guess,
         estimate=found.theta,
         misfits=np.array([first, *path]),
         others=others,
         others_misfits=posterior.likelihood.per_number(others),
-        stepped=stepped_end,
-        stepped_misfit=stepped.per_number(posterior.likelihood, stepped_end),
+        stepped=end,
+        stepped_misfit=None if end is None else stepped.per_number(posterior.likelihood, end),
     )
 
 

@@ -14,6 +14,11 @@ from bayesdrill.reproduction import forward
 Array = NDArray[np.float64]
 
 
+def applies(likelihood: Likelihood) -> bool:
+    """Whether all inputs are constant, as in the paper."""
+    return not likelihood.response.experiment.series
+
+
 def signals(likelihood: Likelihood, theta: Array) -> Array:
     """The channels without noise, `(T, K)`, at `theta (D,)`."""
     (full,) = likelihood.space.full(theta[None])

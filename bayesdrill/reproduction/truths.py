@@ -11,6 +11,8 @@ import numpy as np
 
 from bayesdrill import build, recording, simulation
 from bayesdrill import config as records
+from bayesdrill.models.linear import Model
+from bayesdrill.models.motor_shaft import MotorShaft
 from bayesdrill.models.two_rotors import TwoRotors
 from bayesdrill.yaml_source import Source
 
@@ -20,21 +22,27 @@ SAME = 1e-6  # relative, and absolute: records hold nine digits
 def truth_of(
     config: records.Config, source: Source, makers: Sequence[tuple[records.Config, Source]]
 ) -> dict[str, float] | None:
-    """Parameters of the paper's model with which its record was simulated by one of `makers`.
+    """Parameters of its model with which its record was simulated by one of `makers`.
 
     Of a rig with more to it, those of the paper's model that it is the same as.
     """
-    path = recording.path_of(config, source)
+    path, own = recording.path_of(config, source), build.model(config)
     for other, its_source in makers:
         if recording.path_of(other, its_source).resolve() != path.resolve():
             continue
-        if not _same(simulation.simulate(other, its_source, other.seed), path.read_text()):
-            continue
-        rig = build.model(other)
-        values = simulation.truth(other, rig)
-        if isinstance(rig, TwoRotors):
-            return {name: float(x) for name, x in rig.whole(values).items()}
+        text = path.read_text(encoding="utf-8", errors="replace")
+        if _same(simulation.simulate(other, its_source, other.seed), text):
+            rig = build.model(other)
+            return _of_model(own, rig, simulation.truth(other, rig))
+    return None
+
+
+def _of_model(own: Model, rig: Model, values: dict[str, float]) -> dict[str, float] | None:
+    """The parameters of `own` that make it the `rig` with these `values`; None if it cannot be told."""
+    if own == rig:
         return values
+    if isinstance(own, MotorShaft) and isinstance(rig, TwoRotors) and own.i_m == rig.i_m:
+        return {name: float(x) for name, x in rig.whole(values).items()}
     return None
 
 
@@ -44,7 +52,10 @@ def _same(text: str, other: str) -> bool:
     other_heads, *other_rows = other.strip().splitlines()
     if heads != other_heads or len(rows) != len(other_rows):
         return False
-    one, two = (
-        np.array([r.split(",") for r in table], dtype=float) for table in (rows, other_rows)
-    )
+    try:
+        one, two = (
+            np.array([r.split(",") for r in table], dtype=float) for table in (rows, other_rows)
+        )
+    except ValueError:  # other numbers than a simulation writes
+        return False
     return one.shape == two.shape and np.allclose(one, two, rtol=SAME, atol=SAME)

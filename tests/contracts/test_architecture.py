@@ -25,7 +25,7 @@ FLOORS = [
     {"mode", "identifiability", "convergence", "givens"},
     {"build", "store"},
     {"consistency", "recording"},
-    {"loading", "sampling", "diagnostics", "physics", "tension"},
+    {"loading", "sampling", "diagnostics", "physics", "residuals", "tension"},
     {"job", "derived"},
     {"simulation", "tree", "provenance", "verdict"},
     {"calibration", "reproduction"},

@@ -115,6 +115,12 @@ UNKNOWN = "sigma: {prior: log_uniform, low: 0.01, high: 1}}"
             ),
             "Table 2 has the unknowns c_m and k_e",
         ),
+        (changed("measured.yaml", "name: measured", "name: Estimates"), "measured.yaml:6"),
+        (changed("measured.yaml", "name: measured", "name: figures"), "give another"),
+        (
+            changed("two_parameters.yaml", "inputs: {v: 8.0}", "inputs: {v: {column: t, unit: V}}"),
+            "under a constant voltage",
+        ),
     ],
 )
 def test_a_mistake_in_the_configs_is_told_before_anything_runs(
@@ -127,6 +133,34 @@ def test_a_mistake_in_the_configs_is_told_before_anything_runs(
     assert says in ran.err
     assert "Traceback" not in ran.err
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("given", ["configs/paper/measured.yaml", "configs/nothing"])
+def test_what_is_no_folder_of_studies_is_told(given: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(ROOT)
+    ran = systems.cli("paper", given)
+    assert ran.status == 2
+    assert ran.err.startswith(f"{given}: ")
+    assert "give the one that holds two_parameters.yaml" in ran.err
+
+
+def test_a_report_of_these_results_says_what_makes_it(tmp_path: Path) -> None:
+    (tmp_path / "run.json").write_text('{"status": "running", "job": "paper"}')
+    ran = systems.cli("report", str(tmp_path))
+    assert ran.status == 2
+    assert "results of `bayesdrill paper`" in ran.err
+    assert "--resume" not in ran.err
+
+
+def test_a_file_in_the_place_of_the_results_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(ROOT)
+    (tmp_path / "out").write_text("mine")
+    ran = systems.cli("paper", "--output", str(tmp_path / "out"))
+    assert ran.status == 2
+    assert "a file is in the way; give another --output" in ran.err
+    assert (tmp_path / "out").read_text() == "mine"
 
 
 @pytest.fixture(scope="module")

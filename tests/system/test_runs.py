@@ -132,6 +132,15 @@ def change(path: Path, old: str, new: str) -> None:
 # --- what a run leaves behind --------------------------------------------------------------------
 
 
+def test_what_the_fit_leaves_is_said_everywhere(done: Done) -> None:
+    (line,) = [x for x in done.ran.out.splitlines() if x.startswith("fit: ")]
+    assert line.startswith("fit: what the MAP leaves looks like the noise")
+    assert f"- {line}\n" in (done.folder / "summary.md").read_text()
+    data = run_of(done.folder)["fit"]
+    assert [one["channel"] for one in data] == ["theta_1", "w_1"]
+    assert [one["says"] for one in data] == [[], []]
+
+
 def test_a_run_leaves_a_complete_folder_and_nothing_else(done: Done) -> None:
     assert done.ran.status == 0, done.ran.text
     assert set(systems.listing(done.folder)) == FILES
@@ -852,6 +861,16 @@ def test_map_prints_and_writes_nothing(tmp_path: Path) -> None:
     assert ran.status == 0
     assert "k_e" in ran.out
     assert systems.listing(tmp_path) == before
+
+
+def test_a_column_in_another_unit_than_said_is_told_of_the_fit(tmp_path: Path) -> None:
+    ran = systems.cli("map", systems.small(tmp_path), "--processes", "1")
+    assert "fit: what the MAP leaves looks like the noise" in ran.out
+    config = systems.small(tmp_path, ("w_1, unit: rad/s", "w_1, unit: rpm"))
+    ran = systems.cli("map", config, "--processes", "1")
+    assert ran.status == 0
+    assert "fit: the MAP leaves more than the noise" in ran.out
+    assert "looks like" not in ran.out
 
 
 def test_simulate_refuses_to_overwrite_and_is_repeatable(tmp_path: Path) -> None:

@@ -271,6 +271,20 @@ def test_profile_of_what_the_record_does_not_show_is_flat() -> None:
     assert profile(fitter, names, names.index("k_s")).shape == "bounded"
 
 
+def test_a_profile_through_the_priors_of_others_is_no_limit_of_the_record() -> None:
+    """Mutant killed: the record bounds what no such record can show."""
+    names = ("k_T", "r_m", "l_m", "k_e")  # the first three with one factor leave every signal
+    target = posterior(measured(SIGMA), SIGMA, free=names)
+    theta = target.space.vector(target.space.start)
+    scenery = Scenery(target.likelihood)
+    found = [profile(Fitter(target, scenery, theta), names, k) for k in (1, 3)]
+    first, second = (replace(p, shape="one-sided" if p.name == "r_m" else "bounded") for p in found)
+    known = studied(free=names)
+    _, _, open_one, tied = words.profiles([first, second], known).splitlines()
+    assert open_one.endswith(f"one-sided: {words.THROUGH_OTHERS}")
+    assert tied.endswith(f"bounded: {words.SHAPES['bounded']}")
+
+
 def test_current_and_a_weighed_rotor_leave_no_symmetry() -> None:
     from rigs import experiment
 

@@ -35,6 +35,7 @@ from bayesdrill.reproduction import (
 from bayesdrill.reproduction import verification as study
 from bayesdrill.reproduction.trapezoid import SIX_STATES, integrate, six_states
 from bayesdrill.reproduction.verification import Cell, Verification
+from bayesdrill.response import Response
 from bayesdrill.sampling import Plan
 
 Array = NDArray[np.float64]
@@ -111,6 +112,23 @@ def test_the_integrators_error_in_each_channel() -> None:
         assert error.steps == steps
 
 
+def test_the_integrator_starts_where_the_state_is_given() -> None:
+    """Mutant killed: the state of the time zero taken for that of the first sample."""
+    start = {"theta_1": 0.3, "w_2": -1.0}
+    record = experiment(41, 0.02, first=0.5, t_start=0.1, start=start)
+    at_start = np.array([0.3, 0.0, 0.0, -1.0, 0.0])
+    exact = by_expm(skewed(), record.t - 0.1, at_start, 8.0, 0.0)
+    found, _ = forward.signals(MotorShaft(), record, vector(skewed()))
+    assert found.shape == exact.shape
+    assert np.abs(found - exact)[:, :4].max() < 0.05 * np.abs(exact[:, :4]).max()
+
+
+def test_a_measured_voltage_is_not_taken_for_none() -> None:
+    record = experiment(41, constant={"t_1": 0.0}, series={"v": 8 + np.sin(np.arange(41.0))})
+    with pytest.raises(ValueError, match="v must be constant"):
+        forward.signals(MotorShaft(), record, vector(NOMINAL))
+
+
 # The misfit, exact and with the integrator
 
 
@@ -175,6 +193,20 @@ def test_the_heuristic_ends_lower_in_the_misfit_that_it_searches() -> None:
     assert own[0] < 0.8 * own[1]
     assert exact[1] < 0.8 * exact[0]
     assert found.others_misfits == pytest.approx([misfit.per_number(rig, found.others[0])])
+
+
+def test_with_a_measured_voltage_the_heuristic_has_no_end_by_the_integrator() -> None:
+    names = ("k_e", "t_f")
+    rig = target(names, np.full(4, 0.02), 41, at(names, 1.1, 0.9))
+    likelihood = rig.likelihood
+    own = replace(
+        likelihood.response.experiment, constant={"t_1": 0.0}, series={"v": np.full(41, 8.0)}
+    )
+    driven = replace(likelihood, response=Response(MotorShaft(), own))
+    with Crew(measured := replace(rig, likelihood=driven), 1) as crew:
+        found = heuristic.run(crew, measured, fminsearch.maximise, 60, 1, 5)
+    assert (found.stepped, found.stepped_misfit) == (None, None)
+    assert found.misfits[-1] < found.misfits[0]
 
 
 # Table 2
@@ -412,6 +444,21 @@ def test_the_end_of_a_step_and_the_damping_are_those_of_the_equations() -> None:
     assert found["zeta"] == pytest.approx([damping(p) for p in rigs], rel=1e-6)
     p = skewed()
     assert found["r_m j_m/(k_T k_e)"][0] == pytest.approx(p["r_m"] * p["j_m"] / p["k_T"] / p["k_e"])
+
+
+def test_a_quantity_that_the_config_gives_is_none_of_the_records() -> None:
+    names = ("c_m", "k_e")  # the rest is held
+    rig = target(names, UNEVEN, 31, at(names, 1.1, 0.9))
+    mode = rig.space.vector(at(names, 1.0, 1.0))
+    draws = mode * np.exp(0.1 * np.random.default_rng(3).standard_normal((200, 2)))
+    found = {cause.quantity: cause for cause in causes.causes(rig, mode, 1.1 * mode, draws)}
+    for name, cause in found.items():
+        known = (cause.posterior, cause.hdi_low, cause.hdi_high, cause.alone)
+        if set(causes.PRODUCTS.get(name, names)) & set(names):
+            assert np.all(np.isfinite(known)), name
+        else:
+            assert known == (None,) * 4, name
+        assert cause.heuristic == pytest.approx(1.0 if cause.posterior is None else cause.heuristic)
 
 
 @pytest.mark.parametrize("channels", [STATES[:4], ("i",)])

@@ -31,6 +31,7 @@ from bayesdrill.reproduction.heuristic import Heuristic
 from bayesdrill.reproduction.shaft import Tone
 from bayesdrill.reproduction.simultaneous import End
 from bayesdrill.reproduction.verification import Cell, Verification
+from bayesdrill.symbols import PARAMETERS
 from bayesdrill.verdict import Quantity, Verdict
 
 RNG = np.random.default_rng(11)
@@ -108,6 +109,8 @@ def nine(name: str, truth: np.ndarray | None) -> Nine:
     return Nine(
         name=name,
         names=NAMES,
+        units=tuple(PARAMETERS[name].plain_unit for name in NAMES),
+        given=(),
         experiment=experiment(5),
         heuristic=filled(
             Heuristic,
@@ -129,7 +132,12 @@ def nine(name: str, truth: np.ndarray | None) -> Nine:
             joint=None,
         ),
         misfits=filled(
-            Misfits, record=name, truth=None if truth is None else uneven(), numbers=4004
+            Misfits,
+            record=name,
+            truth=None if truth is None else uneven(),
+            numbers=4004,
+            map=0.9731,
+            high=1.0371,
         ),
         causes=tuple(filled(Cause, quantity=q, alone=a) for q, a in quantities),
         converged=True,
@@ -445,7 +453,7 @@ def test_the_verdict_names_its_products() -> None:
 
 
 def test_the_words_name_the_worst_parameter_and_count_those_that_are_held() -> None:
-    text = paper_tables.in_words(findings()).splitlines()
+    text = paper_tables.in_words(findings())
     table_2 = [line for line in text if line.startswith("Table 2")]
     assert len(table_2) == len(printed.TWO_PARAMETERS)
     for line, cell in zip(table_2, findings().verification.cells[::2], strict=True):
@@ -461,3 +469,70 @@ def test_the_words_name_the_worst_parameter_and_count_those_that_are_held() -> N
     assert shown[1] == worst.parameter
     assert f"truth of {sum(line.holds for line in found)} of 9" in first
     assert "off" not in second
+
+
+def test_doubts_are_said_in_words_and_above_the_tables_of_their_record() -> None:
+    """Mutants killed: a bad fit, or a posterior that did not converge, without a word."""
+    one, two = findings().nines
+    bad = replace(one, misfits=replace(one.misfits, map=2716.846, high=1.0443))
+    lost = replace(two, converged=False)
+    whole = replace(findings(), nines=(bad, lost))
+    text = paper_tables.in_words(whole)
+    (poor,) = [line for line in text if "leaves a misfit of" in line]
+    assert poor.startswith("one: ")
+    assert "2717 per number, where noise leaves at most 1.04" in poor
+    (unsure,) = [line for line in text if "did not converge" in line]
+    assert unsure.startswith("two: ")
+    for table in paper_tables.tables(whole):
+        assert ("2717 per number" in table.says) is table.stem.endswith("_one")
+        assert ("did not converge" in table.says) is table.stem.endswith("_two")
+    assert not [line for line in paper_tables.in_words(findings()) if "Careful" in line]
+    assert not [table for table in paper_tables.tables(findings()) if "Careful" in table.says]
+
+
+def test_an_unknown_of_ones_own_has_a_line_after_the_papers_and_what_is_given_is_named() -> None:
+    found = findings().nines[0]
+    k = NAMES.index("k_s")
+    names = tuple("G" if name == "k_s" else name for name in NAMES)
+    own = replace(found, names=names, units=("GPa", *found.units[1:]), given=("k_s = 2*G",))
+    assert k == 0
+    *_, last = lines_3(own)
+    assert (last.parameter, last.unit, last.printed, last.printed_percent) == (
+        "G",
+        "GPa",
+        None,
+        None,
+    )
+    assert last.heuristic == found.heuristic.estimate[k]
+    assert [line.parameter for line in lines_3(own)][:-1] == [n for n in ORDER if n != "k_s"]
+    (table,) = [
+        table
+        for table in paper_tables.tables(replace(findings(), nines=(own,)))
+        if table.stem == "table_3_one"
+    ]
+    assert "Not searched: k_s = 2*G." in table.says
+
+
+def test_without_the_integrator_its_cells_are_empty() -> None:
+    found = findings().nines[1]
+    nothing = replace(found.heuristic, stepped=None, stepped_misfit=None)
+    own = replace(found, heuristic=nothing, misfits=replace(found.misfits, stepped=None))
+    for line in lines_3(own):
+        assert (line.stepped, line.stepped_percent, line.stepped_off_percent) == (None,) * 3
+    for table in paper_tables.tables(replace(findings(), nines=(own,))):
+        assert "None" not in table.csv + table.markdown
+
+
+def test_what_the_config_gives_is_no_finding() -> None:
+    found = findings().nines[0]
+    first, *rest = found.causes
+    given = replace(first, posterior=None, hdi_low=None, hdi_high=None, alone=None)
+    own = replace(found, causes=(given, *rest))
+    (table,) = [
+        table
+        for table in paper_tables.tables(replace(findings(), nines=(own,)))
+        if table.stem == "products_one"
+    ]
+    _, (_, ((name, heuristic, *empty), *_)) = grids(table.markdown)
+    assert (name, empty) == (given.quantity, ["", "", ""])
+    assert agrees(heuristic, str(given.heuristic))

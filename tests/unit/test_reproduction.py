@@ -249,9 +249,41 @@ def test_truth_is_known_only_of_a_record_that_comes_out_again(tmp_path: Path) ->
     assert seen == pytest.approx(causes.with_missing(j_2=causes.J_2, r_s=causes.R_S))
     assert seen["j_m"] == pytest.approx(5.09375e-4)  # 7e-3/64 more
     assert seen["r_m"] == pytest.approx(0.53)
+    mend(folder / "measured.yaml", "nominal:", f"model: {TWO_ROTORS}\n\nnominal:")
+    own = truth("measured.yaml")  # of the model with nothing missing: what made it
+    assert [own["j_m"], own["r_m"]] == [printed.GUESS["j_m"], printed.GUESS["r_m"]]
+    mend(folder / "measured.yaml", "r_s: 0.2", "r_s: 0.3")
+    assert truth("measured.yaml") is None
+    mend(folder / "measured.yaml", f"model: {TWO_ROTORS.replace('0.2', '0.3')}\n\n", "")
     record = folder / "records" / "missing_physics.csv"
     lines = record.read_text().splitlines()
     lines[500] = ",".join(f"{1.001 * float(x):.9g}" for x in lines[500].split(","))
     record.write_text("\n".join(lines[:500] + lines[501:]) + "\n")
     assert truth("measured.yaml") is None
     assert truth("two_parameters.yaml") is None
+
+
+TWO_ROTORS = "{name: two_rotors, j_2: 7.0e-3, r_s: 0.2}"
+
+
+def mend(path: Path, old: str, new: str) -> None:
+    text = path.read_text()
+    assert text.count(old) == 1
+    path.write_text(text.replace(old, new))
+
+
+@pytest.mark.parametrize(
+    ("head", "row"),
+    [("t,phi [\xb0],theta_2,w_1,w_2", "0,0,0,0,0"), (None, '"0","0","0","0","0"')],
+    ids=["Latin-1", "quoted"],
+)
+def test_a_record_that_no_simulation_writes_has_no_truth(
+    head: str | None, row: str, tmp_path: Path
+) -> None:
+    folder = tmp_path / "paper"
+    shutil.copytree(CONFIGS, folder)
+    record = folder / "records" / "missing_physics.csv"
+    heads, first, *rest = record.read_text().splitlines()
+    record.write_bytes("\n".join([head or heads, row or first, *rest]).encode("latin-1"))
+    makers = [loading.load(folder / "missing_physics.yaml")]
+    assert truth_of(*loading.load(folder / "measured.yaml"), makers) is None

@@ -1,0 +1,105 @@
+"""What a fit leaves: as much as noise, more, less, or with a memory."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from oracles import NOMINAL
+from rigs import measured, posterior
+
+from bayesdrill.likelihood import Likelihood
+from bayesdrill.report import residual_words as words
+from bayesdrill.residuals import FALSE_ALARM, Left, left
+
+Array = NDArray[np.float64]
+
+SIGMA = np.array([0.02, 0.01, 0.05, 0.03])  # unequal
+FREE = ("k_s", "j_m")
+AT = np.array([NOMINAL[name] for name in FREE])
+N = 60
+
+
+@pytest.fixture(scope="module")
+def rig() -> Likelihood:
+    return posterior(measured(SIGMA, n=N), SIGMA, free=FREE).likelihood
+
+
+def with_residuals(rig: Likelihood, residuals: Array) -> Likelihood:
+    y = rig.signals(AT[None])[0] + residuals
+    return replace(rig, response=rig.response.with_record(y))
+
+
+def white(seed: int) -> Array:
+    return SIGMA * np.random.default_rng(seed).standard_normal((N, 4))
+
+
+def wrong(found: Left) -> bool:
+    return found.large or found.small or found.correlated
+
+
+def test_records_of_the_model_give_a_finding_as_seldom_as_stated(rig: Likelihood) -> None:
+    """2000 records, of which 20 or fewer; the limit below counts on a fit, so rather 15.
+
+    Mutants killed: the limits of one look for all twelve; two tails for one.
+    """
+    found = [left(with_residuals(rig, white(seed)), AT) for seed in range(2000)]
+    rate = np.mean([any(map(wrong, one)) for one in found])
+    assert 0.3 * FALSE_ALARM < rate < 1.6 * FALSE_ALARM
+    for what in ("large", "correlated"):
+        assert any(getattr(channel, what) for one in found for channel in one)
+
+
+def test_sizes_and_correlations_are_those_of_the_channel(rig: Likelihood) -> None:
+    residuals = white(3)
+    found = left(with_residuals(rig, residuals), AT)
+    for k, one in enumerate(found):
+        own = residuals[:, k]
+        assert one.channel == rig.response.experiment.names[k]
+        assert one.rms * SIGMA[k] == pytest.approx(np.sqrt(np.mean(own**2)))
+        assert one.correlation == pytest.approx(own[1:] @ own[:-1] / (own @ own), abs=1e-9)
+    assert words.sentences(found).startswith("fit: what the MAP leaves looks like the noise (rms ")
+
+
+@pytest.mark.parametrize(
+    ("factor", "which", "says"),
+    [(2.0, "large", "leaves more than the noise"), (0.4, "small", "leaves less than the noise")],
+)
+def test_a_wrong_sigma_is_told_in_its_channel(
+    rig: Likelihood, factor: float, which: str, says: str
+) -> None:
+    residuals = white(5)
+    residuals[:, 2] *= factor
+    found = left(with_residuals(rig, residuals), AT)
+    assert [getattr(one, which) for one in found] == [False, False, True, False]
+    assert sum(wrong(one) for one in found) == 1
+    text = words.sentences(found)
+    assert says in text
+    assert f"w_1 {found[2].rms:.3g}" in text
+    assert "theta" not in text
+    assert [one["says"] != [] for one in words.as_data(found)] == [False, False, True, False]
+
+
+def test_what_the_model_misses_is_told_with_unknown_noise_too() -> None:
+    """A slow wave in one channel, whose sigma fits its size."""
+    record = measured(SIGMA, n=N)
+    rig = posterior(record, None, free=FREE).likelihood
+    residuals = white(5)
+    residuals[:, 3] += 0.05 * np.sin(np.linspace(0, 9, N))
+    size = np.sqrt(np.mean(residuals**2, axis=0))
+    theta = np.array([*AT, *size])
+    y = rig.signals(theta[None])[0] + residuals
+    found = left(replace(rig, response=rig.response.with_record(y)), theta)
+    assert [one.correlated for one in found] == [False, False, False, True]
+    assert not any(one.large or one.small for one in found)
+    text = words.sentences(found)
+    assert f"correlation w_2 {found[3].correlation:.2f}" in text
+    assert "looks like" not in text
+
+
+def test_an_exact_fit_leaves_less_than_noise(rig: Likelihood) -> None:
+    found = left(with_residuals(rig, np.zeros((N, 4))), AT)
+    assert all(one.small and not one.large for one in found)
+    assert not any(one.correlated and one.rms > 1e-9 for one in found)
