@@ -202,7 +202,7 @@ def test_report_makes_the_same_tables_again(copy: Done) -> None:
     for name in ("summary.csv", "summary.md", "posterior.nc"):
         (copy.folder / name).unlink()
     shutil.rmtree(copy.folder / "figures")
-    ran = systems.cli("report", copy.folder)
+    ran = systems.cli("report", copy.folder, "--processes", "1")
     assert ran.status == 0, ran.text
     after = systems.listing(copy.folder)
     assert set(after) == FILES
@@ -284,7 +284,7 @@ def test_a_run_that_did_not_converge_says_so(endless: Done) -> None:
     assert "NOT CONVERGED" in (endless.folder / "summary.md").read_text()
     run = run_of(endless.folder)
     assert (run["status"], run["converged"], run["steps"]) == ("finished", False, 700)
-    assert systems.cli("report", endless.folder).status == 3
+    assert systems.cli("report", endless.folder, "--processes", "1").status == 3
 
 
 # --- interruptions -------------------------------------------------------------------------------
@@ -604,7 +604,7 @@ def test_resuming_under_another_version_of_what_decides_the_chain(package: str, 
     assert_refused(ran, f"the version of {package} was 0.0.1 and is {now}", "--force")
     assert systems.listing(copy.folder) == before
     if package == "numpy":
-        assert systems.cli("report", copy.folder).status == 0
+        assert systems.cli("report", copy.folder, "--processes", "1").status == 0
         assert '"the version of numpy": "0.0.1"' in (copy.folder / "run.json").read_text()
 
 
@@ -711,7 +711,7 @@ def test_a_damaged_result_is_named(name: str, copy: Done) -> None:
     (copy.folder / name).write_bytes(content[:40])
     for ran in (
         posterior(copy.config, copy.folder, "--resume"),
-        systems.cli("report", copy.folder),
+        systems.cli("report", copy.folder, "--processes", "1"),
     ):
         assert_refused(ran, name, "--force")
 

@@ -10,7 +10,7 @@ from oracles import NOMINAL, ORDER
 from rigs import measured, posterior, vector
 
 from bayesdrill.identifiability import information, structure
-from bayesdrill.identifiability.profile import THRESHOLD, Fitter, profile
+from bayesdrill.identifiability.profile import THRESHOLD, Fitter, Profile, profile
 from bayesdrill.identifiability.scenes import Scenery
 from bayesdrill.identifiability.structure import analyse, doubled, sparse_basis
 from bayesdrill.identifiability.study import Study, Thresholds, study
@@ -274,13 +274,12 @@ def test_profile_of_what_the_record_does_not_show_is_flat() -> None:
 def test_a_profile_through_the_priors_of_others_is_no_limit_of_the_record() -> None:
     """Mutant killed: the record bounds what no such record can show."""
     names = ("k_T", "r_m", "l_m", "k_e")  # the first three with one factor leave every signal
-    target = posterior(measured(SIGMA), SIGMA, free=names)
-    theta = target.space.vector(target.space.start)
-    scenery = Scenery(target.likelihood)
-    found = [profile(Fitter(target, scenery, theta), names, k) for k in (1, 3)]
-    first, second = (replace(p, shape="one-sided" if p.name == "r_m" else "bounded") for p in found)
-    known = studied(free=names)
-    _, _, open_one, tied = words.profiles([first, second], known).splitlines()
+    line = np.linspace(1.0, 2.0, 5)
+    found = [
+        Profile(name=name, values=line, loss=line, best=1.5, low=low, high=1.8, shape=shape)
+        for name, low, shape in (("r_m", None, "one-sided"), ("k_e", 1.2, "bounded"))
+    ]
+    _, _, open_one, tied = words.profiles(found, studied(free=names)).splitlines()
     assert open_one.endswith(f"one-sided: {words.THROUGH_OTHERS}")
     assert tied.endswith(f"bounded: {words.SHAPES['bounded']}")
 
