@@ -142,7 +142,7 @@ def _causes(nine: Nine) -> Table:
         ("", "heuristic", "posterior", "94 % HDI", "alone %"),
         (
             (
-                *(c.quantity, *digits(c.heuristic), *digits(c.posterior)),
+                *(c.quantity, *digits(c.heuristic, c.posterior)),
                 *(_interval(c.hdi_low, c.hdi_high), _share(c.alone)),
             )
             for c in nine.causes
