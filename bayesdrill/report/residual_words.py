@@ -10,31 +10,26 @@ from bayesdrill.residuals import Left
 
 def sentences(found: Sequence[Left]) -> str:
     """One line if it looks like the noise; else one for each way in which it does not."""
-    large = [one for one in found if one.large]
-    small = [one for one in found if one.small]
-    correlated = [one for one in found if one.correlated]
     lines = []
-    if large:
-        each = ", ".join(f"{one.channel} {one.rms:.3g}" for one in large)
+    if large := [one for one in found if one.large]:
         lines.append(
-            f"fit: the MAP leaves more than the noise, in sigmas: {each} (noise leaves at most "
+            f"fit: the MAP leaves more than the noise, in sigmas: {_sizes(large)} (noise leaves at most "
             f"{large[0].most:.3g}); a unit, an input, a sigma, the end of a prior or the model does not "
             "fit this record, and every sd and verdict here is surer than it may be"
         )
-    if correlated:
+    if correlated := [one for one in found if one.correlated]:
         each = ", ".join(f"{one.channel} {one.correlation:.2f}" for one in correlated)
         lines.append(
             f"fit: what the MAP leaves is alike from one sample to the next: correlation {each} (white "
             f"noise has at most {correlated[0].limit:.2g}); the model misses something there, or the "
             "noise is not white, and the sds are too small"
         )
-    if small:
-        each = ", ".join(f"{one.channel} {one.rms:.3g}" for one in small)
+    if small := [one for one in found if one.small]:
         lines.append(
-            f"fit: the MAP leaves less than the noise, in sigmas: {each} (noise leaves at least "
+            f"fit: the MAP leaves less than the noise, in sigmas: {_sizes(small)} (noise leaves at least "
             f"{small[0].least:.3g}); these sigmas are too large, and so are the sds"
         )
-    return "\n".join(lines) or f"fit: what the MAP leaves looks like the noise{_sizes(found)}"
+    return "\n".join(lines) or f"fit: what the MAP leaves looks like the noise{_range(found)}"
 
 
 def as_data(found: Sequence[Left]) -> list[dict[str, Any]]:
@@ -59,5 +54,9 @@ def as_data(found: Sequence[Left]) -> list[dict[str, Any]]:
 
 
 def _sizes(found: Sequence[Left]) -> str:
+    return ", ".join(f"{one.channel} {one.rms:.3g}" for one in found)
+
+
+def _range(found: Sequence[Left]) -> str:
     known = [one.rms for one in found if one.most is not None]
     return f" (rms {min(known):.3f} to {max(known):.3f} sigma)" if known else ""
