@@ -26,8 +26,8 @@ def sentences(found: Sequence[Left]) -> str:
         )
     if small := [one for one in found if one.small]:
         lines.append(
-            f"fit: the MAP leaves less than the noise, in sigmas: {_sizes(small)} (noise leaves at least "
-            f"{small[0].least:.3g}); these sigmas are too large, and so are the sds"
+            f"fit: the MAP leaves less than the noise, in sigmas: {_sizes(small)} (noise leaves at "
+            f"least {small[0].least:.3g}); these sigmas are too large, and so are the sds"
         )
     return "\n".join(lines) or f"fit: what the MAP leaves looks like the noise{_range(found)}"
 
