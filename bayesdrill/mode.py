@@ -17,6 +17,7 @@ Array = NDArray[np.float64]
 SAME_LOG_DENSITY = 0.05  # searches that end nearer than this have found the same height
 SAME_PLACE = 0.01  # ... and the same place, when no unknown differs by more than 1 %
 CANDIDATES = 4096  # prior draws of which a search starts at the best
+NOTHING = 1e-6  # of a prior that goes down to zero lies below where a search for a zero ends
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -37,7 +38,8 @@ class Mode:
     `slope`: change of the log posterior per conditional standard deviation of each unknown, well
     below 1 at a maximum inside the prior; `gain`: what a Newton step would still gain, from the
     slopes along the principal directions of the posterior.
-    `at_bound`: unknowns within 0.1 % of an end of their prior.
+    `at_bound`: unknowns within 0.1 % of an end of their prior, or with 0.1 % of it between them and
+    zero.
     """
 
     values: Mapping[str, float]
@@ -78,9 +80,16 @@ def starts(posterior: Posterior, n: int, rng: np.random.Generator) -> Array:
 
 
 def task(posterior: Posterior) -> Task:
+    """The posterior density; where a prior goes down to zero, the logs in which one searches do not."""
+    priors = posterior.space.priors.values()
+    floor = np.array([p.quantile(np.array(NOTHING)) if p.low == 0 else 0.0 for p in priors])
+
+    def density(theta: Array) -> Array:
+        return np.where((theta >= floor).all(axis=-1), posterior.density(theta), -np.inf)
+
     return Task(
         names=posterior.space.free,
-        density=posterior.density,
+        density=density,
         coordinates=posterior.coordinates,
         covariance=lambda theta: laplace.covariance(posterior, theta),
     )
@@ -139,7 +148,8 @@ def _at_bound(posterior: Posterior, values: Mapping[str, float]) -> tuple[str, .
     close = []
     for name, prior in posterior.space.priors.items():
         ends = [end for end in (prior.low, prior.high) if np.isfinite(end) and end > 0]
-        if any(abs(values[name] / end - 1) < 1e-3 for end in ends):
+        at_zero = prior.low == 0 and values[name] < prior.quantile(np.array(1e-3))
+        if at_zero or any(abs(values[name] / end - 1) < 1e-3 for end in ends):
             close.append(name)
     return tuple(close)
 

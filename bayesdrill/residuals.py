@@ -1,7 +1,8 @@
 """What the best fit leaves of a record, and whether noise alone leaves as much.
 
 All that is said of the unknowns counts on the model and on white noise of the given size.  Both
-show in what is left: its size over sigma, and whether one sample is like the next.
+show in what is left: its size over sigma, single samples far off, and whether one sample has
+something to do with the next.
 """
 
 from __future__ import annotations
@@ -18,59 +19,81 @@ from bayesdrill.likelihood import Likelihood
 Array = NDArray[np.float64]
 
 FALSE_ALARM = 0.01  # of records of the model, with its noise, would give any finding at most
+LOOKS = 5  # at each channel: size and correlation both ways, and the farthest sample
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Limits:
+    """What noise leaves in one channel of all: rms over sigma, correlation, farthest sample."""
+
+    least: float
+    most: float
+    correlation: float
+    farthest: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Left:
-    """Of one channel: rms over sigma, and the correlation of one sample with the next.
-
-    `least`, `most`: where noise leaves the rms, None if sigma is an unknown, which then fits it;
-    `limit`: as large as noise makes the correlation.
+    """Of one channel: rms over sigma, the correlation of one sample with the next, and the sample
+    that is farthest off, in sigmas, at `time` [s].
     """
 
     channel: str
     rms: float
     correlation: float
-    least: float | None
-    most: float | None
-    limit: float
+    farthest: float
+    time: float
+    limits: Limits
 
     @property
     def large(self) -> bool:
-        return self.most is not None and self.rms > self.most
+        return self.rms > self.limits.most
 
     @property
     def small(self) -> bool:
-        return self.least is not None and self.rms < self.least
+        return self.rms < self.limits.least
 
     @property
     def correlated(self) -> bool:
-        return self.correlation > self.limit
+        return abs(self.correlation) > self.limits.correlation
+
+    @property
+    def far(self) -> bool:
+        """A few samples by themselves; where all are too large that is said already."""
+        return self.farthest > self.limits.farthest and not self.large
 
 
 def left(likelihood: Likelihood, theta: Array) -> tuple[Left, ...]:
-    """At the unknowns `theta (D,)`.
-
-    A fit takes something away from what noise leaves, and never adds to it: the limits above are
-    those without a fit, the one below allows for as many unknowns as there are.
-    """
-    noise, row = likelihood.noise, theta[None]
+    """At the unknowns `theta (D,)`; an unknown sigma fits the size, unless its prior keeps it off."""
+    noise, row, experiment = likelihood.noise, theta[None], likelihood.response.experiment
     sigma = noise.sigmas(likelihood.sigma_columns(row))[0]
-    residuals = (likelihood.response.experiment.y - likelihood.signals(row)[0]) / sigma
+    residuals = (experiment.y - likelihood.signals(row)[0]) / sigma
     n = len(residuals)
-    tail = FALSE_ALARM / (3 * noise.n_channels)  # of each of three looks at each channel
-    least = math.sqrt(chdtri(max(n - len(theta), 1), 1 - tail) / n)
-    most = math.sqrt(chdtri(n, tail) / n)
+    found = limits(n, noise.n_channels, len(theta))
     squares = (residuals**2).sum(axis=0)
     products = (residuals[1:] * residuals[:-1]).sum(axis=0)
+    worst = np.abs(residuals).argmax(axis=0)
     return tuple(
         Left(
             channel=name,
             rms=math.sqrt(squares[k] / n),
             correlation=float(products[k] / squares[k]) if squares[k] > 0 else 0.0,
-            least=least if k in noise.known else None,
-            most=most if k in noise.known else None,
-            limit=float(ndtri(1 - tail)) / math.sqrt(n),
+            farthest=float(abs(residuals[worst[k], k])),
+            time=float(experiment.t[worst[k]]),
+            limits=found,
         )
-        for k, name in enumerate(likelihood.response.experiment.names)
+        for k, name in enumerate(experiment.names)
+    )
+
+
+def limits(samples: int, channels: int, unknowns: int) -> Limits:
+    """A fit takes something away from what noise leaves, and never adds to it: the limits above are
+    those without a fit, the one below allows for as many unknowns as there are.
+    """
+    tail = FALSE_ALARM / (LOOKS * channels)
+    return Limits(
+        least=math.sqrt(chdtri(max(samples - unknowns, 1), 1 - tail) / samples),
+        most=math.sqrt(chdtri(samples, tail) / samples),
+        correlation=-float(ndtri(tail)) / math.sqrt(samples),
+        farthest=-float(ndtri(0.5 * tail / samples)),
     )

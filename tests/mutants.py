@@ -483,10 +483,17 @@ MUTANTS = [
     Mutant(
         "each look at what a fit leaves as if it were the only one",
         "residuals.py",
-        "tail = FALSE_ALARM / (3 * noise.n_channels)",
-        "tail = FALSE_ALARM / 1.0",
+        "tail = FALSE_ALARM / (LOOKS * channels)",
+        "tail = FALSE_ALARM",
         "tests/unit/test_residuals.py::"
         "test_records_of_the_model_give_a_finding_as_seldom_as_stated",
+    ),
+    Mutant(
+        "a search walks down to where numbers end",
+        "mode.py",
+        "if p.low == 0 else 0.0 for p in priors",
+        "if p.low < 0 else 0.0 for p in priors",
+        "tests/unit/test_mode.py::test_a_search_for_a_zero_ends_where_its_prior_does",
     ),
     Mutant(
         "a sample beside itself",
@@ -496,11 +503,11 @@ MUTANTS = [
         "tests/unit/test_residuals.py::test_sizes_and_correlations_are_those_of_the_channel",
     ),
     Mutant(
-        "no look at channels with known noise",
+        "only samples that are like the next count",
         "residuals.py",
-        "most=most if k in noise.known else None",
-        "most=None if k in noise.known else most",
-        "tests/unit/test_residuals.py::test_a_wrong_sigma_is_told_in_its_channel",
+        "return abs(self.correlation) > self.limits.correlation",
+        "return self.correlation > self.limits.correlation",
+        "tests/unit/test_residuals.py::test_a_differenced_column_and_one_bad_sample_are_told",
     ),
     Mutant(
         "the record bounds what the priors of others bound",

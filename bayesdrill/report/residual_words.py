@@ -11,25 +11,32 @@ from bayesdrill.residuals import Left
 def sentences(found: Sequence[Left]) -> str:
     """One line if it looks like the noise; else one for each way in which it does not."""
     lines = []
-    if large := [one for one in found if one.large]:
+    if large := _worst(found, "large", "rms"):
         lines.append(
-            f"fit: the MAP leaves more than the noise, in sigmas: {_sizes(large)} (noise leaves at most "
-            f"{large[0].most:.3g}); a unit, an input, a sigma, the end of a prior or the model does not "
-            "fit this record, and every sd and verdict here is surer than it may be"
+            f"fit: the MAP leaves more than the noise, in sigmas: {_each(large, 'rms')} (noise leaves "
+            f"at most {large[0].limits.most:.3g}); a unit, an input, a sigma, the end of a prior or the "
+            "model does not fit this record, and every sd and verdict here is surer than it may be"
         )
-    if correlated := [one for one in found if one.correlated]:
-        each = ", ".join(f"{one.channel} {one.correlation:.2f}" for one in correlated)
+    if far := _worst(found, "far", "farthest"):
+        each = ", ".join(f"{one.channel} {one.farthest:.3g} at {one.time:.4g} s" for one in far)
         lines.append(
-            f"fit: what the MAP leaves is alike from one sample to the next: correlation {each} (white "
-            f"noise has at most {correlated[0].limit:.2g}); the model misses something there, or the "
-            "noise is not white, and the sds are too small"
+            f"fit: single samples are farther off than noise puts them, in sigmas: {each} (noise at "
+            f"most {far[0].limits.farthest:.2g}); outliers, or something short that the model misses"
         )
-    if small := [one for one in found if one.small]:
+    if correlated := _worst(found, "correlated", "correlation"):
         lines.append(
-            f"fit: the MAP leaves less than the noise, in sigmas: {_sizes(small)} (noise leaves at "
-            f"least {small[0].least:.3g}); these sigmas are too large, and so are the sds"
+            "fit: what the MAP leaves is not white: correlation of one sample with the next "
+            f"{_each(correlated, 'correlation')} (white noise has at most "
+            f"{correlated[0].limits.correlation:.2g} either way); the model misses something there, or "
+            "the column was filtered or differenced, and the sds are not to be trusted"
         )
-    return "\n".join(lines) or f"fit: what the MAP leaves looks like the noise{_range(found)}"
+    if small := _worst(found, "small", "rms"):
+        lines.append(
+            f"fit: the MAP leaves less than the noise, in sigmas: {_each(small, 'rms')} (noise leaves "
+            f"at least {small[0].limits.least:.3g}); these sigmas are too large, or the column was "
+            "filtered"
+        )
+    return "\n".join(lines) or f"fit: what the MAP leaves looks like the noise ({_range(found)})"
 
 
 def as_data(found: Sequence[Left]) -> list[dict[str, Any]]:
@@ -39,11 +46,13 @@ def as_data(found: Sequence[Left]) -> list[dict[str, Any]]:
             "channel": one.channel,
             "rms_over_sigma": round(one.rms, 5),
             "correlation": round(one.correlation, 5),
+            "farthest_over_sigma": round(one.farthest, 5),
             "says": [
                 word
                 for word, true in (
                     ("more than noise", one.large),
                     ("less than noise", one.small),
+                    ("far samples", one.far),
                     ("correlated", one.correlated),
                 )
                 if true
@@ -53,10 +62,16 @@ def as_data(found: Sequence[Left]) -> list[dict[str, Any]]:
     ]
 
 
-def _sizes(found: Sequence[Left]) -> str:
-    return ", ".join(f"{one.channel} {one.rms:.3g}" for one in found)
+def _worst(found: Sequence[Left], which: str, by: str) -> list[Left]:
+    """Those of which it is true, the worst first."""
+    chosen = [one for one in found if getattr(one, which)]
+    return sorted(chosen, key=lambda one: abs(getattr(one, by)), reverse=which != "small")
+
+
+def _each(found: Sequence[Left], what: str) -> str:
+    return ", ".join(f"{one.channel} {getattr(one, what):.3g}" for one in found)
 
 
 def _range(found: Sequence[Left]) -> str:
-    known = [one.rms for one in found if one.most is not None]
-    return f" (rms {min(known):.3f} to {max(known):.3f} sigma)" if known else ""
+    sizes = [one.rms for one in found]
+    return f"rms {min(sizes):.3f} to {max(sizes):.3f} sigma"

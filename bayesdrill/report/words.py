@@ -32,14 +32,22 @@ def preview(problem: Problem, config: Config) -> str:
     )
     return (
         f"priors (SI):\n{priors}\n"
-        f"log posterior at the start: {posterior.density(start[None])[0]:.2f}; misfit per number "
-        f"{posterior.likelihood.per_number(start[None])[0]:.4g}, of which noise leaves 1\n"
+        f"log posterior at the start: {posterior.density(start[None])[0]:.2f}{_misfit(problem)}\n"
         f"would run: {config.map.starts} searches by {config.map.method}, then "
         f"{sampler.ensembles} ensembles of {sampler.walkers} walkers in "
         f"{type(posterior.coordinates).__name__.lower()} coordinates, until R-hat <= "
         f"{sampler.r_hat:g}, N/tau >= {sampler.n_tau:g} and ESS >= {sampler.ess:g}, at most "
         f"{sampler.max_steps} steps" + _findings(problem, config)
     )
+
+
+def _misfit(problem: Problem) -> str:
+    """Of the start, where sigma is known; it may be large, if the rig is not as the table says."""
+    likelihood, space = problem.posterior.likelihood, problem.posterior.space
+    if likelihood.noise.unknown:
+        return ""
+    found = likelihood.per_number(space.vector(space.start)[None])[0]
+    return f"; misfit per number there {found:.4g}, and 1 where only noise is left"
 
 
 def _findings(problem: Problem, config: Config) -> str:

@@ -18,6 +18,7 @@ from bayesdrill.coordinates import Physical
 from bayesdrill.optimisers import OPTIMISERS, fminsearch, nelder_mead, pairwise
 from bayesdrill.optimisers.contract import Optimum, Task
 from bayesdrill.optimisers.pairwise import ORDER, circle
+from bayesdrill.priors import HalfNormal
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 SIGMA = np.array([0.02, 0.03, 0.05, 0.04])
@@ -250,3 +251,23 @@ def test_a_maximum_on_the_bound_is_named() -> None:
     search = mode.search(target, nelder_mead.maximise, 1, target.space.vector(low))
     stuck = dataclasses.replace(search, end={name: low[name] for name in TWO}, log_posterior=0.0)
     assert mode.summarise(target, (stuck,)).at_bound == ("k_s",)
+
+
+@pytest.mark.parametrize("coordinates", ["log", "auto"])
+def test_a_search_for_a_zero_ends_where_its_prior_does(coordinates: str) -> None:
+    """The record is of a rig with negative damping, so the less c_m the better, down to nothing."""
+    prior = HalfNormal(2 * NOMINAL["c_m"])
+    rig = posterior(RECORD, SIGMA, coordinates, free=("c_m", "k_s"), priors={"c_m": prior})
+    y = rig.likelihood.signals(np.array([[-2e-3, NOMINAL["k_s"]]]))[0]
+    likelihood = dataclasses.replace(
+        rig.likelihood, response=rig.likelihood.response.with_record(y)
+    )
+    target = dataclasses.replace(rig, likelihood=likelihood)
+    start = target.space.vector(NOMINAL)
+    found = mode.search(target, nelder_mead.maximise, 4000, start)
+    least = float(prior.quantile(np.array(mode.NOTHING)))
+    assert least <= found.end["c_m"] < 1e-3 * NOMINAL["c_m"]
+    assert found.settled
+    best = mode.summarise(target, (found,))
+    assert best.at_bound == ("c_m",)
+    assert np.isfinite(best.gain)
