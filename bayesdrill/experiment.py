@@ -61,9 +61,14 @@ def frozen(values: Array) -> Array:
     return copy
 
 
+def times(duration: float, rate: float) -> Array:
+    """From 0 to `duration` [s], both ends, at `rate` [Hz]."""
+    return np.arange(round(duration * rate) + 1) / rate
+
+
 def regular(experiment: Experiment, duration: float, rate: float) -> Experiment:
     """The same with constant inputs, for `duration` [s] at `rate` [Hz] from 0; its signals are zero."""
-    t = np.arange(round(duration * rate) + 1) / rate
+    t = times(duration, rate)
     y = np.zeros((len(t), len(experiment.channels)))
     return dataclasses.replace(experiment, t=frozen(t), y=frozen(y))
 

@@ -60,7 +60,7 @@ def _record_rows(posterior: Posterior, theta: Array) -> Array:
     up, down = _neighbours(theta)
     likelihood = posterior.likelihood
     noise = likelihood.noise
-    sigma = noise.sigmas(likelihood.sigma_columns(theta[None]))[0]
+    sigma = likelihood.sigmas(theta[None])[0]
     signals = likelihood.signals(np.concatenate([up, down]))
     slopes = (signals[: len(theta)] - signals[len(theta) :]) / (2 * _STEP * sigma)
     rows = np.nan_to_num(slopes.reshape(len(theta), -1), posinf=0.0, neginf=0.0).T

@@ -40,12 +40,15 @@ class Likelihood:
     def per_number(self, theta: Array) -> Array:
         """Squared residuals over the noise variance, their mean `(W,)`: 1 where only noise is left."""
         squares = self.response.misfit(self.space.full(theta))
-        sigma = self.noise.sigmas(self.sigma_columns(theta))
-        return np.asarray((squares / sigma**2).mean(axis=-1) / self.noise.n_samples)
+        return np.asarray((squares / self.sigmas(theta) ** 2).mean(axis=-1) / self.noise.n_samples)
 
     def sigma_columns(self, theta: Array) -> Array:
         """The unknown sigmas among the unknowns, `(W, n)`."""
         return theta[:, theta.shape[1] - len(self.noise.unknown) :]
+
+    def sigmas(self, theta: Array) -> Array:
+        """Of every channel, known or not: `(W, K)`, SI."""
+        return self.noise.sigmas(self.sigma_columns(theta))
 
     def signals(self, theta: Array) -> Array:
         """The channels without noise, `(W, T, K)`."""

@@ -66,8 +66,7 @@ class Left:
 def left(likelihood: Likelihood, theta: Array) -> tuple[Left, ...]:
     """At the unknowns `theta (D,)`; an unknown sigma fits the size, unless its prior keeps it off."""
     noise, row, experiment = likelihood.noise, theta[None], likelihood.response.experiment
-    sigma = noise.sigmas(likelihood.sigma_columns(row))[0]
-    residuals = (experiment.y - likelihood.signals(row)[0]) / sigma
+    residuals = (experiment.y - likelihood.signals(row)[0]) / likelihood.sigmas(row)[0]
     n = len(residuals)
     found = limits(n, noise.n_channels, len(theta))
     squares = (residuals**2).sum(axis=0)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from bayesdrill import build, givens, recording, seeds, symbols, units
 from bayesdrill import config as records
 from bayesdrill.errors import InputError
-from bayesdrill.experiment import Experiment, frozen
+from bayesdrill.experiment import Experiment, frozen, times
 from bayesdrill.models.linear import Model
 from bayesdrill.response import Response
 from bayesdrill.yaml_source import Source
@@ -55,7 +55,7 @@ def grid(config: records.Config, source: Source) -> Experiment:
             ]
         )
     rig = build.model(config)
-    t = np.arange(round(simulation.duration * simulation.rate) + 1) / simulation.rate
+    t = times(simulation.duration, simulation.rate)
     channels = tuple(entry.channel for entry in build.channels(config, rig))
     return Experiment(
         t=frozen(t),

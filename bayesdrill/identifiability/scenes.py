@@ -70,8 +70,7 @@ class Scenery:
         """The experiment of the record itself; unknown sigmas are those of `theta (D,)`."""
         experiment = self.likelihood.response.experiment
         weights = [[c.weights.get(name, 0.0) for name in self.states] for c in experiment.channels]
-        noise = self.likelihood.noise
-        sigma = noise.sigmas(self.likelihood.sigma_columns(theta[None]))[0]
+        sigma = self.likelihood.sigmas(theta[None])[0]
         return Scene(weights=np.array(weights), sigma=sigma)
 
     def sensitivities(self, theta: Array, scene: Scene) -> Array:

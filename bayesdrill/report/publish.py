@@ -134,7 +134,7 @@ def _fit(problem: Problem, mode: Mode, tree: Any) -> Wanted:
     likelihood = problem.posterior.likelihood
     theta = problem.posterior.space.vector(mode.values)[None]
     best = likelihood.signals(theta)[0]
-    sigma = likelihood.noise.sigmas(likelihood.sigma_columns(theta))[0]
+    sigma = likelihood.sigmas(theta)[0]
     return "fit", fit_figure, (problem.experiment, best, predictive, sigma)
 
 

@@ -25,14 +25,15 @@ SHARE = 0.95  # of records have a misfit within `expected` at their truth
 
 def task(posterior: Posterior) -> Task:
     """The likelihood alone, where the priors have a density: they bound a search, no more."""
+    whole = mode.task(posterior)
 
     def density(theta: Array) -> Array:
-        both = posterior.density(theta)
+        both = whole.density(theta)
         inside = both > -np.inf
         both[inside] -= posterior.space.log_prior(theta)[inside]
         return both
 
-    return dataclasses.replace(mode.task(posterior), density=density)
+    return dataclasses.replace(whole, density=density)
 
 
 def per_number(posterior: Posterior, theta: Array) -> float:
