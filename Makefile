@@ -8,7 +8,7 @@ READY := .venv/.ready
 BENCH := .venv-bench/bin
 BENCH_READY := .venv-bench/.ready
 
-.PHONY: help posterior paper test test-slow check format bench bench-growth mutants schema clean
+.PHONY: help posterior paper test test-slow check format bench bench-growth zoo mutants schema clean
 
 help:
 	@echo "make posterior [CONFIG=configs/mine.yaml] [ARGS=--resume|--force]"
@@ -20,6 +20,7 @@ help:
 	@echo "make format      put the code into the project's format"
 	@echo "make bench       measure bayesdrill beside its peers (about 10 minutes, in .venv-bench)"
 	@echo "make bench-growth  how time and memory grow; part of make bench"
+	@echo "make zoo         run records of many kinds and judge each (half an hour); ARGS=--list names them"
 	@echo "make mutants     break the code in named ways and see the tests fail"
 	@echo "make schema      write configs/schema.json anew"
 	@echo "make clean       remove .venv, .venv-bench and caches; results stay"
@@ -53,6 +54,9 @@ bench: $(BENCH_READY)
 
 bench-growth: $(BENCH_READY)
 	@$(BENCH)/python -m benchmarks.bench --only growth
+
+zoo: $(READY)
+	@$(BIN)/python -m benchmarks.zoo $(ARGS)
 
 mutants: $(READY)
 	@$(BIN)/python tests/mutants.py

@@ -12,17 +12,17 @@ from functools import partial
 
 import numpy as np
 
-from bayesdrill import beliefs, coordinates, symbols, units
+from bayesdrill import beliefs, symbols, units
 from bayesdrill import config as records
+from bayesdrill.coordinates import Coordinates
 from bayesdrill.errors import did_you_mean
 from bayesdrill.experiment import Channel, Experiment
 from bayesdrill.expressions import linear_combination
-from bayesdrill.formulas import Expression, Monomial, resolved
+from bayesdrill.formulas import Expression, resolved
 from bayesdrill.givens import Formula, formula, prior, quantity, relation, rescaled, start
 from bayesdrill.likelihood import Likelihood
 from bayesdrill.models import MODELS, constants
-from bayesdrill.models.linear import Chart, Model
-from bayesdrill.models.tangent import Dual
+from bayesdrill.models.linear import Model
 from bayesdrill.noise.gaussian import Gaussian
 from bayesdrill.optimisers import OPTIMISERS
 from bayesdrill.optimisers.contract import Optimiser
@@ -223,12 +223,10 @@ def problem(config: records.Config, experiment: Experiment) -> Problem:
         known={k: entry.sigma for k, entry in enumerate(entries) if isinstance(entry.sigma, float)},
         n_channels=len(entries),
     )
-    charted = unknowns.free[: len(unknowns.free) - len(noise.unknown)]
-    chart = _chart(rig, experiment, unknowns, charted) if charted else None
     posterior = Posterior(
         space=unknowns,
         likelihood=Likelihood(Response(rig, experiment), noise, unknowns),
-        coordinates=coordinates.choose(config.coordinates, chart, len(charted)),
+        coordinates=Coordinates(tuple(prior.in_logs for prior in unknowns.priors.values())),
     )
     return Problem(
         posterior=posterior,
@@ -236,31 +234,6 @@ def problem(config: records.Config, experiment: Experiment) -> Problem:
         nominal=nominal(config),
         derived=tuple(formula(config, rig, name) for name in config.derived),
     )
-
-
-def _chart(
-    model: Model, experiment: Experiment, unknowns: ParameterSpace, charted: tuple[str, ...]
-) -> Chart | None:
-    """Relations that are no products of powers count in it as what touches them at the start.
-
-    Coordinates need not be exact to be valid: their Jacobian is, whatever they are made of.
-    """
-    at = {**unknowns.fixed, **unknowns.start}
-    products = {name: r.monomial() or _touching(r, at) for name, r in unknowns.relations.items()}
-    if not all(np.isfinite([m.factor, *m.powers.values()]).all() for m in products.values()):
-        return None
-    return model.chart(usual_inputs(experiment)["v"], charted, unknowns.fixed, products)
-
-
-def _touching(relation: Expression, at: Mapping[str, float]) -> Monomial:
-    """The product of powers with the value and the slopes of `relation` at a point."""
-    value = relation.value(at)
-    powers = {
-        name: float(relation.value({**at, name: Dual(at[name], at[name])}).slope / value)
-        for name in relation.names
-    }
-    log_factor = np.log(value) - sum(p * np.log(at[name]) for name, p in powers.items())
-    return Monomial(float(np.exp(log_factor)), powers)
 
 
 def _symbol(name: str, config: records.Config, entries: list[Measured]) -> symbols.Symbol:

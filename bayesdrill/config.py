@@ -232,9 +232,6 @@ class SamplerSpec(Strict):
             "independence": 0.8,
         }
     )
-    pilot: Annotated[int, Field(ge=20)] = Field(
-        500, description="First steps, always dropped, which the independence move learns from."
-    )
     r_hat: Annotated[float, Field(gt=1)] = 1.01
     n_tau: Positive = Field(50.0, description="Steps kept, in autocorrelation times.")
     ess: Positive = Field(4000.0, description="Bulk effective sample size of every unknown.")
@@ -296,7 +293,6 @@ class Config(Strict):
     derived: dict[str, Annotated[DerivedSpec, BeforeValidator(_formula_alone)]] = Field(
         default_factory=dict, description="Formulas that are computed for every draw."
     )
-    coordinates: Literal["auto", "physical", "log", "modal"] = "auto"
     map: MapSpec = MapSpec()
     sampler: SamplerSpec = SamplerSpec()
     output: OutputSpec = OutputSpec()

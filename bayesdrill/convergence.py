@@ -59,20 +59,19 @@ def assess(
     theta: Array,
     names: tuple[str, ...],
     targets: Targets,
-    pilot: int = 0,
     log_p: Array | None = None,
 ) -> Convergence:
-    """Judge physical chains `(E, S, W, D)`, whose first `pilot` steps are dropped in any case.
+    """Judge physical chains `(E, S, W, D)`.
 
     `log_p (E, S, W)` finds walkers that are far from the rest; without it they are not looked for.
     """
     from arviz_stats.base import array_stats  # late: it takes half a second to load
 
     n_steps = theta.shape[1]
-    half = (n_steps - pilot) // 2
-    early = float(autocorrelation_time(theta[:, pilot + half :]).max())
+    half = n_steps // 2
+    early = float(autocorrelation_time(theta[:, half:]).max())
     wanted = math.ceil(BURN_IN_TAUS * early)
-    burn_in = pilot + min(wanted, half)
+    burn_in = min(wanted, half)
     kept = theta[:, burn_in:]
     tau = autocorrelation_time(kept)
     thin = max(1, min(math.ceil(float(tau.max())), kept.shape[1] // 4))
@@ -90,12 +89,12 @@ def assess(
     if wanted > half and not named:
         missing.append(
             f"the run is too short to judge its burn-in: {BURN_IN_TAUS} autocorrelation times are "
-            f"{wanted} steps, half of what follows the pilot is {half}"
+            f"{wanted} steps, half of the run is {half}"
         )
     return Convergence(
         steps=n_steps,
         burn_in=burn_in,
-        burn_in_rule=_rule(pilot, early, capped=wanted > half),
+        burn_in_rule=_rule(early, capped=wanted > half),
         thin=thin,
         tau=tau,
         r_hat=r_hat,
@@ -106,11 +105,10 @@ def assess(
     )
 
 
-def _rule(pilot: int, tau: float, *, capped: bool) -> str:
-    begun = f"pilot of {pilot} steps, then " if pilot else ""
+def _rule(tau: float, *, capped: bool) -> str:
     if capped:
-        return f"{begun}half of the rest, too short for {BURN_IN_TAUS} autocorrelation times"
-    return f"{begun}{BURN_IN_TAUS} autocorrelation times of {tau:.1f} steps"
+        return f"half of the run, too short for {BURN_IN_TAUS} autocorrelation times"
+    return f"{BURN_IN_TAUS} autocorrelation times of {tau:.1f} steps"
 
 
 def thinned(chains: Array, burn_in: int, thin: int) -> Array:

@@ -1,23 +1,31 @@
-"""The maximum of the posterior (MAP): several searches, and whether they agree."""
+"""The maximum of the posterior (MAP): several searches, whether they agree, and other maxima.
+
+Nelder and Mead find the way; damped Gauss-Newton with exact slopes goes the rest of it.  Plain draws
+from the prior are sent up the same way, and unknowns whose poles the samples cannot tell from
+those of the MAP: a maximum that no search has looked for is not found by many searches for another.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdrill import laplace
+from bayesdrill import aliases, laplace, maxima
+from bayesdrill.climb import climb, gain_left
 from bayesdrill.optimisers.contract import Optimiser, Task
 from bayesdrill.posterior import Posterior
+from bayesdrill.surface import PosteriorSurface
 
 Array = NDArray[np.float64]
 
-SAME_LOG_DENSITY = 0.05  # searches that end nearer than this have found the same height
+SAME_LOG_DENSITY = 1e-6  # searches that end nearer than this have found the same height
 SAME_PLACE = 0.01  # ... and the same place, when no unknown differs by more than 1 %
 CANDIDATES = 4096  # prior draws of which a search starts at the best
-NOTHING = 1e-6  # of a prior that goes down to zero lies below where a search for a zero ends
+SCOUTS = 24  # plain draws from the prior that are sent uphill without a simplex
+POLISH, EXACT = 40, 8  # steps of Gauss and Newton, and of Newton, at the end of a search
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -32,12 +40,19 @@ class Search:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Other:
+    """Another maximum, which no ridge joins to the highest."""
+
+    values: Mapping[str, float]
+    log_posterior: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Mode:
-    """The best of the searches.
+    """The best of the searches, and `others`: lower maxima that may hold some of the posterior.
 
     `slope`: change of the log posterior per conditional standard deviation of each unknown, well
-    below 1 at a maximum inside the prior; `gain`: what a Newton step would still gain, from the
-    slopes along the principal directions of the posterior.
+    below 1 at a maximum inside the prior; `gain`: what a Newton step would still gain.
     `at_bound`: unknowns within 0.1 % of an end of their prior, or with 0.1 % of it between them and
     zero.
     """
@@ -48,6 +63,7 @@ class Mode:
     gain: float
     at_bound: tuple[str, ...]
     searches: tuple[Search, ...]
+    others: tuple[Other, ...] = ()
 
     @property
     def highest(self) -> tuple[Search, ...]:
@@ -65,8 +81,20 @@ class Mode:
         return tuple(
             name
             for name, value in self.values.items()
-            if any(abs(s.end[name] / value - 1) > SAME_PLACE for s in self.highest)
+            if any(
+                _differ(s.end[name], value) and not self._is_other(s.end) for s in self.highest
+            )
         )
+
+    def _is_other(self, end: Mapping[str, float]) -> bool:
+        return any(
+            not any(_differ(end[name], x) for name, x in other.values.items())
+            for other in self.others
+        )
+
+
+def _differ(one: float, other: float) -> bool:
+    return abs(one - other) > SAME_PLACE * abs(other)
 
 
 def starts(posterior: Posterior, n: int, rng: np.random.Generator) -> Array:
@@ -80,68 +108,87 @@ def starts(posterior: Posterior, n: int, rng: np.random.Generator) -> Array:
 
 
 def task(posterior: Posterior) -> Task:
-    """The posterior density; where a prior goes down to zero, the logs in which one searches do not."""
-    priors = posterior.space.priors.values()
-    floor = np.array([p.quantile(np.array(NOTHING)) if p.low == 0 else 0.0 for p in priors])
-
-    def density(theta: Array) -> Array:
-        return np.where((theta >= floor).all(axis=-1), posterior.density(theta), -np.inf)
-
+    """The posterior density."""
     return Task(
         names=posterior.space.free,
-        density=density,
+        density=posterior.density,
         coordinates=posterior.coordinates,
         covariance=lambda theta: laplace.covariance(posterior, theta),
     )
 
 
-def search(posterior: Posterior, optimiser: Optimiser, evaluations: int, start: Array) -> Search:
-    """One search from the physical point `start (D,)`."""
+def search(
+    posterior: Posterior, optimiser: Optimiser, evaluations: int, start: Array, polish: bool = True
+) -> Search:
+    """One search from the physical point `start (D,)`, and with `polish` on to the very maximum."""
     found = optimiser(task(posterior), start, evaluations)
+    theta, value, settled = found.theta, found.value, found.settled
+    if polish:
+        surface = PosteriorSurface(posterior, physical=True)
+        u = posterior.coordinates.from_physical(theta[None])
+        top = climb(surface, climb(surface, u, POLISH).u, EXACT, exact=True)
+        if top.value[0] > value:
+            theta, value = posterior.coordinates.to_physical(top.u)[0], float(top.value[0])
+            settled = bool(top.arrived[0])
     return Search(
         start=_named(posterior, start),
-        end=_named(posterior, found.theta),
-        log_posterior=found.value,
+        end=_named(posterior, theta),
+        log_posterior=value,
         evaluations=found.evaluations,
-        settled=found.settled,
+        settled=settled,
     )
 
 
-def summarise(posterior: Posterior, searches: tuple[Search, ...]) -> Mode:
-    best = max(searches, key=lambda s: s.log_posterior)
-    theta = posterior.space.vector(best.end)
-    z = posterior.coordinates.from_physical(theta[None])[0]
-    information = laplace.information_root(posterior, theta)
-    single = np.diag(1.0 / np.linalg.norm(information, axis=0))
-    slope = _slopes(lambda logs: posterior.density(np.exp(logs)), np.log(theta), single)
-    # Along the principal directions in the sampler's coordinates, where ridges are straight.
-    principal = _slopes(
-        lambda z: posterior.density(posterior.coordinates.to_physical(z)),
-        z,
-        laplace.root(laplace.covariance(posterior, theta, information)).T,
+def scouts(posterior: Posterior, starts: Array) -> tuple[Array, Array]:
+    """Where physical `starts (n, D)` lead, `(m, D)`, and how high `(m,)`; without a simplex."""
+    surface = PosteriorSurface(posterior, physical=True)
+    u, value = maxima.scout(surface, posterior.coordinates.from_physical(starts))
+    return posterior.coordinates.to_physical(u), value
+
+
+def summarise(
+    posterior: Posterior, searches: tuple[Search, ...], scouted: tuple[Array, Array] | None = None
+) -> Mode:
+    """`scouted`: further points that were reached, physical, and their log densities."""
+    surface = PosteriorSurface(posterior, physical=True)
+    to, back = posterior.coordinates.from_physical, posterior.coordinates.to_physical
+    points = to(np.array([posterior.space.vector(s.end) for s in searches]))
+    values = np.array([s.log_posterior for s in searches])
+    if scouted is not None and len(scouted[0]):
+        points = np.concatenate([points, to(scouted[0])])
+        values = np.concatenate([values, scouted[1]])
+    around = aliases.starts(posterior, points[int(np.argmax(values))])
+    if len(around):
+        more = maxima.scout(surface, around)
+        points, values = np.concatenate([points, more[0]]), np.concatenate([values, more[1]])
+    chosen = maxima.apart(surface, points, values)
+    top = climb(surface, points[chosen], POLISH, exact=True)
+    better = top.value > values[chosen]
+    ends = np.where(better[:, None], top.u, points[chosen])
+    heights = np.where(better, top.value, values[chosen])
+    order = np.argsort(-heights, kind="stable")
+    ends, heights = ends[order], heights[order]
+    theta = back(ends)
+    here = surface.expand(ends[:1], np.eye(ends.shape[1]))
+    conditional = np.sqrt(np.maximum(np.einsum("wdd->wd", here.curvature)[0], 1e-300))
+    inward = np.where(
+        ((ends[0] <= surface.low) & (here.slope[0] < 0))
+        | ((ends[0] >= surface.high) & (here.slope[0] > 0)),
+        0.0,
+        here.slope[0],
     )
     return Mode(
-        values=best.end,
-        log_posterior=best.log_posterior,
-        slope=_named(posterior, slope),
-        gain=float(0.5 * (principal**2).sum()),
-        at_bound=_at_bound(posterior, best.end),
+        values=_named(posterior, theta[0]),
+        log_posterior=float(heights[0]),
+        slope=_named(posterior, inward / conditional),
+        gain=float(gain_left(surface, ends[:1], here)[0]),
+        at_bound=_at_bound(posterior, _named(posterior, theta[0])),
         searches=searches,
+        others=tuple(
+            Other(values=_named(posterior, at), log_posterior=float(height))
+            for at, height in zip(theta[1:], heights[1:], strict=True)
+        ),
     )
-
-
-def _slopes(density: Callable[[Array], Array], point: Array, steps: Array) -> Array:
-    """Change of the log density at `point (D,)` over each of `steps (n, D)`: `(n,)`.
-
-    By differences over a tenth of a step.  Where the prior ends on one side, only a rise to the
-    other side counts: falling off from a bound is what a maximum there does.
-    """
-    here = density(point[None])[0]
-    up = density(point + 0.1 * steps) - here
-    down = density(point - 0.1 * steps) - here
-    up = np.where(np.isfinite(up), up, np.where(down > 0, -down, 0.0))
-    down = np.where(np.isfinite(down), down, np.where(up > 0, -up, 0.0))
-    return np.asarray(5.0 * (up - down))
 
 
 def _at_bound(posterior: Posterior, values: Mapping[str, float]) -> tuple[str, ...]:

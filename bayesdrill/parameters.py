@@ -52,17 +52,19 @@ class ParameterSpace:
         return named | {name: r.value(named) for name, r in self.relations.items()}
 
     def slopes(self, theta: Array) -> Array:
-        """d parameter of the model / d log unknown at `theta (D,)`, noise left out: `(m, P)`."""
+        """d parameter of the model / d log unknown at `theta (W, D)`, noise left out: `(W, m, P)`.
+        """
         charted = [name for name in self.free if name in self.model or name in self.quantities]
         duals: dict[str, Dual | float] = dict(self.fixed)
         for row, name in enumerate(charted):
-            duals[name] = Dual(theta[row], theta[row] * np.eye(len(charted))[row])
+            value = theta[:, row, None]
+            duals[name] = Dual(value, value * np.eye(len(charted))[row])
         duals |= {name: r.value(duals) for name, r in self.relations.items()}
-        out = np.zeros((len(charted), len(self.model)))
+        out = np.zeros((len(theta), len(charted), len(self.model)))
         for column, name in enumerate(self.model):
             value = duals[name]
             if isinstance(value, Dual):
-                out[:, column] = value.slope
+                out[:, :, column] = value.slope
         return out
 
     def vector(self, values: Mapping[str, float]) -> Array:

@@ -10,13 +10,14 @@ from collections.abc import Mapping
 from concurrent.futures import Future
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdrill import build, mode, provenance, residuals, seeds, store, verdict
+from bayesdrill import build, maxima, mode, provenance, residuals, seeds, store, verdict
 from bayesdrill import config as records
 from bayesdrill.convergence import Targets
 from bayesdrill.crew import Crew
@@ -27,7 +28,7 @@ from bayesdrill.identify import preflight
 from bayesdrill.job import Job as Job
 from bayesdrill.job import assemble as assemble
 from bayesdrill.job import prepare as prepare
-from bayesdrill.mode import Mode, Search
+from bayesdrill.mode import Mode, Other, Search
 from bayesdrill.progress import Reporter
 from bayesdrill.report import publish, residual_words, tables, verdict_words, words
 from bayesdrill.sampling import Plan, Sampled, sample, stored
@@ -39,6 +40,7 @@ Array = NDArray[np.float64]
 MAP_FILE = "map.json"
 CONFIG_FILE = "config.yaml"
 RESOLVED_FILE = "config.resolved.yaml"
+ROUGHLY = 1.0  # of the log posterior: how near a simplex has to come, where slopes do the rest
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -80,25 +82,25 @@ def _run(job: Job, folder: Folder, processes: int, report: Reporter) -> Outcome:
     posterior = job.problem.posterior
     with Crew(posterior, processes) as crew:
         known = (folder.path / MAP_FILE).exists()
-        searches = [] if known else _begin_search(job, crew)
+        hunt = None if known else _begin_search(job, crew)
         # While others search the MAP, this process looks at what the record can show, and loads
         # what sampling and report will need.
         scenery = Scenery(posterior.likelihood)
         report.say(preflight(job, scenery))
         if not crew.alone:
             _load_ahead()
-        if known:
+        if hunt is None:
             found = _read_mode(folder.path / MAP_FILE)
         else:
-            found = _end_search(job, searches, report)
+            found = _end_search(crew, hunt, report)
             text = json.dumps(dataclasses.asdict(found), indent=2) + "\n"
             folder.write_text(MAP_FILE, text)
         clock.append(time.perf_counter())
-        vector = posterior.space.vector(found.values)
-        sampled = sample(crew, posterior, vector, plan(job.config), folder, report)
+        tops = np.array([posterior.space.vector(one.values) for one in (found, *found.others)])
+        sampled = sample(crew, posterior, tops, plan(job.config), folder, report)
         clock.append(time.perf_counter())
         names = ",".join(job.problem.names)
-        coordinates = type(posterior.coordinates).__name__.lower()
+        coordinates = ",".join("log" if log else "linear" for log in posterior.coordinates.logs)
         folder.finish_chain(sampled.pieces, {"coordinates": coordinates, "unknowns": names})
         seconds = {"map": clock[1] - clock[0], "sampling": clock[2] - clock[1]}
         return _publish(job, folder, found, sampled, scenery, seconds, crew)
@@ -128,7 +130,7 @@ def republish(output: Path, processes: int) -> Outcome:
 def find_mode(job: Job, processes: int, report: Reporter) -> Mode:
     """The MAP alone; nothing is written."""
     with Crew(job.problem.posterior, processes) as crew:
-        return _end_search(job, _begin_search(job, crew), report)
+        return _end_search(crew, _begin_search(job, crew), report)
 
 
 def plan(config: records.Config) -> Plan:
@@ -138,33 +140,51 @@ def plan(config: records.Config) -> Plan:
         walkers=sampler.walkers,
         moves=sampler.moves,
         targets=Targets(r_hat=sampler.r_hat, n_tau=sampler.n_tau, ess=sampler.ess),
-        pilot=sampler.pilot,
         max_steps=sampler.max_steps,
         seed=config.seed,
     )
 
 
-def _begin_search(job: Job, crew: Crew) -> list[Future[Search]]:
+@dataclass(frozen=True, slots=True)
+class _Hunt:
+    """Searches for the MAP under way, and for maxima elsewhere."""
+
+    searches: list[Future[Search]]
+    scouts: list[Future[tuple[Array, Array]]]
+
+
+def _begin_search(job: Job, crew: Crew) -> _Hunt:
     settings, target = job.config.map, job.problem.posterior
     points = mode.starts(target, settings.starts, seeds.stream(job.config.seed, "map"))
     optimiser = build.optimiser(job.config, job.problem.names)
-    return [crew.submit(mode.search, optimiser, settings.evaluations, point) for point in points]
+    # The paper's ways are kept as they are: they are there to be seen.
+    polish = settings.method == "nelder_mead"
+    if polish:
+        optimiser = partial(optimiser, enough=ROUGHLY)
+    searches = [
+        crew.submit(mode.search, optimiser, settings.evaluations, point, polish)
+        for point in points
+    ]
+    draws = target.space.draw(mode.SCOUTS, seeds.stream(job.config.seed, "scout"))
+    scouts = [crew.submit(mode.scouts, some) for some in np.array_split(draws, 2)] if polish else []
+    return _Hunt(searches, scouts)
 
 
-def _end_search(job: Job, tasks: list[Future[Search]], report: Reporter) -> Mode:
+def _end_search(crew: Crew, hunt: _Hunt, report: Reporter) -> Mode:
     searches = []
-    for done, task in enumerate(tasks):
-        report.update(done / len(tasks), "searching the MAP")
+    for done, task in enumerate(hunt.searches):
+        report.update(done / len(hunt.searches), "searching the MAP")
         searches.append(task.result())
+    scouted = maxima.together([task.result() for task in hunt.scouts]) if hunt.scouts else None
+    found = crew.submit(mode.summarise, tuple(searches), scouted).result()
     report.update(1.0, "")
-    found = mode.summarise(job.problem.posterior, tuple(searches))
     report.say(words.mode(found))
     return found
 
 
 def _load_ahead() -> None:
     """Libraries that take a while to load."""
-    for name in ("sklearn.mixture", "scipy.stats", "arviz_stats.base"):
+    for name in ("scipy.stats", "arviz_stats.base"):
         importlib.import_module(name)
 
 
@@ -172,8 +192,9 @@ def _read_mode(path: Path) -> Mode:
     try:
         data: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
         searches = tuple(Search(**search) for search in data.pop("searches"))
+        others = tuple(Other(**other) for other in data.pop("others"))
         at_bound = tuple(data.pop("at_bound"))
-        return Mode(**data, searches=searches, at_bound=at_bound)
+        return Mode(**data, searches=searches, at_bound=at_bound, others=others)
     except (OSError, ValueError, KeyError, TypeError, AttributeError):
         raise InputError.one(str(path), "cannot be read; start over with --force") from None
 

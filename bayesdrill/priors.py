@@ -30,6 +30,11 @@ class Prior(Protocol):
     @property
     def high(self) -> float: ...
 
+    @property
+    def in_logs(self) -> bool:
+        """Whether its log is the scale of the unknown: not where zero itself has a density."""
+        ...
+
     def logpdf(self, x: Array) -> Array: ...
 
     def quantile(self, u: Array) -> Array: ...
@@ -41,6 +46,10 @@ class Prior(Protocol):
 class Uniform:
     low: float
     high: float
+
+    @property
+    def in_logs(self) -> bool:
+        return self.low > 0
 
     def logpdf(self, x: Array) -> Array:
         inside = (x >= self.low) & (x <= self.high) & (x > 0)
@@ -57,6 +66,10 @@ class Uniform:
 class LogUniform:
     low: float
     high: float
+
+    @property
+    def in_logs(self) -> bool:
+        return True
 
     def logpdf(self, x: Array) -> Array:
         inside = (x >= self.low) & (x <= self.high)
@@ -78,6 +91,10 @@ class TruncatedNormal:
     sd: float
     low: float = 0.0
     high: float = math.inf
+
+    @property
+    def in_logs(self) -> bool:
+        return self.low > 0
 
     def logpdf(self, x: Array) -> Array:
         inside = (x >= self.low) & (x <= self.high) & (x > 0)
@@ -124,6 +141,10 @@ class LogNormal:
     def high(self) -> float:
         return math.inf
 
+    @property
+    def in_logs(self) -> bool:
+        return True
+
     def logpdf(self, x: Array) -> Array:
         inside = x > 0
         log_x = np.log(np.where(inside, x, 1.0))
@@ -151,6 +172,10 @@ class HalfNormal:
     @property
     def high(self) -> float:
         return math.inf
+
+    @property
+    def in_logs(self) -> bool:
+        return False
 
     def logpdf(self, x: Array) -> Array:
         inside = x > 0

@@ -31,7 +31,6 @@ def fingerprint(config: records.Config, problem: Problem) -> dict[str, str]:
     """What decides the chain, by names and values that a user knows from the config."""
     posterior, sampler = problem.posterior, config.sampler
     space = posterior.space
-    coordinates = type(posterior.coordinates).__name__.lower()
     return {
         **_of_experiment(problem.experiment),
         "the model": repr(posterior.likelihood.response.model),
@@ -40,12 +39,10 @@ def fingerprint(config: records.Config, problem: Problem) -> dict[str, str]:
         **{f"the relation of {name}": r.text for name, r in space.relations.items()},
         "the start of the MAP search": repr(dict(space.start)),
         **_of_noise(problem),
-        "the coordinates": f"{coordinates} ({_short(repr(posterior.coordinates))})",
         **{f"map.{name}": repr(value) for name, value in config.map},
         "sampler.ensembles": str(sampler.ensembles),
         "sampler.walkers": str(sampler.walkers),
         "sampler.moves": repr(dict(sorted(sampler.moves.items()))),
-        "sampler.pilot": str(sampler.pilot),
         "the seed": str(config.seed),
         f"{VERSION_OF}bayesdrill": bayesdrill.__version__,
         **{f"{VERSION_OF}{name}": version(name) for name in DECISIVE},

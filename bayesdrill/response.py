@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from bayesdrill.experiment import Experiment, frozen
 from bayesdrill.kernels import LANES, Kernels, Layout, compile_kernels
 from bayesdrill.models.linear import Model
+from bayesdrill.models.tangent import DOT, Tangent
 
 Array = NDArray[np.float64]
 
@@ -40,6 +41,7 @@ class Response:
         for column, u in enumerate(series):
             self._u[:, column] = np.append(u, u[-1])
         self._kernels: Kernels = kernels or compile_kernels(layout(model, experiment))
+        self._slopes: list[Response] = []  # made when it is first asked for, shared by copies
 
     def __getstate__(self) -> dict[str, Any]:
         return {"model": self.model, "experiment": self.experiment}
@@ -52,7 +54,9 @@ class Response:
         if y.shape != self.experiment.y.shape:
             raise ValueError(f"the record has shape {self.experiment.y.shape}, not {y.shape}")
         experiment = dataclasses.replace(self.experiment, y=frozen(y))
-        return Response(self.model, experiment, self._kernels)
+        made = Response(self.model, experiment, self._kernels)
+        made._slopes = self._slopes  # which no record has an influence on
+        return made
 
     def with_series(self, series: Mapping[str, Array]) -> Response:
         """The same experiment under other measured inputs; nothing is compiled again."""
@@ -61,6 +65,20 @@ class Response:
         ordered = {name: series[name] for name in self.experiment.series}
         experiment = dataclasses.replace(self.experiment, series=ordered)
         return Response(self.model, experiment, self._kernels)
+
+    @property
+    def tangent(self) -> Response:
+        """Of the derivatives of these channels in a direction: `(W, 2 P)`, values and direction."""
+        if not self._slopes:
+            channels = tuple(
+                dataclasses.replace(
+                    channel, weights={name + DOT: w for name, w in channel.weights.items()}
+                )
+                for channel in self.experiment.channels
+            )
+            experiment = dataclasses.replace(self.experiment, channels=channels)
+            self._slopes.append(slopes_of(self.model, experiment))
+        return self._slopes[0]
 
     def misfit(self, theta: Array) -> Array:
         """Sum of squared residuals of each channel: `(W, P) -> (W, K)`, SI units squared."""
@@ -79,6 +97,13 @@ class Response:
 
     def _run(self, kernel: Any, blocks: Array, out: Array) -> None:
         kernel(len(blocks), len(self._y), *(a.ctypes.data for a in (blocks, self._y, self._u, out)))
+
+
+def slopes_of(model: Model, experiment: Experiment) -> Response:
+    """The response of the tangent of `model`, whose states `experiment` names; it has no record."""
+    tangent = Tangent(model)
+    kernels = compile_kernels(layout(tangent, experiment), sums=False)
+    return Response(tangent, experiment, kernels)
 
 
 def _in_lanes(theta: Array) -> Array:

@@ -10,29 +10,28 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from bayesdrill import laplace, seeds
+from bayesdrill import seeds
 from bayesdrill.convergence import Convergence, Targets, assess, thinned
 from bayesdrill.crew import Crew
 from bayesdrill.errors import InputError
+from bayesdrill.learning import Learnt, learn
 from bayesdrill.posterior import Posterior
 from bayesdrill.progress import Reporter
-from bayesdrill.samplers import independence
 from bayesdrill.samplers.ensemble import Piece, State, advance
 from bayesdrill.samplers.independence import Proposal
 from bayesdrill.shelf import Shelf
 from bayesdrill.store import Folder
+from bayesdrill.surface import Expansion, PosteriorSurface, joined
 
 Array = NDArray[np.float64]
 
-FIRST_CHECK = 300  # steps after the pilot, at least as many as it had; then whenever a quarter more
+FIRST_CHECK = 200  # steps, and then whenever a quarter more
 GROWTH = 1.25
 PIECE = 250  # steps between savings, at most, and ...
 PIECE_SECONDS = 2.0  # ... about as many as take this long: what Ctrl-C waits for
-FIRST_ROUND = 0.6  # of the pilot, before anything has been learnt
-PILOT_EVERY = 5  # of the second half of a round, which a proposal is learnt from
-TRIED = 3000  # draws that the acceptance of a proposal is estimated from, about
-LEAST_ACCEPTANCE = 0.05  # below it the learnt proposal is not worth its share of the steps
-START_SPREAD = 1.5  # ensembles start wider than the Gaussian approximation, so that R-hat can tell
+SHARED = 32  # points that one process expands at a time
+START_SPREAD = 1.5  # ensembles start wider than the proposal, so that R-hat can tell
+START_TRIES = 40  # of drawing points of finite density
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -41,18 +40,21 @@ class Plan:
     walkers: int
     moves: Mapping[str, float]
     targets: Targets
-    pilot: int
     max_steps: int
     seed: int
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sampled:
-    """`theta (E, S, W, D)` physical; `pieces` of each ensemble as they were saved."""
+    """`theta (E, S, W, D)` physical; `pieces` of each ensemble as they were saved.
+
+    `learnt`: what the proposal was learnt from; None where a chain was only read again.
+    """
 
     pieces: list[list[Piece]]
     theta: Array
     convergence: Convergence
+    learnt: Learnt | None = None
 
     @property
     def draws(self) -> Array:
@@ -76,11 +78,22 @@ class Sampled:
         return sum(piece.failures for pieces in self.pieces for piece in pieces)
 
 
-def begin(posterior: Posterior, theta: Array, n: int, seed: int, ensemble: int) -> State:
-    """Walkers around the MAP `theta (D,)`, from the Gaussian approximation there."""
-    rng = seeds.stream(seed, "start", ensemble)
-    z = laplace.draws(posterior, theta, n, rng, spread=START_SPREAD)
-    return State(z, posterior(z), seeds.legacy_state(seed, "walk", ensemble))
+def begin(posterior: Posterior, proposal: Proposal, n: int, seed: int, ensemble: int) -> State:
+    """Walkers around all maxima alike, wider than the proposal: shares are for the moves to find."""
+    random = np.random.RandomState(seeds.bits(seed, "start", ensemble))
+    kept: list[Array] = []
+    have = 0
+    wide = proposal.mixture.widened(START_SPREAD)
+    for attempt in range(START_TRIES):
+        source = wide if attempt < START_TRIES // 2 else proposal.mixture
+        z, _ = source.draw(2 * n, random)
+        z = z[posterior.supports(z)]
+        kept.append(z[np.isfinite(posterior(z))])
+        have += len(kept[-1])
+        if have >= n:
+            z = np.concatenate(kept)[:n]
+            return State(z, posterior(z), seeds.legacy_state(seed, "walk", ensemble))
+    raise ValueError("no point of finite posterior was found around the maximum")
 
 
 def walk(
@@ -99,7 +112,7 @@ class _Walk:
 
     crew: Crew
     posterior: Posterior
-    mode: Array
+    proposal: Proposal
     plan: Plan
     shelf: Shelf
     pieces: list[list[Piece]]
@@ -109,7 +122,7 @@ class _Walk:
     def steps(self) -> list[int]:
         return [_steps(pieces) for pieces in self.pieces]
 
-    def advance_to(self, goal: int, proposal: Proposal | None) -> None:
+    def advance_to(self, goal: int) -> None:
         """All ensembles to `goal` steps; each goes on as soon as its last piece is in."""
         running: dict[Future[Piece], int] = {}
         length = PIECE
@@ -117,7 +130,7 @@ class _Walk:
         def submit(ensemble: int) -> None:
             left = goal - self.steps[ensemble]
             if left > 0:
-                arguments = min(length, left), dict(self.plan.moves), proposal
+                arguments = min(length, left), dict(self.plan.moves), self.proposal
                 running[self.crew.submit(walk, self._state(ensemble), *arguments)] = ensemble
 
         for ensemble in range(self.plan.ensembles):
@@ -137,69 +150,27 @@ class _Walk:
                 if self.crew.alone:
                     submit(ensemble)
 
-    def learn(self, steps: slice, random: np.random.RandomState) -> tuple[Proposal, float]:
-        """The independence proposal from these steps of all ensembles, and its acceptance."""
-        z, log_p = (
-            np.concatenate([np.concatenate(parts)[steps] for parts in chains])
-            for chains in (
-                [[piece.z for piece in pieces] for pieces in self.pieces],
-                [[piece.log_p for piece in pieces] for pieces in self.pieces],
-            )
-        )
-        draws, densities = z.reshape(-1, z.shape[-1]), log_p.ravel()
-        some = slice(None, None, max(1, len(draws) // TRIED))
-        target, inside = self.posterior, self.posterior.supports
-        with threadpool_limits(1):
-            proposal = independence.learn(draws, inside, random)
-            share = independence.expected_acceptance(
-                proposal, target, inside, draws[some], densities[some], random
-            )
-        return proposal, share
-
-    def pilot(self, report: Reporter) -> Proposal | None:
-        """The pilot in two rounds, each of which learns a proposal; None where it does not help.
-
-        The second round walks with what the first has learnt, which brings the last walkers home.
-        """
-        wanted = self.plan.moves.get("independence", 0.0) > 0.0
-        random = np.random.RandomState()
-        random.set_state(seeds.legacy_state(self.plan.seed, "pilot"))
-        proposal, share, begun = None, 0.0, 0
-        for end in (int(FIRST_ROUND * self.plan.pilot), self.plan.pilot):
-            self.advance_to(end, proposal)
-            if wanted:
-                learnt, share = self.learn(slice((begun + end) // 2, end, PILOT_EVERY), random)
-                proposal = learnt if share >= LEAST_ACCEPTANCE else None
-            begun = end
-        if wanted and proposal is None:
-            report.say(
-                f"pilot: a proposal learnt from it would be accepted {share:.1%} of the time, too "
-                "rarely to help; going on without"
-            )
-        elif wanted:
-            report.say(
-                f"pilot: {self.plan.pilot} steps; the proposal learnt from them is accepted "
-                f"{share:.0%} of the time"
-            )
-        return proposal
-
     def _state(self, ensemble: int) -> State:
         if self.pieces[ensemble]:
             return self.pieces[ensemble][-1].state
-        return begin(self.posterior, self.mode, self.plan.walkers, self.plan.seed, ensemble)
+        return begin(self.posterior, self.proposal, self.plan.walkers, self.plan.seed, ensemble)
 
 
 def sample(
-    crew: Crew, posterior: Posterior, mode: Array, plan: Plan, shelf: Shelf, report: Reporter
+    crew: Crew, posterior: Posterior, maxima: Array, plan: Plan, shelf: Shelf, report: Reporter
 ) -> Sampled:
-    """Continue what `shelf` holds until converged or `max_steps`; every piece is saved."""
-    under_way = _taken_up(crew, posterior, mode, plan, shelf)
-    proposal = under_way.pilot(report)
+    """Continue what `shelf` holds until converged or `max_steps`; every piece is saved.
+
+    `maxima (M, D)`: physical, each of which may hold some of the posterior.
+    """
+    learnt = prepare(crew, posterior, maxima, plan.seed)
+    report.say(_said(learnt))
+    under_way = _taken_up(crew, posterior, learnt.proposal, plan, shelf)
     have = max(under_way.steps)
     # Shorter lengths were judged before an interruption, and found wanting.
     for goal in [goal for goal in _checks(plan) if goal >= have] or [have]:
-        under_way.advance_to(goal, proposal)
-        sampled = _judge(posterior, plan, under_way.pieces, under_way.theta)
+        under_way.advance_to(goal)
+        sampled = _judge(posterior, plan, under_way.pieces, under_way.theta, learnt)
         convergence = sampled.convergence
         report.update(_share(convergence, plan.targets), _state_of(convergence))
         if convergence.converged:
@@ -208,13 +179,45 @@ def sample(
     return sampled
 
 
-def _taken_up(crew: Crew, posterior: Posterior, mode: Array, plan: Plan, shelf: Shelf) -> _Walk:
+def prepare(crew: Crew, posterior: Posterior, maxima: Array, seed: int) -> Learnt:
+    """The proposal, the same whatever the number of processes."""
+
+    def expand(u: Array, directions: Array) -> Expansion:
+        parts = [u[k : k + SHARED] for k in range(0, len(u), SHARED)]
+        tasks = [crew.submit(expanded, part, directions) for part in parts]
+        return joined([task.result() for task in tasks])
+
+    random = np.random.RandomState(seeds.bits(seed, "learn", 0))
+    z = posterior.coordinates.from_physical(maxima)
+    with threadpool_limits(1):
+        rng = seeds.stream(seed, "learn", 1)
+        return learn(PosteriorSurface(posterior), expand, list(z), random, rng)
+
+
+def expanded(posterior: Posterior, u: Array, directions: Array) -> Expansion:
+    """See `surface.Surface.expand`."""
+    return PosteriorSurface(posterior).expand(u, directions)
+
+
+def _said(learnt: Learnt) -> str:
+    """What has been learnt, in a line."""
+    ridges = len(learnt.off)
+    where = "the ridge" if ridges == 1 else f"{ridges} ridges"
+    return (
+        f"proposal: learnt along {where} of the posterior, accepted {learnt.acceptance:.0%} of the "
+        "time"
+    )
+
+
+def _taken_up(
+    crew: Crew, posterior: Posterior, proposal: Proposal, plan: Plan, shelf: Shelf
+) -> _Walk:
     """From where `shelf` was left."""
     pieces = [shelf.pieces(ensemble) for ensemble in range(plan.ensembles)]
     return _Walk(
         crew=crew,
         posterior=posterior,
-        mode=mode,
+        proposal=proposal,
         plan=plan,
         shelf=shelf,
         pieces=pieces,
@@ -223,20 +226,24 @@ def _taken_up(crew: Crew, posterior: Posterior, mode: Array, plan: Plan, shelf: 
 
 
 def _judge(
-    posterior: Posterior, plan: Plan, pieces: list[list[Piece]], theta: list[list[Array]]
+    posterior: Posterior,
+    plan: Plan,
+    pieces: list[list[Piece]],
+    theta: list[list[Array]],
+    learnt: Learnt | None = None,
 ) -> Sampled:
     physical = _stack(theta)
     log_p = _stack([[piece.log_p for piece in chain] for chain in pieces])
     names = posterior.space.free
-    convergence = assess(physical, names, plan.targets, plan.pilot, log_p)
-    return Sampled(pieces=pieces, theta=physical, convergence=convergence)
+    convergence = assess(physical, names, plan.targets, log_p)
+    return Sampled(pieces=pieces, theta=physical, convergence=convergence, learnt=learnt)
 
 
 def _checks(plan: Plan) -> Iterator[int]:
     """When to judge: at steps that do not depend on how the run was cut."""
-    steps = max(FIRST_CHECK, plan.pilot)
-    while plan.pilot + steps < plan.max_steps:
-        yield plan.pilot + steps
+    steps = FIRST_CHECK
+    while steps < plan.max_steps:
+        yield steps
         steps = int(steps * GROWTH)
     yield plan.max_steps
 
@@ -273,7 +280,7 @@ def stored(posterior: Posterior, plan: Plan, folder: Folder) -> Sampled:
     """What `folder` holds, judged again; raises `InputError` where ensembles are missing."""
     chains = [folder.pieces(ensemble) for ensemble in range(plan.ensembles)]
     steps = min(map(_steps, chains))
-    if steps <= plan.pilot or max(map(_steps, chains)) != steps:
+    if steps == 0 or max(map(_steps, chains)) != steps:
         raise InputError.one(
             str(folder.path), "the run stopped before its first check; continue it with --resume"
         )

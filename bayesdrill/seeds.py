@@ -13,12 +13,13 @@ Purpose = Literal[
     "walk",
     "predictive",
     "prior",
-    "pilot",
+    "learn",
     "calibrate",
     "identify",
     "reproduce",
     "around",
     "starts",
+    "scout",
 ]
 
 _ORDER: tuple[Purpose, ...] = get_args(Purpose)
@@ -32,9 +33,13 @@ def stream(seed: int, purpose: Purpose, index: int = 0) -> np.random.Generator:
     return np.random.default_rng(_sequence(seed, purpose, index))
 
 
+def bits(seed: int, purpose: Purpose, index: int = 0) -> np.random.MT19937:
+    """For streams of NumPy's legacy kind, which emcee and its moves draw from."""
+    return np.random.MT19937(_sequence(seed, purpose, index))
+
+
 def legacy_state(seed: int, purpose: Purpose, index: int = 0) -> tuple[Any, ...]:
     """The state tuple that emcee takes; it ignores anything else without a word."""
-    bits = np.random.MT19937(_sequence(seed, purpose, index))
-    state = np.random.RandomState(bits).get_state(legacy=True)
+    state = np.random.RandomState(bits(seed, purpose, index)).get_state(legacy=True)
     assert isinstance(state, tuple)
     return state

@@ -23,9 +23,9 @@ def check_map(found: Collector, config: records.Config, model: Model) -> None:
 
 
 def check_counts(found: Collector, config: records.Config, model: Model) -> None:
-    """Unknowns against walkers, moves and coordinates."""
-    charted = free(config, model)
-    n_unknown = len(charted) + len(sigmas(config))
+    """Unknowns against walkers, and moves."""
+    unknown = free(config, model)
+    n_unknown = len(unknown) + len(sigmas(config))
     sampler = config.sampler
     if n_unknown == 0:
         found.add(("parameters",), "nothing is unknown; give at least one parameter a prior")
@@ -35,24 +35,16 @@ def check_counts(found: Collector, config: records.Config, model: Model) -> None
             f"{sampler.walkers} walkers: an even number, at least twice the {n_unknown} unknowns, is "
             "wanted",
         )
-    if config.coordinates == "modal" and not charted:
-        found.add(("coordinates",), "modal coordinates need a free parameter; write `auto`")
     for name in sampler.moves:
         found.run(("sampler", "moves", name), build.lookup, MOVES, name, "move")
     if sum(weight for name, weight in sampler.moves.items() if name != "independence") <= 0:
-        message = "no move is left for the pilot; give differential_evolution or stretch a share"
+        message = "independence alone never leaves a place that it has missed; give another move a share"
         found.add(("sampler", "moves"), message)
-    if sampler.max_steps <= sampler.pilot:
-        message = f"{sampler.max_steps} is not above the pilot's {sampler.pilot}; make it larger"
-        found.add(("sampler", "max_steps"), message)
 
 
 def check_calibration(found: Collector, config: records.Config) -> None:
-    """What the pilot and the ranks need."""
+    """What the ranks need."""
     own = config.calibration
-    if own.max_steps <= config.sampler.pilot:
-        message = f"{own.max_steps} is not above the pilot's {config.sampler.pilot}; make it larger"
-        found.add(("calibration", "max_steps"), message)
     if own.ess < own.draws:
         message = (
             f"{own.ess:g} effective draws do not hold {own.draws} independent ones; make it larger"

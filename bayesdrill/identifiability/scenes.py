@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from bayesdrill.experiment import Channel
 from bayesdrill.likelihood import Likelihood
-from bayesdrill.models.tangent import DOT, Tangent
-from bayesdrill.response import Response
+from bayesdrill.models.tangent import DOT
+from bayesdrill.response import slopes_of
 
 Array = NDArray[np.float64]
 
@@ -53,7 +53,7 @@ class Scenery:
             channels=every,
             series=self._base,
         )
-        self._tangent = Response(Tangent(rig), tangent)
+        self._tangent = slopes_of(rig, tangent)
 
     @property
     def unknowns(self) -> tuple[str, ...]:
@@ -88,7 +88,7 @@ class Scenery:
 
     def _run(self, theta: Array, scene: Scene) -> Array:
         space = self.likelihood.space
-        slopes = space.slopes(theta)
+        slopes = space.slopes(theta[None])[0]
         points = np.broadcast_to(space.full(theta[None]), slopes.shape)
         series = {name: u + scene.push.get(name, 0.0) for name, u in self._base.items()}
         return self._tangent.with_series(series).signals(np.concatenate([points, slopes], axis=1))

@@ -31,24 +31,28 @@ class Kernels:
 
     All arguments but counts are addresses of C-contiguous blocks: `parameters (G, P, LANES)`,
     `y (T, K)`, `u (T + 1, n_series)`.  `misfit` writes sums of squares `(G, K, LANES)`, `signals`
-    `(G, T, K, LANES)`; a lane whose numbers overflow gets NaN.
+    `(G, T, K, LANES)`; a lane whose numbers overflow gets NaN.  `misfit` is None where it was not
+    wanted.
     """
 
-    misfit: Callable[..., None]
+    misfit: Callable[..., None] | None
     signals: Callable[..., None]
     engine: Any  # owns the machine code
 
 
-def compile_kernels(layout: Layout) -> Kernels:
+def compile_kernels(layout: Layout, *, sums: bool = True) -> Kernels:
+    """`sums`: with `misfit`."""
     module = ir.Module("bayesdrill")
     step = emit_exponential(module, layout, "step", layout.dt)
     lead = emit_exponential(module, layout, "lead", layout.lead) if layout.lead > 0.0 else None
-    emit_response(module, layout, step, lead, sums=True)
+    if sums:
+        emit_response(module, layout, step, lead, sums=True)
     emit_response(module, layout, step, lead, sums=False)
     engine = _machine_code(module)
     prototype = ctypes.CFUNCTYPE(None, *[ctypes.c_int64] * 2, *[ctypes.c_void_p] * 4)
     address = engine.get_function_address
-    return Kernels(prototype(address("misfit")), prototype(address("signals")), engine)
+    misfit = prototype(address("misfit")) if sums else None
+    return Kernels(misfit, prototype(address("signals")), engine)
 
 
 def _machine_code(module: ir.Module) -> Any:

@@ -29,8 +29,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar, Literal
 
-from bayesdrill.formulas import Monomial
-from bayesdrill.models.linear import NO_RELATIONS, Linear, Named
+from bayesdrill.models.linear import Linear, Named
 from bayesdrill.models.motor_shaft import PARAMETERS, MotorShaft
 
 
@@ -55,12 +54,3 @@ class AsPrinted:
             ("i", "w_2"): -i_n * p["k_e"] / p["l_m"],
         }
         return Linear(A={**right.A, **printed}, B=right.B, c=right.c)
-
-    def chart(
-        self,
-        v: float,
-        free: tuple[str, ...],
-        fixed: Mapping[str, float],
-        relations: Mapping[str, Monomial] = NO_RELATIONS,
-    ) -> None:
-        """There is no steady speed to straighten with."""

@@ -4,18 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from types import MappingProxyType
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdrill.formulas import Monomial
-
 Array = NDArray[np.float64]
 Named = Mapping[str, Array | float]
-
-NO_RELATIONS: Mapping[str, Monomial] = MappingProxyType({})
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,21 +35,6 @@ def dynamics(linear: Linear, states: tuple[str, ...], n: int) -> Array:
     return matrix
 
 
-class Chart(Protocol):
-    """A change of the logs of the unknowns (but noise levels) that straightens the posterior.
-
-    `straighten`: logs to coordinates, `(W, m) -> (W, m)`.  `bend`: back, with
-    log |d logs / d z| `(W,)`; NaN where coordinates belong to no positive parameters.
-    """
-
-    @property
-    def labels(self) -> tuple[str, ...]: ...
-
-    def straighten(self, logs: Array) -> Array: ...
-
-    def bend(self, z: Array) -> tuple[Array, Array]: ...
-
-
 class Model(Protocol):
     """A rig. All parameters are positive; names are those of `symbols`."""
 
@@ -72,18 +52,4 @@ class Model(Protocol):
 
     def linear(self, p: Named) -> Linear:
         """The dynamics at parameters `p` (each a number or an array of one batch shape)."""
-        ...
-
-    def chart(
-        self,
-        v: float,
-        free: tuple[str, ...],
-        fixed: Mapping[str, float],
-        relations: Mapping[str, Monomial] = NO_RELATIONS,
-    ) -> Chart | None:
-        """Coordinates the model brings, for a supply of about `v` volt; None if it has none.
-
-        `free` and `fixed` may name quantities that are no parameters; `relations` give the
-        parameters that are neither by those.
-        """
         ...

@@ -21,9 +21,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
-from bayesdrill.formulas import Monomial
-from bayesdrill.models.linear import NO_RELATIONS, Linear, Named
-from bayesdrill.models.motor_shaft_chart import MotorShaftChart, make_chart
+from bayesdrill.models.linear import Linear, Named
 
 PARAMETERS = ("j_m", "c_m", "k_e", "k_T", "r_m", "l_m", "k_s", "j_1", "t_f")
 
@@ -61,12 +59,3 @@ class MotorShaft:
             B={("w_1", "t_1"): -1.0 / j_1, ("i", "v"): 1.0 / l_m},
             c={"w_2": -i_m * t_f / j_m},
         )
-
-    def chart(
-        self,
-        v: float,
-        free: tuple[str, ...],
-        fixed: Mapping[str, float],
-        relations: Mapping[str, Monomial] = NO_RELATIONS,
-    ) -> MotorShaftChart:
-        return make_chart(self.i_m, v, free, fixed, relations)

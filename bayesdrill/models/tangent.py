@@ -14,8 +14,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from bayesdrill.formulas import Monomial
-from bayesdrill.models.linear import NO_RELATIONS, Linear, Model, Named
+from bayesdrill.models.linear import Linear, Model, Named
 
 DOT = "_dot"
 
@@ -123,15 +122,6 @@ class Tangent:
             if isinstance(entry, Dual):
                 c[row + DOT] = entry.slope
         return Linear(A=a, B=b, c=c)
-
-    def chart(
-        self,
-        v: float,
-        free: tuple[str, ...],
-        fixed: Mapping[str, float],
-        relations: Mapping[str, Monomial] = NO_RELATIONS,
-    ) -> None:
-        return None
 
 
 def _with_dots(names: tuple[str, ...]) -> tuple[str, ...]:

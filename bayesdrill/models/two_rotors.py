@@ -19,10 +19,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
-import numpy as np
-
-from bayesdrill.formulas import Monomial
-from bayesdrill.models.linear import NO_RELATIONS, Array, Chart, Linear, Named
+from bayesdrill.models.linear import Linear, Named
 from bayesdrill.models.motor_shaft import PARAMETERS, MotorShaft
 
 
@@ -49,55 +46,3 @@ class TwoRotors:
 
     def linear(self, p: Named) -> Linear:
         return MotorShaft(self.i_m).linear(self.whole(p))
-
-    def chart(
-        self,
-        v: float,
-        free: tuple[str, ...],
-        fixed: Mapping[str, float],
-        relations: Mapping[str, Monomial] = NO_RELATIONS,
-    ) -> AddedChart:
-        """That of the `motor_shaft` which this rig is.
-
-        A parameter in a relation counts there as if nothing were added to it: still valid, but
-        less straight.
-        """
-        added = self._added()
-        whole = {name: value + added.get(name, 0.0) for name, value in fixed.items()}
-        inner = MotorShaft(self.i_m).chart(v, free, whole, relations)
-        return AddedChart(inner, tuple(added.get(name, 0.0) for name in free))
-
-
-@dataclass(frozen=True, slots=True)
-class AddedChart:
-    """`inner`, taken of the logs of parameters plus constants `added` (m,); see `Chart`.
-
-    Coordinates of a sum that is no larger than its constant belong to no positive parameter.
-    """
-
-    inner: Chart
-    added: tuple[float, ...]
-
-    @property
-    def labels(self) -> tuple[str, ...]:
-        return self.inner.labels
-
-    def straighten(self, logs: Array) -> Array:
-        return self.inner.straighten(self._sums(logs))
-
-    def bend(self, z: Array) -> tuple[Array, Array]:
-        sums, log_det = self.inner.bend(z)
-        logs = sums.copy()
-        with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-            for column, constant in enumerate(self.added):
-                if constant > 0:
-                    own = -constant * np.exp(-sums[:, column])
-                    logs[:, column] += np.where(own > -1.0, np.log1p(own), np.nan)
-        return logs, log_det + (sums - logs).sum(axis=1)
-
-    def _sums(self, logs: Array) -> Array:
-        sums = logs.copy()
-        for column, constant in enumerate(self.added):
-            if constant > 0:
-                sums[:, column] = np.logaddexp(logs[:, column], np.log(constant))
-        return sums

@@ -25,8 +25,10 @@ FAR = 100.0  # of the log density: a run that gained more was far from the optim
 TENTH = 0.1  # ... and there first steps of the simplex are this, in a log of each unknown
 
 
-def maximise(task: Task, start: Array, evaluations: int) -> Optimum:
-    """See `optimisers.contract.Optimiser`."""
+def maximise(
+    task: Task, start: Array, evaluations: int, *, enough: float = LOG_TOLERANCE
+) -> Optimum:
+    """See `optimisers.contract.Optimiser`; a restart that gains less than `enough` is the last."""
     physical = task.coordinates.to_physical
     z, spent = task.coordinates.from_physical(start[None])[0], 0
     history: list[float] = []
@@ -38,7 +40,7 @@ def maximise(task: Task, start: Array, evaluations: int) -> Optimum:
             np.zeros(len(z)),
             initial_simplex=np.vstack([np.zeros(len(z)), np.eye(len(z))]),
             xatol=1e-2,
-            fatol=0.1 * LOG_TOLERANCE,
+            fatol=0.1 * enough,
             maxfev=min(evaluations - spent, 400 * len(z)),
             adaptive=len(z) > 2,
         )
@@ -46,7 +48,7 @@ def maximise(task: Task, start: Array, evaluations: int) -> Optimum:
         gain = run.first - run.lowest
         if gain > 0:
             z = z + root @ run.x
-        done = gain < LOG_TOLERANCE
+        done = gain < enough
         history += [-low for low in run.history]
     return Optimum(
         theta=physical(z[None])[0],

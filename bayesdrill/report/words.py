@@ -34,9 +34,8 @@ def preview(problem: Problem, config: Config) -> str:
         f"priors (SI):\n{priors}\n"
         f"log posterior at the start: {posterior.density(start[None])[0]:.2f}{_misfit(problem)}\n"
         f"would run: {config.map.starts} searches by {config.map.method}, then "
-        f"{sampler.ensembles} ensembles of {sampler.walkers} walkers in "
-        f"{type(posterior.coordinates).__name__.lower()} coordinates, until R-hat <= "
-        f"{sampler.r_hat:g}, N/tau >= {sampler.n_tau:g} and ESS >= {sampler.ess:g}, at most "
+        f"{sampler.ensembles} ensembles of {sampler.walkers} walkers, until "
+        f"R-hat <= {sampler.r_hat:g}, N/tau >= {sampler.n_tau:g} and ESS >= {sampler.ess:g}, at most "
         f"{sampler.max_steps} steps" + _findings(problem, config)
     )
 
@@ -56,6 +55,13 @@ def _findings(problem: Problem, config: Config) -> str:
     return "".join(f"\nnominal values, {finding}" for finding in found)
 
 
+MOST_NAMED = 4  # unknowns, of a maximum elsewhere
+
+
+def _apart(one: float, other: float) -> bool:
+    return abs(one - other) > SAME_PLACE * abs(other)
+
+
 def mode(found: Mode) -> str:
     """How the searches for the MAP went."""
     n, same = len(found.searches), found.same_height
@@ -70,6 +76,13 @@ def mode(found: Mode) -> str:
         )
     elif same < 2 and n > 1:
         lines.append("     no second search confirms it; give map.starts or map.evaluations more")
+    for other in found.others:
+        apart = [name for name, x in other.values.items() if _apart(x, found.values[name])]
+        places = ", ".join(f"{name} {other.values[name]:.4g}" for name in apart[:MOST_NAMED])
+        lines.append(
+            f"     another maximum, {found.log_posterior - other.log_posterior:.3g} lower: {places}"
+            + (", ..." if len(apart) > MOST_NAMED else "")
+        )
     lines.append(
         f"     gradient: a Newton step would raise the log posterior by {found.gain:.1g}"
         + (f"; at the bound of its prior: {', '.join(found.at_bound)}" if found.at_bound else "")

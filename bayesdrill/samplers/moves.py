@@ -16,7 +16,9 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdrill.samplers.independence import Inside, Proposal
+from bayesdrill.samplers.independence import Proposal
+from bayesdrill.samplers.mixture import Inside
+from bayesdrill.samplers.ridge import Ridge
 
 Array = NDArray[np.float64]
 Random = np.random.RandomState
@@ -36,19 +38,31 @@ class Move(Protocol):
 class Halves:
     """Each half of the walkers, split at random, moves by where the other half stands.
 
-    `proposal(walkers, others, random)`: new points and their Hastings factors (logs).
+    `proposal(walkers, others, random)`: new points and their Hastings factors (logs).  `along`: the
+    ridge in whose coordinates that happens, where there is one.
     """
 
     proposal: Callable[[Array, Array, Random], tuple[Array, Array]]
+    along: Ridge | None = None
 
     def propose(self, model: Any, state: Any) -> tuple[Any, NDArray[np.bool_]]:
         accepted = np.zeros(len(state.coords), dtype=bool)
         order = model.random.permutation(len(state.coords))
         middle = len(order) // 2
         for half, others in ((order[:middle], order[middle:]), (order[middle:], order[:middle])):
-            fresh, factor = self.proposal(state.coords[half], state.coords[others], model.random)
+            fresh, factor = self._proposed(state.coords, half, others, model.random)
             accepted[half] = _accept(model, state, half, fresh, factor)
         return state, accepted
+
+    def _proposed(
+        self, walkers: Array, half: NDArray[np.intp], others: NDArray[np.intp], random: Random
+    ) -> tuple[Array, Array]:
+        if self.along is None:
+            return self.proposal(walkers[half], walkers[others], random)
+        y, before = self.along.straighten(walkers)
+        there, factor = self.proposal(y[half], y[others], random)
+        fresh, after = self.along.bend(there)
+        return fresh, factor + after - before[half]
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,15 +108,23 @@ def stretch(walkers: Array, others: Array, random: Random) -> tuple[Array, Array
     return centre + factor[:, None] * (walkers - centre), (d - 1.0) * np.log(factor)
 
 
+Make = Callable[[Proposal | None, Inside], Move | None]
+
+
+def _halves(proposal: Callable[[Array, Array, Random], tuple[Array, Array]]) -> Make:
+    """Along the first ridge, where one has been learnt."""
+    return lambda learnt, _: Halves(proposal, learnt.mixture.sheets[0] if learnt else None)
+
+
 def _independent(learnt: Proposal | None, inside: Inside) -> Move | None:
     """None as long as nothing has been learnt."""
     return None if learnt is None else Independent(learnt, inside)
 
 
-MOVES: Mapping[str, Callable[[Proposal | None, Inside], Move | None]] = MappingProxyType(
+MOVES: Mapping[str, Make] = MappingProxyType(
     {
-        "differential_evolution": lambda *_: Halves(differential_evolution),
-        "stretch": lambda *_: Halves(stretch),
+        "differential_evolution": _halves(differential_evolution),
+        "stretch": _halves(stretch),
         "independence": _independent,
     }
 )

@@ -1,0 +1,221 @@
+"""The independence proposal, learnt from the log density before any walker takes a step.
+
+Each maximum gets its ridge.  Then draws from what is known so far are weighted with the density,
+and a Gaussian mixture over the ridges' coordinates is fitted to them, again and again, until it
+gets no better.  The last draws say without any chain what the posterior's means are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayesdrill.ridges import Expand, Traced, trace
+from bayesdrill.samplers import mixture
+from bayesdrill.samplers.independence import Proposal, acceptance
+from bayesdrill.samplers.mixture import Mixture
+from bayesdrill.surface import Surface
+
+Array = NDArray[np.float64]
+Random = np.random.RandomState
+
+DRAWS = 3000  # of one round
+ROUNDS = 12
+WORTH = 1.04  # a round that improves the effective share of the draws by less is the last
+ENOUGH = 0.3  # of effective draws; with less it goes on
+LEAST_SHARE = 0.1  # of effective draws: below it the density is flattened until there are as many
+COMPONENTS = 4
+EXPECTATIONS = (25, 10)  # of the fit, in the first round and later
+WIDE_WEIGHT, WIDE_SCALE = 0.05, 1.6  # a component that is wider than all draws: it holds the tails
+NARROWED = 0.7  # several components are narrower than one, to begin with
+FIRST_FIBRE = 1.2  # standard deviations of the tight directions, to begin with
+LOST = 1e-6  # of the posterior: a ridge with less is left out
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Learnt:
+    """`proposal`; of its draws `u (N, D)` with normalised `weights (N,)`: the effective `share`.
+
+    `off`: how far each ridge is from its polynomial, in standard deviations; `sheet_weights`: how
+    much of the posterior each ridge holds.
+    """
+
+    proposal: Proposal
+    u: Array
+    weights: Array
+    share: float
+    acceptance: float
+    off: tuple[float, ...]
+    sheet_weights: Array
+
+
+def learn(
+    surface: Surface, expand: Expand, maxima: Sequence[Array], seed: Random, rng: np.random.Generator
+) -> Learnt:
+    """From the `maxima` (each `(D,)`); raises `ValueError` where no draw has a density."""
+    traced = [trace(surface, expand, centre, rng) for centre in maxima]
+    narrow = found = _begin(traced)
+    rounds: list[_Round] = []
+    for _ in range(ROUNDS):
+        done = _draw(found, surface, seed)
+        settled = bool(rounds) and done.share < WORTH * rounds[-1].share
+        rounds.append(done)
+        if settled and done.share > ENOUGH:
+            break
+        kept = np.flatnonzero(np.isfinite(done.log_w))
+        u, weights = done.u[kept], tempered(done.log_w[kept])
+        first = len(rounds) == 1
+        begin = _several(narrow, u, weights, seed) if first else narrow
+        expectations = EXPECTATIONS[0 if first else 1]
+        narrow = mixture.fitted(begin, u, weights, surface.inside, expectations, seed)
+        found = _with_tails(narrow, u, weights)
+    best = max(rounds, key=lambda one: one.share)
+    weights = normalised(best.log_w)
+    return Learnt(
+        proposal=best.proposal,
+        u=best.u,
+        weights=weights,
+        share=best.share,
+        acceptance=acceptance(weights),
+        off=tuple(one.off for one in traced),
+        sheet_weights=_of_sheets(best.proposal.mixture, best.u, weights),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class _Round:
+    proposal: Proposal
+    u: Array
+    log_w: Array
+
+    @property
+    def share(self) -> float:
+        return effective(normalised(self.log_w)) / len(self.log_w)
+
+
+def _draw(found: Mixture, surface: Surface, seed: Random) -> _Round:
+    inside = surface.inside(found.draw(DRAWS, seed)[0])
+    proposal = Proposal(found, max(float(inside.mean()), 1.0 / DRAWS))
+    u, log_q = proposal.draw(DRAWS, surface.inside, seed)
+    log_w = surface.value(u) - log_q
+    if not np.isfinite(log_w).any():
+        raise ValueError("no point of finite posterior was found around the maximum")
+    return _Round(proposal, u, log_w)
+
+
+def normalised(log_w: Array) -> Array:
+    weights = np.exp(log_w - log_w.max())
+    return np.asarray(weights / weights.sum())
+
+
+def effective(weights: Array) -> float:
+    """As how many equal ones these `weights (N,)` count (Kish)."""
+    return float(weights.sum() ** 2 / (weights**2).sum())
+
+
+def tempered(log_w: Array) -> Array:
+    """Weights raised to the largest power up to 1 that leaves enough effective draws."""
+    wanted = LEAST_SHARE * len(log_w)
+    finite = np.where(np.isfinite(log_w), log_w, -np.inf)
+    if effective(normalised(finite)) >= wanted:
+        return normalised(finite)
+    low, high = 0.0, 1.0
+    for _ in range(40):
+        middle = 0.5 * (low + high)
+        if effective(normalised(middle * finite)) >= wanted:
+            low = middle
+        else:
+            high = middle
+    return normalised(np.where(np.isfinite(finite), low * finite, -np.inf))
+
+
+def _begin(traced: Sequence[Traced]) -> Mixture:
+    """One component for each ridge, as wide as record and priors let it be."""
+    means, roots = [], []
+    for one in traced:
+        n_loose, d = len(one.psi), len(one.ridge.frame.centre)
+        root = FIRST_FIBRE * np.eye(d)
+        root[:n_loose, :n_loose] = one.spread
+        means.append(np.concatenate([one.psi, np.zeros(d - n_loose)]))
+        roots.append(root)
+    ridges = [one.ridge for one in traced]
+    count = len(traced)
+    equal = np.full(count, 1.0 / count)
+    return mixture.mixture(ridges, range(count), equal, np.array(means), np.array(roots))
+
+
+def _several(found: Mixture, u: Array, weights: Array, seed: Random) -> Mixture:
+    """Several components for each ridge, begun at some of its own draws, picked by weight."""
+    y, jacobian = found.straightened(u)
+    owner = found.sheet[np.argmax(found.log_parts(y, jacobian), axis=0)]
+    parts: list[tuple[int, float, Array, Array]] = []
+    for s in range(len(found.sheets)):
+        mine = np.flatnonzero(owner == s)
+        own = weights[mine]
+        count = int(np.clip(effective(own) / (5 * u.shape[1]), 0, COMPONENTS)) if own.any() else 0
+        if count == 0:  # too little is known of it yet
+            share = max(float(own.sum()), LOST)
+            parts += [(s, share, m, r) for m, r in _of_sheet(found, s)]
+            continue
+        points = y[s, mine]
+        centre, root = moments(points, own)
+        picked = points[seed.choice(len(mine), size=count, p=own / own.sum())]
+        means = [centre] if count == 1 else list(picked)
+        root = root if count == 1 else NARROWED * root
+        parts += [(s, float(own.sum()) / count, mean, root) for mean in means]
+    sheet, shares, means, roots = zip(*parts, strict=True)
+    return mixture.mixture(
+        found.sheets, sheet, np.array(shares), np.array(means), np.array(roots)
+    )
+
+
+def _of_sheet(found: Mixture, s: int) -> list[tuple[Array, Array]]:
+    mine = np.flatnonzero(found.sheet == s)
+    return [(found.means[k], found.roots[k]) for k in mine]
+
+
+def moments(points: Array, weights: Array) -> tuple[Array, Array]:
+    """Mean and root of the covariance of weighted `points (N, D)`."""
+    share = weights / weights.sum()
+    centre = share @ points
+    off = points - centre
+    covariance = (off * share[:, None]).T @ off
+    floor = np.diag(1e-9 * np.diag(covariance) + 1e-12)
+    return centre, np.linalg.cholesky(covariance + floor)
+
+
+def _with_tails(narrow: Mixture, u: Array, weights: Array) -> Mixture:
+    """With a wide component on each ridge beside those that were fitted."""
+    y, shares = responsibilities(narrow, u, weights)
+    parts = [
+        (s, w, m, r)
+        for s, w, m, r in zip(narrow.sheet, narrow.weights, narrow.means, narrow.roots, strict=True)
+    ]
+    for s in range(len(narrow.sheets)):
+        mine = narrow.sheet == s
+        own = shares[mine].sum(axis=0)
+        if own.any() and effective(own) > 2 * u.shape[1]:
+            centre, root = moments(y[s], own)
+            weight = WIDE_WEIGHT * float(narrow.weights[mine].sum())
+            parts.append((s, weight, centre, WIDE_SCALE * root))
+    sheet, own_weights, means, roots = zip(*parts, strict=True)
+    return mixture.mixture(
+        narrow.sheets, sheet, np.array(own_weights), np.array(means), np.array(roots)
+    )
+
+
+def responsibilities(found: Mixture, u: Array, weights: Array) -> tuple[Array, Array]:
+    """Coordinates `(S, N, D)`, and how much of each weight every component stands for `(K, N)`."""
+    y, jacobian = found.straightened(u)
+    parts = found.log_parts(y, jacobian)
+    shares = np.exp(parts - parts.max(axis=0))
+    return y, shares * (weights / shares.sum(axis=0))
+
+
+def _of_sheets(found: Mixture, u: Array, weights: Array) -> Array:
+    """How much of the posterior each ridge holds: `(S,)`."""
+    shares = responsibilities(found, u, weights)[1].sum(axis=1)
+    return np.array([shares[found.sheet == s].sum() for s in range(len(found.sheets))])

@@ -1,0 +1,206 @@
+"""Coordinates in which a posterior is a bundle of near-Gaussian fibres over its loose directions.
+
+Some directions a record determines well (tight), others hardly (loose).  As one walks along the
+loose ones, the place where the tight ones have their maximum moves: along the ridge.  With x the
+unknowns in a fixed basis, x = (psi, tau) loose and tight,
+
+    y = (psi, e)        tau = t(psi) + R(psi) e
+
+where t is the ridge and R the lower-triangular root of the covariance that tau has at psi, both
+polynomials.  The Jacobian is that of R alone.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+
+@dataclass(frozen=True, slots=True)
+class Powers:
+    """Monomials of `n` variables up to `degree`, each the product of one before it and a variable.
+
+    `levels`: for each degree from 1 on, (columns of the degree before, variables).
+    """
+
+    n: int
+    degree: int
+    levels: tuple[tuple[Indices, Indices], ...]
+
+    @property
+    def terms(self) -> int:
+        return 1 + sum(len(columns) for columns, _ in self.levels)
+
+    def of(self, x: Array) -> Array:
+        """`(n, W) -> (terms, W)`."""
+        rows = np.empty((self.terms, x.shape[1]))
+        rows[0] = 1.0
+        begin, end = 0, 1
+        for columns, variables in self.levels:
+            following = end + len(columns)
+            np.multiply(rows[begin:end][columns], x[variables], out=rows[end:following])
+            begin, end = end, following
+        return rows
+
+
+def powers(n: int, degree: int) -> Powers:
+    levels: list[tuple[Indices, Indices]] = []
+    last = [0]  # the largest variable in each monomial of the degree before
+    for _ in range(degree if n else 0):
+        pairs = [(c, v) for c, largest in enumerate(last) for v in range(largest, n)]
+        levels.append((np.array([c for c, _ in pairs]), np.array([v for _, v in pairs])))
+        last = [v for _, v in pairs]
+    return Powers(n, degree, tuple(levels))
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """The fixed basis: u = centre + loose psi + tight tau, with columns `(D, l)` and `(D, t)`.
+
+    `back (D, D)`: the inverse of both sets of columns side by side; `log_volume`: the log of their
+    determinant.
+    """
+
+    centre: Array
+    loose: Array
+    tight: Array
+    back: Array
+    log_volume: float
+
+    def split(self, u: Array) -> tuple[Array, Array]:
+        """`(W, D)` to psi `(W, l)` and tau `(W, t)`."""
+        x = (u - self.centre) @ self.back.T
+        n = self.loose.shape[1]
+        return x[:, :n], x[:, n:]
+
+    def join(self, psi: Array, tau: Array) -> Array:
+        return np.asarray(self.centre + psi @ self.loose.T + tau @ self.tight.T)
+
+
+def frame(centre: Array, columns: Array, n_loose: int) -> Frame:
+    """Of `columns (D, D)`, the loose ones first."""
+    volume = float(np.linalg.slogdet(columns)[1])
+    back = np.linalg.inv(columns)
+    return Frame(centre, columns[:, :n_loose], columns[:, n_loose:], back, volume)
+
+
+@dataclass(frozen=True, slots=True)
+class Ridge:
+    """`place (terms, t)` of the tight directions; `root (terms, t (t + 1) / 2)` of their covariance.
+
+    psi is scaled by `middle`, `width (l,)` and kept within `reach`, where the polynomials were
+    fitted: a polynomial knows nothing of what lies beyond.  Of the root, logs of the diagonal and
+    the rest over the diagonal's column are polynomials.
+    """
+
+    frame: Frame
+    middle: Array
+    width: Array
+    reach: float
+    powers: Powers
+    place: Array
+    root_powers: Powers
+    root: Array
+
+    @property
+    def n_loose(self) -> int:
+        return self.frame.loose.shape[1]
+
+    def bend(self, y: Array) -> tuple[Array, Array]:
+        """`y (W, D)` to u, and log |du / dy| `(W,)`."""
+        psi, e = y[:, : self.n_loose], y[:, self.n_loose :]
+        tau, root, log_det = self._along(psi)
+        return self.frame.join(psi, tau + _times(root, e)), log_det + self.frame.log_volume
+
+    def straighten(self, u: Array) -> tuple[Array, Array]:
+        """`u (W, D)` to y, and log |du / dy| `(W,)`."""
+        psi, tau = self.frame.split(u)
+        place, root, log_det = self._along(psi)
+        e = _solved(root, tau - place)
+        return np.concatenate([psi, e], axis=1), log_det + self.frame.log_volume
+
+    def at(self, psi: Array) -> Array:
+        """The ridge itself: `(W, l)` to tau `(W, t)`."""
+        return self._along(psi)[0]
+
+    def _along(self, psi: Array) -> tuple[Array, Array, Array]:
+        """t `(W, t)`, R `(t, t, W)` and log det R `(W,)`."""
+        scaled = ((psi - self.middle) / self.width).T
+        if len(scaled):
+            far = np.sqrt(np.einsum("lw,lw->w", scaled, scaled))
+            scaled *= self.reach / np.maximum(far, self.reach)
+        rows = self.powers.of(scaled)
+        entries = self.root.T @ rows[: self.root_powers.terms]
+        n = self.place.shape[1]
+        root = np.zeros((n, n, psi.shape[0]))
+        diagonal = np.exp(entries[:n])
+        root[range(n), range(n)] = diagonal
+        lower = np.tril_indices(n, -1)
+        root[lower] = entries[n:] * diagonal[lower[1]]
+        return (self.place.T @ rows).T, root, entries[:n].sum(axis=0)
+
+
+def root_entries(roots: Array) -> Array:
+    """Lower triangles `(N, t, t)` as what `Ridge.root` makes of them: `(N, t (t + 1) / 2)`."""
+    diagonal = np.diagonal(roots, axis1=1, axis2=2)
+    row, column = np.tril_indices(roots.shape[1], -1)
+    return np.concatenate([np.log(diagonal), roots[:, row, column] / diagonal[:, column]], axis=1)
+
+
+def _times(root: Array, e: Array) -> Array:
+    return np.einsum("ijw,wj->wi", root, e)
+
+
+def _solved(root: Array, rest: Array) -> Array:
+    """Forward substitution, over the t rows of all walkers at once."""
+    e = np.empty((root.shape[0], len(rest)))
+    for row in range(len(root)):
+        known = np.einsum("jw,jw->w", root[row, :row], e[:row])
+        e[row] = (rest[:, row] - known) / root[row, row]
+    return e.T
+
+
+def fit(
+    base: Frame, psi: Array, tau: Array, roots: Array, degree: int, root_degree: int
+) -> Ridge:
+    """To points `psi (N, l)` of a ridge: `tau (N, t)` and `roots (N, t, t)` there."""
+    n_loose = psi.shape[1]
+    middle = psi.mean(axis=0)
+    width = np.maximum(psi.std(axis=0), 1e-12) if n_loose else np.ones(0)
+    scaled = ((psi - middle) / width).T
+    reach = float(np.sqrt((scaled**2).sum(axis=0)).max()) if n_loose else 1.0
+    own, own_root = powers(n_loose, degree), powers(n_loose, min(root_degree, degree))
+    rows = own.of(scaled).T
+    return Ridge(
+        frame=base,
+        middle=middle,
+        width=width,
+        reach=max(reach, 1e-12),
+        powers=own,
+        place=_least_squares(rows, tau),
+        root_powers=own_root,
+        root=_least_squares(rows[:, : own_root.terms], root_entries(roots)),
+    )
+
+
+def residuals(ridge: Ridge, psi: Array, tau: Array, roots: Array) -> Array:
+    """How far points of the ridge are from where it says, in standard deviations there: `(N,)`."""
+    off = np.linalg.solve(roots, (tau - ridge.at(psi))[..., None])[..., 0]
+    return np.asarray(np.linalg.norm(off, axis=1))
+
+
+def _least_squares(rows: Array, values: Array) -> Array:
+    return np.asarray(np.linalg.lstsq(rows, values, rcond=1e-10)[0])
+
+
+
+
+def further(found: Ridge, factor: float) -> Ridge:
+    """The same, followed as many times further than its points reach."""
+    return dataclasses.replace(found, reach=factor * found.reach)

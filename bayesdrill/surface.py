@@ -1,0 +1,181 @@
+"""The log posterior over the sampler's coordinates, with slopes and curvature, point by point.
+
+Slopes of the response are exact (`models.tangent`), its curvature is that of Gauss and Newton: what
+a straight response would have.  That is positive, and right where the fit leaves only noise.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayesdrill.posterior import Posterior
+from bayesdrill.priors import Prior
+
+Array = NDArray[np.float64]
+
+MOST_NUMBERS = 6_000_000  # slopes of signals that are held at once
+SHARES = 2000  # of equal mass, which the spread of a prior is taken from
+ROUNDED = 1e-9  # of a prior's spread
+STEP = 1e-4  # of its spread, over which a prior is differentiated
+NOTHING = 1e-6  # of a prior that has no end lies beyond where one searches
+
+
+@dataclass(frozen=True, slots=True)
+class Expansion:
+    """At W points along q directions: `value (W,)`, `slope (W, q)`, `curvature (W, q, q)`.
+
+    `curvature` is minus the second derivative.  Where the response overflows `value` is -inf and
+    the others are zero.
+    """
+
+    value: Array
+    slope: Array
+    curvature: Array
+
+
+def joined(parts: Sequence[Expansion]) -> Expansion:
+    """Of the points of all parts, in order."""
+    return Expansion(
+        *(
+            np.concatenate([getattr(part, field.name) for part in parts])
+            for field in dataclasses.fields(Expansion)
+        )
+    )
+
+
+class Surface(Protocol):
+    """A log density over `u (W, D)`; `low`, `high` `(D,)`: the ends between which one searches.
+
+    `spread (D,)`: how far each unknown may go before the record is seen.
+    """
+
+    @property
+    def low(self) -> Array: ...
+
+    @property
+    def high(self) -> Array: ...
+
+    @property
+    def spread(self) -> Array: ...
+
+    @property
+    def middle(self) -> Array: ...
+
+    def value(self, u: Array) -> Array: ...
+
+    def inside(self, u: Array) -> NDArray[np.bool_]: ...
+
+    def expand(self, u: Array, directions: Array) -> Expansion:
+        """`directions (D, q)`: columns along which slopes are wanted."""
+        ...
+
+
+class PosteriorSurface:
+    """That of a posterior."""
+
+    def __init__(self, posterior: Posterior, *, physical: bool = False) -> None:
+        """`physical`: the density over the unknowns themselves, whose maximum is the MAP."""
+        self.posterior = posterior
+        self.physical = physical
+        self._priors = tuple(posterior.space.priors.values())
+        ends = np.array([_ends(prior) for prior in self._priors]).T
+        self.low, self.high = posterior.coordinates.from_physical(ends)
+        shares = (np.arange(SHARES) + 0.5) / SHARES
+        quantiles = np.stack([prior.quantile(shares) for prior in self._priors], axis=-1)
+        usual = posterior.coordinates.from_physical(np.maximum(quantiles, 1e-300))
+        self.middle, self.spread = usual.mean(axis=0), usual.std(axis=0)
+        # What lies at an end must not be rounded beyond it.
+        self.low, self.high = self.low + ROUNDED * self.spread, self.high - ROUNDED * self.spread
+
+    def value(self, u: Array) -> Array:
+        if not self.physical:
+            return self.posterior(u)
+        return self.posterior.density(self.posterior.coordinates.to_physical(u))
+
+    def inside(self, u: Array) -> NDArray[np.bool_]:
+        return self.posterior.supports(u)
+
+    def expand(self, u: Array, directions: Array) -> Expansion:
+        likelihood = self.posterior.likelihood
+        numbers = likelihood.numbers * (1 + directions.shape[1])
+        size = max(1, MOST_NUMBERS // numbers)
+        parts = [self._expand(u[k : k + size], directions) for k in range(0, len(u), size)]
+        return joined(parts)
+
+    def _expand(self, u: Array, directions: Array) -> Expansion:
+        with np.errstate(all="ignore"):
+            theta = self.posterior.coordinates.to_physical(u)
+            slope, curvature = self._of_record(theta, directions)
+            value = self.value(u)
+        prior_slope, prior_curvature = self._of_prior(u)
+        slope += prior_slope @ directions
+        curvature += np.einsum("dq,wd,dr->wqr", directions, prior_curvature, directions)
+        good = np.isfinite(slope).all(axis=1) & np.isfinite(curvature).all(axis=(1, 2))
+        slope[~good], curvature[~good] = 0.0, 0.0
+        return Expansion(np.where(good, value, -np.inf), slope, curvature)
+
+    def _of_record(self, theta: Array, directions: Array) -> tuple[Array, Array]:
+        """Slope `(W, q)` and curvature `(W, q, q)` of the log likelihood."""
+        likelihood = self.posterior.likelihood
+        noise, space = likelihood.noise, self.posterior.space
+        n, q = len(theta), directions.shape[1]
+        m = theta.shape[1] - len(noise.unknown)
+        sigma = likelihood.sigmas(theta)
+        residuals = likelihood.response.experiment.y - likelihood.signals(theta)
+        residuals /= sigma[:, None, :]
+        slopes = np.zeros((n, q, *residuals.shape[1:]))
+        if m:
+            # d parameter / d coordinate, of which `slopes` has d parameter / d log.
+            by_log = self._by_log(theta)[:, :m, None] * directions[:m]
+            along = space.slopes(theta).swapaxes(1, 2) @ by_log
+            along = along.swapaxes(1, 2)
+            full = np.broadcast_to(space.full(theta)[:, None, :], along.shape)
+            both = np.concatenate([full, along], axis=-1)
+            slopes = likelihood.response.tangent.signals(both.reshape(n * q, -1)).reshape(slopes.shape)
+            slopes /= sigma[:, None, None, :]
+        rows = slopes.reshape(n, q, -1)
+        slope = (rows @ residuals.reshape(n, -1, 1))[..., 0]
+        curvature = rows @ rows.swapaxes(1, 2)
+        if noise.unknown:
+            # Of a log level: what is left over its variance, and twice the number of samples; far
+            # from the level that fits, the larger of the two curvatures keeps a step in bounds.
+            squares = (residuals**2).sum(axis=1)[:, list(noise.unknown)]
+            by_log = self._by_log(theta)[:, m:]
+            slope += (by_log * (squares - noise.n_samples)) @ directions[m:]
+            levels = 2.0 * np.maximum(squares, noise.n_samples) * by_log**2
+            curvature += np.einsum("dq,wd,dr->wqr", directions[m:], levels, directions[m:])
+        return slope, curvature
+
+    def _by_log(self, theta: Array) -> Array:
+        """d log unknown / d its coordinate, `(W, D)`."""
+        return self.posterior.coordinates.slopes(theta) / theta
+
+    def _of_prior(self, u: Array) -> tuple[Array, Array]:
+        """Slopes of the log prior by each coordinate, and minus its second derivatives."""
+        to_physical = self.posterior.coordinates.to_physical
+        slope, curvature = np.zeros_like(u), np.zeros_like(u)
+        step = STEP * self.spread
+        middle = np.clip(u, self.low + 2 * step, self.high - 2 * step)
+        down, here, up = (to_physical(middle + k * step) for k in (-1, 0, 1))
+        for d, prior in enumerate(self._priors):
+            values = [prior.logpdf(x[:, d]) for x in (down, here, up)]
+            with np.errstate(invalid="ignore"):
+                slope[:, d] = np.nan_to_num((values[2] - values[0]) / (2 * step[d]))
+                bent = -(values[2] - 2 * values[1] + values[0]) / step[d] ** 2
+            curvature[:, d] = np.maximum(np.nan_to_num(bent), 0.0)
+        if not self.physical:
+            slope += np.array(self.posterior.coordinates.logs)
+        return slope, curvature
+
+
+def _ends(prior: Prior) -> tuple[float, float]:
+    """Of the support, or of nearly all of it."""
+    low = prior.low if prior.low > 0 else float(prior.quantile(np.array(NOTHING)))
+    high = prior.high if np.isfinite(prior.high) else float(prior.quantile(np.array(1 - NOTHING)))
+    return low, high

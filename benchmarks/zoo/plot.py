@@ -1,0 +1,91 @@
+"""The zoo in a figure: seconds and effective draws per second of every row, side by side."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from bayesdrill.report import style
+from benchmarks.zoo.judge import Outcome
+
+ROW = 0.155  # inches
+ABOVE, BELOW, LEFT, GAP, RIGHT = 0.42, 0.5, 1.42, 0.22, 0.12
+KINDS = {
+    "converged": {"marker": "o", "markerfacecolor": style.BLACK},
+    "does not fit, and said so": {"marker": "s", "markerfacecolor": "white"},
+    "failed": {"marker": "X", "markerfacecolor": style.MAP_COLOUR},
+}
+LIMIT = {"color": style.MIDDLE, "linestyle": (0, (4, 2)), "linewidth": 0.8}
+SECONDS = (1, 3, 10, 30, 100)
+
+
+def figure(outcomes: Sequence[Outcome], seconds: float, folder: Path) -> None:
+    """`zoo.pdf` and `zoo.png`; `seconds`: the most that a run may take."""
+    shown = list(reversed(outcomes))
+    height = ROW * len(shown) + ABOVE + BELOW
+    with style.styled():
+        made = Figure(figsize=(style.DOUBLE, height))
+        width = (style.DOUBLE - LEFT - GAP - RIGHT) / 2
+        panels = [
+            made.add_axes(
+                (
+                    left / style.DOUBLE,
+                    BELOW / height,
+                    width / style.DOUBLE,
+                    ROW * len(shown) / height,
+                )
+            )
+            for left in (LEFT, LEFT + width + GAP)
+        ]
+        _dots(panels[0], [[run.wall for run in one.runs] for one in shown], shown)
+        rates = [[run.rate for run in one.runs if one.row.sound] for one in shown]
+        _dots(panels[1], rates, shown)
+        panels[0].axvline(seconds, **LIMIT)
+        panels[0].set_xticks(SECONDS, [f"{tick:g}" for tick in SECONDS])
+        panels[0].set_xlabel(r"a run from start to end [$\mathrm{s}$]")
+        panels[1].set_xlabel(r"effective draws per second [$\mathrm{s^{-1}}$]")
+        panels[0].set_yticks(range(len(shown)), [one.row.name for one in shown])
+        panels[1].set_yticks([])
+        kinds = {kind(one) for one in outcomes}
+        handles = [Line2D([], [], label=name, **_look(name)) for name in KINDS if name in kinds]
+        handles.append(Line2D([], [], label="the most that a run may take", **LIMIT))
+        made.legend(
+            handles=handles, loc="upper right", ncols=len(handles), bbox_to_anchor=(0.995, 1.0)
+        )
+        style.save(made, folder, "zoo", {"Title": "The zoo"})
+
+
+def kind(outcome: Outcome) -> str:
+    if not outcome.passed:
+        return "failed"
+    return "converged" if outcome.row.sound else "does not fit, and said so"
+
+
+def _look(name: str) -> dict[str, object]:
+    return {
+        "color": style.BLACK,
+        "linestyle": "none",
+        "markersize": 3.6,
+        "markeredgewidth": 0.6,
+        **KINDS[name],
+    }
+
+
+def _dots(panel: Axes, values: Sequence[Sequence[float]], outcomes: Sequence[Outcome]) -> None:
+    """Two for each row, and a line between them; nothing where a run has no such number."""
+    for place, (row, outcome) in enumerate(zip(values, outcomes, strict=True)):
+        kept = [value for value in row if value > 0]
+        panel.axhline(place, color=style.FAINT, linewidth=0.5, zorder=-2)
+        panel.plot(kept, [place] * len(kept), color=style.MIDDLE, linewidth=0.8, zorder=1)
+        panel.plot(kept, [place] * len(kept), **_look(kind(outcome)), clip_on=False)
+    panel.set_xscale("log")
+    panel.minorticks_off()
+    every = [value for row in values for value in row if value > 0] or [1.0]
+    panel.set_xlim(0.7 * min(every), 1.4 * max(every))
+    panel.set_ylim(-0.7, len(outcomes) - 0.3)
+    panel.tick_params(axis="y", length=0, labelsize=7.0)
+    panel.spines[["top", "right"]].set_visible(False)

@@ -1,0 +1,64 @@
+"""What a row of the zoo is: a config, how its record is made, and what is expected of a run."""
+
+from __future__ import annotations
+
+import zlib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+from bayesdrill.config import Config
+from bayesdrill.yaml_source import Source
+
+Entry = dict[str, Any]  # a part of a config, as YAML has it
+
+MORE_THAN_NOISE = "more than the noise"
+
+
+class Maker(Protocol):
+    """Where a record comes from."""
+
+    @property
+    def available(self) -> bool:
+        """False where it needs a file that is not there."""
+        ...
+
+    def record(self, config: Config, source: Source, path: Path) -> str:
+        """The text of the record, which `config` names as `path`; `source` is its YAML."""
+        ...
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Humps:
+    """Two places that fit: the exact share of the posterior with `name` below `split`, on a grid."""
+
+    name: str
+    split: float
+    below: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Row:
+    """`config` has all entries but name, seed and `record.file`; `shows` is a phrase.
+
+    `reason`: what one of the reasons of an unsound row must say; None where the rig fits.
+    `quick`: small enough for a first look.
+    """
+
+    name: str
+    shows: str
+    config: Entry
+    made: Maker
+    reason: str | None = None
+    quick: bool = False
+    own_seed: int | None = None
+    humps: Humps | None = None
+
+    @property
+    def sound(self) -> bool:
+        return self.reason is None
+
+    @property
+    def seed(self) -> int:
+        """By the name unless given, so that no two rows share their noise."""
+        return zlib.crc32(self.name.encode()) % 100_000 if self.own_seed is None else self.own_seed
