@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayesdrill.experiment import Experiment, frozen
-from bayesdrill.kernels import LANES, Kernels, Layout, compile_kernels
+from bayesdrill.kernels import LANES, Kernels, Layout, compile_kernels, scratch_size
 from bayesdrill.models.linear import Model
 from bayesdrill.models.tangent import DOT, Tangent
 
@@ -41,7 +41,7 @@ class Response:
         for column, u in enumerate(series):
             self._u[:, column] = np.append(u, u[-1])
         self._kernels: Kernels = kernels or compile_kernels(layout(model, experiment))
-        self._slopes: list[Response] = []  # made when it is first asked for, shared by copies
+        self._normal: list[tuple[Layout, Kernels]] = []  # made when it is first asked for
 
     def __getstate__(self) -> dict[str, Any]:
         return {"model": self.model, "experiment": self.experiment}
@@ -55,7 +55,7 @@ class Response:
             raise ValueError(f"the record has shape {self.experiment.y.shape}, not {y.shape}")
         experiment = dataclasses.replace(self.experiment, y=frozen(y))
         made = Response(self.model, experiment, self._kernels)
-        made._slopes = self._slopes  # which no record has an influence on
+        made._normal = self._normal  # which no record has an influence on
         return made
 
     def with_series(self, series: Mapping[str, Array]) -> Response:
@@ -66,44 +66,66 @@ class Response:
         experiment = dataclasses.replace(self.experiment, series=ordered)
         return Response(self.model, experiment, self._kernels)
 
-    @property
-    def tangent(self) -> Response:
-        """Of the derivatives of these channels in a direction: `(W, 2 P)`, values and direction."""
-        if not self._slopes:
-            channels = tuple(
-                dataclasses.replace(
-                    channel, weights={name + DOT: w for name, w in channel.weights.items()}
-                )
-                for channel in self.experiment.channels
-            )
-            experiment = dataclasses.replace(self.experiment, channels=channels)
-            self._slopes.append(slopes_of(self.model, experiment))
-        return self._slopes[0]
-
     def misfit(self, theta: Array) -> Array:
         """Sum of squared residuals of each channel: `(W, P) -> (W, K)`, SI units squared."""
         blocks = _in_lanes(theta)
         out = np.empty((len(blocks), self._y.shape[1], LANES))
-        self._run(self._kernels.misfit, blocks, out)
+        self._run("misfit", blocks, out)
         return out.transpose(0, 2, 1).reshape(-1, out.shape[1])[: len(theta)]
 
     def signals(self, theta: Array) -> Array:
         """The channels themselves: `(W, P) -> (W, T, K)`, SI."""
         blocks = _in_lanes(theta)
         out = np.empty((len(blocks), *self._y.shape, LANES))
-        self._run(self._kernels.signals, blocks, out)
+        self._run("signals", blocks, out)
         rows = out.transpose(0, 3, 1, 2).reshape(-1, *self._y.shape)
         return np.ascontiguousarray(rows[: len(theta)])
 
-    def _run(self, kernel: Any, blocks: Array, out: Array) -> None:
-        kernel(len(blocks), len(self._y), *(a.ctypes.data for a in (blocks, self._y, self._u, out)))
+    def normal(
+        self, theta: Array, directions: Array, scales: Array
+    ) -> tuple[Array, Array, Array]:
+        """Least squares: sums `(W, K)`, `(W, q)` and `(W, q, q)` over samples (and channels).
+
+        Of r r, r s and s s, with r what is left of the record and s its derivatives in the
+        `directions (W, q, P)` at `theta (W, P)`, both times `scales (W, K)`, q at least 1.
+        """
+        if not self._normal:
+            own = layout(Tangent(self.model), _in_slopes(self.experiment))
+            self._normal.append((own, compile_kernels(own, ("normal",))))
+        own, kernels = self._normal[0]
+        n, q, _ = directions.shape
+        k_count = self._y.shape[1]
+        blocks, scaled = _in_lanes(theta), _in_lanes(scales)
+        along = _in_lanes(directions.reshape(n, -1))
+        scratch = np.empty((scratch_size(own, q) + 8, LANES))
+        out = np.empty((len(blocks), k_count + q + q * q, LANES))
+        arrays = (blocks, along, scaled, self._y, self._u, scratch, out)
+        addresses = (array.ctypes.data for array in arrays)
+        kernels.named["normal"](len(blocks), len(self._y), q, *addresses)
+        rows = out.transpose(0, 2, 1).reshape(-1, out.shape[1])[:n]
+        squares, slopes, lower = np.split(rows, [k_count, k_count + q], axis=1)
+        products = np.tril(lower.reshape(n, q, q))
+        return squares, slopes, products + np.tril(products, -1).swapaxes(1, 2)
+
+    def _run(self, name: str, blocks: Array, out: Array) -> None:
+        addresses = (a.ctypes.data for a in (blocks, self._y, self._u, out))
+        self._kernels.named[name](len(blocks), len(self._y), *addresses)
 
 
 def slopes_of(model: Model, experiment: Experiment) -> Response:
     """The response of the tangent of `model`, whose states `experiment` names; it has no record."""
     tangent = Tangent(model)
-    kernels = compile_kernels(layout(tangent, experiment), sums=False)
+    kernels = compile_kernels(layout(tangent, experiment), ("signals",))
     return Response(tangent, experiment, kernels)
+
+
+def _in_slopes(experiment: Experiment) -> Experiment:
+    """With the derivatives of its channels for channels."""
+    channels = tuple(
+        dataclasses.replace(channel, weights={name + DOT: w for name, w in channel.weights.items()})
+        for channel in experiment.channels
+    )
+    return dataclasses.replace(experiment, channels=channels)
 
 
 def _in_lanes(theta: Array) -> Array:

@@ -19,7 +19,6 @@ from bayesdrill.priors import Prior
 
 Array = NDArray[np.float64]
 
-MOST_NUMBERS = 6_000_000  # slopes of signals that are held at once
 SHARES = 2000  # of equal mass, which the spread of a prior is taken from
 ROUNDED = 1e-9  # of a prior's spread
 STEP = 1e-4  # of its spread, over which a prior is differentiated
@@ -102,20 +101,13 @@ class PosteriorSurface:
         return self.posterior.supports(u)
 
     def expand(self, u: Array, directions: Array) -> Expansion:
-        likelihood = self.posterior.likelihood
-        numbers = likelihood.numbers * (1 + directions.shape[1])
-        size = max(1, MOST_NUMBERS // numbers)
-        parts = [self._expand(u[k : k + size], directions) for k in range(0, len(u), size)]
-        return joined(parts)
-
-    def _expand(self, u: Array, directions: Array) -> Expansion:
         with np.errstate(all="ignore"):
             theta = self.posterior.coordinates.to_physical(u)
             slope, curvature = self._of_record(theta, directions)
             value = self.value(u)
         prior_slope, prior_curvature = self._of_prior(u)
         slope += prior_slope @ directions
-        curvature += np.einsum("dq,wd,dr->wqr", directions, prior_curvature, directions)
+        curvature += _weighted(directions, prior_curvature)
         good = np.isfinite(slope).all(axis=1) & np.isfinite(curvature).all(axis=(1, 2))
         slope[~good], curvature[~good] = 0.0, 0.0
         return Expansion(np.where(good, value, -np.inf), slope, curvature)
@@ -124,37 +116,25 @@ class PosteriorSurface:
         """Slope `(W, q)` and curvature `(W, q, q)` of the log likelihood."""
         likelihood = self.posterior.likelihood
         noise, space = likelihood.noise, self.posterior.space
-        n, q = len(theta), directions.shape[1]
         m = theta.shape[1] - len(noise.unknown)
-        sigma = likelihood.sigmas(theta)
-        residuals = likelihood.response.experiment.y - likelihood.signals(theta)
-        residuals /= sigma[:, None, :]
-        slopes = np.zeros((n, q, *residuals.shape[1:]))
+        by_log = self.posterior.coordinates.slopes(theta) / theta  # d log unknown / d coordinate
+        full, scales = space.full(theta), 1.0 / likelihood.sigmas(theta)
         if m:
-            # d parameter / d coordinate, of which `slopes` has d parameter / d log.
-            by_log = self._by_log(theta)[:, :m, None] * directions[:m]
-            along = space.slopes(theta).swapaxes(1, 2) @ by_log
-            along = along.swapaxes(1, 2)
-            full = np.broadcast_to(space.full(theta)[:, None, :], along.shape)
-            both = np.concatenate([full, along], axis=-1)
-            slopes = likelihood.response.tangent.signals(both.reshape(n * q, -1)).reshape(slopes.shape)
-            slopes /= sigma[:, None, None, :]
-        rows = slopes.reshape(n, q, -1)
-        slope = (rows @ residuals.reshape(n, -1, 1))[..., 0]
-        curvature = rows @ rows.swapaxes(1, 2)
+            along = space.slopes(theta).swapaxes(1, 2) @ (by_log[:, :m, None] * directions[:m])
+            normal = likelihood.response.normal(full, along.swapaxes(1, 2), scales)
+            squares, slope, curvature = normal
+        else:
+            squares = likelihood.response.misfit(full) * scales**2
+            slope = np.zeros((len(theta), directions.shape[1]))
+            curvature = np.zeros((len(theta), directions.shape[1], directions.shape[1]))
         if noise.unknown:
             # Of a log level: what is left over its variance, and twice the number of samples; far
             # from the level that fits, the larger of the two curvatures keeps a step in bounds.
-            squares = (residuals**2).sum(axis=1)[:, list(noise.unknown)]
-            by_log = self._by_log(theta)[:, m:]
-            slope += (by_log * (squares - noise.n_samples)) @ directions[m:]
-            levels = 2.0 * np.maximum(squares, noise.n_samples) * by_log**2
-            curvature += np.einsum("dq,wd,dr->wqr", directions[m:], levels, directions[m:])
+            own, levels = squares[:, list(noise.unknown)], by_log[:, m:]
+            slope = slope + (levels * (own - noise.n_samples)) @ directions[m:]
+            known = 2.0 * np.maximum(own, noise.n_samples) * levels**2
+            curvature = curvature + _weighted(directions[m:], known)
         return slope, curvature
-
-    def _by_log(self, theta: Array) -> Array:
-        """d log unknown / d its coordinate, `(W, D)`."""
-        return self.posterior.coordinates.slopes(theta) / theta
 
     def _of_prior(self, u: Array) -> tuple[Array, Array]:
         """Slopes of the log prior by each coordinate, and minus its second derivatives."""
@@ -172,6 +152,11 @@ class PosteriorSurface:
         if not self.physical:
             slope += np.array(self.posterior.coordinates.logs)
         return slope, curvature
+
+
+def _weighted(directions: Array, curvature: Array) -> Array:
+    """Of the diagonal `curvature (W, D)`, along `directions (D, q)`: `(W, q, q)`."""
+    return np.asarray((curvature[:, None, :] * directions.T) @ directions)
 
 
 def _ends(prior: Prior) -> tuple[float, float]:

@@ -10,7 +10,7 @@ about 0.2 s; no compiler has to be installed and nothing is cached on disk.
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,9 +20,10 @@ from llvmlite import ir
 from bayesdrill.kernels.exponential import emit_exponential
 from bayesdrill.kernels.lanes import LANES
 from bayesdrill.kernels.layout import Layout
+from bayesdrill.kernels.normal import emit_normal, scratch_size
 from bayesdrill.kernels.recurrence import emit_response
 
-__all__ = ["LANES", "Kernels", "Layout", "compile_kernels"]
+__all__ = ["LANES", "Kernels", "Layout", "compile_kernels", "scratch_size"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,28 +32,30 @@ class Kernels:
 
     All arguments but counts are addresses of C-contiguous blocks: `parameters (G, P, LANES)`,
     `y (T, K)`, `u (T + 1, n_series)`.  `misfit` writes sums of squares `(G, K, LANES)`, `signals`
-    `(G, T, K, LANES)`; a lane whose numbers overflow gets NaN.  `misfit` is None where it was not
-    wanted.
+    `(G, T, K, LANES)`; a lane whose numbers overflow gets NaN.  `normal`: see `kernels.normal`.
+    Those that were not wanted are missing.
     """
 
-    misfit: Callable[..., None] | None
-    signals: Callable[..., None]
+    named: Mapping[str, Callable[..., None]]
     engine: Any  # owns the machine code
 
 
-def compile_kernels(layout: Layout, *, sums: bool = True) -> Kernels:
-    """`sums`: with `misfit`."""
+def compile_kernels(layout: Layout, names: Sequence[str] = ("misfit", "signals")) -> Kernels:
     module = ir.Module("bayesdrill")
     step = emit_exponential(module, layout, "step", layout.dt)
     lead = emit_exponential(module, layout, "lead", layout.lead) if layout.lead > 0.0 else None
-    if sums:
-        emit_response(module, layout, step, lead, sums=True)
-    emit_response(module, layout, step, lead, sums=False)
+    for name in names:
+        if name == "normal":
+            emit_normal(module, layout, step, lead)
+        else:
+            emit_response(module, layout, step, lead, sums=name == "misfit")
     engine = _machine_code(module)
-    prototype = ctypes.CFUNCTYPE(None, *[ctypes.c_int64] * 2, *[ctypes.c_void_p] * 4)
-    address = engine.get_function_address
-    misfit = prototype(address("misfit")) if sums else None
-    return Kernels(misfit, prototype(address("signals")), engine)
+    named = {}
+    for name in names:
+        counts, blocks = (3, 7) if name == "normal" else (2, 4)
+        prototype = ctypes.CFUNCTYPE(None, *[ctypes.c_int64] * counts, *[ctypes.c_void_p] * blocks)
+        named[name] = prototype(engine.get_function_address(name))
+    return Kernels(named, engine)
 
 
 def _machine_code(module: ir.Module) -> Any:

@@ -38,13 +38,13 @@ def emit_response(
     state = [vector(value) for value in layout.x0]
     if lead is not None:
         b.call(lead, [mine, e])
-        state = _next_state(b, layout, _entries(b, layout, e), state, [])
+        state = next_state(b, layout.n_states, _entries(b, layout, e), state, [])
     b.call(step, [mine, e])
     phi = _entries(b, layout, e)
     totals = [vector(0.0)] * k_count if sums else []
     samples = Loop(b, n_samples, state + totals, "samples")
     state, totals = samples.carried[: len(state)], samples.carried[len(state) :]
-    drive = _emit_drive(b, layout, u, samples.index)
+    drive = emit_drive(b, layout, u, samples.index)
     for k, weights in enumerate(layout.channels):
         flat = b.add(b.mul(samples.index, I64(k_count)), I64(k))
         value = splat(b, b.load(b.gep(y, [flat]))) if sums else vector(0.0)
@@ -56,7 +56,7 @@ def emit_response(
         else:
             row = b.add(b.mul(groups.index, b.mul(n_samples, I64(k_count))), flat)
             store(b, value, b.gep(out, [row]), 0)
-    samples.close(_next_state(b, layout, phi, state, drive) + totals)
+    samples.close(next_state(b, layout.n_states, phi, state, drive) + totals)
     place = b.gep(out, [b.mul(groups.index, I64(k_count))])
     for k, total in enumerate(totals):
         store(b, total, place, k)
@@ -70,17 +70,17 @@ def _entries(b: ir.IRBuilder, layout: Layout, e: ir.Value) -> dict[tuple[int, in
     return {(i, j): load(b, e, i * n + j) for i, j in places}
 
 
-def _next_state(
+def next_state(
     b: ir.IRBuilder,
-    layout: Layout,
+    n_states: int,
     phi: dict[tuple[int, int], ir.Value],
     state: list[ir.Value],
     drive: list[ir.Value],
 ) -> list[ir.Value]:
     """Each sum in two halves: a step takes as long as its longest chain of additions."""
-    constant = layout.n_states
+    constant = n_states
     following = []
-    for i in range(layout.n_states):
+    for i in range(n_states):
         columns = [*enumerate(state), *enumerate(drive, start=constant + 1)]
         terms = [(phi[i, j], value) for j, value in columns if (i, j) in phi]
         half = len(terms) // 2
@@ -94,7 +94,7 @@ def _next_state(
     return following
 
 
-def _emit_drive(b: ir.IRBuilder, layout: Layout, u: ir.Value, index: ir.Value) -> list[ir.Value]:
+def emit_drive(b: ir.IRBuilder, layout: Layout, u: ir.Value, index: ir.Value) -> list[ir.Value]:
     """The sampled inputs at this sample and, with a first-order hold, their increments."""
 
     def series(row: ir.Value, s: int) -> ir.Value:

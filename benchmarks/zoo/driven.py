@@ -89,6 +89,7 @@ def _closed() -> tuple[Row, ...]:
             shows="a servo in its loop, 2,500 samples: seven of the rig, two noise levels, 0.1 deg",
             config=seven(e.servo(), 0.1),
             made=Driven(duration=4.998, rate=500, series={"v": loop(1)}),
+            quick=True,
         ),
         Row(
             name="closed_loop_fine",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import dataclasses
 import json
 import subprocess
 import sys
@@ -114,11 +115,16 @@ def read(folder: Path, status: int | None, wall: float, said: str = "") -> Run:
         ess=float(found.get("ess_bulk", 0.0)),
         fit=tuple(found.get("fit", ())),
         maxima=tuple(found.get("maxima") or ()),
-        importance=None if weighted is None else Importance(**weighted),
+        importance=None if weighted is None else _importance(weighted),
         mean={row["name"]: float(row["mean"]) for row in rows},
         sd={row["name"]: float(row["sd"]) for row in rows},
         draws={row["name"]: float(row["ess_bulk"]) for row in rows},
     )
+
+
+def _importance(found: Mapping[str, Any]) -> Importance:
+    names = [field.name for field in dataclasses.fields(Importance)]
+    return Importance(**{name: found[name] for name in names})
 
 
 def share_below(folder: Path, name: str, split: float) -> float:
