@@ -63,7 +63,9 @@ def _moved(posterior: Posterior, u: Array, pair: int, wanted: float) -> Array | 
         n = len(u)
         slope = (np.log(found[1 : n + 1]) - np.log(found[n + 1 :])) / (2 * STEP)
         # At the walls only what leads away from them can help.
-        slope[((u <= surface.low) & (slope * off < 0)) | ((u >= surface.high) & (slope * off > 0))] = 0
+        slope[
+            ((u <= surface.low) & (slope * off < 0)) | ((u >= surface.high) & (slope * off > 0))
+        ] = 0
         if not slope.any():
             return None
         u = np.clip(u + surface.spread * slope * off / (slope @ slope), surface.low, surface.high)

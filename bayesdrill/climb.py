@@ -13,8 +13,11 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 MOST_STEP = 3.0  # of the priors' spreads: what a curvature says is not true further on
-FIRST_DAMPING = 1.0  # of what the priors know: it holds the loose directions, not the tight ones
-DAMPINGS = (1.0, 30.0, 1e3, 3e4)  # times the present one, tried together: a density costs little
+FIRST_DAMPING = 0.1  # of what the priors know: it holds the loose directions, not the tight ones
+DAMPINGS = (0.01, 1.0, 30.0, 1e3, 3e4)  # times the present one, tried together, of which ...
+BOLD = 2  # ... so many first ones may leave a bent ridge, and are led back to it by ...
+TIGHT_DAMPING = 100.0  # ... steps that hold all but the tight directions
+LESS = 0.3  # of the damping that was best, for the next step
 LEAST_DAMPING, MOST_DAMPING = 1e-10, 1e18
 RELEASE = 1e-9  # a slope away from a wall, over the square root of the curvature there
 ROUNDING = 1e-12  # of the diagonal: what is flat but for rounding stays solvable
@@ -84,13 +87,14 @@ def _move(
     """The best of a few damped steps, or none; the damping for the next one."""
     tried = [_stepped(surface, u, here, damping * factor) for factor in DAMPINGS]
     values = surface.value(np.concatenate(tried)).reshape(len(tried), -1)
-    wanted = value + 0.5 * _foreseen(here, tried[0] - u)
-    tried[0], values[0] = _corrected(surface, tried[0], values[0], wanted)
+    for k in range(BOLD):
+        wanted = value + 0.5 * _foreseen(here, tried[k] - u)
+        tried[k], values[k] = _corrected(surface, tried[k], values[k], wanted)
     best = np.argmax(values, axis=0)
     found = np.take_along_axis(values, best[None], axis=0)[0]
     advanced = found > value
     there = np.array(tried)[best, np.arange(len(u))]
-    less = np.maximum(damping * np.array(DAMPINGS)[best] * 0.1, LEAST_DAMPING)
+    less = np.maximum(damping * np.array(DAMPINGS)[best] * LESS, LEAST_DAMPING)
     return (
         np.where(advanced[:, None], there, u),
         np.where(advanced, found, value),
@@ -114,7 +118,7 @@ def _corrected(surface: Surface, u: Array, value: Array, wanted: Array) -> tuple
         if len(off) == 0:
             break
         here = surface.expand(u[off], np.eye(u.shape[1]))
-        there = _stepped(surface, u[off], here, np.full(len(off), FIRST_DAMPING))
+        there = _stepped(surface, u[off], here, np.full(len(off), TIGHT_DAMPING))
         found = surface.value(there)
         u[off], value[off] = there, found
     return u, value

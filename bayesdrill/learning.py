@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdrill.ridges import Expand, Traced, trace
+from bayesdrill.ridges import Expand, Traced, moments, trace
 from bayesdrill.samplers import mixture
 from bayesdrill.samplers.independence import Proposal, acceptance
 from bayesdrill.samplers.mixture import Mixture
@@ -27,6 +27,9 @@ ROUNDS = 12
 WORTH = 1.04  # a round that improves the effective share of the draws by less is the last
 ENOUGH = 0.3  # of effective draws; with less it goes on
 LEAST_SHARE = 0.1  # of effective draws: below it the density is flattened until there are as many
+AGAIN = 2  # times that ridges are traced anew, ...
+GOOD = 0.5  # ... unless as many proposals would be accepted
+LIKELY = 0.9  # quantile of the weights: a new centre is a draw above it
 COMPONENTS = 4
 EXPECTATIONS = (25, 10)  # of the fit, in the first round and later
 WIDE_WEIGHT, WIDE_SCALE = 0.05, 1.6  # a component that is wider than all draws: it holds the tails
@@ -53,14 +56,41 @@ class Learnt:
 
 
 def learn(
-    surface: Surface, expand: Expand, maxima: Sequence[Array], seed: Random, rng: np.random.Generator
+    surface: Surface,
+    expand: Expand,
+    maxima: Sequence[Array],
+    seed: Random,
+    rng: np.random.Generator,
 ) -> Learnt:
     """From the `maxima` (each `(D,)`); raises `ValueError` where no draw has a density."""
     traced = [trace(surface, expand, centre, rng) for centre in maxima]
+    best = _fitted(surface, traced, seed)
+    for _ in range(AGAIN):
+        if best.acceptance > GOOD:
+            break
+        # The maximum may stand at the edge of where the posterior is: begin in its midst.
+        traced = [trace(surface, expand, centre, rng, seen) for centre, seen in _midst(best)]
+        better = _fitted(surface, traced, seed)
+        best = max(best, better, key=lambda one: one.acceptance)
+    weights = normalised(best.log_w)
+    return Learnt(
+        proposal=best.proposal,
+        u=best.u,
+        weights=weights,
+        share=best.share,
+        acceptance=best.acceptance,
+        off=best.off,
+        sheet_weights=_of_sheets(best.proposal.mixture, best.u, weights),
+    )
+
+
+def _fitted(surface: Surface, traced: Sequence[Traced], seed: Random) -> _Round:
+    """The best of several rounds of drawing, weighing and fitting."""
     narrow = found = _begin(traced)
+    off = tuple(one.off for one in traced)
     rounds: list[_Round] = []
     for _ in range(ROUNDS):
-        done = _draw(found, surface, seed)
+        done = _draw(found, off, surface, seed)
         settled = bool(rounds) and done.share < WORTH * rounds[-1].share
         rounds.append(done)
         if settled and done.share > ENOUGH:
@@ -72,38 +102,50 @@ def learn(
         expectations = EXPECTATIONS[0 if first else 1]
         narrow = mixture.fitted(begin, u, weights, surface.inside, expectations, seed)
         found = _with_tails(narrow, u, weights)
-    best = max(rounds, key=lambda one: one.share)
-    weights = normalised(best.log_w)
-    return Learnt(
-        proposal=best.proposal,
-        u=best.u,
-        weights=weights,
-        share=best.share,
-        acceptance=acceptance(weights),
-        off=tuple(one.off for one in traced),
-        sheet_weights=_of_sheets(best.proposal.mixture, best.u, weights),
-    )
+    return max(rounds, key=lambda one: one.share)
+
+
+def _midst(found: _Round) -> list[tuple[Array, tuple[Array, Array]]]:
+    """For each ridge that holds something: a draw near the middle of its own, and those draws."""
+    kept = np.flatnonzero(np.isfinite(found.log_w))
+    u, weights = found.u[kept], tempered(found.log_w[kept])
+    y, shares = responsibilities(found.proposal.mixture, u, weights)
+    middles = []
+    for s in range(len(y)):
+        own = shares[found.proposal.mixture.sheet == s].sum(axis=0)
+        if own.sum() < LOST:
+            continue
+        centre, root = moments(y[s], own)
+        far = np.linalg.norm(np.linalg.solve(root, (y[s] - centre).T), axis=0)
+        likely = np.flatnonzero(own > np.quantile(own, LIKELY))
+        middles.append((u[likely[np.argmin(far[likely])]], (u, own)))
+    return middles
 
 
 @dataclass(frozen=True, slots=True)
 class _Round:
     proposal: Proposal
+    off: tuple[float, ...]
     u: Array
     log_w: Array
+
+    @property
+    def acceptance(self) -> float:
+        return acceptance(normalised(self.log_w))
 
     @property
     def share(self) -> float:
         return effective(normalised(self.log_w)) / len(self.log_w)
 
 
-def _draw(found: Mixture, surface: Surface, seed: Random) -> _Round:
+def _draw(found: Mixture, off: tuple[float, ...], surface: Surface, seed: Random) -> _Round:
     inside = surface.inside(found.draw(DRAWS, seed)[0])
     proposal = Proposal(found, max(float(inside.mean()), 1.0 / DRAWS))
     u, log_q = proposal.draw(DRAWS, surface.inside, seed)
     log_w = surface.value(u) - log_q
     if not np.isfinite(log_w).any():
         raise ValueError("no point of finite posterior was found around the maximum")
-    return _Round(proposal, u, log_w)
+    return _Round(proposal, off, u, log_w)
 
 
 def normalised(log_w: Array) -> Array:
@@ -167,24 +209,12 @@ def _several(found: Mixture, u: Array, weights: Array, seed: Random) -> Mixture:
         root = root if count == 1 else NARROWED * root
         parts += [(s, float(own.sum()) / count, mean, root) for mean in means]
     sheet, shares, means, roots = zip(*parts, strict=True)
-    return mixture.mixture(
-        found.sheets, sheet, np.array(shares), np.array(means), np.array(roots)
-    )
+    return mixture.mixture(found.sheets, sheet, np.array(shares), np.array(means), np.array(roots))
 
 
 def _of_sheet(found: Mixture, s: int) -> list[tuple[Array, Array]]:
     mine = np.flatnonzero(found.sheet == s)
     return [(found.means[k], found.roots[k]) for k in mine]
-
-
-def moments(points: Array, weights: Array) -> tuple[Array, Array]:
-    """Mean and root of the covariance of weighted `points (N, D)`."""
-    share = weights / weights.sum()
-    centre = share @ points
-    off = points - centre
-    covariance = (off * share[:, None]).T @ off
-    floor = np.diag(1e-9 * np.diag(covariance) + 1e-12)
-    return centre, np.linalg.cholesky(covariance + floor)
 
 
 def _with_tails(narrow: Mixture, u: Array, weights: Array) -> Mixture:

@@ -54,7 +54,7 @@ def apart(surface: Surface, points: Array, values: Array) -> list[int]:
 def joined(surface: Surface, start: Array, others: Array) -> NDArray[np.bool_]:
     """Whether the ridge through `start (D,)` leads to each of `others (n, D)`: `(n,)`."""
     here = surface.expand(start[None], np.eye(len(start)))
-    base, _ = ridges.split(surface, start, here.curvature[0])
+    base, _ = ridges.split(surface, start, here)
     psi, tau = base.split(others)
     if tau.shape[1] == 0:
         return np.ones(len(others), dtype=bool)

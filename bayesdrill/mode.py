@@ -81,9 +81,7 @@ class Mode:
         return tuple(
             name
             for name, value in self.values.items()
-            if any(
-                _differ(s.end[name], value) and not self._is_other(s.end) for s in self.highest
-            )
+            if any(_differ(s.end[name], value) and not self._is_other(s.end) for s in self.highest)
         )
 
     def _is_other(self, end: Mapping[str, float]) -> bool:
@@ -125,11 +123,13 @@ def search(
     theta, value, settled = found.theta, found.value, found.settled
     if polish:
         surface = PosteriorSurface(posterior, physical=True)
-        u = posterior.coordinates.from_physical(theta[None])
+        # A simplex may go on for ever towards an end that has none.
+        u = np.clip(posterior.coordinates.from_physical(theta[None]), surface.low, surface.high)
+        value = float(surface.value(u)[0])
         top = climb(surface, climb(surface, u, POLISH).u, EXACT, exact=True)
         if top.value[0] > value:
-            theta, value = posterior.coordinates.to_physical(top.u)[0], float(top.value[0])
-            settled = bool(top.arrived[0])
+            u, value, settled = top.u, float(top.value[0]), bool(top.arrived[0])
+        theta = posterior.coordinates.to_physical(u)[0]
     return Search(
         start=_named(posterior, start),
         end=_named(posterior, theta),

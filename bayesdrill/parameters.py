@@ -52,8 +52,7 @@ class ParameterSpace:
         return named | {name: r.value(named) for name, r in self.relations.items()}
 
     def slopes(self, theta: Array) -> Array:
-        """d parameter of the model / d log unknown at `theta (W, D)`, noise left out: `(W, m, P)`.
-        """
+        """d parameter of the model / d log unknown at `theta (W, D)`, noise left out: `(W, m, P)`."""
         charted = [name for name in self.free if name in self.model or name in self.quantities]
         duals: dict[str, Dual | float] = dict(self.fixed)
         for row, name in enumerate(charted):

@@ -40,6 +40,7 @@ Array = NDArray[np.float64]
 MAP_FILE = "map.json"
 CONFIG_FILE = "config.yaml"
 RESOLVED_FILE = "config.resolved.yaml"
+SIMPLEX = 200  # evaluations of a simplex for each unknown; more do not help it far from the top
 ROUGHLY = 1.0  # of the log posterior: how near a simplex has to come, where slopes do the rest
 
 
@@ -159,12 +160,11 @@ def _begin_search(job: Job, crew: Crew) -> _Hunt:
     optimiser = build.optimiser(job.config, job.problem.names)
     # The paper's ways are kept as they are: they are there to be seen.
     polish = settings.method == "nelder_mead"
+    evaluations = settings.evaluations
     if polish:
         optimiser = partial(optimiser, enough=ROUGHLY)
-    searches = [
-        crew.submit(mode.search, optimiser, settings.evaluations, point, polish)
-        for point in points
-    ]
+        evaluations = min(evaluations, SIMPLEX * len(job.problem.names))
+    searches = [crew.submit(mode.search, optimiser, evaluations, point, polish) for point in points]
     draws = target.space.draw(mode.SCOUTS, seeds.stream(job.config.seed, "scout"))
     scouts = [crew.submit(mode.scouts, some) for some in np.array_split(draws, 2)] if polish else []
     return _Hunt(searches, scouts)

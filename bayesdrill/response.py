@@ -81,9 +81,7 @@ class Response:
         rows = out.transpose(0, 3, 1, 2).reshape(-1, *self._y.shape)
         return np.ascontiguousarray(rows[: len(theta)])
 
-    def normal(
-        self, theta: Array, directions: Array, scales: Array
-    ) -> tuple[Array, Array, Array]:
+    def normal(self, theta: Array, directions: Array, scales: Array) -> tuple[Array, Array, Array]:
         """Least squares: sums `(W, K)`, `(W, q)` and `(W, q, q)` over samples (and channels).
 
         Of r r, r s and s s, with r what is left of the record and s its derivatives in the

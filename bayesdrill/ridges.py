@@ -23,16 +23,22 @@ Array = NDArray[np.float64]
 Expand = Callable[[Array, Array], Expansion]
 
 TIGHT = 100.0  # a direction whose variance the record makes smaller than the prior's by as much
+NEAR_END = 1e-6  # of the prior's spread
+PRESSED = 0.5  # standard deviations that a maximum may lie beyond an end of a prior
 OUTWARD = (0.15, 0.3, 0.5, 0.75, 1.0)  # of the way from the maximum to where the ridge is wanted
 DOUBT = 9.0  # what the record knows of the loose directions at the maximum need not hold elsewhere
 EXTRAPOLATED = 2.0  # how far beyond its points a fit is trusted to guide the next ones
 ITERATIONS = 6  # of Gauss and Newton, for each point
 ARRIVED = 0.03  # of a standard deviation: a smaller step is the last
 MOST_STEP = 0.5  # of the priors' spreads
-MOST_DEGREE, MOST_ROOT_DEGREE = 6, 2
+MOST_DEGREE = 14
+MOST_ROOT_DEGREE = 6
+MOST_ROOT_TERMS = 30  # of the polynomials of the covariance's root, which need not be as good
+STRAIGHT = 1e-6, 1e-13  # of the priors' knowledge, and of the largest: what changes nothing at all
 GOOD_ENOUGH = 0.05  # of a standard deviation, on points held out: no higher degree is tried
+FAIR = 0.3  # of a standard deviation: what is further off is given more points
 POINTS_PER_TERM = 2.5
-LEAST_POINTS, MOST_POINTS = 24, 450
+LEAST_POINTS, MOST_POINTS = 24, 1600
 HELD_OUT = 4  # every fourth point
 MARGIN = 0.9  # points are wanted a little beyond the prior's ends too
 
@@ -50,47 +56,123 @@ class Traced:
     spread: Array
 
 
-def split(surface: Surface, centre: Array, curvature: Array) -> tuple[Frame, Array]:
-    """The basis at the maximum `centre (D,)`, and the record's knowledge of its loose part `(l,)`."""
+def split(surface: Surface, centre: Array, here: Expansion) -> tuple[Frame, Array]:
+    """The basis at the maximum `centre (D,)`, and the record's knowledge of its loose part `(l,)`.
+
+    `here`: the expansion there.  An unknown that the end of its prior keeps from going further is
+    no part of a tight direction, whose maximum would lie where there is no density: it is loose by
+    itself.
+    """
     scale = surface.spread
-    values, vectors = np.linalg.eigh(curvature * np.outer(scale, scale))
+    slope, curvature = here.slope[0] * scale, here.curvature[0] * np.outer(scale, scale)
+    pressed = np.zeros(len(centre), dtype=bool)
+    found = _directions(curvature, pressed)
+    tight = found[1][:, int((found[0] < TIGHT).sum()) :]
+    known = found[0][found[0] >= TIGHT]
+    if np.linalg.norm((slope @ tight) / np.sqrt(known)) > PRESSED:
+        near = NEAR_END * scale
+        pressed = (centre <= surface.low + near) & (slope < 0)
+        pressed |= (centre >= surface.high - near) & (slope > 0)
+        found = _directions(curvature, pressed)
+    values, vectors = found
+    axes = np.eye(len(centre))[:, pressed]
     n_loose = int((values < TIGHT).sum())
-    columns = scale[:, None] * vectors
-    return ridge.frame(centre, columns, n_loose), np.maximum(values[:n_loose], 0.0)
+    columns = scale[:, None] * np.concatenate([axes, vectors], axis=1)
+    ends = np.diag(curvature)[pressed] + slope[pressed] ** 2
+    return (
+        ridge.frame(centre, columns, len(ends) + n_loose),
+        np.concatenate([ends, np.maximum(values[:n_loose], 0.0)]),
+    )
+
+
+def _directions(curvature: Array, without: NDArray[np.bool_]) -> tuple[Array, Array]:
+    """Eigenvalues, the smallest first, and vectors `(D, n)` of the curvature of the other unknowns."""
+    rest = np.flatnonzero(~without)
+    values, vectors = np.linalg.eigh(curvature[np.ix_(rest, rest)])
+    whole = np.zeros((len(without), len(rest)))
+    whole[rest] = vectors
+    return values, whole
 
 
 def trace(
-    surface: Surface, expand: Expand, centre: Array, rng: np.random.Generator
+    surface: Surface,
+    expand: Expand,
+    centre: Array,
+    rng: np.random.Generator,
+    seen: tuple[Array, Array] | None = None,
 ) -> Traced:
-    """The ridge through the maximum `centre (D,)`; `expand` may share the points among processes."""
+    """The ridge through the maximum `centre (D,)`; `expand` may share the points among processes.
+
+    `seen`: draws of the posterior `(N, D)` and their weights `(N,)`, which say where the ridge is
+    wanted; else the priors do, with what the record knows at the maximum.
+    """
     here = expand(centre[None], np.eye(len(centre)))
-    base, known = split(surface, centre, here.curvature[0])
+    base, known = split(surface, centre, here)
     n_loose = len(known)
-    # What the priors and the record say of psi, both taken as Gaussian.
-    towards = base.split(surface.middle[None])[0][0]
-    doubted = known / DOUBT
-    psi, spread = towards / (1.0 + doubted), np.diag(1.0 / np.sqrt(1.0 + doubted))
-    found = _arrive(expand, base, np.zeros((1, n_loose)), np.zeros((1, base.tight.shape[1])))
-    at = ridge.fit(base, *found, 0, 0)
+    if seen is None:
+        # What the priors and the record say of psi, both taken as Gaussian.
+        doubted = known / DOUBT
+        towards = base.split(surface.middle[None])[0][0]
+        psi, spread = towards / (1.0 + doubted), np.diag(1.0 / np.sqrt(1.0 + doubted))
+    else:
+        psi, spread = moments(base.split(seen[0])[0], seen[1])
+    at = _at_centre(base, here)
     if n_loose == 0 or base.tight.shape[1] == 0:
         return Traced(at, 0.0, psi, spread)
-    gathered = [found]
+    points: list[Array] = []
     off = 0.0
+    bent = np.flatnonzero(known > max(STRAIGHT[0], STRAIGHT[1] * _most(base, here)))
     for share in OUTWARD:
-        n = _wanted(n_loose, share)
+        n = _wanted(len(bent), share)
         wanted = share * _scattered(surface, at, n, psi, spread, share, rng)
-        gathered.append(_arrive(expand, base, wanted, at.at(wanted)))
-        points = [np.concatenate(parts) for parts in zip(*gathered, strict=True)]
-        at, off = _best_fit(base, *points, last=share == OUTWARD[-1])
-        gathered = [tuple(points)]
+        arrived = _arrive(expand, base, wanted, at.at(wanted))
+        points = [np.concatenate(pair) for pair in zip(points or arrived, arrived, strict=True)]
+        if len(points[0]) > 2 * (n_loose + 1):
+            at, off = _best_fit(base, bent, *points, last=share == OUTWARD[-1])
+            if off > FAIR and len(bent) < n_loose:
+                every = np.arange(n_loose)
+                other, its_off = _best_fit(base, every, *points, last=share == OUTWARD[-1])
+                if its_off < 0.5 * off:
+                    at, off, bent = other, its_off, every
+    while off > FAIR and 2 * len(points[0]) < MOST_POINTS:
+        wanted = _scattered(surface, at, len(points[0]), psi, spread, 1.0, rng)
+        arrived = _arrive(expand, base, wanted, at.at(wanted))
+        points = [np.concatenate(pair) for pair in zip(points, arrived, strict=True)]
+        before, (at, off) = off, _best_fit(base, bent, *points, last=True)
+        if off > 0.7 * before:
+            break
     return Traced(at, off, psi, spread)
 
 
-def _wanted(n_loose: int, share: float) -> int:
+def moments(points: Array, weights: Array) -> tuple[Array, Array]:
+    """Mean and root of the covariance of weighted `points (N, n)`."""
+    share = weights / weights.sum()
+    centre = share @ points
+    off = points - centre
+    covariance = (off * share[:, None]).T @ off
+    floor = np.diag(1e-9 * np.diag(covariance) + 1e-12)
+    return centre, np.linalg.cholesky(covariance + floor)
+
+
+def _most(base: Frame, here: Expansion) -> float:
+    """The largest knowledge of all, of which rounding leaves a share everywhere."""
+    return float(np.einsum("dq,de,eq->q", base.tight, here.curvature[0], base.tight).max())
+
+
+def _at_centre(base: Frame, here: Expansion) -> Ridge:
+    """Where nothing but the maximum itself is known yet."""
+    curvature = base.tight.T @ here.curvature[0] @ base.tight
+    n_loose, n_tight = base.loose.shape[1], base.tight.shape[1]
+    slope = base.tight.T @ here.slope[0]
+    roots = covariance_roots(curvature[None]) if n_tight else np.zeros((1, 0, 0))
+    step = roots[0] @ (roots[0].T @ slope)
+    return ridge.fit(base, np.zeros((1, n_loose)), step[None], roots, 0, 0)
+
+
+def _wanted(n_bent: int, share: float) -> int:
     """Points for a polynomial of degree 2 near by, and of degree 4 in the end."""
     degree = 2 if share < 0.4 else 3 if share < 1.0 else 4
-    terms = math.comb(n_loose + degree, degree)
-    return int(np.clip(POINTS_PER_TERM * terms, LEAST_POINTS, MOST_POINTS))
+    return int(np.clip(POINTS_PER_TERM * _terms(n_bent, degree), LEAST_POINTS, MOST_POINTS))
 
 
 def _scattered(
@@ -166,24 +248,30 @@ def covariance_roots(curvature: Array) -> Array:
 
 
 def _best_fit(
-    base: Frame, psi: Array, tau: Array, roots: Array, *, last: bool
+    base: Frame, bent: NDArray[np.intp], psi: Array, tau: Array, roots: Array, *, last: bool
 ) -> tuple[Ridge, float]:
     """The polynomials of the degree that points held out ask for, and how far off those are."""
     held = np.arange(len(psi)) % HELD_OUT == HELD_OUT - 1
+    most = next(
+        d
+        for d in range(1, 40)
+        if d > MOST_ROOT_DEGREE or _terms(len(bent), d + 1) > MOST_ROOT_TERMS
+    )
+    root_degree = min(most, MOST_ROOT_DEGREE) if last else 0
     best, least = 1, np.inf
     for degree in range(1, MOST_DEGREE + 1):
-        terms = math.comb(psi.shape[1] + degree, degree)
-        if degree > 1 and terms > 0.7 * (~held).sum():
+        if degree > 1 and _terms(len(bent), degree) > 0.7 * (~held).sum():
             break
-        tried = ridge.fit(
-            base, psi[~held], tau[~held], roots[~held], degree, MOST_ROOT_DEGREE if last else 0
-        )
+        some = psi[~held], tau[~held], roots[~held]
+        tried = ridge.fit(base, *some, degree, root_degree, bent)
         off = float(np.quantile(ridge.residuals(tried, psi[held], tau[held], roots[held]), 0.9))
         if off < 0.8 * least:
             best, least = degree, off
         if off < GOOD_ENOUGH:
             break
-    made = ridge.fit(base, psi, tau, roots, best, MOST_ROOT_DEGREE if last else 0)
-    if not last:
-        made = ridge.further(made, EXTRAPOLATED)
-    return made, least
+    made = ridge.fit(base, psi, tau, roots, best, root_degree, bent)
+    return (made if last else ridge.further(made, EXTRAPOLATED)), least
+
+
+def _terms(n: int, degree: int) -> int:
+    return math.comb(n + degree, degree)

@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 SHARES = 2000  # of equal mass, which the spread of a prior is taken from
 ROUNDED = 1e-9  # of a prior's spread
 STEP = 1e-4  # of its spread, over which a prior is differentiated
-NOTHING = 1e-6  # of a prior that has no end lies beyond where one searches
+NOTHING = 1e-9  # of a prior that has no end lies beyond where one searches
 
 
 @dataclass(frozen=True, slots=True)

@@ -38,7 +38,9 @@ def check_counts(found: Collector, config: records.Config, model: Model) -> None
     for name in sampler.moves:
         found.run(("sampler", "moves", name), build.lookup, MOVES, name, "move")
     if sum(weight for name, weight in sampler.moves.items() if name != "independence") <= 0:
-        message = "independence alone never leaves a place that it has missed; give another move a share"
+        message = (
+            "independence alone never leaves a place that it has missed; give another move a share"
+        )
         found.add(("sampler", "moves"), message)
 
 

@@ -12,7 +12,19 @@ from __future__ import annotations
 
 from llvmlite import ir
 
-from bayesdrill.kernels.lanes import I64, NUMBERS, VEC, VECTORS, Loop, fma, function, load, splat, store, vector
+from bayesdrill.kernels.lanes import (
+    I64,
+    NUMBERS,
+    VEC,
+    VECTORS,
+    Loop,
+    fma,
+    function,
+    load,
+    splat,
+    store,
+    vector,
+)
 from bayesdrill.kernels.layout import Layout
 from bayesdrill.kernels.recurrence import emit_drive, next_state
 
@@ -124,9 +136,7 @@ def emit_normal(
     row = b.gep(product_sums, [b.mul(j, q)])
     pairs = Loop(b, b.add(j, I64(1)), [], "pairs")
     other_s = b.gep(slopes_s, [b.mul(pairs.index, I64(k_count))])
-    _add_products(
-        b, b.gep(row, [pairs.index]), seen, [load(b, other_s, k) for k in range(k_count)]
-    )
+    _add_products(b, b.gep(row, [pairs.index]), seen, [load(b, other_s, k) for k in range(k_count)])
     pairs.close([])
     slope = {place: load(b, own_d, n) for n, place in enumerate(_slope_places(layout))}
     for i, value in enumerate(_next_slope(b, layout, phi, slope, state, slope_x, drive)):
@@ -153,9 +163,7 @@ def _slope_places(layout: Layout) -> list[tuple[int, int]]:
     """
     x, reach = layout.n_states // 2, layout.reach
     columns = [*range(x), *range(2 * x, layout.size)]
-    return [
-        (i, n) for i in range(x) for n, column in enumerate(columns) if reach[x + i][column]
-    ]
+    return [(i, n) for i in range(x) for n, column in enumerate(columns) if reach[x + i][column]]
 
 
 def _slope_values(b: ir.IRBuilder, layout: Layout, e: ir.Value) -> Values:

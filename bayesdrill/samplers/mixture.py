@@ -82,7 +82,11 @@ def _summed(parts: Array) -> Array:
 
 
 def mixture(
-    sheets: Sequence[Ridge], sheet: Sequence[int] | NDArray[np.intp], weights: Array, means: Array, roots: Array
+    sheets: Sequence[Ridge],
+    sheet: Sequence[int] | NDArray[np.intp],
+    weights: Array,
+    means: Array,
+    roots: Array,
 ) -> Mixture:
     weights = weights / weights.sum()
     log_det = np.log(np.diagonal(roots, axis1=1, axis2=2)).sum(axis=1)
@@ -121,7 +125,9 @@ def fitted(
     return found
 
 
-def _step(found: Mixture, y: Array, jacobian: Array, weights: Array, floors: list[Array]) -> Mixture:
+def _step(
+    found: Mixture, y: Array, jacobian: Array, weights: Array, floors: list[Array]
+) -> Mixture:
     parts = found.log_parts(y, jacobian)
     parts -= parts.max(axis=0)
     shares = np.exp(parts)

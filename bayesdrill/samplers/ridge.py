@@ -94,12 +94,14 @@ def frame(centre: Array, columns: Array, n_loose: int) -> Frame:
 class Ridge:
     """`place (terms, t)` of the tight directions; `root (terms, t (t + 1) / 2)` of their covariance.
 
-    psi is scaled by `middle`, `width (l,)` and kept within `reach`, where the polynomials were
-    fitted: a polynomial knows nothing of what lies beyond.  Of the root, logs of the diagonal and
+    Polynomials in those of psi that are `bent`: along the others nothing changes.
+    psi is scaled by `middle`, `width (l,)`, so that the points of the fit lie in the unit ball, and
+    kept within `reach` of it: a polynomial knows nothing of what lies beyond.  Of the root, logs of the diagonal and
     the rest over the diagonal's column are polynomials.
     """
 
     frame: Frame
+    bent: Indices
     middle: Array
     width: Array
     reach: float
@@ -131,7 +133,7 @@ class Ridge:
 
     def _along(self, psi: Array) -> tuple[Array, Array, Array]:
         """t `(W, t)`, R `(t, t, W)` and log det R `(W,)`."""
-        scaled = ((psi - self.middle) / self.width).T
+        scaled = ((psi[:, self.bent] - self.middle) / self.width).T
         if len(scaled):
             far = np.sqrt(np.einsum("lw,lw->w", scaled, scaled))
             scaled *= self.reach / np.maximum(far, self.reach)
@@ -167,21 +169,31 @@ def _solved(root: Array, rest: Array) -> Array:
 
 
 def fit(
-    base: Frame, psi: Array, tau: Array, roots: Array, degree: int, root_degree: int
+    base: Frame,
+    psi: Array,
+    tau: Array,
+    roots: Array,
+    degree: int,
+    root_degree: int,
+    bent: Indices | None = None,
 ) -> Ridge:
     """To points `psi (N, l)` of a ridge: `tau (N, t)` and `roots (N, t, t)` there."""
+    bent = np.arange(psi.shape[1]) if bent is None else bent
+    psi = psi[:, bent]
     n_loose = psi.shape[1]
     middle = psi.mean(axis=0)
     width = np.maximum(psi.std(axis=0), 1e-12) if n_loose else np.ones(0)
+    far = np.sqrt((((psi - middle) / width) ** 2).sum(axis=1)).max() if n_loose else 1.0
+    width = width * max(float(far), 1e-12)
     scaled = ((psi - middle) / width).T
-    reach = float(np.sqrt((scaled**2).sum(axis=0)).max()) if n_loose else 1.0
     own, own_root = powers(n_loose, degree), powers(n_loose, min(root_degree, degree))
     rows = own.of(scaled).T
     return Ridge(
         frame=base,
+        bent=bent,
         middle=middle,
         width=width,
-        reach=max(reach, 1e-12),
+        reach=1.0,
         powers=own,
         place=_least_squares(rows, tau),
         root_powers=own_root,
@@ -197,8 +209,6 @@ def residuals(ridge: Ridge, psi: Array, tau: Array, roots: Array) -> Array:
 
 def _least_squares(rows: Array, values: Array) -> Array:
     return np.asarray(np.linalg.lstsq(rows, values, rcond=1e-10)[0])
-
-
 
 
 def further(found: Ridge, factor: float) -> Ridge:
