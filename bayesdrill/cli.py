@@ -286,7 +286,7 @@ def _finish(outcome: Outcome) -> None:
 
     typer.echo("\n\n".join((words.convergence(outcome.sampled), *outcome.shown)))
     typer.echo(f"results: {outcome.folder}/ (summary.md, figures/, posterior.nc, chain.h5)")
-    if not outcome.sampled.convergence.converged:
+    if outcome.reasons:
         raise typer.Exit(NOT_CONVERGED)
 
 

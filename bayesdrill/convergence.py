@@ -7,6 +7,7 @@ sample size comes from the autocorrelation time of an ensemble, averaged over it
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,6 +20,8 @@ Array = NDArray[np.float64]
 
 BURN_IN_TAUS = 5  # steps dropped, in autocorrelation times
 WINDOW = 5.0  # Sokal's window for the autocorrelation time
+PATIENCE = 1000  # steps before which no run is called futile
+GROWING = 1.3  # twice the steps of a sound chain are twice as many autocorrelation times
 LEAST_KEPT = 50  # steps, below which nothing can be told of single walkers
 
 
@@ -77,8 +80,11 @@ def assess(
     thin = max(1, min(math.ceil(float(tau.max())), kept.shape[1] // 4))
     draws = thinned(theta, burn_in, thin)
     r_hat = _each(array_stats.rhat, draws, method="rank")
-    ess_bulk = _each(array_stats.ess, draws, method="bulk")
-    ess_tail = _each(array_stats.ess, draws, method="tail", prob=0.9)
+    # ArviZ takes draws for a series in which walkers take turns, and so cannot see that a walker
+    # still remembers where it was at its last draw.
+    still = draws.shape[0] * draws.shape[1] / autocorrelation_time(kept[:, ::thin])
+    ess_bulk = np.minimum(_each(array_stats.ess, draws, method="bulk"), still)
+    ess_tail = np.minimum(_each(array_stats.ess, draws, method="tail", prob=0.9), still)
     n_tau = kept.shape[1] / float(tau.max())
     missing = _reasons(names, targets, tau, r_hat, ess_bulk, n_tau)
     named: tuple[str, ...] = ()
@@ -115,6 +121,32 @@ def thinned(chains: Array, burn_in: int, thin: int) -> Array:
     """`(E, S, W, ...)` to nearly independent draws `(E, draws, ...)`, in order of time."""
     kept = chains[:, burn_in::thin]
     return np.ascontiguousarray(kept.reshape(kept.shape[0], -1, *kept.shape[3:]))
+
+
+def futile(trail: Sequence[tuple[int, float]], wanted: float, most: int) -> str:
+    """Why more steps would not help, or nothing.
+
+    `trail`: (steps, how many autocorrelation times long) at each check, of which `wanted` are
+    wanted within `most` steps.
+    """
+    steps, n_tau = trail[-1]
+    if steps < PATIENCE or n_tau >= wanted:
+        return ""
+    earlier = [(n, count) for n, count in trail if n <= steps / 2]
+    if earlier and n_tau < GROWING * earlier[-1][1]:
+        n, count = earlier[-1]
+        return (
+            f"stopped early: tau grows with the chain, {n / count:.0f} steps after {n} and "
+            f"{steps / n_tau:.0f} after {steps}, so that more of them do not help; hold an unknown, "
+            "give the priors nearer ends, or look whether the model can make this record at all"
+        )
+    needed = steps * wanted / n_tau
+    if needed > most:
+        return (
+            f"stopped early: it would take about {needed:.0f} steps, more than sampler.max_steps "
+            f"({most}); raise that and continue with --resume, or hold an unknown"
+        )
+    return ""
 
 
 def autocorrelation_time(chains: Array) -> Array:

@@ -21,6 +21,7 @@ from bayesdrill.surface import Surface
 
 Array = NDArray[np.float64]
 Random = np.random.RandomState
+Component = tuple[int, float, Array, Array]  # sheet, weight, mean, root
 
 DRAWS = 3000  # of one round
 ROUNDS = 12
@@ -42,8 +43,8 @@ LOST = 1e-6  # of the posterior: a ridge with less is left out
 class Learnt:
     """`proposal`; of its draws `u (N, D)` with normalised `weights (N,)`: the effective `share`.
 
-    `off`: how far each ridge is from its polynomial, in standard deviations; `sheet_weights`: how
-    much of the posterior each ridge holds.
+    `off`: how far each ridge is from its polynomial, in standard deviations; `origin`: which of the
+    maxima it belongs to.
     """
 
     proposal: Proposal
@@ -52,7 +53,15 @@ class Learnt:
     share: float
     acceptance: float
     off: tuple[float, ...]
-    sheet_weights: Array
+    origin: tuple[int, ...]
+
+    def shares(self, u: Array, n_maxima: int) -> Array:
+        """How many of draws `u (N, D)` each maximum holds: `(n_maxima,)`, their sum 1."""
+        equal = np.full(len(u), 1.0 / len(u))
+        own = responsibilities(self.proposal.mixture, u, equal)[1].sum(axis=1)
+        held = np.zeros(n_maxima)
+        np.add.at(held, np.array(self.origin)[self.proposal.mixture.sheet], own)
+        return held
 
 
 def learn(
@@ -64,13 +73,15 @@ def learn(
 ) -> Learnt:
     """From the `maxima` (each `(D,)`); raises `ValueError` where no draw has a density."""
     traced = [trace(surface, expand, centre, rng) for centre in maxima]
-    best = _fitted(surface, traced, seed)
+    origin = tuple(range(len(traced)))
+    best = _fitted(surface, traced, origin, seed)
     for _ in range(AGAIN):
         if best.acceptance > GOOD:
             break
         # The maximum may stand at the edge of where the posterior is: begin in its midst.
-        traced = [trace(surface, expand, centre, rng, seen) for centre, seen in _midst(best)]
-        better = _fitted(surface, traced, seed)
+        midst = _midst(best)
+        traced = [trace(surface, expand, centre, rng, seen) for _, centre, seen in midst]
+        better = _fitted(surface, traced, tuple(s for s, _, _ in midst), seed)
         best = max(best, better, key=lambda one: one.acceptance)
     weights = normalised(best.log_w)
     return Learnt(
@@ -80,17 +91,19 @@ def learn(
         share=best.share,
         acceptance=best.acceptance,
         off=best.off,
-        sheet_weights=_of_sheets(best.proposal.mixture, best.u, weights),
+        origin=best.origin,
     )
 
 
-def _fitted(surface: Surface, traced: Sequence[Traced], seed: Random) -> _Round:
+def _fitted(
+    surface: Surface, traced: Sequence[Traced], origin: tuple[int, ...], seed: Random
+) -> _Round:
     """The best of several rounds of drawing, weighing and fitting."""
     narrow = found = _begin(traced)
     off = tuple(one.off for one in traced)
     rounds: list[_Round] = []
     for _ in range(ROUNDS):
-        done = _draw(found, off, surface, seed)
+        done = _draw(found, off, origin, surface, seed)
         settled = bool(rounds) and done.share < WORTH * rounds[-1].share
         rounds.append(done)
         if settled and done.share > ENOUGH:
@@ -105,8 +118,8 @@ def _fitted(surface: Surface, traced: Sequence[Traced], seed: Random) -> _Round:
     return max(rounds, key=lambda one: one.share)
 
 
-def _midst(found: _Round) -> list[tuple[Array, tuple[Array, Array]]]:
-    """For each ridge that holds something: a draw near the middle of its own, and those draws."""
+def _midst(found: _Round) -> list[tuple[int, Array, tuple[Array, Array]]]:
+    """For each ridge that holds something: its maximum, a draw near its middle, and its draws."""
     kept = np.flatnonzero(np.isfinite(found.log_w))
     u, weights = found.u[kept], tempered(found.log_w[kept])
     y, shares = responsibilities(found.proposal.mixture, u, weights)
@@ -115,10 +128,11 @@ def _midst(found: _Round) -> list[tuple[Array, tuple[Array, Array]]]:
         own = shares[found.proposal.mixture.sheet == s].sum(axis=0)
         if own.sum() < LOST:
             continue
-        centre, root = moments(y[s], own)
-        far = np.linalg.norm(np.linalg.solve(root, (y[s] - centre).T), axis=0)
+        middle, root = moments(y[s], own)
+        far = np.linalg.norm(np.linalg.solve(root, (y[s] - middle).T), axis=0)
         likely = np.flatnonzero(own > np.quantile(own, LIKELY))
-        middles.append((u[likely[np.argmin(far[likely])]], (u, own)))
+        centre = u[likely[np.argmin(far[likely])]]
+        middles.append((found.origin[s], centre, (u, own)))
     return middles
 
 
@@ -126,6 +140,7 @@ def _midst(found: _Round) -> list[tuple[Array, tuple[Array, Array]]]:
 class _Round:
     proposal: Proposal
     off: tuple[float, ...]
+    origin: tuple[int, ...]
     u: Array
     log_w: Array
 
@@ -138,14 +153,20 @@ class _Round:
         return effective(normalised(self.log_w)) / len(self.log_w)
 
 
-def _draw(found: Mixture, off: tuple[float, ...], surface: Surface, seed: Random) -> _Round:
+def _draw(
+    found: Mixture,
+    off: tuple[float, ...],
+    origin: tuple[int, ...],
+    surface: Surface,
+    seed: Random,
+) -> _Round:
     inside = surface.inside(found.draw(DRAWS, seed)[0])
     proposal = Proposal(found, max(float(inside.mean()), 1.0 / DRAWS))
     u, log_q = proposal.draw(DRAWS, surface.inside, seed)
     log_w = surface.value(u) - log_q
     if not np.isfinite(log_w).any():
         raise ValueError("no point of finite posterior was found around the maximum")
-    return _Round(proposal, off, u, log_w)
+    return _Round(proposal, off, origin, u, log_w)
 
 
 def normalised(log_w: Array) -> Array:
@@ -193,7 +214,7 @@ def _several(found: Mixture, u: Array, weights: Array, seed: Random) -> Mixture:
     """Several components for each ridge, begun at some of its own draws, picked by weight."""
     y, jacobian = found.straightened(u)
     owner = found.sheet[np.argmax(found.log_parts(y, jacobian), axis=0)]
-    parts: list[tuple[int, float, Array, Array]] = []
+    parts: list[Component] = []
     for s in range(len(found.sheets)):
         mine = np.flatnonzero(owner == s)
         own = weights[mine]
@@ -206,10 +227,9 @@ def _several(found: Mixture, u: Array, weights: Array, seed: Random) -> Mixture:
         centre, root = moments(points, own)
         picked = points[seed.choice(len(mine), size=count, p=own / own.sum())]
         means = [centre] if count == 1 else list(picked)
-        root = root if count == 1 else NARROWED * root
-        parts += [(s, float(own.sum()) / count, mean, root) for mean in means]
-    sheet, shares, means, roots = zip(*parts, strict=True)
-    return mixture.mixture(found.sheets, sheet, np.array(shares), np.array(means), np.array(roots))
+        wide = root if count == 1 else NARROWED * root
+        parts += [(s, float(own.sum()) / count, mean, wide) for mean in means]
+    return _joined(found, parts)
 
 
 def _of_sheet(found: Mixture, s: int) -> list[tuple[Array, Array]]:
@@ -220,10 +240,8 @@ def _of_sheet(found: Mixture, s: int) -> list[tuple[Array, Array]]:
 def _with_tails(narrow: Mixture, u: Array, weights: Array) -> Mixture:
     """With a wide component on each ridge beside those that were fitted."""
     y, shares = responsibilities(narrow, u, weights)
-    parts = [
-        (s, w, m, r)
-        for s, w, m, r in zip(narrow.sheet, narrow.weights, narrow.means, narrow.roots, strict=True)
-    ]
+    every = (narrow.sheet, narrow.weights, narrow.means, narrow.roots)
+    parts: list[Component] = list(zip(*every, strict=True))
     for s in range(len(narrow.sheets)):
         mine = narrow.sheet == s
         own = shares[mine].sum(axis=0)
@@ -231,10 +249,12 @@ def _with_tails(narrow: Mixture, u: Array, weights: Array) -> Mixture:
             centre, root = moments(y[s], own)
             weight = WIDE_WEIGHT * float(narrow.weights[mine].sum())
             parts.append((s, weight, centre, WIDE_SCALE * root))
-    sheet, own_weights, means, roots = zip(*parts, strict=True)
-    return mixture.mixture(
-        narrow.sheets, sheet, np.array(own_weights), np.array(means), np.array(roots)
-    )
+    return _joined(narrow, parts)
+
+
+def _joined(found: Mixture, parts: Sequence[Component]) -> Mixture:
+    sheet, weights, means, roots = (list(column) for column in zip(*parts, strict=True))
+    return mixture.mixture(found.sheets, sheet, np.array(weights), np.array(means), np.array(roots))
 
 
 def responsibilities(found: Mixture, u: Array, weights: Array) -> tuple[Array, Array]:
@@ -243,9 +263,3 @@ def responsibilities(found: Mixture, u: Array, weights: Array) -> tuple[Array, A
     parts = found.log_parts(y, jacobian)
     shares = np.exp(parts - parts.max(axis=0))
     return y, shares * (weights / shares.sum(axis=0))
-
-
-def _of_sheets(found: Mixture, u: Array, weights: Array) -> Array:
-    """How much of the posterior each ridge holds: `(S,)`."""
-    shares = responsibilities(found, u, weights)[1].sum(axis=1)
-    return np.array([shares[found.sheet == s].sum() for s in range(len(found.sheets))])

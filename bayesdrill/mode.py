@@ -66,6 +66,11 @@ class Mode:
     others: tuple[Other, ...] = ()
 
     @property
+    def maxima(self) -> tuple[Other, ...]:
+        """All of them, the highest first."""
+        return (Other(values=self.values, log_posterior=self.log_posterior), *self.others)
+
+    @property
     def highest(self) -> tuple[Search, ...]:
         """The searches that reached the height of the best."""
         lowest = self.log_posterior - SAME_LOG_DENSITY

@@ -56,8 +56,8 @@ class ParameterSpace:
         charted = [name for name in self.free if name in self.model or name in self.quantities]
         duals: dict[str, Dual | float] = dict(self.fixed)
         for row, name in enumerate(charted):
-            value = theta[:, row, None]
-            duals[name] = Dual(value, value * np.eye(len(charted))[row])
+            column_ = theta[:, row, None]
+            duals[name] = Dual(column_, column_ * np.eye(len(charted))[row])
         duals |= {name: r.value(duals) for name, r in self.relations.items()}
         out = np.zeros((len(theta), len(charted), len(self.model)))
         for column, name in enumerate(self.model):

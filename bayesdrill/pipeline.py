@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from bayesdrill import build, maxima, mode, provenance, residuals, seeds, store, verdict
 from bayesdrill import config as records
+from bayesdrill.build import Problem
 from bayesdrill.convergence import Targets
 from bayesdrill.crew import Crew
 from bayesdrill.diagnostics import Row, summarise
@@ -29,6 +30,8 @@ from bayesdrill.job import Job as Job
 from bayesdrill.job import assemble as assemble
 from bayesdrill.job import prepare as prepare
 from bayesdrill.mode import Mode, Other, Search
+from bayesdrill.optimisers import nelder_mead
+from bayesdrill.optimisers.contract import Optimiser
 from bayesdrill.progress import Reporter
 from bayesdrill.report import publish, residual_words, tables, verdict_words, words
 from bayesdrill.sampling import Plan, Sampled, sample, stored
@@ -46,7 +49,10 @@ ROUGHLY = 1.0  # of the log posterior: how near a simplex has to come, where slo
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Outcome:
-    """`shown`: table and verdict for the terminal, in paragraphs."""
+    """`shown`: table and verdict for the terminal, in paragraphs.
+
+    `reasons`: why the result must not be believed: it did not converge, or does not fit.
+    """
 
     folder: Path
     mode: Mode
@@ -54,6 +60,7 @@ class Outcome:
     rows: tuple[Row, ...]
     verdict: Verdict | None
     shown: tuple[str, ...]
+    reasons: tuple[str, ...]
     seconds: Mapping[str, float]
 
 
@@ -97,7 +104,7 @@ def _run(job: Job, folder: Folder, processes: int, report: Reporter) -> Outcome:
             text = json.dumps(dataclasses.asdict(found), indent=2) + "\n"
             folder.write_text(MAP_FILE, text)
         clock.append(time.perf_counter())
-        tops = np.array([posterior.space.vector(one.values) for one in (found, *found.others)])
+        tops = np.array([posterior.space.vector(one.values) for one in found.maxima])
         sampled = sample(crew, posterior, tops, plan(job.config), folder, report)
         clock.append(time.perf_counter())
         names = ",".join(job.problem.names)
@@ -157,12 +164,12 @@ class _Hunt:
 def _begin_search(job: Job, crew: Crew) -> _Hunt:
     settings, target = job.config.map, job.problem.posterior
     points = mode.starts(target, settings.starts, seeds.stream(job.config.seed, "map"))
-    optimiser = build.optimiser(job.config, job.problem.names)
+    optimiser: Optimiser = build.optimiser(job.config, job.problem.names)
     # The paper's ways are kept as they are: they are there to be seen.
     polish = settings.method == "nelder_mead"
     evaluations = settings.evaluations
     if polish:
-        optimiser = partial(optimiser, enough=ROUGHLY)
+        optimiser = partial(nelder_mead.maximise, enough=ROUGHLY)
         evaluations = min(evaluations, SIMPLEX * len(job.problem.names))
     searches = [crew.submit(mode.search, optimiser, evaluations, point, polish) for point in points]
     draws = target.space.draw(mode.SCOUTS, seeds.stream(job.config.seed, "scout"))
@@ -223,7 +230,7 @@ def _publish(
     folder.write_run(
         status="finished",
         converged=c.converged,
-        reasons=list(c.reasons),
+        reasons=[*c.reasons, *residual_words.reasons(left)],
         notes=tables.notes(rows),
         fit=residual_words.as_data(left),
         verdict=None
@@ -239,6 +246,7 @@ def _publish(
         ess_bulk=round(float(np.min(c.ess_bulk)), 1),
         acceptance=[round(float(x), 4) for x in sampled.acceptance],
         failures=sampled.failures,
+        **_learnt(job.problem, found, sampled),
     )
     shown = [tables.as_text(rows), tables.in_words(rows), residual_words.sentences(left)]
     if judged is not None:
@@ -251,5 +259,33 @@ def _publish(
         rows=rows,
         verdict=None if judged is None else judged.verdict,
         shown=tuple(shown),
+        reasons=(*c.reasons, *residual_words.reasons(left)),
         seconds=seconds,
     )
+
+
+def _learnt(problem: Problem, found: Mode, sampled: Sampled) -> dict[str, Any]:
+    """For `run.json`: what the proposal says without a chain, and where the maxima are."""
+    learnt, space = sampled.learnt, problem.posterior.space
+    if learnt is None or sampled.held is None:
+        return {}
+    theta = problem.posterior.coordinates.to_physical(learnt.u)
+    mean = learnt.weights @ theta
+    error = np.sqrt(learnt.weights**2 @ (theta - mean) ** 2)
+    return {
+        "importance": {
+            "draws": len(theta),
+            "share": round(learnt.share, 4),
+            "acceptance": round(learnt.acceptance, 4),
+            "mean": dict(zip(space.free, map(float, mean), strict=True)),
+            "error": dict(zip(space.free, map(float, error), strict=True)),
+        },
+        "maxima": [
+            {
+                "values": dict(one.values),
+                "log_posterior": one.log_posterior,
+                "weight": float(weight),
+            }
+            for one, weight in zip(found.maxima, sampled.held, strict=True)
+        ],
+    }

@@ -19,6 +19,8 @@ from bayesdrill.likelihood import Likelihood
 Array = NDArray[np.float64]
 
 FALSE_ALARM = 0.01  # of records of the model, with its noise, would give any finding at most
+FAR_TOO_LARGE = 1.5  # rms over sigma, from which on nothing that counts on the noise is believed
+REMEMBERED = 0.6  # correlation of neighbours, from which on sds are too small by a factor of two
 LOOKS = 5  # at each channel: size and correlation both ways, and the farthest sample
 
 
@@ -56,6 +58,12 @@ class Left:
     @property
     def correlated(self) -> bool:
         return abs(self.correlation) > self.limits.correlation
+
+    @property
+    def unbelievable(self) -> bool:
+        """Whether all that is said of the unknowns must not be believed."""
+        too_large = self.large and self.rms > FAR_TOO_LARGE
+        return too_large or (self.correlated and self.correlation > REMEMBERED)
 
     @property
     def far(self) -> bool:

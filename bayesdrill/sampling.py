@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterator, Mapping
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from dataclasses import dataclass
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from bayesdrill import seeds
-from bayesdrill.convergence import Convergence, Targets, assess, thinned
+from bayesdrill.convergence import Convergence, Targets, assess, futile, thinned
 from bayesdrill.crew import Crew
 from bayesdrill.errors import InputError
 from bayesdrill.learning import Learnt, learn
@@ -48,13 +49,15 @@ class Plan:
 class Sampled:
     """`theta (E, S, W, D)` physical; `pieces` of each ensemble as they were saved.
 
-    `learnt`: what the proposal was learnt from; None where a chain was only read again.
+    `learnt`: what the proposal was learnt from, and `held (M,)`: how many of the draws each maximum
+    has; None where a chain was only read again.
     """
 
     pieces: list[list[Piece]]
     theta: Array
     convergence: Convergence
     learnt: Learnt | None = None
+    held: Array | None = None
 
     @property
     def draws(self) -> Array:
@@ -167,6 +170,7 @@ def sample(
     report.say(_said(learnt))
     under_way = _taken_up(crew, posterior, learnt.proposal, plan, shelf)
     have = max(under_way.steps)
+    trail = _trail(under_way, plan, have)
     # Shorter lengths were judged before an interruption, and found wanting.
     for goal in [goal for goal in _checks(plan) if goal >= have] or [have]:
         under_way.advance_to(goal)
@@ -175,8 +179,24 @@ def sample(
         report.update(_share(convergence, plan.targets), _state_of(convergence))
         if convergence.converged:
             break
+        trail.append((convergence.steps, convergence.n_tau))
+        if hopeless := futile(trail, plan.targets.n_tau, plan.max_steps):
+            reasons = (*convergence.reasons, hopeless)
+            convergence = dataclasses.replace(convergence, reasons=reasons)
+            sampled = dataclasses.replace(sampled, convergence=convergence)
+            break
     report.update(1.0, "")
-    return sampled
+    z = posterior.coordinates.from_physical(sampled.draws.reshape(-1, maxima.shape[1]))
+    return dataclasses.replace(sampled, held=learnt.shares(z, len(maxima)))
+
+
+def _trail(under_way: _Walk, plan: Plan, have: int) -> list[tuple[int, float]]:
+    """What checks before an interruption saw, where a later one looks back to it."""
+    if have == 0:
+        return []
+    names, theta = under_way.posterior.space.free, _stack(under_way.theta)
+    before = [goal for goal in _checks(plan) if have // 4 <= goal < have]
+    return [(n, assess(theta[:, :n], names, plan.targets).n_tau) for n in before]
 
 
 def prepare(crew: Crew, posterior: Posterior, maxima: Array, seed: int) -> Learnt:

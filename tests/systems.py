@@ -39,7 +39,7 @@ parameters:
   j_1: {prior: uniform, low: 0.5, high: 1.5, relative: true}
   t_f: nominal
 map: {starts: 1, evaluations: 500}
-sampler: {walkers: 8, pilot: 100, r_hat: 1.2, n_tau: 5, ess: 100, max_steps: 500}
+sampler: {walkers: 8, r_hat: 1.2, n_tau: 5, ess: 100, max_steps: 500}
 output: {predictive_draws: 10}
 simulation: {duration: 5, rate: 20}
 """

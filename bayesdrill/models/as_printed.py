@@ -25,7 +25,6 @@ Speeds in rad/s at the nominal values and 8 V, from rest:
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar, Literal
 

@@ -17,7 +17,6 @@ constant sign (one-way rotation), `t_1` the load torque on rotor 1.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 

@@ -8,7 +8,6 @@ response, by the same kernels: no step size, no difference of nearly equal numbe
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 

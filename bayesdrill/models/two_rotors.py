@@ -15,7 +15,6 @@ both scales of a `motor_shaft` stay open, though they are no common factors here
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 

@@ -39,6 +39,20 @@ def sentences(found: Sequence[Left]) -> str:
     return "\n".join(lines) or f"fit: what the MAP leaves looks like the noise ({_range(found)})"
 
 
+def reasons(found: Sequence[Left]) -> tuple[str, ...]:
+    """Why nothing here must be believed, though the ensembles converge; empty where it may be."""
+    doubtful = [one for one in found if one.unbelievable]
+    said = []
+    if large := _worst(doubtful, "large", "rms"):
+        said.append(f"the fit leaves more than the noise, in sigmas: {_each(large, 'rms')}")
+    if correlated := _worst(doubtful, "correlated", "correlation"):
+        said.append(
+            "what the fit leaves is not white noise: correlation of one sample with the next "
+            f"{_each(correlated, 'correlation')}"
+        )
+    return tuple(said)
+
+
 def as_data(found: Sequence[Left]) -> list[dict[str, Any]]:
     """For `run.json`."""
     return [

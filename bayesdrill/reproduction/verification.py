@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayesdrill import laplace, mode
-from bayesdrill.coordinates import Physical
+from bayesdrill.coordinates import Coordinates
 from bayesdrill.crew import Crew
 from bayesdrill.optimisers import fminsearch, nelder_mead
 from bayesdrill.optimisers.contract import Task
@@ -170,7 +170,7 @@ def _search(way: str, target: Posterior, start: Array) -> Array:
 
 def _free(target: Posterior) -> Task:
     """The likelihood alone, whatever the signs of the unknowns."""
-    plain = dataclasses.replace(target, coordinates=Physical())
+    plain = dataclasses.replace(target, coordinates=Coordinates((False,) * len(target.space.free)))
 
     def density(theta: Array) -> Array:
         return np.nan_to_num(target.likelihood(theta), nan=-np.inf, neginf=-np.inf)

@@ -69,10 +69,9 @@ class Mixture:
 
     def log_parts(self, y: Array, jacobian: Array) -> Array:
         """Log density over u of each component, its weight included: `(K, W)`."""
-        on = y if len(self.sheets) == len(self.sheet) == 1 else y[self.sheet]
-        standard = (on - self.means[:, None, :]) @ self.inverses.transpose(0, 2, 1)
+        standard = (y[self.sheet] - self.means[:, None, :]) @ self.inverses.transpose(0, 2, 1)
         squares = np.einsum("kwd,kwd->kw", standard, standard)
-        return self.constants[:, None] - jacobian[self.sheet] - 0.5 * squares
+        return np.asarray(self.constants[:, None] - jacobian[self.sheet] - 0.5 * squares)
 
 
 def _summed(parts: Array) -> Array:

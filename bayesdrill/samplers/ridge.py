@@ -96,8 +96,8 @@ class Ridge:
 
     Polynomials in those of psi that are `bent`: along the others nothing changes.
     psi is scaled by `middle`, `width (l,)`, so that the points of the fit lie in the unit ball, and
-    kept within `reach` of it: a polynomial knows nothing of what lies beyond.  Of the root, logs of the diagonal and
-    the rest over the diagonal's column are polynomials.
+    kept within `reach` of it: a polynomial knows nothing of what lies beyond.  Of the root, logs of
+    the diagonal and the rest over the diagonal's column are polynomials.
     """
 
     frame: Frame
@@ -112,7 +112,7 @@ class Ridge:
 
     @property
     def n_loose(self) -> int:
-        return self.frame.loose.shape[1]
+        return int(self.frame.loose.shape[1])
 
     def bend(self, y: Array) -> tuple[Array, Array]:
         """`y (W, D)` to u, and log |du / dy| `(W,)`."""
@@ -156,7 +156,7 @@ def root_entries(roots: Array) -> Array:
 
 
 def _times(root: Array, e: Array) -> Array:
-    return np.einsum("ijw,wj->wi", root, e)
+    return np.asarray(np.einsum("ijw,wj->wi", root, e))
 
 
 def _solved(root: Array, rest: Array) -> Array:
@@ -165,7 +165,7 @@ def _solved(root: Array, rest: Array) -> Array:
     for row in range(len(root)):
         known = np.einsum("jw,jw->w", root[row, :row], e[:row])
         e[row] = (rest[:, row] - known) / root[row, row]
-    return e.T
+    return np.asarray(e.T)
 
 
 def fit(

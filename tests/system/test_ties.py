@@ -89,7 +89,7 @@ def test_a_short_run_of_the_example(tmp_path: Path) -> None:
     """Converges, and every draw of what is derived follows from the draw of the unknowns."""
     path = config(
         tmp_path,
-        ("sampler: {walkers: 64}", "sampler: {walkers: 32, pilot: 300, n_tau: 10, ess: 400}"),
+        ("sampler: {walkers: 64}", "sampler: {walkers: 32, n_tau: 10, ess: 400}"),
         ("output:", "map: {starts: 1}\noutput:\n  predictive_draws: 10"),
     )
     out = tmp_path / "out"
