@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 import bayesdrill
-from bayesdrill import build, loading, pipeline, provenance, recording, simulation, store
+from bayesdrill import build, loading, mode, pipeline, provenance, recording, simulation, store
 from bayesdrill.calibration.refit import Refit, Study, packed, work
 from bayesdrill.calibration.verdict import Verdict, judge
 from bayesdrill.convergence import Targets
@@ -65,11 +65,17 @@ def study(job: Job) -> Study:
     own = job.config.calibration
     targets = Targets(r_hat=job.config.sampler.r_hat, n_tau=own.n_tau, ess=own.ess)
     plan = pipeline.plan(job.config)
+    optimiser, evaluations = (
+        build.optimiser(job.config, job.problem.names),
+        job.config.map.evaluations,
+    )
+    if job.config.map.method == "nelder_mead":
+        optimiser, evaluations = mode.roughly(len(job.problem.names), evaluations)
     return Study(
         posterior=job.problem.posterior,
-        optimiser=build.optimiser(job.config, job.problem.names),
+        optimiser=optimiser,
         starts=own.starts,
-        evaluations=job.config.map.evaluations,
+        evaluations=evaluations,
         plan=dataclasses.replace(plan, targets=targets, max_steps=own.max_steps),
         draws=own.draws,
         seed=job.config.seed,

@@ -224,12 +224,12 @@ class MapSpec(Strict):
 
 class SamplerSpec(Strict):
     ensembles: Annotated[int, Field(ge=4)] = 4
-    walkers: Annotated[int, Field(ge=4)] = 128
+    walkers: Annotated[int, Field(ge=4)] = 256
     moves: Annotated[dict[str, NonNegative], Field(min_length=1)] = Field(
         default_factory=lambda: {
-            "differential_evolution": 0.18,
-            "stretch": 0.02,
-            "independence": 0.8,
+            "differential_evolution": 0.09,
+            "stretch": 0.01,
+            "independence": 0.9,
         }
     )
     r_hat: Annotated[float, Field(gt=1)] = 1.01

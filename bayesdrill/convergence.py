@@ -123,11 +123,11 @@ def thinned(chains: Array, burn_in: int, thin: int) -> Array:
     return np.ascontiguousarray(kept.reshape(kept.shape[0], -1, *kept.shape[3:]))
 
 
-def futile(trail: Sequence[tuple[int, float]], wanted: float, most: int) -> str:
+def futile(trail: Sequence[tuple[int, float]], wanted: float, allowed: int, most: int) -> str:
     """Why more steps would not help, or nothing.
 
     `trail`: (steps, how many autocorrelation times long) at each check, of which `wanted` are
-    wanted within `most` steps.
+    wanted.  `allowed`: sampler.max_steps; `most`: that, or fewer where the chain would be too large.
     """
     steps, n_tau = trail[-1]
     if steps < PATIENCE or n_tau >= wanted:
@@ -142,9 +142,12 @@ def futile(trail: Sequence[tuple[int, float]], wanted: float, most: int) -> str:
         )
     needed = steps * wanted / n_tau
     if needed > most:
-        return (
-            f"stopped early: it would take about {needed:.0f} steps, more than sampler.max_steps "
-            f"({most}); raise that and continue with --resume, or hold an unknown"
+        return f"stopped early: it would take about {needed:.0f} steps, more than " + (
+            f"sampler.max_steps ({allowed}); raise that and continue with --resume, or hold an "
+            "unknown"
+            if most == allowed
+            else f"the {most} that a chain of so many walkers and unknowns may have; give "
+            "sampler.walkers a smaller number, or hold an unknown"
         )
     return ""
 

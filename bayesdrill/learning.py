@@ -28,12 +28,14 @@ ROUNDS = 12
 WORTH = 1.04  # a round that improves the effective share of the draws by less is the last
 ENOUGH = 0.3  # of effective draws; with less it goes on
 LEAST_SHARE = 0.1  # of effective draws: below it the density is flattened until there are as many
+REDRAWN = 0.4  # of a density: what a draw costs that falls outside the prior
 AGAIN = 2  # times that ridges are traced anew, ...
 GOOD = 0.5  # ... unless as many proposals would be accepted
 LIKELY = 0.9  # quantile of the weights: a new centre is a draw above it
 COMPONENTS = 4
-EXPECTATIONS = (25, 10)  # of the fit, in the first round and later
-WIDE_WEIGHT, WIDE_SCALE = 0.05, 1.6  # a component that is wider than all draws: it holds the tails
+EXPECTATIONS = (12, 6)  # of the fit, in the first round and later
+WIDE_WEIGHT = 0.1  # of a component that is wider than all draws, and holds the tails: ...
+WIDE_LOOSE, WIDE_FIBRE = 1.25, 1.1  # ... as many times, along the ridge and across it
 NARROWED = 0.7  # several components are narrower than one, to begin with
 FIRST_FIBRE = 1.2  # standard deviations of the tight directions, to begin with
 LOST = 1e-6  # of the posterior: a ridge with less is left out
@@ -115,7 +117,7 @@ def _fitted(
         expectations = EXPECTATIONS[0 if first else 1]
         narrow = mixture.fitted(begin, u, weights, surface.inside, expectations, seed)
         found = _with_tails(narrow, u, weights)
-    return max(rounds, key=lambda one: one.share)
+    return max(rounds, key=lambda one: one.worth)
 
 
 def _midst(found: _Round) -> list[tuple[int, Array, tuple[Array, Array]]]:
@@ -149,6 +151,11 @@ class _Round:
         return acceptance(normalised(self.log_w))
 
     @property
+    def worth(self) -> float:
+        """Effective draws for what they cost: one outside the prior costs less than the model."""
+        return self.share / (1.0 + REDRAWN / self.proposal.share)
+
+    @property
     def share(self) -> float:
         return effective(normalised(self.log_w)) / len(self.log_w)
 
@@ -160,7 +167,7 @@ def _draw(
     surface: Surface,
     seed: Random,
 ) -> _Round:
-    inside = surface.inside(found.draw(DRAWS, seed)[0])
+    inside = surface.inside(found.draw(DRAWS, seed).u)
     proposal = Proposal(found, max(float(inside.mean()), 1.0 / DRAWS))
     u, log_q = proposal.draw(DRAWS, surface.inside, seed)
     log_w = surface.value(u) - log_q
@@ -248,7 +255,9 @@ def _with_tails(narrow: Mixture, u: Array, weights: Array) -> Mixture:
         if own.any() and effective(own) > 2 * u.shape[1]:
             centre, root = moments(y[s], own)
             weight = WIDE_WEIGHT * float(narrow.weights[mine].sum())
-            parts.append((s, weight, centre, WIDE_SCALE * root))
+            wider = np.full(u.shape[1], WIDE_FIBRE)
+            wider[: narrow.sheets[s].n_loose] = WIDE_LOOSE
+            parts.append((s, weight, centre, wider[:, None] * root))
     return _joined(narrow, parts)
 
 

@@ -9,12 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bayesdrill import aliases, laplace, maxima
 from bayesdrill.climb import climb, gain_left
+from bayesdrill.optimisers import nelder_mead
 from bayesdrill.optimisers.contract import Optimiser, Task
 from bayesdrill.posterior import Posterior
 from bayesdrill.surface import PosteriorSurface
@@ -25,6 +27,8 @@ SAME_LOG_DENSITY = 1e-6  # searches that end nearer than this have found the sam
 SAME_PLACE = 0.01  # ... and the same place, when no unknown differs by more than 1 %
 CANDIDATES = 4096  # prior draws of which a search starts at the best
 SCOUTS = 24  # plain draws from the prior that are sent uphill without a simplex
+SIMPLEX = 200  # evaluations of a simplex for each unknown; more do not help it far from the top
+ROUGHLY = 1.0  # of the log posterior: how near a simplex has to come, where slopes do the rest
 POLISH, EXACT = 40, 8  # steps of Gauss and Newton, and of Newton, at the end of a search
 
 
@@ -118,6 +122,11 @@ def task(posterior: Posterior) -> Task:
         coordinates=posterior.coordinates,
         covariance=lambda theta: laplace.covariance(posterior, theta),
     )
+
+
+def roughly(unknowns: int, evaluations: int) -> tuple[Optimiser, int]:
+    """Nelder and Mead as far as they are good for, where a search is polished."""
+    return partial(nelder_mead.maximise, enough=ROUGHLY), min(evaluations, SIMPLEX * unknowns)
 
 
 def search(

@@ -10,7 +10,6 @@ from collections.abc import Mapping
 from concurrent.futures import Future
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -30,7 +29,6 @@ from bayesdrill.job import Job as Job
 from bayesdrill.job import assemble as assemble
 from bayesdrill.job import prepare as prepare
 from bayesdrill.mode import Mode, Other, Search
-from bayesdrill.optimisers import nelder_mead
 from bayesdrill.optimisers.contract import Optimiser
 from bayesdrill.progress import Reporter
 from bayesdrill.report import publish, residual_words, tables, verdict_words, words
@@ -43,8 +41,6 @@ Array = NDArray[np.float64]
 MAP_FILE = "map.json"
 CONFIG_FILE = "config.yaml"
 RESOLVED_FILE = "config.resolved.yaml"
-SIMPLEX = 200  # evaluations of a simplex for each unknown; more do not help it far from the top
-ROUGHLY = 1.0  # of the log posterior: how near a simplex has to come, where slopes do the rest
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -169,8 +165,7 @@ def _begin_search(job: Job, crew: Crew) -> _Hunt:
     polish = settings.method == "nelder_mead"
     evaluations = settings.evaluations
     if polish:
-        optimiser = partial(nelder_mead.maximise, enough=ROUGHLY)
-        evaluations = min(evaluations, SIMPLEX * len(job.problem.names))
+        optimiser, evaluations = mode.roughly(len(job.problem.names), evaluations)
     searches = [crew.submit(mode.search, optimiser, evaluations, point, polish) for point in points]
     draws = target.space.draw(mode.SCOUTS, seeds.stream(job.config.seed, "scout"))
     scouts = [crew.submit(mode.scouts, some) for some in np.array_split(draws, 2)] if polish else []
@@ -248,7 +243,12 @@ def _publish(
         failures=sampled.failures,
         **_learnt(job.problem, found, sampled),
     )
-    shown = [tables.as_text(rows), tables.in_words(rows), residual_words.sentences(left)]
+    doubts = residual_words.reasons(left)
+    said_first = [words.maxima(found, sampled), words.unbelievable(doubts)]
+    shown = [
+        *(text for text in said_first if text),
+        *(tables.as_text(rows), tables.in_words(rows), residual_words.sentences(left)),
+    ]
     if judged is not None:
         said = verdict_words.sentences(judged.verdict, table, converged=c.converged)
         shown += [verdict_words.as_text(judged.verdict), said]
@@ -259,7 +259,7 @@ def _publish(
         rows=rows,
         verdict=None if judged is None else judged.verdict,
         shown=tuple(shown),
-        reasons=(*c.reasons, *residual_words.reasons(left)),
+        reasons=(*c.reasons, *doubts),
         seconds=seconds,
     )
 

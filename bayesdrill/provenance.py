@@ -18,8 +18,8 @@ from bayesdrill.store import VERSION_OF
 from bayesdrill.yaml_source import Source
 
 # A change of these may change the last bits of a chain: random streams and sums (numpy), priors and
-# optimiser (scipy), steps (emcee), the learnt proposal (scikit-learn), the compiled model (llvmlite).
-DECISIVE = ("numpy", "scipy", "emcee", "scikit-learn", "llvmlite")
+# optimiser (scipy), steps (emcee), the compiled model (llvmlite).
+DECISIVE = ("numpy", "scipy", "emcee", "llvmlite")
 PACKAGES = (*DECISIVE, "arviz-stats", "arviz-base", "h5py")
 
 

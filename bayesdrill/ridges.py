@@ -34,8 +34,9 @@ MOST_STEP = 0.5  # of the priors' spreads
 MOST_DEGREE = 14
 MOST_ROOT_DEGREE = 6
 MOST_ROOT_TERMS = 30  # of the polynomials of the covariance's root, which need not be as good
-STRAIGHT = 1e-6, 1e-13  # of the priors' knowledge, and of the largest: what changes nothing at all
-GOOD_ENOUGH = 0.05  # of a standard deviation, on points held out: no higher degree is tried
+PROBES = 12  # points all over the prior
+STILL = 1e-12  # of the largest knowledge: what is less is rounding
+GOOD_ENOUGH = 0.1  # of a standard deviation, on points held out: no higher degree is tried
 FAIR = 0.3  # of a standard deviation: what is further off is given more points
 POINTS_PER_TERM = 2.5
 LEAST_POINTS, MOST_POINTS = 24, 1600
@@ -56,42 +57,59 @@ class Traced:
     spread: Array
 
 
-def split(surface: Surface, centre: Array, here: Expansion) -> tuple[Frame, Array]:
+def split(
+    surface: Surface, centre: Array, here: Expansion, still: Array | None = None
+) -> tuple[Frame, Array]:
     """The basis at the maximum `centre (D,)`, and the record's knowledge of its loose part `(l,)`.
 
-    `here`: the expansion there.  An unknown that the end of its prior keeps from going further is
-    no part of a tight direction, whose maximum would lie where there is no density: it is loose by
-    itself.
+    `here`: the expansion there; `still (D, f)`: directions along which nothing changes, which come
+    first.  An unknown that the end of its prior keeps from going further is no part of a tight
+    direction, whose maximum would lie where there is no density: it is loose by itself.
     """
     scale = surface.spread
     slope, curvature = here.slope[0] * scale, here.curvature[0] * np.outer(scale, scale)
-    pressed = np.zeros(len(centre), dtype=bool)
-    found = _directions(curvature, pressed)
-    tight = found[1][:, int((found[0] < TIGHT).sum()) :]
-    known = found[0][found[0] >= TIGHT]
-    if np.linalg.norm((slope @ tight) / np.sqrt(known)) > PRESSED:
+    apart = np.zeros((len(centre), 0)) if still is None else still
+    values, vectors = _directions(curvature, apart)
+    tight = values >= TIGHT
+    known = np.zeros(apart.shape[1])
+    if np.linalg.norm((slope @ vectors[:, tight]) / np.sqrt(values[tight])) > PRESSED:
         near = NEAR_END * scale
         pressed = (centre <= surface.low + near) & (slope < 0)
         pressed |= (centre >= surface.high - near) & (slope > 0)
-        found = _directions(curvature, pressed)
-    values, vectors = found
-    axes = np.eye(len(centre))[:, pressed]
+        apart = np.linalg.qr(np.concatenate([apart, np.eye(len(centre))[:, pressed]], axis=1))[0]
+        known = np.concatenate([known, np.diag(curvature)[pressed] + slope[pressed] ** 2])
+        values, vectors = _directions(curvature, apart)
     n_loose = int((values < TIGHT).sum())
-    columns = scale[:, None] * np.concatenate([axes, vectors], axis=1)
-    ends = np.diag(curvature)[pressed] + slope[pressed] ** 2
+    columns = scale[:, None] * np.concatenate([apart, vectors], axis=1)
     return (
-        ridge.frame(centre, columns, len(ends) + n_loose),
-        np.concatenate([ends, np.maximum(values[:n_loose], 0.0)]),
+        ridge.frame(centre, columns, len(known) + n_loose),
+        np.concatenate([known, np.maximum(values[:n_loose], 0.0)]),
     )
 
 
-def _directions(curvature: Array, without: NDArray[np.bool_]) -> tuple[Array, Array]:
-    """Eigenvalues, the smallest first, and vectors `(D, n)` of the curvature of the other unknowns."""
-    rest = np.flatnonzero(~without)
-    values, vectors = np.linalg.eigh(curvature[np.ix_(rest, rest)])
-    whole = np.zeros((len(without), len(rest)))
-    whole[rest] = vectors
-    return values, whole
+def _directions(curvature: Array, without: Array) -> tuple[Array, Array]:
+    """Eigenvalues, the smallest first, and vectors `(D, n)`, at right angles to those `without`."""
+    whole = np.linalg.qr(without, mode="complete")[0]
+    rest = whole[:, without.shape[1] :]
+    values, vectors = np.linalg.eigh(rest.T @ curvature @ rest)
+    return values, rest @ vectors
+
+
+def unmoved(surface: Surface, expand: Expand, rng: np.random.Generator) -> Array:
+    """Directions `(D, f)` in units of the spreads along which the density changes nowhere at all.
+
+    Looked for at points all over the prior: what is flat at one of them may bend elsewhere.
+    """
+    d = len(surface.middle)
+    scattered = surface.middle + surface.spread * rng.standard_normal((PROBES, d))
+    here = expand(np.clip(scattered, surface.low, surface.high), np.eye(d))
+    whitened = here.curvature * np.outer(surface.spread, surface.spread)
+    largest = np.linalg.eigvalsh(whitened)[:, -1]
+    seen = largest > 0
+    if not seen.any():
+        return np.zeros((d, 0))
+    values, vectors = np.linalg.eigh((whitened[seen] / largest[seen, None, None]).mean(axis=0))
+    return np.asarray(vectors[:, values < STILL])
 
 
 def trace(
@@ -107,7 +125,8 @@ def trace(
     wanted; else the priors do, with what the record knows at the maximum.
     """
     here = expand(centre[None], np.eye(len(centre)))
-    base, known = split(surface, centre, here)
+    still = unmoved(surface, expand, rng)
+    base, known = split(surface, centre, here, still)
     n_loose = len(known)
     if seen is None:
         # What the priors and the record say of psi, both taken as Gaussian.
@@ -121,7 +140,7 @@ def trace(
         return Traced(at, 0.0, psi, spread)
     points: list[Array] = []
     off = 0.0
-    bent = np.flatnonzero(known > max(STRAIGHT[0], STRAIGHT[1] * _most(base, here)))
+    bent = np.arange(still.shape[1], n_loose)
     for share in OUTWARD:
         n = _wanted(len(bent), share)
         wanted = share * _scattered(surface, at, n, psi, spread, share, rng)
@@ -129,11 +148,6 @@ def trace(
         points = [np.concatenate(pair) for pair in zip(points or arrived, arrived, strict=True)]
         if len(points[0]) > 2 * (n_loose + 1):
             at, off = _best_fit(base, bent, *points, last=share == OUTWARD[-1])
-            if off > FAIR and len(bent) < n_loose:
-                every = np.arange(n_loose)
-                other, its_off = _best_fit(base, every, *points, last=share == OUTWARD[-1])
-                if its_off < 0.5 * off:
-                    at, off, bent = other, its_off, every
     while off > FAIR and 2 * len(points[0]) < MOST_POINTS:
         wanted = _scattered(surface, at, len(points[0]), psi, spread, 1.0, rng)
         arrived = _arrive(expand, base, wanted, at.at(wanted))
@@ -152,11 +166,6 @@ def moments(points: Array, weights: Array) -> tuple[Array, Array]:
     covariance = (off * share[:, None]).T @ off
     floor = np.diag(1e-9 * np.diag(covariance) + 1e-12)
     return centre, np.linalg.cholesky(covariance + floor)
-
-
-def _most(base: Frame, here: Expansion) -> float:
-    """The largest knowledge of all, of which rounding leaves a share everywhere."""
-    return float(np.einsum("dq,de,eq->q", base.tight, here.curvature[0], base.tight).max())
 
 
 def _at_centre(base: Frame, here: Expansion) -> Ridge:

@@ -32,6 +32,7 @@ PIECE = 250  # steps between savings, at most, and ...
 PIECE_SECONDS = 2.0  # ... about as many as take this long: what Ctrl-C waits for
 SHARED = 32  # points that one process expands at a time
 START_SPREAD = 1.5  # ensembles start wider than the proposal, so that R-hat can tell
+MOST_NUMBERS = 64_000_000  # of a chain, half a gigabyte: no more steps are taken
 START_TRIES = 40  # of drawing points of finite density
 
 
@@ -43,6 +44,10 @@ class Plan:
     targets: Targets
     max_steps: int
     seed: int
+
+    def most_steps(self, unknowns: int) -> int:
+        """`max_steps`, or as many as a chain of this size may have."""
+        return min(self.max_steps, MOST_NUMBERS // (self.ensembles * self.walkers * unknowns))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -89,7 +94,7 @@ def begin(posterior: Posterior, proposal: Proposal, n: int, seed: int, ensemble:
     wide = proposal.mixture.widened(START_SPREAD)
     for attempt in range(START_TRIES):
         source = wide if attempt < START_TRIES // 2 else proposal.mixture
-        z, _ = source.draw(2 * n, random)
+        z = source.draw(2 * n, random).u
         z = z[posterior.supports(z)]
         kept.append(z[np.isfinite(posterior(z))])
         have += len(kept[-1])
@@ -169,10 +174,10 @@ def sample(
     learnt = prepare(crew, posterior, maxima, plan.seed)
     report.say(_said(learnt))
     under_way = _taken_up(crew, posterior, learnt.proposal, plan, shelf)
-    have = max(under_way.steps)
+    have, most = max(under_way.steps), plan.most_steps(maxima.shape[1])
     trail = _trail(under_way, plan, have)
     # Shorter lengths were judged before an interruption, and found wanting.
-    for goal in [goal for goal in _checks(plan) if goal >= have] or [have]:
+    for goal in [goal for goal in _checks(most) if goal >= have] or [have]:
         under_way.advance_to(goal)
         sampled = _judge(posterior, plan, under_way.pieces, under_way.theta, learnt)
         convergence = sampled.convergence
@@ -180,7 +185,7 @@ def sample(
         if convergence.converged:
             break
         trail.append((convergence.steps, convergence.n_tau))
-        if hopeless := futile(trail, plan.targets.n_tau, plan.max_steps):
+        if hopeless := futile(trail, plan.targets.n_tau, plan.max_steps, most):
             reasons = (*convergence.reasons, hopeless)
             convergence = dataclasses.replace(convergence, reasons=reasons)
             sampled = dataclasses.replace(sampled, convergence=convergence)
@@ -195,7 +200,8 @@ def _trail(under_way: _Walk, plan: Plan, have: int) -> list[tuple[int, float]]:
     if have == 0:
         return []
     names, theta = under_way.posterior.space.free, _stack(under_way.theta)
-    before = [goal for goal in _checks(plan) if have // 4 <= goal < have]
+    most = plan.most_steps(theta.shape[-1])
+    before = [goal for goal in _checks(most) if have // 4 <= goal < have]
     return [(n, assess(theta[:, :n], names, plan.targets).n_tau) for n in before]
 
 
@@ -259,13 +265,13 @@ def _judge(
     return Sampled(pieces=pieces, theta=physical, convergence=convergence, learnt=learnt)
 
 
-def _checks(plan: Plan) -> Iterator[int]:
+def _checks(most: int) -> Iterator[int]:
     """When to judge: at steps that do not depend on how the run was cut."""
     steps = FIRST_CHECK
-    while steps < plan.max_steps:
+    while steps < most:
         yield steps
         steps = int(steps * GROWTH)
-    yield plan.max_steps
+    yield most
 
 
 def _steps(pieces: list[Piece]) -> int:

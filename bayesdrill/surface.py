@@ -106,7 +106,7 @@ class PosteriorSurface:
             slope, curvature = self._of_record(theta, directions)
             value = self.value(u)
         prior_slope, prior_curvature = self._of_prior(u)
-        slope += prior_slope @ directions
+        slope += _along(prior_slope, directions)
         curvature += _weighted(directions, prior_curvature)
         good = np.isfinite(slope).all(axis=1) & np.isfinite(curvature).all(axis=(1, 2))
         slope[~good], curvature[~good] = 0.0, 0.0
@@ -131,7 +131,7 @@ class PosteriorSurface:
             # Of a log level: what is left over its variance, and twice the number of samples; far
             # from the level that fits, the larger of the two curvatures keeps a step in bounds.
             own, levels = squares[:, list(noise.unknown)], by_log[:, m:]
-            slope = slope + (levels * (own - noise.n_samples)) @ directions[m:]
+            slope = slope + _along(levels * (own - noise.n_samples), directions[m:])
             known = 2.0 * np.maximum(own, noise.n_samples) * levels**2
             curvature = curvature + _weighted(directions[m:], known)
         return slope, curvature
@@ -152,6 +152,14 @@ class PosteriorSurface:
         if not self.physical:
             slope += np.array(self.posterior.coordinates.logs)
         return slope, curvature
+
+
+def _along(slope: Array, directions: Array) -> Array:
+    """Of `slope (W, D)`, along `directions (D, q)`: `(W, q)`.
+
+    Point by point: one product of all of them rounds as their number has it.
+    """
+    return np.asarray((slope[:, None, :] @ directions)[:, 0])
 
 
 def _weighted(directions: Array, curvature: Array) -> Array:

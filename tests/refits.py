@@ -51,7 +51,7 @@ class Judge:
         plan = replace(pipeline.plan(self.job.config), seed=seed)
         start = posterior.space.vector(posterior.space.start)
         with Crew(posterior, 1) as crew:
-            sampled = sampling.sample(crew, posterior, start, plan, Memory(), Silent())
+            sampled = sampling.sample(crew, posterior, start[None], plan, Memory(), Silent())
         draws = sampled.draws.reshape(-1, len(start))
         nominal = self.job.problem.nominal
         verdict = judge(self.study, draws, self.prior_draws, nominal, {}, (), Thresholds())

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from oracles import NOMINAL, ORDER
 
-from bayesdrill.coordinates import choose
+from bayesdrill.coordinates import Coordinates
 from bayesdrill.experiment import Channel, Experiment
 from bayesdrill.likelihood import Likelihood
 from bayesdrill.models.motor_shaft import MotorShaft
@@ -66,12 +66,16 @@ def measured(sigma: np.ndarray, n: int = 301, dt: float = 0.01, seed: int = 5) -
 def posterior(
     record: Experiment,
     sigma: np.ndarray | None,
-    coordinates: str = "auto",
     *,
     free: tuple[str, ...] = ORDER,
     priors: dict[str, Prior] | None = None,
+    logs: bool | None = None,
+    response: Response | None = None,
 ) -> Posterior:
-    """`sigma` None: unknown, one per channel, uniform from 0.01 to 1."""
+    """`sigma` None: unknown, one per channel, uniform from 0.01 to 1; `response`: compiled already.
+
+    `logs`: whether the coordinates of all unknowns are their logs; None: as the priors have it.
+    """
     chosen: dict[str, Prior] = {
         name: Uniform(0.5 * NOMINAL[name], 1.5 * NOMINAL[name]) for name in free
     }
@@ -92,6 +96,8 @@ def posterior(
     noise = Gaussian(n_samples=len(record.t), known=known, n_channels=len(record.channels))
     return Posterior(
         space=space,
-        likelihood=Likelihood(Response(model, record), noise, space),
-        coordinates=choose(coordinates, model.chart(8.0, free, space.fixed), len(free)),
+        likelihood=Likelihood(response or Response(model, record), noise, space),
+        coordinates=Coordinates(
+            tuple(prior.in_logs if logs is None else logs for prior in chosen.values())
+        ),
     )

@@ -126,17 +126,21 @@ def _simulated(posterior: Posterior, rng: np.random.Generator) -> tuple[Array, P
 
 
 def _sampled(study: Study, posterior: Posterior, seed: int) -> Sampled:
-    start = posterior.space.vector(_best(study, posterior, seed).end)
+    """From all maxima that are found, as a posterior of its own is."""
+    draws = posterior.space.draw(mode.SCOUTS, seeds.stream(seed, "scout"))
+    scouted = mode.scouts(posterior, draws)
+    found = mode.summarise(posterior, (_best(study, posterior, seed),), scouted)
+    tops = np.array([posterior.space.vector(one.values) for one in found.maxima])
     plan = dataclasses.replace(study.plan, seed=seed)
     with Crew(posterior, 1) as crew:
-        return sample(crew, posterior, start, plan, Memory(), Silent())
+        return sample(crew, posterior, tops, plan, Memory(), Silent())
 
 
 def _best(study: Study, posterior: Posterior, seed: int) -> mode.Search:
     """Searches from the most promising starts, until one is seen to have arrived.
 
-    That is when two agree, or one leaves no more residuals than known noise explains: what more
-    searches would find does not matter to ensembles that start around it.
+    That is when two agree, or one leaves no more residuals than known noise explains: maxima that
+    are somewhere else are for scouts to find.
     """
     points = mode.starts(posterior, study.starts, seeds.stream(seed, "map"))
     points = points[np.argsort(-posterior.density(points), kind="stable")]

@@ -29,6 +29,7 @@ from bayesdrill.kernels.layout import Layout
 from bayesdrill.kernels.recurrence import emit_drive, next_state
 
 Values = list[ir.Value]
+Entries = dict[tuple[int, int], ir.Value]
 
 
 def scratch_size(layout: Layout, q: int) -> int:
@@ -47,106 +48,139 @@ def emit_normal(
     noise.  `out (G, K + q + q q, LANES)`: squares, slopes, and the lower triangle of the products.
     """
     blocks = [VECTORS, VECTORS, VECTORS, NUMBERS, NUMBERS, VECTORS, VECTORS]
-    made = function(module, "normal", 3, blocks)
-    n_groups, n_samples, q, parameters, directions, scales, y, u, scratch, out = made.args
-    b = ir.IRBuilder(made.append_basic_block())
-    x_count, k_count = layout.n_states // 2, len(layout.channels)
-    p_count = layout.n_parameters // 2
-    inputs = layout.size - layout.n_states  # the constant one and the sampled ones
-    d_count = x_count * (x_count + inputs)
-    e = scratch
-    d = b.gep(e, [I64(layout.size**2)])
-    slopes_x = b.gep(d, [b.mul(q, I64(d_count))])
-    slopes_s = b.gep(slopes_x, [b.mul(q, I64(x_count))])
-    both = b.alloca(VEC, I64(2 * p_count))
-    out_count = b.add(I64(k_count), b.add(q, b.mul(q, q)))
-    weights = [channel[x_count:] for channel in layout.channels]
+    w = _Writer(function(module, "normal", 3, blocks), layout)
+    groups = Loop(w.b, w.n_groups, [], "groups")
+    w.begin_group(groups.index)
+    state = w.first_state(lead)
+    phi = w.matrices(step)
+    samples = Loop(w.b, w.n_samples, state + [vector(0.0)] * w.k_count, "samples")
+    state, totals = samples.carried[: w.x_count], samples.carried[w.x_count :]
+    drive = emit_drive(w.b, layout, w.u, samples.index)
+    left = w.left(samples.index, state)
+    totals = [fma(w.b, value, value, total) for value, total in zip(left, totals, strict=True)]
+    w.each_direction(phi, state, drive, left)
+    samples.close(next_state(w.b, w.x_count, phi, state, drive) + totals)
+    for k, total in enumerate(totals):
+        store(w.b, total, w.own_out, k)
+    groups.close([])
+    w.b.ret_void()
 
-    groups = Loop(b, n_groups, [], "groups")
-    g = groups.index
-    own_out = b.gep(out, [b.mul(g, out_count)])
-    slope_sums = b.gep(own_out, [I64(k_count)])
-    product_sums = b.gep(slope_sums, [q])
-    clear = Loop(b, out_count, [], "clear")
-    b.store(vector(0.0), b.gep(own_out, [clear.index]), align=8)
-    clear.close([])
-    for p in range(p_count):
-        store(b, load(b, b.gep(parameters, [b.mul(g, I64(p_count))]), p), both, p)
 
-    def with_direction(j: ir.Value) -> None:
-        row = b.gep(directions, [b.mul(b.add(b.mul(g, q), j), I64(p_count))])
-        for p in range(p_count):
-            store(b, load(b, row, p), both, p_count + p)
+class _Writer:
+    """Where a group of walkers has its numbers, and the parts of the code that fills them in."""
 
-    start = [vector(value) for value in layout.x0[:x_count]]
-    state = start
-    if lead is not None:
-        begun = Loop(b, q, [], "begun")
-        with_direction(begun.index)
-        b.call(lead, [both, e])
-        phi, slope = _entries(b, layout, e)
-        mine = b.gep(slopes_x, [b.mul(begun.index, I64(x_count))])
-        zero = [vector(0.0)] * x_count
+    def __init__(self, made: ir.Function, layout: Layout) -> None:
+        self.n_groups, self.n_samples, self.q, *blocks = made.args
+        self.parameters, self.directions, self.scales, self.y, self.u, self.e, self.out = blocks
+        b = self.b = ir.IRBuilder(made.append_basic_block())
+        self.layout = layout
+        self.x_count, self.k_count = layout.n_states // 2, len(layout.channels)
+        self.p_count = layout.n_parameters // 2
+        inputs = layout.size - layout.n_states  # the constant one and the sampled ones
+        self.d_count = self.x_count * (self.x_count + inputs)
+        self.d = b.gep(self.e, [I64(layout.size**2)])
+        self.slopes_x = b.gep(self.d, [b.mul(self.q, I64(self.d_count))])
+        self.slopes_s = b.gep(self.slopes_x, [b.mul(self.q, I64(self.x_count))])
+        self.both = b.alloca(VEC, I64(2 * self.p_count))
+        self.weights = [channel[self.x_count :] for channel in layout.channels]
+
+    def row(self, base: ir.Value, index: ir.Value, count: int) -> ir.Value:
+        return self.b.gep(base, [self.b.mul(index, I64(count))])
+
+    def begin_group(self, group: ir.Value) -> None:
+        b, q = self.b, self.q
+        out_count = b.add(I64(self.k_count), b.add(q, b.mul(q, q)))
+        self.group = group
+        self.own_out = b.gep(self.out, [b.mul(group, out_count)])
+        self.own_scales = self.row(self.scales, group, self.k_count)
+        self.slope_sums = b.gep(self.own_out, [I64(self.k_count)])
+        self.product_sums = b.gep(self.slope_sums, [q])
+        self._clear(self.own_out, out_count)
+        own = self.row(self.parameters, group, self.p_count)
+        for p in range(self.p_count):
+            store(b, load(b, own, p), self.both, p)
+
+    def _clear(self, base: ir.Value, count: ir.Value) -> None:
+        clear = Loop(self.b, count, [], "clear")
+        self.b.store(vector(0.0), self.b.gep(base, [clear.index]), align=8)
+        clear.close([])
+
+    def _exponential(self, of: ir.Function, direction: ir.Value) -> None:
+        """Of the tangent's matrix in this direction."""
+        b = self.b
+        row = self.row(self.directions, b.add(b.mul(self.group, self.q), direction), self.p_count)
+        for p in range(self.p_count):
+            store(b, load(b, row, p), self.both, self.p_count + p)
+        b.call(of, [self.both, self.e])
+
+    def first_state(self, lead: ir.Function | None) -> Values:
+        """Of the rig, at the first sample; those of the slopes are stored."""
+        b, layout, count = self.b, self.layout, self.x_count
+        start: Values = [vector(value) for value in layout.x0[:count]]
+        if lead is None:
+            self._clear(self.slopes_x, b.mul(self.q, I64(count)))
+            return start
+        zero = [vector(0.0)] * count
+        begun = Loop(b, self.q, [], "begun")
+        self._exponential(lead, begun.index)
+        phi, slope = _entries(b, layout, self.e)
+        mine = self.row(self.slopes_x, begun.index, count)
         for i, value in enumerate(_next_slope(b, layout, phi, slope, start, zero, [])):
             store(b, value, mine, i)
         begun.close([])
-        phi, _ = _entries(b, layout, e)
-        state = next_state(b, x_count, phi, start, [])
-    else:
-        begun = Loop(b, b.mul(q, I64(x_count)), [], "begun")
-        b.store(vector(0.0), b.gep(slopes_x, [begun.index]), align=8)
-        begun.close([])
-    matrices = Loop(b, q, [], "matrices")
-    with_direction(matrices.index)
-    b.call(step, [both, e])
-    mine = b.gep(d, [b.mul(matrices.index, I64(d_count))])
-    for place, value in enumerate(_slope_values(b, layout, e)):
-        store(b, value, mine, place)
-    matrices.close([])
-    phi, _ = _entries(b, layout, e)
+        return next_state(b, count, _entries(b, layout, self.e)[0], start, [])
 
-    samples = Loop(b, n_samples, state + [vector(0.0)] * k_count, "samples")
-    state, totals = samples.carried[:x_count], samples.carried[x_count:]
-    drive = emit_drive(b, layout, u, samples.index)
-    left = []
-    own_scales = b.gep(scales, [b.mul(g, I64(k_count))])
-    for k in range(k_count):
-        flat = b.add(b.mul(samples.index, I64(k_count)), I64(k))
-        value = splat(b, b.load(b.gep(y, [flat])))
-        for weight, x in zip(weights[k], state, strict=True):
-            if weight != 0.0:
-                value = fma(b, vector(-weight), x, value)
-        left.append(b.fmul(value, load(b, own_scales, k)))
-        totals[k] = fma(b, left[k], left[k], totals[k])
-    each = Loop(b, q, [], "each")
-    j = each.index
-    own_x = b.gep(slopes_x, [b.mul(j, I64(x_count))])
-    own_s = b.gep(slopes_s, [b.mul(j, I64(k_count))])
-    own_d = b.gep(d, [b.mul(j, I64(d_count))])
-    slope_x = [load(b, own_x, i) for i in range(x_count)]
-    seen = []
-    for k in range(k_count):
-        value = vector(0.0)
-        for weight, x in zip(weights[k], slope_x, strict=True):
-            if weight != 0.0:
-                value = fma(b, vector(weight), x, value)
-        seen.append(b.fmul(value, load(b, own_scales, k)))
-        store(b, seen[k], own_s, k)
-    _add_products(b, b.gep(slope_sums, [j]), seen, left)
-    row = b.gep(product_sums, [b.mul(j, q)])
-    pairs = Loop(b, b.add(j, I64(1)), [], "pairs")
-    other_s = b.gep(slopes_s, [b.mul(pairs.index, I64(k_count))])
-    _add_products(b, b.gep(row, [pairs.index]), seen, [load(b, other_s, k) for k in range(k_count)])
-    pairs.close([])
-    slope = {place: load(b, own_d, n) for n, place in enumerate(_slope_places(layout))}
-    for i, value in enumerate(_next_slope(b, layout, phi, slope, state, slope_x, drive)):
-        store(b, value, own_x, i)
-    each.close([])
-    samples.close(next_state(b, x_count, phi, state, drive) + totals)
-    for k, total in enumerate(totals):
-        store(b, total, own_out, k)
-    groups.close([])
-    b.ret_void()
+    def matrices(self, step: ir.Function) -> Entries:
+        """Phi; its slopes in all directions are stored."""
+        b, layout = self.b, self.layout
+        each = Loop(b, self.q, [], "matrices")
+        self._exponential(step, each.index)
+        mine = self.row(self.d, each.index, self.d_count)
+        for place, value in enumerate(_slope_values(b, layout, self.e)):
+            store(b, value, mine, place)
+        each.close([])
+        return _entries(b, layout, self.e)[0]
+
+    def left(self, sample: ir.Value, state: Values) -> Values:
+        """Of the record, over the noise."""
+        b = self.b
+        found = []
+        for k, weights in enumerate(self.weights):
+            flat = b.add(b.mul(sample, I64(self.k_count)), I64(k))
+            value = splat(b, b.load(b.gep(self.y, [flat])))
+            for weight, x in zip(weights, state, strict=True):
+                if weight != 0.0:
+                    value = fma(b, vector(-weight), x, value)
+            found.append(b.fmul(value, load(b, self.own_scales, k)))
+        return found
+
+    def each_direction(self, phi: Entries, state: Values, drive: Values, left: Values) -> None:
+        """Sums with what is left and with the directions up to this one; then the next slopes."""
+        b, layout = self.b, self.layout
+        each = Loop(b, self.q, [], "each")
+        own_x = self.row(self.slopes_x, each.index, self.x_count)
+        own_s = self.row(self.slopes_s, each.index, self.k_count)
+        own_d = self.row(self.d, each.index, self.d_count)
+        slope_x = [load(b, own_x, i) for i in range(self.x_count)]
+        seen = []
+        for k, weights in enumerate(self.weights):
+            value = vector(0.0)
+            for weight, x in zip(weights, slope_x, strict=True):
+                if weight != 0.0:
+                    value = fma(b, vector(weight), x, value)
+            seen.append(b.fmul(value, load(b, self.own_scales, k)))
+            store(b, seen[k], own_s, k)
+        _add_products(b, b.gep(self.slope_sums, [each.index]), seen, left)
+        row = b.gep(self.product_sums, [b.mul(each.index, self.q)])
+        pairs = Loop(b, b.add(each.index, I64(1)), [], "pairs")
+        other_s = self.row(self.slopes_s, pairs.index, self.k_count)
+        others = [load(b, other_s, k) for k in range(self.k_count)]
+        _add_products(b, b.gep(row, [pairs.index]), seen, others)
+        pairs.close([])
+        slope = {place: load(b, own_d, n) for n, place in enumerate(_slope_places(layout))}
+        for i, value in enumerate(_next_slope(b, layout, phi, slope, state, slope_x, drive)):
+            store(b, value, own_x, i)
+        each.close([])
 
 
 def _add_products(b: ir.IRBuilder, place: ir.Value, ones: Values, others: Values) -> None:
@@ -175,9 +209,7 @@ def _slope_values(b: ir.IRBuilder, layout: Layout, e: ir.Value) -> Values:
     return found
 
 
-def _entries(
-    b: ir.IRBuilder, layout: Layout, e: ir.Value
-) -> tuple[dict[tuple[int, int], ir.Value], dict[tuple[int, int], ir.Value]]:
+def _entries(b: ir.IRBuilder, layout: Layout, e: ir.Value) -> tuple[Entries, Entries]:
     """Phi with its inputs' columns, and their derivatives, from the tangent's exponential."""
     x, size, reach = layout.n_states // 2, layout.size, layout.reach
     phi = {}
@@ -193,8 +225,8 @@ def _entries(
 def _next_slope(
     b: ir.IRBuilder,
     layout: Layout,
-    phi: dict[tuple[int, int], ir.Value],
-    slope: dict[tuple[int, int], ir.Value],
+    phi: Entries,
+    slope: Entries,
     state: Values,
     slope_x: Values,
     drive: Values,

@@ -186,6 +186,7 @@ def _summary(
 ) -> str:
     paragraphs = [
         f"# {config.name}",
+        *_listed_if(words.unbelievable(residual_words.reasons(left))),
         tables.as_markdown(rows).rstrip(),
         "`dev. %` is the deviation of the posterior mean from the nominal value "
         f"({config.nominal.table}); `shrinkage` is one minus the ratio of the posterior's to the "  # type: ignore[attr-defined]
@@ -196,6 +197,7 @@ def _summary(
         *_judged(config, judged, converged=sampled.convergence.converged),
         "## Maximum of the posterior (MAP)",
         _listed(words.mode(mode)),
+        *_listed_if(words.maxima(mode, sampled)),
         "## Convergence",
         _listed(words.convergence(sampled)),
     ]
@@ -222,6 +224,10 @@ def _judged(config: records.Config, judged: Judgement | None, *, converged: bool
 
 def _listed(text: str) -> str:
     return "\n".join(f"- {line.strip().removeprefix('- ')}" for line in text.splitlines())
+
+
+def _listed_if(text: str) -> list[str]:
+    return [_listed(text)] if text else []
 
 
 def _attributes(config: records.Config, sampled: Sampled) -> dict[str, object]:

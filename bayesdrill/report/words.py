@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from bayesdrill import physics
 from bayesdrill.build import Problem
 from bayesdrill.config import Config
@@ -53,6 +55,31 @@ def _findings(problem: Problem, config: Config) -> str:
     """What makes the nominal table doubtful before anything is sampled."""
     found = physics.of_nominal(config, problem)
     return "".join(f"\nnominal values, {finding}" for finding in found)
+
+
+def maxima(found: Mode, sampled: Sampled) -> str:
+    """Where the posterior has several maxima, and how much of it each holds; empty for one."""
+    if not found.others or sampled.held is None:
+        return ""
+    weights = sampled.held
+    names = [
+        name
+        for name, x in found.values.items()
+        if any(_apart(other.values[name], x) for other in found.others)
+    ][:MOST_NAMED]
+    lines = [f"{len(weights)} maxima of the posterior, between which the walkers pass:"]
+    for one, weight in zip(found.maxima, weights, strict=True):
+        places = ", ".join(f"{name} {one.values[name]:.4g}" for name in names)
+        lines.append(f"  {weight:.1%} of the draws belong to the one at {places}")
+    return "\n".join(lines)
+
+
+def unbelievable(reasons: Sequence[str]) -> str:
+    """Why a posterior that converged must not be believed; empty where it may be."""
+    if not reasons:
+        return ""
+    lines = ["DO NOT BELIEVE these numbers, though the ensembles converged:"]
+    return "\n".join([*lines, *(f"  - {reason}" for reason in reasons)])
 
 
 MOST_NAMED = 4  # unknowns, of a maximum elsewhere

@@ -191,7 +191,7 @@ def _posterior(
     found = mode.search(target, nelder_mead.maximise, EVALUATIONS, truth)
     with Crew(target, 1) as alone:
         start = target.space.vector(found.end)
-        sampled = sample(alone, target, start, plan, Memory(), Silent())
+        sampled = sample(alone, target, start[None], plan, Memory(), Silent())
     draws = sampled.draws.reshape(-1, len(truth))
     return draws.mean(axis=0), draws.std(axis=0, ddof=1), sampled.convergence.converged
 

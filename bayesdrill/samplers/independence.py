@@ -42,12 +42,11 @@ class Proposal:
         have = 0
         found: list[tuple[Array, Array]] = []
         for attempt in range(MOST_REDRAWS):
-            u, log_q = self.mixture.draw(int(1.2 * (n - have) / self.share) + 8, random)
+            drawn = self.mixture.draw(int(1.2 * (n - have) / self.share) + 8, random)
             if attempt < MOST_REDRAWS - 1:
-                good = inside(u)
-                u, log_q = u[good], log_q[good]
-            found.append((u, log_q))
-            have += len(u)
+                drawn = drawn.those(inside(drawn.u))
+            found.append((drawn.u, self.mixture.log_density_of(drawn)))
+            have += len(drawn.u)
             if have >= n:
                 break
         return tuple(np.concatenate(parts)[:n] for parts in zip(*found, strict=True))  # type: ignore[return-value]

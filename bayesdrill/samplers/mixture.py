@@ -8,6 +8,7 @@ cuts off, which is the same for all of it).
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,8 +19,21 @@ from bayesdrill.samplers.ridge import Ridge
 Array = NDArray[np.float64]
 Inside = Callable[[Array], NDArray[np.bool_]]
 
+FILL = 0.8  # of what the prior cuts off: with all of it, nine of ten draws would be cut off in a corner
 FLOOR = 1e-4  # of the variance of all draws of a sheet, added to that of its components
 LOG_2PI = float(np.log(2.0 * np.pi))
+
+
+@dataclass(frozen=True, slots=True)
+class Drawn:
+    """`u (n, D)`, log |du / dy| `(n,)` and `y (n, D)`, each on the sheet that it was drawn on."""
+
+    u: Array
+    jacobian: Array
+    y: Array
+
+    def those(self, good: NDArray[np.bool_]) -> Drawn:
+        return Drawn(self.u[good], self.jacobian[good], self.y[good])
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,20 +51,26 @@ class Mixture:
     inverses: Array
     constants: Array
 
-    def draw(self, n: int, random: np.random.RandomState) -> tuple[Array, Array]:
-        """`(n, D)` of u, inside the prior or not, and their log density `(n,)`."""
+    def draw(self, n: int, random: np.random.RandomState) -> Drawn:
+        """`n` draws, inside the prior or not."""
         chosen = np.searchsorted(np.cumsum(self.weights)[:-1], random.random_sample(n))
         normal = random.standard_normal((n, self.means.shape[1]))
         y, u, jacobian = np.empty_like(normal), np.empty_like(normal), np.empty(n)
         for k, (mean, root) in enumerate(zip(self.means, self.roots, strict=True)):
-            mine = chosen == k
+            mine = np.flatnonzero(chosen == k)
             y[mine] = mean + normal[mine] @ root.T
-        for s, ridge in enumerate(self.sheets):
-            mine = self.sheet[chosen] == s
-            u[mine], jacobian[mine] = ridge.bend(y[mine])
         if len(self.sheets) == 1:
-            return u, _summed(self.log_parts(y[None], jacobian[None]))
-        return u, self.log_density(u)
+            return Drawn(*self.sheets[0].bend(y), y)
+        for s, ridge in enumerate(self.sheets):
+            mine = np.flatnonzero(self.sheet[chosen] == s)
+            u[mine], jacobian[mine] = ridge.bend(y[mine])
+        return Drawn(u, jacobian, y)
+
+    def log_density_of(self, drawn: Drawn) -> Array:
+        """Of draws of its own, whose coordinates on a single sheet are known already: `(n,)`."""
+        if len(self.sheets) == 1:
+            return _summed(self.log_parts(drawn.y[None], drawn.jacobian[None]))
+        return self.log_density(drawn.u)
 
     def widened(self, factor: float) -> Mixture:
         """With every component as many times wider, and equal shares for the sheets."""
@@ -113,11 +133,11 @@ def fitted(
     y, jacobian = start.straightened(u)
     floors = [_floor(y[s], weights, found) for s in range(len(start.sheets))]
     for _ in range(rounds):
-        drawn, _ = found.draw(len(u), random)
+        drawn = found.draw(len(u), random).u
         out = ~inside(drawn)
         share = max(1.0 - float(out.mean()), 1.0 / len(u))
         y_out, jacobian_out = found.straightened(drawn[out])
-        every = np.concatenate([weights, np.full(int(out.sum()), 1.0 / (share * len(u)))])
+        every = np.concatenate([weights, np.full(int(out.sum()), FILL / (share * len(u)))])
         points = np.concatenate([y, y_out], axis=1)
         jacobians = np.concatenate([jacobian, jacobian_out], axis=1)
         found = _step(found, points, jacobians, every, floors)
@@ -141,7 +161,8 @@ def _step(
         means[k] = shares[k] @ points / total
         off = points - means[k]
         covariance = (off * shares[k][:, None]).T @ off / total
-        roots[k] = np.linalg.cholesky(covariance + floors[found.sheet[k]])
+        with suppress(np.linalg.LinAlgError):  # of one draw that outweighs all others
+            roots[k] = np.linalg.cholesky(covariance + floors[found.sheet[k]])
     return mixture(found.sheets, found.sheet, np.maximum(totals, 1e-12), means, roots)
 
 

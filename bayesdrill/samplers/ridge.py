@@ -24,39 +24,37 @@ Indices = NDArray[np.intp]
 
 @dataclass(frozen=True, slots=True)
 class Powers:
-    """Monomials of `n` variables up to `degree`, each the product of one before it and a variable.
+    """Monomials of `n` variables up to `degree`: 1, and then each that stands before times a variable.
 
-    `levels`: for each degree from 1 on, (columns of the degree before, variables).
+    `products`: (monomial, variable) of all but the first.
     """
 
     n: int
     degree: int
-    levels: tuple[tuple[Indices, Indices], ...]
+    products: tuple[tuple[int, int], ...]
 
     @property
     def terms(self) -> int:
-        return 1 + sum(len(columns) for columns, _ in self.levels)
+        return 1 + len(self.products)
 
     def of(self, x: Array) -> Array:
         """`(n, W) -> (terms, W)`."""
         rows = np.empty((self.terms, x.shape[1]))
         rows[0] = 1.0
-        begin, end = 0, 1
-        for columns, variables in self.levels:
-            following = end + len(columns)
-            np.multiply(rows[begin:end][columns], x[variables], out=rows[end:following])
-            begin, end = end, following
+        for row, (before, variable) in enumerate(self.products, start=1):
+            np.multiply(rows[before], x[variable], out=rows[row])
         return rows
 
 
 def powers(n: int, degree: int) -> Powers:
-    levels: list[tuple[Indices, Indices]] = []
-    last = [0]  # the largest variable in each monomial of the degree before
+    products: list[tuple[int, int]] = []
+    last = [(0, 0)]  # each monomial of the degree before, and the largest variable in it
     for _ in range(degree if n else 0):
-        pairs = [(c, v) for c, largest in enumerate(last) for v in range(largest, n)]
-        levels.append((np.array([c for c, _ in pairs]), np.array([v for _, v in pairs])))
-        last = [v for _, v in pairs]
-    return Powers(n, degree, tuple(levels))
+        begin = 1 + len(products)
+        pairs = [(m, v) for m, largest in last for v in range(largest, n)]
+        products += pairs
+        last = [(begin + k, v) for k, (_, v) in enumerate(pairs)]
+    return Powers(n, degree, tuple(products))
 
 
 @dataclass(frozen=True, slots=True)

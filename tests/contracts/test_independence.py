@@ -1,4 +1,4 @@
-"""The learnt proposal: exact whatever it has learnt, and good where it should be.
+"""The independence proposal: exact whatever it is made of, and good where it should be.
 
 The exact test is that of `test_moves.py`: walkers that start i.i.d. from the target stay so.
 """
@@ -8,153 +8,49 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import scipy.stats
-from targets import TARGETS
+from proposals import over, rough
+from targets import TARGETS, Target
 
-from bayesdrill.samplers import independence, shear
-from bayesdrill.samplers.ensemble import State, advance, everywhere
-from bayesdrill.samplers.independence import Proposal, expected_acceptance, learn
+from bayesdrill.samplers import independence
+from bayesdrill.samplers.ensemble import Piece, State, advance
+from bayesdrill.samplers.independence import Proposal, acceptance
+from bayesdrill.samplers.mixture import Mixture, fitted, mixture
+from bayesdrill.samplers.ridge import fit, frame
 
 FAIL = 1e-6
+STEPS = 20
 ALONE = {"independence": 1.0}
+TWO = {name: TARGETS[name] for name in ("wild", "bent", "cut", "boxed", "humps")}
+CUT = TARGETS["cut"]
 
 
-class Bent:
-    """A skewed loose coordinate, and a tight one that is a quadratic of it: far off the origin.
+def walked(target: Target, d: int, proposal: Proposal, steps: int = STEPS) -> Piece:
+    z = target.draw(4000, d, np.random.default_rng(50 + d))
+    state = State(z, target.log_density(z), np.random.RandomState(50 + d).get_state())
+    evaluate = lambda z: (target.log_density(z), 0)  # noqa: E731
+    return advance(evaluate, state, steps, ALONE, proposal, target.inside)
 
-    Cut off on both sides of the loose coordinate, as a prior does.
+
+@pytest.mark.parametrize("d", [2, 5, 9])
+@pytest.mark.parametrize("target", TWO.values(), ids=TWO)
+def test_target_is_kept_exactly_over_two_ridges(target: Target, d: int) -> None:
+    """Ridges in units of their own, the draws of one likely on the other or never.
+
+    Mutants killed: the weights of components left out of the density, the volume of a basis
+    forgotten, draws cut off in the order of their components, densities beside their points.
     """
-
-    low, high, bend, tightness = 0.5, 2.5, 0.3, 0.02
-    loose = scipy.stats.gamma(2.0)
-
-    def draw(self, n: int, rng: np.random.Generator) -> np.ndarray:
-        share = self.loose.cdf(self.low) + rng.random(n) * self._mass()
-        x = self.loose.ppf(share)
-        return np.stack(
-            [x, 40.0 + self.bend * x**2 + self.tightness * rng.standard_normal(n)], axis=-1
-        )
-
-    def inside(self, z: np.ndarray) -> np.ndarray:
-        return (z[:, 0] > self.low) & (z[:, 0] < self.high)
-
-    def log_density(self, z: np.ndarray) -> np.ndarray:
-        off = (z[:, 1] - 40.0 - self.bend * z[:, 0] ** 2) / self.tightness
-        with np.errstate(invalid="ignore"):
-            return np.where(self.inside(z), self.loose.logpdf(z[:, 0]) - 0.5 * off**2, -np.inf)
-
-    def p_values(self, z: np.ndarray) -> list[float]:
-        share = (self.loose.cdf(z[:, 0]) - self.loose.cdf(self.low)) / self._mass()
-        off = (z[:, 1] - 40.0 - self.bend * z[:, 0] ** 2) / self.tightness
-        return [scipy.stats.kstest(share, "uniform").pvalue, scipy.stats.kstest(off, "norm").pvalue]
-
-    def _mass(self) -> float:
-        return float(self.loose.cdf(self.high) - self.loose.cdf(self.low))
-
-
-BENT = Bent()
-
-
-def bent_proposal(n: int = 2000) -> Proposal:
-    draws = BENT.draw(n, np.random.default_rng(2))
-    return learn(draws, BENT.inside, np.random.RandomState(3))
-
-
-def walked(proposal: Proposal, n: int = 4000, steps: int = 30):
-    z = BENT.draw(n, np.random.default_rng(5))
-    state = State(z, BENT.log_density(z), np.random.RandomState(6).get_state())
-    evaluate = lambda z: (BENT.log_density(z), 0)  # noqa: E731
-    return advance(evaluate, state, steps, ALONE, proposal, BENT.inside)
-
-
-def test_a_bent_target_that_is_cut_off_is_kept_exactly() -> None:
-    """Mutants killed: a density of the bent instead of the straight point; a draw cut unevenly."""
-    assert min(BENT.p_values(walked(bent_proposal()).state.z)) > FAIL
-
-
-def test_a_proposal_learnt_from_something_else_is_exact_too() -> None:
-    draws = BENT.draw(2000, np.random.default_rng(2)) + np.array([0.3, 0.5])
-    proposal = learn(draws, BENT.inside, np.random.RandomState(3))
-    assert min(BENT.p_values(walked(proposal, steps=100).state.z)) > FAIL
-
-
-def test_a_bend_is_taken_out() -> None:
-    """Mutant killed: the quadratic left out (acceptance 0.5)."""
-    piece = walked(bent_proposal())
-    assert piece.accepted.mean() / len(piece.z) > 0.85
-
-
-def test_what_the_prior_cuts_off_is_filled_up() -> None:
-    """A density that fills a box; mutant killed: no filling up (acceptance 0.63)."""
-    draws = np.random.default_rng(0).uniform(2.0, 3.0, (3000, 4))
-
-    def inside(z: np.ndarray) -> np.ndarray:
-        return ((z > 2.0) & (z < 3.0)).all(axis=1)
-
-    proposal = learn(draws, inside, np.random.RandomState(1))
-    flat = lambda z: np.where(inside(z), 0.0, -np.inf)  # noqa: E731
-    random = np.random.RandomState(2)
-    assert expected_acceptance(proposal, flat, inside, draws, flat(draws), random) > 0.73
+    piece = walked(target, d, rough(target, d, 2))
+    assert 0.03 < piece.accepted.mean() / STEPS < 0.95
+    assert target.p_values(piece.state.z).min() > FAIL
 
 
 def test_redraws_that_run_out_keep_the_target(monkeypatch: pytest.MonkeyPatch) -> None:
     """Draws outside the prior are then proposed, and never accepted."""
     monkeypatch.setattr(independence, "MOST_REDRAWS", 1)
-    piece = walked(bent_proposal())
-    assert BENT.inside(piece.z.reshape(-1, 2)).all()
-    assert min(BENT.p_values(piece.state.z)) > FAIL
-
-
-def test_shear_goes_back_and_keeps_volumes() -> None:
-    straight = shear.fit(BENT.draw(2000, np.random.default_rng(2)))
-    assert list(straight.loose) == [0]
-    z = BENT.draw(50, np.random.default_rng(3)) + np.array([0.1, -0.7])
-    assert np.allclose(straight.bend(straight.straighten(z)), z, rtol=1e-12)
-    for point in z[:5]:
-        shifts = 1e-5 * straight.scale[:, None] * np.eye(2)
-        columns = straight.straighten(point + shifts) - straight.straighten(point - shifts)
-        jacobian = columns.T / (2e-5 * straight.scale)
-        assert np.linalg.det(jacobian) * straight.scale.prod() == pytest.approx(1.0, rel=1e-6)
-
-
-def test_a_straight_target_is_left_straight() -> None:
-    draws = np.random.default_rng(4).multivariate_normal(
-        [3.0, -1.0], [[4.0, 1.0], [1.0, 0.3]], 2000
-    )
-    assert len(shear.fit(draws).loose) == 0
-
-
-def test_mixture_is_a_normalised_density_that_its_draws_follow() -> None:
-    proposal = bent_proposal()
-    mixture, random = proposal.mixture, np.random.RandomState(4)
-    y = mixture.draw(100_000, random)
-    side = np.linspace(-12, 12, 1201)
-    grid = np.stack(np.meshgrid(side, side), axis=-1).reshape(-1, 2)
-    density = np.exp(mixture.log_density(grid))
-    cell = (side[1] - side[0]) ** 2
-    assert density.sum() * cell == pytest.approx(1.0, abs=1e-3)
-    mean = (density[:, None] * grid).sum(axis=0) * cell
-    assert y.mean(axis=0) == pytest.approx(mean, abs=0.02)
-    variance = (density[:, None] * (grid - mean) ** 2).sum(axis=0) * cell
-    assert y.std(axis=0) == pytest.approx(np.sqrt(variance), rel=0.02)
-
-
-def test_learning_is_reproducible_and_survives_few_draws() -> None:
-    draws = TARGETS["wild"].draw(500, 5, np.random.default_rng(1))
-    one, two = (learn(draws, everywhere, np.random.RandomState(7)) for _ in range(2))
-    assert np.array_equal(one.mixture.means, two.mixture.means)
-    assert np.array_equal(one.mixture.roots, two.mixture.roots)
-    few = learn(draws[:40], everywhere, np.random.RandomState(7))
-    assert len(few.mixture.weights) == 2  # one that is fitted, and the wide one
-
-
-def test_expected_acceptance_is_that_of_the_move() -> None:
-    proposal = bent_proposal()
-    z = BENT.draw(4000, np.random.default_rng(8))
-    expected = expected_acceptance(
-        proposal, BENT.log_density, BENT.inside, z, BENT.log_density(z), np.random.RandomState(2)
-    )
-    piece = walked(proposal)
-    assert piece.accepted.mean() / len(piece.z) == pytest.approx(expected, abs=0.02)
+    few = Proposal(rough(CUT, 5).mixture, 1.0)
+    piece = walked(CUT, 5, few)
+    assert CUT.inside(piece.z.reshape(-1, 5)).all()
+    assert CUT.p_values(piece.state.z).min() > FAIL
 
 
 def test_a_forgotten_proposal_density_is_found_out() -> None:
@@ -162,8 +58,83 @@ def test_a_forgotten_proposal_density_is_found_out() -> None:
 
     class Forgetful:
         def propose(self, z, inside, random):
-            fresh, factor = bent.propose(z, inside, random)
+            fresh, factor = rough(CUT, 2).propose(z, inside, random)
             return fresh, np.zeros_like(factor)
 
-    bent = bent_proposal()
-    assert min(BENT.p_values(walked(Forgetful()).state.z)) < FAIL
+    assert CUT.p_values(walked(CUT, 2, Forgetful()).state.z).min() < FAIL
+
+
+def test_acceptance_foreseen_is_that_of_the_move() -> None:
+    """From draws of the proposal alone, before any walker takes a step."""
+    proposal = rough(CUT, 5)
+    u, log_q = proposal.draw(40_000, CUT.inside, np.random.RandomState(2))
+    assert CUT.inside(u).all()
+    weights = np.exp(CUT.log_density(u) - log_q)
+    piece = walked(CUT, 5, proposal)
+    assert acceptance(weights) == pytest.approx(piece.accepted.mean() / STEPS, abs=0.02)
+
+
+def bent_mixture() -> Mixture:
+    """Two ridges in the plane, each with a root that changes along it; unequal weights."""
+    rng = np.random.default_rng(1)
+    psi = rng.normal(0.0, 2.0, (200, 1))
+    turned = np.array([[0.8, -0.3], [0.5, 0.6]])
+    sheets = []
+    for centre, bend in (([1.0, 2.0], 0.3), ([-2.0, 0.0], -0.2)):
+        roots = 0.4 * np.exp(0.5 * psi)[:, :, None]
+        base = frame(np.array(centre), (1.0 + bend) * turned, 1)
+        sheets.append(fit(base, psi, bend * psi**2, roots, 2, 1))
+    means = np.array([[0.0, 0.0], [1.0, 0.3], [-0.5, 0.0]])
+    roots = np.array(
+        [[[0.7, 0.0], [0.3, 1.0]], [[0.4, 0.0], [0.0, 1.2]], [[0.9, 0.0], [-0.2, 0.8]]]
+    )
+    return mixture(sheets, [0, 0, 1], np.array([0.6, 0.1, 0.3]), means, roots)
+
+
+def test_a_mixture_is_a_normalised_density_that_its_draws_follow() -> None:
+    """On a grid.  Mutants killed: the weights, the Jacobian or the volume left out of the density."""
+    found = bent_mixture()
+    edges = [np.linspace(-8.0, 7.0, 751), np.linspace(-5.0, 9.0, 751)]
+    middles = [0.5 * (one[1:] + one[:-1]) for one in edges]
+    grid = np.stack(np.meshgrid(*middles, indexing="ij"), axis=-1)
+    density = np.exp(found.log_density(grid.reshape(-1, 2))).reshape(750, 750)
+    mass = density * np.prod([one[1] - one[0] for one in edges])
+    assert mass.sum() == pytest.approx(1.0, abs=1e-4)
+    u = found.draw(40_000, np.random.RandomState(4)).u
+    coarse = mass.reshape(25, 30, 25, 30).sum(axis=(1, 3))
+    counts, *_ = np.histogram2d(*u.T, bins=[one[::30] for one in edges])
+    often = coarse * len(u) > 5
+    expected = np.append(coarse[often], 1.0 - coarse[often].sum()) * len(u)
+    seen = np.append(counts[often], len(u) - counts[often].sum())
+    assert scipy.stats.chisquare(seen, expected).pvalue > FAIL
+
+
+def test_what_the_prior_cuts_off_is_filled_up() -> None:
+    """A density that fills a box; mutant killed: no filling up (acceptance 0.55)."""
+
+    def inside(z: np.ndarray) -> np.ndarray:
+        return ((z > 2.0) & (z < 3.0)).all(axis=1)
+
+    d = 4
+    draws = np.random.default_rng(0).uniform(2.0, 3.0, (3000, d))
+    none = np.zeros((1, 0))
+    base = fit(
+        frame(np.full(d, 2.5), np.eye(d), d), np.zeros((1, d)), none, np.zeros((1, 0, 0)), 0, 0
+    )
+    start = mixture([base], [0], np.ones(1), np.zeros((1, d)), 0.3 * np.eye(d)[None])
+    equal = np.full(len(draws), 1.0 / len(draws))
+    found = fitted(start, draws, equal, inside, 25, np.random.RandomState(1))
+    _, log_q = Proposal(found, 0.3).draw(10_000, inside, np.random.RandomState(2))
+    assert acceptance(np.exp(-log_q)) > 0.65
+
+
+def test_a_wider_mixture_has_equal_shares_of_its_ridges() -> None:
+    """Where ensembles start: mutant killed: the shares that have been found, or guessed, kept."""
+    found = over(TARGETS["humps"], 3, 2)
+    wide = found.widened(1.5)
+    drawn = wide.draw(20_000, np.random.RandomState(5)).u
+    assert TARGETS["humps"].hump(drawn).mean() == pytest.approx(0.5, abs=0.02)
+    y, _ = wide.sheets[0].straighten(drawn[TARGETS["humps"].hump(drawn) == 0])
+    own = wide.sheets[0].straighten(found.draw(20_000, np.random.RandomState(6)).u)[0]
+    own = own[TARGETS["humps"].hump(wide.sheets[0].bend(own)[0]) == 0]
+    assert y.std(axis=0) == pytest.approx(1.5 * own.std(axis=0), rel=0.1)

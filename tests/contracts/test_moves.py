@@ -2,75 +2,97 @@
 
 No chain has to converge and no error has to be estimated: after any number of steps of a correct
 kernel the walkers of one ensemble are still independent draws, so a Kolmogorov-Smirnov test is
-exact.  Mutants killed: the Hastings factor dropped or off by one power, emcee 3.1.6's snooker.
+exact.  Mutants killed: a Hastings factor dropped or off by one power, emcee 3.1.6's snooker, the
+Jacobian of a ridge forgotten, its root taken at another point on the way back.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 import emcee
 import numpy as np
 import pytest
+from proposals import rough
 from targets import TARGETS, Target
 
 from bayesdrill.config import SamplerSpec
-from bayesdrill.samplers.ensemble import State, advance, everywhere
-from bayesdrill.samplers.independence import Proposal, learn
-from bayesdrill.samplers.moves import MOVES
+from bayesdrill.samplers.ensemble import Piece, State, advance, everywhere
+from bayesdrill.samplers.independence import Proposal
+from bayesdrill.samplers.moves import MOVES, mixture
 
 FAIL = 1e-6  # one false alarm in a million
 WALKERS = 4000
-STEPS = 60
+STEPS = 20
 
-MIXTURES = {name: {name: 1.0} for name in MOVES} | {"default": SamplerSpec().moves}
+STRAIGHT = {name: TARGETS[name] for name in ("mild", "wild")}
+OTHERS = {name: target for name, target in TARGETS.items() if name != "mild"}
+WITHOUT = [name for name in MOVES if mixture({name: 1.0}, None, everywhere)]
 
 
-def begin(target: Target, d: int, seed: int) -> State:
+def walked(
+    target: Target,
+    d: int,
+    moves: Mapping[str, float],
+    proposal: Proposal | None,
+    steps: int = STEPS,
+) -> Piece:
+    """From i.i.d. draws."""
+    z = target.draw(WALKERS, d, np.random.default_rng(100 + d))
+    state = State(z, target.log_density(z), np.random.RandomState(100 + d).get_state())
+    evaluate = lambda z: (target.log_density(z), 0)  # noqa: E731
+    return advance(evaluate, state, steps, moves, proposal, target.inside)
+
+
+def through(move: Callable[[], emcee.moves.Move], target: Target, d: int, seed: int) -> np.ndarray:
+    """Where emcee alone brings the walkers with one move."""
     z = target.draw(WALKERS, d, np.random.default_rng(seed))
     random = np.random.RandomState(seed).get_state()
-    return State(z, target.log_density(z), random)
-
-
-def rough_proposal(target: Target, d: int) -> Proposal:
-    """Learnt from draws that are shifted: a proposal need not be good to be exact."""
-    draws = target.draw(2000, d, np.random.default_rng(9)) + 0.2 * np.array(target.scales[:d])
-    return learn(draws, everywhere, np.random.RandomState(3))
-
-
-def through(
-    move: Callable[[], emcee.moves.Move], target: Target, d: int, seed: int, steps: int = STEPS
-) -> np.ndarray:
-    """Where emcee alone brings the walkers with one move."""
-    state = begin(target, d, seed)
     sampler = emcee.EnsembleSampler(WALKERS, d, target.log_density, moves=move(), vectorize=True)
-    start = emcee.State(state.z, log_prob=state.log_p, random_state=state.random)
-    return sampler.run_mcmc(start, steps, skip_initial_state_check=True).coords
+    start = emcee.State(z, log_prob=target.log_density(z), random_state=random)
+    return sampler.run_mcmc(start, 2 * STEPS, skip_initial_state_check=True).coords
 
 
-@pytest.mark.parametrize("target", TARGETS.values(), ids=TARGETS)
-def test_draws_of_the_targets_follow_their_densities(target: Target) -> None:
-    for d in (2, 3, 5):
-        assert target.p_values(target.draw(WALKERS, d, np.random.default_rng(d))).min() > 1e-3
+@pytest.mark.parametrize("name", TARGETS)
+def test_draws_of_the_targets_follow_their_densities(name: str) -> None:
+    target = TARGETS[name]
+    for d in (2, 5, 9):
+        x = target.draw(WALKERS, d, np.random.default_rng(d))
+        assert target.p_values(x).min() > 1e-3
+        assert target.inside(x).all()
+    if name in ("cut", "boxed"):
+        return  # what is moved there leaves the support
     # Importance weights between the density and itself moved a little average to one.
     x = target.draw(200_000, 2, np.random.default_rng(1))
-    shift = 0.1 * np.array(target.scales[:2])
+    shift = 0.02 * np.array(target.scales[:2])
     weights = np.exp(target.log_density(x + shift) - target.log_density(x))
     assert weights.mean() == pytest.approx(1.0, abs=5 * weights.std() / np.sqrt(len(x)))
 
 
-@pytest.mark.parametrize("d", [2, 3, 5])
-@pytest.mark.parametrize("target", TARGETS.values(), ids=TARGETS)
-@pytest.mark.parametrize("name", MIXTURES)
+@pytest.mark.parametrize("d", [2, 5, 9])
+@pytest.mark.parametrize("target", OTHERS.values(), ids=OTHERS)
+@pytest.mark.parametrize("name", MOVES)
 def test_target_is_kept_exactly(name: str, target: Target, d: int) -> None:
-    piece = advance(
-        lambda z: (target.log_density(z), 0),
-        begin(target, d, 100 + d),
-        STEPS,
-        MIXTURES[name],
-        rough_proposal(target, d),
-    )
-    assert 0.05 < piece.accepted.mean() / STEPS < 0.95
+    """Every move, along a ridge or over it: bent, in units of its own, unlike the target."""
+    piece = walked(target, d, {name: 1.0}, rough(target, d))
+    assert 0.03 < piece.accepted.mean() / STEPS < 0.95
+    assert target.p_values(piece.state.z).min() > FAIL
+
+
+@pytest.mark.parametrize("d", [2, 5, 9])
+@pytest.mark.parametrize("target", STRAIGHT.values(), ids=STRAIGHT)
+@pytest.mark.parametrize("name", WITHOUT)
+def test_target_is_kept_exactly_where_nothing_has_been_learnt(
+    name: str, target: Target, d: int
+) -> None:
+    piece = walked(target, d, {name: 1.0}, None)
+    assert 0.03 < piece.accepted.mean() / STEPS < 0.95
+    assert target.p_values(piece.state.z).min() > FAIL
+
+
+@pytest.mark.parametrize("target", TARGETS.values(), ids=TARGETS)
+def test_the_default_mixture_keeps_the_target_exactly(target: Target) -> None:
+    piece = walked(target, 5, SamplerSpec().moves, rough(target, 5, 2))
     assert target.p_values(piece.state.z).min() > FAIL
 
 
@@ -99,10 +121,12 @@ WRONG = [
 @pytest.mark.parametrize(("wrong", "d"), WRONG, ids=lambda x: getattr(x, "__name__", x))
 def test_a_wrong_move_is_found_out(wrong: type[emcee.moves.Move], d: int) -> None:
     """The exact test has the power that it claims; emcee 3.1.6's snooker move fails it."""
-    found = [t.p_values(through(wrong, t, d, 200 + d)).min() for t in TARGETS.values()]
-    assert min(found) < FAIL
+    assert any(
+        target.p_values(through(wrong, target, d, 200 + d)).min() < FAIL
+        for target in STRAIGHT.values()
+    )
 
 
 def test_the_snooker_move_is_not_registered() -> None:
-    made = [make(rough_proposal(TARGETS["mild"], 2), everywhere) for make in MOVES.values()]
+    made = [make(rough(TARGETS["mild"], 2), everywhere) for make in MOVES.values()]
     assert not any(isinstance(move, emcee.moves.DESnookerMove) for move in made)

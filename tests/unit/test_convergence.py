@@ -8,7 +8,7 @@ import pytest
 import scipy.stats
 from chains import ar1
 
-from bayesdrill.convergence import Targets, assess, autocorrelation_time, thinned
+from bayesdrill.convergence import Targets, assess, autocorrelation_time, futile, thinned
 from bayesdrill.diagnostics import HDI_PROBABILITY, hdi
 
 TARGETS = Targets(r_hat=1.01, n_tau=50, ess=1000)
@@ -63,6 +63,42 @@ def test_effective_draws_of_independent_ones_are_their_number() -> None:
     found = assess(ar1((4, 700, 10, 1), 0.0), ("a",), TARGETS)
     kept = 4 * 10 * (found.steps - found.burn_in) / found.thin
     assert found.ess_bulk[0] == pytest.approx(kept, rel=0.1)
+
+
+def test_walkers_that_remember_their_last_draw_have_no_more_effective_ones() -> None:
+    """Draws are thinned by tau or by a quarter of the steps, whatever is less: here by far less.
+
+    ArviZ takes the walkers of an ensemble for a series, in which neighbours are independent.
+    Mutant killed: its number taken for all walkers, thousands of draws of which hundreds count.
+    """
+    rho, walkers, steps = 0.98, 64, 300
+    found = assess(ar1((4, steps, walkers, 1), rho), ("a",), TARGETS)
+    assert found.thin < found.tau[0]
+    kept = steps - found.burn_in
+    true = 4 * walkers * kept * (1 - rho) / (1 + rho)
+    assert found.ess_bulk[0] < 2 * true
+    assert found.ess_tail[0] <= 4 * walkers * kept / found.thin
+
+
+@pytest.mark.parametrize(
+    ("trail", "says"),
+    [
+        ([(200, 8), (400, 16), (1000, 41)], None),  # on its way: tau is constant
+        ([(200, 8), (400, 8.5), (800, 9)], None),  # too early to say
+        ([(500, 9), (1000, 10)], "tau grows with the chain, 56 steps after 500 and 100 after 1000"),
+        ([(500, 50), (1000, 51)], None),  # nothing is missing
+        ([(500, 1.0), (1000, 2.0)], "about 25000 steps, more than sampler.max_steps (20000)"),
+        ([(500, 1.3), (1000, 2.6)], None),  # 19231 steps would do
+        ([(600, 9), (1000, 10)], None),  # no check at half of the steps or less to compare with
+    ],
+)
+def test_runs_that_more_steps_would_not_help_are_given_up(
+    trail: list[tuple[int, float]], says: str | None
+) -> None:
+    """Mutants killed: given up before it can be told; never; what is enough given up."""
+    found = futile(trail, wanted=50, most=20_000)
+    assert (says in found) if says else found == ""
+    assert not found or found.startswith("stopped early: ")
 
 
 def test_thinning_keeps_time_and_ensembles_apart() -> None:

@@ -1,50 +1,62 @@
-"""Round trips and Jacobians of all coordinates."""
+"""Coordinates of the walkers, some of them logs: round trips and Jacobians."""
 
 from __future__ import annotations
 
-import itertools
+import dataclasses
 
 import numpy as np
 import pytest
 import scipy.integrate
-from oracles import NOMINAL, ORDER
-from rigs import vector
+from oracles import NOMINAL
+from rigs import measured, posterior, vector
 
-from bayesdrill.coordinates import COORDINATES, Coordinates, choose
-from bayesdrill.formulas import Monomial
-from bayesdrill.models.motor_shaft import MotorShaft
-from bayesdrill.priors import HalfNormal, LogNormal, Prior, TruncatedNormal, Uniform
+from bayesdrill.coordinates import Coordinates
+from bayesdrill.priors import PRIORS, HalfNormal, LogNormal, Prior, TruncatedNormal, Uniform
 
-CHART = MotorShaft().chart(8.0, ORDER, {})
-N_EXTRA = 2  # unknowns beyond the nine, such as noise levels
+NAMES = ("log", "linear", "mixed")
+N = 11  # nine parameters and two noise levels
 
 
-def make(name: str) -> Coordinates:
-    return choose(name, CHART, 9)
+def make(name: str, n: int = N) -> Coordinates:
+    return Coordinates(tuple(name == "log" or (name == "mixed" and d % 3 != 1) for d in range(n)))
 
 
 def points(n: int = 40, width: float = 0.9) -> np.ndarray:
-    """Far apart: friction ratios beyond one half among them."""
+    """Far apart, and of very different sizes."""
     rng = np.random.default_rng(4)
     centre = np.append(vector(NOMINAL), [0.1, 0.3])
-    factors = np.exp(rng.uniform(-width, width, (n, 11)))
+    factors = np.exp(rng.uniform(-width, width, (n, N)))
     factors[: n // 2, 8] *= 40.0
     return centre * factors
 
 
-@pytest.mark.parametrize("name", COORDINATES)
+@pytest.mark.parametrize("name", NAMES)
 def test_there_and_back(name: str) -> None:
-    coordinates = make(name)
-    theta = points()
-    assert np.allclose(coordinates.to_physical(coordinates.from_physical(theta)), theta, rtol=1e-12)
+    """Mutant killed: logs of columns beside those that are meant."""
+    coordinates, theta = make(name), points()
+    z = coordinates.from_physical(theta)
+    assert np.array_equal(z, np.where(coordinates.logs, np.log(theta), theta))
+    assert np.allclose(coordinates.to_physical(z), theta, rtol=1e-14)
 
 
-@pytest.mark.parametrize("name", COORDINATES)
+@pytest.mark.parametrize("name", NAMES)
+def test_nothing_that_goes_in_is_changed(name: str) -> None:
+    """Mutant killed: logs taken in place, of the walkers themselves."""
+    coordinates, theta = make(name), points(3)
+    z = coordinates.from_physical(theta)
+    before = theta.copy(), z.copy()
+    coordinates.from_physical(theta)
+    coordinates.to_physical(z)
+    coordinates.with_jacobian(z)
+    assert np.array_equal(theta, before[0])
+    assert np.array_equal(z, before[1])
+
+
+@pytest.mark.parametrize("name", NAMES)
 def test_jacobian_equals_a_numerical_determinant(name: str) -> None:
-    """Mutant killed: the Jacobian dropped, or a chart that does not keep volume."""
+    """Mutants killed: the Jacobian dropped, or that of all unknowns where some have no logs."""
     coordinates = make(name)
-    theta = points(12)
-    for row in theta:
+    for row in points(12):
         z = coordinates.from_physical(row[None])[0]
         h = 1e-6 * np.maximum(np.abs(z), 1e-3)
         up = coordinates.to_physical(z + np.diag(h))
@@ -52,15 +64,26 @@ def test_jacobian_equals_a_numerical_determinant(name: str) -> None:
         columns = (up - down) / (2 * h[:, None]) / row  # d log theta / dz: well scaled
         _, log_det = np.linalg.slogdet(columns)
         true = log_det + np.log(row).sum()
-        assert coordinates.with_jacobian(z[None])[1][0] == pytest.approx(true, abs=1e-4)
+        theta, log_jacobian = coordinates.with_jacobian(z[None])
+        assert log_jacobian[0] == pytest.approx(true, abs=1e-6)
+        assert theta[0] == pytest.approx(row, rel=1e-12)
 
 
-@pytest.mark.parametrize("name", ["physical", "log"])
+@pytest.mark.parametrize("name", NAMES)
+def test_slopes_are_those_of_differences(name: str) -> None:
+    coordinates, theta = make(name), points(5)
+    z = coordinates.from_physical(theta)
+    h = 1e-6 * np.maximum(np.abs(z), 1e-3)
+    numeric = (coordinates.to_physical(z + h) - coordinates.to_physical(z - h)) / (2 * h)
+    assert coordinates.slopes(theta) == pytest.approx(numeric, rel=1e-7)
+
+
+@pytest.mark.parametrize("name", ["log", "linear"])
 @pytest.mark.parametrize(
     "prior", [Uniform(0.2, 0.9), TruncatedNormal(0.3, 0.4), LogNormal(0.5, 0.6), HalfNormal(0.8)]
 )
 def test_prior_times_jacobian_integrates_to_one(name: str, prior: Prior) -> None:
-    coordinates = make(name)
+    coordinates = make(name, 1)
 
     def density(z: float) -> float:
         theta, log_jacobian = coordinates.with_jacobian(np.array([[z]]))
@@ -74,131 +97,55 @@ def test_prior_times_jacobian_integrates_to_one(name: str, prior: Prior) -> None
     assert total == pytest.approx(1.0, abs=1e-5)
 
 
-def test_modal_coordinates_are_what_they_are_called() -> None:
-    """The steady speed from the two balances, rates from their definitions."""
-    p = NOMINAL
-    z = dict(zip(CHART.labels, make("modal").from_physical(vector(p)[None])[0], strict=True))
-    speed = np.exp(z["log speed"])
-    current = (p["t_f"] + p["c_m"] * speed) / p["k_T"]
-    assert p["k_e"] * speed + p["r_m"] * current == pytest.approx(8.0, rel=1e-12)
-    d = p["c_m"] + p["k_e"] * p["k_T"] / p["r_m"]
-    assert np.exp(z["log rotor"]) == pytest.approx(p["k_s"] / p["j_1"])
-    assert np.exp(z["log shaft"]) == pytest.approx(p["k_s"] / 64 / d)
-    assert np.exp(z["log inertia"]) == pytest.approx(p["j_m"] / d)
-    assert np.exp(z["log electrical"]) == pytest.approx(p["l_m"] / p["r_m"])
-    for name in ("c_m", "t_f", "j_1", "r_m"):
-        assert np.exp(z[f"log {name}"]) == pytest.approx(p[name])
+PARAMETERS: dict[str, dict[str, float]] = {
+    "uniform": {"low": 0.1, "high": 2.0},
+    "log_uniform": {"low": 0.1, "high": 2.0},
+    "normal": {"mean": 1.0, "sd": 0.4},
+    "truncated_normal": {"mean": 1.0, "sd": 0.4, "low": 0.1, "high": 2.0},
+    "log_normal": {"median": 1.0, "sd_log": 0.4},
+    "half_normal": {"scale": 1.0},
+}
 
 
-@pytest.mark.parametrize("size", range(1, 10))
-def test_charts_of_all_sets_of_free_parameters(size: int) -> None:
-    """511 sets: there and back, and the closed-form Jacobian against a numerical determinant.
+@pytest.mark.parametrize("family", PRIORS)
+def test_logs_are_the_scale_unless_zero_itself_has_a_density(family: str) -> None:
+    """Mutant killed: logs of an unknown whose lower end is zero, an endless tail for the walkers."""
+    prior = PRIORS[family](**PARAMETERS[family])
+    at_zero = float(np.exp(prior.logpdf(np.array([1e-12]))[0]))
+    assert prior.in_logs == (at_zero == 0.0)
+    if "low" in PARAMETERS[family] and family != "log_uniform":
+        down = PRIORS[family](**{**PARAMETERS[family], "low": 0.0})
+        assert not down.in_logs
+        assert np.isfinite(down.logpdf(np.array([1e-12]))[0])
 
-    Half of the points have friction above half of the stall torque, where the speed is continued.
-    Mutant killed: the slope of one equation forgotten.
+
+def test_a_posterior_walks_in_logs_but_where_its_prior_reaches_zero() -> None:
+    """Its density at zero is finite there, and nothing lies beyond.
+
+    Mutant killed: the density over an unknown that is no log carries the Jacobian of one.
     """
-    rng = np.random.default_rng(size)
-    for free in itertools.combinations(ORDER, size):
-        fixed = {name: NOMINAL[name] for name in ORDER if name not in free}
-        chart = MotorShaft().chart(8.0, free, fixed)
-        logs = np.log([NOMINAL[name] for name in free]) + rng.uniform(-1.5, 1.5, (6, size))
-        if "t_f" in free:
-            logs[:3, free.index("t_f")] += 3.0
-        z = chart.straighten(logs)
-        back, log_dets = chart.bend(z)
-        assert np.allclose(back, logs, atol=1e-8), free
-        step = 1e-6 * np.eye(size)
-        for row, log_det in zip(logs, log_dets, strict=True):
-            columns = (chart.straighten(row + step) - chart.straighten(row - step)) / 2e-6
-            assert np.linalg.slogdet(columns)[1] == pytest.approx(-log_det, abs=1e-4), free
+    sigma = np.full(4, 0.1)
+    zero = {"c_m": HalfNormal(2 * NOMINAL["c_m"]), "t_f": Uniform(0.0, 0.2)}
+    target = posterior(measured(sigma, n=60), sigma, priors=zero)
+    logs = dict(zip(target.space.free, target.coordinates.logs, strict=True))
+    assert {name for name, log in logs.items() if not log} == {"c_m", "t_f"}
+    c_m, t_f = (target.space.free.index(name) for name in zero)
+    z = target.coordinates.from_physical(np.repeat(vector(NOMINAL)[None], 4, axis=0))
+    z[1:, [c_m, t_f]] = [[1e-15, 1e-12], [-1e-15, 0.1], [1e-4, -1e-12]]
+    found = target(z)
+    assert np.isfinite(found[:2]).all()
+    assert (found[2:] == -np.inf).all()
+    assert list(target.supports(z)) == [True, True, False, False]
+    others = np.log(vector({**NOMINAL, "c_m": 1.0, "t_f": 1.0})).sum()
+    theta = target.coordinates.to_physical(z)
+    assert found[:2] == pytest.approx(target.density(theta)[:2] + others, rel=1e-12)
 
 
-def test_charts_take_the_rates_of_the_record_wherever_they_can() -> None:
-    chart = MotorShaft().chart(
-        8.0, ("c_m", "k_e"), {n: NOMINAL[n] for n in ORDER if n not in ("c_m", "k_e")}
-    )
-    assert chart.coordinates == ("speed", "c_m")
-    assert CHART.coordinates[:5] == ("speed", "rotor", "shaft", "inertia", "electrical")
-
-
-def test_coordinates_of_no_positive_parameters_are_nan_not_an_error() -> None:
-    z = make("modal").from_physical(vector(NOMINAL)[None].repeat(2, axis=0))
-    z[1, CHART.coordinates.index("c_m")] += 30.0
-    theta = make("modal").to_physical(z)
-    assert np.isfinite(theta[0]).all()
-    assert np.isnan(theta[1]).any()
-
-
-def test_automatic_choice_falls_back_on_logs() -> None:
-    assert type(choose("auto", CHART, 9)).__name__ == "Modal"
-    assert type(choose("auto", None, 9)).__name__ == "Log"
-
-
-def relations(*names: str) -> dict[str, Monomial]:
-    every = {
-        "k_T": Monomial(1.0, {"k_e": 1.0}),
-        "k_s": Monomial(np.pi / 32, {"G": 1.0, "d": 4.0, "L": -1.0}),
-        "l_m": Monomial(3.0, {"r_m": 1.0, "rho": 0.5}),  # a name that the chart uses itself
-        "j_1": Monomial(70.0, {"j_m": 1.0}),
-    }
-    return {name: every[name] for name in names}
-
-
-QUANTITIES = {"G": 79.3e9, "d": 3e-3, "L": 2.4, "rho": 1.3}
-
-
-@pytest.mark.parametrize(
-    "related",
-    [
-        ("k_T",),
-        ("k_s",),
-        ("k_T", "k_s"),
-        ("k_T", "l_m"),
-        ("j_1", "k_s"),
-        ("k_T", "k_s", "j_1", "l_m"),
-    ],
-)
-def test_charts_with_ties(related: tuple[str, ...]) -> None:
-    """60 sets each of what else is free: round trips, and the Jacobian against a determinant.
-
-    Mutant killed: the equation of a tie solved without its share in the Jacobian, or left out.
-    """
-    rng = np.random.default_rng(len(related))
-    given = relations(*related)
-    inside = [name for name in QUANTITIES if any(name in r.powers for r in given.values())]
-    every = [name for name in (*ORDER, *inside) if name not in related]
-    values = {**NOMINAL, **QUANTITIES}
-    for trial in range(60):
-        held = set() if trial == 0 else {name for name in every if rng.random() < 0.4}
-        free = tuple(name for name in every if name not in held)
-        if not free:
-            continue
-        m = len(free)
-        chart = MotorShaft().chart(8.0, free, {name: values[name] for name in held}, given)
-        logs = np.log([values[name] for name in free]) + rng.uniform(-1.0, 1.0, (4, m))
-        z = chart.straighten(logs)
-        back, log_dets = chart.bend(z)
-        assert np.allclose(back, logs, atol=1e-7), free
-        step = 1e-6 * np.eye(m)
-        for row, log_det in zip(logs, log_dets, strict=True):
-            columns = (chart.straighten(row + step) - chart.straighten(row - step)) / 2e-6
-            assert np.linalg.slogdet(columns)[1] == pytest.approx(-log_det, abs=1e-4), free
-
-
-def test_ties_cost_no_rate_of_the_record() -> None:
-    """With k_T tied all five are coordinates still, the shaft's stiffness from geometry or not."""
-    for related in (("k_T",), ("k_s",), ("k_T", "k_s")):
-        given = relations(*related)
-        quantities = ("G", "d") if "k_s" in given else ()
-        free = (*(name for name in ORDER if name not in given), *quantities)
-        chart = MotorShaft().chart(8.0, free, {"L": 2.4}, given)
-        assert chart.coordinates[:5] == ("speed", "rotor", "shaft", "inertia", "electrical")
-        p = {**NOMINAL, **QUANTITIES}
-        p |= {
-            name: r.factor * np.prod([p[n] ** power for n, power in r.powers.items()])
-            for name, r in given.items()
-        }
-        z = chart.straighten(np.log([[p[name] for name in free]]))[0]
-        assert np.exp(z[1]) == pytest.approx(p["k_s"] / p["j_1"])
-        d = p["c_m"] + p["k_e"] * p["k_T"] / p["r_m"]
-        assert np.exp(z[3]) == pytest.approx(p["j_m"] / d)
+def test_the_same_density_in_any_coordinates() -> None:
+    """Mutant killed: a Jacobian with the wrong sign."""
+    sigma = np.full(4, 0.1)
+    one = posterior(measured(sigma, n=60), sigma)
+    two = dataclasses.replace(one, coordinates=Coordinates((False,) * 9))
+    theta = vector(NOMINAL) * np.random.default_rng(3).uniform(0.9, 1.1, (5, 9))
+    apart = one(one.coordinates.from_physical(theta)) - two(two.coordinates.from_physical(theta))
+    assert apart == pytest.approx(np.log(theta).sum(axis=1), rel=1e-9)

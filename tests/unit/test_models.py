@@ -7,13 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 import scipy.integrate
-from oracles import NOMINAL, ORDER, skewed
+from oracles import NOMINAL, skewed
 from rigs import STATES, experiment, vector
 
 from bayesdrill import build, derived, loading
 from bayesdrill.config import Config
 from bayesdrill.errors import InputError
-from bayesdrill.formulas import Monomial
 from bayesdrill.models import MODELS
 from bayesdrill.models.as_printed import AsPrinted
 from bayesdrill.models.linear import Linear, Model
@@ -171,55 +170,6 @@ def test_two_rotors_balance_their_energy() -> None:
 def test_a_second_rotor_of_nothing_is_the_rig() -> None:
     p = skewed()
     assert TwoRotors(I_M).linear(p) == MotorShaft(I_M).linear(p)
-
-
-CHARTED = [
-    (ORDER, {}, {}),
-    (("k_e", "k_s", "l_m"), {"j_m": 5e-4, "r_m": 0.3}, {}),
-    (tuple(name for name in ORDER if name != "r_m"), {}, {"r_m": Monomial(2.0, {"k_T": 0.5})}),
-    (tuple(name for name in ORDER if name != "l_m"), {}, {"l_m": Monomial(0.1, {"r_m": 2.0})}),
-]
-
-
-@pytest.mark.parametrize(("free", "fixed", "relations"), CHARTED)
-def test_the_chart_of_two_rotors_goes_back_and_knows_its_jacobian(
-    free: tuple[str, ...], fixed: dict[str, float], relations: dict[str, Monomial]
-) -> None:
-    """Mutant killed: the Jacobian of the sums left out."""
-    held = {name: NOMINAL[name] for name in ORDER if name not in (*free, *relations)} | fixed
-    chart = TwoRotors(1 / 8, J_2, R_S).chart(8.0, free, held, relations)
-    logs = np.log([NOMINAL[name] for name in free])
-    logs = logs + np.random.default_rng(1).normal(0, 0.2, (20, len(free)))
-    z = chart.straighten(logs)
-    back, log_dets = chart.bend(z)
-    assert np.allclose(back, logs, atol=1e-9)
-    step = 1e-6 * np.eye(len(free))
-    for row, log_det in zip(logs, log_dets, strict=True):
-        columns = (chart.straighten(row + step) - chart.straighten(row - step)) / 2e-6
-        assert np.linalg.slogdet(columns)[1] == pytest.approx(-log_det, abs=1e-6)
-
-
-def test_the_chart_of_two_rotors_is_that_of_the_rig_which_they_are() -> None:
-    """So it is as straight as the other. Mutant killed: the constants not added."""
-    p = skewed()
-    whole = {**p, "j_m": p["j_m"] + I_M**2 * J_2, "r_m": p["r_m"] + R_S}
-    for held in ((), ("j_m",), ("r_m", "t_f")):
-        free = tuple(name for name in ORDER if name not in held)
-        here, there = (
-            model.chart(8.0, free, {name: q[name] for name in held}).straighten(
-                np.log([[q[name] for name in free]])
-            )
-            for model, q in ((TwoRotors(I_M, J_2, R_S), p), (MotorShaft(I_M), whole))
-        )
-        assert here == pytest.approx(there, rel=1e-12)
-
-
-def test_coordinates_that_would_leave_the_motor_no_inertia_belong_to_nothing() -> None:
-    chart = TwoRotors(1 / 8, J_2, R_S).chart(8.0, ORDER, {})
-    small = np.log([{**NOMINAL, "j_m": 0.5 * J_2 / 64}[name] for name in ORDER])[None]
-    back, log_det = chart.bend(MotorShaft().chart(8.0, ORDER, {}).straighten(small))
-    assert np.isnan(back[0, 0])
-    assert np.isnan(log_det[0])
 
 
 def load(tmp_path: Path, model: str) -> Config:

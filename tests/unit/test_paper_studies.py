@@ -13,7 +13,7 @@ from oracles import NOMINAL, ORDER, by_expm, matrices, skewed
 from rigs import STATES, experiment, measured, posterior, vector
 
 from bayesdrill.convergence import Targets
-from bayesdrill.coordinates import Physical
+from bayesdrill.coordinates import Coordinates
 from bayesdrill.crew import Crew
 from bayesdrill.models.motor_shaft import MotorShaft
 from bayesdrill.optimisers import fminsearch
@@ -229,7 +229,6 @@ def verified() -> Verified:
         walkers=8,
         moves={"stretch": 1.0},
         targets=Targets(r_hat=1.2, n_tau=5, ess=100),
-        pilot=100,
         max_steps=1000,
         seed=3,
     )
@@ -520,7 +519,7 @@ def test_fminsearch_gives_up_where_matlab_documents_it(n: int) -> None:
     endless = Task(
         names=tuple("abcd"[:n]),
         density=lambda theta: np.asarray(theta.sum(axis=-1)),
-        coordinates=Physical(),
+        coordinates=Coordinates((False,) * n),
         covariance=lambda theta: np.eye(n),
     )
     found = fminsearch.maximise(endless, np.ones(n), 100_000)

@@ -11,6 +11,7 @@ from oracles import NOMINAL, ORDER
 from rigs import measured, posterior, vector
 
 from bayesdrill.noise.gaussian import Gaussian
+from bayesdrill.priors import Uniform
 
 SIGMA = np.array([0.1, 0.07, 0.2, 0.15])
 RECORD = measured(SIGMA, n=150)
@@ -63,9 +64,15 @@ def test_predictive_noise_has_the_sigma_of_its_channel() -> None:
     assert drawn.std(axis=(0, 1)) == pytest.approx([0.5, 0.1, 2.0], rel=0.02)
 
 
-@pytest.mark.parametrize("coordinates", ["physical", "log", "modal"])
+@pytest.mark.parametrize("coordinates", ["linear", "log", "mixed"])
 def test_density_over_coordinates_carries_the_jacobian(coordinates: str) -> None:
-    target = posterior(RECORD, SIGMA, coordinates)
+    zero = {name: Uniform(0.0, 2 * NOMINAL[name]) for name in ("c_m", "k_T")}
+    target = {
+        "linear": posterior(RECORD, SIGMA, logs=False),
+        "log": posterior(RECORD, SIGMA),
+        "mixed": posterior(RECORD, SIGMA, priors=zero),
+    }[coordinates]
+    assert sum(target.coordinates.logs) == {"linear": 0, "log": 9, "mixed": 7}[coordinates]
     theta = points(4)
     z = target.coordinates.from_physical(theta)
     step = 1e-6
@@ -95,8 +102,7 @@ def test_outside_the_prior_is_minus_infinity_and_costs_nothing() -> None:
 
 
 def test_failures_are_counted_never_nan() -> None:
-    wide = {"l_m": posterior(RECORD, SIGMA).space.priors["l_m"].__class__(0.0, 1.0)}
-    target = posterior(RECORD, SIGMA, "physical", priors=wide)
+    target = posterior(RECORD, SIGMA, priors={"l_m": Uniform(0.0, 1.0)}, logs=False)
     theta = points(5)
     theta[2, ORDER.index("l_m")] = 1e-320
     density, failures = target.evaluate(theta)

@@ -132,3 +132,44 @@ def test_an_exact_fit_leaves_less_than_noise(rig: Likelihood) -> None:
     found = left(with_residuals(rig, np.zeros((N, 4))), AT)
     assert all(one.small and not one.large for one in found)
     assert not any(one.correlated and one.rms > 1e-9 for one in found)
+
+
+@pytest.mark.parametrize(("rms", "believed"), [(1.4, True), (1.6, False)])
+def test_a_fit_that_leaves_far_more_than_the_noise_is_not_believed(
+    rig: Likelihood, rms: float, believed: bool
+) -> None:
+    """Mutants killed: every finding a reason; never one."""
+    residuals = white(5)
+    residuals[:, 2] *= rms * SIGMA[2] / np.sqrt(np.mean(residuals[:, 2] ** 2))
+    found = left(with_residuals(rig, residuals), AT)
+    assert [one.large for one in found] == [False, False, True, False]
+    assert [one.unbelievable for one in found] == [False, False, not believed, False]
+    more = "the fit leaves more than the noise, in sigmas: w_1 1.6"
+    assert words.reasons(found) == (() if believed else (more,))
+
+
+@pytest.mark.parametrize(
+    ("weights", "believed"), [((1.0, 1.0), True), ((1.0,) * 5, False), ((1.0, -2.0, 1.0), True)]
+)
+def test_what_is_not_white_by_far_is_not_believed(
+    rig: Likelihood, weights: tuple[float, ...], believed: bool
+) -> None:
+    """Averages of two and of five samples: correlations of 1/2 and of 4/5; a differenced column.
+
+    Mutants killed: what is but told taken for a reason; a correlation below zero for one.
+    """
+    rng, residuals = np.random.default_rng(6), white(5)
+    steps = np.convolve(rng.standard_normal(N + len(weights) - 1), weights, mode="valid")
+    residuals[:, 1] = SIGMA[1] * steps / steps.std()
+    found = left(with_residuals(rig, residuals), AT)
+    assert found[1].correlated
+    assert not any(one.large for one in found)
+    reasons = words.reasons(found)
+    assert reasons == () if believed else "is not white noise" in reasons[0]
+    if not believed:
+        assert f"with the next theta_2 {found[1].correlation:.3g}" in reasons[0]
+
+
+def test_a_fit_that_leaves_too_little_is_believed(rig: Likelihood) -> None:
+    """A sigma that is too large makes sds too large."""
+    assert words.reasons(left(with_residuals(rig, 0.3 * white(5)), AT)) == ()

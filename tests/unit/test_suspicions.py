@@ -52,8 +52,8 @@ def test_sound_but_short_chains_are_called_short_and_nothing_else() -> None:
     found = judge(sound(1, steps=60))
     assert kinds(found) == {"too short"}
     assert found.burn_in == 30
-    assert "half of what follows the pilot is 30" in reason(found, "too short")
-    assert "half of the rest, too short" in found.burn_in_rule
+    assert "half of the run is 30" in reason(found, "too short")
+    assert "half of the run, too short" in found.burn_in_rule
 
 
 def test_one_stuck_walker_in_the_middle_of_the_posterior_is_found() -> None:

@@ -80,21 +80,3 @@ def test_models_speak_in_symbols(name: str) -> None:
         assert row in model.states
         assert column in model.inputs
     assert set(linear.c) <= set(model.states)
-
-
-@pytest.mark.parametrize("name", MODELS)
-def test_charts_go_back_and_know_their_jacobian(name: str) -> None:
-    model = MODELS[name](0.2)
-    chart = model.chart(5.0, model.parameters, {})
-    if chart is None:
-        pytest.skip("brings no chart")
-    rng = np.random.default_rng(1)
-    logs = rng.normal(-2, 1.0, (30, len(model.parameters)))
-    z = chart.straighten(logs)
-    assert len(chart.labels) == z.shape[1]
-    back, log_dets = chart.bend(z)
-    assert np.allclose(back, logs, atol=1e-8)
-    step = 1e-6 * np.eye(z.shape[1])
-    for row, log_det in zip(logs[:8], log_dets[:8], strict=True):
-        columns = (chart.straighten(row + step) - chart.straighten(row - step)) / 2e-6
-        assert np.linalg.slogdet(columns)[1] == pytest.approx(-log_det, abs=1e-5)

@@ -1,0 +1,17 @@
+"""What all tests share."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np  # noqa: F401
+import pytest
+import scipy.linalg  # noqa: F401
+from threadpoolctl import threadpool_limits
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _one_thread() -> Iterator[None]:
+    """Of linear algebra, whose libraries are loaded by now: small matrices wait for others else."""
+    with threadpool_limits(1):
+        yield

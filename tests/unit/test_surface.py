@@ -1,0 +1,251 @@
+"""Slopes and curvatures of a posterior against differences of its density and of its signals."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+from oracles import NOMINAL, ORDER
+from rigs import experiment, measured, posterior, vector
+
+from bayesdrill.coordinates import Coordinates
+from bayesdrill.formulas import expression
+from bayesdrill.models.motor_shaft import MotorShaft
+from bayesdrill.parameters import ParameterSpace
+from bayesdrill.posterior import Posterior
+from bayesdrill.priors import HalfNormal, LogNormal, Prior, TruncatedNormal, Uniform
+from bayesdrill.response import Response
+from bayesdrill.surface import Expansion, PosteriorSurface, joined
+
+SIGMA = np.array([0.1, 0.07, 0.2, 0.15])
+FAMILIES: dict[str, Prior] = {
+    "c_m": HalfNormal(2 * NOMINAL["c_m"]),  # not in logs
+    "k_s": LogNormal(NOMINAL["k_s"], 0.2),
+    "j_1": TruncatedNormal(NOMINAL["j_1"], 0.3 * NOMINAL["j_1"]),  # nor this
+}
+MEASURED = {"step": {}, "zero-order hold": {"v"}, "first-order hold": {"t_1"}}
+
+
+@cache
+def response(name: str) -> Response:
+    """Of a step, or with one input measured and the first sample later than the start."""
+    if name == "step":
+        return Response(MotorShaft(), measured(SIGMA, n=60))
+    rng, n = np.random.default_rng(8), 60
+    series = {"v": 6.0 + rng.standard_normal(n), "t_1": 0.05 * rng.standard_normal(n)}
+    record = experiment(
+        n,
+        0.013,
+        constant={"v": 6.0, "t_1": 0.02},
+        series={u: series[u] for u in MEASURED[name]},
+        first_order=name == "first-order hold",
+        measures={"twist": {"theta_1": 1.0, "theta_2": -1.0}, "speed": {"w_2": 8.0}},
+        first=0.137,
+        t_start=0.05,
+        start={"theta_1": 0.4, "w_2": 1.0},
+    )
+    made = Response(MotorShaft(), record)
+    clean = made.signals(vector(NOMINAL)[None])[0]
+    return made.with_record(clean + SIGMA[:2] * rng.standard_normal(clean.shape))
+
+
+def seen(name: str, sigma: np.ndarray | None, **own: Any) -> Posterior:
+    return posterior(response(name).experiment, sigma, response=response(name), **own)
+
+
+def tied() -> Posterior:
+    """One parameter the same as another, and one a sum of two quantities' reciprocals."""
+    target = seen("step", None, priors=FAMILIES)
+    priors = {n: p for n, p in target.space.priors.items() if n not in ("k_T", "k_s")}
+    at = 1 + list(priors).index("t_f")
+    items = list(priors.items())
+    items[at:at] = [(name, Uniform(0.3, 0.9)) for name in ("k_a", "k_b")]
+    known = (*ORDER, "k_a", "k_b")
+    space = ParameterSpace(
+        model=ORDER,
+        priors=dict(items),
+        fixed={},
+        start={},
+        relations={
+            "k_T": expression("k_e", known),
+            "k_s": expression("1/(1/k_a + 1/k_b)", known),
+        },
+        quantities=("k_a", "k_b"),
+    )
+    likelihood = dataclasses.replace(target.likelihood, space=space)
+    logs = Coordinates(tuple(prior.in_logs for _, prior in items))
+    return Posterior(space=space, likelihood=likelihood, coordinates=logs)
+
+
+TARGETS: dict[str, Callable[[], Posterior]] = {
+    "logs": lambda: seen("step", SIGMA),
+    "linear, noise unknown": lambda: seen("step", None, priors=FAMILIES),
+    "tied": tied,
+    "zero-order hold": lambda: seen("zero-order hold", SIGMA[:2], priors=FAMILIES),
+    "first-order hold": lambda: seen("first-order hold", None),
+    "noise alone": lambda: seen("step", None, free=()),
+}
+
+
+def points(target: Posterior, n: int = 3) -> np.ndarray:
+    """Between the middle of the priors and their ends."""
+    shares = 0.5 + np.random.default_rng(4).uniform(-0.3, 0.3, (n, len(target.space.free)))
+    priors = target.space.priors.values()
+    columns = [prior.quantile(share) for prior, share in zip(priors, shares.T, strict=True)]
+    return target.coordinates.from_physical(np.stack(columns, axis=-1))
+
+
+def differences(function: Callable[[np.ndarray], np.ndarray], u: np.ndarray, h: np.ndarray):
+    """`(D, W, ...)`: slopes of the fourth order by each coordinate, over steps `h (D,)`."""
+    out = []
+    for step in np.diag(h):
+        near = function(u + step) - function(u - step)
+        far = function(u + 2 * step) - function(u - 2 * step)
+        out.append((8 * near - far) / (12 * step.sum()))
+    return np.array(out)
+
+
+@pytest.mark.parametrize("physical", [False, True], ids=["with the Jacobian", "physical"])
+@pytest.mark.parametrize("name", TARGETS)
+def test_slopes_are_those_of_the_density(name: str, physical: bool) -> None:
+    """Mutants killed: the slope of the Jacobian, of the prior or of the noise level left out."""
+    target = TARGETS[name]()
+    surface = PosteriorSurface(target, physical=physical)
+    u = points(target)
+    found = surface.expand(u, np.eye(u.shape[1]))
+    assert np.array_equal(found.value, surface.value(u))
+    numeric = differences(surface.value, u, 1e-4 * surface.spread).T * surface.spread
+    scale = np.abs(numeric).max()
+    assert found.slope * surface.spread == pytest.approx(numeric, rel=1e-5, abs=1e-8 * scale + 1e-5)
+
+
+@pytest.mark.parametrize("name", TARGETS)
+def test_curvatures_are_those_of_least_squares(name: str) -> None:
+    """J'J from differences of the signals, of a noise level twice what is left of the record (or
+    the number of samples, where that is more), and what the priors add."""
+    target = TARGETS[name]()
+    surface, likelihood = PosteriorSurface(target), target.likelihood
+    u = points(target)
+    h = 1e-4 * surface.spread
+    to = target.coordinates.to_physical
+    theta = to(u)
+    sigmas = likelihood.sigmas(theta)
+    noise = likelihood.noise
+    slopes = differences(lambda z: likelihood.signals(to(z)), u, h) / sigmas[:, None]
+    expected = np.einsum("dwtk,ewtk->wde", slopes, slopes)
+    squares = ((likelihood.response.experiment.y - likelihood.signals(theta)) ** 2).sum(axis=1)
+    for column, k in enumerate(noise.unknown, start=u.shape[1] - len(noise.unknown)):
+        by_log = 1.0 if target.coordinates.logs[column] else 1.0 / sigmas[:, k]
+        left = np.maximum(squares[:, k] / sigmas[:, k] ** 2, noise.n_samples)
+        expected[:, column, column] += 2.0 * left * by_log**2
+    for d, prior in enumerate(target.space.priors.values()):
+        step = 30.0 * h * np.eye(u.shape[1])[d]
+        down, here, up = (prior.logpdf(to(u + k * step)[:, d]) for k in (-1, 0, 1))
+        bent = -(up - 2 * here + down) / (30.0 * h[d]) ** 2
+        expected[:, d, d] += np.maximum(bent, 0.0)
+    scale = np.outer(surface.spread, surface.spread)
+    found = surface.expand(u, np.eye(u.shape[1])).curvature * scale
+    assert found == pytest.approx(
+        expected * scale, rel=1e-4, abs=1e-7 * np.abs(expected * scale).max()
+    )
+
+
+@pytest.mark.parametrize("name", TARGETS)
+def test_fewer_directions_are_parts_of_all(name: str) -> None:
+    """Slanted ones, of which noise levels are part too."""
+    target = TARGETS[name]()
+    surface = PosteriorSurface(target)
+    u = points(target)
+    d = u.shape[1]
+    directions = surface.spread[:, None] * np.random.default_rng(2).standard_normal((d, 3))
+    whole, some = surface.expand(u, np.eye(d)), surface.expand(u, directions)
+    assert some.slope == pytest.approx(whole.slope @ directions, rel=1e-8)
+    along = directions.T @ whole.curvature @ directions
+    assert some.curvature == pytest.approx(along, rel=1e-7, abs=1e-9 * np.abs(along).max())
+
+
+@pytest.mark.parametrize("name", TARGETS)
+def test_a_point_does_not_depend_on_its_neighbours(name: str) -> None:
+    """To the last bit, however many there are.
+
+    Mutant killed: one product of matrices for all points, which rounds as their number has it.
+    """
+    target = TARGETS[name]()
+    surface = PosteriorSurface(target)
+    u = points(target, 40)
+    rng = np.random.default_rng(3)
+    for q in (1, 3, u.shape[1]):
+        directions = rng.standard_normal((u.shape[1], q))
+        together = surface.expand(u, directions)
+        for size in (1, 11):
+            parts = [surface.expand(u[k : k + size], directions) for k in range(0, 40, size)]
+            assert_same(joined(parts), together)
+
+
+def assert_same(one: Expansion, other: Expansion) -> None:
+    assert one.value == pytest.approx(other.value, rel=1e-15)
+    assert np.array_equal(one.slope, other.slope)
+    assert np.array_equal(one.curvature, other.curvature)
+
+
+def test_a_response_that_overflows_has_no_slopes_and_leaves_its_neighbours_alone() -> None:
+    target = seen("step", SIGMA, priors={"l_m": Uniform(0.0, 1.0)}, logs=False)
+    surface = PosteriorSurface(target)
+    u = points(target, 5)
+    well = surface.expand(u, np.eye(9))
+    u[2, ORDER.index("l_m")] = 1e-320
+    sick = surface.expand(u, np.eye(9))
+    assert sick.value[2] == -np.inf
+    assert not sick.slope[2].any()
+    assert not sick.curvature[2].any()
+    others = [0, 1, 3, 4]
+    parts = [[e.value[others], e.slope[others], e.curvature[others]] for e in (sick, well)]
+    assert_same(*(Expansion(*part) for part in parts))
+
+
+def test_the_ends_are_those_of_the_priors() -> None:
+    """What stands at one is inside; the spreads are those of the priors over the coordinates."""
+    surface = PosteriorSurface(TARGETS["linear, noise unknown"]())
+    for end in (surface.low, surface.high):
+        assert surface.inside(end[None]).all()
+        assert np.isfinite(surface.value(end[None])).all()
+    draws = surface.posterior.space.draw(20_000, np.random.default_rng(1))
+    u = surface.posterior.coordinates.from_physical(draws)
+    assert surface.spread == pytest.approx(u.std(axis=0), rel=0.03)
+    assert surface.middle == pytest.approx(u.mean(axis=0), abs=0.05 * surface.spread.max())
+
+
+@pytest.mark.parametrize("name", MEASURED)
+def test_normal_equations_are_sums_over_the_signals(name: str) -> None:
+    """Mutants killed: the lead time before the first sample, or an input, without its slopes."""
+    kernels = response(name)
+    rng, y = np.random.default_rng(6), kernels.experiment.y
+    n, q = 11, 4
+    theta = vector(NOMINAL) * rng.uniform(0.7, 1.4, (n, 9))
+    directions = theta[:, None, :] * rng.standard_normal((n, q, 9))
+    scales = rng.uniform(2.0, 9.0, (n, y.shape[1]))
+    left = (y - kernels.signals(theta)) * scales[:, None, :]
+    slopes = []
+    for j in range(q):
+        near, far = (
+            kernels.signals(theta + step * directions[:, j])
+            - kernels.signals(theta - step * directions[:, j])
+            for step in (1e-4, 2e-4)
+        )
+        slopes.append((8 * near - far) / (12 * 1e-4) * scales[:, None, :])
+    s = np.array(slopes)
+    found = kernels.normal(theta, directions, scales)
+    true = [
+        (left**2).sum(axis=1),
+        np.einsum("wtk,jwtk->wj", left, s),
+        np.einsum("iwtk,jwtk->wij", s, s),
+    ]
+    for one, other in zip(found, true, strict=True):
+        assert one == pytest.approx(other, rel=1e-6, abs=1e-8 * np.abs(other).max())
+    for w in range(n):
+        alone = kernels.normal(*(array[w : w + 1] for array in (theta, directions, scales)))
+        assert all(np.array_equal(a[0], b[w]) for a, b in zip(alone, found, strict=True))
