@@ -29,8 +29,8 @@ WORTH = 1.04  # a round that improves the effective share of the draws by less i
 ENOUGH = 0.3  # of effective draws; with less it goes on
 LEAST_SHARE = 0.1  # of effective draws: below it the density is flattened until there are as many
 REDRAWN = 0.4  # of a density: what a draw costs that falls outside the prior
-AGAIN = 2  # times that ridges are traced anew, ...
-GOOD = 0.5  # ... unless as many proposals would be accepted
+AGAIN = 4  # times that a ridge is added, ...
+GOOD = 0.45  # ... unless as many draws are effective
 LIKELY = 0.9  # quantile of the weights: a new centre is a draw above it
 COMPONENTS = 4
 EXPECTATIONS = (12, 6)  # of the fit, in the first round and later
@@ -74,17 +74,16 @@ def learn(
     rng: np.random.Generator,
 ) -> Learnt:
     """From the `maxima` (each `(D,)`); raises `ValueError` where no draw has a density."""
-    traced = [trace(surface, expand, centre, rng) for centre in maxima]
-    origin = tuple(range(len(traced)))
-    best = _fitted(surface, traced, origin, seed)
+    parts = [(origin, trace(surface, expand, at, rng)) for origin, at in enumerate(maxima)]
+    best = last = _fitted(surface, parts, seed)
     for _ in range(AGAIN):
-        if best.acceptance > GOOD:
+        if best.share > GOOD:
             break
-        # The maximum may stand at the edge of where the posterior is: begin in its midst.
-        midst = _midst(best)
-        traced = [trace(surface, expand, centre, rng, seen) for _, centre, seen in midst]
-        better = _fitted(surface, traced, tuple(s for s, _, _ in midst), seed)
-        best = max(best, better, key=lambda one: one.acceptance)
+        # One more ridge where draws weigh most: there the posterior is, and the proposal is not.
+        for origin, at, seen in _midst(last):
+            parts.append((origin, trace(surface, expand, at, rng, seen)))
+        last = _fitted(surface, parts, seed)
+        best = max(best, last, key=lambda one: one.share)
     weights = normalised(best.log_w)
     return Learnt(
         proposal=best.proposal,
@@ -97,10 +96,9 @@ def learn(
     )
 
 
-def _fitted(
-    surface: Surface, traced: Sequence[Traced], origin: tuple[int, ...], seed: Random
-) -> _Round:
+def _fitted(surface: Surface, parts: Sequence[tuple[int, Traced]], seed: Random) -> _Round:
     """The best of several rounds of drawing, weighing and fitting."""
+    origin, traced = zip(*parts, strict=True)
     narrow = found = _begin(traced)
     off = tuple(one.off for one in traced)
     rounds: list[_Round] = []
@@ -121,20 +119,20 @@ def _fitted(
 
 
 def _midst(found: _Round) -> list[tuple[int, Array, tuple[Array, Array]]]:
-    """For each ridge that holds something: its maximum, a draw near its middle, and its draws."""
+    """For each maximum that holds something: a draw near the middle of its own, and those draws."""
     kept = np.flatnonzero(np.isfinite(found.log_w))
     u, weights = found.u[kept], tempered(found.log_w[kept])
-    y, shares = responsibilities(found.proposal.mixture, u, weights)
+    shares = responsibilities(found.proposal.mixture, u, weights)[1]
+    owner = np.array(found.origin)[found.proposal.mixture.sheet]
     middles = []
-    for s in range(len(y)):
-        own = shares[found.proposal.mixture.sheet == s].sum(axis=0)
+    for origin in dict.fromkeys(found.origin):
+        own = shares[owner == origin].sum(axis=0)
         if own.sum() < LOST:
             continue
-        middle, root = moments(y[s], own)
-        far = np.linalg.norm(np.linalg.solve(root, (y[s] - middle).T), axis=0)
+        middle, root = moments(u, own)
+        far = np.linalg.norm(np.linalg.solve(root, (u - middle).T), axis=0)
         likely = np.flatnonzero(own > np.quantile(own, LIKELY))
-        centre = u[likely[np.argmin(far[likely])]]
-        middles.append((found.origin[s], centre, (u, own)))
+        middles.append((origin, u[likely[np.argmin(far[likely])]], (u, own)))
     return middles
 
 
@@ -183,7 +181,11 @@ def normalised(log_w: Array) -> Array:
 
 def effective(weights: Array) -> float:
     """As how many equal ones these `weights (N,)` count (Kish)."""
-    return float(weights.sum() ** 2 / (weights**2).sum())
+    largest = float(weights.max())
+    if largest == 0.0:
+        return 0.0
+    scaled = weights / largest
+    return float(scaled.sum() ** 2 / (scaled**2).sum())
 
 
 def tempered(log_w: Array) -> Array:

@@ -64,9 +64,10 @@ def joined(surface: Surface, start: Array, others: Array) -> NDArray[np.bool_]:
     roots = np.zeros((len(others), tau.shape[1], tau.shape[1]))
     for k in range(1, PATH + 1):
         ahead = 2.0 * at - before if k > 1 else at  # straight on from the last two
-        found, roots, arrived = ridges.led_back(surface.expand, base, psi * (k / PATH), ahead)
+        found, roots, _, arrived = ridges.led_back(surface.expand, base, psi * (k / PATH), ahead)
         before, at = at, found
-    off = np.linalg.solve(roots + 1e-300 * np.eye(tau.shape[1]), (tau - at)[..., None])[..., 0]
+    roots[~arrived] = np.eye(tau.shape[1])  # of no use, where there is no density
+    off = np.linalg.solve(roots, (tau - at)[..., None])[..., 0]
     return np.asarray(arrived & (np.linalg.norm(off, axis=1) < SAME))
 
 

@@ -9,7 +9,7 @@ polynomials are fitted to where they arrive.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,19 +27,21 @@ NEAR_END = 1e-6  # of the prior's spread
 PRESSED = 0.5  # standard deviations that a maximum may lie beyond an end of a prior
 OUTWARD = (0.15, 0.3, 0.5, 0.75, 1.0)  # of the way from the maximum to where the ridge is wanted
 DOUBT = 9.0  # what the record knows of the loose directions at the maximum need not hold elsewhere
+BEYOND = 1.4  # how much wider than the posterior is thought to be points are scattered
 EXTRAPOLATED = 2.0  # how far beyond its points a fit is trusted to guide the next ones
 ITERATIONS = 6  # of Gauss and Newton, for each point
 ARRIVED = 0.03  # of a standard deviation: a smaller step is the last
 MOST_STEP = 0.5  # of the priors' spreads
 MOST_DEGREE = 14
-MOST_ROOT_DEGREE = 6
-MOST_ROOT_TERMS = 30  # of the polynomials of the covariance's root, which need not be as good
+NEARLY_ALL = 0.97  # quantile of the points held out
+WORTHWHILE = 0.8  # a higher degree has to be as much better
 PROBES = 12  # points all over the prior
 STILL = 1e-12  # of the largest knowledge: what is less is rounding
 GOOD_ENOUGH = 0.1  # of a standard deviation, on points held out: no higher degree is tried
 FAIR = 0.3  # of a standard deviation: what is further off is given more points
 POINTS_PER_TERM = 2.5
 LEAST_POINTS, MOST_POINTS = 24, 1600
+DEEP = 100.0  # of the log density below the highest point: not on the ridge
 HELD_OUT = 4  # every fourth point
 MARGIN = 0.9  # points are wanted a little beyond the prior's ends too
 
@@ -144,18 +146,24 @@ def trace(
     for share in OUTWARD:
         n = _wanted(len(bent), share)
         wanted = share * _scattered(surface, at, n, psi, spread, share, rng)
-        arrived = _arrive(expand, base, wanted, at.at(wanted))
-        points = [np.concatenate(pair) for pair in zip(points or arrived, arrived, strict=True)]
+        points = _gathered(points, _arrive(expand, base, wanted, at.at(wanted)))
         if len(points[0]) > 2 * (n_loose + 1):
-            at, off = _best_fit(base, bent, *points, last=share == OUTWARD[-1])
+            at, off = _best_fit(base, bent, *points[:3], last=share == OUTWARD[-1])
     while off > FAIR and 2 * len(points[0]) < MOST_POINTS:
         wanted = _scattered(surface, at, len(points[0]), psi, spread, 1.0, rng)
-        arrived = _arrive(expand, base, wanted, at.at(wanted))
-        points = [np.concatenate(pair) for pair in zip(points, arrived, strict=True)]
-        before, (at, off) = off, _best_fit(base, bent, *points, last=True)
+        points = _gathered(points, _arrive(expand, base, wanted, at.at(wanted)))
+        before, (at, off) = off, _best_fit(base, bent, *points[:3], last=True)
         if off > 0.7 * before:
             break
     return Traced(at, off, psi, spread)
+
+
+def _gathered(before: list[Array], new: list[Array]) -> list[Array]:
+    """All points but those that arrived far below the ridge: at a lesser maximum, where nothing is."""
+    points = [np.concatenate(pair) for pair in zip(before or new, new, strict=True)]
+    value = points[3]
+    high = value > value.max(initial=-np.inf) - DEEP
+    return [some[high] for some in points]
 
 
 def moments(points: Array, weights: Array) -> tuple[Array, Array]:
@@ -197,7 +205,7 @@ def _scattered(
 
     Those beyond its ends are drawn in towards the maximum until they are not.
     """
-    wanted = psi + 1.2 * rng.standard_normal((4 * n, len(psi))) @ spread.T
+    wanted = psi + BEYOND * rng.standard_normal((4 * n, len(psi))) @ spread.T
     inwards = np.ones(len(wanted))
     for _ in range(12):
         seen = min(share, MARGIN) * inwards[:, None] * wanted
@@ -213,19 +221,22 @@ def _scattered(
     return np.asarray(inwards[chosen, None] * wanted[chosen])
 
 
-def _arrive(expand: Expand, base: Frame, psi: Array, tau: Array) -> tuple[Array, Array, Array]:
-    """`psi (N, l)`, `tau (N, t)` and covariance roots `(N, t, t)` of the points that arrived."""
-    found, roots, arrived = led_back(expand, base, psi, tau)
-    return psi[arrived], found[arrived], roots[arrived]
+def _arrive(expand: Expand, base: Frame, psi: Array, tau: Array) -> list[Array]:
+    """`psi (N, l)`, `tau (N, t)`, covariance roots `(N, t, t)` and log densities of what arrived."""
+    found, roots, value, arrived = led_back(expand, base, psi, tau)
+    return [psi[arrived], found[arrived], roots[arrived], value[arrived]]
 
 
 def led_back(
     expand: Expand, base: Frame, psi: Array, tau: Array
-) -> tuple[Array, Array, NDArray[np.bool_]]:
-    """To the ridge at `psi (N, l)`: `tau (N, t)`, covariance roots `(N, t, t)`, whether arrived."""
+) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
+    """To the ridge at `psi (N, l)`: `tau (N, t)`, covariance roots `(N, t, t)`, the log density
+    `(N,)` about there, and whether they arrived.
+    """
     tau = tau.copy()
     n_tight = tau.shape[1]
     roots = np.zeros((len(psi), n_tight, n_tight))
+    value = np.full(len(psi), -np.inf)
     under_way = np.full(len(psi), n_tight > 0)
     arrived = ~under_way
     for _ in range(ITERATIONS):
@@ -233,9 +244,10 @@ def led_back(
         if len(now) == 0:
             break
         here = expand(base.join(psi[now], tau[now]), base.tight)
-        good = np.abs(here.slope).sum(axis=1) > 0
+        good = np.einsum("nii->n", here.curvature) > 0
         under_way[now[~good]] = False  # the response overflows there
         now, slope, curvature = now[good], here.slope[good], here.curvature[good]
+        value[now] = here.value[good]
         roots[now] = covariance_roots(curvature)
         white = np.einsum("nij,ni->nj", roots[now], slope)
         step = np.einsum("nij,nj->ni", roots[now], white)
@@ -243,7 +255,7 @@ def led_back(
         tau[now] += step * np.minimum(1.0, MOST_STEP / np.maximum(longest, 1e-300))
         arrived[now] = np.linalg.norm(white, axis=1) < ARRIVED
         under_way[now] = ~arrived[now]
-    return tau, roots, arrived
+    return tau, roots, value, arrived
 
 
 def covariance_roots(curvature: Array) -> Array:
@@ -261,25 +273,39 @@ def _best_fit(
 ) -> tuple[Ridge, float]:
     """The polynomials of the degree that points held out ask for, and how far off those are."""
     held = np.arange(len(psi)) % HELD_OUT == HELD_OUT - 1
-    most = next(
-        d
-        for d in range(1, 40)
-        if d > MOST_ROOT_DEGREE or _terms(len(bent), d + 1) > MOST_ROOT_TERMS
+    some, others = (psi[~held], tau[~held], roots[~held]), (psi[held], tau[held], roots[held])
+    n = len(some[0])
+
+    def tried(degree: int, root_degree: int) -> Ridge:
+        return ridge.fit(base, *some, degree, root_degree, bent)
+
+    degrees = [d for d in range(1, MOST_DEGREE + 1) if d == 1 or _terms(len(bent), d) < 0.7 * n]
+    degree, off = _least(degrees, lambda d: _worst(ridge.residuals(tried(d, 0), *others)))
+    if not last:
+        made = ridge.fit(base, psi, tau, roots, degree, 0, bent)
+        return ridge.further(made, EXTRAPOLATED), off
+    lower = [d for d in range(degree + 1) if d <= 1 or _terms(len(bent), d) < n / 5]
+    root_degree, _ = _least(
+        lower, lambda d: _worst(ridge.root_residuals(tried(degree, d), *others))
     )
-    root_degree = min(most, MOST_ROOT_DEGREE) if last else 0
-    best, least = 1, np.inf
-    for degree in range(1, MOST_DEGREE + 1):
-        if degree > 1 and _terms(len(bent), degree) > 0.7 * (~held).sum():
+    return ridge.fit(base, psi, tau, roots, degree, root_degree, bent), off
+
+
+def _worst(errors: Array) -> float:
+    """Nearly: where the ridge ends a polynomial is at its worst, and there are few points there."""
+    return float(np.quantile(errors, NEARLY_ALL))
+
+
+def _least(degrees: Sequence[int], error: Callable[[int], float]) -> tuple[int, float]:
+    """The degree with the least error, or the first that is good enough."""
+    best, least = degrees[0], np.inf
+    for degree in degrees:
+        found = error(degree)
+        if found < WORTHWHILE * least:
+            best, least = degree, found
+        if found < GOOD_ENOUGH:
             break
-        some = psi[~held], tau[~held], roots[~held]
-        tried = ridge.fit(base, *some, degree, root_degree, bent)
-        off = float(np.quantile(ridge.residuals(tried, psi[held], tau[held], roots[held]), 0.9))
-        if off < 0.8 * least:
-            best, least = degree, off
-        if off < GOOD_ENOUGH:
-            break
-    made = ridge.fit(base, psi, tau, roots, best, root_degree, bent)
-    return (made if last else ridge.further(made, EXTRAPOLATED)), least
+    return best, least
 
 
 def _terms(n: int, degree: int) -> int:

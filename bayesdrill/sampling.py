@@ -197,11 +197,13 @@ def sample(
 
 def _trail(under_way: _Walk, plan: Plan, have: int) -> list[tuple[int, float]]:
     """What checks before an interruption saw, where a later one looks back to it."""
-    if have == 0:
+    names, least = under_way.posterior.space.free, min(under_way.steps)
+    goals = _checks(plan.most_steps(len(names)))
+    before = [goal for goal in goals if have // 4 <= goal < have and goal <= least]
+    if not before:
         return []
-    names, theta = under_way.posterior.space.free, _stack(under_way.theta)
-    most = plan.most_steps(theta.shape[-1])
-    before = [goal for goal in _checks(most) if have // 4 <= goal < have]
+    # Ensembles may have been cut at different steps.
+    theta = np.array([np.concatenate(parts)[:least] for parts in under_way.theta])
     return [(n, assess(theta[:, :n], names, plan.targets).n_tau) for n in before]
 
 

@@ -31,7 +31,7 @@ def table(job: problem.Job) -> list[str]:
     z = target.coordinates.from_physical(theta)
     exact = target.likelihood.signals(theta[:1])[0]
     ours = best_of(lambda: target.likelihood(theta)) / BATCH
-    modal = best_of(lambda: target(z)) / BATCH
+    walked = best_of(lambda: target(z)) / BATCH
     single = best_of(lambda: target.density(theta[:1]))
     response = target.likelihood.response
     full = target.space.full(theta)
@@ -41,7 +41,7 @@ def table(job: problem.Job) -> list[str]:
     rows = [
         ("arithmetic floor, see below", lowest, 0.0),
         (f"likelihood, batch of {BATCH}", ours, 0.0),
-        (f"posterior over modal coordinates, batch of {BATCH}", modal, 0.0),
+        (f"posterior over the walkers' coordinates, batch of {BATCH}", walked, 0.0),
         ("posterior over physical parameters, one at a time", single, 0.0),
     ]
     for method, tolerances in (

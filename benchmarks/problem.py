@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import scipy.integrate
@@ -12,6 +14,7 @@ from bayesdrill import laplace, pipeline
 from bayesdrill.models.motor_shaft import MotorShaft
 from bayesdrill.pipeline import Job
 from bayesdrill.progress import Silent
+from benchmarks import modal
 
 Array = NDArray[np.float64]
 
@@ -32,8 +35,9 @@ def mode(job: Job) -> Array:
 
 
 def starts(job: Job, centre: Array, n: int, seed: int) -> Array:
-    """`(n, D)` physical points around the MAP `centre`."""
-    posterior = job.problem.posterior
+    """`(n, D)` physical points around the MAP `centre`, on its ridge."""
+    straight: Any = modal.of(job)
+    posterior = dataclasses.replace(job.problem.posterior, coordinates=straight)
     rng = np.random.default_rng(seed)
     z = laplace.draws(posterior, centre, n, rng, spread=START_SPREAD)
     return posterior.coordinates.to_physical(z)

@@ -75,7 +75,8 @@ class Gaussians(Walled):
     def derivatives(self, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         parts = self.parts(u)
         shares = np.exp(parts - np.logaddexp.reduce(parts, axis=0))
-        inverse = np.linalg.inv(self.roots @ self.roots.swapaxes(1, 2))
+        back = np.linalg.inv(self.roots)
+        inverse = back.swapaxes(1, 2) @ back
         off = u - self.means[:, None]
         slope = -np.einsum("kw,kde,kwe->wd", shares, inverse, off)
         return slope, inverse[np.argmax(parts, axis=0)]

@@ -115,21 +115,21 @@ class Ridge:
     def bend(self, y: Array) -> tuple[Array, Array]:
         """`y (W, D)` to u, and log |du / dy| `(W,)`."""
         psi, e = y[:, : self.n_loose], y[:, self.n_loose :]
-        tau, root, log_det = self._along(psi)
+        tau, root, log_det = self.along(psi)
         return self.frame.join(psi, tau + _times(root, e)), log_det + self.frame.log_volume
 
     def straighten(self, u: Array) -> tuple[Array, Array]:
         """`u (W, D)` to y, and log |du / dy| `(W,)`."""
         psi, tau = self.frame.split(u)
-        place, root, log_det = self._along(psi)
+        place, root, log_det = self.along(psi)
         e = _solved(root, tau - place)
         return np.concatenate([psi, e], axis=1), log_det + self.frame.log_volume
 
     def at(self, psi: Array) -> Array:
         """The ridge itself: `(W, l)` to tau `(W, t)`."""
-        return self._along(psi)[0]
+        return self.along(psi)[0]
 
-    def _along(self, psi: Array) -> tuple[Array, Array, Array]:
+    def along(self, psi: Array) -> tuple[Array, Array, Array]:
         """t `(W, t)`, R `(t, t, W)` and log det R `(W,)`."""
         scaled = ((psi[:, self.bent] - self.middle) / self.width).T
         if len(scaled):
@@ -203,6 +203,16 @@ def residuals(ridge: Ridge, psi: Array, tau: Array, roots: Array) -> Array:
     """How far points of the ridge are from where it says, in standard deviations there: `(N,)`."""
     off = np.linalg.solve(roots, (tau - ridge.at(psi))[..., None])[..., 0]
     return np.asarray(np.linalg.norm(off, axis=1))
+
+
+def root_residuals(ridge: Ridge, psi: Array, tau: Array, roots: Array) -> Array:
+    """How far covariances are from where the ridge says, in the log of a standard deviation: `(N,)`.
+
+    The worst direction counts.
+    """
+    said = np.moveaxis(ridge.along(psi)[1], 2, 0)
+    ratio = np.linalg.solve(said, roots)
+    return np.asarray(np.abs(np.log(np.linalg.svd(ratio, compute_uv=False))).max(axis=1))
 
 
 def _least_squares(rows: Array, values: Array) -> Array:

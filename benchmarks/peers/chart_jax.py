@@ -1,8 +1,7 @@
-"""bayesdrill's chart in JAX, for nine free parameters, and the same without the walls of the box.
+"""The coordinates made by hand in JAX, and the same without the walls of the box.
 
-Written out for the coordinates `speed rotor shaft inertia electrical c_m t_f j_1 r_m`.  Friction
-takes less than half of the stall torque all over the box of the priors, so that the branch of the
-chart for more of it, which only points outside the prior reach, is left out.
+Friction takes less than half of the stall torque all over the box of the priors, so that a speed
+is all that its equation needs.
 """
 
 from __future__ import annotations
@@ -15,53 +14,19 @@ import jax
 import jax.numpy as jnp
 
 from bayesdrill.pipeline import Job
+from benchmarks import modal
+from benchmarks.modal import COORDINATES, Known
 from benchmarks.peers.response_jax import Density, log_likelihood
 
-WANTED = ("speed", "rotor", "shaft", "inertia", "electrical", "c_m", "t_f", "j_1", "r_m")
-TARGETS = WANTED[:5]
 KEPT = ("j_1", "t_f", "c_m", "r_m")  # in an order in which each one's ends follow from those before
 
-Known = dict[str, Any]
 Map = Callable[[Any], tuple[Any, Any]]
-
-
-def chart_of(job: Job) -> Any:
-    chart = job.problem.posterior.coordinates.chart  # type: ignore[attr-defined]
-    if chart.coordinates != WANTED:
-        raise ValueError(f"the chart has become {chart.coordinates}; write this map anew")
-    return chart
 
 
 def physical_from_modal(job: Job) -> Map:
     """`z (9,)` to `theta (9,)` and log |d theta / d z|."""
-    chart = chart_of(job)
-
-    def theta_of(z: Any) -> tuple[Any, Any]:
-        known = dict(zip(WANTED, z, strict=True))
-        d = _damping(known, chart)
-        rho = _resistance(known, d, chart)
-        kappa = d + jnp.log1p(-jnp.exp(known["c_m"] - d))
-        known["k_s"] = known["rotor"] + known["j_1"]
-        known["j_m"] = known["inertia"] + d
-        known["k_e"] = kappa + rho
-        known["k_T"] = known["r_m"] - rho
-        known["l_m"] = known["electrical"] + known["r_m"]
-        logs = jnp.stack([known[name] for name in job.problem.names])
-        # Slopes of the two curved equations, by kappa and by rho.
-        friction = jnp.exp(rho + known["t_f"] - math.log(chart.v))
-        log_det = d - kappa - jnp.log1p(friction / (1.0 - friction))
-        return jnp.exp(logs), logs.sum() + log_det
-
-    return theta_of
-
-
-def _damping(known: Known, chart: Any) -> Any:
-    return known["rotor"] + known["j_1"] + 2.0 * math.log(chart.i_m) - known["shaft"]
-
-
-def _resistance(known: Known, d: Any, chart: Any) -> Any:
-    a = math.log(chart.v) - known["speed"] - d
-    return a - jnp.log1p(jnp.exp(a + known["t_f"] - math.log(chart.v)))
+    straight = modal.of(job)
+    return lambda z: straight.physical(z, jnp)
 
 
 def modal_density(job: Job) -> Density:
@@ -72,7 +37,7 @@ def modal_density(job: Job) -> Density:
     def density(z: Any) -> Any:
         theta, log_det = theta_of(z)
         inside = jnp.all((theta >= low) & (theta <= high))
-        # Where the chart has no value the gradient of what is not chosen must be finite too.
+        # Where z belongs to no parameters the gradient of what is not chosen must be finite too.
         safe = jnp.where(inside, theta, 0.5 * (low + high))
         return jnp.where(inside, record(safe) + log_det, -jnp.inf)
 
@@ -95,7 +60,7 @@ def modal_from_unfolded(job: Job) -> Map:
     ends = _ends(job)
 
     def modal_of(u: Any) -> tuple[Any, Any]:
-        known = dict(zip(WANTED, u, strict=True))
+        known = dict(zip(COORDINATES, u, strict=True))
         log_det: Any = 0.0
         for name in KEPT:
             low, high = ends(name, known)
@@ -103,7 +68,7 @@ def modal_from_unfolded(job: Job) -> Map:
             log_det += jnp.where(high > low, jnp.log(width), -jnp.inf)
             log_det += jax.nn.log_sigmoid(known[name]) + jax.nn.log_sigmoid(-known[name])
             known[name] = low + width * jax.nn.sigmoid(known[name])
-        return jnp.stack([known[name] for name in WANTED]), log_det
+        return jnp.stack([known[name] for name in COORDINATES]), log_det
 
     return modal_of
 
@@ -112,20 +77,20 @@ def unfolded_from_modal(job: Job) -> Callable[[Any], Any]:
     ends = _ends(job)
 
     def unfold(z: Any) -> Any:
-        known = dict(zip(WANTED, z, strict=True))
+        known = dict(zip(COORDINATES, z, strict=True))
         places = dict(known)
         for name in KEPT:
             low, high = ends(name, known)
             share = (known[name] - low) / (high - low)
             places[name] = jnp.log(share) - jnp.log1p(-share)
-        return jnp.stack([places[name] for name in WANTED])
+        return jnp.stack([places[name] for name in COORDINATES])
 
     return unfold
 
 
 def _ends(job: Job) -> Callable[[str, Known], tuple[Any, Any]]:
     """Between which logs a kept parameter may lie for all nine to be in the box of the priors."""
-    chart, box = chart_of(job), job.problem.posterior.space.box
+    straight, box = modal.of(job), job.problem.posterior.space.box
     low = {name: math.log(x) for name, x in zip(job.problem.names, box[1], strict=True)}
     high = {name: math.log(x) for name, x in zip(job.problem.names, box[2], strict=True)}
 
@@ -134,10 +99,10 @@ def _ends(job: Job) -> Callable[[str, Known], tuple[Any, Any]]:
             return low[name], high[name]
         if name == "j_1":
             shifts = {"j_1": 0.0, "k_s": known["rotor"]}
-            shifts["j_m"] = known["inertia"] + _damping(known | {"j_1": 0.0}, chart)
+            shifts["j_m"] = known["inertia"] + straight.damping(known | {"j_1": 0.0})
             return _between({k: (low[k], high[k]) for k in shifts}, shifts)
-        d = _damping(known, chart)
-        rho = _resistance(known, d, chart)
+        d = straight.damping(known)
+        rho = straight.resistance(known, d, jnp)
         if name == "r_m":
             shifts = {"r_m": 0.0, "l_m": known["electrical"], "k_T": -rho}
             return _between({k: (low[k], high[k]) for k in shifts}, shifts)

@@ -1,4 +1,4 @@
-"""NumPyro's NUTS, in its own coordinates for a box of priors and in bayesdrill's.
+"""NumPyro's NUTS, in its own coordinates for a box of priors and in some made by hand.
 
 Chains take turns on two processes, a few iterations at a time, until the targets that bayesdrill
 itself has to meet are met or the budget is spent.  Time is counted from the first iteration of the
@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks import problem, verdict
+from benchmarks import modal, problem, verdict
 from benchmarks.verdict import Array, Result
 
 WARM_UP = 500  # half of NumPyro's default: enough here, and cheaper
@@ -56,18 +56,18 @@ def kernel(job: problem.Job, coordinates: str, around: Array) -> tuple[Any, Any,
         return _with_model(job, around)
     from benchmarks.peers import chart_jax
 
-    modal, back = job.problem.posterior.coordinates, chart_jax.physical_from_modal(job)
+    straight, back = modal.of(job), chart_jax.physical_from_modal(job)
     if coordinates == "modal":
         return _with_density(
             chart_jax.modal_density(job),
-            lambda theta: modal.from_physical(theta[None])[0],
+            lambda theta: straight.from_physical(theta[None])[0],
             lambda z: back(z)[0],
             around,
         )
     fold, unfold = chart_jax.modal_from_unfolded(job), chart_jax.unfolded_from_modal(job)
     return _with_density(
         chart_jax.unfolded_density(job),
-        lambda theta: unfold(modal.from_physical(theta[None])[0]),
+        lambda theta: unfold(straight.from_physical(theta[None])[0]),
         lambda u: back(fold(u)[0])[0],
         around,
     )

@@ -15,7 +15,7 @@ from benchmarks.verdict import Result
 
 
 def run(job: problem.Job) -> Result:
-    """Time is that of all sampling: pilot, fit and checks counted, compiling (0.2 s) as well."""
+    """Time is that of all sampling: learning, checks, and compiling (0.2 s) as well."""
     with tempfile.TemporaryDirectory() as folder:
         output = Path(folder) / "run"
         outcome = pipeline.posterior(job, output, "fresh", problem.PROCESSES, Silent())
@@ -26,7 +26,7 @@ def run(job: problem.Job) -> Result:
     return verdict.with_tau(
         verdict.result(
             "bayesdrill",
-            "modal",
+            "learnt",
             found,
             seconds=outcome.seconds["sampling"],
             work=float(

@@ -18,7 +18,7 @@ from bayesdrill.samplers.mixture import Mixture, fitted, mixture
 from bayesdrill.samplers.ridge import fit, frame
 
 FAIL = 1e-6
-STEPS = 20
+STEPS = 12
 ALONE = {"independence": 1.0}
 TWO = {name: TARGETS[name] for name in ("wild", "bent", "cut", "boxed", "humps")}
 CUT = TARGETS["cut"]

@@ -23,7 +23,7 @@ from bayesdrill.samplers.moves import MOVES, mixture
 
 FAIL = 1e-6  # one false alarm in a million
 WALKERS = 4000
-STEPS = 20
+STEPS = 12
 
 STRAIGHT = {name: TARGETS[name] for name in ("mild", "wild")}
 OTHERS = {name: target for name, target in TARGETS.items() if name != "mild"}
@@ -50,7 +50,7 @@ def through(move: Callable[[], emcee.moves.Move], target: Target, d: int, seed: 
     random = np.random.RandomState(seed).get_state()
     sampler = emcee.EnsembleSampler(WALKERS, d, target.log_density, moves=move(), vectorize=True)
     start = emcee.State(z, log_prob=target.log_density(z), random_state=random)
-    return sampler.run_mcmc(start, 2 * STEPS, skip_initial_state_check=True).coords
+    return sampler.run_mcmc(start, 40, skip_initial_state_check=True).coords
 
 
 @pytest.mark.parametrize("name", TARGETS)

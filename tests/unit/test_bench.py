@@ -5,11 +5,16 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from oracles import ORDER, skewed
+from rigs import vector
 
-from benchmarks import problem, tables, verdict
+from bayesdrill.posterior import Posterior
+from benchmarks import modal, problem, tables, verdict
+from benchmarks.modal import COORDINATES, Modal
 from benchmarks.peers import naive
 
 Array = np.ndarray
@@ -77,12 +82,70 @@ def test_jax_gives_our_likelihood_all_over_the_box(
     assert both - both[0] == pytest.approx(theirs - theirs[0], rel=1e-8)
 
 
+def straightened(job: problem.Job) -> Posterior:
+    """Ours over the coordinates made by hand, Jacobian included."""
+    coordinates: Any = modal.of(job)
+    return dataclasses.replace(job.problem.posterior, coordinates=coordinates)
+
+
+def test_modal_coordinates_are_what_they_are_called() -> None:
+    """The steady speed from the two balances, rates from their definitions."""
+    p, i_m, v = skewed(), 0.2, 6.5
+    z = Modal(i_m, v, ORDER).from_physical(vector(p)[None])[0]
+    found = dict(zip(COORDINATES, np.exp(z), strict=True))
+    current = (p["t_f"] + p["c_m"] * found["speed"]) / p["k_T"]
+    assert p["k_e"] * found["speed"] + p["r_m"] * current == pytest.approx(v, rel=1e-12)
+    d = p["c_m"] + p["k_e"] * p["k_T"] / p["r_m"]
+    assert found["rotor"] == pytest.approx(p["k_s"] / p["j_1"])
+    assert found["shaft"] == pytest.approx(i_m**2 * p["k_s"] / d)
+    assert found["inertia"] == pytest.approx(p["j_m"] / d)
+    assert found["electrical"] == pytest.approx(p["l_m"] / p["r_m"])
+    for name in ("c_m", "t_f", "j_1", "r_m"):
+        assert found[name] == pytest.approx(p[name])
+
+
+def test_modal_coordinates_go_back_and_know_their_jacobian(
+    job: problem.Job, anywhere: Array
+) -> None:
+    """All over the box.  Kills: a Jacobian without the slopes of the two curved equations."""
+    straight = modal.of(job)
+    z = straight.from_physical(anywhere)
+    theta, log_dets = straight.with_jacobian(z)
+    assert theta == pytest.approx(anywhere, rel=1e-10)
+    h = 1e-6 * np.eye(9)
+    for row, at, log_det in zip(z, theta, log_dets, strict=True):
+        slopes = (straight.to_physical(row + h) - straight.to_physical(row - h)) / 2e-6 / at
+        true = np.linalg.slogdet(slopes)[1] + np.log(at).sum()
+        assert log_det == pytest.approx(true, abs=1e-5)
+
+
+def test_modal_coordinates_of_no_positive_parameters_have_no_density(job: problem.Job) -> None:
+    target = straightened(job)
+    nominal = target.space.vector(job.problem.nominal)
+    z = target.coordinates.from_physical(np.stack([nominal, nominal]))
+    z[1, COORDINATES.index("c_m")] += 30.0
+    assert np.isnan(target.coordinates.to_physical(z)[1]).any()
+    assert list(np.isfinite(target(z))) == [True, False]
+
+
+def test_chains_of_peers_begin_on_the_ridge(job: problem.Job, points: Array) -> None:
+    """As wide as the posterior along it, and hardly lower than its top.
+
+    Kills: starts around the MAP in logs, where the ridge is bent: thousands below.
+    """
+    target = job.problem.posterior
+    nominal = target.space.vector(job.problem.nominal)
+    lost = target.density(nominal[None])[0] - target.density(points)
+    assert np.median(lost) < 50
+    assert np.std(np.log(points), axis=0).max() > 0.1
+
+
 def test_jax_gives_our_density_over_modal_coordinates(job: problem.Job, points: Array) -> None:
     """Kills: a Jacobian without the slopes of the two curved equations."""
     jax = pytest.importorskip("jax")
     from benchmarks.peers import chart_jax
 
-    posterior = job.problem.posterior
+    posterior = straightened(job)
     z = posterior.coordinates.from_physical(points)
     density = jax.jit(chart_jax.modal_density(job))
     assert spread(posterior(z), each(density, z)) < 1e-5
@@ -100,7 +163,7 @@ def test_the_walls_of_the_box_are_unfolded_with_their_jacobian(
     jax = pytest.importorskip("jax")
     from benchmarks.peers import chart_jax
 
-    posterior = job.problem.posterior
+    posterior = straightened(job)
     z = posterior.coordinates.from_physical(points)
     fold = jax.jit(chart_jax.modal_from_unfolded(job))
     unfold = jax.jit(chart_jax.unfolded_from_modal(job))

@@ -87,7 +87,10 @@ def test_walkers_that_remember_their_last_draw_have_no_more_effective_ones() -> 
         ([(200, 8), (400, 8.5), (800, 9)], None),  # too early to say
         ([(500, 9), (1000, 10)], "tau grows with the chain, 56 steps after 500 and 100 after 1000"),
         ([(500, 50), (1000, 51)], None),  # nothing is missing
-        ([(500, 1.0), (1000, 2.0)], "about 25000 steps, more than sampler.max_steps (20000)"),
+        (
+            [(500, 1.0), (1000, 2.0)],
+            "about 25000 steps, more than sampler.max_steps (20000); raise",
+        ),
         ([(500, 1.3), (1000, 2.6)], None),  # 19231 steps would do
         ([(600, 9), (1000, 10)], None),  # no check at half of the steps or less to compare with
     ],
@@ -96,9 +99,17 @@ def test_runs_that_more_steps_would_not_help_are_given_up(
     trail: list[tuple[int, float]], says: str | None
 ) -> None:
     """Mutants killed: given up before it can be told; never; what is enough given up."""
-    found = futile(trail, wanted=50, most=20_000)
+    found = futile(trail, wanted=50, allowed=20_000, most=20_000)
     assert (says in found) if says else found == ""
     assert not found or found.startswith("stopped early: ")
+
+
+def test_a_chain_that_would_be_too_large_is_not_for_max_steps_to_mend() -> None:
+    """Mutant killed: advice that changes nothing."""
+    found = futile([(500, 3.0), (1000, 6.0)], wanted=50, allowed=20_000, most=8_000)
+    assert "about 8333 steps, more than the 8000 that a chain of so many walkers" in found
+    assert "sampler.walkers a smaller number" in found
+    assert "max_steps" not in found
 
 
 def test_thinning_keeps_time_and_ensembles_apart() -> None:

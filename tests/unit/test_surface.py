@@ -4,57 +4,25 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
-from functools import cache
-from typing import Any
 
 import numpy as np
 import pytest
+from compiled import MEASURED, SIGMA, response, seen
 from oracles import NOMINAL, ORDER
-from rigs import experiment, measured, posterior, vector
+from rigs import vector
 
 from bayesdrill.coordinates import Coordinates
 from bayesdrill.formulas import expression
-from bayesdrill.models.motor_shaft import MotorShaft
 from bayesdrill.parameters import ParameterSpace
 from bayesdrill.posterior import Posterior
 from bayesdrill.priors import HalfNormal, LogNormal, Prior, TruncatedNormal, Uniform
-from bayesdrill.response import Response
 from bayesdrill.surface import Expansion, PosteriorSurface, joined
 
-SIGMA = np.array([0.1, 0.07, 0.2, 0.15])
 FAMILIES: dict[str, Prior] = {
     "c_m": HalfNormal(2 * NOMINAL["c_m"]),  # not in logs
     "k_s": LogNormal(NOMINAL["k_s"], 0.2),
     "j_1": TruncatedNormal(NOMINAL["j_1"], 0.3 * NOMINAL["j_1"]),  # nor this
 }
-MEASURED = {"step": {}, "zero-order hold": {"v"}, "first-order hold": {"t_1"}}
-
-
-@cache
-def response(name: str) -> Response:
-    """Of a step, or with one input measured and the first sample later than the start."""
-    if name == "step":
-        return Response(MotorShaft(), measured(SIGMA, n=60))
-    rng, n = np.random.default_rng(8), 60
-    series = {"v": 6.0 + rng.standard_normal(n), "t_1": 0.05 * rng.standard_normal(n)}
-    record = experiment(
-        n,
-        0.013,
-        constant={"v": 6.0, "t_1": 0.02},
-        series={u: series[u] for u in MEASURED[name]},
-        first_order=name == "first-order hold",
-        measures={"twist": {"theta_1": 1.0, "theta_2": -1.0}, "speed": {"w_2": 8.0}},
-        first=0.137,
-        t_start=0.05,
-        start={"theta_1": 0.4, "w_2": 1.0},
-    )
-    made = Response(MotorShaft(), record)
-    clean = made.signals(vector(NOMINAL)[None])[0]
-    return made.with_record(clean + SIGMA[:2] * rng.standard_normal(clean.shape))
-
-
-def seen(name: str, sigma: np.ndarray | None, **own: Any) -> Posterior:
-    return posterior(response(name).experiment, sigma, response=response(name), **own)
 
 
 def tied() -> Posterior:
@@ -176,13 +144,13 @@ def test_a_point_does_not_depend_on_its_neighbours(name: str) -> None:
     """
     target = TARGETS[name]()
     surface = PosteriorSurface(target)
-    u = points(target, 40)
+    u = points(target, 22)
     rng = np.random.default_rng(3)
     for q in (1, 3, u.shape[1]):
         directions = rng.standard_normal((u.shape[1], q))
         together = surface.expand(u, directions)
         for size in (1, 11):
-            parts = [surface.expand(u[k : k + size], directions) for k in range(0, 40, size)]
+            parts = [surface.expand(u[k : k + size], directions) for k in range(0, 22, size)]
             assert_same(joined(parts), together)
 
 

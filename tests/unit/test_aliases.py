@@ -1,0 +1,115 @@
+"""Frequencies that the samples of a record cannot tell apart, and the unknowns that have them."""
+
+from __future__ import annotations
+
+import dataclasses
+from functools import cache
+
+import numpy as np
+import pytest
+from oracles import NOMINAL, matrices
+from rigs import experiment, posterior, vector
+
+from bayesdrill import aliases, maxima
+from bayesdrill.models.motor_shaft import MotorShaft
+from bayesdrill.posterior import Posterior
+from bayesdrill.priors import Uniform
+from bayesdrill.response import Response
+from bayesdrill.surface import PosteriorSurface
+
+DT = 1.0  # s, about half of a swing
+
+
+def rig(**changed: float) -> dict[str, float]:
+    return {**NOMINAL, **changed}
+
+
+def swing(p: dict[str, float]) -> float:
+    """Angular frequency of the torsion, from the equations of motion."""
+    return float(np.abs(np.linalg.eigvals(matrices(p)[0]).imag).max())
+
+
+def stiffness(omega: float) -> float:
+    """That makes the nominal rig swing so fast."""
+    low, high = 0.01, 10.0
+    for _ in range(60):
+        middle = np.sqrt(low * high)
+        low, high = (middle, high) if swing(rig(k_s=middle)) < omega else (low, middle)
+    return float(low)
+
+
+@cache
+def rotor() -> Response:
+    """Its speed alone, twelve samples at 1 Hz."""
+    return Response(MotorShaft(), experiment(12, DT, measures={"w_1": {"w_1": 1.0}}))
+
+
+def aliased(free: tuple[str, ...], k_s: float, sigma: float = 0.3) -> Posterior:
+    """From a rig of this stiffness; every unknown in a uniform box."""
+    clean = rotor().signals(vector(rig(k_s=k_s))[None])[0]
+    noise = sigma * np.random.default_rng(2).standard_normal(clean.shape)
+    known = rotor().with_record(clean + noise)
+    boxes = {name: Uniform(0.5 * NOMINAL[name], 1.6 * NOMINAL[name]) for name in free}
+    sigmas = np.array([sigma])
+    return posterior(known.experiment, sigmas, free=free, priors=boxes, response=known)
+
+
+def at(target: Posterior, k_s: float) -> np.ndarray:
+    theta = target.space.vector({**NOMINAL, "k_s": k_s})
+    return target.coordinates.from_physical(theta[None])[0]
+
+
+def test_frequencies_are_those_of_the_equations_of_motion() -> None:
+    target = aliased(("k_s", "j_1"), 0.26)
+    u = np.stack([at(target, k_s) for k_s in (0.15, 0.26, 0.4)])
+    found = aliases.frequencies(target, u)
+    assert found[:, 0] == pytest.approx([swing(rig(k_s=k)) for k in (0.15, 0.26, 0.4)], rel=1e-9)
+    assert np.array_equal(found[:, 1], np.zeros(3))  # all other poles decay without a swing
+
+
+@pytest.mark.parametrize("free", [("k_s",), ("k_s", "j_1"), ("k_s", "j_1", "t_f")])
+@pytest.mark.parametrize("nominal", [True, False], ids=["slower", "faster"])
+def test_the_other_stiffness_of_a_torsion_near_half_the_sampling_rate(
+    free: tuple[str, ...], nominal: bool
+) -> None:
+    """From either one the other is found, and a search from there ends where SciPy's poles say.
+
+    Mutant killed: the frequency taken for its mirror image.
+    """
+    true = 0.26
+    other = stiffness(2.0 * np.pi / DT - swing(rig(k_s=true)))
+    one, another = (true, other) if nominal else (other, true)
+    target = aliased(free, one)
+    found = aliases.starts(target, at(target, one))
+    theta = target.coordinates.to_physical(found)
+    names = target.space.free
+    speeds = [swing(rig(**dict(zip(names, row, strict=True)))) for row in theta]
+    wanted = swing(rig(k_s=another))
+    assert min(abs(np.log(speed / wanted)) for speed in speeds) < aliases.NEAR
+    assert PosteriorSurface(target).inside(found).all()
+    surface = PosteriorSurface(target, physical=True)
+    points, values = maxima.scout(surface, np.vstack([at(target, one), found]))
+    ends = target.coordinates.to_physical(points[maxima.apart(surface, points, values)])
+    named = [rig(**dict(zip(names, row, strict=True))) for row in ends]
+    ratios = sorted(p["k_s"] / p["j_1"] for p in named)
+    assert ratios == pytest.approx([k / NOMINAL["j_1"] for k in sorted((true, other))], rel=0.05)
+
+
+def test_an_alias_outside_the_priors_is_not_looked_for() -> None:
+    """Nor one of a rig that does not swing."""
+    target = aliased(("k_s",), 0.26)
+    narrow = dataclasses.replace(
+        target, space=dataclasses.replace(target.space, priors={"k_s": Uniform(0.25, 0.27)})
+    )
+    assert aliases.starts(narrow, at(narrow, 0.26)).shape == (0, 1)
+    still = aliased(("r_m", "t_f"), 0.26)
+    u = still.coordinates.from_physical(still.space.vector(NOMINAL)[None])[0]
+    assert aliases.starts(still, u).shape == (0, 2)  # neither moves the pole as far
+
+
+def test_with_many_samples_in_a_swing_the_others_are_out_of_reach() -> None:
+    target = aliased(("k_s", "j_1"), 0.26)
+    fine = experiment(200, 0.05, measures={"w_1": {"w_1": 1.0}})
+    priors = dict(target.space.priors)
+    dense = posterior(fine, np.array([0.3]), free=("k_s", "j_1"), priors=priors)
+    assert len(aliases.starts(dense, at(dense, 0.26))) == 0

@@ -1,0 +1,125 @@
+"""Ensembles that know nothing of each other: without that, R-hat means nothing."""
+
+from __future__ import annotations
+
+import itertools
+from functools import cache
+
+import numpy as np
+import pytest
+from compiled import SIGMA, seen
+from surfaces import Gaussians, humps
+
+from bayesdrill.convergence import Targets
+from bayesdrill.crew import Crew
+from bayesdrill.learning import Learnt, learn
+from bayesdrill.posterior import Posterior
+from bayesdrill.progress import Silent
+from bayesdrill.samplers.ensemble import State
+from bayesdrill.sampling import Plan, Sampled, begin, prepare, sample
+from bayesdrill.shelf import Memory
+
+N = 16  # walkers
+MOVES = {
+    "independence alone": {"independence": 1.0},
+    "all": {"independence": 0.5, "differential_evolution": 0.4, "stretch": 0.1},
+}
+
+
+@cache
+def problem() -> tuple[Posterior, np.ndarray, Learnt]:
+    """Three unknowns, the one maximum that is known (nearly), and what is learnt from it."""
+    target = seen("step", SIGMA, free=("k_s", "j_1", "t_f"))
+    maximum = target.space.vector(target.space.start)[None]
+    return target, maximum, prepare(Crew(target, 1), target, maximum, 1)
+
+
+def run(moves: dict[str, float], seed: int = 1) -> Sampled:
+    """Two ensembles, a few steps."""
+    target, maxima, _ = problem()
+    plan = Plan(
+        ensembles=2,
+        walkers=N,
+        moves=moves,
+        targets=Targets(r_hat=1.01, n_tau=50, ess=1000),
+        max_steps=12,
+        seed=seed,
+    )
+    return sample(Crew(target, 1), target, maxima, plan, Memory(), Silent())
+
+
+def steps(sampled: Sampled) -> list[set[bytes]]:
+    """Of each ensemble, every place where a walker has been."""
+    chains = [np.concatenate([piece.z for piece in pieces]) for pieces in sampled.pieces]
+    return [{row.tobytes() for row in chain.reshape(-1, chain.shape[-1])} for chain in chains]
+
+
+def begun(seed: int, ensemble: int) -> State:
+    target, _, learnt = problem()
+    return begin(target, learnt.proposal, N, seed, ensemble)
+
+
+@pytest.mark.parametrize("moves", MOVES.values(), ids=MOVES)
+def test_ensembles_have_no_step_in_common(moves: dict[str, float]) -> None:
+    """Proposals of their own, from starts of their own.
+
+    Mutants killed: all ensembles from the same start points, all with the same random stream.
+    """
+    one, two = steps(run(moves))
+    assert min(len(one), len(two)) > 3 * N  # they have moved
+    assert not one & two
+
+
+def test_ensembles_start_at_different_points_with_different_streams() -> None:
+    """The same mutants killed, each by itself; and starts are no part of a later walk's stream."""
+    starts = [begun(1, ensemble) for ensemble in range(4)]
+    for one, two in itertools.combinations(starts, 2):
+        assert not np.isin(one.z, two.z).any()
+        assert not np.array_equal(one.random[1], two.random[1])
+    random = [np.random.RandomState() for _ in starts]
+    for state, start in zip(random, starts, strict=True):
+        state.set_state(start.random)
+    fresh = [state.random_sample(50) for state in random]
+    for one, two in itertools.combinations(fresh, 2):
+        assert not np.isin(one, two).any()
+
+
+def test_the_same_seed_starts_and_walks_alike_and_another_does_not() -> None:
+    assert np.array_equal(begun(3, 1).z, begun(3, 1).z)
+    assert not np.isin(begun(3, 1).z, begun(4, 1).z).any()
+    one, again, other = (steps(run(MOVES["all"], seed)) for seed in (1, 1, 2))
+    assert one == again
+    assert not (one[0] | one[1]) & (other[0] | other[1])
+
+
+def test_starts_are_inside_the_priors_and_wider_than_the_proposal() -> None:
+    """So that R-hat can tell.  Mutant killed: starts that are draws of the proposal itself."""
+    target, _, learnt = problem()
+    state = begin(target, learnt.proposal, 2000, 1, 0)
+    assert target.supports(state.z).all()
+    assert np.array_equal(state.log_p, target(state.z))
+    assert np.isfinite(state.log_p).all()
+    drawn, _ = learnt.proposal.draw(2000, target.supports, np.random.RandomState(2))
+    assert (state.z.std(axis=0) > 1.15 * drawn.std(axis=0)).all()
+
+
+class Known:
+    """What a start asks of a posterior."""
+
+    def __init__(self, surface: Gaussians) -> None:
+        self.supports, self.value = surface.inside, surface.value
+
+    def __call__(self, u: np.ndarray) -> np.ndarray:
+        return self.value(u)
+
+
+def test_walkers_start_on_all_maxima_alike() -> None:
+    """Whatever each was found to hold: that is for the moves to find.
+
+    Mutant killed: shares that were learnt, and may be wrong, kept for the starts.
+    """
+    surface = humps(2, (0.9, 0.1), (1.0, 0.5), 20.0)
+    seed, rng = np.random.RandomState(1), np.random.default_rng(2)
+    learnt = learn(surface, surface.expand, list(surface.means), seed, rng)
+    state = begin(Known(surface), learnt.proposal, 4000, 1, 0)
+    assert surface.belongs(state.z).mean() == pytest.approx(0.5, abs=0.05)
