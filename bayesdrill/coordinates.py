@@ -36,7 +36,7 @@ class Coordinates:
         return theta
 
     def with_jacobian(self, z: Array) -> tuple[Array, Array]:
-        return self.to_physical(z), z[:, self.logs].sum(axis=-1)
+        return self.to_physical(z), np.ascontiguousarray(z[:, self.logs]).sum(axis=-1)
 
     def slopes(self, theta: Array) -> Array:
         """d unknown / d its coordinate, `(W, D)`."""

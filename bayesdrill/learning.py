@@ -30,6 +30,7 @@ ENOUGH = 0.3  # of effective draws; with less it goes on
 LEAST_SHARE = 0.1  # of effective draws: below it the density is flattened until there are as many
 REDRAWN = 0.4  # of a density: what a draw costs that falls outside the prior
 AGAIN = 4  # times that a ridge is added, ...
+FEW, ALONE = 5, 2.0  # rounds after which so few effective draws are no beginning
 GOOD = 0.45  # ... unless as many draws are effective
 LIKELY = 0.9  # quantile of the weights: a new centre is a draw above it
 COMPONENTS = 4
@@ -77,7 +78,7 @@ def learn(
     parts = [(origin, trace(surface, expand, at, rng)) for origin, at in enumerate(maxima)]
     best = last = _fitted(surface, parts, seed)
     for _ in range(AGAIN):
-        if best.share > GOOD:
+        if best.share > GOOD or best.hopeless:
             break
         # One more ridge where draws weigh most: there the posterior is, and the proposal is not.
         for origin, at, seen in _midst(last):
@@ -106,7 +107,7 @@ def _fitted(surface: Surface, parts: Sequence[tuple[int, Traced]], seed: Random)
         done = _draw(found, off, origin, surface, seed)
         settled = bool(rounds) and done.share < WORTH * rounds[-1].share
         rounds.append(done)
-        if settled and done.share > ENOUGH:
+        if (settled and done.share > ENOUGH) or (len(rounds) > FEW and done.hopeless):
             break
         kept = np.flatnonzero(np.isfinite(done.log_w))
         u, weights = done.u[kept], tempered(done.log_w[kept])
@@ -147,6 +148,11 @@ class _Round:
     @property
     def acceptance(self) -> float:
         return acceptance(normalised(self.log_w))
+
+    @property
+    def hopeless(self) -> bool:
+        """Whether one draw outweighs all others."""
+        return effective(normalised(self.log_w)) < ALONE
 
     @property
     def worth(self) -> float:

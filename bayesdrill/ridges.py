@@ -24,6 +24,7 @@ Expand = Callable[[Array, Array], Expansion]
 
 TIGHT = 100.0  # a direction whose variance the record makes smaller than the prior's by as much
 NEAR_END = 1e-6  # of the prior's spread
+OWN = 1e-6  # share of an unknown that is not among what is set apart already: less is rounding
 PRESSED = 0.5  # standard deviations that a maximum may lie beyond an end of a prior
 OUTWARD = (0.15, 0.3, 0.5, 0.75, 1.0)  # of the way from the maximum to where the ridge is wanted
 DOUBT = 9.0  # what the record knows of the loose directions at the maximum need not hold elsewhere
@@ -78,8 +79,8 @@ def split(
         near = NEAR_END * scale
         pressed = (centre <= surface.low + near) & (slope < 0)
         pressed |= (centre >= surface.high - near) & (slope > 0)
-        apart = np.linalg.qr(np.concatenate([apart, np.eye(len(centre))[:, pressed]], axis=1))[0]
-        known = np.concatenate([known, np.diag(curvature)[pressed] + slope[pressed] ** 2])
+        apart, own = _beside(apart, np.flatnonzero(pressed))
+        known = np.concatenate([known, np.diag(curvature)[own] + slope[own] ** 2])
         values, vectors = _directions(curvature, apart)
     n_loose = int((values < TIGHT).sum())
     columns = scale[:, None] * np.concatenate([apart, vectors], axis=1)
@@ -87,6 +88,23 @@ def split(
         ridge.frame(centre, columns, len(known) + n_loose),
         np.concatenate([known, np.maximum(values[:n_loose], 0.0)]),
     )
+
+
+def _corner(surface: Surface, centre: Array, here: Expansion) -> tuple[Frame, Array]:
+    """The unknowns themselves as a basis, where the ends of the priors hold nearly all of them."""
+    scale = surface.spread
+    known = np.diag(here.curvature[0]) * scale**2 + (here.slope[0] * scale) ** 2
+    return ridge.frame(centre, np.diag(scale), len(centre)), known
+
+
+def _beside(apart: Array, unknowns: NDArray[np.intp]) -> tuple[Array, list[int]]:
+    """Columns at right angles: those `apart`, then what `unknowns` add to them, and which these are."""
+    own: list[int] = []
+    for d in map(int, unknowns):
+        axis = np.eye(len(apart))[d] - apart @ apart[d]
+        if (length := float(np.linalg.norm(axis))) > OWN:
+            apart, own = np.column_stack([apart, axis / length]), [*own, d]
+    return apart, own
 
 
 def _directions(curvature: Array, without: Array) -> tuple[Array, Array]:
@@ -129,12 +147,17 @@ def trace(
     here = expand(centre[None], np.eye(len(centre)))
     still = unmoved(surface, expand, rng)
     base, known = split(surface, centre, here, still)
+    if len(known) == len(centre) and (known > TIGHT).any():
+        base, known = _corner(surface, centre, here)
     n_loose = len(known)
     if seen is None:
         # What the priors and the record say of psi, both taken as Gaussian.
         doubted = known / DOUBT
         towards = base.split(surface.middle[None])[0][0]
-        psi, spread = towards / (1.0 + doubted), np.diag(1.0 / np.sqrt(1.0 + doubted))
+        psi, sd = towards / (1.0 + doubted), 1.0 / np.sqrt(1.0 + doubted)
+        # At an end of a prior that the record presses against, begin on the side where it goes on.
+        steep = known > TIGHT
+        psi, spread = psi + np.where(steep, np.sign(towards) * sd, 0.0), np.diag(sd)
     else:
         psi, spread = moments(base.split(seen[0])[0], seen[1])
     at = _at_centre(base, here)
@@ -273,7 +296,10 @@ def _best_fit(
 ) -> tuple[Ridge, float]:
     """The polynomials of the degree that points held out ask for, and how far off those are."""
     held = np.arange(len(psi)) % HELD_OUT == HELD_OUT - 1
-    some, others = (psi[~held], tau[~held], roots[~held]), (psi[held], tau[held], roots[held])
+    some = psi[~held], tau[~held], roots[~held]
+    within = held & ridge.fit(base, *some, 0, 0, bent).within(psi)  # no fit knows what lies beyond
+    held = within if within.any() else held
+    others = psi[held], tau[held], roots[held]
     n = len(some[0])
 
     def tried(degree: int, root_degree: int) -> Ridge:

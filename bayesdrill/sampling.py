@@ -308,7 +308,8 @@ def stored(posterior: Posterior, plan: Plan, folder: Folder) -> Sampled:
     """What `folder` holds, judged again; raises `InputError` where ensembles are missing."""
     chains = [folder.pieces(ensemble) for ensemble in range(plan.ensembles)]
     steps = min(map(_steps, chains))
-    if steps == 0 or max(map(_steps, chains)) != steps:
+    first = next(_checks(plan.most_steps(len(posterior.space.free))))
+    if steps < first or max(map(_steps, chains)) != steps:
         raise InputError.one(
             str(folder.path), "the run stopped before its first check; continue it with --resume"
         )

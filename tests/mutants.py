@@ -1,6 +1,7 @@
 """Break the code in named ways, one line at a time, and see a named test fail.
 
-`make mutants` works on a copy of the tree; a mutant that survives is an error.  A mutant whose
+`make mutants` works on a copy of the tree; a mutant that survives is an error.  Words after
+`python tests/mutants.py` choose those that have one of them in name, file or killer.  A mutant whose
 line is no longer in the code is an error too, so that this list cannot rot.
 """
 
@@ -29,10 +30,10 @@ class Mutant:
 
 MUTANTS = [
     Mutant(
-        "no Jacobian of the chart",
+        "no Jacobian of the logs",
         "coordinates.py",
-        "return np.exp(logs), logs.sum(axis=-1) + log_det",
-        "return np.exp(logs), logs.sum(axis=-1)",
+        "z[:, self.logs].sum(axis=-1)",
+        "0.0 * z.sum(axis=-1)",
         "tests/unit/test_coordinates.py::test_jacobian_equals_a_numerical_determinant",
     ),
     Mutant(
@@ -41,13 +42,6 @@ MUTANTS = [
         "log_p[inside] += log_jacobian[inside]",
         "pass",
         "tests/unit/test_posterior.py::test_density_over_coordinates_carries_the_jacobian",
-    ),
-    Mutant(
-        "forget the slope of an equation in the chart's Jacobian",
-        "models/motor_shaft_chart.py",
-        'return share if step.unknown == "t_f" else 1.0 + share',
-        'return share if step.unknown == "t_f" else 1.0',
-        "tests/unit/test_coordinates.py::test_charts_of_all_sets_of_free_parameters",
     ),
     Mutant(
         "ignore a tie",
@@ -69,20 +63,6 @@ MUTANTS = [
         "slope = power * self.value ** (power - 1) * self.slope",
         "slope = self.value ** (power - 1) * self.slope",
         "tests/unit/test_formulas.py::test_derivatives_are_those_of_differences",
-    ),
-    Mutant(
-        "leave the share of a tie out of the chart's Jacobian",
-        "models/motor_shaft_chart.py",
-        "log_pivots += float(np.linalg.slogdet(step.matrix)[1])",
-        "pass",
-        "tests/unit/test_coordinates.py::test_charts_with_ties",
-    ),
-    Mutant(
-        "leave the factor of a tie out of the chart",
-        "models/motor_shaft_chart.py",
-        "(_factor(name), math.log(r.factor) * unit[-1])",
-        "(_factor(name), 0.0 * unit[-1])",
-        "tests/unit/test_coordinates.py::test_charts_with_ties",
     ),
     Mutant(
         "a load that does not slow the rig down in its steady state",
@@ -162,32 +142,326 @@ MUTANTS = [
         "tests/unit/test_response.py::test_measured_inputs_against_radau",
     ),
     Mutant(
-        "the proposal's density forgotten",
-        "samplers/independence.py",
-        "return fresh, old - self.mixture.log_density(y)",
-        "return fresh, 0.0 * old",
-        "tests/contracts/test_independence.py::test_a_bent_target_that_is_cut_off_is_kept_exactly",
+        "a search walks down to where numbers end",
+        "surface.py",
+        "low = prior.low if prior.low > 0 else float(prior.quantile(np.array(NOTHING)))",
+        "low = prior.low",
+        "tests/unit/test_mode.py::test_a_search_for_a_zero_ends_where_its_prior_does",
     ),
     Mutant(
-        "the proposal's density at the bent point",
-        "samplers/independence.py",
-        "return fresh, old - self.mixture.log_density(y)",
-        "return fresh, old - self.mixture.log_density(fresh)",
-        "tests/contracts/test_independence.py::test_a_proposal_learnt_from_something_else_is_exact_too",
+        "no Jacobian of the ridge in the proposal's density",
+        "samplers/mixture.py",
+        "self.constants[:, None] - jacobian[self.sheet] - 0.5 * squares",
+        "self.constants[:, None] - 0.5 * squares",
+        "tests/contracts/test_moves.py::test_target_is_kept_exactly",
+    ),
+    Mutant(
+        "the density of a mixture that is not normalised",
+        "samplers/mixture.py",
+        "- log_det - 0.5 * means.shape[1] * LOG_2PI",
+        "- 0.5 * means.shape[1] * LOG_2PI",
+        "tests/contracts/test_independence.py::test_a_mixture_is_a_normalised_density_that_its_draws_follow",
+    ),
+    Mutant(
+        "the weights of components left out of the density",
+        "samplers/mixture.py",
+        "constants = np.log(weights) - log_det",
+        "constants = 0.0 * weights - log_det",
+        "tests/contracts/test_independence.py::test_target_is_kept_exactly_over_two_ridges",
+    ),
+    Mutant(
+        "the weights of ridges left out of the importance weights",
+        "samplers/mixture.py",
+        "constants = np.log(weights) - log_det",
+        "constants = 0.0 * weights - log_det",
+        "tests/unit/test_learning.py::test_weights_of_two_maxima_without_a_chain",
+    ),
+    Mutant(
+        "the weights of ridges left out of the walkers' proposals",
+        "samplers/mixture.py",
+        "constants = np.log(weights) - log_det",
+        "constants = 0.0 * weights - log_det",
+        "tests/unit/test_learning.py::test_weights_of_two_maxima_from_walkers_that_start_on_both_alike",
+    ),
+    Mutant(
+        "draws cut off in the order of their components",
+        "samplers/mixture.py",
+        "chosen = np.searchsorted(np.cumsum(self.weights)[:-1], random.random_sample(n))",
+        "chosen = np.sort(np.searchsorted(np.cumsum(self.weights)[:-1], random.random_sample(n)))",
+        "tests/contracts/test_independence.py::test_target_is_kept_exactly_over_two_ridges",
+    ),
+    Mutant(
+        "the Jacobian of another draw",
+        "samplers/mixture.py",
+        "return Drawn(self.u[good], self.jacobian[good], self.y[good])",
+        "return Drawn(self.u[good], self.jacobian[: good.sum()], self.y[good])",
+        "tests/contracts/test_moves.py::test_target_is_kept_exactly",
     ),
     Mutant(
         "do not fill up what the prior cuts off",
-        "samplers/independence.py",
-        "outside = drawn[out]",
-        "outside = drawn[:0]",
+        "samplers/mixture.py",
+        "FILL / (share * len(u))",
+        "1e-9 / (share * len(u))",
         "tests/contracts/test_independence.py::test_what_the_prior_cuts_off_is_filled_up",
     ),
     Mutant(
-        "never take out a bend",
-        "samplers/shear.py",
-        "if gain > gained:",
+        "walkers start where the posterior is thought to be",
+        "samplers/mixture.py",
+        "weights = self.weights / each",
+        "weights = self.weights",
+        "tests/unit/test_sampling.py::test_walkers_start_on_all_maxima_alike",
+    ),
+    Mutant(
+        "the proposal's density forgotten",
+        "samplers/independence.py",
+        "return fresh, self.mixture.log_density(u) - log_q",
+        "return fresh, 0.0 * log_q",
+        "tests/contracts/test_independence.py::test_target_is_kept_exactly_over_two_ridges",
+    ),
+    Mutant(
+        "the proposal's factor with the wrong sign",
+        "samplers/independence.py",
+        "return fresh, self.mixture.log_density(u) - log_q",
+        "return fresh, log_q - self.mixture.log_density(u)",
+        "tests/contracts/test_moves.py::test_target_is_kept_exactly",
+    ),
+    Mutant(
+        "no Jacobian of the ridge in a move along it",
+        "samplers/moves.py",
+        "return fresh, factor + after - before[half]",
+        "return fresh, factor",
+        "tests/contracts/test_moves.py::test_target_is_kept_exactly",
+    ),
+    Mutant(
+        "the Jacobian of a move along a ridge with the wrong sign",
+        "samplers/moves.py",
+        "return fresh, factor + after - before[half]",
+        "return fresh, factor - after + before[half]",
+        "tests/contracts/test_moves.py::test_target_is_kept_exactly",
+    ),
+    Mutant(
+        "the Jacobian of another walker",
+        "samplers/moves.py",
+        "return fresh, factor + after - before[half]",
+        "return fresh, factor + after - before[others]",
+        "tests/contracts/test_moves.py::test_target_is_kept_exactly",
+    ),
+    Mutant(
+        "the ridge's root at its middle on the way back",
+        "samplers/ridge.py",
+        "e = _solved(root, tau - place)",
+        "e = _solved(self.along(0.0 * psi)[1], tau - place)",
+        "tests/contracts/test_moves.py::test_target_is_kept_exactly",
+    ),
+    Mutant(
+        "the ridge's volume at its middle",
+        "samplers/ridge.py",
+        "return self.frame.join(psi, tau + _times(root, e)), log_det",
+        "return self.frame.join(psi, tau + _times(root, e)), self.along(0.0 * psi)[2]",
+        "tests/contracts/test_moves.py::test_target_is_kept_exactly",
+    ),
+    Mutant(
+        "the volume of a basis forgotten",
+        "samplers/ridge.py",
+        "volume = float(np.linalg.slogdet(columns)[1])",
+        "volume = 0.0",
+        "tests/contracts/test_independence.py::test_target_is_kept_exactly_over_two_ridges",
+    ),
+    Mutant(
+        "one root for the whole ridge",
+        "samplers/ridge.py",
+        "entries = self.root.T @ rows[: self.root_powers.terms]",
+        "entries = self.root[:1].T @ rows[:1]",
+        "tests/unit/test_ridges.py::test_a_strongly_bent_ridge_is_followed",
+    ),
+    Mutant(
+        "a polynomial followed for ever",
+        "samplers/ridge.py",
+        "scaled *= self.reach / np.maximum(far, self.reach)",
+        "scaled *= 1.0",
+        "tests/unit/test_ridges.py::test_a_polynomial_says_nothing_of_what_lies_beyond_its_points",
+    ),
+    Mutant(
+        "no slope taken for no density",
+        "ridges.py",
+        'good = np.einsum("nii->n", here.curvature) > 0',
+        "good = np.abs(here.slope).sum(axis=1) > 0",
+        "tests/unit/test_maxima.py::test_a_point_at_the_very_maximum_is_joined_to_itself",
+    ),
+    Mutant(
+        "a polynomial judged where none reaches",
+        "ridges.py",
+        "held = within if within.any() else held",
+        "pass",
+        "tests/unit/test_ridges.py::test_the_outermost_point_does_not_decide_how_bent_a_ridge_is",
+    ),
+    Mutant(
+        "nothing above a quadratic",
+        "ridges.py",
+        "MOST_DEGREE = 14",
+        "MOST_DEGREE = 2",
+        "tests/unit/test_ridges.py::test_a_strongly_bent_ridge_is_followed",
+    ),
+    Mutant(
+        "flat at one point for flat everywhere",
+        "ridges.py",
+        "PROBES = 12",
+        "PROBES = 1",
+        "tests/unit/test_ridges.py::test_a_direction_along_which_nothing_changes_anywhere_is_known",
+    ),
+    Mutant(
+        "a tight direction out of the box",
+        "ridges.py",
+        "> PRESSED:",
+        "> np.inf:",
+        "tests/unit/test_ridges.py::test_an_unknown_that_its_wall_holds_back_is_loose",
+    ),
+    Mutant(
+        "what a wall holds is never let go",
+        "climb.py",
+        "held[let_go, np.argmax(inward, axis=1)[let_go]] = False",
+        "pass",
+        "tests/unit/test_climb.py::test_a_step_within_a_box_is_that_of_bounded_least_squares",
+    ),
+    Mutant(
+        "a step cut off at the first wall",
+        "climb.py",
+        "for _ in range(3 * d):",
+        "for _ in range(1):",
+        "tests/unit/test_climb.py::test_a_step_within_a_box_is_that_of_bounded_least_squares",
+    ),
+    Mutant(
+        "no damping",
+        "climb.py",
+        "tried = [_stepped(surface, u, here, damping * factor) for factor in DAMPINGS]",
+        "tried = [_stepped(surface, u, here, 0.0 * damping) for factor in DAMPINGS]",
+        "tests/unit/test_climb.py::test_a_valley_shaped_like_a_banana_is_followed",
+    ),
+    Mutant(
+        "down where it curves upward",
+        "climb.py",
+        "(vectors * np.abs(values)[:, None, :])",
+        "(vectors * values[:, None, :])",
+        "tests/unit/test_climb.py::test_second_derivatives_lead_to_the_very_maximum",
+    ),
+    Mutant(
+        "one leap from point to point of a ridge",
+        "maxima.py",
+        "PATH = 10",
+        "PATH = 1",
+        "tests/unit/test_maxima.py::test_a_second_ridge_beside_the_first_is_another",
+    ),
+    Mutant(
+        "wherever a path ends is the same maximum",
+        "maxima.py",
+        "np.linalg.norm(off, axis=1) < SAME",
+        "np.linalg.norm(off, axis=1) < np.inf",
+        "tests/unit/test_maxima.py::test_two_humps_are_two_maxima_the_highest_first",
+    ),
+    Mutant(
+        "a maximum that holds nothing",
+        "maxima.py",
+        "values[left[0]] - LOWER",
+        "values[left[0]] - 1e9",
+        "tests/unit/test_maxima.py::test_what_is_much_lower_holds_nothing",
+    ),
+    Mutant(
+        "aliases on one side only",
+        "aliases.py",
+        "ROUNDS = (-2, -1, 1, 2)",
+        "ROUNDS = (1, 2)",
+        "tests/unit/test_aliases.py::test_the_other_stiffness_of_a_torsion_near_half_the_sampling_rate",
+    ),
+    Mutant(
+        "weights flattened as far as it goes",
+        "learning.py",
+        "if effective(normalised(middle * finite)) >= wanted:",
         "if False:",
-        "tests/contracts/test_independence.py::test_a_bend_is_taken_out",
+        "tests/unit/test_learning.py::test_weights_are_flattened_no_more_than_they_must",
+    ),
+    Mutant(
+        "no slope of the coordinates' Jacobian",
+        "surface.py",
+        "slope += np.array(self.posterior.coordinates.logs)",
+        "pass",
+        "tests/unit/test_surface.py::test_slopes_are_those_of_the_density",
+    ),
+    Mutant(
+        "no slope of the prior",
+        "surface.py",
+        "slope += _along(prior_slope, directions)",
+        "pass",
+        "tests/unit/test_surface.py::test_slopes_are_those_of_the_density",
+    ),
+    Mutant(
+        "a noise level that fits any residual",
+        "surface.py",
+        "levels * (own - noise.n_samples)",
+        "levels * own",
+        "tests/unit/test_surface.py::test_slopes_are_those_of_the_density",
+    ),
+    Mutant(
+        "the curvature of a noise level halved",
+        "surface.py",
+        "known = 2.0 * np.maximum(own",
+        "known = 1.0 * np.maximum(own",
+        "tests/unit/test_surface.py::test_curvatures_are_those_of_least_squares",
+    ),
+    Mutant(
+        "every coordinate for a log",
+        "surface.py",
+        "by_log = self.posterior.coordinates.slopes(theta) / theta",
+        "by_log = np.ones_like(theta)",
+        "tests/unit/test_surface.py::test_slopes_are_those_of_the_density",
+    ),
+    Mutant(
+        "slopes that depend on how many points there are",
+        "surface.py",
+        "(slope[:, None, :] @ directions)[:, 0]",
+        "slope @ directions",
+        "tests/unit/test_surface.py::test_a_point_does_not_depend_on_its_neighbours",
+    ),
+    Mutant(
+        "no slope of the time before the first sample",
+        "kernels/normal.py",
+        "_next_slope(b, layout, phi, slope, start, zero, [])",
+        "_next_slope(b, layout, phi, slope, zero, zero, [])",
+        "tests/unit/test_surface.py::test_normal_equations_are_sums_over_the_signals",
+    ),
+    Mutant(
+        "no slope of what drives the rig",
+        "kernels/normal.py",
+        "[*enumerate(state), *enumerate(drive, start=x + 1)]",
+        "[*enumerate(state)]",
+        "tests/unit/test_surface.py::test_normal_equations_are_sums_over_the_signals",
+    ),
+    Mutant(
+        "all ensembles from the same start points",
+        "sampling.py",
+        'seeds.bits(seed, "start", ensemble)',
+        'seeds.bits(seed, "start", 0)',
+        "tests/unit/test_sampling.py::test_ensembles_start_at_different_points_with_different_streams",
+    ),
+    Mutant(
+        "all ensembles with the same random stream",
+        "sampling.py",
+        'seeds.legacy_state(seed, "walk", ensemble)',
+        'seeds.legacy_state(seed, "walk", 0)',
+        "tests/unit/test_sampling.py::test_ensembles_have_no_step_in_common",
+    ),
+    Mutant(
+        "every ensemble is the first",
+        "sampling.py",
+        "self.plan.seed, ensemble)",
+        "self.plan.seed, 0)",
+        "tests/unit/test_sampling.py::test_ensembles_have_no_step_in_common",
+    ),
+    Mutant(
+        "ensembles start no wider than they end",
+        "sampling.py",
+        "source = wide if attempt",
+        "source = proposal.mixture if attempt",
+        "tests/unit/test_sampling.py::test_starts_are_inside_the_priors_and_wider_than_the_proposal",
     ),
     Mutant(
         "the stretch's factor off by one power",
@@ -489,13 +763,6 @@ MUTANTS = [
         "test_records_of_the_model_give_a_finding_as_seldom_as_stated",
     ),
     Mutant(
-        "a search walks down to where numbers end",
-        "mode.py",
-        "if p.low == 0 else 0.0 for p in priors",
-        "if p.low < 0 else 0.0 for p in priors",
-        "tests/unit/test_mode.py::test_a_search_for_a_zero_ends_where_its_prior_does",
-    ),
-    Mutant(
         "a sample beside itself",
         "residuals.py",
         "products = (residuals[1:] * residuals[:-1])",
@@ -707,16 +974,27 @@ def run(tree: Path, killer: str) -> bool:
     return done.returncode == 0
 
 
+def chosen(words: list[str]) -> list[Mutant]:
+    """Those of which the name, the file or the killer has one of `words`; all of them without any."""
+    texts = [f"{mutant.name} {mutant.file} {mutant.killer}" for mutant in MUTANTS]
+    return [
+        mutant
+        for mutant, text in zip(MUTANTS, texts, strict=True)
+        if not words or any(word in text for word in words)
+    ]
+
+
 def main() -> None:
     survivors = []
+    mutants = chosen(sys.argv[1:])
     with tempfile.TemporaryDirectory() as folder:
         tree = Path(folder) / "tree"
         ignore = shutil.ignore_patterns(".venv", ".git", "results", "__pycache__", ".*_cache")
         shutil.copytree(ROOT, tree, ignore=ignore)
-        for killer in sorted({mutant.killer for mutant in MUTANTS}):
+        for killer in sorted({mutant.killer for mutant in mutants}):
             if not run(tree, killer):
                 raise SystemExit(f"{killer} fails without any mutant")
-        for mutant in MUTANTS:
+        for mutant in mutants:
             begun = time.perf_counter()
             path = tree / "bayesdrill" / mutant.file
             text = path.read_text()
@@ -727,7 +1005,7 @@ def main() -> None:
             print(f"{'SURVIVED' if survived else 'killed  '}  {mutant.name}  ({seconds:.1f} s)")
             if survived:
                 survivors.append(mutant.name)
-    print(f"{len(MUTANTS) - len(survivors)} of {len(MUTANTS)} mutants killed")
+    print(f"{len(mutants) - len(survivors)} of {len(mutants)} mutants killed")
     sys.exit(bool(survivors))
 
 

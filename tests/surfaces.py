@@ -99,12 +99,13 @@ class Ridged(Walled):
     """Exp(-|e|^2 / 2) with e = (tau - place(psi)) / sd(psi), and u mixed from psi and tau.
 
     Flat along the ridge e = 0, which is known: it bends by hundreds of standard deviations, which
-    change tenfold along it.
+    change manifold along it.
     """
 
     n_loose: int
     tightness: float = 0.01
     bend: float = 1.2
+    widening: float = 2.2
 
     @property
     def mixing(self) -> np.ndarray:
@@ -116,7 +117,7 @@ class Ridged(Walled):
         return np.exp(self.bend * own) + 0.5 * psi[:, :1] * own**2
 
     def sd(self, psi: np.ndarray) -> np.ndarray:
-        return self.tightness * np.exp(self.bend * psi[:, self._own])
+        return self.tightness * np.exp(self.widening * psi[:, self._own])
 
     def at(self, psi: np.ndarray, e: np.ndarray) -> np.ndarray:
         """`psi (W, l)` and `e (W, t)` to u."""
@@ -136,7 +137,7 @@ class Ridged(Walled):
         by_x = np.zeros((*e.shape, u.shape[1]))
         rows = np.arange(e.shape[1])
         by_x[:, rows, own] -= (self.bend * np.exp(self.bend * x) + psi[:, :1] * x) / sd
-        by_x[:, rows, own] -= self.bend * e
+        by_x[:, rows, own] -= self.widening * e
         by_x[:, rows, 0] -= 0.5 * x**2 / sd
         by_x[:, rows, self.n_loose + rows] = 1.0 / sd
         by_u = by_x @ np.linalg.inv(self.mixing)

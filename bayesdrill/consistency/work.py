@@ -39,7 +39,8 @@ def check_counts(found: Collector, config: records.Config, model: Model) -> None
         found.run(("sampler", "moves", name), build.lookup, MOVES, name, "move")
     if sum(weight for name, weight in sampler.moves.items() if name != "independence") <= 0:
         message = (
-            "independence alone never leaves a place that it has missed; give another move a share"
+            "no move but independence has a share, and that never leaves a place that its proposal "
+            "has missed; give another move one"
         )
         found.add(("sampler", "moves"), message)
 

@@ -29,7 +29,8 @@ TAIL = 5e-4  # where a prior without ends is taken to end
 AT_BOUND = 1e-3  # relative
 MOST_STEPS = 50
 ENOUGH = 1e-5  # of the sum of squares: a fit that gains less is done
-STEP = 1e-4  # share of a step over which the coordinates are differentiated
+PROBE = 0.1  # share of a step over which it is seen how the residuals bend
+MOST_BEND = 1.5  # of the step itself: what would turn it further is left out
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -55,7 +56,6 @@ class Fitter:
         self._scenery, self._likelihood = scenery, posterior.likelihood
         self._m = len(scenery.unknowns)
         self._noise = theta[self._m :]
-        self._coordinates = posterior.coordinates
         priors = list(posterior.space.priors.values())[: self._m]
         self.low, self.high = np.log([_ends(prior) for prior in priors]).T
         self._scene: Scene = scenery.as_it_is(theta)
@@ -77,7 +77,10 @@ class Fitter:
         return known.with_priors((self.high - self.low) / np.sqrt(12.0)).bounds()
 
     def _fit(self, logs: Array, held: int | None) -> Fitted:
-        """Gauss and Newton with damping; steps follow the coordinates that straighten the ridge."""
+        """Gauss and Newton with damping, and steps that bend as the residuals do.
+
+        Ridges are thin and bent: a straight step along one has to be short, and many are wanted.
+        """
         free = np.array([k for k in range(self._m) if k != held], dtype=np.intp)
         logs = np.clip(logs, self.low, self.high)
         if held is not None:
@@ -85,13 +88,18 @@ class Fitter:
         residuals = self._residuals(logs)
         damping = 1e-8
         for _ in range(MOST_STEPS if len(free) else 0):
-            rows = np.column_stack([self._jacobian(logs)[:, free], residuals])
-            reduced = np.linalg.qr(rows, mode="r")
+            rows = self._jacobian(logs)[:, free]
+            turned, reduced = np.linalg.qr(np.column_stack([rows, residuals]))
             before = residuals @ residuals
             while damping < 1e8:
-                step = np.zeros(self._m)
-                step[free] = self._step(reduced, logs[free], free, damping)
-                there = self._moved(logs, step, held)
+                step = self._step(reduced, logs[free], free, damping)
+                probe = self._residuals(self._moved(logs, free, PROBE * step)) - residuals
+                bent = (2.0 / PROBE) * (probe / PROBE - rows @ step)
+                reduced_bent = np.column_stack([reduced[:, :-1], turned.T @ bent])
+                bend = self._step(reduced_bent, logs[free], free, damping)
+                if np.linalg.norm(bend) <= MOST_BEND * np.linalg.norm(step):
+                    step = step + 0.5 * bend
+                there = self._moved(logs, free, step)
                 found = self._residuals(there)
                 if found @ found < before:
                     break
@@ -115,16 +123,10 @@ class Fitter:
         bounded = lsq_linear(matrix, target, bounds=(low, high), method="bvls")
         return np.asarray(bounded.x)
 
-    def _moved(self, logs: Array, step: Array, held: int | None) -> Array:
-        """By `step`, along the ridge: straight in the sampler's coordinates."""
-        pair = np.exp(np.array([logs + STEP * step, logs - STEP * step, logs]))
-        up, down, here = self._coordinates.from_physical(self._with_noise(pair))
-        there = self._coordinates.to_physical((here + (up - down) / (2 * STEP))[None])[0, : self._m]
-        moved = np.log(there) if np.all(there > 0) else logs + step
-        moved = np.clip(moved, self.low, self.high)
-        if held is not None:
-            moved[held] = logs[held]
-        return np.asarray(moved)
+    def _moved(self, logs: Array, free: NDArray[np.intp], step: Array) -> Array:
+        moved = logs.copy()
+        moved[free] = np.clip(logs[free] + step, self.low[free], self.high[free])
+        return moved
 
     def _with_noise(self, parameters: Array) -> Array:
         return np.column_stack([parameters, np.tile(self._noise, (len(parameters), 1))])

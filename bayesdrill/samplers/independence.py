@@ -18,7 +18,8 @@ from bayesdrill.samplers.mixture import Inside, Mixture
 Array = NDArray[np.float64]
 Random = np.random.RandomState
 
-MOST_REDRAWS = 20
+MOST_REDRAWS = 8
+MOST_AT_ONCE = 50  # draws for each that is wanted: in a corner of the prior few are inside
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +43,8 @@ class Proposal:
         have = 0
         found: list[tuple[Array, Array]] = []
         for attempt in range(MOST_REDRAWS):
-            drawn = self.mixture.draw(int(1.2 * (n - have) / self.share) + 8, random)
+            wanted = min(1.2 * (n - have) / self.share, MOST_AT_ONCE * n)
+            drawn = self.mixture.draw(int(wanted) + 8, random)
             if attempt < MOST_REDRAWS - 1:
                 drawn = drawn.those(inside(drawn.u))
             found.append((drawn.u, self.mixture.log_density_of(drawn)))

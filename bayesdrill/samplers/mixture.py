@@ -131,7 +131,7 @@ def fitted(
     """
     found = start
     y, jacobian = start.straightened(u)
-    floors = [_floor(y[s], weights, found) for s in range(len(start.sheets))]
+    floors = [_floor(y[s], weights) for s in range(len(start.sheets))]
     for _ in range(rounds):
         drawn = found.draw(len(u), random).u
         out = ~inside(drawn)
@@ -166,7 +166,7 @@ def _step(
     return mixture(found.sheets, found.sheet, np.maximum(totals, 1e-12), means, roots)
 
 
-def _floor(y: Array, weights: Array, start: Mixture) -> Array:
+def _floor(y: Array, weights: Array) -> Array:
     mean = weights @ y / weights.sum()
     spread = weights @ (y - mean) ** 2 / weights.sum()
     return np.diag(FLOOR * spread + 1e-12)

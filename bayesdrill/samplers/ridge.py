@@ -129,6 +129,11 @@ class Ridge:
         """The ridge itself: `(W, l)` to tau `(W, t)`."""
         return self.along(psi)[0]
 
+    def within(self, psi: Array) -> NDArray[np.bool_]:
+        """Whether `psi (W, l)` is in reach: `(W,)`."""
+        scaled = (psi[:, self.bent] - self.middle) / self.width
+        return np.asarray((scaled**2).sum(axis=1) <= self.reach**2)
+
     def along(self, psi: Array) -> tuple[Array, Array, Array]:
         """t `(W, t)`, R `(t, t, W)` and log det R `(W,)`."""
         scaled = ((psi[:, self.bent] - self.middle) / self.width).T

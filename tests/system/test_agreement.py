@@ -20,7 +20,7 @@ from bayesdrill.samplers.ensemble import State, advance
 CONFIG = Path(__file__).parents[2] / "configs" / "nominal_step.yaml"
 WALKERS = 128
 STEPS, BURN_IN, EVERY = 30_000, 3_000, 10
-MOVES = {"differential_evolution": 1.0}  # no pilot, no learnt proposal, no stretch
+MOVES = {"differential_evolution": 1.0}  # no learnt proposal, no stretch
 
 
 @dataclasses.dataclass(frozen=True)

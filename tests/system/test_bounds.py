@@ -56,9 +56,8 @@ def test_bounds_are_the_posteriors_spread(job: Job) -> None:
     posterior = job.problem.posterior
     start = posterior.space.vector(job.problem.nominal)
     with Crew(posterior, 1) as crew:
-        sampled = sampling.sample(
-            crew, posterior, start, pipeline.plan(job.config), Memory(), Silent()
-        )
+        plan = pipeline.plan(job.config)
+        sampled = sampling.sample(crew, posterior, start[None], plan, Memory(), Silent())
     assert sampled.convergence.converged
     spread = np.log(sampled.draws.reshape(-1, len(TWO))).std(axis=0)
     assert np.allclose(spread, bounds_at_nominal(job), rtol=0.1)

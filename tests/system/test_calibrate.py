@@ -31,7 +31,6 @@ from bayesdrill.report import calibration_words as words
 from bayesdrill.response import Response
 
 TINY = (
-    ("pilot: 100", "pilot: 40"),
     (
         "output: {",
         "calibration: {refits: 10, draws: 19, n_tau: 5, ess: 50, max_steps: 600}\noutput: {",
@@ -202,7 +201,7 @@ def test_results_are_neither_overwritten_nor_mixed(copy: Done) -> None:
     ("changes", "told"),
     [
         ([("ess: 50,", "ess: 18,")], "18 effective draws do not hold 19 independent ones"),
-        ([("pilot: 40", "pilot: 700")], "600 is not above the pilot's 700"),
+        ([("max_steps: 600", "max_steps: 99")], "calibration.max_steps: 99"),
         ([("refits: 10", "refits: 9")], "calibration.refits"),
     ],
 )
@@ -345,8 +344,8 @@ def refits(study: Study, n: int, folder: Path) -> list[Refit]:
 @pytest.fixture(scope="module")
 def pair(tmp_path_factory: pytest.TempPathFactory) -> Study:
     """Two unknowns, 101 samples, ranks among 99 draws."""
-    changes = (("pilot: 100", "pilot: 60"), ("output: {", "calibration: {ess: 100}\noutput: {"))
-    config = systems.small(tmp_path_factory.mktemp("pair"), *changes)
+    change = ("output: {", "calibration: {ess: 100}\noutput: {")
+    config = systems.small(tmp_path_factory.mktemp("pair"), change)
     return calibrate.study(calibrate.prepare(config))
 
 

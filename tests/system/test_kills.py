@@ -40,7 +40,7 @@ def moments(folder: Path) -> list[tuple[str, Callable[[], bool]]]:
     return [
         ("start-up", lambda: True),
         ("MAP", (folder / "run.json").exists),
-        ("pilot and fit", (folder / "map.json").exists),
+        ("learning", (folder / "map.json").exists),
         ("sampling", lambda: pieces(folder) > before + 2),
         ("sampling", lambda: pieces(folder) > before + 6),
         ("writing chain.h5", lambda: any(folder.glob(".chain.*.aside.h5"))),

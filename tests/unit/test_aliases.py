@@ -74,7 +74,7 @@ def test_the_other_stiffness_of_a_torsion_near_half_the_sampling_rate(
 ) -> None:
     """From either one the other is found, and a search from there ends where SciPy's poles say.
 
-    Mutant killed: the frequency taken for its mirror image.
+    Mutant killed: more swings between two samples, but no fewer.
     """
     true = 0.26
     other = stiffness(2.0 * np.pi / DT - swing(rig(k_s=true)))

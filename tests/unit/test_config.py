@@ -92,7 +92,7 @@ def test_resolved_config_means_the_same(tmp_path: Path) -> None:
     [
         ("seed: 2013", "seed: 2014", "the seed"),
         ("v: 8.0", "v: 8.1", "the input v"),
-        ("walkers: 128", "walkers: 66", "sampler.walkers"),
+        ("walkers: 256", "walkers: 66", "sampler.walkers"),
         ("i_m: 0.125", "i_m: 0.25", "the model"),
         (
             "unit: rad/s, sigma: 0.1}\n    w_2",
