@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdrill.ridges import Expand, Traced, moments, trace
+from bayesdrill.ridges import Expand, Traced, beside, moments, trace
 from bayesdrill.samplers import mixture
 from bayesdrill.samplers.independence import Proposal, acceptance
 from bayesdrill.samplers.mixture import Mixture
@@ -40,6 +40,10 @@ WIDE_LOOSE, WIDE_FIBRE = 1.25, 1.1  # ... as many times, along the ridge and acr
 NARROWED = 0.7  # several components are narrower than one, to begin with
 FIRST_FIBRE = 1.2  # standard deviations of the tight directions, to begin with
 LOST = 1e-6  # of the posterior: a ridge with less is left out
+
+
+class Nowhere(ValueError):
+    """No draw has a density."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -73,17 +77,25 @@ def learn(
     maxima: Sequence[Array],
     seed: Random,
     rng: np.random.Generator,
+    again: int = AGAIN,
 ) -> Learnt:
-    """From the `maxima` (each `(D,)`); raises `ValueError` where no draw has a density."""
+    """From the `maxima` (each `(D,)`); raises `Nowhere` where no draw has a density.
+
+    `again`: how many ridges are added at most.
+    """
     parts = [(origin, trace(surface, expand, at, rng)) for origin, at in enumerate(maxima)]
-    best = last = _fitted(surface, parts, seed)
-    for _ in range(AGAIN):
+    try:
+        best = last = _fitted(surface, parts, seed, again)
+    except Nowhere:  # the posterior is narrower than all that its curvature foresees
+        parts = [(0, beside(surface, maxima[0], rng))]
+        best = last = _fitted(surface, parts, seed, again)
+    for _ in range(again):
         if best.share > GOOD or best.hopeless:
             break
         # One more ridge where draws weigh most: there the posterior is, and the proposal is not.
         for origin, at, seen in _midst(last):
             parts.append((origin, trace(surface, expand, at, rng, seen)))
-        last = _fitted(surface, parts, seed)
+        last = _fitted(surface, parts, seed, again)
         best = max(best, last, key=lambda one: one.share)
     weights = normalised(best.log_w)
     return Learnt(
@@ -97,13 +109,15 @@ def learn(
     )
 
 
-def _fitted(surface: Surface, parts: Sequence[tuple[int, Traced]], seed: Random) -> _Round:
+def _fitted(
+    surface: Surface, parts: Sequence[tuple[int, Traced]], seed: Random, again: int
+) -> _Round:
     """The best of several rounds of drawing, weighing and fitting."""
     origin, traced = zip(*parts, strict=True)
     narrow = found = _begin(traced)
     off = tuple(one.off for one in traced)
     rounds: list[_Round] = []
-    for _ in range(ROUNDS):
+    for _ in range(ROUNDS if again else ROUNDS // 3):
         done = _draw(found, off, origin, surface, seed)
         settled = bool(rounds) and done.share < WORTH * rounds[-1].share
         rounds.append(done)
@@ -176,7 +190,7 @@ def _draw(
     u, log_q = proposal.draw(DRAWS, surface.inside, seed)
     log_w = surface.value(u) - log_q
     if not np.isfinite(log_w).any():
-        raise ValueError("no point of finite posterior was found around the maximum")
+        raise Nowhere("no point of finite posterior was found around the maximum")
     return _Round(proposal, off, origin, u, log_w)
 
 

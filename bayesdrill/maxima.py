@@ -23,6 +23,7 @@ BEST_STARTS = 10  # ... as many go on, for ...
 MORE_STEPS = 25  # ... as many steps
 LOWER = 25.0  # of the log density: a maximum lower than the highest by more holds nothing
 PATH = 10  # steps between two points
+NEAR = 1e-3  # of the priors' spreads: the same point
 SAME = 3.0  # standard deviations of the tight directions
 MOST = 6  # maxima
 
@@ -46,7 +47,8 @@ def apart(surface: Surface, points: Array, values: Array) -> list[int]:
         chosen.append(highest)
         if not rest:
             break
-        same = joined(surface, points[highest], points[rest])
+        near = np.abs(points[rest] - points[highest]) < NEAR * surface.spread
+        same = near.all(axis=1) | joined(surface, points[highest], points[rest])
         left = [k for k, one in zip(rest, same, strict=True) if not one]
     return chosen
 

@@ -28,6 +28,7 @@ from bayesdrill.identify import preflight
 from bayesdrill.job import Job as Job
 from bayesdrill.job import assemble as assemble
 from bayesdrill.job import prepare as prepare
+from bayesdrill.learning import Nowhere
 from bayesdrill.mode import Mode, Other, Search
 from bayesdrill.optimisers.contract import Optimiser
 from bayesdrill.progress import Reporter
@@ -101,7 +102,13 @@ def _run(job: Job, folder: Folder, processes: int, report: Reporter) -> Outcome:
             folder.write_text(MAP_FILE, text)
         clock.append(time.perf_counter())
         tops = np.array([posterior.space.vector(one.values) for one in found.maxima])
-        sampled = sample(crew, posterior, tops, plan(job.config), folder, report)
+        try:
+            sampled = sample(crew, posterior, tops, plan(job.config), folder, report)
+        except Nowhere as error:
+            message = (
+                f"{error}; the record and the priors do not go together, check units and values"
+            )
+            raise InputError([job.source.problem(("parameters",), message)]) from None
         clock.append(time.perf_counter())
         names = ",".join(job.problem.names)
         coordinates = ",".join("log" if log else "linear" for log in posterior.coordinates.logs)

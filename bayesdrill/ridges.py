@@ -23,6 +23,7 @@ Array = NDArray[np.float64]
 Expand = Callable[[Array, Array], Expansion]
 
 TIGHT = 100.0  # a direction whose variance the record makes smaller than the prior's by as much
+NARROWEST, FEELERS = 14, 200  # tenths of tenths of a prior's spread, and draws that feel for room
 NEAR_END = 1e-6  # of the prior's spread
 OWN = 1e-6  # share of an unknown that is not among what is set apart already: less is rounding
 PRESSED = 0.5  # standard deviations that a maximum may lie beyond an end of a prior
@@ -34,14 +35,14 @@ ITERATIONS = 6  # of Gauss and Newton, for each point
 ARRIVED = 0.03  # of a standard deviation: a smaller step is the last
 MOST_STEP = 0.5  # of the priors' spreads
 MOST_DEGREE = 14
-NEARLY_ALL = 0.97  # quantile of the points held out
+NEARLY_ALL = 0.98  # quantile of the points held out
 WORTHWHILE = 0.8  # a higher degree has to be as much better
 PROBES = 12  # points all over the prior
 STILL = 1e-12  # of the largest knowledge: what is less is rounding
 GOOD_ENOUGH = 0.1  # of a standard deviation, on points held out: no higher degree is tried
 FAIR = 0.3  # of a standard deviation: what is further off is given more points
 POINTS_PER_TERM = 2.5
-LEAST_POINTS, MOST_POINTS = 24, 1600
+LEAST_POINTS, LAST_POINTS, MOST_POINTS = 40, 300, 1600  # of a stage, of the last, and of all
 DEEP = 100.0  # of the log density below the highest point: not on the ridge
 HELD_OUT = 4  # every fourth point
 MARGIN = 0.9  # points are wanted a little beyond the prior's ends too
@@ -189,6 +190,20 @@ def _gathered(before: list[Array], new: list[Array]) -> list[Array]:
     return [some[high] for some in points]
 
 
+def beside(surface: Surface, centre: Array, rng: np.random.Generator) -> Traced:
+    """No ridge, but as much of the room on the inner side of `centre (D,)` as has a density."""
+    inward = np.where(centre - surface.low < surface.high - centre, 1.0, -1.0)
+    size = surface.spread
+    for _ in range(NARROWEST):
+        size = 0.1 * size
+        u = centre + inward * size * np.abs(rng.standard_normal((FEELERS, len(centre))))
+        if np.isfinite(surface.value(u)).mean() > 0.5:
+            break
+    base = ridge.frame(centre, np.diag(size), len(centre))
+    nothing = np.zeros((1, len(centre))), np.zeros((1, 0)), np.zeros((1, 0, 0))
+    return Traced(ridge.fit(base, *nothing, 0, 0), 0.0, inward, np.diag(np.full(len(centre), 0.7)))
+
+
 def moments(points: Array, weights: Array) -> tuple[Array, Array]:
     """Mean and root of the covariance of weighted `points (N, n)`."""
     share = weights / weights.sum()
@@ -212,7 +227,8 @@ def _at_centre(base: Frame, here: Expansion) -> Ridge:
 def _wanted(n_bent: int, share: float) -> int:
     """Points for a polynomial of degree 2 near by, and of degree 4 in the end."""
     degree = 2 if share < 0.4 else 3 if share < 1.0 else 4
-    return int(np.clip(POINTS_PER_TERM * _terms(n_bent, degree), LEAST_POINTS, MOST_POINTS))
+    least = LEAST_POINTS if share < 1.0 else LAST_POINTS
+    return int(np.clip(POINTS_PER_TERM * _terms(n_bent, degree), least, MOST_POINTS))
 
 
 def _scattered(

@@ -15,7 +15,7 @@ from bayesdrill import seeds
 from bayesdrill.convergence import Convergence, Targets, assess, futile, thinned
 from bayesdrill.crew import Crew
 from bayesdrill.errors import InputError
-from bayesdrill.learning import Learnt, learn
+from bayesdrill.learning import AGAIN, Learnt, Nowhere, learn
 from bayesdrill.posterior import Posterior
 from bayesdrill.progress import Reporter
 from bayesdrill.samplers.ensemble import Piece, State, advance
@@ -32,6 +32,8 @@ PIECE = 250  # steps between savings, at most, and ...
 PIECE_SECONDS = 2.0  # ... about as many as take this long: what Ctrl-C waits for
 SHARED = 32  # points that one process expands at a time
 START_SPREAD = 1.5  # ensembles start wider than the proposal, so that R-hat can tell
+FAR_TOO_LARGE = 1.5  # rms of what is left over the noise, from which on less is learnt
+ENOUGH_OF_A_MISFIT = 800  # steps
 MOST_NUMBERS = 64_000_000  # of a chain, half a gigabyte: no more steps are taken
 START_TRIES = 40  # of drawing points of finite density
 
@@ -101,7 +103,7 @@ def begin(posterior: Posterior, proposal: Proposal, n: int, seed: int, ensemble:
         if have >= n:
             z = np.concatenate(kept)[:n]
             return State(z, posterior(z), seeds.legacy_state(seed, "walk", ensemble))
-    raise ValueError("no point of finite posterior was found around the maximum")
+    raise Nowhere("no point of finite posterior was found around the maximum")
 
 
 def walk(
@@ -175,6 +177,8 @@ def sample(
     report.say(_said(learnt))
     under_way = _taken_up(crew, posterior, learnt.proposal, plan, shelf)
     have, most = max(under_way.steps), plan.most_steps(maxima.shape[1])
+    if not fits(posterior, maxima):
+        most = min(most, ENOUGH_OF_A_MISFIT)
     trail = _trail(under_way, plan, have)
     # Shorter lengths were judged before an interruption, and found wanting.
     for goal in [goal for goal in _checks(most) if goal >= have] or [have]:
@@ -217,9 +221,19 @@ def prepare(crew: Crew, posterior: Posterior, maxima: Array, seed: int) -> Learn
 
     random = np.random.RandomState(seeds.bits(seed, "learn", 0))
     z = posterior.coordinates.from_physical(maxima)
+    again, tops = (AGAIN, list(z)) if fits(posterior, maxima) else (0, list(z[:1]))
     with threadpool_limits(1):
         rng = seeds.stream(seed, "learn", 1)
-        return learn(PosteriorSurface(posterior), expand, list(z), random, rng)
+        return learn(PosteriorSurface(posterior), expand, tops, random, rng, again)
+
+
+def fits(posterior: Posterior, maxima: Array) -> bool:
+    """Whether the best fit leaves about the noise.
+
+    If it leaves far more it is not believed, however well it is sampled, and little is spent on it.
+    """
+    left = float(posterior.likelihood.per_number(maxima[:1])[0])
+    return left < FAR_TOO_LARGE**2
 
 
 def expanded(posterior: Posterior, u: Array, directions: Array) -> Expansion:

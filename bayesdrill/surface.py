@@ -19,7 +19,7 @@ from bayesdrill.priors import Prior
 
 Array = NDArray[np.float64]
 
-SHARES = 2000  # of equal mass, which the spread of a prior is taken from
+SHARES = 200  # of equal mass, which the spread of a prior is taken from
 ROUNDED = 1e-9  # of a prior's spread
 STEP = 1e-4  # of its spread, over which a prior is differentiated
 NOTHING = 1e-9  # of a prior that has no end lies beyond where one searches
