@@ -13,7 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdrill.ridges import Expand, Traced, beside, moments, trace
+from bayesdrill.directions import Expand
+from bayesdrill.ridges import Traced, beside, moments, trace
 from bayesdrill.samplers import mixture
 from bayesdrill.samplers.independence import Proposal, acceptance
 from bayesdrill.samplers.mixture import Mixture

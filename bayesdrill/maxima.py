@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdrill import ridges
+from bayesdrill import directions, ridges
 from bayesdrill.climb import climb
 from bayesdrill.surface import Surface
 
@@ -56,7 +56,7 @@ def apart(surface: Surface, points: Array, values: Array) -> list[int]:
 def joined(surface: Surface, start: Array, others: Array) -> NDArray[np.bool_]:
     """Whether the ridge through `start (D,)` leads to each of `others (n, D)`: `(n,)`."""
     here = surface.expand(start[None], np.eye(len(start)))
-    base, _ = ridges.split(surface, start, here)
+    base, _ = directions.split(surface, start, here)
     psi, tau = base.split(others)
     if tau.shape[1] == 0:
         return np.ones(len(others), dtype=bool)

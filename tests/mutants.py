@@ -304,14 +304,14 @@ MUTANTS = [
     ),
     Mutant(
         "flat at one point for flat everywhere",
-        "ridges.py",
+        "directions.py",
         "PROBES = 12",
         "PROBES = 1",
         "tests/unit/test_ridges.py::test_a_direction_along_which_nothing_changes_anywhere_is_known",
     ),
     Mutant(
         "a tight direction out of the box",
-        "ridges.py",
+        "directions.py",
         "> PRESSED:",
         "> np.inf:",
         "tests/unit/test_ridges.py::test_an_unknown_that_its_wall_holds_back_is_loose",
