@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from bayesdrill import job, loading, pipeline, sampling, seeds, simulation
+from bayesdrill import job, loading, mode, pipeline, sampling, seeds, simulation
 from bayesdrill.config import Config
 from bayesdrill.crew import Crew
 from bayesdrill.identifiability.scenes import Scenery
@@ -49,10 +49,15 @@ class Judge:
     def verdict(self, posterior: Posterior, seed: int) -> tuple[Verdict, bool]:
         """The verdict on a posterior, and whether its ensembles converged."""
         plan = replace(pipeline.plan(self.job.config), seed=seed)
-        start = posterior.space.vector(posterior.space.start)
+        space = posterior.space
+        optimiser, evaluations = mode.roughly(len(space.free), 8000)
+        search = mode.search(posterior, optimiser, evaluations, space.vector(space.start))
+        scouted = mode.scouts(posterior, space.draw(mode.SCOUTS, seeds.stream(seed, "scout")))
+        found = mode.summarise(posterior, (search,), scouted)
+        tops = np.array([space.vector(one.values) for one in found.maxima])
         with Crew(posterior, 1) as crew:
-            sampled = sampling.sample(crew, posterior, start[None], plan, Memory(), Silent())
-        draws = sampled.draws.reshape(-1, len(start))
+            sampled = sampling.sample(crew, posterior, tops, plan, Memory(), Silent())
+        draws = sampled.draws.reshape(-1, len(space.free))
         nominal = self.job.problem.nominal
         verdict = judge(self.study, draws, self.prior_draws, nominal, {}, (), Thresholds())
         return verdict, sampled.convergence.converged

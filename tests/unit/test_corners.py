@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from surfaces import Walled
 
-from bayesdrill import ridges
+from bayesdrill import directions
 from bayesdrill.surface import Expansion
 
 D = 4
@@ -27,7 +27,7 @@ def test_all_that_is_held_back_and_all_that_changes_nothing_is_loose(
     here = Expansion(
         np.zeros(1), slope[None], (whitened / np.outer(walls.spread, walls.spread))[None]
     )
-    base, known = ridges.split(walls, centre, here, still)
+    base, known = directions.split(walls, centre, here, still)
     apart = np.linalg.matrix_rank(np.concatenate([still, np.eye(D)[:, :pressed]], axis=1))
     assert base.loose.shape == (D, apart)
     assert known.shape == (apart,)
