@@ -19,6 +19,8 @@ from bayesdrill.suspicions import Kept, suspicions
 Array = NDArray[np.float64]
 
 BURN_IN_TAUS = 5  # steps dropped, in autocorrelation times
+AMPLY = 1.2  # so many times the steps that seem to be needed, since tau is not known well ...
+LEAST_GROWTH, MOST_GROWTH = 1.25, 1.5  # ... but not more often or less
 WINDOW = 5.0  # Sokal's window for the autocorrelation time
 PATIENCE = 1000  # steps before which no run is called futile
 GROWING = 1.3  # twice the steps of a sound chain are twice as many autocorrelation times
@@ -58,6 +60,36 @@ class Convergence:
         return not self.reasons
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Length:
+    """Of a chain in autocorrelation times: `n_tau` of the longest of `tau (D,)`, after `burn_in` steps.
+
+    `early`: the longest of the second half, by which `burn_in` is chosen; `wanted`: what it should be.
+    """
+
+    burn_in: int
+    wanted: int
+    early: float
+    tau: Array
+    n_tau: float
+
+    def next_check(self, steps: int, n_tau: float) -> int:
+        """After how many steps to look again: when the chain is likely to be as long as it should be."""
+        foreseen = AMPLY * (BURN_IN_TAUS + n_tau) * float(self.tau.max())
+        return math.ceil(min(max(foreseen, LEAST_GROWTH * steps), MOST_GROWTH * steps))
+
+
+def length(theta: Array) -> Length:
+    """Of physical chains `(E, S, W, D)`."""
+    half = theta.shape[1] // 2
+    early = float(autocorrelation_time(theta[:, half:]).max())
+    wanted = math.ceil(BURN_IN_TAUS * early)
+    burn_in = min(wanted, half)
+    tau = autocorrelation_time(theta[:, burn_in:])
+    n_tau = (theta.shape[1] - burn_in) / float(tau.max())
+    return Length(burn_in=burn_in, wanted=wanted, early=early, tau=tau, n_tau=n_tau)
+
+
 def assess(
     theta: Array,
     names: tuple[str, ...],
@@ -71,12 +103,10 @@ def assess(
     from arviz_stats.base import array_stats  # late: it takes half a second to load
 
     n_steps = theta.shape[1]
-    half = n_steps // 2
-    early = float(autocorrelation_time(theta[:, half:]).max())
-    wanted = math.ceil(BURN_IN_TAUS * early)
-    burn_in = min(wanted, half)
+    found = length(theta)
+    burn_in, tau, n_tau = found.burn_in, found.tau, found.n_tau
+    capped = found.wanted > burn_in
     kept = theta[:, burn_in:]
-    tau = autocorrelation_time(kept)
     thin = max(1, min(math.ceil(float(tau.max())), kept.shape[1] // 4))
     draws = thinned(theta, burn_in, thin)
     r_hat = _each(array_stats.rhat, draws, method="rank")
@@ -85,22 +115,21 @@ def assess(
     still = draws.shape[0] * draws.shape[1] / autocorrelation_time(kept[:, ::thin])
     ess_bulk = np.minimum(_each(array_stats.ess, draws, method="bulk"), still)
     ess_tail = np.minimum(_each(array_stats.ess, draws, method="tail", prob=0.9), still)
-    n_tau = kept.shape[1] / float(tau.max())
     missing = _reasons(names, targets, tau, r_hat, ess_bulk, n_tau)
     named: tuple[str, ...] = ()
     if kept.shape[1] >= LEAST_KEPT:
         density = np.zeros(kept.shape[:-1]) if log_p is None else log_p[:, burn_in:]
         seen = Kept(theta=kept, log_p=density, names=names, tau=tau, n_tau=targets.n_tau)
         named = suspicions(seen)
-    if wanted > half and not named:
+    if capped and not named:
         missing.append(
             f"the run is too short to judge its burn-in: {BURN_IN_TAUS} autocorrelation times are "
-            f"{wanted} steps, half of the run is {half}"
+            f"{found.wanted} steps, half of the run is {burn_in}"
         )
     return Convergence(
         steps=n_steps,
         burn_in=burn_in,
-        burn_in_rule=_rule(early, capped=wanted > half),
+        burn_in_rule=_rule(found.early, capped=capped),
         thin=thin,
         tau=tau,
         r_hat=r_hat,

@@ -16,15 +16,17 @@ from numpy.typing import NDArray
 from bayesdrill.directions import Expand
 from bayesdrill.ridges import Traced, beside, moments, trace
 from bayesdrill.samplers import mixture
-from bayesdrill.samplers.independence import Proposal, acceptance
+from bayesdrill.samplers.independence import MOST_AT_ONCE, Proposal
 from bayesdrill.samplers.mixture import Mixture
+from bayesdrill.samplers.weighing import Weighed, effective
 from bayesdrill.surface import Surface
 
 Array = NDArray[np.float64]
 Random = np.random.RandomState
 Component = tuple[int, float, Array, Array]  # sheet, weight, mean, root
 
-DRAWS = 3000  # of one round
+DRAWS = 2400  # of one round, ...
+WIDER, WIDER_DRAWS = 1.5, 800  # ... and so many that are as many times wider
 ROUNDS = 12
 WORTH = 1.04  # a round that improves the effective share of the draws by less is the last
 ENOUGH = 0.3  # of effective draws; with less it goes on
@@ -91,20 +93,19 @@ def learn(
         parts = [(0, beside(surface, maxima[0], rng))]
         best = last = _fitted(surface, parts, seed, again)
     for _ in range(again):
-        if best.share > GOOD or best.hopeless:
+        if best.share > GOOD:
             break
         # One more ridge where draws weigh most: there the posterior is, and the proposal is not.
         for origin, at, seen in _midst(last):
             parts.append((origin, trace(surface, expand, at, rng, seen)))
         last = _fitted(surface, parts, seed, again)
         best = max(best, last, key=lambda one: one.share)
-    weights = normalised(best.log_w)
     return Learnt(
         proposal=best.proposal,
-        u=best.u,
-        weights=weights,
+        u=best.draws.u,
+        weights=best.draws.weights,
         share=best.share,
-        acceptance=best.acceptance,
+        acceptance=best.draws.acceptance,
         off=best.off,
         origin=best.origin,
     )
@@ -124,8 +125,8 @@ def _fitted(
         rounds.append(done)
         if (settled and done.share > ENOUGH) or (len(rounds) > FEW and done.hopeless):
             break
-        kept = np.flatnonzero(np.isfinite(done.log_w))
-        u, weights = done.u[kept], tempered(done.log_w[kept])
+        kept = done.draws.those_with_a_density()
+        u, weights = kept.u, kept.tempered(LEAST_SHARE * len(kept.u))
         first = len(rounds) == 1
         begin = _several(narrow, u, weights, seed) if first else narrow
         expectations = EXPECTATIONS[0 if first else 1]
@@ -136,8 +137,8 @@ def _fitted(
 
 def _midst(found: _Round) -> list[tuple[int, Array, tuple[Array, Array]]]:
     """For each maximum that holds something: a draw near the middle of its own, and those draws."""
-    kept = np.flatnonzero(np.isfinite(found.log_w))
-    u, weights = found.u[kept], tempered(found.log_w[kept])
+    kept = found.draws.those_with_a_density()
+    u, weights = kept.u, kept.tempered(LEAST_SHARE * len(kept.u))
     shares = responsibilities(found.proposal.mixture, u, weights)[1]
     owner = np.array(found.origin)[found.proposal.mixture.sheet]
     middles = []
@@ -157,26 +158,18 @@ class _Round:
     proposal: Proposal
     off: tuple[float, ...]
     origin: tuple[int, ...]
-    u: Array
-    log_w: Array
-
-    @property
-    def acceptance(self) -> float:
-        return acceptance(normalised(self.log_w))
+    draws: Weighed
+    share: float
 
     @property
     def hopeless(self) -> bool:
         """Whether one draw outweighs all others."""
-        return effective(normalised(self.log_w)) < ALONE
+        return self.draws.effective < ALONE
 
     @property
     def worth(self) -> float:
         """Effective draws for what they cost: one outside the prior costs less than the model."""
         return self.share / (1.0 + REDRAWN / self.proposal.share)
-
-    @property
-    def share(self) -> float:
-        return effective(normalised(self.log_w)) / len(self.log_w)
 
 
 def _draw(
@@ -186,43 +179,33 @@ def _draw(
     surface: Surface,
     seed: Random,
 ) -> _Round:
-    inside = surface.inside(found.draw(DRAWS, seed).u)
-    proposal = Proposal(found, max(float(inside.mean()), 1.0 / DRAWS))
-    u, log_q = proposal.draw(DRAWS, surface.inside, seed)
+    """Each draw is weighed with the density of all of them (the balance heuristic)."""
+    wide = found.widened(WIDER)
+    own, n_own = _inside(found, DRAWS, surface, seed)
+    others, n_others = _inside(wide, WIDER_DRAWS, surface, seed)
+    u = np.concatenate([own, others])
+    y, jacobian = found.straightened(u)
+    log_q = found.log_density_at(y, jacobian)
+    log_every = np.logaddexp(
+        np.log(n_own) + log_q, np.log(n_others) + wide.log_density_at(y, jacobian)
+    )
     log_w = surface.value(u) - log_q
     if not np.isfinite(log_w).any():
         raise Nowhere("no point of finite posterior was found around the maximum")
-    return _Round(proposal, off, origin, u, log_w)
+    draws = Weighed(u, log_w, log_q - log_every)
+    proposal = Proposal(found, max(len(own) / n_own, 1.0 / DRAWS))
+    return _Round(proposal, off, origin, draws, draws.share)
 
 
-def normalised(log_w: Array) -> Array:
-    weights = np.exp(log_w - log_w.max())
-    return np.asarray(weights / weights.sum())
-
-
-def effective(weights: Array) -> float:
-    """As how many equal ones these `weights (N,)` count (Kish)."""
-    largest = float(weights.max())
-    if largest == 0.0:
-        return 0.0
-    scaled = weights / largest
-    return float(scaled.sum() ** 2 / (scaled**2).sum())
-
-
-def tempered(log_w: Array) -> Array:
-    """Weights raised to the largest power up to 1 that leaves enough effective draws."""
-    wanted = LEAST_SHARE * len(log_w)
-    finite = np.where(np.isfinite(log_w), log_w, -np.inf)
-    if effective(normalised(finite)) >= wanted:
-        return normalised(finite)
-    low, high = 0.0, 1.0
-    for _ in range(40):
-        middle = 0.5 * (low + high)
-        if effective(normalised(middle * finite)) >= wanted:
-            low = middle
-        else:
-            high = middle
-    return normalised(np.where(np.isfinite(finite), low * finite, -np.inf))
+def _inside(found: Mixture, n: int, surface: Surface, seed: Random) -> tuple[Array, int]:
+    """About `n` draws inside the prior `(N, D)`, and of how many they are those inside."""
+    first = found.draw(n, seed).u
+    kept = first[surface.inside(first)]
+    more = n * (n - len(kept)) // max(len(kept), n // MOST_AT_ONCE)
+    if more == 0:
+        return kept, n
+    rest = found.draw(more, seed).u
+    return np.concatenate([kept, rest[surface.inside(rest)]]), n + more
 
 
 def _begin(traced: Sequence[Traced]) -> Mixture:

@@ -33,7 +33,7 @@ from bayesdrill.mode import Mode, Other, Search
 from bayesdrill.optimisers.contract import Optimiser
 from bayesdrill.progress import Reporter
 from bayesdrill.report import publish, residual_words, tables, verdict_words, words
-from bayesdrill.sampling import Plan, Sampled, sample, stored
+from bayesdrill.sampling import Plan, Sampled, loaded, sample, stored
 from bayesdrill.store import Folder
 from bayesdrill.verdict import Verdict
 
@@ -93,6 +93,8 @@ def _run(job: Job, folder: Folder, processes: int, report: Reporter) -> Outcome:
         scenery = Scenery(posterior.likelihood)
         report.say(preflight(job, scenery))
         if not crew.alone:
+            for _ in range(processes):  # one for each, as it is done with its searches
+                crew.submit(loaded)
             _load_ahead()
         if hunt is None:
             found = _read_mode(folder.path / MAP_FILE)

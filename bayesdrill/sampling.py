@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Mapping
+import importlib
+from collections.abc import Mapping
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from dataclasses import dataclass
 
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from bayesdrill import seeds
-from bayesdrill.convergence import Convergence, Targets, assess, futile, thinned
+from bayesdrill.convergence import Convergence, Targets, assess, futile, length, thinned
 from bayesdrill.crew import Crew
 from bayesdrill.errors import InputError
 from bayesdrill.learning import AGAIN, Learnt, Nowhere, learn
@@ -26,8 +27,7 @@ from bayesdrill.surface import Expansion, PosteriorSurface, joined
 
 Array = NDArray[np.float64]
 
-FIRST_CHECK = 200  # steps, and then whenever a quarter more
-GROWTH = 1.25
+FIRST_CHECK = 200  # steps
 PIECE = 250  # steps between savings, at most, and ...
 PIECE_SECONDS = 2.0  # ... about as many as take this long: what Ctrl-C waits for
 SHARED = 32  # points that one process expands at a time
@@ -35,7 +35,8 @@ START_SPREAD = 1.5  # ensembles start wider than the proposal, so that R-hat can
 FAR_TOO_LARGE = 1.5  # rms of what is left over the noise, from which on less is learnt
 ENOUGH_OF_A_MISFIT = 800  # steps
 MOST_NUMBERS = 64_000_000  # of a chain, half a gigabyte: no more steps are taken
-START_TRIES = 40  # of drawing points of finite density
+START_TRIES = 20  # of drawing points to start at, and of mirroring others
+DEEP = 50.0  # of the log density below the highest start: far off a bent ridge is no place to start
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -89,21 +90,32 @@ class Sampled:
 
 
 def begin(posterior: Posterior, proposal: Proposal, n: int, seed: int, ensemble: int) -> State:
-    """Walkers around all maxima alike, wider than the proposal: shares are for the moves to find."""
+    """Walkers around all maxima alike, wider than the proposal: shares are for the moves to find.
+
+    Where hardly a draw is inside the prior, those outside are mirrored at its ends, nearer and nearer
+    to the first maximum.
+    """
     random = np.random.RandomState(seeds.bits(seed, "start", ensemble))
-    kept: list[Array] = []
-    have = 0
+    centre = proposal.mixture.sheets[0].frame.centre
     wide = proposal.mixture.widened(START_SPREAD)
-    for attempt in range(START_TRIES):
-        source = wide if attempt < START_TRIES // 2 else proposal.mixture
-        z = source.draw(2 * n, random).u
-        z = z[posterior.supports(z)]
-        kept.append(z[np.isfinite(posterior(z))])
-        have += len(kept[-1])
-        if have >= n:
-            z = np.concatenate(kept)[:n]
-            return State(z, posterior(z), seeds.legacy_state(seed, "walk", ensemble))
+    z, log_p = np.empty((n, len(centre))), np.full(n, -np.inf)
+    for attempt in range(2 * START_TRIES):
+        missing = ~(log_p > log_p.max() - DEEP)
+        if not missing.any():
+            return State(z, log_p, seeds.legacy_state(seed, "walk", ensemble))
+        fresh = wide.draw(int(missing.sum()), random).u
+        if attempt >= START_TRIES:
+            surface = PosteriorSurface(posterior)
+            fresh = centre + 0.5 ** (attempt - START_TRIES) * (fresh - centre)
+            fresh = np.where(fresh < surface.low, 2.0 * surface.low - fresh, fresh)
+            fresh = np.where(fresh > surface.high, 2.0 * surface.high - fresh, fresh)
+        z[missing], log_p[missing] = fresh, posterior(fresh)
     raise Nowhere("no point of finite posterior was found around the maximum")
+
+
+def loaded(_: Posterior) -> None:
+    """For a process that has nothing else to do yet: loads what its ensembles will need."""
+    importlib.import_module("emcee")
 
 
 def walk(
@@ -160,6 +172,10 @@ class _Walk:
                 if self.crew.alone:
                     submit(ensemble)
 
+    def first(self, n: int) -> Array:
+        """`(E, n, W, D)`, physical."""
+        return np.array([np.concatenate(parts)[:n] for parts in self.theta])
+
     def _state(self, ensemble: int) -> State:
         if self.pieces[ensemble]:
             return self.pieces[ensemble][-1].state
@@ -179,36 +195,44 @@ def sample(
     have, most = max(under_way.steps), plan.most_steps(maxima.shape[1])
     if not fits(posterior, maxima):
         most = min(most, ENOUGH_OF_A_MISFIT)
-    trail = _trail(under_way, plan, have)
-    # Shorter lengths were judged before an interruption, and found wanting.
-    for goal in [goal for goal in _checks(most) if goal >= have] or [have]:
-        under_way.advance_to(goal)
-        sampled = _judge(posterior, plan, under_way.pieces, under_way.theta, learnt)
-        convergence = sampled.convergence
-        report.update(_share(convergence, plan.targets), _state_of(convergence))
-        if convergence.converged:
-            break
-        trail.append((convergence.steps, convergence.n_tau))
-        if hopeless := futile(trail, plan.targets.n_tau, plan.max_steps, most):
-            reasons = (*convergence.reasons, hopeless)
-            convergence = dataclasses.replace(convergence, reasons=reasons)
-            sampled = dataclasses.replace(sampled, convergence=convergence)
-            break
+    sampled = _until_judged(under_way, have, most, learnt, report)
     report.update(1.0, "")
     z = posterior.coordinates.from_physical(sampled.draws.reshape(-1, maxima.shape[1]))
     return dataclasses.replace(sampled, held=learnt.shares(z, len(maxima)))
 
 
-def _trail(under_way: _Walk, plan: Plan, have: int) -> list[tuple[int, float]]:
-    """What checks before an interruption saw, where a later one looks back to it."""
-    names, least = under_way.posterior.space.free, min(under_way.steps)
-    goals = _checks(plan.most_steps(len(names)))
-    before = [goal for goal in goals if have // 4 <= goal < have and goal <= least]
-    if not before:
-        return []
-    # Ensembles may have been cut at different steps.
-    theta = np.array([np.concatenate(parts)[:least] for parts in under_way.theta])
-    return [(n, assess(theta[:, :n], names, plan.targets).n_tau) for n in before]
+def _until_judged(
+    under_way: _Walk, have: int, most: int, learnt: Learnt, report: Reporter
+) -> Sampled:
+    """On and on until the targets are met, nothing more helps, or `most` steps are made.
+
+    Where it looks depends on nothing but the chain: not on how it was cut.
+    """
+    plan, last = under_way.plan, max(most, have)
+    goal = min(FIRST_CHECK, last)
+    trail: list[tuple[int, float]] = []
+    while True:
+        under_way.advance_to(goal)
+        seen = length(under_way.first(goal))
+        trail.append((goal, seen.n_tau))
+        hopeless = futile(trail, plan.targets.n_tau, plan.max_steps, most)
+        ending = bool(hopeless) or goal == last
+        report.update(
+            min(seen.n_tau / plan.targets.n_tau, 0.99),
+            f"{goal} steps: {seen.n_tau:.0f} autocorrelation times",
+        )
+        # Shorter lengths were judged before an interruption, and found wanting.
+        if goal >= have and (ending or seen.n_tau >= plan.targets.n_tau):
+            sampled = _judge(under_way.posterior, plan, under_way.pieces, under_way.theta, learnt)
+            convergence = sampled.convergence
+            report.update(_share(convergence, plan.targets), _state_of(convergence))
+            if convergence.converged or (ending and not hopeless):
+                return sampled
+            if ending:
+                reasons = (*convergence.reasons, hopeless)
+                convergence = dataclasses.replace(convergence, reasons=reasons)
+                return dataclasses.replace(sampled, convergence=convergence)
+        goal = min(seen.next_check(goal, plan.targets.n_tau), last)
 
 
 def prepare(crew: Crew, posterior: Posterior, maxima: Array, seed: int) -> Learnt:
@@ -281,15 +305,6 @@ def _judge(
     return Sampled(pieces=pieces, theta=physical, convergence=convergence, learnt=learnt)
 
 
-def _checks(most: int) -> Iterator[int]:
-    """When to judge: at steps that do not depend on how the run was cut."""
-    steps = FIRST_CHECK
-    while steps < most:
-        yield steps
-        steps = int(steps * GROWTH)
-    yield most
-
-
 def _steps(pieces: list[Piece]) -> int:
     return sum(len(piece.z) for piece in pieces)
 
@@ -322,7 +337,7 @@ def stored(posterior: Posterior, plan: Plan, folder: Folder) -> Sampled:
     """What `folder` holds, judged again; raises `InputError` where ensembles are missing."""
     chains = [folder.pieces(ensemble) for ensemble in range(plan.ensembles)]
     steps = min(map(_steps, chains))
-    first = next(_checks(plan.most_steps(len(posterior.space.free))))
+    first = min(FIRST_CHECK, plan.most_steps(len(posterior.space.free)))
     if steps < first or max(map(_steps, chains)) != steps:
         raise InputError.one(
             str(folder.path), "the run stopped before its first check; continue it with --resume"

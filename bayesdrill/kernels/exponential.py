@@ -37,7 +37,9 @@ _EXPONENT_BIAS = 1023
 def emit_exponential(module: ir.Module, layout: Layout, name: str, span: float) -> ir.Function:
     """`name(parameters (P, LANES), e (N, N, LANES))`: e = exp of the augmented matrix over `span`.
 
-    Taylor series of degree 16 in powers of the fourth power, then squarings lane by lane.
+    Taylor series of degree 16 in powers of the fourth power, then squarings lane by lane.  Both are
+    of e - 1: beside a one, what a slow state does in the shortened span would be lost to rounding
+    where another state is very fast.
     """
     product = module.globals.get("product") or _emit_product(module, layout)
     made = function(module, name, 0, [VECTORS] * 2)
@@ -57,7 +59,8 @@ def emit_exponential(module: ir.Module, layout: Layout, name: str, span: float) 
             terms = list(enumerate((a, second, third), start=1))
             if base is None:
                 terms.append((4, fourth))
-            total = vector(1.0 / math.factorial(first) if entry % (n + 1) == 0 else 0.0)
+            diagonal = first > 0 and entry % (n + 1) == 0
+            total = vector(1.0 / math.factorial(first) if diagonal else 0.0)
             if base is not None:
                 total = b.fadd(total, load(b, base, entry))
             for power, matrix in terms:
@@ -76,8 +79,12 @@ def emit_exponential(module: ir.Module, layout: Layout, name: str, span: float) 
     still = b.fcmp_ordered("<", splat(b, b.sitofp(squarings.index, F64)), wanted)
     b.call(product, [spare, e, e])
     for entry in reached:
-        store(b, b.select(still, load(b, spare, entry), load(b, e, entry)), e, entry)
+        now = load(b, e, entry)
+        twice = fma(b, vector(2.0), now, load(b, spare, entry))  # (1 + e)^2 - 1
+        store(b, b.select(still, twice, now), e, entry)
     squarings.close([])
+    for entry in range(0, n * n, n + 1):
+        store(b, b.fadd(load(b, e, entry), vector(1.0)), e, entry)
     b.ret_void()
     return made
 

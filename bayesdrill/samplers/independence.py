@@ -52,15 +52,3 @@ class Proposal:
             if have >= n:
                 break
         return tuple(np.concatenate(parts)[:n] for parts in zip(*found, strict=True))  # type: ignore[return-value]
-
-
-def acceptance(weights: Array) -> float:
-    """Of independent proposals in the long run, from importance weights `(N,)` of draws from q.
-
-    A move from x to y is accepted with min(1, w(y) / w(x)), x from the target and y from q: the
-    mean of the smaller of two weights, over the mean weight.
-    """
-    ordered = np.sort(weights)[::-1]
-    smaller = ordered * (2.0 * np.arange(len(ordered)) + 1.0)
-    total = float(ordered.sum()) * len(ordered)
-    return float(smaller.sum()) / total if total > 0 else 0.0

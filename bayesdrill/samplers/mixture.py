@@ -69,7 +69,7 @@ class Mixture:
     def log_density_of(self, drawn: Drawn) -> Array:
         """Of draws of its own, whose coordinates on a single sheet are known already: `(n,)`."""
         if len(self.sheets) == 1:
-            return _summed(self.log_parts(drawn.y[None], drawn.jacobian[None]))
+            return self.log_density_at(drawn.y[None], drawn.jacobian[None])
         return self.log_density(drawn.u)
 
     def widened(self, factor: float) -> Mixture:
@@ -80,7 +80,11 @@ class Mixture:
 
     def log_density(self, u: Array) -> Array:
         """`(W, D) -> (W,)` over u."""
-        return _summed(self.log_parts(*self.straightened(u)))
+        return self.log_density_at(*self.straightened(u))
+
+    def log_density_at(self, y: Array, jacobian: Array) -> Array:
+        """Of what has been `straightened` already: `(W,)` over u."""
+        return _summed(self.log_parts(y, jacobian))
 
     def straightened(self, u: Array) -> tuple[Array, Array]:
         """`y (S, W, D)` on each sheet and log |du / dy| `(S, W)`."""

@@ -13,9 +13,10 @@ from targets import TARGETS, Target
 
 from bayesdrill.samplers import independence
 from bayesdrill.samplers.ensemble import Piece, State, advance
-from bayesdrill.samplers.independence import Proposal, acceptance
+from bayesdrill.samplers.independence import Proposal
 from bayesdrill.samplers.mixture import Mixture, fitted, mixture
 from bayesdrill.samplers.ridge import fit, frame
+from bayesdrill.samplers.weighing import Weighed
 
 FAIL = 1e-6
 STEPS = 12
@@ -69,9 +70,10 @@ def test_acceptance_foreseen_is_that_of_the_move() -> None:
     proposal = rough(CUT, 5)
     u, log_q = proposal.draw(40_000, CUT.inside, np.random.RandomState(2))
     assert CUT.inside(u).all()
-    weights = np.exp(CUT.log_density(u) - log_q)
+    alike = np.zeros(len(u))
+    weighed = Weighed(u, CUT.log_density(u) - log_q, alike)
     piece = walked(CUT, 5, proposal)
-    assert acceptance(weights) == pytest.approx(piece.accepted.mean() / STEPS, abs=0.02)
+    assert weighed.acceptance == pytest.approx(piece.accepted.mean() / STEPS, abs=0.02)
 
 
 def bent_mixture() -> Mixture:
@@ -124,8 +126,8 @@ def test_what_the_prior_cuts_off_is_filled_up() -> None:
     start = mixture([base], [0], np.ones(1), np.zeros((1, d)), 0.3 * np.eye(d)[None])
     equal = np.full(len(draws), 1.0 / len(draws))
     found = fitted(start, draws, equal, inside, 25, np.random.RandomState(1))
-    _, log_q = Proposal(found, 0.3).draw(10_000, inside, np.random.RandomState(2))
-    assert acceptance(np.exp(-log_q)) > 0.65
+    u, log_q = Proposal(found, 0.3).draw(10_000, inside, np.random.RandomState(2))
+    assert Weighed(u, -log_q, np.zeros(len(u))).acceptance > 0.65
 
 
 def test_a_wider_mixture_has_equal_shares_of_its_ridges() -> None:

@@ -9,9 +9,10 @@ import pytest
 from compiled import SIGMA, seen
 from surfaces import Gaussians, humps, ridged
 
-from bayesdrill.learning import Learnt, effective, learn, normalised, tempered
+from bayesdrill.learning import Learnt, learn
 from bayesdrill.ridges import Expand
 from bayesdrill.samplers.ensemble import State, advance
+from bayesdrill.samplers.weighing import Weighed, effective, normalised
 from bayesdrill.surface import Expansion, PosteriorSurface, Surface, joined
 
 APART = 20.0  # standard deviations
@@ -64,7 +65,8 @@ def test_a_maximum_that_holds_nothing_costs_nothing() -> None:
     seed, rng = np.random.RandomState(1), np.random.default_rng(2)
     learnt = learn(surface, surface.expand, list(surface.means), seed, rng)
     assert learnt.acceptance > 0.8
-    assert learnt.shares(learnt.u, 2)[1] < 0.02
+    drawn, _ = learnt.proposal.draw(3000, surface.inside, np.random.RandomState(3))
+    assert learnt.shares(drawn, 2)[1] < 0.02
 
 
 @pytest.mark.parametrize(("n_loose", "n_tight"), [(1, 1), (1, 3), (2, 3)])
@@ -119,15 +121,19 @@ def same(one: Learnt, other: Learnt) -> bool:
 def test_weights_are_flattened_no_more_than_they_must() -> None:
     """Mutant killed: weights of which one holds all."""
     log_w = 50.0 * np.random.default_rng(6).standard_normal(1000)
-    flat = tempered(log_w)
+
+    def flattened(log_w: np.ndarray) -> np.ndarray:
+        return Weighed(np.zeros((len(log_w), 1)), log_w, np.zeros(len(log_w))).tempered(100.0)
+
+    flat = flattened(log_w)
     assert flat.sum() == pytest.approx(1.0)
     assert effective(flat) == pytest.approx(100.0, rel=1e-3)
     assert np.array_equal(np.argsort(flat), np.argsort(log_w))
     gentle = 0.1 * log_w / 50.0
-    assert tempered(gentle) == pytest.approx(normalised(gentle))
-    none = np.append(log_w, -np.inf)
-    assert tempered(none)[-1] == 0.0
-    assert np.isfinite(tempered(none)).all()
+    assert flattened(gentle) == pytest.approx(normalised(gentle))
+    none = flattened(np.append(log_w, -np.inf))
+    assert none[-1] == 0.0
+    assert np.isfinite(none).all()
 
 
 def test_no_density_at_all_is_said() -> None:
