@@ -24,6 +24,7 @@ from bayesdrill.surface import PosteriorSurface
 Array = NDArray[np.float64]
 
 SAME_LOG_DENSITY = 1e-6  # searches that end nearer than this have found the same height
+ROUNDING = 1e-12  # of the log posterior: nor can two searches agree better than its own digits
 SAME_PLACE = 0.01  # ... and the same place, when no unknown differs by more than 1 %
 CANDIDATES = 4096  # prior draws of which a search starts at the best
 SCOUTS = 24  # plain draws from the prior that are sent uphill without a simplex
@@ -75,9 +76,14 @@ class Mode:
         return (Other(values=self.values, log_posterior=self.log_posterior), *self.others)
 
     @property
+    def tolerance(self) -> float:
+        """How much two heights may differ and still be the same."""
+        return max(SAME_LOG_DENSITY, ROUNDING * abs(self.log_posterior))
+
+    @property
     def highest(self) -> tuple[Search, ...]:
         """The searches that reached the height of the best."""
-        lowest = self.log_posterior - SAME_LOG_DENSITY
+        lowest = self.log_posterior - self.tolerance
         return tuple(s for s in self.searches if s.log_posterior > lowest)
 
     @property

@@ -65,6 +65,16 @@ def by_expm(p: dict[str, float], t: np.ndarray, x0: np.ndarray, v: float, t_1: f
     return np.array([(scipy.linalg.expm(augmented * s) @ start)[:5] for s in t])
 
 
+def without_inductance(p: dict[str, float], t: np.ndarray, x0: np.ndarray, v: float) -> np.ndarray:
+    """States (T, 4), all but the current, which is at rest at once: l_m = 0."""
+    a, b_v, _, c = matrices(p | {"l_m": 1.0})
+    augmented = np.zeros((5, 5))
+    augmented[:4, :4] = a[:4, :4] - np.outer(a[:4, 4], a[4, :4]) / a[4, 4]
+    augmented[:4, 4] = c[:4] - a[:4, 4] * (b_v[4] * v + c[4]) / a[4, 4]
+    start = np.append(x0, 1.0)
+    return np.array([(scipy.linalg.expm(augmented * s) @ start)[:4] for s in t])
+
+
 def by_radau(p: dict[str, float], t: np.ndarray, x0: np.ndarray, inputs) -> np.ndarray:
     """States (T, 5) by SciPy's Radau at rtol 1e-10, restarted at each sample.
 

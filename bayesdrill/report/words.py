@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from bayesdrill import physics
 from bayesdrill.build import Problem
 from bayesdrill.config import Config
-from bayesdrill.mode import SAME_LOG_DENSITY, SAME_PLACE, Mode
+from bayesdrill.mode import SAME_PLACE, Mode
 from bayesdrill.sampling import Sampled
 
 
@@ -94,7 +94,7 @@ def mode(found: Mode) -> str:
     n, same = len(found.searches), found.same_height
     lines = [
         f"MAP: log posterior {found.log_posterior:.2f}; {same} of {n} searches reached it within "
-        f"{SAME_LOG_DENSITY:g}"
+        f"{found.tolerance:.0e}"
     ]
     if found.wandering:
         lines.append(

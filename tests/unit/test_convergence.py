@@ -2,13 +2,23 @@
 
 from __future__ import annotations
 
+import math
+
 import emcee
 import numpy as np
 import pytest
 import scipy.stats
 from chains import ar1
 
-from bayesdrill.convergence import Targets, assess, autocorrelation_time, futile, thinned
+from bayesdrill.convergence import (
+    BURN_IN_TAUS,
+    Targets,
+    assess,
+    autocorrelation_time,
+    futile,
+    length,
+    thinned,
+)
 from bayesdrill.diagnostics import HDI_PROBABILITY, hdi
 
 TARGETS = Targets(r_hat=1.01, n_tau=50, ess=1000)
@@ -110,6 +120,25 @@ def test_a_chain_that_would_be_too_large_is_not_for_max_steps_to_mend() -> None:
     assert "about 8333 steps, more than the 8000 that a chain of so many walkers" in found
     assert "sampler.walkers a smaller number" in found
     assert "max_steps" not in found
+
+
+@pytest.mark.parametrize("rho", [0.0, 0.5, 0.9])
+def test_the_next_check_is_when_the_chain_is_long_enough(rho: float) -> None:
+    """Of an AR(1) chain tau is known.  Mutant killed: a growth that does not ask for tau."""
+    tau = (1.0 + rho) / (1.0 - rho)
+    steps = math.ceil(BURN_IN_TAUS * tau + 40 * tau)  # not quite the 50 that are wanted
+    found = length(ar1((4, steps, 64, 1), rho))
+    assert found.n_tau < 50
+    ahead = found.next_check(steps, 50)
+    assert 1.05 * 55 * tau < ahead < 1.4 * 55 * tau
+    assert length(ar1((4, ahead, 64, 1), rho)).n_tau > 50
+
+
+def test_checks_are_neither_rare_nor_many() -> None:
+    """However far there is to go, and also where the length is not what is missing."""
+    found = length(ar1((4, 200, 16, 1), 0.5))
+    assert found.next_check(200, 1e6) == 300
+    assert found.next_check(200, 1.0) == 250
 
 
 def test_thinning_keeps_time_and_ensembles_apart() -> None:

@@ -6,7 +6,17 @@ import pickle
 
 import numpy as np
 import pytest
-from oracles import NOMINAL, ORDER, by_expm, by_radau, by_trapezoid, matrices, power_balance, skewed
+from oracles import (
+    NOMINAL,
+    ORDER,
+    by_expm,
+    by_radau,
+    by_trapezoid,
+    matrices,
+    power_balance,
+    skewed,
+    without_inductance,
+)
 from rigs import STATES, experiment, vector
 
 from bayesdrill.models.motor_shaft import MotorShaft
@@ -42,6 +52,15 @@ def test_first_sample_later_than_the_start() -> None:
     record = experiment(40, 0.02, first=0.137, t_start=-0.05, start=START)
     true = by_expm(skewed(), record.t + 0.05, X0, 8.0, 0.0)
     assert relative_error(signals(record, skewed())[0], true) < 1e-11
+
+
+@pytest.mark.parametrize("l_m", [1e-16, 1e-14])
+def test_a_current_that_is_far_faster_than_all_else_costs_no_digits(l_m: float) -> None:
+    """Many squarings.  Mutant killed: a one beside the increments that are squared (1e-2, 1e-4 off)."""
+    p = skewed() | {"l_m": l_m}
+    record = experiment(60, 0.02, constant={"v": 5.5, "t_1": 0.0}, start=START)
+    true = without_inductance(p, record.t, X0[:4], 5.5)
+    assert relative_error(signals(record, p)[0, 1:, :4], true[1:]) < 1e-10
 
 
 @pytest.mark.parametrize("first_order", [False, True], ids=["zero-order", "first-order"])

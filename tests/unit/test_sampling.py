@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import itertools
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
 from compiled import SIGMA, seen
-from surfaces import Gaussians, humps
+from surfaces import Walled, humps, ridged
 
 from bayesdrill.convergence import Targets
 from bayesdrill.crew import Crew
@@ -16,8 +17,12 @@ from bayesdrill.learning import Learnt, learn
 from bayesdrill.posterior import Posterior
 from bayesdrill.progress import Silent
 from bayesdrill.samplers.ensemble import State
+from bayesdrill.samplers.independence import Proposal
+from bayesdrill.samplers.mixture import mixture
+from bayesdrill.samplers.ridge import fit, frame
 from bayesdrill.sampling import Plan, Sampled, begin, prepare, sample
 from bayesdrill.shelf import Memory
+from bayesdrill.surface import PosteriorSurface
 
 N = 16  # walkers
 MOVES = {
@@ -103,11 +108,43 @@ def test_starts_are_inside_the_priors_and_wider_than_the_proposal() -> None:
     assert (state.z.std(axis=0) > 1.15 * drawn.std(axis=0)).all()
 
 
+def test_starts_in_a_corner_of_the_priors_are_mirrored_into_it() -> None:
+    """Of a record that says nothing, where hardly a draw would be inside.
+
+    Mutants killed: no mirror, no way inwards.
+    """
+    target = seen("step", 1e6 * SIGMA, free=("k_s", "j_1", "t_f"))
+    surface = PosteriorSurface(target)
+    d = len(surface.low)
+    base = frame(surface.low + 1e-9 * surface.spread, np.diag(surface.spread), d)
+    point = np.zeros((1, d)), np.zeros((1, 0)), np.zeros((1, 0, 0))
+    mean, root = np.full((1, d), -400.0), 50.0 * np.eye(d)[None]
+    beyond = mixture([fit(base, *point, 0, 0)], [0], np.ones(1), mean, root)
+    state = begin(target, Proposal(beyond, 1e-6), 64, 1, 0)
+    assert target.supports(state.z).all()
+    assert np.isfinite(state.log_p).all()
+    assert np.linalg.matrix_rank(state.z - state.z.mean(axis=0)) == d
+
+
+def test_no_walker_starts_far_off_the_ridge() -> None:
+    """It would never leave: a proposal knows nothing there.  Mutant killed: any density will do."""
+    surface = ridged(1, 2)
+    at = surface.at(np.full((1, 1), 0.1), np.zeros((1, 2)))[0]
+    learnt = learn(
+        surface, surface.expand, [at], np.random.RandomState(1), np.random.default_rng(2)
+    )
+    far = replace(learnt.proposal, mixture=learnt.proposal.mixture.widened(4.0))
+    state = begin(Known(surface), far, 500, 1, 0)
+    assert state.log_p.min() > state.log_p.max() - 50.0
+    drawn = far.mixture.draw(2000, np.random.RandomState(3)).u
+    assert surface.value(drawn).min() < state.log_p.max() - 100.0
+
+
 class Known:
     """What a start asks of a posterior."""
 
-    def __init__(self, surface: Gaussians) -> None:
-        self.supports, self.value = surface.inside, surface.value
+    def __init__(self, surface: Walled) -> None:
+        self.value = surface.value
 
     def __call__(self, u: np.ndarray) -> np.ndarray:
         return self.value(u)
