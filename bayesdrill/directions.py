@@ -14,7 +14,12 @@ from bayesdrill.surface import Expansion, Surface
 Array = NDArray[np.float64]
 Expand = Callable[[Array, Array], Expansion]
 
-TIGHT = 100.0  # a direction whose variance the record makes smaller than the prior's by as much
+TIGHT = (
+    100.0  # a direction whose variance the record makes smaller than the prior's by as much, ...
+)
+STRAIGHT = (
+    0.03  # ... and by as many times the root of that of the tightest, which else bends along it
+)
 NEAR_END = 1e-6  # of the prior's spread
 OWN = 1e-6  # share of an unknown that is not among what is set apart already: less is rounding
 PRESSED = 0.5  # standard deviations that a maximum may lie beyond an end of a prior
@@ -35,7 +40,8 @@ def split(
     slope, curvature = here.slope[0] * scale, here.curvature[0] * np.outer(scale, scale)
     apart = np.zeros((len(centre), 0)) if still is None else still
     values, vectors = _directions(curvature, apart)
-    tight = values >= TIGHT
+    tight_from = max(TIGHT, STRAIGHT * float(np.sqrt(max(values[-1], 0.0))))
+    tight = values >= tight_from
     known = np.zeros(apart.shape[1])
     if np.linalg.norm((slope @ vectors[:, tight]) / np.sqrt(values[tight])) > PRESSED:
         near = NEAR_END * scale
@@ -44,7 +50,7 @@ def split(
         apart, own = _beside(apart, np.flatnonzero(pressed))
         known = np.concatenate([known, np.diag(curvature)[own] + slope[own] ** 2])
         values, vectors = _directions(curvature, apart)
-    n_loose = int((values < TIGHT).sum())
+    n_loose = int((values < tight_from).sum())
     columns = scale[:, None] * np.concatenate([apart, vectors], axis=1)
     return (
         ridge.frame(centre, columns, len(known) + n_loose),

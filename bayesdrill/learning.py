@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayesdrill.directions import Expand
-from bayesdrill.ridges import Traced, beside, moments, trace
+from bayesdrill.ridges import ASTRAY, Traced, beside, moments, trace
 from bayesdrill.samplers import mixture
 from bayesdrill.samplers.independence import MOST_AT_ONCE, Proposal
 from bayesdrill.samplers.mixture import Mixture
@@ -34,12 +34,12 @@ LEAST_SHARE = 0.1  # of effective draws: below it the density is flattened until
 REDRAWN = 0.4  # of a density: what a draw costs that falls outside the prior
 AGAIN = 4  # times that a ridge is added, ...
 FEW, ALONE = 5, 2.0  # rounds after which so few effective draws are no beginning
-GOOD = 0.45  # ... unless as many draws are effective
+GOOD = 0.3  # ... unless as many draws are effective
 LIKELY = 0.9  # quantile of the weights: a new centre is a draw above it
 COMPONENTS = 4
 EXPECTATIONS = (12, 6)  # of the fit, in the first round and later
 WIDE_WEIGHT = 0.1  # of a component that is wider than all draws, and holds the tails: ...
-WIDE_LOOSE, WIDE_FIBRE = 1.25, 1.1  # ... as many times, along the ridge and across it
+WIDE_LOOSE, WIDE_FIBRE = 1.25, 1.4  # ... as many times, along the ridge and across it
 NARROWED = 0.7  # several components are narrower than one, to begin with
 FIRST_FIBRE = 1.2  # standard deviations of the tight directions, to begin with
 LOST = 1e-6  # of the posterior: a ridge with less is left out
@@ -96,8 +96,8 @@ def learn(
         if best.share > GOOD:
             break
         # One more ridge where draws weigh most: there the posterior is, and the proposal is not.
-        for origin, at, seen in _midst(last):
-            parts.append((origin, trace(surface, expand, at, rng, seen)))
+        found = [(k, trace(surface, expand, at, rng, seen)) for k, at, seen in _midst(last)]
+        parts = [part for part in parts if part[1].off < ASTRAY] + found
         last = _fitted(surface, parts, seed, again)
         best = max(best, last, key=lambda one: one.share)
     return Learnt(

@@ -211,6 +211,11 @@ def summarise(
     )
 
 
+def tops(posterior: Posterior, found: Mode) -> Array:
+    """All maxima, `(M, D)` physical, the highest first."""
+    return np.array([posterior.space.vector(one.values) for one in found.maxima])
+
+
 def _at_bound(posterior: Posterior, values: Mapping[str, float]) -> tuple[str, ...]:
     close = []
     for name, prior in posterior.space.priors.items():

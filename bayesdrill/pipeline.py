@@ -103,7 +103,7 @@ def _run(job: Job, folder: Folder, processes: int, report: Reporter) -> Outcome:
             text = json.dumps(dataclasses.asdict(found), indent=2) + "\n"
             folder.write_text(MAP_FILE, text)
         clock.append(time.perf_counter())
-        tops = np.array([posterior.space.vector(one.values) for one in found.maxima])
+        tops = mode.tops(posterior, found)
         try:
             sampled = sample(crew, posterior, tops, plan(job.config), folder, report)
         except Nowhere as error:

@@ -37,6 +37,8 @@ GOOD_ENOUGH = 0.1  # of a standard deviation, on points held out: no higher degr
 FAIR = 0.3  # of a standard deviation: what is further off is given more points
 POINTS_PER_TERM = 2.5
 LEAST_POINTS, LAST_POINTS, MOST_POINTS = 40, 300, 1600  # of a stage, of the last, and of all
+SHORTER = 4  # times that half of the length is tried, where a polynomial is ...
+ASTRAY = 5.0  # ... as many standard deviations off: of no use
 DEEP = 100.0  # of the log density below the highest point: not on the ridge
 HELD_OUT = 4  # every fourth point
 MARGIN = 0.9  # points are wanted a little beyond the prior's ends too
@@ -72,28 +74,50 @@ def trace(
     base, known = split(surface, centre, here, still)
     if len(known) == len(centre) and (known > TIGHT).any():
         base, known = corner(surface, centre, here)
-    n_loose = len(known)
-    if seen is None:
-        # What the priors and the record say of psi, both taken as Gaussian.
-        doubted = known / DOUBT
-        towards = base.split(surface.middle[None])[0][0]
-        psi, sd = towards / (1.0 + doubted), 1.0 / np.sqrt(1.0 + doubted)
-        # At an end of a prior that the record presses against, begin on the side where it goes on.
-        steep = known > TIGHT
-        psi, spread = psi + np.where(steep, np.sign(towards) * sd, 0.0), np.diag(sd)
-    else:
-        psi, spread = moments(base.split(seen[0])[0], seen[1])
+    psi, spread = _foreseen(surface, base, known) if seen is None else _seen(base, *seen)
     at = _at_centre(base, here)
-    if n_loose == 0 or base.tight.shape[1] == 0:
+    if len(known) == 0 or base.tight.shape[1] == 0:
         return Traced(at, 0.0, psi, spread)
+    bent = np.arange(still.shape[1], len(known))
+    for _ in range(SHORTER):
+        found = _followed(surface, expand, at, bent, psi, spread, rng)
+        if found.off < ASTRAY:
+            break
+        psi, spread = 0.5 * psi, 0.5 * spread  # a shorter piece of it is better than none
+    return found
+
+
+def _foreseen(surface: Surface, base: Frame, known: Array) -> tuple[Array, Array]:
+    """What the priors and the record say of psi, both taken as Gaussian: `(l,)`, root `(l, l)`."""
+    doubted = known / DOUBT
+    towards = base.split(surface.middle[None])[0][0]
+    psi, sd = towards / (1.0 + doubted), 1.0 / np.sqrt(1.0 + doubted)
+    # At an end of a prior that the record presses against, begin on the side where it goes on.
+    return psi + np.where(known > TIGHT, np.sign(towards) * sd, 0.0), np.diag(sd)
+
+
+def _seen(base: Frame, draws: Array, weights: Array) -> tuple[Array, Array]:
+    return moments(base.split(draws)[0], weights)
+
+
+def _followed(
+    surface: Surface,
+    expand: Expand,
+    at: Ridge,
+    bent: NDArray[np.intp],
+    psi: Array,
+    spread: Array,
+    rng: np.random.Generator,
+) -> Traced:
+    """Outward from where the maximum is, with polynomials of what has been found so far."""
+    base = at.frame
     points: list[Array] = []
     off = 0.0
-    bent = np.arange(still.shape[1], n_loose)
     for share in OUTWARD:
         n = _wanted(len(bent), share)
         wanted = share * _scattered(surface, at, n, psi, spread, share, rng)
         points = _gathered(points, _arrive(expand, base, wanted, at.at(wanted)))
-        if len(points[0]) > 2 * (n_loose + 1):
+        if len(points[0]) > 2 * (len(psi) + 1):
             at, off = _best_fit(base, bent, *points[:3], last=share == OUTWARD[-1])
     while off > FAIR and 2 * len(points[0]) < MOST_POINTS:
         wanted = _scattered(surface, at, len(points[0]), psi, spread, 1.0, rng)

@@ -10,33 +10,26 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from threadpoolctl import threadpool_limits
 
-from bayesdrill import seeds
 from bayesdrill.convergence import Convergence, Targets, assess, futile, length, thinned
 from bayesdrill.crew import Crew
 from bayesdrill.errors import InputError
-from bayesdrill.learning import AGAIN, Learnt, Nowhere, learn
+from bayesdrill.learning import Learnt
 from bayesdrill.posterior import Posterior
+from bayesdrill.preparation import begin, fits, prepare
 from bayesdrill.progress import Reporter
 from bayesdrill.samplers.ensemble import Piece, State, advance
 from bayesdrill.samplers.independence import Proposal
 from bayesdrill.shelf import Shelf
 from bayesdrill.store import Folder
-from bayesdrill.surface import Expansion, PosteriorSurface, joined
 
 Array = NDArray[np.float64]
 
 FIRST_CHECK = 200  # steps
 PIECE = 250  # steps between savings, at most, and ...
 PIECE_SECONDS = 2.0  # ... about as many as take this long: what Ctrl-C waits for
-SHARED = 32  # points that one process expands at a time
-START_SPREAD = 1.5  # ensembles start wider than the proposal, so that R-hat can tell
-FAR_TOO_LARGE = 1.5  # rms of what is left over the noise, from which on less is learnt
 ENOUGH_OF_A_MISFIT = 800  # steps
 MOST_NUMBERS = 64_000_000  # of a chain, half a gigabyte: no more steps are taken
-START_TRIES = 20  # of drawing points to start at, and of mirroring others
-DEEP = 50.0  # of the log density below the highest start: far off a bent ridge is no place to start
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -87,30 +80,6 @@ class Sampled:
     def failures(self) -> int:
         """Proposals inside the prior whose response overflowed."""
         return sum(piece.failures for pieces in self.pieces for piece in pieces)
-
-
-def begin(posterior: Posterior, proposal: Proposal, n: int, seed: int, ensemble: int) -> State:
-    """Walkers around all maxima alike, wider than the proposal: shares are for the moves to find.
-
-    Where hardly a draw is inside the prior, those outside are mirrored at its ends, nearer and nearer
-    to the first maximum.
-    """
-    random = np.random.RandomState(seeds.bits(seed, "start", ensemble))
-    centre = proposal.mixture.sheets[0].frame.centre
-    wide = proposal.mixture.widened(START_SPREAD)
-    z, log_p = np.empty((n, len(centre))), np.full(n, -np.inf)
-    for attempt in range(2 * START_TRIES):
-        missing = ~(log_p > log_p.max() - DEEP)
-        if not missing.any():
-            return State(z, log_p, seeds.legacy_state(seed, "walk", ensemble))
-        fresh = wide.draw(int(missing.sum()), random).u
-        if attempt >= START_TRIES:
-            surface = PosteriorSurface(posterior)
-            fresh = centre + 0.5 ** (attempt - START_TRIES) * (fresh - centre)
-            fresh = np.where(fresh < surface.low, 2.0 * surface.low - fresh, fresh)
-            fresh = np.where(fresh > surface.high, 2.0 * surface.high - fresh, fresh)
-        z[missing], log_p[missing] = fresh, posterior(fresh)
-    raise Nowhere("no point of finite posterior was found around the maximum")
 
 
 def loaded(_: Posterior) -> None:
@@ -233,36 +202,6 @@ def _until_judged(
                 convergence = dataclasses.replace(convergence, reasons=reasons)
                 return dataclasses.replace(sampled, convergence=convergence)
         goal = min(seen.next_check(goal, plan.targets.n_tau), last)
-
-
-def prepare(crew: Crew, posterior: Posterior, maxima: Array, seed: int) -> Learnt:
-    """The proposal, the same whatever the number of processes."""
-
-    def expand(u: Array, directions: Array) -> Expansion:
-        parts = [u[k : k + SHARED] for k in range(0, len(u), SHARED)]
-        tasks = [crew.submit(expanded, part, directions) for part in parts]
-        return joined([task.result() for task in tasks])
-
-    random = np.random.RandomState(seeds.bits(seed, "learn", 0))
-    z = posterior.coordinates.from_physical(maxima)
-    again, tops = (AGAIN, list(z)) if fits(posterior, maxima) else (0, list(z[:1]))
-    with threadpool_limits(1):
-        rng = seeds.stream(seed, "learn", 1)
-        return learn(PosteriorSurface(posterior), expand, tops, random, rng, again)
-
-
-def fits(posterior: Posterior, maxima: Array) -> bool:
-    """Whether the best fit leaves about the noise.
-
-    If it leaves far more it is not believed, however well it is sampled, and little is spent on it.
-    """
-    left = float(posterior.likelihood.per_number(maxima[:1])[0])
-    return left < FAR_TOO_LARGE**2
-
-
-def expanded(posterior: Posterior, u: Array, directions: Array) -> Expansion:
-    """See `surface.Surface.expand`."""
-    return PosteriorSurface(posterior).expand(u, directions)
 
 
 def _said(learnt: Learnt) -> str:

@@ -374,9 +374,9 @@ MUTANTS = [
     ),
     Mutant(
         "weights flattened as far as it goes",
-        "learning.py",
-        "if effective(normalised(middle * finite)) >= wanted:",
-        "if False:",
+        "samplers/weighing.py",
+        "if effective(flat(middle)) >= least else",
+        "if False else",
         "tests/unit/test_learning.py::test_weights_are_flattened_no_more_than_they_must",
     ),
     Mutant(
@@ -437,14 +437,14 @@ MUTANTS = [
     ),
     Mutant(
         "all ensembles from the same start points",
-        "sampling.py",
+        "preparation.py",
         'seeds.bits(seed, "start", ensemble)',
         'seeds.bits(seed, "start", 0)',
         "tests/unit/test_sampling.py::test_ensembles_start_at_different_points_with_different_streams",
     ),
     Mutant(
         "all ensembles with the same random stream",
-        "sampling.py",
+        "preparation.py",
         'seeds.legacy_state(seed, "walk", ensemble)',
         'seeds.legacy_state(seed, "walk", 0)',
         "tests/unit/test_sampling.py::test_ensembles_have_no_step_in_common",
@@ -458,9 +458,9 @@ MUTANTS = [
     ),
     Mutant(
         "ensembles start no wider than they end",
-        "sampling.py",
-        "source = wide if attempt",
-        "source = proposal.mixture if attempt",
+        "preparation.py",
+        "wide = proposal.mixture.widened(START_SPREAD)",
+        "wide = proposal.mixture",
         "tests/unit/test_sampling.py::test_starts_are_inside_the_priors_and_wider_than_the_proposal",
     ),
     Mutant(
@@ -521,21 +521,21 @@ MUTANTS = [
     ),
     Mutant(
         "starts outside the priors are not mirrored into them",
-        "sampling.py",
+        "preparation.py",
         "            fresh = np.where(fresh < surface.low, 2.0 * surface.low - fresh, fresh)\n",
         "",
         "tests/unit/test_sampling.py::test_starts_in_a_corner_of_the_priors_are_mirrored_into_it",
     ),
     Mutant(
         "mirrored starts stay as far away as they were",
-        "sampling.py",
+        "preparation.py",
         "0.5 ** (attempt - START_TRIES)",
         "1.0",
         "tests/unit/test_sampling.py::test_starts_in_a_corner_of_the_priors_are_mirrored_into_it",
     ),
     Mutant(
         "any density is a place to start at",
-        "sampling.py",
+        "preparation.py",
         "log_p > log_p.max() - DEEP",
         "log_p > -np.inf",
         "tests/unit/test_sampling.py::test_no_walker_starts_far_off_the_ridge",
@@ -645,8 +645,8 @@ MUTANTS = [
     Mutant(
         "believe a run whose burn-in could not be judged",
         "convergence.py",
-        "if wanted > half and not named:",
-        "if wanted > n_steps and not named:",
+        "capped = found.wanted > burn_in",
+        "capped = found.wanted > n_steps",
         "tests/unit/test_suspicions.py::"
         "test_sound_but_short_chains_are_called_short_and_nothing_else",
     ),

@@ -54,7 +54,7 @@ class Judge:
         search = mode.search(posterior, optimiser, evaluations, space.vector(space.start))
         scouted = mode.scouts(posterior, space.draw(mode.SCOUTS, seeds.stream(seed, "scout")))
         found = mode.summarise(posterior, (search,), scouted)
-        tops = np.array([space.vector(one.values) for one in found.maxima])
+        tops = mode.tops(posterior, found)
         with Crew(posterior, 1) as crew:
             sampled = sampling.sample(crew, posterior, tops, plan, Memory(), Silent())
         draws = sampled.draws.reshape(-1, len(space.free))

@@ -130,7 +130,7 @@ def _sampled(study: Study, posterior: Posterior, seed: int) -> Sampled:
     draws = posterior.space.draw(mode.SCOUTS, seeds.stream(seed, "scout"))
     scouted = mode.scouts(posterior, draws)
     found = mode.summarise(posterior, (_best(study, posterior, seed),), scouted)
-    tops = np.array([posterior.space.vector(one.values) for one in found.maxima])
+    tops = mode.tops(posterior, found)
     plan = dataclasses.replace(study.plan, seed=seed)
     with Crew(posterior, 1) as crew:
         return sample(crew, posterior, tops, plan, Memory(), Silent())

@@ -22,6 +22,9 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 
+FARTHEST = 50.0  # of the log of a root: where a polynomial has lost its way
+
+
 @dataclass(frozen=True, slots=True)
 class Powers:
     """Monomials of `n` variables up to `degree`: 1, and then each that stands before times a variable.
@@ -144,6 +147,7 @@ class Ridge:
         entries = self.root.T @ rows[: self.root_powers.terms]
         n = self.place.shape[1]
         root = np.zeros((n, n, psi.shape[0]))
+        np.clip(entries[:n], -FARTHEST, FARTHEST, out=entries[:n])
         diagonal = np.exp(entries[:n])
         root[range(n), range(n)] = diagonal
         lower = np.tril_indices(n, -1)

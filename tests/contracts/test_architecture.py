@@ -24,7 +24,7 @@ FLOORS = [
     {"optimisers", "schema", "shelf", "suspicions", "climb", "directions", "aliases"},
     {"ridges"},
     {"identifiability", "convergence", "givens", "maxima", "learning"},
-    {"build", "store", "mode"},
+    {"build", "store", "mode", "preparation"},
     {"consistency", "recording"},
     {"loading", "sampling", "diagnostics", "physics", "residuals", "tension"},
     {"job", "derived"},

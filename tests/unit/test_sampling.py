@@ -15,12 +15,13 @@ from bayesdrill.convergence import Targets
 from bayesdrill.crew import Crew
 from bayesdrill.learning import Learnt, learn
 from bayesdrill.posterior import Posterior
+from bayesdrill.preparation import begin, prepare
 from bayesdrill.progress import Silent
 from bayesdrill.samplers.ensemble import State
 from bayesdrill.samplers.independence import Proposal
 from bayesdrill.samplers.mixture import mixture
 from bayesdrill.samplers.ridge import fit, frame
-from bayesdrill.sampling import Plan, Sampled, begin, prepare, sample
+from bayesdrill.sampling import Plan, Sampled, sample
 from bayesdrill.shelf import Memory
 from bayesdrill.surface import PosteriorSurface
 

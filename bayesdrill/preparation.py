@@ -1,0 +1,93 @@
+"""What comes before the first step: a proposal that is learnt, and walkers to begin with."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
+
+from bayesdrill import seeds
+from bayesdrill.climb import climb
+from bayesdrill.crew import Crew
+from bayesdrill.learning import AGAIN, Learnt, Nowhere, learn
+from bayesdrill.maxima import NEAR
+from bayesdrill.posterior import Posterior
+from bayesdrill.samplers.ensemble import State
+from bayesdrill.samplers.independence import Proposal
+from bayesdrill.surface import Expansion, PosteriorSurface, joined
+
+Array = NDArray[np.float64]
+
+UPWARD = 25  # steps from a maximum over the unknowns to one over the coordinates
+SHARED = 32  # points that one process expands at a time
+START_SPREAD = 1.5  # ensembles start wider than the proposal, so that R-hat can tell
+FAR_TOO_LARGE = 1.5  # rms of what is left over the noise, from which on less is learnt
+START_TRIES = 20  # of drawing points to start at, and of mirroring others
+DEEP = 50.0  # of the log density below the highest start: far off a bent ridge is no place to start
+
+
+def prepare(crew: Crew, posterior: Posterior, maxima: Array, seed: int) -> Learnt:
+    """The proposal, the same whatever the number of processes."""
+
+    def expand(u: Array, directions: Array) -> Expansion:
+        parts = [u[k : k + SHARED] for k in range(0, len(u), SHARED)]
+        tasks = [crew.submit(expanded, part, directions) for part in parts]
+        return joined([task.result() for task in tasks])
+
+    random = np.random.RandomState(seeds.bits(seed, "learn", 0))
+    z = posterior.coordinates.from_physical(maxima)
+    again, tops = (AGAIN, z) if fits(posterior, maxima) else (0, z[:1])
+    surface = PosteriorSurface(posterior)
+    with threadpool_limits(1):
+        rng = seeds.stream(seed, "learn", 1)
+        # Where the density over the coordinates is highest, most of the posterior is near.
+        tops = _central(surface, tops)
+        return learn(surface, expand, list(tops), random, rng, again)
+
+
+def _central(surface: PosteriorSurface, tops: Array) -> Array:
+    """Maxima `(M, D)` over the coordinates instead; one is not moved to where another is."""
+    found = climb(surface, tops, UPWARD).u
+    for k in range(1, len(tops)):
+        near = np.abs(found[:k] - found[k]) < NEAR * surface.spread
+        if near.all(axis=1).any():
+            found[k] = tops[k]
+    return found
+
+
+def fits(posterior: Posterior, maxima: Array) -> bool:
+    """Whether the best fit leaves about the noise.
+
+    If it leaves far more it is not believed, however well it is sampled, and little is spent on it.
+    """
+    left = float(posterior.likelihood.per_number(maxima[:1])[0])
+    return left < FAR_TOO_LARGE**2
+
+
+def expanded(posterior: Posterior, u: Array, directions: Array) -> Expansion:
+    """See `surface.Surface.expand`."""
+    return PosteriorSurface(posterior).expand(u, directions)
+
+
+def begin(posterior: Posterior, proposal: Proposal, n: int, seed: int, ensemble: int) -> State:
+    """Walkers around all maxima alike, wider than the proposal: shares are for the moves to find.
+
+    Where hardly a draw is inside the prior, those outside are mirrored at its ends, nearer and nearer
+    to the first maximum.
+    """
+    random = np.random.RandomState(seeds.bits(seed, "start", ensemble))
+    centre = proposal.mixture.sheets[0].frame.centre
+    wide = proposal.mixture.widened(START_SPREAD)
+    z, log_p = np.empty((n, len(centre))), np.full(n, -np.inf)
+    for attempt in range(2 * START_TRIES):
+        missing = ~(log_p > log_p.max() - DEEP)
+        if not missing.any():
+            return State(z, log_p, seeds.legacy_state(seed, "walk", ensemble))
+        fresh = wide.draw(int(missing.sum()), random).u
+        if attempt >= START_TRIES:
+            surface = PosteriorSurface(posterior)
+            fresh = centre + 0.5 ** (attempt - START_TRIES) * (fresh - centre)
+            fresh = np.where(fresh < surface.low, 2.0 * surface.low - fresh, fresh)
+            fresh = np.where(fresh > surface.high, 2.0 * surface.high - fresh, fresh)
+        z[missing], log_p[missing] = fresh, posterior(fresh)
+    raise Nowhere("no point of finite posterior was found around the maximum")
