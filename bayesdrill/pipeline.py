@@ -133,7 +133,8 @@ def republish(output: Path, processes: int) -> Outcome:
     marks = provenance.fingerprint(job.config, job.problem)
     with Folder(output, "report", marks) as folder:
         posterior = job.problem.posterior
-        sampled = stored(posterior, plan(job.config), folder)
+        held = _held(run)
+        sampled = dataclasses.replace(stored(posterior, plan(job.config), folder), held=held)
         with Crew(posterior, processes) as crew:
             scenery = Scenery(posterior.likelihood)
             found = _read_mode(output / MAP_FILE)
@@ -271,6 +272,14 @@ def _publish(
         reasons=(*c.reasons, *doubts),
         seconds=seconds,
     )
+
+
+def _held(run: Mapping[str, Any]) -> Array | None:
+    """What each maximum holds, as a finished run has counted it."""
+    try:
+        return np.array([float(one["weight"]) for one in run["maxima"]])
+    except (KeyError, TypeError, ValueError):
+        return None
 
 
 def _learnt(problem: Problem, found: Mode, sampled: Sampled) -> dict[str, Any]:

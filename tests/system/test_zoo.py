@@ -268,3 +268,8 @@ def test_a_quick_row_does_what_it_should(row: Row, tmp_path: Path) -> None:
     share = () if row.humps is None else (runs.share_below(output, "k_s", row.humps.split),) * 2
     outcome = judge.judged(row, (found, found), 0, 60.0, share)
     assert outcome.passed, (outcome.complaints, ran.text)
+    if row.humps is not None:  # a report has no proposal to count with
+        said = (output / "summary.md").read_text()
+        assert "2 maxima of the posterior" in said
+        assert systems.cli("report", output, "--processes", "1").status == 0
+        assert (output / "summary.md").read_text() == said
