@@ -36,10 +36,13 @@ AGAIN = 4  # times that a ridge is added, ...
 FEW, ALONE = 5, 2.0  # rounds after which so few effective draws are no beginning
 GOOD = 0.3  # ... unless as many draws are effective
 LIKELY = 0.9  # quantile of the weights: a new centre is a draw above it
+STRAYS = 0.01  # of the posterior: more than that beyond the ridges is not left there
 COMPONENTS = 4
+DEAR = 20.0  # what it costs to leave some of the posterior where walkers wait long
+TRAPPED = 0.005  # of the posterior, where the proposal is far too thin: with more it goes on
 EXPECTATIONS = (12, 6)  # of the fit, in the first round and later
-WIDE_WEIGHT = 0.1  # of a component that is wider than all draws, and holds the tails: ...
-WIDE_LOOSE, WIDE_FIBRE = 1.25, 1.4  # ... as many times, along the ridge and across it
+# Wider than all draws, to hold the tails: weight, and how many times, along the ridge and across it.
+WIDE = ((0.08, 2.0, 1.05), (0.04, 1.2, 1.5))
 NARROWED = 0.7  # several components are narrower than one, to begin with
 FIRST_FIBRE = 1.2  # standard deviations of the tight directions, to begin with
 LOST = 1e-6  # of the posterior: a ridge with less is left out
@@ -93,13 +96,15 @@ def learn(
         parts = [(0, beside(surface, maxima[0], rng))]
         best = last = _fitted(surface, parts, seed, again)
     for _ in range(again):
-        if best.share > GOOD:
+        if best.good:
             break
         # One more ridge where draws weigh most: there the posterior is, and the proposal is not.
+        # Or the same, followed as far as draws have been seen.
         found = [(k, trace(surface, expand, at, rng, seen)) for k, at, seen in _midst(last)]
-        parts = [part for part in parts if part[1].off < ASTRAY] + found
+        kept = [part for part in parts if part[1].off < ASTRAY]
+        parts = found if last.strays > STRAYS else kept + found
         last = _fitted(surface, parts, seed, again)
-        best = max(best, last, key=lambda one: one.share)
+        best = max(best, last, key=lambda one: one.merit)
     return Learnt(
         proposal=best.proposal,
         u=best.draws.u,
@@ -123,7 +128,8 @@ def _fitted(
         done = _draw(found, off, origin, surface, seed)
         settled = bool(rounds) and done.share < WORTH * rounds[-1].share
         rounds.append(done)
-        if (settled and done.share > ENOUGH) or (len(rounds) > FEW and done.hopeless):
+        good = done.share > ENOUGH and done.draws.trapped < TRAPPED
+        if (settled and good) or (len(rounds) > FEW and done.hopeless):
             break
         kept = done.draws.those_with_a_density()
         u, weights = kept.u, kept.tempered(LEAST_SHARE * len(kept.u))
@@ -167,9 +173,29 @@ class _Round:
         return self.draws.effective < ALONE
 
     @property
+    def strays(self) -> float:
+        """How much of the posterior lies beyond where its ridges were followed."""
+        kept, mixture = self.draws.those_with_a_density(), self.proposal.mixture
+        y, shares = responsibilities(mixture, kept.u, kept.weights)
+        beyond = 0.0
+        for s, sheet in enumerate(mixture.sheets):
+            own = shares[mixture.sheet == s].sum(axis=0)
+            beyond += float(own @ ~sheet.within(y[s, :, : sheet.n_loose]))
+        return beyond
+
+    @property
+    def good(self) -> bool:
+        return self.share > GOOD and self.strays < STRAYS and self.draws.trapped < 2.0 * TRAPPED
+
+    @property
+    def merit(self) -> float:
+        return self.worth / (1.0 + DEAR * self.strays)
+
+    @property
     def worth(self) -> float:
         """Effective draws for what they cost: one outside the prior costs less than the model."""
-        return self.share / (1.0 + REDRAWN / self.proposal.share)
+        cost = (1.0 + REDRAWN / self.proposal.share) * (1.0 + DEAR * self.draws.trapped)
+        return self.share / cost
 
 
 def _draw(
@@ -260,10 +286,11 @@ def _with_tails(narrow: Mixture, u: Array, weights: Array) -> Mixture:
         own = shares[mine].sum(axis=0)
         if own.any() and effective(own) > 2 * u.shape[1]:
             centre, root = moments(y[s], own)
-            weight = WIDE_WEIGHT * float(narrow.weights[mine].sum())
-            wider = np.full(u.shape[1], WIDE_FIBRE)
-            wider[: narrow.sheets[s].n_loose] = WIDE_LOOSE
-            parts.append((s, weight, centre, wider[:, None] * root))
+            known = float(narrow.weights[mine].sum())
+            for weight, along, across in WIDE:
+                wider = np.full(u.shape[1], across)
+                wider[: narrow.sheets[s].n_loose] = along
+                parts.append((s, weight * known, centre, wider[:, None] * root))
     return _joined(narrow, parts)
 
 

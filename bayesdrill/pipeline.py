@@ -226,8 +226,9 @@ def _publish(
     rows = summarise(job.problem, sampled.draws, found, c)
     vector = job.problem.posterior.space.vector(found.values)
     draws = sampled.draws.reshape(-1, len(vector))
-    judged = verdict.judgement(job.problem, job.config, scenery, vector, draws, rows)
     left = residuals.left(job.problem.posterior.likelihood, vector)
+    fits = all(one.like_noise for one in left)
+    judged = verdict.judgement(job.problem, job.config, scenery, vector, draws, rows, fits=fits)
     publish.everything(job.problem, found, left, sampled, rows, judged, job.config, folder, crew)
     if seconds:
         seconds["report"] = time.perf_counter() - begun
@@ -257,7 +258,7 @@ def _publish(
     said_first = [words.maxima(found, sampled), words.unbelievable(doubts)]
     shown = [
         *(text for text in said_first if text),
-        *(tables.as_text(rows), tables.in_words(rows), residual_words.sentences(left)),
+        *(residual_words.sentences(left), tables.as_text(rows), tables.in_words(rows)),
     ]
     if judged is not None:
         said = verdict_words.sentences(judged.verdict, table, converged=c.converged)

@@ -23,6 +23,9 @@ SHARED = 32  # points that one process expands at a time
 START_SPREAD = 1.5  # ensembles start wider than the proposal, so that R-hat can tell
 FAR_TOO_LARGE = 1.5  # rms of what is left over the noise, from which on less is learnt
 START_TRIES = 20  # of drawing points to start at, and of mirroring others
+TRAPPED = (
+    2.0  # of the log of density over proposal above what is usual: a walker there would wait long
+)
 DEEP = 50.0  # of the log density below the highest start: far off a bent ridge is no place to start
 
 
@@ -41,8 +44,7 @@ def prepare(crew: Crew, posterior: Posterior, maxima: Array, seed: int) -> Learn
     with threadpool_limits(1):
         rng = seeds.stream(seed, "learn", 1)
         # Where the density over the coordinates is highest, most of the posterior is near.
-        tops = _central(surface, tops)
-        return learn(surface, expand, list(tops), random, rng, again)
+        return learn(surface, expand, list(_central(surface, tops)), random, rng, again)
 
 
 def _central(surface: PosteriorSurface, tops: Array) -> Array:
@@ -72,17 +74,17 @@ def expanded(posterior: Posterior, u: Array, directions: Array) -> Expansion:
 def begin(posterior: Posterior, proposal: Proposal, n: int, seed: int, ensemble: int) -> State:
     """Walkers around all maxima alike, wider than the proposal: shares are for the moves to find.
 
-    Where hardly a draw is inside the prior, those outside are mirrored at its ends, nearer and nearer
-    to the first maximum.
+    But none starts where the proposal would hardly ever lead it away.  Where hardly a draw is inside
+    the prior, those outside are mirrored at its ends, nearer and nearer to the first maximum.
     """
     random = np.random.RandomState(seeds.bits(seed, "start", ensemble))
-    centre = proposal.mixture.sheets[0].frame.centre
-    wide = proposal.mixture.widened(START_SPREAD)
+    mixture = proposal.mixture
+    usual = proposal.draw(n, posterior.supports, random)[0]
+    level = float(np.median(posterior(usual) - mixture.log_density(usual)))
+    centre, wide = mixture.sheets[0].frame.centre, mixture.widened(START_SPREAD)
     z, log_p = np.empty((n, len(centre))), np.full(n, -np.inf)
+    missing = np.ones(n, dtype=bool)
     for attempt in range(2 * START_TRIES):
-        missing = ~(log_p > log_p.max() - DEEP)
-        if not missing.any():
-            return State(z, log_p, seeds.legacy_state(seed, "walk", ensemble))
         fresh = wide.draw(int(missing.sum()), random).u
         if attempt >= START_TRIES:
             surface = PosteriorSurface(posterior)
@@ -90,4 +92,9 @@ def begin(posterior: Posterior, proposal: Proposal, n: int, seed: int, ensemble:
             fresh = np.where(fresh < surface.low, 2.0 * surface.low - fresh, fresh)
             fresh = np.where(fresh > surface.high, 2.0 * surface.high - fresh, fresh)
         z[missing], log_p[missing] = fresh, posterior(fresh)
+        missing = ~(log_p > log_p.max() - DEEP)
+        if attempt < START_TRIES:
+            missing |= log_p - mixture.log_density(z) > level + TRAPPED
+        if not missing.any():
+            return State(z, log_p, seeds.legacy_state(seed, "walk", ensemble))
     raise Nowhere("no point of finite posterior was found around the maximum")

@@ -37,11 +37,13 @@ class Limits:
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Left:
     """Of one channel: rms over sigma, the correlation of one sample with the next, and the sample
-    that is farthest off, in sigmas, at `time` [s].
+    that is farthest off, in sigmas, at `time` [s].  `share`: of the channel's spread about its mean;
+    NaN where it has none.
     """
 
     channel: str
     rms: float
+    share: float
     correlation: float
     farthest: float
     time: float
@@ -60,6 +62,11 @@ class Left:
         return abs(self.correlation) > self.limits.correlation
 
     @property
+    def like_noise(self) -> bool:
+        """Less than the noise is no evidence against the model: then sds are only too large."""
+        return not (self.large or self.correlated or self.far)
+
+    @property
     def unbelievable(self) -> bool:
         """Whether all that is said of the unknowns must not be believed."""
         too_large = self.large and self.rms > FAR_TOO_LARGE
@@ -74,16 +81,20 @@ class Left:
 def left(likelihood: Likelihood, theta: Array) -> tuple[Left, ...]:
     """At the unknowns `theta (D,)`; an unknown sigma fits the size, unless its prior keeps it off."""
     noise, row, experiment = likelihood.noise, theta[None], likelihood.response.experiment
-    residuals = (experiment.y - likelihood.signals(row)[0]) / likelihood.sigmas(row)[0]
+    sigmas = likelihood.sigmas(row)[0]
+    residuals = (experiment.y - likelihood.signals(row)[0]) / sigmas
     n = len(residuals)
     found = limits(n, noise.n_channels, len(theta))
     squares = (residuals**2).sum(axis=0)
     products = (residuals[1:] * residuals[:-1]).sum(axis=0)
     worst = np.abs(residuals).argmax(axis=0)
+    rms, spread = np.sqrt(squares / n), experiment.y.std(axis=0)
+    share = np.where(spread > 0, rms * sigmas / np.where(spread > 0, spread, 1.0), math.nan)
     return tuple(
         Left(
             channel=name,
-            rms=math.sqrt(squares[k] / n),
+            rms=float(rms[k]),
+            share=float(share[k]),
             correlation=float(products[k] / squares[k]) if squares[k] > 0 else 0.0,
             farthest=float(abs(residuals[worst[k], k])),
             time=float(experiment.t[worst[k]]),

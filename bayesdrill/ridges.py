@@ -27,6 +27,7 @@ OUTWARD = (0.15, 0.3, 0.5, 0.75, 1.0)  # of the way from the maximum to where th
 DOUBT = 9.0  # what the record knows of the loose directions at the maximum need not hold elsewhere
 BEYOND = 1.4  # how much wider than the posterior is thought to be points are scattered
 EXTRAPOLATED = 2.0  # how far beyond its points a fit is trusted to guide the next ones
+CORNERS = 2.0  # times that the highest power may grow, in corners where no point happened to lie
 ITERATIONS = 6  # of Gauss and Newton, for each point
 ARRIVED = 0.03  # of a standard deviation: a smaller step is the last
 MOST_STEP = 0.5  # of the priors' spreads
@@ -75,15 +76,17 @@ def trace(
     if len(known) == len(centre) and (known > TIGHT).any():
         base, known = corner(surface, centre, here)
     psi, spread = _foreseen(surface, base, known) if seen is None else _seen(base, *seen)
+    cloud = None if seen is None else base.split(_picked(*seen, rng))[0]
     at = _at_centre(base, here)
     if len(known) == 0 or base.tight.shape[1] == 0:
         return Traced(at, 0.0, psi, spread)
     bent = np.arange(still.shape[1], len(known))
     for _ in range(SHORTER):
-        found = _followed(surface, expand, at, bent, psi, spread, rng)
+        found = _followed(surface, expand, at, bent, psi, spread, cloud, rng)
         if found.off < ASTRAY:
             break
         psi, spread = 0.5 * psi, 0.5 * spread  # a shorter piece of it is better than none
+        cloud = None if cloud is None else 0.5 * cloud
     return found
 
 
@@ -100,6 +103,12 @@ def _seen(base: Frame, draws: Array, weights: Array) -> tuple[Array, Array]:
     return moments(base.split(draws)[0], weights)
 
 
+def _picked(draws: Array, weights: Array, rng: np.random.Generator) -> Array:
+    """As many again, the rare ones more often than their weights say."""
+    share = np.sqrt(weights)
+    return draws[rng.choice(len(draws), size=len(draws), p=share / share.sum())]
+
+
 def _followed(
     surface: Surface,
     expand: Expand,
@@ -107,6 +116,7 @@ def _followed(
     bent: NDArray[np.intp],
     psi: Array,
     spread: Array,
+    cloud: Array | None,
     rng: np.random.Generator,
 ) -> Traced:
     """Outward from where the maximum is, with polynomials of what has been found so far."""
@@ -115,12 +125,12 @@ def _followed(
     off = 0.0
     for share in OUTWARD:
         n = _wanted(len(bent), share)
-        wanted = share * _scattered(surface, at, n, psi, spread, share, rng)
+        wanted = share * _scattered(surface, at, n, psi, spread, cloud, share, rng)
         points = _gathered(points, _arrive(expand, base, wanted, at.at(wanted)))
         if len(points[0]) > 2 * (len(psi) + 1):
             at, off = _best_fit(base, bent, *points[:3], last=share == OUTWARD[-1])
     while off > FAIR and 2 * len(points[0]) < MOST_POINTS:
-        wanted = _scattered(surface, at, len(points[0]), psi, spread, 1.0, rng)
+        wanted = _scattered(surface, at, len(points[0]), psi, spread, cloud, 1.0, rng)
         points = _gathered(points, _arrive(expand, base, wanted, at.at(wanted)))
         before, (at, off) = off, _best_fit(base, bent, *points[:3], last=True)
         if off > 0.7 * before:
@@ -183,14 +193,19 @@ def _scattered(
     n: int,
     psi: Array,
     spread: Array,
+    cloud: Array | None,
     share: float,
     rng: np.random.Generator,
 ) -> Array:
     """Places `(n, l)` where the prior has a density, as far as the ridge is known by now.
 
-    Those beyond its ends are drawn in towards the maximum until they are not.
+    As psi of draws, the `cloud (N, l)`, lie, or normally, and wider.  Those beyond its ends are drawn
+    in towards the maximum until they are not.
     """
-    wanted = psi + BEYOND * rng.standard_normal((4 * n, len(psi))) @ spread.T
+    if cloud is None:
+        wanted = psi + BEYOND * rng.standard_normal((4 * n, len(psi))) @ spread.T
+    else:
+        wanted = psi + BEYOND * (cloud[rng.integers(len(cloud), size=4 * n)] - psi)
     inwards = np.ones(len(wanted))
     for _ in range(12):
         seen = min(share, MARGIN) * inwards[:, None] * wanted
@@ -276,7 +291,8 @@ def _best_fit(
     root_degree, _ = _least(
         lower, lambda d: _worst(ridge.root_residuals(tried(degree, d), *others))
     )
-    return ridge.fit(base, psi, tau, roots, degree, root_degree, bent), off
+    made = ridge.fit(base, psi, tau, roots, degree, root_degree, bent)
+    return ridge.further(made, CORNERS ** (1.0 / max(degree, 1))), off
 
 
 def _worst(errors: Array) -> float:

@@ -26,7 +26,7 @@ from bayesdrill.identifiability.study import Study, Thresholds, study_of
 from bayesdrill.tension import bits_gained, joint_tension, tension
 
 Array = NDArray[np.float64]
-Says = Literal["agrees", "disagrees", "not determined", "pressed against the prior"]
+Says = Literal["agrees", "disagrees", "in doubt", "not determined", "pressed against the prior"]
 
 FALSE_ALARM = 0.01  # of records of a rig that is nominal: any "disagrees" at all
 BORROWED = 0.25  # sd over the prior's: below, something much better known stands behind a symmetry
@@ -62,7 +62,9 @@ class Quantity:
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Verdict:
     """`limit`: sigmas from which a quantity disagrees.  `joint`: sigmas between posterior and table
-    over the determined products together, None if there are not two.
+    over the determined products together, None if there are not two.  `fits`: the fit leaves nothing
+    but noise; where it does not, what would disagree is *in doubt*: it counts on the model, against
+    which the fit is evidence.
     """
 
     names: tuple[str, ...]
@@ -70,6 +72,7 @@ class Verdict:
     products: tuple[Quantity, ...]
     limit: float
     joint: float | None
+    fits: bool = True
 
     def saying(self, says: Says) -> tuple[Quantity, ...]:
         """Parameters and products, each once."""
@@ -77,9 +80,17 @@ class Verdict:
         return tuple(quantity for quantity in every.values() if quantity.says == says)
 
     @property
+    def far(self) -> tuple[Quantity, ...]:
+        """What is farther from the table than chance, whoever is to blame."""
+        return (*self.saying("disagrees"), *self.saying("in doubt"))
+
+    @property
+    def far_together(self) -> bool:
+        return self.joint is not None and self.joint > self.limit
+
+    @property
     def agrees(self) -> bool:
-        far = self.joint is not None and self.joint > self.limit
-        return not far and not self.saying("disagrees")
+        return not self.far_together and not self.far
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -98,8 +109,13 @@ def judgement(
     mode: Array,
     draws: Array,
     rows: Sequence[Row],
+    *,
+    fits: bool,
 ) -> Judgement | None:
-    """From the MAP `(D,)` and draws `(N, D)`; None where no unknown has a nominal value."""
+    """From the MAP `(D,)` and draws `(N, D)`; None where no unknown has a nominal value.
+
+    `fits`: see `Verdict`.
+    """
     posterior, own = problem.posterior, config.identify
     if not any(name in problem.nominal for name in scenery.unknowns):
         return None
@@ -115,6 +131,7 @@ def judgement(
         tolerances(config),
         [row.name for row in rows if row.pressed_against is not None],
         Thresholds(determined=own.determined, left_to_prior=own.left_to_prior),
+        fits=fits,
     )
     findings = physics.of_draws(problem, draws, found.information)
     return Judgement(study=found, verdict=verdict, findings=findings)
@@ -137,6 +154,8 @@ def judge(
     tolerance: Mapping[str, float],
     pressed: Collection[str],
     thresholds: Thresholds,
+    *,
+    fits: bool = True,
 ) -> Verdict:
     """From nearly independent physical draws `(N, m)` of `study.names`, and of their prior.
 
@@ -153,6 +172,7 @@ def judge(
         ends=np.array([_ends(tolerance.get(name, 0.0)) for name in study.names]),
         pressed=np.array([name in pressed for name in study.names]),
         thresholds=thresholds,
+        fits=fits,
     )
     units = [tuple(int(x) for x in row) for row in np.eye(len(study.names), dtype=int)]
     looked_at = [e for e in dict.fromkeys((*units, *basis(study))) if _has_nominal(e, table)]
@@ -166,6 +186,7 @@ def judge(
         products=tuple(found[e] for e in products),
         limit=limit,
         joint=scene.joint([e for e in products if shown[e]]),
+        fits=fits,
     )
 
 
@@ -196,6 +217,7 @@ class _Scene:
     ends: Array
     pressed: NDArray[np.bool_]
     thresholds: Thresholds
+    fits: bool
 
     def shows(self, exponents: Exponents) -> bool:
         """Whether record and priors determine it: not its own prior, not the corners of the priors."""
@@ -233,7 +255,7 @@ class _Scene:
             sd_ratio=self._sd_ratio(exponents),
             bits=bits_gained(logs, _combined(self.prior_logs, exponents)),
             blind=self._blind(exponents),
-            says=_says(crowded=crowded, shown=shown, disagrees=far > limit),
+            says=_says(crowded=crowded, shown=shown, far=far > limit, fits=self.fits),
         )
 
     def joint(self, products: list[Exponents]) -> float | None:
@@ -258,12 +280,14 @@ class _Scene:
         return float(powers.min(axis=1).sum()), float(powers.max(axis=1).sum())
 
 
-def _says(*, crowded: bool, shown: bool, disagrees: bool) -> Says:
+def _says(*, crowded: bool, shown: bool, far: bool, fits: bool) -> Says:
     if crowded:
         return "pressed against the prior"
     if not shown:
         return "not determined"
-    return "disagrees" if disagrees else "agrees"
+    if not far:
+        return "agrees"
+    return "disagrees" if fits else "in doubt"
 
 
 def _ends(tolerance: float) -> tuple[float, float]:

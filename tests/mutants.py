@@ -459,8 +459,8 @@ MUTANTS = [
     Mutant(
         "ensembles start no wider than they end",
         "preparation.py",
-        "wide = proposal.mixture.widened(START_SPREAD)",
-        "wide = proposal.mixture",
+        "mixture.widened(START_SPREAD)",
+        "mixture",
         "tests/unit/test_sampling.py::test_starts_are_inside_the_priors_and_wider_than_the_proposal",
     ),
     Mutant(
@@ -560,6 +560,13 @@ MUTANTS = [
         "AMPLY * (BURN_IN_TAUS + n_tau) * float(self.tau.max())",
         "1.25 * steps",
         "tests/unit/test_convergence.py::test_the_next_check_is_when_the_chain_is_long_enough",
+    ),
+    Mutant(
+        "a verdict that does not ask for the fit",
+        "verdict.py",
+        'return "disagrees" if fits else "in doubt"',
+        'return "disagrees"',
+        "tests/unit/test_verdict.py::test_a_fit_that_is_not_noise_leaves_the_table_in_doubt",
     ),
     Mutant(
         "drop the accept test",

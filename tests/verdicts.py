@@ -66,6 +66,8 @@ def gaussian(truth: dict[str, float], rng: np.random.Generator, n: int = N) -> n
     return np.exp(mean + rng.standard_normal((n, 3)) @ root.T) * list(TABLE.values())
 
 
-def verdict(draws: np.ndarray, tolerance: float = 0.0, pressed: tuple[str, ...] = ()) -> Verdict:
+def verdict(
+    draws: np.ndarray, tolerance: float = 0.0, pressed: tuple[str, ...] = (), *, fits: bool = True
+) -> Verdict:
     limits = dict.fromkeys(NAMES, tolerance)
-    return judge(LINEAR, draws, PRIOR, TABLE, limits, pressed, Thresholds())
+    return judge(LINEAR, draws, PRIOR, TABLE, limits, pressed, Thresholds(), fits=fits)

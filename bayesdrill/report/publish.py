@@ -50,7 +50,7 @@ def everything(
     crew: Crew,
 ) -> None:
     """Raises `OSError` when the disk is full; files already there stay whole."""
-    place = _place(folder, config)
+    place = (*_place(folder, config), words.warning(sampled, left))
     derived = derive(problem, sampled.draws)
     if judged is not None:
         products = [quantity.exponents for quantity in judged.verdict.products]
@@ -148,10 +148,11 @@ def draw(
     arguments: tuple[Any, ...],
     folder: Path,
     note: Mapping[str, str],
+    warning: str = "",
 ) -> None:
     from bayesdrill.report.style import save
 
-    save(figure(*arguments), folder, stem, note)
+    save(figure(*arguments), folder, stem, note, warning)
 
 
 def _of_verdict(
@@ -187,11 +188,12 @@ def _summary(
     paragraphs = [
         f"# {config.name}",
         *_listed_if(words.unbelievable(residual_words.reasons(left))),
+        _listed(residual_words.sentences(left)),
         tables.as_markdown(rows).rstrip(),
         "`dev. %` is the deviation of the posterior mean from the nominal value "
         f"({config.nominal.table}); `shrinkage` is one minus the ratio of the posterior's to the "  # type: ignore[attr-defined]
         "prior's standard deviation.",
-        _listed(f"{tables.in_words(rows)}\n{residual_words.sentences(left)}"),
+        _listed(tables.in_words(rows)),
         "## What follows from these",
         derived,
         *_judged(config, judged, converged=sampled.convergence.converged),

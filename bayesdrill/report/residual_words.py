@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -9,8 +10,8 @@ from bayesdrill.residuals import Left
 
 
 def sentences(found: Sequence[Left]) -> str:
-    """One line if it looks like the noise; else one for each way in which it does not."""
-    lines = []
+    """How much is left; that it looks like the noise, or a line for each way in which it does not."""
+    lines = [f"fit: of what the channels do the MAP leaves {_shares(found)}"]
     if large := _worst(found, "large", "rms"):
         lines.append(
             f"fit: the MAP leaves more than the noise, in sigmas: {_each(large, 'rms')} (noise leaves "
@@ -36,7 +37,9 @@ def sentences(found: Sequence[Left]) -> str:
             f"at least {small[0].limits.least:.3g}); these sigmas are too large, or the column was "
             "filtered"
         )
-    return "\n".join(lines) or f"fit: what the MAP leaves looks like the noise ({_range(found)})"
+    if len(lines) == 1:
+        lines.append(f"fit: what the MAP leaves looks like the noise ({_range(found)})")
+    return "\n".join(lines)
 
 
 def reasons(found: Sequence[Left]) -> tuple[str, ...]:
@@ -59,6 +62,7 @@ def as_data(found: Sequence[Left]) -> list[dict[str, Any]]:
         {
             "channel": one.channel,
             "rms_over_sigma": round(one.rms, 5),
+            "rms_over_spread": None if math.isnan(one.share) else round(one.share, 7),
             "correlation": round(one.correlation, 5),
             "farthest_over_sigma": round(one.farthest, 5),
             "says": [
@@ -84,6 +88,13 @@ def _worst(found: Sequence[Left], which: str, by: str) -> list[Left]:
 
 def _each(found: Sequence[Left], what: str) -> str:
     return ", ".join(f"{one.channel} {getattr(one, what):.3g}" for one in found)
+
+
+def _shares(found: Sequence[Left]) -> str:
+    """In per cent, of channels that have a spread."""
+    seen = [one for one in found if not math.isnan(one.share)]
+    each = [f"{100 * one.share:.2g} % ({one.channel})" for one in seen]
+    return ", ".join(each) or "nothing to speak of"
 
 
 def _range(found: Sequence[Left]) -> str:

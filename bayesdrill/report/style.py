@@ -14,7 +14,7 @@ import matplotlib
 import numpy as np
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FixedFormatter, FixedLocator, NullFormatter
-from matplotlib.transforms import ScaledTranslation
+from matplotlib.transforms import Bbox, ScaledTranslation
 from numpy.typing import NDArray
 
 from bayesdrill.store import whole
@@ -29,6 +29,7 @@ Array = NDArray[np.float64]
 SINGLE, DOUBLE = 3.4, 7.0  # widths of one and of two columns of a page, inches
 TICKS_WIDTH = 0.43  # between an axis and its label, inches
 PNG_DPI = 220
+STRIP = 0.24  # of a warning above a figure, inches
 
 RC: Mapping[str, Any] = MappingProxyType(
     {
@@ -269,16 +270,30 @@ def thin(n: int, most: int) -> NDArray[np.intp]:
 _PDF_KEYS = ("Title", "Author", "Subject", "Keywords", "Creator", "Producer")
 
 
-def save(figure: Figure, folder: Path, stem: str, metadata: Mapping[str, str]) -> list[Path]:
-    """`<stem>.pdf` and `<stem>.png`, with `metadata` inside and no date: same figure, same bytes."""
+def save(
+    figure: Figure, folder: Path, stem: str, metadata: Mapping[str, str], warning: str = ""
+) -> list[Path]:
+    """`<stem>.pdf` and `<stem>.png`, with `metadata` inside and no date: same figure, same bytes.
+
+    `warning` stands in a strip of its own above the figure.
+    """
     written = []
     with styled():
+        area = _with_strip(figure, warning) if warning else None
         for kind, entries in (("pdf", _pdf_entries(metadata)), ("png", dict(metadata))):
             path = folder / f"{stem}.{kind}"
             with whole(path) as aside:
-                figure.savefig(aside, format=kind, dpi=PNG_DPI, metadata=entries)
+                figure.savefig(aside, format=kind, dpi=PNG_DPI, metadata=entries, bbox_inches=area)
             written.append(path)
     return written
+
+
+def _with_strip(figure: Figure, warning: str) -> Bbox:
+    """Inches of the figure and of a strip above it, in which the warning stands."""
+    width, height = figure.get_size_inches()
+    middle = 1.0 + 0.5 * STRIP / height
+    figure.text(0.5, middle, warning, ha="center", va="center", weight="bold")
+    return Bbox([[0.0, 0.0], [width, height + STRIP]])
 
 
 def _pdf_entries(metadata: Mapping[str, str]) -> dict[str, str | None]:

@@ -36,7 +36,8 @@ def sentences(found: Verdict, table: str, *, converged: bool = True) -> str:
     """The whole in a sentence, then what is not determined and what is pressed."""
     if not converged:
         return NONE
-    return "\n".join([_whole(found, table), *_not_determined(found), *_pressed(found)])
+    whole = [_whole(found, table), *([] if found.fits else [_doubt()])]
+    return "\n".join([*whole, *_not_determined(found), *_pressed(found)])
 
 
 def rule(found: Verdict) -> str:
@@ -44,8 +45,9 @@ def rule(found: Verdict) -> str:
     return (
         f"*disagrees*: more than {found.limit:.2f} sigma. Were the rig as the table and its tolerances "
         f"say, at most {100 * FALSE_ALARM:g} % of records would give any disagreement, all quantities "
-        "taken together. *Not determined*: the record leaves it to the prior, and so says nothing for "
-        "or against the nominal value."
+        "taken together. *In doubt*: as far, but the fit leaves more than noise, so that the model may "
+        "be to blame and not the table. *Not determined*: the record leaves it to the prior, and so "
+        "says nothing for or against the nominal value."
     )
 
 
@@ -55,7 +57,7 @@ def _whole(found: Verdict, table: str) -> str:
     can = f"the {n} independent products of parameters that such a record can show"
     if not judged:
         return f"verdict: this record determines none of {can}; it says nothing of {table}"
-    far = found.saying("disagrees")
+    far = found.far
     together = "" if found.joint is None else f"; together they are {_sigmas(found.joint)} from it"
     opening = f"verdict: this record determines {k} of {can}"
     if n == 1:
@@ -64,7 +66,13 @@ def _whole(found: Verdict, table: str) -> str:
         listed = ", ".join(
             f"{_name(found, q)} ({100 * q.deviation:+.3g} %, {_sigmas(q.tension)})" for q in far
         )
-        return f"{opening}; with {table} disagree {listed}{together}"
+        how = "disagree" if found.fits else "would disagree, were the model right,"
+        return f"{opening}; with {table} {how} {listed}{together}"
+    if found.far_together and not found.fits:
+        return (
+            f"{opening}; each by itself agrees with {table}, but, were the model right, {together[2:]}, "
+            "too far for chance"
+        )
     if not found.agrees:
         return (
             f"{opening}; each by itself agrees with {table}, but {together[2:]}, too far for chance: "
@@ -72,6 +80,14 @@ def _whole(found: Verdict, table: str) -> str:
         )
     every = "it agrees" if k == 1 else f"all {k} agree"
     return f"{opening}; {every} with {table}{together}"
+
+
+def _doubt() -> str:
+    """What a verdict is worth whose fit is not noise."""
+    return (
+        "IN DOUBT: the verdict holds only if the model does, and the fit, which leaves more than noise, "
+        "is evidence against the model"
+    )
 
 
 def _not_determined(found: Verdict) -> list[str]:
@@ -129,11 +145,12 @@ def as_csv(found: Verdict) -> str:
 
 
 def as_data(found: Verdict, table: str, *, converged: bool = True) -> dict[str, Any]:
-    """For `run.json`; `agrees` is None where the run must not be believed."""
+    """For `run.json`; `agrees` is None where the run must not be believed, or the fit is not noise."""
     names = {q.exponents: _name(found, q) for q in rows(found)}
     return {
         "table": table,
-        "agrees": found.agrees if converged else None,
+        "agrees": found.agrees if converged and found.fits else None,
+        "fits": found.fits,
         "sentence": _whole(found, table) if converged else NONE,
         "joint_sigma": None if found.joint is None else round(found.joint, 3),
         "limit_sigma": round(found.limit, 3),

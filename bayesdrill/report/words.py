@@ -8,6 +8,7 @@ from bayesdrill import physics
 from bayesdrill.build import Problem
 from bayesdrill.config import Config
 from bayesdrill.mode import SAME_PLACE, Mode
+from bayesdrill.residuals import Left
 from bayesdrill.sampling import Sampled
 
 
@@ -72,6 +73,15 @@ def maxima(found: Mode, sampled: Sampled) -> str:
         places = ", ".join(f"{name} {one.values[name]:.4g}" for name in names)
         lines.append(f"  {weight:.1%} of the draws belong to the one at {places}")
     return "\n".join(lines)
+
+
+def warning(sampled: Sampled, left: Sequence[Left]) -> str:
+    """What every figure must carry; empty where there is nothing to warn of."""
+    if not sampled.convergence.converged:
+        return "NOT CONVERGED"
+    if any(one.unbelievable for one in left):
+        return "DOES NOT FIT: far more than the noise is left"
+    return "" if all(one.like_noise for one in left) else "MORE THAN NOISE IS LEFT by the fit"
 
 
 def unbelievable(reasons: Sequence[str]) -> str:

@@ -133,9 +133,9 @@ class Ridge:
         return self.along(psi)[0]
 
     def within(self, psi: Array) -> NDArray[np.bool_]:
-        """Whether `psi (W, l)` is in reach: `(W,)`."""
+        """Whether `psi (W, l)` is where points of the fit lie: `(W,)`."""
         scaled = (psi[:, self.bent] - self.middle) / self.width
-        return np.asarray((scaled**2).sum(axis=1) <= self.reach**2)
+        return np.asarray((scaled**2).sum(axis=1) <= 1.0)
 
     def along(self, psi: Array) -> tuple[Array, Array, Array]:
         """t `(W, t)`, R `(t, t, W)` and log det R `(W,)`."""

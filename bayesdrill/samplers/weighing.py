@@ -14,6 +14,9 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 
+LONG = 2.0  # of the log of p over q above the usual: e^2 times as long as usual
+
+
 @dataclass(frozen=True, slots=True)
 class Weighed:
     """Draws `u (N, D)`, logs of p over q `(N,)`, and of how much of q each of them stands for `(N,)`.
@@ -52,6 +55,15 @@ class Weighed:
         q = normalised(self.log_q)[order]
         larger = np.cumsum(q) - 0.5 * q  # of q where the weight is larger, itself half
         return float(2.0 * (q * ratio) @ larger / (q @ ratio))
+
+    @property
+    def trapped(self) -> float:
+        """How much of p is where q is so thin that a walker would wait long for another point."""
+        order = np.argsort(self.log_w)
+        weights, log_w = self.weights[order], self.log_w[order]
+        middle = min(int(np.searchsorted(np.cumsum(weights), 0.5)), len(log_w) - 1)
+        usual = float(log_w[middle])
+        return float(weights[log_w > usual + LONG].sum())
 
     def tempered(self, least: float) -> Array:
         """Weights of p^b q^(1 - b) with b the largest up to 1 that leaves so many effective draws."""

@@ -133,9 +133,10 @@ def change(path: Path, old: str, new: str) -> None:
 
 
 def test_what_the_fit_leaves_is_said_everywhere(done: Done) -> None:
-    (line,) = [x for x in done.ran.out.splitlines() if x.startswith("fit: ")]
-    assert line.startswith("fit: what the MAP leaves looks like the noise")
-    assert f"- {line}\n" in (done.folder / "summary.md").read_text()
+    lines = [x for x in done.ran.out.splitlines() if x.startswith("fit: ")]
+    assert lines[0].startswith("fit: of what the channels do the MAP leaves ")
+    assert lines[1].startswith("fit: what the MAP leaves looks like the noise")
+    assert "".join(f"- {line}\n" for line in lines) in (done.folder / "summary.md").read_text()
     data = run_of(done.folder)["fit"]
     assert [one["channel"] for one in data] == ["theta_1", "w_1"]
     assert [one["says"] for one in data] == [[], []]

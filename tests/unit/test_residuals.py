@@ -63,7 +63,21 @@ def test_sizes_and_correlations_are_those_of_the_channel(rig: Likelihood) -> Non
         assert one.farthest == pytest.approx(np.abs(own / SIGMA[k]).max())
         assert own[np.argmin(np.abs(rig.response.experiment.t - one.time))] ** 2 == (own**2).max()
         assert one.correlation == pytest.approx(own[1:] @ own[:-1] / (own @ own), abs=1e-9)
-    assert words.sentences(found).startswith("fit: what the MAP leaves looks like the noise (rms ")
+        spread = rig.response.experiment.y[:, k].std()
+        assert one.share == pytest.approx(np.sqrt(np.mean(own**2)) / spread, rel=0.02)
+    first, second = words.sentences(found).splitlines()
+    assert first.startswith("fit: of what the channels do the MAP leaves ")
+    assert f"{100 * found[1].share:.2g} % ({found[1].channel})" in first
+    assert second.startswith("fit: what the MAP leaves looks like the noise (rms ")
+
+
+def test_a_channel_that_does_nothing_has_no_share(rig: Likelihood) -> None:
+    flat = rig.response.experiment.y.copy()
+    flat[:, 0] = 3.0
+    found = left(replace(rig, response=rig.response.with_record(flat)), AT)
+    assert np.isnan(found[0].share)
+    assert "theta_1" not in words.sentences(found).splitlines()[0]
+    assert words.as_data(found)[0]["rms_over_spread"] is None
 
 
 @pytest.mark.parametrize(
@@ -78,7 +92,7 @@ def test_a_wrong_sigma_is_told_in_its_channel(
     found = left(with_residuals(rig, residuals), AT)
     assert [getattr(one, which) for one in found] == [False, False, True, False]
     assert not any(one.correlated or one.far for one in found)
-    text = words.sentences(found)
+    text = words.sentences(found).split("\n", 1)[1]
     assert says in text
     assert f"w_1 {found[2].rms:.3g}" in text
     assert "theta" not in text

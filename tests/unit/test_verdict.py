@@ -114,6 +114,25 @@ def test_determined_parameters_that_are_off_disagree_and_blind_ones_say_so() -> 
     assert not found.agrees
 
 
+def test_a_fit_that_is_not_noise_leaves_the_table_in_doubt() -> None:
+    """Mutant killed: a verdict that does not ask for the fit."""
+    off = {**TABLE, "r_m": 1.2 * TABLE["r_m"]}
+    draws = gaussian(off, np.random.default_rng(2))
+    sure, doubtful = verdict(draws), verdict(draws, fits=False)
+    assert says(sure)[0, 0, 1] == "disagrees"
+    assert says(doubtful)[0, 0, 1] == "in doubt"
+    assert not doubtful.saying("disagrees")
+    assert {k: x for k, x in says(sure).items() if x != "disagrees"} == {
+        k: x for k, x in says(doubtful).items() if x != "in doubt"
+    }
+    text = verdict_words.sentences(doubtful, "table")
+    assert "with table would disagree, were the model right, r_m (" in text
+    assert "IN DOUBT: the verdict holds only if the model does" in text
+    assert verdict_words.as_data(doubtful, "table")["agrees"] is None
+    assert "IN DOUBT" not in verdict_words.sentences(sure, "table")
+    assert verdict_words.as_data(sure, "table")["agrees"] is False
+
+
 def test_the_corners_of_a_prior_determine_nothing() -> None:
     """Draws along a symmetry however narrow are not the record's doing.
 
