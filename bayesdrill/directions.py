@@ -14,12 +14,10 @@ from bayesdrill.surface import Expansion, Surface
 Array = NDArray[np.float64]
 Expand = Callable[[Array, Array], Expansion]
 
-TIGHT = (
-    100.0  # a direction whose variance the record makes smaller than the prior's by as much, ...
-)
-STRAIGHT = (
-    0.03  # ... and by as many times the root of that of the tightest, which else bends along it
-)
+# A direction is tight if the record makes its variance so many times smaller than the prior's, ...
+TIGHT = 100.0
+# ... and by as many times the root of that of the tightest, which else bends along it.
+STRAIGHT = 0.003
 NEAR_END = 1e-6  # of the prior's spread
 OWN = 1e-6  # share of an unknown that is not among what is set apart already: less is rounding
 PRESSED = 0.5  # standard deviations that a maximum may lie beyond an end of a prior
