@@ -95,15 +95,17 @@ def assess(
     names: tuple[str, ...],
     targets: Targets,
     log_p: Array | None = None,
+    found: Length | None = None,
 ) -> Convergence:
     """Judge physical chains `(E, S, W, D)`.
 
     `log_p (E, S, W)` finds walkers that are far from the rest; without it they are not looked for.
+    `found`: their length, where it has been measured already.
     """
     from arviz_stats.base import array_stats  # late: it takes half a second to load
 
     n_steps = theta.shape[1]
-    found = length(theta)
+    found = found or length(theta)
     burn_in, tau, n_tau = found.burn_in, found.tau, found.n_tau
     capped = found.wanted > burn_in
     kept = theta[:, burn_in:]

@@ -131,8 +131,7 @@ def _fitted(
         good = done.share > ENOUGH and done.draws.trapped < TRAPPED
         if (settled and good) or (len(rounds) > FEW and done.hopeless):
             break
-        kept = done.draws.those_with_a_density()
-        u, weights = kept.u, kept.tempered(LEAST_SHARE * len(kept.u))
+        u, weights = done.seen
         first = len(rounds) == 1
         begin = _several(narrow, u, weights, seed) if first else narrow
         expectations = EXPECTATIONS[0 if first else 1]
@@ -143,8 +142,7 @@ def _fitted(
 
 def _midst(found: _Round) -> list[tuple[int, Array, tuple[Array, Array]]]:
     """For each maximum that holds something: a draw near the middle of its own, and those draws."""
-    kept = found.draws.those_with_a_density()
-    u, weights = kept.u, kept.tempered(LEAST_SHARE * len(kept.u))
+    u, weights = found.seen
     shares = responsibilities(found.proposal.mixture, u, weights)[1]
     owner = np.array(found.origin)[found.proposal.mixture.sheet]
     middles = []
@@ -165,7 +163,16 @@ class _Round:
     off: tuple[float, ...]
     origin: tuple[int, ...]
     draws: Weighed
-    share: float
+
+    @property
+    def share(self) -> float:
+        return self.draws.share
+
+    @property
+    def seen(self) -> tuple[Array, Array]:
+        """Draws `(N, D)` that have a density, and their weights, flattened where they must be."""
+        kept = self.draws.those_with_a_density()
+        return kept.u, kept.tempered(LEAST_SHARE * len(kept.u))
 
     @property
     def hopeless(self) -> bool:
@@ -220,7 +227,7 @@ def _draw(
         raise Nowhere("no point of finite posterior was found around the maximum")
     draws = Weighed(u, log_w, log_q - log_every)
     proposal = Proposal(found, max(len(own) / n_own, 1.0 / DRAWS))
-    return _Round(proposal, off, origin, draws, draws.share)
+    return _Round(proposal, off, origin, draws)
 
 
 def _inside(found: Mixture, n: int, surface: Surface, seed: Random) -> tuple[Array, int]:

@@ -227,7 +227,7 @@ def _publish(
     vector = job.problem.posterior.space.vector(found.values)
     draws = sampled.draws.reshape(-1, len(vector))
     left = residuals.left(job.problem.posterior.likelihood, vector)
-    fits = all(one.like_noise for one in left)
+    fits = residuals.like_noise(left)
     judged = verdict.judgement(job.problem, job.config, scenery, vector, draws, rows, fits=fits)
     publish.everything(job.problem, found, left, sampled, rows, judged, job.config, folder, crew)
     if seconds:

@@ -12,8 +12,10 @@ from bayesdrill.crew import Crew
 from bayesdrill.learning import AGAIN, Learnt, Nowhere, learn
 from bayesdrill.maxima import NEAR
 from bayesdrill.posterior import Posterior
+from bayesdrill.residuals import FAR_TOO_LARGE
 from bayesdrill.samplers.ensemble import State
 from bayesdrill.samplers.independence import Proposal
+from bayesdrill.samplers.weighing import LONG
 from bayesdrill.surface import Expansion, PosteriorSurface, joined
 
 Array = NDArray[np.float64]
@@ -21,11 +23,7 @@ Array = NDArray[np.float64]
 UPWARD = 25  # steps from a maximum over the unknowns to one over the coordinates
 SHARED = 32  # points that one process expands at a time
 START_SPREAD = 1.5  # ensembles start wider than the proposal, so that R-hat can tell
-FAR_TOO_LARGE = 1.5  # rms of what is left over the noise, from which on less is learnt
 START_TRIES = 20  # of drawing points to start at, and of mirroring others
-TRAPPED = (
-    2.0  # of the log of density over proposal above what is usual: a walker there would wait long
-)
 DEEP = 50.0  # of the log density below the highest start: far off a bent ridge is no place to start
 
 
@@ -94,7 +92,7 @@ def begin(posterior: Posterior, proposal: Proposal, n: int, seed: int, ensemble:
         z[missing], log_p[missing] = fresh, posterior(fresh)
         missing = ~(log_p > log_p.max() - DEEP)
         if attempt < START_TRIES:
-            missing |= log_p - mixture.log_density(z) > level + TRAPPED
+            missing |= log_p - mixture.log_density(z) > level + LONG
         if not missing.any():
             return State(z, log_p, seeds.legacy_state(seed, "walk", ensemble))
     raise Nowhere("no point of finite posterior was found around the maximum")

@@ -8,6 +8,7 @@ something to do with the next.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -76,6 +77,11 @@ class Left:
     def far(self) -> bool:
         """A few samples by themselves; where all are too large that is said already."""
         return self.farthest > self.limits.farthest and not self.large
+
+
+def like_noise(found: Sequence[Left]) -> bool:
+    """Whether no channel is left with more than its noise."""
+    return all(one.like_noise for one in found)
 
 
 def left(likelihood: Likelihood, theta: Array) -> tuple[Left, ...]:

@@ -75,8 +75,13 @@ def trace(
     base, known = split(surface, centre, here, still)
     if len(known) == len(centre) and (known > TIGHT).any():
         base, known = corner(surface, centre, here)
-    psi, spread = _foreseen(surface, base, known) if seen is None else _seen(base, *seen)
-    cloud = None if seen is None else base.split(_picked(*seen, rng))[0]
+    if seen is None:
+        cloud = None
+        psi, spread = _foreseen(surface, base, known)
+    else:
+        drawn, weights = base.split(seen[0])[0], seen[1]
+        psi, spread = moments(drawn, weights)
+        cloud = _picked(drawn, weights, rng)
     at = _at_centre(base, here)
     if len(known) == 0 or base.tight.shape[1] == 0:
         return Traced(at, 0.0, psi, spread)
@@ -97,10 +102,6 @@ def _foreseen(surface: Surface, base: Frame, known: Array) -> tuple[Array, Array
     psi, sd = towards / (1.0 + doubted), 1.0 / np.sqrt(1.0 + doubted)
     # At an end of a prior that the record presses against, begin on the side where it goes on.
     return psi + np.where(known > TIGHT, np.sign(towards) * sd, 0.0), np.diag(sd)
-
-
-def _seen(base: Frame, draws: Array, weights: Array) -> tuple[Array, Array]:
-    return moments(base.split(draws)[0], weights)
 
 
 def _picked(draws: Array, weights: Array, rng: np.random.Generator) -> Array:

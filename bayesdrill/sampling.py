@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdrill.convergence import Convergence, Targets, assess, futile, length, thinned
+from bayesdrill.convergence import Convergence, Length, Targets, assess, futile, length, thinned
 from bayesdrill.crew import Crew
 from bayesdrill.errors import InputError
 from bayesdrill.learning import Learnt
@@ -182,7 +182,8 @@ def _until_judged(
     trail: list[tuple[int, float]] = []
     while True:
         under_way.advance_to(goal)
-        seen = length(under_way.first(goal))
+        theta = under_way.first(goal)
+        seen = length(theta)
         trail.append((goal, seen.n_tau))
         hopeless = futile(trail, plan.targets.n_tau, plan.max_steps, most)
         ending = bool(hopeless) or goal == last
@@ -192,15 +193,14 @@ def _until_judged(
         )
         # Shorter lengths were judged before an interruption, and found wanting.
         if goal >= have and (ending or seen.n_tau >= plan.targets.n_tau):
-            sampled = _judge(under_way.posterior, plan, under_way.pieces, under_way.theta, learnt)
+            sampled = _judge(under_way.posterior, plan, under_way.pieces, theta, seen)
             convergence = sampled.convergence
             report.update(_share(convergence, plan.targets), _state_of(convergence))
-            if convergence.converged or (ending and not hopeless):
-                return sampled
-            if ending:
+            if hopeless and not convergence.converged:
                 reasons = (*convergence.reasons, hopeless)
                 convergence = dataclasses.replace(convergence, reasons=reasons)
-                return dataclasses.replace(sampled, convergence=convergence)
+            if convergence.converged or ending:
+                return dataclasses.replace(sampled, convergence=convergence, learnt=learnt)
         goal = min(seen.next_check(goal, plan.targets.n_tau), last)
 
 
@@ -234,14 +234,13 @@ def _judge(
     posterior: Posterior,
     plan: Plan,
     pieces: list[list[Piece]],
-    theta: list[list[Array]],
-    learnt: Learnt | None = None,
+    theta: Array,
+    seen: Length | None = None,
 ) -> Sampled:
-    physical = _stack(theta)
+    """`theta (E, S, W, D)`: all of the pieces, physical; `seen`: its length, if that is known."""
     log_p = _stack([[piece.log_p for piece in chain] for chain in pieces])
-    names = posterior.space.free
-    convergence = assess(physical, names, plan.targets, log_p)
-    return Sampled(pieces=pieces, theta=physical, convergence=convergence, learnt=learnt)
+    convergence = assess(theta, posterior.space.free, plan.targets, log_p, seen)
+    return Sampled(pieces=pieces, theta=theta, convergence=convergence)
 
 
 def _steps(pieces: list[Piece]) -> int:
@@ -282,4 +281,4 @@ def stored(posterior: Posterior, plan: Plan, folder: Folder) -> Sampled:
             str(folder.path), "the run stopped before its first check; continue it with --resume"
         )
     theta = [[_physical(posterior, piece) for piece in chain] for chain in chains]
-    return _judge(posterior, plan, chains, theta)
+    return _judge(posterior, plan, chains, _stack(theta))

@@ -8,7 +8,7 @@ from bayesdrill import physics
 from bayesdrill.build import Problem
 from bayesdrill.config import Config
 from bayesdrill.mode import SAME_PLACE, Mode
-from bayesdrill.residuals import Left
+from bayesdrill.residuals import Left, like_noise
 from bayesdrill.sampling import Sampled
 
 
@@ -81,7 +81,7 @@ def warning(sampled: Sampled, left: Sequence[Left]) -> str:
         return "NOT CONVERGED"
     if any(one.unbelievable for one in left):
         return "DOES NOT FIT: far more than the noise is left"
-    return "" if all(one.like_noise for one in left) else "MORE THAN NOISE IS LEFT by the fit"
+    return "" if like_noise(left) else "MORE THAN NOISE IS LEFT by the fit"
 
 
 def unbelievable(reasons: Sequence[str]) -> str:

@@ -21,7 +21,6 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
-
 FARTHEST = 50.0  # of the log of a root: where a polynomial has lost its way
 
 

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-
 LONG = 2.0  # of the log of p over q above the usual: e^2 times as long as usual
 
 

@@ -43,7 +43,7 @@ def test_a_run_that_would_take_too_long_is_given_up() -> None:
     assert "more than sampler.max_steps (20000)" in sampled.convergence.reasons[-1]
 
 
-@pytest.mark.parametrize("kept", [(1, 0), (2, 4), (-1, -1)])
+@pytest.mark.parametrize("kept", [(0, 0), (1, 0), (2, 4), (4, 4), (-1, -1)])
 def test_a_run_that_was_cut_is_given_up_at_the_same_step(kept: tuple[int, int]) -> None:
     """Mutant killed: ensembles that were cut at different steps cannot go on."""
     sampled, shelf = whole()
