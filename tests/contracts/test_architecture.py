@@ -27,7 +27,7 @@ FLOORS = [
     {"build", "store", "mode", "preparation"},
     {"consistency", "recording"},
     {"loading", "sampling", "diagnostics", "physics", "tension"},
-    {"job", "derived"},
+    {"job", "derived", "opening"},
     {"simulation", "tree", "provenance", "verdict"},
     {"calibration", "reproduction"},
     {"report"},
