@@ -86,7 +86,7 @@ def begin(posterior: Posterior, proposal: Proposal, n: int, seed: int, ensemble:
         fresh = wide.draw(int(missing.sum()), random).u
         if attempt >= START_TRIES:
             surface = PosteriorSurface(posterior)
-            fresh = centre + 0.5 ** (attempt - START_TRIES) * (fresh - centre)
+            fresh = centre + 0.25 ** (attempt - START_TRIES) * (fresh - centre)
             fresh = np.where(fresh < surface.low, 2.0 * surface.low - fresh, fresh)
             fresh = np.where(fresh > surface.high, 2.0 * surface.high - fresh, fresh)
         z[missing], log_p[missing] = fresh, posterior(fresh)
