@@ -108,7 +108,7 @@ def identify(
             findings = job_.identify(job, space.vector(values), at, profile or [], report)
         typer.echo(findings.text)
         if output is not None:
-            typer.echo("\nwritten: " + job_.publish(job, findings, output))
+            typer.echo("\nwritten: " + job_.publish(job, findings, output, force=force))
 
 
 @app.command("map", epilog="Example: bayesdrill map configs/nominal_step.yaml")

@@ -76,21 +76,19 @@ def check_place(folder: Path, *, force: bool) -> None:
     if there and not force:
         message = "exists already; give --force or another --output"
         raise InputError.one(str(folder / there[0]), message)
-    if there and not _marked(folder / IDENTIFY.mark):
+    text = folder / IDENTIFY.mark
+    if there and not (text.exists() and text.read_bytes().startswith(MARK.encode())):
         message = "was not written by `bayesdrill identify`; give another --output"
         raise InputError.one(str(folder / there[0]), message)
 
 
-def _marked(path: Path) -> bool:
-    return path.exists() and path.read_bytes().startswith(MARK.encode())
-
-
-def publish(job: Job, findings: Findings, folder: Path) -> str:
-    """Text and figures into `folder`, which may hold other results and was checked; says where."""
+def publish(job: Job, findings: Findings, folder: Path, *, force: bool) -> str:
+    """Text and figures into `folder`, which may hold other results; says where."""
     from bayesdrill.report import style  # late: matplotlib takes a second to load
     from bayesdrill.report.profile_plot import profile_figure
     from bayesdrill.report.spectrum_plot import spectrum_figure
 
+    check_place(folder, force=force)
     ours.take_away(folder, IDENTIFY)
     figures = folder / FIGURES
     figures.mkdir(parents=True, exist_ok=True)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 import re
 import stat
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,18 +28,19 @@ CONFIGS = ("config.yaml", "config.resolved.yaml")
 class Kind:
     """What `bayesdrill <job>` writes into its folder; `#` stands for a number.
 
-    `mark`: by this file, which is never taken away, the folder is known; `again`: what can be done
-    where results exist.
+    `mark`: by this file, which is never taken away, the folder is known; `nested`: folders of runs
+    of their own; `again`: what can be done where results exist.
     """
 
     job: str
     mark: str
     files: tuple[str, ...]
+    nested: tuple[str, ...] = ()
     again: str = "continue them with --resume, or start over with --force"
 
     @property
     def folders(self) -> tuple[str, ...]:
-        return tuple({name.split("/")[0]: None for name in self.files if "/" in name})
+        return (*{name.split("/")[0]: None for name in self.files if "/" in name}, *self.nested)
 
     def made(self, name: str) -> bool:
         return any(_pattern(one).fullmatch(name) for one in (self.mark, *self.files))
@@ -68,7 +69,7 @@ CALIBRATE = Kind(
 IDENTIFY = Kind("identify", "identify.md", figures("spectrum", "profiles"))
 
 
-def paper(records: Iterable[str]) -> Kind:
+def paper(records: Sequence[str]) -> Kind:
     """Of the studies of the paper; each of `records` has a posterior in a folder of its own."""
     tables = (
         *("table_1", "inconsistencies", "matrix", "integrator", "table_2", "implied", "lengths"),
@@ -86,6 +87,7 @@ def paper(records: Iterable[str]) -> Kind:
             *(f"{stem}.{end}" for stem in tables for end in ("csv", "md")),
             *("report.md", *figures(*drawn)),
         ),
+        nested=tuple(records),
         again="make them anew with --force, or give another --output",
     )
 

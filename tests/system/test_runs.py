@@ -499,7 +499,9 @@ def test_a_run_cut_before_its_first_check_cannot_be_reported_yet(copy: Done) -> 
                 group[name].resize(150, axis=0)
             group.attrs["iteration"] = 150
             seal(group)
+    before = systems.listing(copy.folder)
     assert_refused(systems.cli("report", copy.folder), "before its first check", "--resume")
+    assert systems.listing(copy.folder) == before
 
 
 def test_a_second_run_in_the_same_folder_is_refused(

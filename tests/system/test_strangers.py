@@ -88,6 +88,10 @@ def test_paper_looks_into_the_folders_of_its_posteriors_first(
     out = systems.results(tmp_path / "out", ours.paper(("estimates", "measured")))
     write(out, "measured/thesis.tex")
     refused("paper", "--force", "-o", out, below=tmp_path, says="other files (thesis.tex)")
+    (out / "measured").rename(tmp_path / "measured")
+    (tmp_path / "measured" / "thesis.tex").unlink()
+    (out / "measured").symlink_to("../measured")
+    refused("paper", "--force", "-o", out, below=tmp_path, says="measured: a link, ")
 
 
 # --- identify ------------------------------------------------------------------------------------
