@@ -5,19 +5,27 @@ from __future__ import annotations
 import csv
 import dataclasses
 import io
-import json
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import CancelledError, Executor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 import bayesdrill
-from bayesdrill import build, loading, mode, pipeline, provenance, recording, simulation, store
+from bayesdrill import (
+    build,
+    loading,
+    mode,
+    ours,
+    pipeline,
+    provenance,
+    recording,
+    simulation,
+    store,
+)
 from bayesdrill.calibration.refit import Refit, Study, packed, work
 from bayesdrill.calibration.verdict import Verdict, judge
 from bayesdrill.convergence import Targets
@@ -25,22 +33,15 @@ from bayesdrill.crew import ctrl_c_waits
 from bayesdrill.errors import InputError, Interrupted
 from bayesdrill.experiment import Experiment
 from bayesdrill.job import Job
+from bayesdrill.ours import FIGURES, REFITS, whole
+from bayesdrill.pieces import COMPUTED_AGAIN
 from bayesdrill.pipeline import CONFIG_FILE, RESOLVED_FILE
 from bayesdrill.progress import Reporter
 from bayesdrill.report import calibration_words
-from bayesdrill.store import RUN, Folder
+from bayesdrill.sealed import opened, sealed
+from bayesdrill.store import Folder
 
-REFITS = ".refits"
 RANKS = "ranks.csv"
-OWN = (
-    f"{REFITS}/*.json",
-    RANKS,
-    CONFIG_FILE,
-    RESOLVED_FILE,
-    "summary.md",
-    "figures/calibration.*",
-    RUN,
-)  # as store.OWN
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -98,11 +99,12 @@ def calibrate(
         f"calibration.{name}": repr(value) for name, value in own if name != "refits"
     }
     begun = time.perf_counter()
-    with Folder(output, how, marks, own=OWN) as folder:
+    with Folder(output, how, marks, ours.CALIBRATE) as folder:
+        if how == "resume":
+            saved(folder.path / REFITS)  # what is damaged is found before anything is written
         report.say(calibration_words.opening(job.problem, job.config))
-        folder.write_run(
+        folder.begin(
             status="running",
-            job="calibrate",
             seed=job.config.seed,
             versions=provenance.versions(),
             refits=own.refits,
@@ -187,24 +189,24 @@ def _lost(folder: Path, reason: str) -> InputError:
 
 
 def save(folder: Path, refit: Refit) -> None:
-    with store.whole(folder / f"{refit.index:06d}.json") as path:
-        path.write_text(json.dumps(dataclasses.asdict(refit)) + "\n", encoding="utf-8")
+    with whole(folder / f"{refit.index:06d}.json") as path:
+        path.write_text(sealed(dataclasses.asdict(refit)), encoding="utf-8")
 
 
 def saved(folder: Path) -> list[Refit]:
     """Raises `InputError` where a file is damaged."""
-    return [_read(path) for path in sorted(folder.glob("*.json"))]
+    found = sorted(folder.glob("*.json"))
+    return [_read(path) for path in found if ours.CALIBRATE.made(f"{REFITS}/{path.name}")]
 
 
 def _read(path: Path) -> Refit:
     try:
-        data: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+        data = opened(path.read_bytes())
         for name in ("truth", "ranks", "reasons"):
             data[name] = tuple(data[name])
         return Refit(**data)
     except (ValueError, KeyError, TypeError):
-        message = "is damaged; delete it and continue with --resume, which computes it again"
-        raise InputError.one(str(path), message) from None
+        raise InputError.one(str(path), COMPUTED_AGAIN) from None
 
 
 def _publish(job: Job, folder: Folder, refits: Sequence[Refit]) -> Verdict:
@@ -228,7 +230,7 @@ def _draw(job: Job, folder: Folder, verdict: Verdict) -> None:
     from bayesdrill.report.calibration_plot import calibration_figure
     from bayesdrill.report.style import save as save_figure
 
-    figures = folder.path / "figures"
+    figures = folder.path / FIGURES
     figures.mkdir(exist_ok=True)
     note = {"Title": job.config.name, "Creator": f"bayesdrill {bayesdrill.__version__}"}
     figure = calibration_figure(verdict, job.problem.symbols)

@@ -82,6 +82,9 @@ def identify(
         Path | None,
         typer.Option("--output", "-o", help="Folder for text and figures; default: print only."),
     ] = None,
+    force: Annotated[
+        bool, typer.Option("--force", help="Overwrite text and figures of an `identify` before.")
+    ] = False,
     processes: Processes = None,
 ) -> None:
     """Say what this record can and cannot determine, and what would help; samples nothing."""
@@ -92,6 +95,8 @@ def identify(
         from bayesdrill.progress import reporter
 
         job = prepare(config)
+        if output is not None:
+            job_.check_place(output, force=force)
         space = job.problem.posterior.space
         with reporter() as report:
             at, values = "the start", space.start
@@ -103,7 +108,7 @@ def identify(
             findings = job_.identify(job, space.vector(values), at, profile or [], report)
         typer.echo(findings.text)
         if output is not None:
-            typer.echo("\nwritten: " + job_.publish(job, findings, output))
+            typer.echo("\nwritten: " + job_.publish(job, findings, output, force=force))
 
 
 @app.command("map", epilog="Example: bayesdrill map configs/nominal_step.yaml")
@@ -209,22 +214,18 @@ def simulate(
     ] = None,
     seed: Annotated[int | None, typer.Option(min=0, help="Default: the config's.")] = None,
     force: Annotated[
-        bool, typer.Option("--force", help="Overwrite the file if it exists.")
+        bool, typer.Option("--force", help="Overwrite another simulated record.")
     ] = False,
 ) -> None:
     """Make a record from the config: exact response plus noise, as CSV."""
     with guarded():
         from bayesdrill import loading, recording, simulation
-        from bayesdrill.errors import InputError
-        from bayesdrill.store import whole
 
         read, source = loading.load(config)
-        target = output or recording.path_of(read, source)
+        record = recording.path_of(read, source)
+        target = output or record
         text = simulation.simulate(read, source, read.seed if seed is None else seed)
-        if target.exists() and not force:
-            raise InputError.one(str(target), "exists already; give --force or another --output")
-        with whole(target) as path:
-            path.write_text(text, encoding="utf-8")
+        simulation.save(text, target, record, force=force)
         typer.echo(f"{target}: {len(text.splitlines()) - 1} samples")
 
 

@@ -280,7 +280,7 @@ class Config(Strict):
     """An experiment: a record, a rig, what is believed of it, and how to find out more."""
 
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$")]
-    seed: Annotated[int, Field(ge=0)]
+    seed: Annotated[int, Field(ge=0, lt=2**64)]
     record: RecordSpec
     inputs: Inputs
     initial: Initial = Initial()

@@ -9,19 +9,20 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from bayesdrill import ours
 from bayesdrill.errors import InputError, did_you_mean
 from bayesdrill.identifiability.profile import Fitter, Profile, profile
 from bayesdrill.identifiability.scenes import Scenery
 from bayesdrill.identifiability.study import Study, study_of
 from bayesdrill.job import Job
+from bayesdrill.ours import FIGURES, IDENTIFY, what, whole
 from bayesdrill.progress import Reporter
 from bayesdrill.report import identify_words as words
-from bayesdrill.store import whole
 
 Array = NDArray[np.float64]
 
 ALL = "all"
-REPORT = "identify.md"
+MARK = "<!-- bayesdrill identify -->"  # begins the text, and so says whose the figures are
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -64,15 +65,34 @@ def preflight(job: Job, scenery: Scenery) -> str:
     return words.brief(study_of(scenery, posterior, start, job.config))
 
 
-def publish(job: Job, findings: Findings, folder: Path) -> str:
+def check_place(folder: Path, *, force: bool) -> None:
+    """Raises `InputError` where something is in the way that `publish` must not replace."""
+    if what(folder) and not folder.is_dir():
+        raise InputError.one(str(folder), "a file is in the way; give another --output")
+    obstacles = ours.in_the_way(folder, IDENTIFY)
+    if obstacles:
+        raise InputError(obstacles)
+    there = ours.present(folder, IDENTIFY)
+    if there and not force:
+        message = "exists already; give --force or another --output"
+        raise InputError.one(str(folder / there[0]), message)
+    text = folder / IDENTIFY.mark
+    if there and not (text.exists() and text.read_bytes().startswith(MARK.encode())):
+        message = "was not written by `bayesdrill identify`; give another --output"
+        raise InputError.one(str(folder / there[0]), message)
+
+
+def publish(job: Job, findings: Findings, folder: Path, *, force: bool) -> str:
     """Text and figures into `folder`, which may hold other results; says where."""
     from bayesdrill.report import style  # late: matplotlib takes a second to load
     from bayesdrill.report.profile_plot import profile_figure
     from bayesdrill.report.spectrum_plot import spectrum_figure
 
-    figures = folder / "figures"
+    check_place(folder, force=force)
+    ours.take_away(folder, IDENTIFY)
+    figures = folder / FIGURES
     figures.mkdir(parents=True, exist_ok=True)
-    with whole(folder / REPORT) as path:
+    with whole(folder / IDENTIFY.mark) as path:
         path.write_text(_markdown(job, findings), encoding="utf-8")
     symbols = {symbol.name: symbol for symbol in job.problem.symbols}
     latex = {name: symbol.latex for name, symbol in symbols.items()}
@@ -81,7 +101,7 @@ def publish(job: Job, findings: Findings, folder: Path) -> str:
     if findings.profiles:
         drawn = profile_figure(findings.profiles, symbols, job.problem.nominal)
         style.save(drawn, figures, "profiles", note)
-    return f"{folder}/ ({REPORT}, figures/)"
+    return f"{folder}/ ({IDENTIFY.mark}, figures/)"
 
 
 def _columns(unknowns: tuple[str, ...], wanted: Sequence[str]) -> list[int]:
@@ -99,7 +119,7 @@ def _markdown(job: Job, findings: Findings) -> str:
     if findings.profiles:
         pictures.append("![profiles](figures/profiles.png)")
     return (
-        f"# What {job.config.name} can say\n\n```text\n{findings.text}\n```\n\n"
+        f"{MARK}\n# What {job.config.name} can say\n\n```text\n{findings.text}\n```\n\n"
         + "\n\n".join(pictures)
         + "\n"
     )

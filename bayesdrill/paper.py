@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayesdrill import config as records
-from bayesdrill import pipeline, provenance
+from bayesdrill import ours, pipeline, provenance
 from bayesdrill.crew import Crew
-from bayesdrill.errors import InputError, Interrupted
+from bayesdrill.errors import Interrupted
 from bayesdrill.identifiability.scenes import Scenery
 from bayesdrill.identifiability.study import study_of
 from bayesdrill.job import Job
@@ -38,7 +38,7 @@ from bayesdrill.reproduction.findings import Findings, Misfits, Nine
 from bayesdrill.reproduction.studies import Studies, prepare
 from bayesdrill.reproduction.truths import truth_of
 from bayesdrill.reproduction.verification import Verification, verify
-from bayesdrill.store import RUN, Folder
+from bayesdrill.store import Folder
 from bayesdrill.yaml_source import Source
 
 Array = NDArray[np.float64]
@@ -67,11 +67,12 @@ def reproduce(
 ) -> Outcome:
     """Everything, from the configs of a folder; the tables do not depend on `processes`."""
     studies = prepare(configs)
-    if (output / RUN).exists() and not force:
-        message = "results exist already; make them anew with --force, or give another --output"
-        raise InputError.one(str(output), message)
-    with Folder(output, "force" if force else "fresh", {}, own=paper_report.OWN) as folder:
-        folder.write_run(status="running", job="paper", versions=provenance.versions())
+    names = [nine.config.name for nine in studies.nines]
+    for name in names:
+        Folder(output / name, "force", {}).check()  # not after minutes
+    kind = ours.paper(names)
+    with Folder(output, "force" if force else "fresh", {}, kind) as folder:
+        folder.begin(status="running", versions=provenance.versions())
         report.say("two parameters, nine of two records: two to five minutes with two processes")
         try:
             findings = _run(studies, folder, processes, _Clock(report))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import importlib
-import json
 import time
 from collections.abc import Mapping
 from concurrent.futures import Future
@@ -16,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdrill import build, maxima, mode, provenance, residuals, seeds, store, verdict
+from bayesdrill import build, maxima, mode, ours, provenance, residuals, seeds, store, verdict
 from bayesdrill import config as records
 from bayesdrill.build import Problem
 from bayesdrill.convergence import Targets
@@ -32,10 +31,12 @@ from bayesdrill.learning import Nowhere
 from bayesdrill.mode import Mode, Other, Search
 from bayesdrill.opening import opened
 from bayesdrill.optimisers.contract import Optimiser
+from bayesdrill.pieces import COMPUTED_AGAIN
 from bayesdrill.progress import Reporter
 from bayesdrill.report import publish, residual_words, tables, verdict_words, words
 from bayesdrill.residuals import Left
 from bayesdrill.sampling import Plan, Sampled, loaded, sample, stored
+from bayesdrill.sealed import opened, sealed
 from bayesdrill.store import Folder
 from bayesdrill.verdict import Judgement, Verdict
 
@@ -69,12 +70,14 @@ def posterior(job: Job, output: Path, how: store.Mode, processes: int, report: R
     """
     marks = provenance.fingerprint(job.config, job.problem)
     with Folder(output, how, marks) as folder:
+        known = _taken_up(job, folder) if how == "resume" else None
         report.say(words.opening(job.problem))
-        folder.write_run(status="running", seed=job.config.seed, versions=provenance.versions())
+        seed, versions = job.config.seed, provenance.versions()
+        folder.begin(status="running", seed=seed, versions=versions)
         folder.write_text(CONFIG_FILE, job.source.text)
         folder.write_text(RESOLVED_FILE, provenance.resolved(job.config, job.source, output))
         try:
-            return _run(job, folder, processes, report)
+            return _run(job, folder, known, processes, report)
         except KeyboardInterrupt:
             folder.write_run(status="interrupted")
             message = f"stopped; what was sampled is saved in {output}; continue with --resume"
@@ -84,11 +87,16 @@ def posterior(job: Job, output: Path, how: store.Mode, processes: int, report: R
             raise
 
 
-def _run(job: Job, folder: Folder, processes: int, report: Reporter) -> Outcome:
+def _taken_up(job: Job, folder: Folder) -> Mode | None:
+    """What was done is read before anything is written: what cannot go on stays as it is."""
+    folder.read_ahead(job.config.sampler.ensembles)
+    return _read_mode(folder.path / MAP_FILE)
+
+
+def _run(job: Job, folder: Folder, known: Mode | None, processes: int, report: Reporter) -> Outcome:
     clock = [time.perf_counter()]
     posterior = job.problem.posterior
     with Crew(posterior, processes) as crew:
-        known = (folder.path / MAP_FILE).exists()
         hunt = None if known else _begin_search(job, crew)
         # While others search the MAP, this process looks at what the record can show, and loads
         # what sampling and report will need.
@@ -98,12 +106,11 @@ def _run(job: Job, folder: Folder, processes: int, report: Reporter) -> Outcome:
             for _ in range(processes):  # one for each, as it is done with its searches
                 crew.submit(loaded)
             _load_ahead()
-        if hunt is None:
-            found = _read_mode(folder.path / MAP_FILE)
-        else:
-            found = _end_search(crew, hunt, report)
-            text = json.dumps(dataclasses.asdict(found), indent=2) + "\n"
-            folder.write_text(MAP_FILE, text)
+        if hunt is not None:
+            known = _end_search(crew, hunt, report)
+            folder.write_text(MAP_FILE, sealed(dataclasses.asdict(known)))
+        assert known is not None
+        found = known
         clock.append(time.perf_counter())
         tops = mode.tops(posterior, found)
         try:
@@ -126,8 +133,10 @@ def republish(output: Path, processes: int) -> Outcome:
     run = store.read_run(output)
     if run is None:
         raise InputError.one(str(output), "no results here; give the folder of a finished run")
-    if "job" in run:
-        message = f"results of `bayesdrill {run['job']}`, which makes its tables and figures itself"
+    if run.get("job") != ours.POSTERIOR.job:
+        message = (
+            f"results of `bayesdrill {run.get('job')}`, which makes its tables and figures itself"
+        )
         raise InputError.one(str(output), f"{message}; give the folder of a posterior")
     if not (output / RESOLVED_FILE).exists():
         raise InputError.one(str(output), "the run stopped as it began; continue it with --resume")
@@ -137,9 +146,13 @@ def republish(output: Path, processes: int) -> Outcome:
         posterior = job.problem.posterior
         held = _held(run)
         sampled = dataclasses.replace(stored(posterior, plan(job.config), folder), held=held)
+        found = _read_mode(output / MAP_FILE)
+        if found is None:
+            message = "is not there; continue with --resume, which searches the MAP again"
+            raise InputError.one(str(output / MAP_FILE), message)
+        folder.begin()
         with Crew(posterior, processes) as crew:
             scenery = Scenery(posterior.likelihood)
-            found = _read_mode(output / MAP_FILE)
             return _publish(job, folder, found, sampled, scenery, {}, crew)
 
 
@@ -202,15 +215,18 @@ def _load_ahead() -> None:
         importlib.import_module(name)
 
 
-def _read_mode(path: Path) -> Mode:
+def _read_mode(path: Path) -> Mode | None:
+    """None where no search has ended yet."""
+    if not path.exists():
+        return None
     try:
-        data: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+        data = opened(path.read_bytes())
         searches = tuple(Search(**search) for search in data.pop("searches"))
         others = tuple(Other(**other) for other in data.pop("others"))
         at_bound = tuple(data.pop("at_bound"))
         return Mode(**data, searches=searches, at_bound=at_bound, others=others)
-    except (OSError, ValueError, KeyError, TypeError, AttributeError):
-        raise InputError.one(str(path), "cannot be read; start over with --force") from None
+    except (ValueError, KeyError, TypeError):
+        raise InputError.one(str(path), COMPUTED_AGAIN) from None
 
 
 def conclude(

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import io
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdrill import build, givens, recording, seeds, symbols, units
+from bayesdrill import build, givens, ours, recording, seeds, symbols, units
 from bayesdrill import config as records
 from bayesdrill.errors import InputError
 from bayesdrill.experiment import Experiment, frozen, times
@@ -36,6 +37,24 @@ def simulate(config: records.Config, source: Source, seed: int) -> str:
     factors = np.array([entry.factor for entry in measured])
     y = (signals + sigmas * noise) / factors
     return _as_csv(config, source, experiment, y)
+
+
+def save(text: str, target: Path, record: Path, *, force: bool) -> None:
+    """Never over `record`, which the config names: that may be what was measured."""
+    ours.refuse_other_than_file(target)
+    if target.exists():
+        if record.exists() and target.samefile(record):
+            message = "the record that the config names is never overwritten; give another --output"
+            raise InputError.one(str(target), message)
+        if not force:
+            raise InputError.one(str(target), "exists already; give --force or another --output")
+        header = text.partition("\n")[0].encode()
+        with target.open("rb") as file:
+            if file.readline(len(header) + 2).rstrip(b"\r\n") != header:
+                message = "is no record with these columns, and is kept; give another --output"
+                raise InputError.one(str(target), message)
+    with ours.whole(target) as path:
+        path.write_text(text, encoding="utf-8")
 
 
 def grid(config: records.Config, source: Source) -> Experiment:

@@ -11,8 +11,8 @@ from pathlib import Path
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
+from bayesdrill.ours import whole
 from bayesdrill.report import style
-from bayesdrill.store import whole
 from benchmarks import verdict
 from benchmarks.verdict import Result
 

@@ -12,8 +12,9 @@ from pathlib import Path
 
 from typer.testing import CliRunner
 
-from bayesdrill import loading, simulation
+from bayesdrill import loading, ours, simulation
 from bayesdrill.cli import app
+from bayesdrill.store import Folder
 
 ROOT = Path(__file__).parent.parent
 
@@ -105,9 +106,25 @@ def small(folder: Path, *changes: tuple[str, str], name: str = "small.yaml") -> 
     return folder / name
 
 
-def listing(folder: Path) -> dict[str, bytes | None]:
-    """Every file and folder below, with what it holds."""
+def listing(folder: Path) -> dict[str, object]:
+    """Every file and folder below, with what it holds, and where a link leads."""
     return {
-        path.relative_to(folder).as_posix(): path.read_bytes() if path.is_file() else None
-        for path in sorted(folder.rglob("*"))
+        path.relative_to(folder).as_posix(): _content(path) for path in sorted(folder.rglob("*"))
     }
+
+
+def _content(path: Path) -> object:
+    if path.is_symlink():
+        return path.readlink()
+    return path.read_bytes() if path.is_file() else oct(path.lstat().st_mode)
+
+
+def results(folder: Path, kind: ours.Kind) -> Path:
+    """A folder in which a run of this kind has been, with every file that it may write."""
+    with Folder(folder, "fresh", {}, kind) as run:
+        run.begin(status="finished")
+    for name in kind.files:
+        path = folder / name.replace("#", "0000007")
+        path.parent.mkdir(exist_ok=True)
+        path.write_text("ours")
+    return folder

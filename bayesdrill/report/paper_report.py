@@ -11,18 +11,16 @@ import bayesdrill
 from bayesdrill import symbols
 from bayesdrill.crew import Crew
 from bayesdrill.optimisers.pairwise import ORDER, circle
+from bayesdrill.ours import FIGURES
 from bayesdrill.report.paper_cells import Table
 from bayesdrill.report.paper_tables import in_words, tables
 from bayesdrill.report.publish import draw
 from bayesdrill.reproduction import printed
 from bayesdrill.reproduction.findings import Findings
-from bayesdrill.reproduction.studies import FIGURES
-from bayesdrill.store import RUN, Folder
+from bayesdrill.store import Folder
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-OWN = ("*.csv", "*.md", f"{FIGURES}/*", RUN)  # as store.OWN
 
 Wanted = tuple[str, str, Callable[..., "Figure"], tuple[Any, ...]]
 ITERATIONS = 10  # of each pair, in the paper

@@ -18,6 +18,7 @@ from bayesdrill.crew import Crew
 from bayesdrill.derived import Derived, derive, summarise, with_products
 from bayesdrill.diagnostics import Row
 from bayesdrill.mode import Mode
+from bayesdrill.ours import FIGURES, whole
 from bayesdrill.posterior import Posterior
 from bayesdrill.report import (
     derived_words,
@@ -29,7 +30,7 @@ from bayesdrill.report import (
 )
 from bayesdrill.residuals import Left
 from bayesdrill.sampling import Sampled
-from bayesdrill.store import Folder, whole
+from bayesdrill.store import Folder
 from bayesdrill.verdict import Judgement
 
 if TYPE_CHECKING:
@@ -79,9 +80,9 @@ def everything(
         derived,
     )
     tasks.append(crew.submit(draw, *_fit(problem, mode, tree), *place))
-    image = io.BytesIO()  # in memory: see store._chain_image
+    image = io.BytesIO()  # in memory: see pieces.chain_image
     tree.to_netcdf(image, engine="h5netcdf")
-    with whole(folder.path / "posterior.nc") as path:
+    with whole(folder.place("posterior.nc")) as path:
         path.write_bytes(image.getvalue())
     for task in tasks:
         task.result()
@@ -89,7 +90,7 @@ def everything(
 
 def _place(folder: Folder, config: records.Config) -> tuple[Path, dict[str, str]]:
     """Where figures go, and the note in each."""
-    figures = folder.path / "figures"
+    figures = folder.path / FIGURES
     figures.mkdir(exist_ok=True)
     return figures, {"Title": config.name, "Creator": f"bayesdrill {bayesdrill.__version__}"}
 

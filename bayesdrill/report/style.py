@@ -17,7 +17,7 @@ from matplotlib.ticker import FixedFormatter, FixedLocator, NullFormatter
 from matplotlib.transforms import Bbox, ScaledTranslation
 from numpy.typing import NDArray
 
-from bayesdrill.store import whole
+from bayesdrill.ours import whole
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -11,13 +11,13 @@ from bayesdrill import config as records
 from bayesdrill.errors import InputError, Problem
 from bayesdrill.job import Job
 from bayesdrill.optimisers.contract import Optimiser
+from bayesdrill.ours import FIGURES
 from bayesdrill.reproduction import printed
 from bayesdrill.yaml_source import Source
 
 TWO = "two_parameters.yaml"
 NINES = ("estimates.yaml", "measured.yaml")
 MAKERS = ("estimates.yaml", "missing_physics.yaml")  # make records, whose truth is known
-FIGURES = "figures"  # their folder, beside one for each posterior
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -15,7 +15,7 @@ PACKAGE = ROOT / "bayesdrill"
 # From the ground up: a room imports only rooms of lines above its own.
 FLOORS = [
     {"bayesdrill", "errors", "symbols"},
-    {"units", "expressions", "formulas", "seeds", "progress"},
+    {"units", "expressions", "formulas", "seeds", "progress", "ours", "sealed"},
     {"models", "priors", "experiment", "yaml_source", "kernels"},
     {"formats", "parameters", "coordinates", "noise", "response", "beliefs"},
     {"likelihood", "config"},
@@ -24,8 +24,8 @@ FLOORS = [
     {"optimisers", "schema", "shelf", "suspicions", "climb", "directions", "aliases"},
     {"ridges"},
     {"identifiability", "convergence", "givens", "maxima", "learning", "residuals"},
-    {"build", "store", "mode", "preparation"},
-    {"consistency", "recording"},
+    {"build", "pieces", "mode", "preparation"},
+    {"consistency", "recording", "store"},
     {"loading", "sampling", "diagnostics", "physics", "tension"},
     {"job", "derived", "opening"},
     {"simulation", "tree", "provenance", "verdict"},

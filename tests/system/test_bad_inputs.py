@@ -163,6 +163,12 @@ NOT_A_CONFIG = [
         says=("U+0001", "remove it"),
     ),
     case(
+        "seed that no file can hold",
+        ("seed: 7", f"seed: {2**64}"),
+        at="seed: 18446744073709551616",
+        says=("seed", "less than 18446744073709551616"),
+    ),
+    case(
         "tab in the indentation",
         ("  v: 8.0", "\tv: 8.0"),
         at="v: 8.0",

@@ -21,7 +21,7 @@ import pytest
 import systems
 from calibrations import with_misfit
 
-from bayesdrill import calibrate
+from bayesdrill import calibrate, ours
 from bayesdrill.calibration import executors
 from bayesdrill.calibration.refit import Refit, Study, refit
 from bayesdrill.calibration.verdict import judge
@@ -29,6 +29,7 @@ from bayesdrill.errors import Interrupted
 from bayesdrill.progress import Silent
 from bayesdrill.report import calibration_words as words
 from bayesdrill.response import Response
+from bayesdrill.sealed import opened, sealed
 
 TINY = (
     (
@@ -153,6 +154,9 @@ def test_the_record_that_was_measured_plays_no_part(copy: Done) -> None:
 
 def test_a_calibration_leaves_a_complete_folder_and_nothing_else(done: Done) -> None:
     assert set(systems.listing(done.folder)) == FILES
+    assert {name for name in FILES if not ours.CALIBRATE.made(name)} == {
+        *(".lock", "figures", ".refits"),
+    }
     run = run_of(done.folder)
     assert (run["status"], run["refits"], run["seed"]) == ("finished", 10, 7)
     rows = list(csv.DictReader((done.folder / "ranks.csv").read_text().splitlines()))
@@ -218,10 +222,13 @@ def test_a_calibration_that_cannot_be_is_refused(
 
 def test_a_damaged_refit_is_named(copy: Done) -> None:
     path = copy.folder / ".refits" / "000007.json"
-    for damage in ("{", "[1, 2]", '{"index": 7}'):
+    digit = path.read_text().replace('"index": 7', '"index": 6')
+    for damage in ("{", "[1, 2]", '{"index": 7}', digit):
         path.write_text(damage)
+        before = systems.listing(copy.folder)
         ran = command(copy.config, copy.folder, "--resume")
         assert (ran.status, "000007.json" in ran.err, "Traceback" in ran.text) == (2, True, False)
+        assert systems.listing(copy.folder) == before
 
 
 def test_the_status_is_the_verdict(copy: Done) -> None:
@@ -229,8 +236,8 @@ def test_the_status_is_the_verdict(copy: Done) -> None:
     status = command(copy.config, copy.folder, "--resume").status
     assert status == (0 if run_of(copy.folder)["calibrated"] else 3)
     for path in (copy.folder / ".refits").glob("*.json"):
-        data = json.loads(path.read_text())
-        path.write_text(json.dumps({**data, "ranks": [0, 0, 0]}))
+        data = opened(path.read_bytes())
+        path.write_text(sealed({**data, "ranks": [0, 0, 0]}))
     ran = command(copy.config, copy.folder, "--resume")
     assert ran.status == 3
     assert "not calibrated: ranks of" in ran.out

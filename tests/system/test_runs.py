@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -22,6 +23,9 @@ import systems
 import xarray
 from emcee.backends import HDFBackend
 
+from bayesdrill import ours
+from bayesdrill.pieces import seal
+from bayesdrill.sealed import opened, sealed
 from bayesdrill.store import Folder
 
 # Targets that cannot be met, so that a run goes on to the end of its steps.
@@ -145,6 +149,7 @@ def test_what_the_fit_leaves_is_said_everywhere(done: Done) -> None:
 def test_a_run_leaves_a_complete_folder_and_nothing_else(done: Done) -> None:
     assert done.ran.status == 0, done.ran.text
     assert set(systems.listing(done.folder)) == FILES
+    assert {name for name in FILES if not ours.POSTERIOR.made(name)} == {".lock", "figures"}
     assert (done.folder / "config.yaml").read_bytes() == done.config.read_bytes()
     for name in FIGURES:
         magic = b"%PDF" if name.endswith("pdf") else b"\x89PNG"
@@ -493,7 +498,10 @@ def test_a_run_cut_before_its_first_check_cannot_be_reported_yet(copy: Done) -> 
             for name in ("chain", "log_prob"):
                 group[name].resize(150, axis=0)
             group.attrs["iteration"] = 150
+            seal(group)
+    before = systems.listing(copy.folder)
     assert_refused(systems.cli("report", copy.folder), "before its first check", "--resume")
+    assert systems.listing(copy.folder) == before
 
 
 def test_a_second_run_in_the_same_folder_is_refused(
@@ -596,11 +604,9 @@ def test_resuming_something_else_names_what_changed_and_both_values(
 def test_resuming_under_another_version_of_what_decides_the_chain(package: str, copy: Done) -> None:
     """A chain is one chain: refused, with both versions. A report adds nothing, and may."""
     now = version(package)
-    change(
-        copy.folder / "run.json",
-        f'"the version of {package}": "{now}"',
-        f'"the version of {package}": "0.0.1"',
-    )
+    run = opened((copy.folder / "run.json").read_bytes())
+    run["fingerprint"][f"the version of {package}"] = "0.0.1"
+    (copy.folder / "run.json").write_text(sealed(run))
     before = systems.listing(copy.folder)
     ran = posterior(copy.config, copy.folder, "--resume")
     assert_refused(ran, f"the version of {package} was 0.0.1 and is {now}", "--force")
@@ -625,7 +631,10 @@ def test_resuming_with_another_record_names_the_record(copy: Done) -> None:
 @pytest.mark.parametrize("text", ["[]", "null", '"x"', '{"fingerprint": 3}'])
 def test_a_run_json_that_is_json_but_no_run_is_named(text: str, copy: Done) -> None:
     (copy.folder / "run.json").write_text(text)
-    assert_refused(posterior(copy.config, copy.folder, "--resume"), "run.json", "--force")
+    before = systems.listing(copy.folder)
+    for option in ("--resume", "--force"):
+        assert_refused(posterior(copy.config, copy.folder, option), "run.json", "another folder")
+    assert systems.listing(copy.folder) == before
 
 
 def test_force_killed_as_it_cleared_leaves_a_folder_that_is_still_its_own(
@@ -652,7 +661,7 @@ def test_force_killed_as_it_cleared_leaves_a_folder_that_is_still_its_own(
         if count == 100:  # all is taken away, and the new run.json is not there yet
             monkeypatch.setattr(Folder, "write_text", killed)
         with pytest.raises(SystemExit):
-            Folder(copy.folder, "force", {}).__enter__()
+            Folder(copy.folder, "force", {}).__enter__().begin()
         monkeypatch.undo()
         assert (copy.folder / "run.json").exists()
         assert_refused(posterior(copy.config, copy.folder), "--resume", "--force")
@@ -682,6 +691,7 @@ def test_a_walker_that_gets_stuck_keeps_a_run_from_being_believed(copy: Done) ->
             last = file[f"ensemble_{k}"]["chain"][-1]
             middle = np.argmin(np.abs(last / np.median(last, axis=0) - 1).max(axis=1))
             file[f"ensemble_{k}"]["log_prob"][-1, middle] += 1e6
+            seal(file[f"ensemble_{k}"])
     change(copy.config, "ess: 100, max_steps: 500", "ess: 8000, max_steps: 2500")
     ran = posterior(copy.config, copy.folder, "--resume")
     assert ran.status == 3, ran.text
@@ -707,20 +717,53 @@ def test_a_parameter_pressed_against_its_prior_is_told_and_believed(tmp_path: Pa
     assert note.startswith("note: k_e")
 
 
-@pytest.mark.parametrize("name", ["run.json", "map.json", "chain.h5"])
-def test_a_damaged_result_is_named(name: str, copy: Done) -> None:
+def digit_changed(content: bytes) -> bytes:
+    """The first log posterior of `map.json`, by a hundredth."""
+    return re.sub(rb"(log_posterior.*\.\d)\d", rb"\g<1>0", content, count=1)
+
+
+@pytest.mark.parametrize(
+    ("name", "damage", "way_out"),
+    [
+        ("run.json", lambda content: content[:40], "put back a copy"),
+        ("run.json", lambda content: content.replace(b"finished", b"finishes"), "put back a copy"),
+        ("map.json", lambda content: content[:40], "delete it and continue with --resume"),
+        ("map.json", lambda content: b"\xff" + content, "delete it and continue with --resume"),
+        ("map.json", digit_changed, "delete it and continue with --resume"),
+        ("chain.h5", lambda content: content[:40], "delete it and continue with --resume"),
+    ],
+)
+def test_a_damaged_result_is_named_and_nothing_is_written(
+    name: str, damage: Callable[[bytes], bytes], way_out: str, copy: Done
+) -> None:
+    """Mutant killed: `run.json` says `running` before what is damaged was read."""
     content = (copy.folder / name).read_bytes()
-    (copy.folder / name).write_bytes(content[:40])
+    assert damage(content) != content
+    (copy.folder / name).write_bytes(damage(content))
+    before = systems.listing(copy.folder)
     for ran in (
         posterior(copy.config, copy.folder, "--resume"),
         systems.cli("report", copy.folder, "--processes", "1"),
     ):
-        assert_refused(ran, name, "--force")
+        assert_refused(ran, name, way_out)
+        assert "--force" not in ran.err
+    assert systems.listing(copy.folder) == before
+
+
+def test_a_map_that_is_deleted_is_searched_again(done: Done, copy: Done) -> None:
+    (copy.folder / "map.json").unlink()
+    before = systems.listing(copy.folder)
+    ran = systems.cli("report", copy.folder, "--processes", "1")
+    assert_refused(ran, "map.json: is not there; continue with --resume")
+    assert systems.listing(copy.folder) == before
+    assert posterior(copy.config, copy.folder, "--resume").status == 0
+    for name in ("map.json", "chain.h5", "summary.csv"):
+        assert (copy.folder / name).read_bytes() == (done.folder / name).read_bytes()
 
 
 @pytest.mark.slow
 def test_force_mends_a_damaged_folder(copy: Done) -> None:
-    for name in ("run.json", "map.json", "chain.h5"):
+    for name in ("map.json", "chain.h5"):
         (copy.folder / name).write_text("{")
     assert posterior(copy.config, copy.folder, "--force").status == 0
 
@@ -733,7 +776,9 @@ def test_a_damaged_piece_is_named(done: Done, tmp_path: Path) -> None:
     first = run_of(done.folder)["steps"]
     piece = tmp_path / "out" / ".pieces" / f"ensemble_0_{first:09d}.npz"
     piece.write_bytes(b"PK\x03\x04 cut short")
+    before = systems.listing(tmp_path)
     assert_refused(posterior(config, tmp_path / "out", "--resume"), piece.name)
+    assert systems.listing(tmp_path) == before
 
 
 # --- disks ---------------------------------------------------------------------------------------
@@ -873,18 +918,6 @@ def test_a_column_in_another_unit_than_said_is_told_of_the_fit(tmp_path: Path) -
     assert ran.status == 0
     assert "fit: the MAP leaves more than the noise" in ran.out
     assert "looks like" not in ran.out
-
-
-def test_simulate_refuses_to_overwrite_and_is_repeatable(tmp_path: Path) -> None:
-    config = systems.small(tmp_path)
-    before = systems.listing(tmp_path)
-    assert_refused(systems.cli("simulate", config), "small.csv", "--force", "--output")
-    assert systems.listing(tmp_path) == before
-    assert systems.cli("simulate", config, "--force").status == 0
-    assert systems.listing(tmp_path) == before
-    other = tmp_path / "other.csv"
-    assert systems.cli("simulate", config, "--output", other, "--seed", "8").status == 0
-    assert other.read_bytes() != (tmp_path / "small.csv").read_bytes()
 
 
 def test_the_schema_is_json() -> None:

@@ -18,7 +18,8 @@ import pytest
 from oracles import ORDER
 from rigs import experiment
 
-from bayesdrill.report import paper_tables
+from bayesdrill import ours
+from bayesdrill.report import paper_report, paper_tables
 from bayesdrill.report.paper_cells import Table
 from bayesdrill.report.paper_lines import lengths, lines_2, lines_3, said, ways
 from bayesdrill.reproduction import printed
@@ -308,6 +309,12 @@ def test_every_table_has_a_cell_below_each_head_and_a_caption() -> None:
         assert records(stem)
         csv_heads = next(csv.reader(io.StringIO(table.csv)))
         assert len(set(csv_heads)) == len(csv_heads)
+
+
+def test_every_file_is_one_that_a_later_force_knows() -> None:
+    drawn = [stem for stem, *_ in paper_report._figures(findings())]
+    written = {f"{stem}.{end}" for stem in tables() for end in ("csv", "md")}
+    assert {*written, "report.md", *ours.figures(*drawn)} == set(ours.paper(("one", "two")).files)
 
 
 def test_the_layout_of_table_2_is_the_papers() -> None:

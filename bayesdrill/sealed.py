@@ -1,0 +1,33 @@
+"""JSON that is read back: what is not as it was written is an error, and never believed."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from typing import Any
+
+SEAL = "checksum"
+
+
+def sealed(data: Mapping[str, Any]) -> str:
+    """As text, with a checksum of all entries as the last of them."""
+    return json.dumps({**data, SEAL: _checksum(data)}, indent=2) + "\n"
+
+
+def opened(content: bytes) -> dict[str, Any]:
+    """The entries of what `sealed` gave; raises `ValueError` where they are not the same."""
+    try:
+        data = json.loads(content.decode("utf-8"))
+        seal = data.pop(SEAL, None) if isinstance(data, dict) else None
+        if seal is None or seal != _checksum(data):
+            raise ValueError("the checksum does not fit")
+    except RecursionError:
+        raise ValueError("nested too deep") from None
+    return dict(data)
+
+
+def _checksum(data: Mapping[str, Any]) -> str:
+    # Over the text that reading and writing again gives: tuples have become lists by then.
+    text = json.dumps(json.loads(json.dumps(data)), sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()[:16]

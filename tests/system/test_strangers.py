@@ -1,0 +1,182 @@
+"""The command line let loose where files of others lie: they stay as they are, byte for byte."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+import systems
+from systems import ROOT, cli, listing
+
+from bayesdrill import ours, simulation
+from bayesdrill.errors import InputError
+
+
+def refused(*arguments: str | Path, below: Path, says: str) -> None:
+    """Status 2 in one line that holds `says`; nothing below `below` changes."""
+    before = listing(below)
+    ran = cli(*arguments)
+    assert ran.status == 2, ran.text
+    assert says in ran.err
+    assert len(ran.err.splitlines()) == 1
+    assert listing(below) == before
+
+
+def write(folder: Path, name: str, text: str = "mine") -> Path:
+    path = folder / name
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(text)
+    return path
+
+
+# --- folders of results --------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("option", ["", "--force", "--resume"])
+def test_a_folder_is_known_by_more_than_the_name_of_a_file_in_it(
+    option: str, tmp_path: Path
+) -> None:
+    config = systems.small(tmp_path / "rig")
+    for name in ("run.json", "summary.csv", "figures/corner.pdf"):
+        write(tmp_path / "out", name, '{"status": "finished"}')
+    for command in ("posterior", "calibrate"):
+        told = [command, config, "-o", tmp_path / "out", *option.split()]
+        refused(*told, below=tmp_path, says="run.json: is damaged, or not of this bayesdrill")
+    refused("report", tmp_path / "out", below=tmp_path, says="run.json: is damaged")
+
+
+@pytest.mark.parametrize("option", ["", "--force", "--resume"])
+def test_a_calibration_and_a_posterior_do_not_mix(option: str, tmp_path: Path) -> None:
+    config = systems.small(tmp_path / "rig")
+    for command, kind in (("posterior", ours.CALIBRATE), ("calibrate", ours.POSTERIOR)):
+        folder = systems.results(tmp_path / kind.job, kind)
+        says = f"these are results of `bayesdrill {kind.job}`; give another --output"
+        refused(command, config, "-o", folder, *option.split(), below=tmp_path, says=says)
+
+
+@pytest.mark.parametrize("option", ["", "--force"])
+@pytest.mark.parametrize(
+    ("kind", "names", "says"),
+    [
+        (None, ["notes.md", "mydata.csv", "figures/photo.jpg"], "holds other files (figures)"),
+        (None, ["run.json", "notes.md"], "run.json: is damaged, or not of this bayesdrill"),
+        (ours.POSTERIOR, [], "results of `bayesdrill posterior`"),
+    ],
+    ids=["notes", "run.json", "posterior"],
+)
+def test_paper_leaves_what_it_has_not_made(
+    kind: ours.Kind | None,
+    names: list[str],
+    says: str,
+    option: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.chdir(ROOT)
+    if kind is not None:
+        systems.results(tmp_path / "out", kind)
+    for name in names:
+        write(tmp_path / "out", name)
+    refused("paper", "-o", tmp_path / "out", *option.split(), below=tmp_path, says=says)
+
+
+def test_paper_looks_into_the_folders_of_its_posteriors_first(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(ROOT)
+    out = systems.results(tmp_path / "out", ours.paper(("estimates", "measured")))
+    write(out, "measured/thesis.tex")
+    refused("paper", "--force", "-o", out, below=tmp_path, says="other files (thesis.tex)")
+    (out / "measured").rename(tmp_path / "measured")
+    (tmp_path / "measured" / "thesis.tex").unlink()
+    (out / "measured").symlink_to("../measured")
+    refused("paper", "--force", "-o", out, below=tmp_path, says="measured: a link, ")
+
+
+# --- identify ------------------------------------------------------------------------------------
+
+
+def test_identify_overwrites_its_own_files_when_told_to(tmp_path: Path) -> None:
+    config, out = systems.small(tmp_path), tmp_path / "out"
+    command = ("identify", config, "-o", out)
+    write(out, "notes.md")
+    assert cli(*command, "--profile", "k_e").status == 0
+    written = {name for name in listing(out) if (out / name).is_file()}
+    assert written == {"notes.md", "identify.md", *ours.IDENTIFY.files}
+    first = (out / "identify.md").read_bytes()
+    refused(*command, below=tmp_path, says="exists already; give --force")
+    write(out, "figures/photo.jpg")
+    assert cli(*command, "--force").status == 0
+    left = {name for name in listing(out) if (out / name).is_file()}
+    assert left == written - set(ours.figures("profiles")) | {"figures/photo.jpg"}
+    assert (out / "identify.md").read_bytes() != first
+
+
+@pytest.mark.parametrize("option", ["", "--force"])
+@pytest.mark.parametrize("name", ["identify.md", "figures/spectrum.png", "figures/profiles.pdf"])
+def test_identify_leaves_what_it_has_not_made(name: str, option: str, tmp_path: Path) -> None:
+    config = systems.small(tmp_path)
+    write(tmp_path / "out", name)
+    says = "was not written by" if option else f"{name}: exists already"
+    command = ("identify", config, "-o", tmp_path / "out", *option.split())
+    refused(*command, below=tmp_path, says=says)
+
+
+@pytest.mark.parametrize("option", ["", "--force"])
+def test_identify_writes_through_no_link(option: str, tmp_path: Path) -> None:
+    config, out = systems.small(tmp_path), tmp_path / "out"
+    (tmp_path / "pictures").mkdir()
+    out.mkdir()
+    (out / "figures").symlink_to("../pictures")
+    refused("identify", config, "-o", out, *option.split(), below=tmp_path, says="a link, ")
+    mine = write(tmp_path, "mine")
+    refused("identify", config, "-o", mine, *option.split(), below=tmp_path, says="in the way")
+
+
+# --- simulate ------------------------------------------------------------------------------------
+
+
+def test_simulate_repeats_itself_and_overwrites_another_simulation_when_told_to(
+    tmp_path: Path,
+) -> None:
+    config, other = systems.small(tmp_path), tmp_path / "other.csv"
+    record = (tmp_path / "small.csv").read_bytes()
+    assert cli("simulate", config, "-o", other).status == 0
+    assert other.read_bytes() == record
+    command = ("simulate", config, "-o", other, "--seed", "8")
+    refused(*command, below=tmp_path, says="other.csv: exists already; give --force")
+    assert cli(*command, "--force").status == 0
+    assert other.read_bytes() != record
+    (tmp_path / "small.csv").unlink()
+    assert cli("simulate", config).status == 0
+    assert (tmp_path / "small.csv").read_bytes() == record
+
+
+@pytest.mark.parametrize("option", ["", "--force"])
+@pytest.mark.parametrize("given", [None, "small.csv", "../rig/small.csv", "hard.csv"])
+def test_simulate_never_overwrites_the_record_that_a_config_names(
+    given: str | None, option: str, tmp_path: Path
+) -> None:
+    config = systems.small(tmp_path / "rig")
+    os.link(tmp_path / "rig" / "small.csv", tmp_path / "rig" / "hard.csv")
+    output = [] if given is None else ["-o", tmp_path / "rig" / given]
+    command = ("simulate", config, *output, *option.split())
+    refused(*command, below=tmp_path, says="the record that the config names is never overwritten")
+
+
+@pytest.mark.parametrize("force", [False, True])
+@pytest.mark.parametrize("name", ["thesis.tex", "longer", "empty", "pipe", "link", "folder"])
+def test_simulate_replaces_nothing_but_a_record(name: str, force: bool, tmp_path: Path) -> None:
+    write(tmp_path, "thesis.tex", "t,theta")
+    write(tmp_path, "longer", "t,theta_1,w_1\n0,0,0\n")
+    write(tmp_path, "empty", "")
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "link").symlink_to("thesis.tex")
+    (tmp_path / "folder").mkdir()
+    never = {"pipe": "a device or pipe, ", "link": "a link, ", "folder": "a folder, "}
+    says = never.get(name, "is no record with these columns" if force else "exists already")
+    before = listing(tmp_path)
+    with pytest.raises(InputError, match=says):
+        simulation.save("t,theta_1\n0,0\n", tmp_path / name, tmp_path / "none.csv", force=force)
+    assert listing(tmp_path) == before
