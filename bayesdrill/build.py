@@ -143,6 +143,8 @@ def initial_state(config: records.Config, model: Model) -> dict[str, float]:
 def measured(name: str, spec: records.ChannelSpec, states: tuple[str, ...]) -> Measured:
     if not name.isidentifier():
         raise ValueError(f"'{name}' cannot name a channel; use letters, digits and `_`")
+    if name in {*symbols.INPUTS, *symbols.AXES}:
+        raise ValueError(f"{name} has a meaning of its own here; choose another name")
     if spec.measures is None and name not in states:
         raise ValueError(
             f"'{name}' is not a state{did_you_mean(name, states)}; name the states it combines, for "

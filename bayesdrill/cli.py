@@ -220,12 +220,13 @@ def simulate(
 
         read, source = loading.load(config)
         target = output or recording.path_of(read, source)
-        text = simulation.simulate(read, source, read.seed if seed is None else seed)
+        text = simulation.simulate(read, source, read.seed if seed is None else seed, target)
         if target.exists() and not force:
             raise InputError.one(str(target), "exists already; give --force or another --output")
         with whole(target) as path:
             path.write_text(text, encoding="utf-8")
-        typer.echo(f"{target}: {len(text.splitlines()) - 1} samples")
+        rows = len(text.splitlines()) - 1 - read.record.skip_rows
+        typer.echo(f"{target}: {rows} samples")
 
 
 @app.command(epilog="Example: bayesdrill paper --output results/paper")

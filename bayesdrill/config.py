@@ -101,7 +101,7 @@ class RecordSpec(Strict):
     delimiter: str | None = Field(None, description="CSV; default: found out.")
     decimal: Literal[".", ","] | None = Field(None, description="CSV; default: found out.")
     header: bool | None = Field(None, description="CSV; default: found out.")
-    skip_rows: Annotated[int, Field(ge=0)] = 0
+    skip_rows: Annotated[int, Field(ge=0, le=1_000_000)] = 0
     time: TimeSpec
     window: Annotated[list[float], Field(min_length=2, max_length=2)] | None = Field(
         None, description="Use the samples from the first to the second time [s] only."

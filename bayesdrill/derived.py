@@ -21,6 +21,8 @@ from bayesdrill.symbols import Symbol, product_latex
 Array = NDArray[np.float64]
 
 _ROUNDING = 1e-12
+_TRIED = 1000  # draws from the priors, at which formulas are tried
+_LARGEST = 1e150  # whose square is still a number
 _FLAT = 1e-7  # relative imaginary part below which a pole is real: rounding of a double one
 
 
@@ -49,6 +51,27 @@ class Row:
     hdi_high: float
     deviation: float | None
     share: float
+
+
+def impossible(problem: Problem) -> dict[str, str]:
+    """Why a formula of the config can have no mean or sd, by name; tried at draws from the priors."""
+    if not problem.derived:
+        return {}
+    values = at(problem, problem.posterior.space.draw(_TRIED, np.random.default_rng(0)))
+    found = {}
+    for own in problem.derived:
+        x = values[own.symbol.name]
+        x = np.abs(x[np.isfinite(x)])
+        if not len(x):
+            what = f"is no number at any of {_TRIED} draws from the priors; mend the formula"
+        elif x.max() > _LARGEST:
+            what = (
+                f"reaches {x.max():.3g} where the priors allow it, too large for a mean; rescale it"
+            )
+        else:
+            continue
+        found[own.symbol.name] = f"'{own.expression.text}' {what}"
+    return found
 
 
 def derive(problem: Problem, draws: Array) -> Derived:

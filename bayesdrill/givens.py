@@ -92,8 +92,8 @@ def _check_name(name: str) -> None:
     """Whether a config may give this name to a thing of its own."""
     if not name.isidentifier() or keyword.iskeyword(name):
         raise ValueError(f"'{name}' cannot be a name; use letters, digits and `_`")
-    taken = {*symbols.PARAMETERS, *symbols.STATES, *symbols.INPUTS, *symbols.DERIVED, *RESERVED}
-    if name in taken or name.startswith("sigma_"):
+    known = (symbols.PARAMETERS, symbols.STATES, symbols.INPUTS, symbols.DERIVED)
+    if name in {*RESERVED, *symbols.AXES}.union(*known) or name.startswith("sigma_"):
         raise ValueError(f"{name} has a meaning of its own here; choose another name")
 
 

@@ -30,6 +30,16 @@ def path_of(config: records.Config, source: Source) -> Path:
     return source.path.parent / config.record.file
 
 
+def options(record: records.RecordSpec) -> CsvOptions:
+    """How a text file is written, as far as the config says so."""
+    return CsvOptions(
+        delimiter=record.delimiter,
+        decimal=record.decimal,
+        header=record.header,
+        skip_rows=record.skip_rows,
+    )
+
+
 def read(config: records.Config, source: Source) -> Experiment:
     """Raises `InputError` with the places in the config and the rows of the file."""
     return _Reader(config, source).experiment()
@@ -82,14 +92,9 @@ class _Reader:
 
     def _read_table(self) -> Table:
         record = self._config.record
-        options = CsvOptions(
-            delimiter=record.delimiter,
-            decimal=record.decimal,
-            header=record.header,
-            skip_rows=record.skip_rows,
-        )
         try:
-            return FORMATS[record.format or format_of(self._path)](self._path, options)
+            kind = record.format or format_of(self._path)
+            return FORMATS[kind](self._path, options(record))
         except InputError as error:
             label = self._label(("record", "file"))
             raise InputError([Problem(label, str(problem)) for problem in error.problems]) from None

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 
 import numpy as np
 
-from bayesdrill import beliefs, build, givens, symbols
+from bayesdrill import beliefs, build, givens, symbols, typesetting
 from bayesdrill import config as records
 from bayesdrill.consistency.collector import Collector
 from bayesdrill.formulas import CircleError, Expression
@@ -54,9 +54,13 @@ def check_relations(found: Collector, config: records.Config, model: Model) -> N
     before = len(found.problems)
     used: set[str] = set()
     for name, spec in config.quantities.items():
-        found.run(("quantities", name), givens.quantity, name, spec)
-    for name in config.derived:
+        given = found.run(("quantities", name), givens.quantity, name, spec)
+        if given is not None and getattr(spec, "latex", None) is not None:
+            found.run(("quantities", name, "latex"), typesetting.check, given.symbol)
+    for name, derived in config.derived.items():
         own = found.run(("derived", name), givens.formula, config, model, name)
+        if own is not None and derived.latex is not None:
+            found.run(("derived", name, "latex"), typesetting.check, own.symbol)
         used |= set(own.expression.names) if own else set()
     relations = {
         name: found.run(("parameters", name), givens.relation, config, model, name)

@@ -8,10 +8,12 @@ from types import MappingProxyType
 
 from bayesdrill.errors import InputError, did_you_mean
 from bayesdrill.formats import csv, matlab
+from bayesdrill.formats.csv import check_options
+from bayesdrill.formats.csv import table as text_table
 from bayesdrill.formats.dialect import CsvOptions
 from bayesdrill.formats.table import Table
 
-__all__ = ["FORMATS", "SUFFIXES", "CsvOptions", "Table", "format_of"]
+__all__ = ["FORMATS", "SUFFIXES", "CsvOptions", "Table", "check_options", "format_of", "text_table"]
 
 
 def _read_matlab(path: Path, _options: CsvOptions) -> Table:

@@ -21,8 +21,13 @@ def read(path: Path, options: CsvOptions) -> Table:
 
     Raises InputError for a file that is no table, naming lines and columns.
     """
-    _check_options(path, options)
-    lines = lines_of(path, decode(path), options.skip_rows)
+    return table(path, decode(path), options)
+
+
+def table(path: Path, text: str, options: CsvOptions) -> Table:
+    """Of a text that stands, or is to stand, in the file `path`."""
+    check_options(path, options)
+    lines = lines_of(path, text, options.skip_rows)
     dialect = dialects.find(lines.texts, options)
     lines = dialects.without_empty_tail(lines, dialect)
     header, body = _split_header(lines, dialect, options.header)
@@ -41,7 +46,8 @@ def read(path: Path, options: CsvOptions) -> Table:
     return Table(path=path, variables=columns, lines=numbers, ignored=ignored)
 
 
-def _check_options(path: Path, options: CsvOptions) -> None:
+def check_options(path: Path, options: CsvOptions) -> None:
+    """Raises InputError for marks that no table can be written with."""
     problems = []
     if options.delimiter is not None and len(options.delimiter) != 1:
         problems.append(f"delimiter {options.delimiter!r} is not one character; use , ; | or a tab")

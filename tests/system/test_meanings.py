@@ -1,0 +1,157 @@
+"""What a config means by a name, a unit, a formula: refused where it can only be meant otherwise."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+import systems
+
+W_1 = "    w_1: {column: w_1, unit: rad/s, sigma: 0.05}\n"
+
+type Change = tuple[str, str]
+
+
+def channel(name: str) -> Change:
+    """The second channel under another name."""
+    return W_1, f"    {name}: {{column: w_1, unit: rad/s, measures: w_1, sigma: 0.05}}\n"
+
+
+def derived(entry: str) -> Change:
+    return "map: {", f"derived: {{{entry}}}\nmap: {{"
+
+
+def quantity(entry: str) -> tuple[Change, Change]:
+    return ("r_m: nominal", "r_m: 0.33*q"), ("map: {", f"quantities: {{{entry}}}\nmap: {{")
+
+
+OWN = "has a meaning of its own here; choose another name"
+TURNS = "as it does not say how far one of it turns; write rad"
+REFUSED: dict[str, tuple[tuple[Change, ...], str]] = {
+    **{
+        f"channel named {name}": ((channel(name),), f"record.channels.{name}: {name} {OWN}")
+        for name in ("v", "t_1", "time", "draw", "chain")
+    },
+    **{
+        f"derived quantity named {name}": (
+            (derived(f"{name}: 2*k_s"),),
+            f"derived.{name}: {name} {OWN}",
+        )
+        for name in ("time", "draw", "chain")
+    },
+    "quantity named draw": (
+        (
+            ("r_m: nominal", "r_m: draw"),
+            ("map: {", "quantities: {draw: {value: 0.3, unit: ohm}}\nmap: {"),
+        ),
+        f"quantities.draw: draw {OWN}",
+    ),
+    "speed in Hz": ((("unit: rad/s", "unit: Hz"),), "a turn each second is revolution/s"),
+    "speed in counts": ((("unit: rad/s", "unit: count/s"),), TURNS),
+    "angle in counts": ((("unit: rad,", "unit: counts,"),), TURNS),
+    "angle in bits": ((("unit: rad,", "unit: bit,"),), TURNS),
+    "angle without a unit": ((("unit: rad,", "unit: '',"),), TURNS),
+    "angle in per cent": ((("unit: rad,", "unit: percent,"),), TURNS),
+    "temperature from another zero": (
+        quantity("q: {value: 20, unit: degC}"),
+        "quantities.q: unit 'degC' does not begin at zero",
+    ),
+    "latex that is none": (
+        (derived(r"a: {formula: 2*k_s, latex: '\frac'}"),),
+        r"derived.a.latex: figures cannot write '\frac' (Expected \frac{num}{den}",
+    ),
+    "latex of a quantity": (
+        quantity("q: {prior: uniform, low: 0.5, high: 1.5, unit: '1', latex: 'x_{'}"),
+        "quantities.q.latex: figures cannot write 'x_{'",
+    ),
+    "latex of two lines": (
+        (derived(r'a: {formula: 2*k_s, latex: "x\ny"}'),),
+        "a character that cannot be printed",
+    ),
+    "formula too large for its square": (
+        (derived("a: 1e300*k_s/k_e"),),
+        "derived.a: '1e+300 * k_s / k_e' reaches",
+    ),
+    "formula that overflows": ((derived("a: exp(1e5*k_e)"),), "is no number at any of 1000 draws"),
+    "formula of a power too large": ((derived("a: (10*k_e)**-(2**70)"),), "is no number"),
+    "logarithm of zero": ((derived("a: log(0*k_s)"),), "is no number at any of 1000 draws"),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_what_cannot_be_meant_is_refused_before_anything_runs(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    changes, says = REFUSED[name]
+    systems.small(tmp_path, *changes)
+    monkeypatch.chdir(tmp_path)
+    ran = systems.cli("check", "small.yaml")
+    assert ran.status == 2
+    (line,) = ran.err.splitlines()
+    assert line.startswith("small.yaml:")
+    assert says in line
+
+
+@pytest.mark.parametrize(
+    "unit", ["rpm", "deg/s", "revolution/s", "turn/min", "mrad/s", "cycle/hour", "degree/ms"]
+)
+def test_units_that_say_how_far_they_turn_are_read(unit: str, tmp_path: Path) -> None:
+    config = systems.small(tmp_path, ("unit: rad/s", f"unit: {unit}"))
+    assert systems.cli("check", config).status == 0
+
+
+FORMS = {
+    "semicolons": "delimiter: ';'",
+    "decimal comma": "decimal: ','",
+    "bars and decimal comma": "delimiter: '|'\n  decimal: ','",
+    "white space": "delimiter: ' '\n  header: true",
+    "tabs": 'delimiter: "\\t"',
+    "skipped rows": "skip_rows: 3",
+}
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_a_simulated_record_is_written_as_its_config_reads_it(form: str, tmp_path: Path) -> None:
+    config = systems.small(tmp_path, ("  file: small.csv", f"  file: other.txt\n  {FORMS[form]}"))
+    made = systems.cli("simulate", config)
+    assert made.status == 0, made.err
+    assert made.out.endswith("101 samples\n")
+    read = systems.cli("check", config)
+    assert read.status == 0, read.err
+    assert "101 samples of theta_1, w_1 over 5 s" in read.out
+
+
+UNREADABLE: dict[str, tuple[Change, str]] = {
+    "mat": (("file: small.csv", "file: other.mat"), "record.file: a simulated record is text"),
+    "ending": (("file: small.csv", "file: other.foo"), "the ending '.foo' is unknown"),
+    "no header": (
+        ("file: small.csv", "file: other.csv\n  header: false"),
+        "record.header: a simulated record has a header",
+    ),
+    "impossible delimiter": (
+        ("file: small.csv", "file: other.csv\n  delimiter: ab"),
+        "delimiter 'ab' is not one character",
+    ),
+    "name that is a number": (("column: t,", "column: nan,"), "mixes numbers and text"),
+    "name of a comment": (("column: t,", "column: '%',"), "no column '%'"),
+    "name twice": (("column: t,", "column: w_1,"), "stands 2 times in the header"),
+}
+
+
+@pytest.mark.parametrize("name", UNREADABLE)
+def test_a_record_that_its_config_could_not_read_is_not_written(name: str, tmp_path: Path) -> None:
+    change, says = UNREADABLE[name]
+    config = systems.small(tmp_path, change)
+    before = systems.listing(tmp_path)
+    ran = systems.cli("simulate", config, "--force")
+    assert ran.status == 2
+    assert says in ran.err
+    assert systems.listing(tmp_path) == before
+
+
+def test_a_target_that_the_config_could_not_read_is_not_written(tmp_path: Path) -> None:
+    config = systems.small(tmp_path)
+    ran = systems.cli("simulate", config, "--output", tmp_path / "other.mat")
+    assert ran.status == 2
+    assert "name a .csv file" in ran.err
+    assert not (tmp_path / "other.mat").exists()
