@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from bayesdrill import __version__
-from bayesdrill.guard import NOT_CONVERGED, guarded, saved_in
+from bayesdrill.guard import INPUT_WRONG, NOT_CONVERGED, guarded, saved_in
 
 if TYPE_CHECKING:
     from bayesdrill.calibrate import Outcome as Calibrated
@@ -287,8 +287,15 @@ def _finish(outcome: Outcome) -> None:
 
     typer.echo("\n\n".join((words.convergence(outcome.sampled), *outcome.shown)))
     typer.echo(f"results: {outcome.folder}/ (summary.md, figures/, posterior.nc, chain.h5)")
+    for what in outcome.missing:
+        typer.echo(f"could not be made: {what}", err=True)
+    if outcome.missing:
+        again = f"`bayesdrill report {outcome.folder}`"
+        typer.echo(f"all else is written; once this is mended, {again} makes it", err=True)
     if outcome.reasons:
         raise typer.Exit(NOT_CONVERGED)
+    if outcome.missing:
+        raise typer.Exit(INPUT_WRONG)
 
 
 def main() -> None:

@@ -49,6 +49,7 @@ class Outcome:
     """`shown`: table and verdict for the terminal, in paragraphs.
 
     `reasons`: why the result must not be believed: it did not converge, or does not fit.
+    `missing`: tables and figures that could not be made.
     """
 
     folder: Path
@@ -58,6 +59,7 @@ class Outcome:
     verdict: Verdict | None
     shown: tuple[str, ...]
     reasons: tuple[str, ...]
+    missing: tuple[str, ...]
     seconds: Mapping[str, float]
 
 
@@ -229,7 +231,9 @@ def _publish(
     left = residuals.left(job.problem.posterior.likelihood, vector)
     fits = residuals.like_noise(left)
     judged = verdict.judgement(job.problem, job.config, scenery, vector, draws, rows, fits=fits)
-    publish.everything(job.problem, found, left, sampled, rows, judged, job.config, folder, crew)
+    missing = publish.everything(
+        job.problem, found, left, sampled, rows, judged, job.config, folder, crew
+    )
     if seconds:
         seconds["report"] = time.perf_counter() - begun
         folder.write_run(seconds={name: round(value, 3) for name, value in seconds.items()})
@@ -238,6 +242,7 @@ def _publish(
         converged=c.converged,
         reasons=[*c.reasons, *residual_words.reasons(left)],
         notes=tables.notes(rows),
+        missing=missing,
         fit=residual_words.as_data(left),
         verdict=None
         if judged is None
@@ -271,6 +276,7 @@ def _publish(
         verdict=None if judged is None else judged.verdict,
         shown=tuple(shown),
         reasons=(*c.reasons, *doubts),
+        missing=missing,
         seconds=seconds,
     )
 
