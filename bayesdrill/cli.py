@@ -57,10 +57,11 @@ def check(config: ConfigPath) -> None:
         from bayesdrill.identifiability.scenes import Scenery
         from bayesdrill.identify import preflight
         from bayesdrill.job import prepare
-        from bayesdrill.report import words
+        from bayesdrill.report import record_words, words
 
         job = prepare(config)
         typer.echo(words.opening(job.problem))
+        typer.echo(record_words.columns(job.problem, job.config))
         typer.echo(words.preview(job.problem, job.config))
         typer.echo(preflight(job, Scenery(job.problem.posterior.likelihood)))
 

@@ -97,8 +97,9 @@ def with_products(
         factors = [(known[n], e) for n, e in zip(names, powers, strict=True) if e]
         if len(factors) < 2:  # an unknown by itself has its own row already
             continue
-        above, below = ("_".join(n.name for n, e in factors if s * e > 0) for s in (1, -1))
-        name = f"{above or 'one'}_over_{below}" if below else above
+        name = _product_name({n.name: e for n, e in factors})
+        if name in nominal:  # of the config's own
+            name += "_"
         described_.append(
             Symbol(
                 name=name,
@@ -115,6 +116,18 @@ def with_products(
     return Derived(
         symbols=tuple(described_), values=np.concatenate(columns, axis=-1), nominal=nominal
     )
+
+
+def _product_name(exponents: Mapping[str, int]) -> str:
+    """A name that files and Python know: `r_m_t_f_squared_over_k_s`."""
+    powers = {1: "", 2: "_squared", 3: "_cubed"}
+    above, below = (
+        "_".join(
+            name + powers.get(s * e, f"_to_{s * e}") for name, e in exponents.items() if s * e > 0
+        )
+        for s in (1, -1)
+    )
+    return f"{above or 'one'}_over_{below}" if below else above
 
 
 def described(problem: Problem) -> tuple[Symbol, ...]:

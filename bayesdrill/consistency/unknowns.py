@@ -19,7 +19,14 @@ _TRIED = 4096  # draws from the priors, at which formulas are tried
 
 
 def check_model(found: Collector, config: records.Config, model: Model) -> None:
-    """Constants of another model would be given in vain."""
+    """Constants of another model would be given in vain; a gear that speeds up is one upside down."""
+    i_m = config.model.i_m
+    if i_m > 1:
+        found.add(
+            ("model", "i_m"),
+            f"{i_m:g} would make the shaft turn {i_m:g} times as fast as the motor; is a reduction of "
+            f"{i_m:g}:1 meant? Then write {1 / i_m:.6g}",
+        )
     for name, value in config.model:
         having = [other for other, kind in MODELS.items() if name in (*constants(kind), "name")]
         if value is not None and model.name not in having:
