@@ -30,12 +30,14 @@ from bayesdrill.job import assemble as assemble
 from bayesdrill.job import prepare as prepare
 from bayesdrill.learning import Nowhere
 from bayesdrill.mode import Mode, Other, Search
+from bayesdrill.opening import opened
 from bayesdrill.optimisers.contract import Optimiser
 from bayesdrill.progress import Reporter
 from bayesdrill.report import publish, residual_words, tables, verdict_words, words
+from bayesdrill.residuals import Left
 from bayesdrill.sampling import Plan, Sampled, loaded, sample, stored
 from bayesdrill.store import Folder
-from bayesdrill.verdict import Verdict
+from bayesdrill.verdict import Judgement, Verdict
 
 Array = NDArray[np.float64]
 
@@ -213,6 +215,26 @@ def _read_mode(path: Path) -> Mode:
         raise InputError.one(str(path), "cannot be read; start over with --force") from None
 
 
+def conclude(
+    job: Job, found: Mode, sampled: Sampled, scenery: Scenery
+) -> tuple[tuple[Row, ...], tuple[Left, ...], Judgement | None]:
+    """Of each unknown, of each channel, and of the nominal table."""
+    problem, c = job.problem, sampled.convergence
+    target = problem.posterior
+    rows = summarise(problem, sampled.draws, found, c)
+    tops = mode.tops(target, found)
+    draws = sampled.draws.reshape(-1, tops.shape[1])
+    left = residuals.left(target.likelihood, tops[0])
+    fits = residuals.like_noise(left)
+    beyond = None
+    if c.converged:
+        beyond = opened(target, problem.nominal, draws, tops, plan(job.config))
+    judged = verdict.judgement(
+        problem, job.config, scenery, tops[0], draws, rows, beyond, fits=fits
+    )
+    return rows, left, judged
+
+
 def _publish(
     job: Job,
     folder: Folder,
@@ -225,12 +247,7 @@ def _publish(
     begun = time.perf_counter()
     c = sampled.convergence
     table = job.config.nominal.table  # type: ignore[attr-defined]
-    rows = summarise(job.problem, sampled.draws, found, c)
-    vector = job.problem.posterior.space.vector(found.values)
-    draws = sampled.draws.reshape(-1, len(vector))
-    left = residuals.left(job.problem.posterior.likelihood, vector)
-    fits = residuals.like_noise(left)
-    judged = verdict.judgement(job.problem, job.config, scenery, vector, draws, rows, fits=fits)
+    rows, left, judged = conclude(job, found, sampled, scenery)
     missing = publish.everything(
         job.problem, found, left, sampled, rows, judged, job.config, folder, crew
     )

@@ -23,6 +23,7 @@ from bayesdrill.identifiability.information import Information
 from bayesdrill.identifiability.scenes import Scenery
 from bayesdrill.identifiability.structure import Exponents
 from bayesdrill.identifiability.study import Study, Thresholds, study_of
+from bayesdrill.opening import Opened
 from bayesdrill.tension import bits_gained, joint_tension, tension
 
 Array = NDArray[np.float64]
@@ -64,7 +65,8 @@ class Verdict:
     """`limit`: sigmas from which a quantity disagrees.  `joint`: sigmas between posterior and table
     over the determined products together, None if there are not two.  `fits`: the fit leaves nothing
     but noise; where it does not, what would disagree is *in doubt*: it counts on the model, against
-    which the fit is evidence.
+    which the fit is evidence.  `opened`: unknowns whose priors end so near to their nominal values
+    that tensions are counted with these ends opened.
     """
 
     names: tuple[str, ...]
@@ -73,6 +75,7 @@ class Verdict:
     limit: float
     joint: float | None
     fits: bool = True
+    opened: tuple[str, ...] = ()
 
     def saying(self, says: Says) -> tuple[Quantity, ...]:
         """Parameters and products, each once."""
@@ -109,12 +112,13 @@ def judgement(
     mode: Array,
     draws: Array,
     rows: Sequence[Row],
+    beyond: Opened | None,
     *,
     fits: bool,
 ) -> Judgement | None:
     """From the MAP `(D,)` and draws `(N, D)`; None where no unknown has a nominal value.
 
-    `fits`: see `Verdict`.
+    `beyond`: what is seen where priors end too near to nominal values; `fits`: see `Verdict`.
     """
     posterior, own = problem.posterior, config.identify
     if not any(name in problem.nominal for name in scenery.unknowns):
@@ -131,6 +135,7 @@ def judgement(
         tolerances(config),
         [row.name for row in rows if row.pressed_against is not None],
         Thresholds(determined=own.determined, left_to_prior=own.left_to_prior),
+        beyond,
         fits=fits,
     )
     findings = physics.of_draws(problem, draws, found.information)
@@ -154,23 +159,30 @@ def judge(
     tolerance: Mapping[str, float],
     pressed: Collection[str],
     thresholds: Thresholds,
+    beyond: Opened | None = None,
     *,
     fits: bool = True,
 ) -> Verdict:
     """From nearly independent physical draws `(N, m)` of `study.names`, and of their prior.
 
     Quantities with an unknown that has no nominal value are left out; `pressed` names unknowns whose
-    draws crowd at an end of their prior.
+    draws crowd at an end of their prior.  Tensions are counted in the draws of `beyond`.
     """
+    m, free = len(study.names), beyond is None or beyond.draws is not None
+    names = () if beyond is None else beyond.names
+    crowd = {*pressed} if beyond is None else {*pressed} - {*names} | {*beyond.pressed}
+    seen = draws if beyond is None or beyond.draws is None else beyond.draws[:, :m]
     table = np.array([math.log(nominal.get(name, math.nan)) for name in study.names])
     scene = _Scene(
         study=study,
         known=study.information,
         logs=np.log(draws) - table,
+        seen=np.log(seen) - table,
         prior_logs=np.log(prior_draws) - table,
         table=table,
         ends=np.array([_ends(tolerance.get(name, 0.0)) for name in study.names]),
-        pressed=np.array([name in pressed for name in study.names]),
+        pressed=np.array([name in crowd for name in study.names]),
+        unseen=np.array([not free and name in names for name in study.names]),
         thresholds=thresholds,
         fits=fits,
     )
@@ -185,8 +197,9 @@ def judge(
         parameters=tuple(found[e] for e in units if e in found),
         products=tuple(found[e] for e in products),
         limit=limit,
-        joint=scene.joint([e for e in products if shown[e]]),
+        joint=scene.joint([e for e in products if shown[e] and not scene.hides(e)]),
         fits=fits,
+        opened=names,
     )
 
 
@@ -207,15 +220,20 @@ def sigma_limit(n: int) -> float:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Scene:
-    """`logs`, `prior_logs`: of the draws over the nominal values; `ends (m, 2)` of the tolerance."""
+    """`logs`, `prior_logs`: of the draws over the nominal values; `ends (m, 2)` of the tolerance.
+
+    `seen`: as `logs`, but beyond ends that are in the way; of those `unseen` it shows nothing.
+    """
 
     study: Study
     known: Information
     logs: Array
+    seen: Array
     prior_logs: Array
     table: Array
     ends: Array
     pressed: NDArray[np.bool_]
+    unseen: NDArray[np.bool_]
     thresholds: Thresholds
     fits: bool
 
@@ -235,12 +253,13 @@ class _Scene:
         logs = _combined(self.logs, exponents)
         nominal = math.exp(_combined(self.table, exponents))
         low, high = self._tolerance(exponents)
-        far = tension(logs, low, high)
+        far = tension(_combined(self.seen, exponents), low, high)
         x = nominal * np.exp(logs)
         near, distant = hdi(x)
         mean = float(x.mean())
         alone = np.count_nonzero(exponents) == 1
         crowded = alone and bool(self.pressed[np.flatnonzero(exponents)[0]])
+        crowded |= self.hides(exponents)
         return Quantity(
             exponents=exponents,
             nominal=nominal,
@@ -264,8 +283,12 @@ class _Scene:
         powers = np.array(products, dtype=float)
         used = np.any(powers != 0, axis=0)
         ends = np.where(used[:, None], self.ends, 0.0)
-        logs = np.where(used, self.logs, 0.0) @ powers.T
+        logs = np.where(used, self.seen, 0.0) @ powers.T
         return joint_tension(logs, powers, ends)
+
+    def hides(self, exponents: Exponents) -> bool:
+        """Whether an end of a prior is in the way that could not be opened."""
+        return bool(self.unseen[np.flatnonzero(exponents)].any())
 
     def _blind(self, exponents: Exponents) -> bool:
         return not math.isfinite(self.known.bound(np.array(exponents, dtype=float)))

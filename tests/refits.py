@@ -1,82 +1,105 @@
-"""Whole posteriors of simulated records, as `bayesdrill posterior` finds them, without the files."""
+"""Whole posteriors of simulated records and their verdicts, as `bayesdrill posterior` finds them."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import multiprocessing
+from collections.abc import Iterable
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from scipy.signal import lfilter
+from threadpoolctl import threadpool_limits
 
-from bayesdrill import job, loading, mode, pipeline, sampling, seeds, simulation
-from bayesdrill.config import Config
-from bayesdrill.crew import Crew
+from bayesdrill import calibrate, job, pipeline, seeds
+from bayesdrill.calibration.refit import fitted
 from bayesdrill.identifiability.scenes import Scenery
-from bayesdrill.identifiability.study import Study, Thresholds, study_of
 from bayesdrill.job import Job
-from bayesdrill.posterior import Posterior
-from bayesdrill.progress import Silent
-from bayesdrill.shelf import Memory
-from bayesdrill.verdict import PRIOR_DRAWS, Verdict, judge
+from bayesdrill.report import residual_words
+from bayesdrill.verdict import Verdict
+from benchmarks.zoo import entries as e
+from benchmarks.zoo import folder
+from benchmarks.zoo.makers import Driven
+from benchmarks.zoo.row import Entry, Row
+from benchmarks.zoo.signals import RandomSteps
 
-CONFIG = Path(__file__).parents[1] / "configs" / "nominal_step.yaml"
-
-
-def simulated(
-    folder: Path, held: tuple[str, ...], truth: Mapping[str, float] | None = None, seed: int = 11
-) -> Job:
-    """The bundled config with parameters `held`, and a record of a rig whose values are `truth`."""
-    config, source = loading.load(CONFIG)
-    entries = config.model_dump(exclude_unset=True, exclude_none=True)
-    for name in held:
-        entries["parameters"][name] = "nominal"
-    entries["simulation"] = {**entries.get("simulation", {}), **(truth or {})}
-    changed = Config.model_validate(entries)
-    record = folder / "record.csv"
-    record.write_text(simulation.simulate(changed, source, seed))
-    entries["record"]["file"] = str(record)
-    return job.assemble(Config.model_validate(entries), source)
+SIGMA = 0.1
+VOLTAGE = RandomSteps(6.0, 0.4, seed=5)
+TARGETS = {"n_tau": 50, "ess": 1000, "max_steps": 5000}
 
 
 @dataclass(frozen=True)
-class Judge:
-    """What is the same for all records of one job."""
+class Trial:
+    """Records of `clean (T, K)` with noise whose neighbours are correlated by `memory`."""
 
     job: Job
-    study: Study
-    prior_draws: np.ndarray
+    clean: np.ndarray
+    memory: float = 0.0
 
-    def verdict(self, posterior: Posterior, seed: int) -> tuple[Verdict, bool]:
-        """The verdict on a posterior, and whether its ensembles converged."""
-        plan = replace(pipeline.plan(self.job.config), seed=seed)
-        space = posterior.space
-        optimiser, evaluations = mode.roughly(len(space.free), 8000)
-        search = mode.search(posterior, optimiser, evaluations, space.vector(space.start))
-        scouted = mode.scouts(posterior, space.draw(mode.SCOUTS, seeds.stream(seed, "scout")))
-        found = mode.summarise(posterior, (search,), scouted)
-        tops = mode.tops(posterior, found)
-        with Crew(posterior, 1) as crew:
-            sampled = sampling.sample(crew, posterior, tops, plan, Memory(), Silent())
-        draws = sampled.draws.reshape(-1, len(space.free))
-        nominal = self.job.problem.nominal
-        verdict = judge(self.study, draws, self.prior_draws, nominal, {}, (), Thresholds())
-        return verdict, sampled.convergence.converged
-
-
-def make_judge(built: Job) -> Judge:
-    posterior = built.problem.posterior
-    start = posterior.space.vector(posterior.space.start)
-    study = study_of(Scenery(posterior.likelihood), posterior, start, built.config)
-    return Judge(built, study, posterior.space.draw(PRIOR_DRAWS, seeds.stream(1, "prior")))
+    def concluded(self, seed: int) -> tuple[Verdict, list[str]]:
+        """The verdict on record `seed`, and why it must not be believed, if so."""
+        noise = seeds.stream(seed, "record").standard_normal(self.clean.shape)
+        shaped = lfilter([np.sqrt(1.0 - self.memory**2)], [1.0, -self.memory], noise, axis=0)
+        likelihood = self.job.problem.posterior.likelihood
+        response = likelihood.response.with_record(self.clean + SIGMA * shaped)
+        posterior = replace(
+            self.job.problem.posterior, likelihood=replace(likelihood, response=response)
+        )
+        own = replace(self.job, problem=replace(self.job.problem, posterior=posterior))
+        found, sampled = fitted(calibrate.study(own), posterior, seed)
+        _, left, judged = pipeline.conclude(own, found, sampled, Scenery(posterior.likelihood))
+        assert judged is not None
+        return judged.verdict, [*sampled.convergence.reasons, *residual_words.reasons(left)]
 
 
-def false_alarm(made: Judge, seed: int) -> tuple[bool, bool]:
-    """Of one nominal record: whether anything disagrees with the table, and convergence."""
-    posterior = made.job.problem.posterior
-    likelihood = posterior.likelihood
-    nominal = posterior.space.vector(made.job.problem.nominal)
-    clean = likelihood.signals(nominal[None])
-    y = likelihood.noise.draw(clean, np.empty((1, 0)), seeds.stream(seed, "record"))[0]
-    fresh = replace(likelihood, response=likelihood.response.with_record(y))
-    verdict, converged = made.verdict(replace(posterior, likelihood=fresh), seed)
-    return not verdict.agrees, converged
+@dataclass(frozen=True)
+class Outcome:
+    """What a user reads: `disagrees` together with status 0, and whether the fit leaves only noise."""
+
+    disagrees: bool
+    fits: bool
+    believed: bool
+
+
+def outcome(trial: Trial, seed: int) -> Outcome:
+    verdict, reasons = trial.concluded(seed)
+    disagrees = not verdict.agrees and verdict.fits and not reasons
+    return Outcome(disagrees, verdict.fits, not reasons)
+
+
+def outcomes(trial: Trial, records: Iterable[int]) -> list[Outcome]:
+    """Of many records, in two processes."""
+    wanted = list(records)
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(2, context, initializer=threadpool_limits, initargs=(1,)) as pool:
+        return list(pool.map(outcome, [trial] * len(wanted), wanted, chunksize=5))
+
+
+def row(parameters: Entry, *channels: str, name: str = "trial") -> Row:
+    """301 samples of the paper's rig, nearly without dry friction, under random steps of 6 V."""
+    config = e.experiment(
+        e.reversing(),
+        e.states(SIGMA, *channels),
+        parameters,
+        v=e.measured("v"),
+        sampler={"walkers": 32},
+        calibration=TARGETS,
+    )
+    return Row(
+        name=name,
+        shows=name,
+        config=config,
+        made=Driven(duration=6, rate=50, series={"v": VOLTAGE}),
+    )
+
+
+def built(tmp_path: Path, one: Row) -> Job:
+    return job.prepare(folder.write(one, tmp_path)[0])
+
+
+def truly(made: Job, **off: float) -> np.ndarray:
+    """Signals `(T, K)` of the rig of a job at its nominal values, but for those that are `off`."""
+    posterior = made.problem.posterior
+    values = {**made.problem.nominal, **off}
+    return posterior.likelihood.signals(posterior.space.vector(values)[None])[0]

@@ -93,7 +93,7 @@ def refit(study: Study, index: int) -> Refit:
         seconds=0.0,
     )
     try:
-        sampled = _sampled(study, posterior, seed)
+        _, sampled = fitted(study, posterior, seed)
     except ValueError as error:  # numbers fail far from any reasonable record
         found = dataclasses.replace(found, reasons=(f"nothing could be sampled: {error}",))
     else:
@@ -125,7 +125,7 @@ def _simulated(posterior: Posterior, rng: np.random.Generator) -> tuple[Array, P
     return theta[0], dataclasses.replace(posterior, likelihood=made)
 
 
-def _sampled(study: Study, posterior: Posterior, seed: int) -> Sampled:
+def fitted(study: Study, posterior: Posterior, seed: int) -> tuple[mode.Mode, Sampled]:
     """From all maxima that are found, as a posterior of its own is."""
     draws = posterior.space.draw(mode.SCOUTS, seeds.stream(seed, "scout"))
     scouted = mode.scouts(posterior, draws)
@@ -133,7 +133,7 @@ def _sampled(study: Study, posterior: Posterior, seed: int) -> Sampled:
     tops = mode.tops(posterior, found)
     plan = dataclasses.replace(study.plan, seed=seed)
     with Crew(posterior, 1) as crew:
-        return sample(crew, posterior, tops, plan, Memory(), Silent())
+        return found, sample(crew, posterior, tops, plan, Memory(), Silent())
 
 
 def _best(study: Study, posterior: Posterior, seed: int) -> mode.Search:

@@ -37,7 +37,7 @@ def sentences(found: Verdict, table: str, *, converged: bool = True) -> str:
     if not converged:
         return NONE
     whole = [_whole(found, table), *([] if found.fits else [_doubt()])]
-    return "\n".join([*whole, *_not_determined(found), *_pressed(found)])
+    return "\n".join([*whole, *_opened(found), *_not_determined(found), *_pressed(found)])
 
 
 def rule(found: Verdict) -> str:
@@ -88,6 +88,15 @@ def _doubt() -> str:
         "IN DOUBT: the verdict holds only if the model does, and the fit, which leaves more than noise, "
         "is evidence against the model"
     )
+
+
+def _opened(found: Verdict) -> list[str]:
+    if not found.opened:
+        return []
+    return [
+        f"sigmas are counted with the priors of {', '.join(found.opened)} opened where they end, too "
+        "near to the nominal values: no draw could lie beyond"
+    ]
 
 
 def _not_determined(found: Verdict) -> list[str]:
@@ -154,6 +163,7 @@ def as_data(found: Verdict, table: str, *, converged: bool = True) -> dict[str, 
         "sentence": _whole(found, table) if converged else NONE,
         "joint_sigma": None if found.joint is None else round(found.joint, 3),
         "limit_sigma": round(found.limit, 3),
+        "opened": list(found.opened),
         "quantities": {
             names[q.exponents]: {"says": q.says, "sigma": round(q.tension, 3)} for q in rows(found)
         },

@@ -28,7 +28,7 @@ FLOORS = [
     {"consistency", "recording"},
     {"loading", "sampling", "diagnostics", "physics", "tension"},
     {"derived"},
-    {"job"},
+    {"job", "opening"},
     {"writing"},
     {"simulation", "tree", "provenance", "verdict"},
     {"calibration", "reproduction"},

@@ -1,49 +1,110 @@
-"""Verdicts on simulated records whose truth is known: seven unknowns, `j_1` and `r_m` held."""
+"""Verdicts on simulated records whose truth is known: false alarms, and models that are wrong."""
 
 from __future__ import annotations
 
-import multiprocessing
-from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
+import numpy as np
 import pytest
 import refits
-from threadpoolctl import threadpool_limits
+from refits import Trial
 
-HELD = ("j_1", "r_m")
+from bayesdrill import build, simulation
+from benchmarks.zoo import entries as e
+from benchmarks.zoo.friction import DryFriction
+from benchmarks.zoo.texts import changed
+
 RECORDS = 200
 MOST_ALARMS = 7  # of 200 at a rate of 1 %: more have a probability of 1 in 1000
+MISFITS = 100
+HELD = {"j_1": "nominal", "r_m": "nominal"}
+SEVEN = e.parameters(e.box(), **HELD)
+BEGINS, ENDS = e.box(1.0, 1.5), e.box(0.5, 1.0)
 
 
 @pytest.mark.slow
 def test_two_parameters_that_are_off_disagree_and_no_others(tmp_path: Path) -> None:
-    job = refits.simulated(tmp_path, HELD)
+    job = refits.built(tmp_path, refits.row(SEVEN))
     off = {name: 1.2 * job.problem.nominal[name] for name in ("k_s", "j_m")}
-    job = refits.simulated(tmp_path, HELD, off)
-    judge = refits.make_judge(job)
-    verdict, converged = judge.verdict(job.problem.posterior, 3)
-    assert converged
-    says = {
-        verdict.names[q.exponents.index(1)]: q.says
+    verdict, reasons = Trial(job, refits.truly(job, **off)).concluded(3)
+    assert not reasons
+    found = {
+        verdict.names[q.exponents.index(1)]: q
         for q in verdict.parameters
         if sum(map(abs, q.exponents)) == 1
     }
-    assert says["k_s"] == says["j_m"] == "disagrees"
-    assert says["c_m"] == says["t_f"] == "not determined"
-    assert {says[name] for name in ("k_e", "k_T", "l_m")} == {"agrees"}
-    found = {verdict.names[q.exponents.index(1)]: q for q in verdict.parameters}
-    assert found["k_s"].mean == pytest.approx(off["k_s"], rel=1e-3)
+    assert found["k_s"].says == found["j_m"].says == "disagrees"
+    assert found["k_s"].mean == pytest.approx(off["k_s"], rel=1e-2)
     assert found["j_m"].mean == pytest.approx(off["j_m"], rel=0.05)
+    others = {q.says for name, q in found.items() if name not in off}
+    assert others <= {"agrees", "not determined"}
 
 
 @pytest.mark.slow
-def test_nominal_records_rarely_disagree(tmp_path: Path) -> None:
-    """At most 1 % of them, as the verdict says; mutant killed: a limit of 1.96 sigma."""
-    judge = refits.make_judge(refits.simulated(tmp_path, HELD))
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(2, context, initializer=threadpool_limits, initargs=(1,)) as pool:
-        outcomes = list(
-            pool.map(refits.false_alarm, [judge] * RECORDS, range(RECORDS), chunksize=10)
-        )
-    assert all(converged for _, converged in outcomes)
-    assert sum(alarm for alarm, _ in outcomes) <= MOST_ALARMS
+@pytest.mark.parametrize(
+    "parameters",
+    [
+        SEVEN,
+        e.parameters("nominal", k_s=BEGINS),
+        e.parameters("nominal", k_s=BEGINS, k_e=ENDS),
+        e.parameters("nominal", k_s=BEGINS, k_e=ENDS, j_m=BEGINS, c_m=ENDS, r_m=e.box()),
+        e.parameters(BEGINS),
+    ],
+    ids=["seven, around nominal", "one", "two", "five", "nine"],
+)
+def test_nominal_records_rarely_disagree(tmp_path: Path, parameters: e.Entry) -> None:
+    """At most 1 % of them, as the verdict says, wherever the priors end.
+
+    Mutants killed: a limit of 1.96 sigma; ends of priors at nominal values are left as they are.
+    """
+    job = refits.built(tmp_path, refits.row(parameters))
+    found = refits.outcomes(Trial(job, refits.truly(job)), range(RECORDS))
+    assert sum(one.disagrees for one in found) <= MOST_ALARMS
+    assert sum(one.believed for one in found) >= 0.95 * RECORDS
+    assert sum(one.fits for one in found) >= 0.95 * RECORDS
+
+
+def late(clean: np.ndarray) -> np.ndarray:
+    """Speeds a sample behind."""
+    seen = clean.copy()
+    seen[1:, 2:] = clean[:-1, 2:]
+    return seen
+
+
+def amplified(clean: np.ndarray) -> np.ndarray:
+    return clean * np.array([1.0, 1.0, 1.05, 1.0])
+
+
+def rubbed(job: refits.Job) -> np.ndarray:
+    config, experiment = job.config, job.problem.experiment
+    rig = build.model(config)
+    friction = DryFriction(motor=0.01, sliding=0.05, sticking=0.08)
+    x = friction.states(1 / 8, simulation.truth(config, rig), experiment.t, experiment.series["v"])
+    return x[:, :4]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("wrong", ["lag", "gain", "friction", "gear", "correlated noise"])
+def test_a_wrong_model_does_not_blame_the_table(tmp_path: Path, wrong: str) -> None:
+    """The nominal table is the truth, and something else is wrong: where the fit shows it, the table
+    is in doubt at most.  Mutant killed: a verdict that does not ask whether the rig fits.
+    """
+    one = refits.row(SEVEN)
+    job = refits.built(tmp_path, one)
+    clean, memory = refits.truly(job), 0.0
+    if wrong == "lag":
+        clean = late(clean)
+    elif wrong == "gain":
+        clean = amplified(clean)
+    elif wrong == "friction":
+        clean = rubbed(job)
+    elif wrong == "gear":
+        other = changed(one.config, {"model.i_m": 1 / 7.5})
+        clean = refits.truly(refits.built(tmp_path / "other", refits.replace(one, config=other)))
+    else:
+        memory = 0.6
+    found = refits.outcomes(Trial(job, clean, memory), range(MISFITS))
+    shown = sum(not one.fits or not one.believed for one in found)
+    blamed = sum(one.disagrees for one in found)
+    print(f"{wrong}: fit shows it in {shown}, table blamed in {blamed} of {MISFITS}")
+    assert blamed <= 0.01 * MISFITS
