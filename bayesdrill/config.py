@@ -113,9 +113,7 @@ class ModelSpec(Strict):
     """A rig and its constants; each model has some of them, with its own defaults."""
 
     name: str = "motor_shaft"
-    i_m: Positive = Field(
-        0.125, description="Gear reduction factor, at most 1 (8:1 is 0.125)."
-    )
+    i_m: Positive = Field(0.125, description="Gear reduction factor, at most 1 (8:1 is 0.125).")
     j_2: NonNegative | None = Field(
         None, description="two_rotors: inertia at the output of the gearbox [kg m^2]; default 0."
     )

@@ -38,6 +38,7 @@ from bayesdrill.residuals import Left
 from bayesdrill.sampling import Plan, Sampled, loaded, sample, stored
 from bayesdrill.store import Folder
 from bayesdrill.verdict import Judgement, Verdict
+from bayesdrill.wording import reconciled
 
 Array = NDArray[np.float64]
 
@@ -232,7 +233,7 @@ def conclude(
     judged = verdict.judgement(
         problem, job.config, scenery, tops[0], draws, rows, beyond, fits=fits
     )
-    return rows, left, judged
+    return rows if judged is None else reconciled(rows, judged.verdict), left, judged
 
 
 def _publish(

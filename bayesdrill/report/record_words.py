@@ -18,18 +18,18 @@ HEADERS = ("", "measures", "column", "unit", "first", "from", "to")
 def columns(problem: Problem, config: Config) -> str:
     """Time, channels and measured inputs, in the units of their columns."""
     experiment = problem.experiment
-    lines = [HEADERS]
+    lines: list[tuple[str, ...]] = [HEADERS]
     time = config.record.time
     if isinstance(time, TimeColumn):
         lines.append(_line("time", "time", time, experiment.t / units.factor(time.unit, "s")))
     measured = build.channels(config, problem.posterior.likelihood.response.model)
     for entry, values in zip(measured, experiment.y.T, strict=True):
         name = entry.channel.name
-        spec = config.record.channels[name]
-        lines.append(_line(name, spec.measures or name, spec, values / entry.factor))
-    for name, spec in build.measured_inputs(config).items():
-        factor = units.factor(spec.unit, symbols.INPUTS[name].unit)
-        lines.append(_line(name, "input", spec, experiment.series[name] / factor))
+        channel = config.record.channels[name]
+        lines.append(_line(name, channel.measures or name, channel, values / entry.factor))
+    for name, given in build.measured_inputs(config).items():
+        factor = units.factor(given.unit, symbols.INPUTS[name].unit)
+        lines.append(_line(name, "input", given, experiment.series[name] / factor))
     step, first = experiment.dt, experiment.t[0]
     sampling = f"a sample every {step:.6g} s ({1 / step:.6g} Hz), the first at {first:.6g} s"
     return f"columns ({sampling}):\n{aligned(lines, left={0, 1, 2, 3})}"

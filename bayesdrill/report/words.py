@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from bayesdrill import physics
 from bayesdrill.build import Problem
 from bayesdrill.config import Config
+from bayesdrill.convergence import Convergence
 from bayesdrill.mode import SAME_PLACE, Mode
 from bayesdrill.residuals import Left, like_noise
 from bayesdrill.sampling import Sampled
@@ -145,8 +146,19 @@ def convergence(sampled: Sampled) -> str:
     else:
         lines.append("NOT CONVERGED, do not use these numbers:")
         lines += [f"  - {reason}" for reason in c.reasons]
-        lines.append(
-            "  where only length is missing, raise sampler.max_steps in the config and continue with "
-            "--resume"
-        )
+        lines += _way_out(c)
     return "\n".join(lines)
+
+
+def _way_out(c: Convergence) -> list[str]:
+    lines = [
+        f"  {c.slowest} moves slowest: held, with nearer ends of its prior, or with what `bayesdrill "
+        "identify` says would help, fewer steps do; figures/trace shows the walkers"
+    ]
+    if c.enough is not None:
+        lines.insert(
+            0,
+            f"  only length is missing: about {c.enough} steps should do; with `sampler: {{max_steps: "
+            f"{c.enough}}}` in the config go on with --resume",
+        )
+    return lines

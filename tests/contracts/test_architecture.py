@@ -31,7 +31,7 @@ FLOORS = [
     {"job", "opening"},
     {"writing"},
     {"simulation", "tree", "provenance", "verdict"},
-    {"calibration", "reproduction"},
+    {"calibration", "reproduction", "wording"},
     {"report"},
     {"identify"},
     {"pipeline"},

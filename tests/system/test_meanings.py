@@ -68,6 +68,11 @@ REFUSED: dict[str, tuple[tuple[Change, ...], str]] = {
         (derived(r'a: {formula: 2*k_s, latex: "x\ny"}'),),
         "a character that cannot be printed",
     ),
+    "gear upside down": (
+        (("map: {", "model: {i_m: 70}\nmap: {"),),
+        "model.i_m: 70 would make the shaft turn 70 times as fast as the motor; is a reduction of 70:1 "
+        "meant? Then write 0.0142857",
+    ),
     "formula too large for its square": (
         (derived("a: 1e300*k_s/k_e"),),
         "derived.a: '1e+300 * k_s / k_e' reaches",
@@ -155,3 +160,18 @@ def test_a_target_that_the_config_could_not_read_is_not_written(tmp_path: Path) 
     assert ran.status == 2
     assert "name a .csv file" in ran.err
     assert not (tmp_path / "other.mat").exists()
+
+
+def test_check_shows_each_column_as_the_file_has_it(tmp_path: Path) -> None:
+    """So that swapped columns, wrong units and a wrong rate show."""
+    config = systems.small(tmp_path, ("unit: rad,", "unit: deg,"), ("unit: s}", "unit: min}"))
+    rows = [line.split(",") for line in systems.small_record().splitlines()[1:]]
+    numbers = [[float(cell) for cell in column] for column in zip(*rows, strict=True)]
+    lines = systems.cli("check", config).out.splitlines()
+    head = next(n for n, line in enumerate(lines) if line.startswith("columns ("))
+    assert lines[head] == "columns (a sample every 3 s (0.333333 Hz), the first at 0 s):"
+    assert lines[head + 1].split() == ["measures", "column", "unit", "first", "from", "to"]
+    names = [("time", "t", "min"), ("theta_1", "theta_1", "deg"), ("w_1", "w_1", "rad/s")]
+    for line, (name, column, unit), values in zip(lines[head + 2 :], names, numbers, strict=False):
+        shown = [f"{x:.5g}" for x in (values[0], min(values), max(values))]
+        assert line.split() == [name, name, column, unit, *shown]
