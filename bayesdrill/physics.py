@@ -15,6 +15,7 @@ from bayesdrill import config as records
 from bayesdrill import symbols
 from bayesdrill.build import Problem
 from bayesdrill.identifiability.information import Information
+from bayesdrill.identifiability.scenes import Scenery
 from bayesdrill.models.linear import Model, dynamics
 
 Array = NDArray[np.float64]
@@ -62,6 +63,23 @@ def of_draws(problem: Problem, draws: Array, known: Information) -> tuple[str, .
     model = problem.posterior.likelihood.response.model
     values = dict(zip(model.parameters, full.T, strict=True))
     return (*_energy_of_draws(values, known), *_poles(poles(model, values), problem.experiment.dt))
+
+
+def of_course(scenery: Scenery, theta: Array) -> tuple[str, ...]:
+    """Of the motion at unknowns `theta (D,)`: whether friction brakes all the time."""
+    likelihood = scenery.likelihood
+    rig = likelihood.response.model
+    t_f = float(likelihood.space.full(theta[None])[0, rig.parameters.index("t_f")])
+    states = scenery.states_over_time(theta, scenery.as_it_is(theta))
+    speed = states[:, scenery.states.index("w_2")]
+    share = float(np.mean(np.sign(t_f) * speed < -APPRECIABLE * np.abs(speed).max()))
+    if share <= FEW:
+        return ()
+    return (
+        f"friction: in {_percent(share)} of the record the motor turns the other way, and t_f, which "
+        "keeps its sign, drives instead of braking; cut these samples off (record.window), turn the "
+        "signs of v and of all channels if it always turns so, or do not believe t_f",
+    )
 
 
 def poles(model: Model, values: Mapping[str, Array]) -> NDArray[np.complex128]:

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdrill import build, maxima, mode, provenance, residuals, seeds, store, verdict
+from bayesdrill import build, maxima, mode, physics, provenance, residuals, seeds, store, verdict
 from bayesdrill import config as records
 from bayesdrill.build import Problem
 from bayesdrill.convergence import Targets
@@ -249,6 +249,8 @@ def _publish(
     c = sampled.convergence
     table = job.config.nominal.table  # type: ignore[attr-defined]
     rows, left, judged = conclude(job, found, sampled, scenery)
+    at = job.problem.posterior.space.vector(found.values)
+    notes = [*tables.notes(rows), *(f"note: {one}" for one in physics.of_course(scenery, at))]
     missing = publish.everything(
         job.problem, found, left, sampled, rows, judged, job.config, folder, crew
     )
@@ -259,7 +261,7 @@ def _publish(
         status="finished",
         converged=c.converged,
         reasons=[*c.reasons, *residual_words.reasons(left)],
-        notes=tables.notes(rows),
+        notes=notes,
         missing=missing,
         fit=residual_words.as_data(left),
         verdict=None
@@ -281,7 +283,7 @@ def _publish(
     said_first = [words.maxima(found, sampled), words.unbelievable(doubts)]
     shown = [
         *(text for text in said_first if text),
-        *(residual_words.sentences(left), tables.as_text(rows), tables.in_words(rows)),
+        *(residual_words.sentences(left), tables.as_text(rows), tables.in_words(rows, notes)),
     ]
     if judged is not None:
         said = verdict_words.sentences(judged.verdict, table, converged=c.converged)

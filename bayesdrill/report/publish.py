@@ -229,7 +229,7 @@ def _summary(
         "`dev. %` is the deviation of the posterior mean from the nominal value "
         f"({config.nominal.table}); `shrinkage` is one minus the ratio of the posterior's to the "  # type: ignore[attr-defined]
         "prior's standard deviation.",
-        _listed(tables.in_words(rows)),
+        _listed(tables.in_words(rows, tables.notes(rows))),
         "## What follows from these",
         derived,
         *_judged(config, judged, converged=sampled.convergence.converged),

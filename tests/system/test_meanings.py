@@ -175,3 +175,9 @@ def test_check_shows_each_column_as_the_file_has_it(tmp_path: Path) -> None:
     for line, (name, column, unit), values in zip(lines[head + 2 :], names, numbers, strict=False):
         shown = [f"{x:.5g}" for x in (values[0], min(values), max(values))]
         assert line.split() == [name, name, column, unit, *shown]
+
+
+def test_a_rig_that_turns_backwards_is_told_that_friction_drives_it(tmp_path: Path) -> None:
+    config = systems.small(tmp_path, ("v: 8.0", "v: -8.0"))
+    assert systems.cli("simulate", config, "--force").status == 0
+    assert "friction: in 9" in systems.cli("check", config).out.splitlines()[-1]
