@@ -35,6 +35,7 @@ class Given:
     start: float
 
 
+_FARTHEST = 5  # sd of a normal between its mean and zero, where it is cut
 _SCALED = ("low", "high", "mean", "sd", "median", "scale")
 
 
@@ -44,6 +45,11 @@ def prior(spec: beliefs.PriorSpec, nominal_value: float) -> Prior:
     if "low" in values and not values["low"] < values["high"]:
         raise ValueError(
             f"low {values['low']:g} is not below high {values['high']:g}; exchange or mend them"
+        )
+    if "mean" in values and values["mean"] < -_FARTHEST * values["sd"]:
+        raise ValueError(
+            f"mean {values['mean']:g} lies more than {_FARTHEST} sd below zero, so that nothing of the "
+            "prior is left; all unknowns are positive"
         )
     if spec.relative:
         values = {k: v * nominal_value if k in _SCALED else v for k, v in values.items()}

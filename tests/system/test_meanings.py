@@ -73,6 +73,11 @@ REFUSED: dict[str, tuple[tuple[Change, ...], str]] = {
         "model.i_m: 70 would make the shaft turn 70 times as fast as the motor; is a reduction of 70:1 "
         "meant? Then write 0.0142857",
     ),
+    "damping that drives": ((("c_m: nominal", "c_m: -1"),), "parameters.c_m: -1: it should be"),
+    "prior with nothing above zero": (
+        (("t_f: nominal", "t_f: {prior: normal, mean: -1, sd: 0.1}"),),
+        "mean -1 lies more than 5 sd below zero",
+    ),
     "formula too large for its square": (
         (derived("a: 1e300*k_s/k_e"),),
         "derived.a: '1e+300 * k_s / k_e' reaches",
@@ -103,6 +108,36 @@ def test_what_cannot_be_meant_is_refused_before_anything_runs(
 def test_units_that_say_how_far_they_turn_are_read(unit: str, tmp_path: Path) -> None:
     config = systems.small(tmp_path, ("unit: rad/s", f"unit: {unit}"))
     assert systems.cli("check", config).status == 0
+
+
+@pytest.mark.parametrize(
+    "entry",
+    [
+        ("t_f: nominal", "t_f: 0"),
+        ("t_f: nominal", "t_f: -0.05"),
+        ("c_m: nominal", "c_m: 0"),
+        ("t_f: nominal", "t_f: {prior: normal, mean: 0, sd: 0.1}"),
+        ("t_f: nominal", "t_f: {prior: truncated_normal, mean: -0.1, sd: 0.1, low: 0, high: 0.5}"),
+        ("rate: 20", "rate: 20, t_f: 0, c_m: 0"),
+    ],
+    ids=lambda entry: entry[1],
+)
+def test_a_motor_without_friction_or_with_that_of_the_other_way_can_be_meant(
+    entry: Change, tmp_path: Path
+) -> None:
+    config = systems.small(tmp_path, entry)
+    assert systems.cli("check", config).status == 0
+    assert systems.cli("simulate", config, "--force").status == 0
+
+
+def test_the_true_values_of_a_rig_without_friction_are_found(tmp_path: Path) -> None:
+    config = systems.small(tmp_path, ("t_f: nominal", "t_f: 0"), ("c_m: nominal", "c_m: 0"))
+    assert systems.cli("simulate", config, "--force").status == 0
+    found = systems.cli("map", config, "--processes", "1")
+    assert found.status == 0, found.err
+    for name in ("k_e", "j_1"):
+        (line,) = (x for x in found.out.splitlines() if x.startswith(f"{name} "))
+        assert abs(float(line.split()[-1])) < 0.1  # per cent off nominal, which is the truth
 
 
 FORMS = {
