@@ -188,7 +188,9 @@ ToleranceSpec = Annotated[
 
 
 class _NominalBase(Strict):
-    table: str = symbols.DEFAULT_NOMINAL
+    table: str | None = Field(
+        None, description=f"Default: {symbols.DEFAULT_NOMINAL}, where the config relies on a table."
+    )
     tolerance: ToleranceSpec = Field(
         0.0, description="Relative, of the nominal values: one number, or by symbol and `default`."
     )

@@ -162,13 +162,13 @@ def _following(problem: Problem, named: Named, n: int) -> dict[str, Array]:
 
 
 def _nominal(problem: Problem) -> dict[str, float]:
-    """A quantity with a prior has no nominal value, nor has what names it."""
+    """What has no nominal value, such as a quantity with a prior, leaves none to what names it."""
     space = problem.posterior.space
-    named: dict[str, Array | float] = dict.fromkeys(space.quantities, np.nan)
+    named: dict[str, Array | float] = dict.fromkeys((*space.model, *space.quantities), np.nan)
     held = {name: value for name, value in space.fixed.items() if name in space.quantities}
     named |= {**held, **problem.nominal}
     found = {name: float(x[0]) for name, x in _following(problem, named, 1).items()}
-    return {name: problem.nominal[name] for name in space.relations} | found
+    return {name: problem.nominal.get(name, np.nan) for name in space.relations} | found
 
 
 def poles(model: Model, linear: Linear, n: int) -> dict[str, Array]:

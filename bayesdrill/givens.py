@@ -56,8 +56,12 @@ def prior(spec: beliefs.PriorSpec, nominal_value: float) -> Prior:
     return PRIORS[spec.prior](**values)
 
 
-def start(spec: beliefs.PriorSpec, built: Prior, default: float) -> float:
-    """Where the MAP search begins; raises where the prior excludes it."""
+def start(spec: beliefs.PriorSpec, built: Prior, nominal_value: float | None = None) -> float:
+    """Where the MAP search begins; raises where the prior excludes it.
+
+    By default at the nominal value, or where there is none at the median.
+    """
+    default = nominal_value or float(built.quantile(np.array([0.5]))[0])
     value = default if spec.start is None else spec.start
     if not np.isfinite(built.logpdf(np.array([value]))[0]):
         what = "the nominal value" if spec.start is None else "the start"
@@ -89,7 +93,7 @@ def quantity(name: str, spec: beliefs.QuantitySpec) -> Given:
     if spec.relative:
         raise ValueError("a quantity has no nominal value; write its prior in its own unit")
     value = prior(rescaled(spec, factor), 1.0)
-    begin = start(spec, prior(spec, 1.0), float(value.quantile(np.array([0.5]))[0]) / factor)
+    begin = start(spec, prior(spec, 1.0))
     symbol = symbols.own_symbol(name, unit, spec.latex, "quantity of the config")
     return Given(symbol, factor, value, begin * factor)
 

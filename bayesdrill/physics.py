@@ -44,14 +44,20 @@ IDEAL = (
 
 
 def of_nominal(config: records.Config, problem: Problem) -> tuple[str, ...]:
-    """Of the nominal table; what the config gives itself is not held against the paper's rig."""
-    values = problem.nominal
-    own = {name for name in GEOMETRY if getattr(config.nominal, name) is not None}
+    """Of nominal values, or where there are none of held ones and those at the start.
+
+    What the config gives itself is not held against the paper's rig.
+    """
+    space = problem.posterior.space
+    values = {**space.start, **problem.nominal, **space.fixed}
+    values |= {name: float(relation.value(values)) for name, relation in space.relations.items()}
+    table = {name for name in problem.nominal if getattr(config.nominal, name) is None}
+    table = {name for name in table if values[name] == problem.nominal[name]}
     model = problem.posterior.likelihood.response.model
     found = poles(model, {name: np.array([values[name]]) for name in model.parameters})[0]
     return (
         *_energy_of_nominal(values),
-        *_geometry({name: values[name] for name in GEOMETRY if name not in own}),
+        *_geometry({name: values[name] for name in GEOMETRY if name in table}),
         *_poles(found[None], problem.experiment.dt),
     )
 

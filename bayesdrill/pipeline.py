@@ -247,7 +247,7 @@ def _publish(
 ) -> Outcome:
     begun = time.perf_counter()
     c = sampled.convergence
-    table = job.config.nominal.table  # type: ignore[attr-defined]
+    table = build.compared_with(job.config)
     rows, left, judged = conclude(job, found, sampled, scenery)
     at = job.problem.posterior.space.vector(found.values)
     notes = [*tables.notes(rows), *(f"note: {one}" for one in physics.of_course(scenery, at))]

@@ -75,7 +75,7 @@ def truth(config: records.Config, rig: Model) -> dict[str, float]:
     space = build.space(config, rig, [])
     simulation: Any = config.simulation
     named = {name: getattr(simulation, name, None) for name in rig.parameters}
-    values = {**space.start, **build.nominal(config), **space.fixed}
+    values = {**space.start, **build.compared(config), **space.fixed}
     for name, value in simulation.quantities.items() if simulation else ():
         values[name] = value * givens.quantity(name, config.quantities[name]).factor
     values |= {name: value for name, value in named.items() if value is not None}

@@ -53,7 +53,7 @@ def check_parameters(
         elif isinstance(spec, beliefs.PriorBase):
             built = found.run(place, givens.prior, spec, nominal[name])
             if built is not None:
-                found.run(place, givens.start, spec, built, nominal[name])
+                found.run(place, givens.start, spec, built, build.compared(config).get(name))
 
 
 def check_relations(found: Collector, config: records.Config, model: Model) -> None:

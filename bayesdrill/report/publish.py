@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 import bayesdrill
 from bayesdrill import config as records
 from bayesdrill import seeds
-from bayesdrill.build import Problem
+from bayesdrill.build import Problem, compared_with
 from bayesdrill.crew import Crew
 from bayesdrill.derived import Derived, derive, summarise, with_products
 from bayesdrill.diagnostics import Row
@@ -227,7 +227,7 @@ def _summary(
         _listed(residual_words.sentences(left)),
         tables.as_markdown(rows).rstrip(),
         "`dev. %` is the deviation of the posterior mean from the nominal value "
-        f"({config.nominal.table}); `shrinkage` is one minus the ratio of the posterior's to the "  # type: ignore[attr-defined]
+        f"({compared_with(config)}); `shrinkage` is one minus the ratio of the posterior's to the "
         "prior's standard deviation.",
         _listed(tables.in_words(rows, tables.notes(rows))),
         "## What follows from these",
@@ -245,7 +245,7 @@ def _summary(
 def _judged(config: records.Config, judged: Judgement | None, *, converged: bool) -> list[str]:
     if judged is None:
         return []
-    verdict, table = judged.verdict, config.nominal.table  # type: ignore[attr-defined]
+    verdict, table = judged.verdict, compared_with(config)
     nothing = "nothing found: energy, poles and sampling are as in a real rig"
     return [
         "## Verdict",

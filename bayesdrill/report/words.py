@@ -55,8 +55,8 @@ def _misfit(problem: Problem) -> str:
 
 def _findings(problem: Problem, config: Config) -> str:
     """What makes the nominal table doubtful before anything is sampled."""
-    found = physics.of_nominal(config, problem)
-    return "".join(f"\nnominal values, {finding}" for finding in found)
+    found, kind = physics.of_nominal(config, problem), "nominal" if problem.nominal else "start"
+    return "".join(f"\n{kind} values, {finding}" for finding in found)
 
 
 def maxima(found: Mode, sampled: Sampled) -> str:

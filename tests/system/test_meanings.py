@@ -7,6 +7,9 @@ from pathlib import Path
 import pytest
 import systems
 
+from bayesdrill import build, loading
+from bayesdrill.symbols import PARAMETERS
+
 W_1 = "    w_1: {column: w_1, unit: rad/s, sigma: 0.05}\n"
 
 type Change = tuple[str, str]
@@ -216,3 +219,85 @@ def test_a_rig_that_turns_backwards_is_told_that_friction_drives_it(tmp_path: Pa
     config = systems.small(tmp_path, ("v: 8.0", "v: -8.0"))
     assert systems.cli("simulate", config, "--force").status == 0
     assert "friction: in 9" in systems.cli("check", config).out.splitlines()[-1]
+
+
+# A rig of which the paper knows nothing: values and priors of its own, and no word of a table.
+OTHER: tuple[Change, ...] = (
+    ("j_m: nominal", "j_m: 5e-4"),
+    ("c_m: nominal", "c_m: 2e-4"),
+    ("k_e: {prior: uniform, low: 0.5, high: 1.5, relative: true}", "k_e: {tie: k_T}"),
+    ("k_T: nominal", "k_T: {prior: uniform, low: 0.1, high: 0.3}"),
+    ("r_m: nominal", "r_m: 0.5"),
+    ("l_m: nominal", "l_m: 1e-3"),
+    ("k_s: nominal", "k_s: 2.0"),
+    ("j_1: {prior: uniform, low: 0.5, high: 1.5, relative: true}", "j_1: {prior: log_normal, "
+     "median: 0.1, sd_log: 0.3}"),
+    ("t_f: nominal", "t_f: 0.05"),
+)  # fmt: skip
+
+
+def nominal_of(
+    folder: Path, *changes: Change, say: str | None = None
+) -> tuple[Path, set[str], str]:
+    """A config, the parameters that it compares with something, and what it calls that."""
+    given = [("map: {", f"nominal: {say}\nmap: {{")] if say else []
+    path = systems.small(folder, *changes, *given)
+    config, _ = loading.load(path)
+    return path, set(build.compared(config)), build.compared_with(config)
+
+
+OWN_VALUES = "j_m: 1, c_m: 1, k_e: 0.2, k_T: 0.2, r_m: 1, l_m: 1, k_s: 1, j_1: 0.1, t_f: 1"
+
+
+@pytest.mark.parametrize(
+    ("changes", "say", "compared", "called"),
+    [
+        ((), None, set(PARAMETERS), "tables_2_3"),
+        ((), "table_1", set(PARAMETERS), "table_1"),
+        (OTHER, None, set(), None),
+        (OTHER, "{tolerance: 0.1}", set(), None),
+        (OTHER, "tables_2_3", set(PARAMETERS), "tables_2_3"),
+        (OTHER, "{j_1: 0.1}", {"j_1"}, "the config's own values"),
+        (OTHER, f"{{{OWN_VALUES}}}", set(PARAMETERS), "the config's own values"),
+        (OTHER, "{table: table_1, j_1: 0.1}", set(PARAMETERS), "table_1 (j_1 as in the config)"),
+        ((), "{j_1: 0.03}", set(PARAMETERS), "tables_2_3 (j_1 as in the config)"),
+    ],
+)
+def test_a_table_speaks_only_of_the_rig_that_asks_for_it(
+    changes: tuple[Change, ...],
+    say: str | None,
+    compared: set[str],
+    called: str | None,
+    tmp_path: Path,
+) -> None:
+    _, found, name = nominal_of(tmp_path, *changes, say=say)
+    assert found == compared
+    assert called in (None, name)
+
+
+def test_nothing_of_the_paper_is_said_of_another_rig(tmp_path: Path) -> None:
+    """Its k_T is not 1.99 times its k_e, its shaft is not the paper's, and starts are its own."""
+    config, *_ = nominal_of(tmp_path, *OTHER)
+    assert systems.cli("simulate", config, "--force").status == 0
+    said = systems.cli("check", config).out
+    assert "nominal" not in said
+    assert "energy" not in said
+    assert "geometry" not in said
+    resolved = systems.cli("map", config, "--processes", "1")
+    assert resolved.status == 0, resolved.err
+    (line,) = (x for x in resolved.out.splitlines() if x.startswith("k_T "))
+    assert line.split()[1:] == ["N", "m/A", line.split()[-1]]  # no nominal value, no deviation
+    assert abs(float(line.split()[-1]) / 0.2 - 1) < 0.01  # the median, which is where the truth is
+
+
+@pytest.mark.slow
+def test_a_run_and_its_report_of_a_rig_without_nominal_values(tmp_path: Path) -> None:
+    config, *_ = nominal_of(tmp_path, *OTHER)
+    assert systems.cli("simulate", config, "--force").status == 0
+    folder = tmp_path / "out"
+    ran = systems.cli("posterior", config, "--output", folder, "--processes", "1")
+    assert ran.status in (0, 3), ran.err
+    assert "tables_2_3" not in ran.out + (folder / "config.resolved.yaml").read_text()
+    again = systems.cli("report", folder, "--processes", "1")
+    assert (again.status, again.err) == (ran.status, "")
+    assert not (folder / "verdict.csv").exists()
