@@ -158,7 +158,7 @@ def _way_out(c: Convergence) -> list[str]:
     if c.enough is not None:
         lines.insert(
             0,
-            f"  only length is missing, and about {c.enough} steps should do: raise sampler.max_steps to "
-            "that in the config and go on with --resume",
+            f"  only length is missing, and about {c.enough} steps should do: raise sampler.max_steps "
+            "to that in the config and go on with --resume",
         )
     return lines
