@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 import systems
 
-from bayesdrill import build, loading
+from bayesdrill import build, loading, recording, simulation, writing
 from bayesdrill.symbols import PARAMETERS
 
 W_1 = "    w_1: {column: w_1, unit: rad/s, sigma: 0.05}\n"
@@ -128,9 +129,7 @@ def test_units_that_say_how_far_they_turn_are_read(unit: str, tmp_path: Path) ->
 def test_a_motor_without_friction_or_with_that_of_the_other_way_can_be_meant(
     entry: Change, tmp_path: Path
 ) -> None:
-    config = systems.small(tmp_path, entry)
-    assert systems.cli("check", config).status == 0
-    assert systems.cli("simulate", config, "--force").status == 0
+    assert systems.cli("check", systems.small(tmp_path, entry)).status == 0
 
 
 def test_the_true_values_of_a_rig_without_friction_are_found(tmp_path: Path) -> None:
@@ -155,13 +154,22 @@ FORMS = {
 
 @pytest.mark.parametrize("form", FORMS)
 def test_a_simulated_record_is_written_as_its_config_reads_it(form: str, tmp_path: Path) -> None:
-    config = systems.small(tmp_path, ("  file: small.csv", f"  file: other.txt\n  {FORMS[form]}"))
-    made = systems.cli("simulate", config)
+    path = systems.small(tmp_path, ("  file: small.csv", f"  file: other.txt\n  {FORMS[form]}"))
+    config, source = loading.load(path)
+    grid = simulation.grid(config, source)
+    y = np.random.default_rng(3).normal(size=(len(grid.t), 2)) * [1e-3, 1e4]
+    text = writing.as_text(config, source, grid, y)
+    (tmp_path / "other.txt").write_text(text, encoding="utf-8")
+    read = recording.read(config, source)
+    np.testing.assert_allclose(read.t, grid.t, rtol=1e-8)
+    np.testing.assert_allclose(read.y, y, rtol=1e-8)
+
+
+def test_the_samples_of_a_simulated_record_are_counted(tmp_path: Path) -> None:
+    other = ("  file: small.csv", "  file: other.csv\n  skip_rows: 3")
+    made = systems.cli("simulate", systems.small(tmp_path, other))
     assert made.status == 0, made.err
     assert made.out.endswith("101 samples\n")
-    read = systems.cli("check", config)
-    assert read.status == 0, read.err
-    assert "101 samples of theta_1, w_1 over 5 s" in read.out
 
 
 UNREADABLE: dict[str, tuple[Change, str]] = {
