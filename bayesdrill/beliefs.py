@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag
@@ -55,16 +57,16 @@ class LogUniformPrior(PriorBase):
 
 
 class NormalPrior(PriorBase):
-    """Cut at zero and renormalised, as all parameters are positive."""
+    """Cut at zero and renormalised, as all unknowns are positive."""
 
     prior: Literal["normal"]
-    mean: Positive
+    mean: float
     sd: Positive
 
 
 class TruncatedNormalPrior(PriorBase):
     prior: Literal["truncated_normal"]
-    mean: Positive
+    mean: float
     sd: Positive
     low: NonNegative
     high: Positive
@@ -96,13 +98,20 @@ class Tie(Strict):
     tie: str = Field(description="The parameter, or quantity, that this one is equal to.")
 
 
-ParameterSpec = Annotated[
-    Annotated[Positive, Tag("<number>")]
-    | Annotated[str, Tag("<word>")]
-    | Annotated[Tie, Tag("<tie>")]
-    | Annotated[PriorSpec, Tag("<mapping>")],
-    Discriminator(_parameter_shape),
-]
+def parameter_spec(number: Any) -> Any:
+    """Of a parameter that may be held at any such `number`."""
+    return Annotated[
+        Annotated[number, Tag("<number>")]
+        | Annotated[str, Tag("<word>")]
+        | Annotated[Tie, Tag("<tie>")]
+        | Annotated[PriorSpec, Tag("<mapping>")],
+        Discriminator(_parameter_shape),
+    ]
+
+
+# What a parameter may be held at: most are positive, but a motor may have no friction or damping, and
+# a motor that turns backwards has friction of the other sign.
+HELD: Mapping[str, Any] = MappingProxyType({"t_f": float, "c_m": NonNegative})
 SigmaSpec = Annotated[
     Annotated[Positive, Tag("<number>")] | Annotated[PriorSpec, Tag("<mapping>")],
     Discriminator(shape),

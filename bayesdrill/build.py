@@ -81,9 +81,41 @@ def lookup[T](registry: Mapping[str, T], name: str, what: str) -> T:
 
 def nominal(config: records.Config) -> dict[str, float]:
     """Nominal values of all parameters: those of the table, unless the config says otherwise."""
-    table = lookup(symbols.NOMINAL, config.nominal.table, "nominal table")  # type: ignore[attr-defined]
+    table = lookup(symbols.NOMINAL, _table(config), "nominal table")
     own = {name: getattr(config.nominal, name) for name in symbols.PARAMETERS}
     return {name: table.values[name] if own[name] is None else own[name] for name in table.values}
+
+
+def _table(config: records.Config) -> str:
+    return config.nominal.table or symbols.DEFAULT_NOMINAL  # type: ignore[attr-defined]
+
+
+def compared(config: records.Config) -> dict[str, float]:
+    """Nominal values that are this rig's: all of a table that the config names or relies on.
+
+    Where the config has values of its own, or no use for a table, the table speaks of another rig.
+    """
+    given, table = config.nominal, nominal(config)
+    own = {name for name in table if getattr(given, name) is not None}
+    used = {name for name in table if _refers(getattr(config.parameters, name))}
+    if given.table is not None or (used and not own):  # type: ignore[attr-defined]
+        return table
+    return {name: value for name, value in table.items() if name in own | used}
+
+
+def _refers(spec: object) -> bool:
+    return spec == "nominal" or (isinstance(spec, beliefs.PriorBase) and spec.relative)
+
+
+def compared_with(config: records.Config) -> str:
+    """What the nominal values are called in sentences."""
+    whole = compared(config)
+    own = [name for name in whole if getattr(config.nominal, name) is not None]
+    if not own:
+        return _table(config)
+    if len(own) == len(whole):
+        return "the config's own values"
+    return f"{_table(config)} ({', '.join(own)} as in the config)"
 
 
 def optimiser(config: records.Config, unknown: Sequence[str]) -> Optimiser:
@@ -143,6 +175,8 @@ def initial_state(config: records.Config, model: Model) -> dict[str, float]:
 def measured(name: str, spec: records.ChannelSpec, states: tuple[str, ...]) -> Measured:
     if not name.isidentifier():
         raise ValueError(f"'{name}' cannot name a channel; use letters, digits and `_`")
+    if name in {*symbols.INPUTS, *symbols.AXES}:
+        raise ValueError(f"{name} has a meaning of its own here; choose another name")
     if spec.measures is None and name not in states:
         raise ValueError(
             f"'{name}' is not a state{did_you_mean(name, states)}; name the states it combines, for "
@@ -164,14 +198,14 @@ def measured(name: str, spec: records.ChannelSpec, states: tuple[str, ...]) -> M
     if spec.sigma.relative:
         raise ValueError("sigma has no nominal value; write its prior in the unit of the column")
     built = prior(spec.sigma, 1.0)
-    begin = start(spec.sigma, built, float(built.quantile(np.array([0.5]))[0]))
+    begin = start(spec.sigma, built)
     scaled = rescaled(spec.sigma, factor)
     return Measured(channel, factor, prior(scaled, 1.0), begin * factor)
 
 
 def space(config: records.Config, model: Model, channels: list[Measured]) -> ParameterSpace:
     """The unknowns: free parameters in the model's order, quantities, then unknown sigmas."""
-    table = nominal(config)
+    table, known = nominal(config), compared(config)
     priors: dict[str, Prior] = {}
     starts: dict[str, float] = {}
     fixed: dict[str, float] = {}
@@ -187,7 +221,7 @@ def space(config: records.Config, model: Model, channels: list[Measured]) -> Par
             fixed[name] = float(spec)
         else:
             priors[name] = prior(spec, table[name])
-            starts[name] = start(spec, priors[name], table[name])
+            starts[name] = start(spec, priors[name], known.get(name))
     given = {name: quantity(name, spec) for name, spec in config.quantities.items()}
     unknown = [(name, q.value, q.start) for name, q in given.items()]
     unknown += [(f"sigma_{e.channel.name}", e.sigma, e.sigma_start) for e in channels]
@@ -231,7 +265,7 @@ def problem(config: records.Config, experiment: Experiment) -> Problem:
     return Problem(
         posterior=posterior,
         symbols=tuple(_symbol(name, config, entries) for name in unknowns.free),
-        nominal=nominal(config),
+        nominal=compared(config),
         derived=tuple(formula(config, rig, name) for name in config.derived),
     )
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from bayesdrill import __version__
-from bayesdrill.guard import NOT_CONVERGED, guarded, saved_in
+from bayesdrill.guard import INPUT_WRONG, NOT_CONVERGED, guarded, saved_in
 
 if TYPE_CHECKING:
     from bayesdrill.calibrate import Outcome as Calibrated
@@ -57,10 +57,11 @@ def check(config: ConfigPath) -> None:
         from bayesdrill.identifiability.scenes import Scenery
         from bayesdrill.identify import preflight
         from bayesdrill.job import prepare
-        from bayesdrill.report import words
+        from bayesdrill.report import record_words, words
 
         job = prepare(config)
         typer.echo(words.opening(job.problem))
+        typer.echo(record_words.columns(job.problem, job.config))
         typer.echo(words.preview(job.problem, job.config))
         typer.echo(preflight(job, Scenery(job.problem.posterior.likelihood)))
 
@@ -224,9 +225,10 @@ def simulate(
         read, source = loading.load(config)
         record = recording.path_of(read, source)
         target = output or record
-        text = simulation.simulate(read, source, read.seed if seed is None else seed)
+        text = simulation.simulate(read, source, read.seed if seed is None else seed, target)
         simulation.save(text, target, record, force=force)
-        typer.echo(f"{target}: {len(text.splitlines()) - 1} samples")
+        rows = len(text.splitlines()) - 1 - read.record.skip_rows
+        typer.echo(f"{target}: {rows} samples")
 
 
 @app.command(epilog="Example: bayesdrill paper --output results/paper")
@@ -287,8 +289,15 @@ def _finish(outcome: Outcome) -> None:
 
     typer.echo("\n\n".join((words.convergence(outcome.sampled), *outcome.shown)))
     typer.echo(f"results: {outcome.folder}/ (summary.md, figures/, posterior.nc, chain.h5)")
+    for what in outcome.missing:
+        typer.echo(f"could not be made: {what}", err=True)
+    if outcome.missing:
+        again = f"`bayesdrill report {outcome.folder}`"
+        typer.echo(f"all else is written; once this is mended, {again} makes it", err=True)
     if outcome.reasons:
         raise typer.Exit(NOT_CONVERGED)
+    if outcome.missing:
+        raise typer.Exit(INPUT_WRONG)
 
 
 def main() -> None:

@@ -6,20 +6,22 @@ entry to be judged (a start inside its prior, symbols of the model, units) is in
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Discriminator, Field, Tag, create_model
 
 from bayesdrill import symbols
 from bayesdrill.beliefs import (
+    HELD,
     Count,
     NonNegative,
-    ParameterSpec,
     Positive,
     Quantity,
     QuantitySpec,
     SigmaSpec,
     Strict,
+    parameter_spec,
     shape,
 )
 
@@ -101,7 +103,7 @@ class RecordSpec(Strict):
     delimiter: str | None = Field(None, description="CSV; default: found out.")
     decimal: Literal[".", ","] | None = Field(None, description="CSV; default: found out.")
     header: bool | None = Field(None, description="CSV; default: found out.")
-    skip_rows: Annotated[int, Field(ge=0)] = 0
+    skip_rows: Annotated[int, Field(ge=0, le=1_000_000)] = 0
     time: TimeSpec
     window: Annotated[list[float], Field(min_length=2, max_length=2)] | None = Field(
         None, description="Use the samples from the first to the second time [s] only."
@@ -113,7 +115,7 @@ class ModelSpec(Strict):
     """A rig and its constants; each model has some of them, with its own defaults."""
 
     name: str = "motor_shaft"
-    i_m: Positive = Field(0.125, description="Gear reduction factor (8:1 is 0.125).")
+    i_m: Positive = Field(0.125, description="Gear reduction factor, at most 1 (8:1 is 0.125).")
     j_2: NonNegative | None = Field(
         None, description="two_rotors: inertia at the output of the gearbox [kg m^2]; default 0."
     )
@@ -147,13 +149,23 @@ class Initial(Strict):
     i: Value = 0.0
 
 
-def _per_symbol(name: str, base: type[Strict], kind: Any, doc: str) -> type[Strict]:
+def _per_symbol(
+    name: str, base: type[Strict], kind: Callable[[str], Any], doc: str
+) -> type[Strict]:
+    """`kind` of a symbol: what may stand there."""
     fields: dict[str, Any] = {
-        symbol.name: (kind | None, Field(None, description=f"{symbol.meaning} [{symbol.unit}]"))
+        symbol.name: (
+            kind(symbol.name) | None,
+            Field(None, description=f"{symbol.meaning} [{symbol.unit}]"),
+        )
         for symbol in symbols.PARAMETERS.values()
     }
     model: type[Strict] = create_model(name, __base__=base, __doc__=doc, **fields)
     return model
+
+
+def _held(name: str) -> Any:
+    return HELD.get(name, Positive)
 
 
 Tolerance = Annotated[float, Field(ge=0, lt=1)]
@@ -164,7 +176,10 @@ class _ToleranceBase(Strict):
 
 
 Tolerances = _per_symbol(
-    "Tolerances", _ToleranceBase, Tolerance, "Of single nominal values, and of all others."
+    "Tolerances",
+    _ToleranceBase,
+    lambda _: Tolerance,
+    "Of single nominal values, and of all others.",
 )
 ToleranceSpec = Annotated[
     Annotated[Tolerance, Tag("<number>")] | Annotated[Tolerances, Tag("<mapping>")],  # type: ignore[valid-type]
@@ -173,7 +188,9 @@ ToleranceSpec = Annotated[
 
 
 class _NominalBase(Strict):
-    table: str = symbols.DEFAULT_NOMINAL
+    table: str | None = Field(
+        None, description=f"Default: {symbols.DEFAULT_NOMINAL}, where the config relies on a table."
+    )
     tolerance: ToleranceSpec = Field(
         0.0, description="Relative, of the nominal values: one number, or by symbol and `default`."
     )
@@ -192,11 +209,16 @@ class _SimulationBase(Strict):
 
 
 Parameters = _per_symbol(
-    "Parameters", Strict, ParameterSpec, "A prior, a number, `nominal`, a tie or a formula."
+    "Parameters",
+    Strict,
+    lambda name: parameter_spec(_held(name)),
+    "A prior, a number, `nominal`, a tie or a formula.",
 )
-Nominal = _per_symbol("Nominal", _NominalBase, Positive, "A table and what differs from it.")
+Nominal = _per_symbol(
+    "Nominal", _NominalBase, lambda _: Positive, "A table and what differs from it."
+)
 Simulation = _per_symbol(
-    "Simulation", _SimulationBase, Positive, "Grid and true values of `bayesdrill simulate`."
+    "Simulation", _SimulationBase, _held, "Grid and true values of `bayesdrill simulate`."
 )
 
 

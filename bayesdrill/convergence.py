@@ -41,7 +41,8 @@ class Convergence:
     """`steps` per ensemble, of which `burn_in` are dropped and every `thin`-th is kept.
 
     `tau`, `r_hat`, `ess_bulk`, `ess_tail` are `(D,)`; `reasons` says in words why the result must
-    not be believed; `burn_in_rule` how `burn_in` was chosen.
+    not be believed; `burn_in_rule` how `burn_in` was chosen.  `slowest`: the unknown of the longest
+    `tau`; `enough`: how many steps would do, where nothing but length is missing, and None elsewhere.
     """
 
     steps: int
@@ -54,6 +55,8 @@ class Convergence:
     ess_tail: Array
     n_tau: float
     reasons: tuple[str, ...]
+    slowest: str
+    enough: int | None
 
     @property
     def converged(self) -> bool:
@@ -117,6 +120,7 @@ def assess(
     still = draws.shape[0] * draws.shape[1] / autocorrelation_time(kept[:, ::thin])
     ess_bulk = np.minimum(_each(array_stats.ess, draws, method="bulk"), still)
     ess_tail = np.minimum(_each(array_stats.ess, draws, method="tail", prob=0.9), still)
+    apart = not (r_hat <= targets.r_hat).all()
     missing = _reasons(names, targets, tau, r_hat, ess_bulk, n_tau)
     named: tuple[str, ...] = ()
     if kept.shape[1] >= LEAST_KEPT:
@@ -139,7 +143,15 @@ def assess(
         ess_tail=ess_tail,
         n_tau=n_tau,
         reasons=(*named, *missing),
+        slowest=names[int(np.argmax(tau))],
+        enough=None if named or apart else _enough(n_steps, targets, n_tau, ess_bulk),
     )
+
+
+def _enough(steps: int, targets: Targets, n_tau: float, ess: Array) -> int | None:
+    """By proportion, with something to spare; None where nothing is missing."""
+    short = max(targets.n_tau / n_tau, targets.ess / float(ess.min()))
+    return math.ceil(AMPLY * short * steps) if short > 1 else None
 
 
 def _rule(tau: float, *, capped: bool) -> str:

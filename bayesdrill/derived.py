@@ -21,6 +21,8 @@ from bayesdrill.symbols import Symbol, product_latex
 Array = NDArray[np.float64]
 
 _ROUNDING = 1e-12
+_TRIED = 1000  # draws from the priors, at which formulas are tried
+_LARGEST = 1e150  # whose square is still a number
 _FLAT = 1e-7  # relative imaginary part below which a pole is real: rounding of a double one
 
 
@@ -51,6 +53,27 @@ class Row:
     share: float
 
 
+def impossible(problem: Problem) -> dict[str, str]:
+    """Why a formula of the config can have no mean or sd, by name; tried at draws from the priors."""
+    if not problem.derived:
+        return {}
+    values = at(problem, problem.posterior.space.draw(_TRIED, np.random.default_rng(0)))
+    found = {}
+    for own in problem.derived:
+        x = values[own.symbol.name]
+        x = np.abs(x[np.isfinite(x)])
+        if not len(x):
+            what = f"is no number at any of {_TRIED} draws from the priors; mend the formula"
+        elif x.max() > _LARGEST:
+            what = (
+                f"reaches {x.max():.3g} where the priors allow it, too large for a mean; rescale it"
+            )
+        else:
+            continue
+        found[own.symbol.name] = f"'{own.expression.text}' {what}"
+    return found
+
+
 def derive(problem: Problem, draws: Array) -> Derived:
     """At physical draws `(E, N, D)`: what is tied, poles and steady state, the config's formulas."""
     values = at(problem, draws.reshape(-1, draws.shape[-1]))
@@ -74,8 +97,9 @@ def with_products(
         factors = [(known[n], e) for n, e in zip(names, powers, strict=True) if e]
         if len(factors) < 2:  # an unknown by itself has its own row already
             continue
-        above, below = ("_".join(n.name for n, e in factors if s * e > 0) for s in (1, -1))
-        name = f"{above or 'one'}_over_{below}" if below else above
+        name = _product_name({n.name: e for n, e in factors})
+        if name in nominal:  # of the config's own
+            name += "_"
         described_.append(
             Symbol(
                 name=name,
@@ -92,6 +116,18 @@ def with_products(
     return Derived(
         symbols=tuple(described_), values=np.concatenate(columns, axis=-1), nominal=nominal
     )
+
+
+def _product_name(exponents: Mapping[str, int]) -> str:
+    """A name that files and Python know: `r_m_t_f_squared_over_k_s`."""
+    powers = {1: "", 2: "_squared", 3: "_cubed"}
+    above, below = (
+        "_".join(
+            name + powers.get(s * e, f"_to_{s * e}") for name, e in exponents.items() if s * e > 0
+        )
+        for s in (1, -1)
+    )
+    return f"{above or 'one'}_over_{below}" if below else above
 
 
 def described(problem: Problem) -> tuple[Symbol, ...]:
@@ -126,13 +162,13 @@ def _following(problem: Problem, named: Named, n: int) -> dict[str, Array]:
 
 
 def _nominal(problem: Problem) -> dict[str, float]:
-    """A quantity with a prior has no nominal value, nor has what names it."""
+    """What has no nominal value, such as a quantity with a prior, leaves none to what names it."""
     space = problem.posterior.space
-    named: dict[str, Array | float] = dict.fromkeys(space.quantities, np.nan)
+    named: dict[str, Array | float] = dict.fromkeys((*space.model, *space.quantities), np.nan)
     held = {name: value for name, value in space.fixed.items() if name in space.quantities}
     named |= {**held, **problem.nominal}
     found = {name: float(x[0]) for name, x in _following(problem, named, 1).items()}
-    return {name: problem.nominal[name] for name in space.relations} | found
+    return {name: problem.nominal.get(name, np.nan) for name in space.relations} | found
 
 
 def poles(model: Model, linear: Linear, n: int) -> dict[str, Array]:

@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 
 HDI_PROBABILITY = 0.94
 
-Word = Literal["determined", "weak", "prior only"]
+Word = Literal["determined", "weak", "through others", "prior only"]
 
 PRIOR_ONLY_SHRINKAGE = 0.1  # below it, and ...
 PRIOR_ONLY_DISTANCE = 0.1  # ... nearer to the prior than this: the record says nothing
@@ -31,6 +31,7 @@ RISING = 0.25  # of the draws are nearer than half the median where their densit
 MEANING: dict[Word, str] = {
     "determined": "the record narrows the prior to less than half",
     "weak": "the record narrows the prior, but to no less than half",
+    "through others": "narrower than the prior only by the priors of others: the record knows ratios",
     "prior only": "the posterior is just the prior: this record does not determine it",
 }
 

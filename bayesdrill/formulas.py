@@ -175,7 +175,7 @@ def _value(node: ast.expr, named: Mapping[str, Any]) -> Any:
 
 def _power(node: ast.expr) -> int | float:
     number = float(_value(node, {}))
-    return int(number) if number.is_integer() else number
+    return int(number) if number.is_integer() and abs(number) < 2**31 else number
 
 
 def _monomial(node: ast.expr) -> Monomial | None:

@@ -35,6 +35,7 @@ class Given:
     start: float
 
 
+_FARTHEST = 5  # sd of a normal between its mean and zero, where it is cut
 _SCALED = ("low", "high", "mean", "sd", "median", "scale")
 
 
@@ -45,13 +46,22 @@ def prior(spec: beliefs.PriorSpec, nominal_value: float) -> Prior:
         raise ValueError(
             f"low {values['low']:g} is not below high {values['high']:g}; exchange or mend them"
         )
+    if "mean" in values and values["mean"] < -_FARTHEST * values["sd"]:
+        raise ValueError(
+            f"mean {values['mean']:g} lies more than {_FARTHEST} sd below zero, so that nothing of the "
+            "prior is left; all unknowns are positive"
+        )
     if spec.relative:
         values = {k: v * nominal_value if k in _SCALED else v for k, v in values.items()}
     return PRIORS[spec.prior](**values)
 
 
-def start(spec: beliefs.PriorSpec, built: Prior, default: float) -> float:
-    """Where the MAP search begins; raises where the prior excludes it."""
+def start(spec: beliefs.PriorSpec, built: Prior, nominal_value: float | None = None) -> float:
+    """Where the MAP search begins; raises where the prior excludes it.
+
+    By default at the nominal value, or where there is none at the median.
+    """
+    default = nominal_value or float(built.quantile(np.array([0.5]))[0])
     value = default if spec.start is None else spec.start
     if not np.isfinite(built.logpdf(np.array([value]))[0]):
         what = "the nominal value" if spec.start is None else "the start"
@@ -83,7 +93,7 @@ def quantity(name: str, spec: beliefs.QuantitySpec) -> Given:
     if spec.relative:
         raise ValueError("a quantity has no nominal value; write its prior in its own unit")
     value = prior(rescaled(spec, factor), 1.0)
-    begin = start(spec, prior(spec, 1.0), float(value.quantile(np.array([0.5]))[0]) / factor)
+    begin = start(spec, prior(spec, 1.0))
     symbol = symbols.own_symbol(name, unit, spec.latex, "quantity of the config")
     return Given(symbol, factor, value, begin * factor)
 
@@ -92,8 +102,8 @@ def _check_name(name: str) -> None:
     """Whether a config may give this name to a thing of its own."""
     if not name.isidentifier() or keyword.iskeyword(name):
         raise ValueError(f"'{name}' cannot be a name; use letters, digits and `_`")
-    taken = {*symbols.PARAMETERS, *symbols.STATES, *symbols.INPUTS, *symbols.DERIVED, *RESERVED}
-    if name in taken or name.startswith("sigma_"):
+    known = (symbols.PARAMETERS, symbols.STATES, symbols.INPUTS, symbols.DERIVED)
+    if name in {*RESERVED, *symbols.AXES}.union(*known) or name.startswith("sigma_"):
         raise ValueError(f"{name} has a meaning of its own here; choose another name")
 
 

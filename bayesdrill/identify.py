@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdrill import ours
+from bayesdrill import ours, physics
 from bayesdrill.errors import InputError, did_you_mean
 from bayesdrill.identifiability.profile import Fitter, Profile, profile
 from bayesdrill.identifiability.scenes import Scenery
@@ -62,7 +62,8 @@ def preflight(job: Job, scenery: Scenery) -> str:
         return "no parameter is unknown: only noise levels are looked for"
     posterior = job.problem.posterior
     start = posterior.space.vector(posterior.space.start)
-    return words.brief(study_of(scenery, posterior, start, job.config))
+    said = words.brief(study_of(scenery, posterior, start, job.config))
+    return "\n".join([said, *physics.of_course(scenery, start)])
 
 
 def check_place(folder: Path, *, force: bool) -> None:

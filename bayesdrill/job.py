@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from bayesdrill import build, loading, recording
+from bayesdrill import build, derived, loading, recording
 from bayesdrill import config as records
 from bayesdrill.build import Problem
 from bayesdrill.errors import InputError
@@ -35,4 +35,8 @@ def assemble(config: records.Config, source: Source) -> Job:
     if not np.isfinite(posterior.density(start[None])[0]):
         message = "the model has no finite response at the start; check values and units"
         raise InputError([source.problem(("parameters",), message)])
+    impossible = derived.impossible(problem)
+    if impossible:
+        named = [source.problem(("derived", name), text) for name, text in impossible.items()]
+        raise InputError(named)
     return Job(config=config, source=source, problem=problem)

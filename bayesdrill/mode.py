@@ -19,6 +19,7 @@ from bayesdrill.climb import climb, gain_left
 from bayesdrill.optimisers import nelder_mead
 from bayesdrill.optimisers.contract import Optimiser, Task
 from bayesdrill.posterior import Posterior
+from bayesdrill.priors import LogNormal
 from bayesdrill.surface import PosteriorSurface
 
 Array = NDArray[np.float64]
@@ -220,7 +221,9 @@ def _at_bound(posterior: Posterior, values: Mapping[str, float]) -> tuple[str, .
     close = []
     for name, prior in posterior.space.priors.items():
         ends = [end for end in (prior.low, prior.high) if np.isfinite(end) and end > 0]
-        at_zero = prior.low == 0 and values[name] < prior.quantile(np.array(1e-3))
+        # The density of a log-normal vanishes at zero: that is no bound, only improbable.
+        ends_at_zero = prior.low == 0 and not isinstance(prior, LogNormal)
+        at_zero = ends_at_zero and values[name] < prior.quantile(np.array(1e-3))
         if at_zero or any(abs(values[name] / end - 1) < 1e-3 for end in ends):
             close.append(name)
     return tuple(close)

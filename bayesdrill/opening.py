@@ -43,7 +43,7 @@ class Opened:
     pressed: tuple[str, ...]
 
 
-def opened(
+def open_ends(
     posterior: Posterior, nominal: Mapping[str, float], draws: Array, maxima: Array, plan: Plan
 ) -> Opened | None:
     """From physical draws `(N, D)` and maxima `(M, D)`; None where no end is in the way."""

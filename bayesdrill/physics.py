@@ -15,6 +15,7 @@ from bayesdrill import config as records
 from bayesdrill import symbols
 from bayesdrill.build import Problem
 from bayesdrill.identifiability.information import Information
+from bayesdrill.identifiability.scenes import Scenery
 from bayesdrill.models.linear import Model, dynamics
 
 Array = NDArray[np.float64]
@@ -43,14 +44,20 @@ IDEAL = (
 
 
 def of_nominal(config: records.Config, problem: Problem) -> tuple[str, ...]:
-    """Of the nominal table; what the config gives itself is not held against the paper's rig."""
-    values = problem.nominal
-    own = {name for name in GEOMETRY if getattr(config.nominal, name) is not None}
+    """Of nominal values, or where there are none of held ones and those at the start.
+
+    What the config gives itself is not held against the paper's rig.
+    """
+    space = problem.posterior.space
+    values = {**space.start, **problem.nominal, **space.fixed}
+    values |= {name: float(relation.value(values)) for name, relation in space.relations.items()}
+    table = {name for name in problem.nominal if getattr(config.nominal, name) is None}
+    table = {name for name in table if values[name] == problem.nominal[name]}
     model = problem.posterior.likelihood.response.model
     found = poles(model, {name: np.array([values[name]]) for name in model.parameters})[0]
     return (
         *_energy_of_nominal(values),
-        *_geometry({name: values[name] for name in GEOMETRY if name not in own}),
+        *_geometry({name: values[name] for name in GEOMETRY if name in table}),
         *_poles(found[None], problem.experiment.dt),
     )
 
@@ -62,6 +69,23 @@ def of_draws(problem: Problem, draws: Array, known: Information) -> tuple[str, .
     model = problem.posterior.likelihood.response.model
     values = dict(zip(model.parameters, full.T, strict=True))
     return (*_energy_of_draws(values, known), *_poles(poles(model, values), problem.experiment.dt))
+
+
+def of_course(scenery: Scenery, theta: Array) -> tuple[str, ...]:
+    """Of the motion at unknowns `theta (D,)`: whether friction brakes all the time."""
+    likelihood = scenery.likelihood
+    rig = likelihood.response.model
+    t_f = float(likelihood.space.full(theta[None])[0, rig.parameters.index("t_f")])
+    states = scenery.states_over_time(theta, scenery.as_it_is(theta))
+    speed = states[:, scenery.states.index("w_2")]
+    share = float(np.mean(np.sign(t_f) * speed < -APPRECIABLE * np.abs(speed).max()))
+    if share <= FEW:
+        return ()
+    return (
+        f"friction: in {_percent(share)} of the record the motor turns the other way, and t_f, which "
+        "keeps its sign, drives instead of braking; cut these samples off (record.window), turn the "
+        "signs of v and of all channels if it always turns so, or do not believe t_f",
+    )
 
 
 def poles(model: Model, values: Mapping[str, Array]) -> NDArray[np.complex128]:

@@ -15,12 +15,22 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdrill import build, maxima, mode, ours, provenance, residuals, seeds, store, verdict
+from bayesdrill import (
+    build,
+    maxima,
+    mode,
+    ours,
+    physics,
+    provenance,
+    seeds,
+    store,
+)
 from bayesdrill import config as records
 from bayesdrill.build import Problem
+from bayesdrill.conclusions import conclude
 from bayesdrill.convergence import Targets
 from bayesdrill.crew import Crew
-from bayesdrill.diagnostics import Row, summarise
+from bayesdrill.diagnostics import Row
 from bayesdrill.errors import InputError, Interrupted
 from bayesdrill.identifiability.scenes import Scenery
 from bayesdrill.identify import preflight
@@ -29,16 +39,14 @@ from bayesdrill.job import assemble as assemble
 from bayesdrill.job import prepare as prepare
 from bayesdrill.learning import Nowhere
 from bayesdrill.mode import Mode, Other, Search
-from bayesdrill.opening import opened
 from bayesdrill.optimisers.contract import Optimiser
 from bayesdrill.pieces import COMPUTED_AGAIN
 from bayesdrill.progress import Reporter
 from bayesdrill.report import publish, residual_words, tables, verdict_words, words
-from bayesdrill.residuals import Left
 from bayesdrill.sampling import Plan, Sampled, loaded, sample, stored
 from bayesdrill.sealed import opened, sealed
 from bayesdrill.store import Folder
-from bayesdrill.verdict import Judgement, Verdict
+from bayesdrill.verdict import Verdict
 
 Array = NDArray[np.float64]
 
@@ -52,6 +60,7 @@ class Outcome:
     """`shown`: table and verdict for the terminal, in paragraphs.
 
     `reasons`: why the result must not be believed: it did not converge, or does not fit.
+    `missing`: tables and figures that could not be made.
     """
 
     folder: Path
@@ -61,6 +70,7 @@ class Outcome:
     verdict: Verdict | None
     shown: tuple[str, ...]
     reasons: tuple[str, ...]
+    missing: tuple[str, ...]
     seconds: Mapping[str, float]
 
 
@@ -229,26 +239,6 @@ def _read_mode(path: Path) -> Mode | None:
         raise InputError.one(str(path), COMPUTED_AGAIN) from None
 
 
-def conclude(
-    job: Job, found: Mode, sampled: Sampled, scenery: Scenery
-) -> tuple[tuple[Row, ...], tuple[Left, ...], Judgement | None]:
-    """Of each unknown, of each channel, and of the nominal table."""
-    problem, c = job.problem, sampled.convergence
-    target = problem.posterior
-    rows = summarise(problem, sampled.draws, found, c)
-    tops = mode.tops(target, found)
-    draws = sampled.draws.reshape(-1, tops.shape[1])
-    left = residuals.left(target.likelihood, tops[0])
-    fits = residuals.like_noise(left)
-    beyond = None
-    if c.converged:
-        beyond = opened(target, problem.nominal, draws, tops, plan(job.config))
-    judged = verdict.judgement(
-        problem, job.config, scenery, tops[0], draws, rows, beyond, fits=fits
-    )
-    return rows, left, judged
-
-
 def _publish(
     job: Job,
     folder: Folder,
@@ -260,9 +250,13 @@ def _publish(
 ) -> Outcome:
     begun = time.perf_counter()
     c = sampled.convergence
-    table = job.config.nominal.table  # type: ignore[attr-defined]
-    rows, left, judged = conclude(job, found, sampled, scenery)
-    publish.everything(job.problem, found, left, sampled, rows, judged, job.config, folder, crew)
+    table = build.compared_with(job.config)
+    rows, left, judged = conclude(job, found, sampled, scenery, plan(job.config))
+    at = job.problem.posterior.space.vector(found.values)
+    notes = [*tables.notes(rows), *(f"note: {one}" for one in physics.of_course(scenery, at))]
+    missing = publish.everything(
+        job.problem, found, left, sampled, rows, judged, job.config, folder, crew
+    )
     if seconds:
         seconds["report"] = time.perf_counter() - begun
         folder.write_run(seconds={name: round(value, 3) for name, value in seconds.items()})
@@ -270,7 +264,8 @@ def _publish(
         status="finished",
         converged=c.converged,
         reasons=[*c.reasons, *residual_words.reasons(left)],
-        notes=tables.notes(rows),
+        notes=notes,
+        missing=missing,
         fit=residual_words.as_data(left),
         verdict=None
         if judged is None
@@ -291,7 +286,7 @@ def _publish(
     said_first = [words.maxima(found, sampled), words.unbelievable(doubts)]
     shown = [
         *(text for text in said_first if text),
-        *(residual_words.sentences(left), tables.as_text(rows), tables.in_words(rows)),
+        *(residual_words.sentences(left), tables.as_text(rows), tables.in_words(rows, notes)),
     ]
     if judged is not None:
         said = verdict_words.sentences(judged.verdict, table, converged=c.converged)
@@ -304,6 +299,7 @@ def _publish(
         verdict=None if judged is None else judged.verdict,
         shown=tuple(shown),
         reasons=(*c.reasons, *doubts),
+        missing=missing,
         seconds=seconds,
     )
 

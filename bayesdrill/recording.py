@@ -19,7 +19,7 @@ from bayesdrill.experiment import (
     frozen,
     raise_if_any,
 )
-from bayesdrill.formats import FORMATS, CsvOptions, Table, format_of
+from bayesdrill.formats import FORMATS, CsvOptions, Table, format_of, variable_name
 from bayesdrill.yaml_source import Place, Source
 
 Array = NDArray[np.float64]
@@ -28,6 +28,16 @@ Array = NDArray[np.float64]
 def path_of(config: records.Config, source: Source) -> Path:
     """The record's file: relative paths start at the folder of the config."""
     return source.path.parent / config.record.file
+
+
+def options(record: records.RecordSpec) -> CsvOptions:
+    """How a text file is written, as far as the config says so."""
+    return CsvOptions(
+        delimiter=record.delimiter,
+        decimal=record.decimal,
+        header=record.header,
+        skip_rows=record.skip_rows,
+    )
 
 
 def read(config: records.Config, source: Source) -> Experiment:
@@ -82,14 +92,9 @@ class _Reader:
 
     def _read_table(self) -> Table:
         record = self._config.record
-        options = CsvOptions(
-            delimiter=record.delimiter,
-            decimal=record.decimal,
-            header=record.header,
-            skip_rows=record.skip_rows,
-        )
         try:
-            return FORMATS[record.format or format_of(self._path)](self._path, options)
+            kind = record.format or format_of(self._path)
+            return FORMATS[kind](self._path, options(record), _wanted(self._config))
         except InputError as error:
             label = self._label(("record", "file"))
             raise InputError([Problem(label, str(problem)) for problem in error.problems]) from None
@@ -180,6 +185,15 @@ class _Reader:
             )
             raise InputError([self._source.problem(place, message)])
         return min(begin, float(time[0]))
+
+
+def _wanted(config: records.Config) -> set[str] | None:
+    """Variables that the config names; None where it leaves one to be found out."""
+    specs = [*config.record.channels.values(), *build.measured_inputs(config).values()]
+    time = config.record.time
+    columns = [*specs, *([time] if isinstance(time, records.TimeColumn) else [])]
+    names = {variable_name(spec.column, spec.variable) for spec in columns}
+    return None if None in names else {name for name in names if name is not None}
 
 
 def _at(place: Place, spec: records.Column) -> Place:

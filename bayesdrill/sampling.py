@@ -198,7 +198,7 @@ def _until_judged(
             report.update(_share(convergence, plan.targets), _state_of(convergence))
             if hopeless and not convergence.converged:
                 reasons = (*convergence.reasons, hopeless)
-                convergence = dataclasses.replace(convergence, reasons=reasons)
+                convergence = dataclasses.replace(convergence, reasons=reasons, enough=None)
             if convergence.converged or ending:
                 return dataclasses.replace(sampled, convergence=convergence, learnt=learnt)
         goal = min(seen.next_check(goal, plan.targets.n_tau), last)

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import io
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdrill import build, givens, ours, recording, seeds, symbols, units
+from bayesdrill import build, givens, ours, recording, seeds, writing
 from bayesdrill import config as records
 from bayesdrill.errors import InputError
 from bayesdrill.experiment import Experiment, frozen, times
@@ -20,13 +19,14 @@ from bayesdrill.yaml_source import Source
 Array = NDArray[np.float64]
 
 
-def simulate(config: records.Config, source: Source, seed: int) -> str:
-    """A record as CSV text that the config itself reads.
+def simulate(config: records.Config, source: Source, seed: int, target: Path | None = None) -> str:
+    """A record as text that the config itself reads, from `target` or by default its own record.
 
     Times and measured inputs are those of the config's `simulation:` grid, or else of its record.
     True values are nominal, or the config's fixed ones, unless `simulation:` names them; what is
     tied follows from them.
     """
+    writing.check_form(config, source, target)
     experiment = grid(config, source)
     rig = build.model(config)
     measured = build.channels(config, rig)
@@ -36,7 +36,7 @@ def simulate(config: records.Config, source: Source, seed: int) -> str:
     noise = seeds.stream(seed, "record").standard_normal(signals.shape)
     factors = np.array([entry.factor for entry in measured])
     y = (signals + sigmas * noise) / factors
-    return _as_csv(config, source, experiment, y)
+    return writing.as_text(config, source, experiment, y)
 
 
 def save(text: str, target: Path, record: Path, *, force: bool) -> None:
@@ -93,7 +93,7 @@ def truth(config: records.Config, rig: Model) -> dict[str, float]:
     space = build.space(config, rig, [])
     simulation: Any = config.simulation
     named = {name: getattr(simulation, name, None) for name in rig.parameters}
-    values = {**space.start, **build.nominal(config), **space.fixed}
+    values = {**space.start, **build.compared(config), **space.fixed}
     for name, value in simulation.quantities.items() if simulation else ():
         values[name] = value * givens.quantity(name, config.quantities[name]).factor
     values |= {name: value for name, value in named.items() if value is not None}
@@ -114,33 +114,3 @@ def _sigma(config: records.Config, source: Source, entry: build.Measured) -> flo
         )
         raise InputError([source.problem(("record", "channels", name, "sigma"), message)])
     return float(simulation.sigma[name]) * entry.factor
-
-
-def _as_csv(config: records.Config, source: Source, experiment: Experiment, y: Array) -> str:
-    """Columns named and scaled as the config reads them."""
-    columns: list[tuple[str, Array]] = []
-    time = config.record.time
-    if isinstance(time, records.TimeColumn):
-        columns.append(
-            (_name(source, ("record", "time"), time), experiment.t / units.factor(time.unit, "s"))
-        )
-    for k, (name, spec) in enumerate(config.record.channels.items()):
-        columns.append((_name(source, ("record", "channels", name), spec), y[:, k]))
-    for name, values in experiment.series.items():
-        spec = getattr(config.inputs, name)
-        factor = units.factor(spec.unit, symbols.INPUTS[name].unit)
-        columns.append((_name(source, ("inputs", name), spec), values / factor))
-    out = io.StringIO()
-    header = ",".join(name for name, _ in columns)
-    np.savetxt(
-        out, np.stack([v for _, v in columns], axis=-1), "%.9g", ",", header=header, comments=""
-    )
-    return out.getvalue()
-
-
-def _name(source: Source, place: tuple[str, ...], spec: records.Column) -> str:
-    if isinstance(spec.column, str):
-        return spec.column
-    raise InputError(
-        [source.problem(place, "a simulated record is a CSV file with named columns; give a name")]
-    )

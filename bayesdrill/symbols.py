@@ -93,6 +93,10 @@ INPUTS = _table(
     Symbol("t_1", "N*m", "t_1", r"N\,m", "friction torque on rotor 1 (load)"),
 )
 
+AXES = frozenset(
+    {"chain", "draw", "time"}
+)  # of what `posterior.nc` holds: no names of anything else
+
 _TABLES_2_3 = {
     "j_m": 4.0e-4,
     "c_m": 19.0e-5,
@@ -157,7 +161,8 @@ def own_symbol(name: str, unit: str, latex: str | None, meaning: str) -> Symbol:
 def _latex_unit(unit: str) -> str:
     if unit in ("1", ""):
         return ""
-    powers = re.sub(r"\*\*(-?[\d.]+)", r"^{\1}", unit.replace(" ", ""))
+    plain_text = unit.replace(" ", "").replace("_", r"\_")
+    powers = re.sub(r"\*\*(-?[\d.]+)", r"^{\1}", plain_text)
     return powers.replace("*", r"\,").replace("ohm", r"\Omega")
 
 

@@ -12,10 +12,9 @@ def factor(unit: str, si: str) -> float:
         return 1.0
     import pint  # late: it takes 0.4 s to load, and most configs are in SI
 
-    registry = _registry()
     try:
-        quantity = registry.Quantity(1.0, unit)
-        return float(quantity.to(si).magnitude)
+        one, wanted = _quantity(1.0, unit), _quantity(1.0, si)
+        value = float(one.to(si).magnitude)
     except pint.UndefinedUnitError:
         raise ValueError(f"unit '{unit}' is not known; write for example {_examples(si)}") from None
     except pint.DimensionalityError:
@@ -24,6 +23,12 @@ def factor(unit: str, si: str) -> float:
         raise ValueError(
             f"unit '{unit}' cannot be read; write for example {_examples(si)}"
         ) from None
+    if not _same_base(one, wanted):  # counts, bits and the 1/s of Hz have no dimension either
+        raise ValueError(
+            f"unit '{unit}' is not a unit of {si}, as it does not say how far one of it turns; "
+            f"write {_examples(si)}"
+        )
+    return value
 
 
 # Units that are shown; what fits none of them is shown in kg, m, s, A.
@@ -37,22 +42,32 @@ def coherent(unit: str) -> tuple[str, float]:
     """The SI unit for a user's `unit` of any kind, and how many of it one `unit` is."""
     if unit in ("1", *_COHERENT):
         return unit, 1.0
-    import pint
-
     try:
-        quantity = _registry().Quantity(1.0, unit)
-        base = quantity.to_base_units()
-        if base.magnitude == 1.0:
-            return unit, 1.0
-        for name in _COHERENT:
-            try:
-                return name, float(quantity.to(name).magnitude)
-            except pint.DimensionalityError:
-                continue
-        return f"{base.units:~C}" or "1", float(base.magnitude)
+        one = _quantity(1.0, unit)
+        base, nothing = one.to_base_units(), _quantity(0.0, unit).to_base_units()
     except Exception:  # pint raises many kinds for malformed text
         message = f"unit '{unit}' is not known; write for example m, mm, GPa or kg/m**3"
         raise ValueError(message) from None
+    if nothing.magnitude != 0.0:
+        raise ValueError(
+            f"unit '{unit}' does not begin at zero, so that no factor turns it into SI; write the "
+            "value in K, or in a plain unit"
+        )
+    if base.magnitude == 1.0:
+        return unit, 1.0
+    for name in _COHERENT:
+        if _same_base(one, _quantity(1.0, name)):
+            return name, float(one.to(name).magnitude)
+    return f"{base.units:~C}" or "1", float(base.magnitude)
+
+
+def _quantity(value: float, unit: str) -> Any:
+    return _registry().Quantity(value, unit)
+
+
+def _same_base(one: Any, other: Any) -> bool:
+    """Of one kind, angles and counts told apart."""
+    return bool(one.to_base_units().units == other.to_base_units().units)
 
 
 @cache
@@ -66,7 +81,7 @@ def _examples(si: str) -> str:
     return {
         "s": "s or ms",
         "rad": "rad, deg or revolution",
-        "rad/s": "rad/s, deg/s or rpm",
+        "rad/s": "rad/s, deg/s or rpm (a turn each second is revolution/s)",
         "A": "A or mA",
         "V": "V or mV",
         "N*m": "N*m or mN*m",

@@ -138,7 +138,10 @@ def judgement(
         beyond,
         fits=fits,
     )
-    findings = physics.of_draws(problem, draws, found.information)
+    findings = (
+        *physics.of_draws(problem, draws, found.information),
+        *physics.of_course(scenery, mode),
+    )
     return Judgement(study=found, verdict=verdict, findings=findings)
 
 

@@ -14,6 +14,7 @@ from threadpoolctl import threadpool_limits
 
 from bayesdrill import calibrate, job, pipeline, seeds
 from bayesdrill.calibration.refit import fitted
+from bayesdrill.conclusions import conclude
 from bayesdrill.identifiability.scenes import Scenery
 from bayesdrill.job import Job
 from bayesdrill.report import residual_words
@@ -48,7 +49,8 @@ class Trial:
         )
         own = replace(self.job, problem=replace(self.job.problem, posterior=posterior))
         found, sampled = fitted(calibrate.study(own), posterior, seed)
-        _, left, judged = pipeline.conclude(own, found, sampled, Scenery(posterior.likelihood))
+        scenery, plan = Scenery(posterior.likelihood), pipeline.plan(own.config)
+        _, left, judged = conclude(own, found, sampled, scenery, plan)
         assert judged is not None
         return judged.verdict, [*sampled.convergence.reasons, *residual_words.reasons(left)]
 

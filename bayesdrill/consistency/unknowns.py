@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 
 import numpy as np
 
-from bayesdrill import beliefs, build, givens, symbols
+from bayesdrill import beliefs, build, givens, symbols, typesetting
 from bayesdrill import config as records
 from bayesdrill.consistency.collector import Collector
 from bayesdrill.formulas import CircleError, Expression
@@ -19,7 +19,14 @@ _TRIED = 4096  # draws from the priors, at which formulas are tried
 
 
 def check_model(found: Collector, config: records.Config, model: Model) -> None:
-    """Constants of another model would be given in vain."""
+    """Constants of another model would be given in vain; a gear that speeds up is one upside down."""
+    i_m = config.model.i_m
+    if i_m > 1:
+        found.add(
+            ("model", "i_m"),
+            f"{i_m:g} would make the shaft turn {i_m:g} times as fast as the motor; is a reduction of "
+            f"{i_m:g}:1 meant? Then write {1 / i_m:.6g}",
+        )
     for name, value in config.model:
         having = [other for other, kind in MODELS.items() if name in (*constants(kind), "name")]
         if value is not None and model.name not in having:
@@ -46,7 +53,7 @@ def check_parameters(
         elif isinstance(spec, beliefs.PriorBase):
             built = found.run(place, givens.prior, spec, nominal[name])
             if built is not None:
-                found.run(place, givens.start, spec, built, nominal[name])
+                found.run(place, givens.start, spec, built, build.compared(config).get(name))
 
 
 def check_relations(found: Collector, config: records.Config, model: Model) -> None:
@@ -54,9 +61,13 @@ def check_relations(found: Collector, config: records.Config, model: Model) -> N
     before = len(found.problems)
     used: set[str] = set()
     for name, spec in config.quantities.items():
-        found.run(("quantities", name), givens.quantity, name, spec)
-    for name in config.derived:
+        given = found.run(("quantities", name), givens.quantity, name, spec)
+        if given is not None and getattr(spec, "latex", None) is not None:
+            found.run(("quantities", name, "latex"), typesetting.check, given.symbol)
+    for name, derived in config.derived.items():
         own = found.run(("derived", name), givens.formula, config, model, name)
+        if own is not None and derived.latex is not None:
+            found.run(("derived", name, "latex"), typesetting.check, own.symbol)
         used |= set(own.expression.names) if own else set()
     relations = {
         name: found.run(("parameters", name), givens.relation, config, model, name)

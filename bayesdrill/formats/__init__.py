@@ -2,24 +2,42 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
 from types import MappingProxyType
 
 from bayesdrill.errors import InputError, did_you_mean
 from bayesdrill.formats import csv, matlab
+from bayesdrill.formats.csv import check_options
+from bayesdrill.formats.csv import table as text_table
 from bayesdrill.formats.dialect import CsvOptions
-from bayesdrill.formats.table import Table
+from bayesdrill.formats.table import Table, variable_name
 
-__all__ = ["FORMATS", "SUFFIXES", "CsvOptions", "Table", "format_of"]
+__all__ = [
+    "FORMATS",
+    "SUFFIXES",
+    "CsvOptions",
+    "Table",
+    "check_options",
+    "format_of",
+    "text_table",
+    "variable_name",
+]
 
 
-def _read_matlab(path: Path, _options: CsvOptions) -> Table:
-    return matlab.read(path)
+Wanted = Collection[str] | None  # variables that will be picked, by name; None: any of them
 
 
-FORMATS: Mapping[str, Callable[[Path, CsvOptions], Table]] = MappingProxyType(
-    {"csv": csv.read, "mat": _read_matlab}
+def _read_csv(path: Path, options: CsvOptions, _: Wanted) -> Table:
+    return csv.read(path, options)
+
+
+def _read_matlab(path: Path, _: CsvOptions, wanted: Wanted) -> Table:
+    return matlab.read(path, wanted)
+
+
+FORMATS: Mapping[str, Callable[[Path, CsvOptions, Wanted], Table]] = MappingProxyType(
+    {"csv": _read_csv, "mat": _read_matlab}
 )
 
 SUFFIXES: Mapping[str, str] = MappingProxyType(

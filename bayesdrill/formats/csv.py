@@ -15,14 +15,21 @@ from bayesdrill.formats.numbers import parse
 from bayesdrill.formats.table import Table
 from bayesdrill.formats.text import Lines, decode, lines_of, short, split, to_number
 
+_SAMPLE = 500  # rows at each end of a file
+
 
 def read(path: Path, options: CsvOptions) -> Table:
     """Read a text table; empty and NaN cells become NaN.
 
     Raises InputError for a file that is no table, naming lines and columns.
     """
-    _check_options(path, options)
-    lines = lines_of(path, decode(path), options.skip_rows)
+    return table(path, decode(path), options)
+
+
+def table(path: Path, text: str, options: CsvOptions) -> Table:
+    """Of a text that stands, or is to stand, in the file `path`."""
+    check_options(path, options)
+    lines = lines_of(path, text, options.skip_rows)
     dialect = dialects.find(lines.texts, options)
     lines = dialects.without_empty_tail(lines, dialect)
     header, body = _split_header(lines, dialect, options.header)
@@ -33,6 +40,7 @@ def read(path: Path, options: CsvOptions) -> Table:
     if options.decimal is None and dialect.separator != ",":
         dialect = Dialect(dialect.separator, dialects.decimal_of(body.texts) or dialect.decimal)
     body = dialects.without_trailing_delimiter(body, header, dialect)
+    _check_numbers(body, dialect)
     width = dialects.usual_width(body.texts, dialect)
     names, ignored = _names(header, lines, dialect, width)
     values = parse(body, dialect, names)
@@ -41,7 +49,8 @@ def read(path: Path, options: CsvOptions) -> Table:
     return Table(path=path, variables=columns, lines=numbers, ignored=ignored)
 
 
-def _check_options(path: Path, options: CsvOptions) -> None:
+def check_options(path: Path, options: CsvOptions) -> None:
+    """Raises InputError for marks that no table can be written with."""
     problems = []
     if options.delimiter is not None and len(options.delimiter) != 1:
         problems.append(f"delimiter {options.delimiter!r} is not one character; use , ; | or a tab")
@@ -67,7 +76,7 @@ def _split_header(lines: Lines, dialect: Dialect, wanted: bool | None) -> tuple[
     if wanted is None and numeric:
         raise InputError.one(
             lines.place(0),
-            f"mixes numbers and text: {short(lines.texts[0])}; "
+            f"mixes numbers and text such as {short(words[0])}; "
             f"say header: true if it names the columns, or mend the cell",
         )
     count = 1
@@ -77,11 +86,20 @@ def _split_header(lines: Lines, dialect: Dialect, wanted: bool | None) -> tuple[
     return lines.texts[0], lines.after(count)
 
 
-def _census(line: str, dialect: Dialect) -> tuple[int, int]:
-    """How many cells of a line are numbers, and how many are words; empty ones are neither."""
+def _census(line: str, dialect: Dialect) -> tuple[int, list[str]]:
+    """How many cells of a line are numbers, and those that are words; empty ones are neither."""
     cells = [cell for cell in split(line, dialect.separator) if cell.strip()]
-    numeric = sum(to_number(cell, dialect.decimal) is not None for cell in cells)
-    return numeric, len(cells) - numeric
+    words = [cell for cell in cells if to_number(cell, dialect.decimal) is None]
+    return len(cells) - len(words), words
+
+
+def _check_numbers(body: Lines, dialect: Dialect) -> None:
+    """A file without any is no record: what stands in it is not for messages."""
+    sample = [*body.texts[:_SAMPLE], *body.texts[-_SAMPLE:]]
+    cells = (cell.strip() for line in sample for cell in split(line, dialect.separator))
+    if not any(re.fullmatch(r"[-+.,\deE_]*\d[-+.,\deE_]*|[nN]a[nN]", cell) for cell in cells):
+        message = "holds no numbers; name the file of the record, or say how it is written"
+        raise InputError.one(str(body.path), message)
 
 
 def _names(
@@ -94,7 +112,7 @@ def _names(
     if len(names) != width:
         raise InputError.one(
             lines.place(0),
-            f"the header has {len(names)} cells and the rows have {width}: {short(header)}; "
+            f"the header has {len(names)} cells and the rows have {width}; "
             f"if it is a title, set skip_rows to start at the header below it, "
             f"else check delimiter and decimal",
         )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -19,10 +19,11 @@ _NUMERIC = "fiub"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Found:
-    """What a walk through a file has gathered so far."""
+    """What a walk through a file has gathered so far; of `unread` only the names are looked at."""
 
     variables: dict[str, Array] = field(default_factory=dict)
     ignored: dict[str, str] = field(default_factory=dict)
+    unread: list[str] = field(default_factory=list)
 
     def add(self, name: str, values: np.ndarray[Any, Any]) -> None:
         """Keep a real array up to 2-D, `(T, 1)` and `(1, T)` as `(T,)`; note others as ignored."""
@@ -48,17 +49,22 @@ class _Damaged(Exception):
         super().__init__(lines[0] if lines else type(cause).__name__)
 
 
-def read(path: Path) -> Table:
-    """Read all numeric variables of a .mat file. Raises InputError when it cannot be read."""
+def read(path: Path, wanted: Collection[str] | None = None) -> Table:
+    """Read the `wanted` variables of a .mat file (dotted names; None: all numeric ones).
+
+    Raises InputError when it cannot be read.
+    """
     import h5py
 
     head = read_bytes(path, 128)
     try:
         is_hdf5 = head.startswith(b"MATLAB 7.3") or bool(h5py.is_hdf5(path))
-        found = _read_v73(path) if is_hdf5 else _read_v5(path)
+        found = _read_v73(path, wanted) if is_hdf5 else _read_v5(path, wanted)
     except _Damaged as error:
         raise InputError.one(str(path), _broken(head, str(error))) from error
-    return Table(path=path, variables=found.variables, ignored=found.ignored)
+    return Table(
+        path=path, variables=found.variables, ignored=found.ignored, unread=tuple(found.unread)
+    )
 
 
 def _broken(head: bytes, reason: str) -> str:
@@ -70,18 +76,21 @@ def _broken(head: bytes, reason: str) -> str:
     )
 
 
-def _read_v5(path: Path) -> _Found:
+def _read_v5(path: Path, wanted: Collection[str] | None) -> _Found:
     from scipy.io import loadmat
 
+    found = _Found()
+    used = None if wanted is None else {name.split(".")[0] for name in wanted}
     with warnings.catch_warnings():
         # scipy warns of objects it cannot name; they are reported below when asked for.
         warnings.simplefilter("ignore")
         try:
-            content: Mapping[str, Any] = loadmat(path, mat_dtype=False)
+            content: Mapping[str, Any] = loadmat(path, mat_dtype=False, variable_names=used)
+            if used is not None and not used <= content.keys():  # for what is said of the mistake
+                content = loadmat(path, mat_dtype=False)
         except Exception as error:
             # scipy meets damaged bytes with a dozen kinds of exception; all mean the same here.
             raise _Damaged(error) from error
-    found = _Found()
     for name, value in content.items():
         if not name.startswith("__"):
             _walk_v5(name, value, found)
@@ -115,44 +124,68 @@ def _walk_v5(name: str, value: Any, found: _Found) -> None:
         found.add(name, value)
 
 
-def _read_v73(path: Path) -> _Found:
+def _read_v73(path: Path, wanted: Collection[str] | None) -> _Found:
     import h5py
 
     found = _Found()
     try:
         with h5py.File(path, "r") as file:
-            for name, item in file.items():
-                if not name.startswith("#"):  # #refs# and #subsystem# are MATLAB's own
-                    _walk_v73(name, item, found)
+            _walk_v73("", file, wanted, found)
     except Exception as error:  # damaged bytes come up as anything here too
         raise _Damaged(error) from error
     return found
 
 
-def _walk_v73(name: str, item: Any, found: _Found) -> None:
+def _walk_v73(prefix: str, group: Any, wanted: Collection[str] | None, found: _Found) -> None:
+    import h5py
+
+    for member in group:
+        if not prefix and member.startswith("#"):  # #refs# and #subsystem# are MATLAB's own
+            continue
+        name = f"{prefix}{member}"
+        if not isinstance(group.get(member, getlink=True), h5py.HardLink):
+            found.ignored[name] = f"is a link to elsewhere; {_ITSELF}"
+            continue
+        item = group[member]
+        reason = _unfit(name, item)
+        if reason:
+            found.ignored[name] = reason
+        elif isinstance(item, h5py.Group):
+            _walk_v73(f"{name}.", item, wanted, found)
+        elif wanted is None or name in wanted:
+            # MATLAB writes column by column, so HDF5 shows every array transposed.
+            found.add(name, np.asarray(item[()]).T)
+        else:
+            found.unread.append(name)
+
+
+_ITSELF = "save the numbers themselves in this file"
+
+
+def _unfit(name: str, item: Any) -> str:
+    """Why an item of a v7.3 file holds no plain numbers of its own, if so."""
     import h5py
 
     kind = _text(item.attrs.get("MATLAB_class", b""))
     if "MATLAB_object_decode" in item.attrs:
-        found.ignored[name] = _opaque(name, kind)
-    elif "MATLAB_sparse" in item.attrs:
-        found.ignored[name] = "is sparse; save full(...) of it"
-    elif isinstance(item, h5py.Group):
-        for field_name, member in item.items():
-            _walk_v73(f"{name}.{field_name}", member, found)
-    elif item.attrs.get("MATLAB_empty", 0):
-        found.ignored[name] = "is empty"
-    elif kind == "char":
-        found.ignored[name] = "is text, not numbers"
-    elif kind == "cell":
-        found.ignored[name] = "is a cell array; save cell2mat(...) of it"
-    elif item.dtype.kind == "O":
-        found.ignored[name] = "is part of an array of structs; save a single struct"
-    elif item.dtype.names == ("real", "imag"):
-        found.ignored[name] = "is complex; save its real part"
-    else:
-        # MATLAB writes column by column, so HDF5 shows every array transposed.
-        found.add(name, np.asarray(item[()]).T)
+        return _opaque(name, kind)
+    if "MATLAB_sparse" in item.attrs:
+        return "is sparse; save full(...) of it"
+    if isinstance(item, h5py.Group):
+        return ""
+    if item.attrs.get("MATLAB_empty", 0):
+        return "is empty"
+    if kind == "char":
+        return "is text, not numbers"
+    if kind == "cell":
+        return "is a cell array; save cell2mat(...) of it"
+    if item.is_virtual or item.external:
+        return f"has its numbers in other files; {_ITSELF}"
+    if item.dtype.kind == "O":
+        return "is part of an array of structs; save a single struct"
+    if item.dtype.names == ("real", "imag"):
+        return "is complex; save its real part"
+    return ""
 
 
 def _opaque(name: str, kind: str) -> str:

@@ -81,14 +81,15 @@ class _Careful:
         values = np.full((len(rows), len(self._names)), np.nan)
         for i, row in enumerate(rows):
             if len(row) != len(self._names):
-                text = short(self._body.texts[start + i])
-                message = f"{len(row)} cells where {len(self._names)} are due: {text}"
+                message = f"{len(row)} cells where {len(self._names)} are due"
                 self._ragged.add(self._body.place(start + i), message)
                 continue
             for j, cell in enumerate(row):
                 value = to_number(cell, self._dialect.decimal)
                 if value is None:
-                    message = f"column {self._names[j]!r}: {short(cell.strip())} is not a number"
+                    message = (
+                        f"column {short(self._names[j])}: {short(cell.strip())} is not a number"
+                    )
                     self._bad.add(self._body.place(start + i), message)
                 else:
                     values[i, j] = value

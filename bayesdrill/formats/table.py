@@ -21,7 +21,7 @@ class Table:
     A text file is a set of `(T,)` variables, one per column, in file order; a MATLAB file is a
     set of `(T,)` or `(T, n)` variables, struct fields under dotted names (`rig.theta`). Both may
     hold NaN and infinities: `where` names the row of one. `ignored` says why a name that stands
-    in the file cannot be picked.
+    in the file cannot be picked; `unread` are names that were not asked for.
     """
 
     path: Path
@@ -29,6 +29,7 @@ class Table:
     lines: NDArray[np.int64] | None = None
     """`(T,)` line numbers of a text file; None for a MATLAB file."""
     ignored: Mapping[str, str] = field(default_factory=dict)
+    unread: tuple[str, ...] = ()
 
     def where(self, index: int) -> str:
         """The place of the sample `index` (0-based): `line 18` of a text, else `sample 18`."""
@@ -73,12 +74,9 @@ class Table:
         return list(self.variables.values())[column - 1]
 
     def _pick_from_matlab(self, column: str | int | None, variable: str | None) -> Array:
+        variable = variable_name(column, variable) or self._only_variable()
         if isinstance(column, str):
-            # A column of a MATLAB array has no name, so a name can only be a (sub)variable.
-            variable = column if variable is None else f"{variable}.{column}"
             column = None
-        if variable is None:
-            variable = self._only_variable()
         values = self._named(variable, "variable")
         shape = f"variable {variable!r} of {self.path.name} has {_shape(values)}"
         width = 1 if values.ndim == 1 else values.shape[1]
@@ -103,7 +101,7 @@ class Table:
             return self.variables[name]
         if name in self.ignored:
             raise LookupError(f"{kind} {name!r} of {self.path.name} {self.ignored[name]}")
-        fields = [known for known in self.variables if known.startswith(f"{name}.")]
+        fields = [known for known in self._names if known.startswith(f"{name}.")]
         if fields and kind == "variable":
             raise LookupError(
                 f"variable {name!r} of {self.path.name} is a struct; name one of its fields: "
@@ -118,13 +116,24 @@ class Table:
 
     def _known(self, name: str) -> str:
         """The nearest name, then all of them, so that one look at the error is enough."""
-        if not self.variables:
+        if not self._names:
             return "; the file holds no numeric array"
-        near = did_you_mean(name, self.variables)
-        everything = f"; known: {', '.join(self.variables)}"
+        near = did_you_mean(name, self._names)
+        everything = f"; known: {', '.join(self._names)}"
         if near == everything:
             return near
-        return f"{near} (the file has {', '.join(self.variables)})"
+        return f"{near} (the file has {', '.join(self._names)})"
+
+    @property
+    def _names(self) -> tuple[str, ...]:
+        return (*self.variables, *self.unread)
+
+
+def variable_name(column: str | int | None, variable: str | None) -> str | None:
+    """Of a MATLAB file: a column of an array has no name, so a name can only be a (sub)variable."""
+    if not isinstance(column, str):
+        return variable
+    return column if variable is None else f"{variable}.{column}"
 
 
 def _shape(values: Array) -> str:

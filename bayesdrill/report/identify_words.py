@@ -13,6 +13,7 @@ from bayesdrill.report.tables import aligned
 from bayesdrill.symbols import fraction
 
 MOST_REMEDIES = 8
+WELL = 0.5  # sd of the log, from the record alone, above which an unknown is not known well
 
 SHAPES = {
     "bounded": "the record bounds it on both sides",
@@ -128,21 +129,30 @@ def remedies(study: Study) -> str:
 
 def brief(study: Study) -> str:
     """For the start of a run: the symmetries, or that there are none, and where to read on."""
-    undetermined = [
-        name
-        for name, known in zip(study.names, study.parameters, strict=True)
-        if known.word != "determined"
-    ]
     symmetries = _symmetries(study)
     if not symmetries:
-        rest = f"; it leaves {_listed(undetermined)} largely to the prior" if undetermined else ""
-        return f"the record shows every unknown by itself{rest}"
+        return _of_each(study)
     lines = [
         "no such record shows everything:",
         *(f"  {line}" for line in symmetries),
         "  `bayesdrill identify` says what would",
     ]
     return "\n".join(lines)
+
+
+def _of_each(study: Study) -> str:
+    """Where no symmetry hides anything: what the record does not know well, even so."""
+    named = list(zip(study.names, study.parameters, strict=True))
+    loose = [f"{name} to {percent(known.bound)}" for name, known in named if known.bound > WELL]
+    left = [name for name, known in named if known.word != "determined"]
+    if not loose and not left:
+        return "the record determines every unknown"
+    parts = ["no symmetry hides an unknown from this record"]
+    if loose:
+        parts.append(f"without their priors it would know {_listed(loose)} at best")
+    if left:
+        parts.append(f"with them it leaves {_listed(left)} largely to the prior")
+    return "; ".join(parts)
 
 
 def profiles(found: Sequence[Profile], study: Study) -> str:
@@ -180,7 +190,7 @@ def _row(study: Study, known: Known) -> tuple[str, ...]:
         percent(known.sd),
         percent(known.prior_sd),
         "not at all" if math.isinf(known.bound) else percent(known.bound),
-        f"{known.word}, through the priors of others" if _shared(known) else known.word,
+        "through the priors of others" if _shared(known) else known.word,
     )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Future
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 import bayesdrill
 from bayesdrill import config as records
 from bayesdrill import seeds
-from bayesdrill.build import Problem
+from bayesdrill.build import Problem, compared_with
 from bayesdrill.crew import Crew
 from bayesdrill.derived import Derived, derive, summarise, with_products
 from bayesdrill.diagnostics import Row
@@ -28,6 +29,7 @@ from bayesdrill.report import (
     verdict_words,
     words,
 )
+from bayesdrill.report.sparing import Sparing
 from bayesdrill.residuals import Left
 from bayesdrill.sampling import Sampled
 from bayesdrill.store import Folder
@@ -35,6 +37,7 @@ from bayesdrill.verdict import Judgement
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+    from xarray import DataTree
 
 Array = NDArray[np.float64]
 
@@ -49,43 +52,71 @@ def everything(
     config: records.Config,
     folder: Folder,
     crew: Crew,
-) -> None:
-    """Raises `OSError` when the disk is full; files already there stay whole."""
+) -> tuple[str, ...]:
+    """What could not be made, and why; all else is written.
+
+    Raises `OSError` when the disk is full; files already there stay whole.
+    """
     place = (*_place(folder, config), words.warning(sampled, left))
-    derived = derive(problem, sampled.draws)
-    if judged is not None:
-        products = [quantity.exponents for quantity in judged.verdict.products]
-        derived = with_products(derived, problem, sampled.draws, products)
-    tasks = [
-        crew.submit(draw, *wanted, *place)
-        for wanted in _figures(problem, mode, sampled, derived, judged, config)
-    ]
+    sparing = Sparing()
+    derived = _derived(problem, sampled, judged, sparing)
+    tasks: list[tuple[str, Future[None]]] = []
+    for wanted in _figures(problem, mode, sampled, derived, judged, config, sparing):
+        with sparing.making(f"figures/{wanted[0]}"):
+            tasks.append((wanted[0], crew.submit(draw, *wanted, *place)))
     # While others draw, the rest, and what it needs (xarray takes half a second to load).
     from bayesdrill.tree import make_tree
 
     folder.write_text("summary.csv", tables.as_csv(rows))
-    following = summarise(derived)
-    folder.write_text("derived.csv", derived_words.as_csv(following))
-    second = derived_words.as_markdown(following, derived)
-    folder.write_text("summary.md", _summary(config, mode, left, sampled, rows, judged, second))
+    second = "none"
+    with sparing.making("derived.csv"):
+        following = summarise(derived)
+        folder.write_text("derived.csv", derived_words.as_csv(following))
+        second = derived_words.as_markdown(following, derived)
+    with sparing.making("summary.md"):
+        folder.write_text("summary.md", _summary(config, mode, left, sampled, rows, judged, second))
     if judged is not None:
-        folder.write_text("verdict.csv", verdict_words.as_csv(judged.verdict))
-    tree = make_tree(
-        problem,
-        sampled,
-        config.output.predictive_draws,
-        seeds.stream(config.seed, "predictive"),
-        seeds.stream(config.seed, "prior"),
-        _attributes(config, sampled),
-        derived,
-    )
-    tasks.append(crew.submit(draw, *_fit(problem, mode, tree), *place))
+        with sparing.making("verdict.csv"):
+            folder.write_text("verdict.csv", verdict_words.as_csv(judged.verdict))
+    tree = None
+    with sparing.making("posterior.nc, figures/fit"):
+        tree = make_tree(
+            problem,
+            sampled,
+            config.output.predictive_draws,
+            seeds.stream(config.seed, "predictive"),
+            seeds.stream(config.seed, "prior"),
+            _attributes(config, sampled),
+            derived,
+        )
+    if tree is not None:
+        with sparing.making("figures/fit"):
+            tasks.append(("fit", crew.submit(draw, *_fit(problem, mode, tree), *place)))
+        with sparing.making("posterior.nc"):
+            _write_tree(tree, folder.place("posterior.nc"))
+    for stem, task in tasks:
+        with sparing.making(f"figures/{stem}"):
+            task.result()
+    return tuple(sparing.missing)
+
+
+def _write_tree(tree: DataTree, path: Path) -> None:
     image = io.BytesIO()  # in memory: see pieces.chain_image
     tree.to_netcdf(image, engine="h5netcdf")
-    with whole(folder.place("posterior.nc")) as path:
-        path.write_bytes(image.getvalue())
-    for task in tasks:
-        task.result()
+    with whole(path) as aside:
+        aside.write_bytes(image.getvalue())
+
+
+def _derived(
+    problem: Problem, sampled: Sampled, judged: Judgement | None, sparing: Sparing
+) -> Derived:
+    with sparing.making("derived quantities"):
+        derived = derive(problem, sampled.draws)
+        if judged is None:
+            return derived
+        products = [quantity.exponents for quantity in judged.verdict.products]
+        return with_products(derived, problem, sampled.draws, products)
+    return Derived(symbols=(), values=np.empty((*sampled.draws.shape[:2], 0)), nominal={})
 
 
 def _place(folder: Folder, config: records.Config) -> tuple[Path, dict[str, str]]:
@@ -102,6 +133,7 @@ def _figures(
     derived: Derived,
     judged: Judgement | None,
     config: records.Config,
+    sparing: Sparing,
 ) -> list[Wanted]:
     """Each figure is a task of its own: drawing takes longer than all tables together."""
     # Late: matplotlib takes a second to load, and only reports need it.
@@ -112,14 +144,18 @@ def _figures(
     space, symbols = problem.posterior.space, problem.symbols
     theta = space.vector(mode.values)[None]
     draws = sampled.draws.reshape(-1, theta.shape[1])
-    shown = derived_words.shown(problem, config.output.corner, sampled.draws, derived, theta)
-    corner = (shown.draws, shown.symbols, shown.nominal, shown.mode, space.priors)
+    wanted: list[Wanted] = []
+    with sparing.making("figures/corner"):
+        shown = derived_words.shown(problem, config.output.corner, sampled.draws, derived, theta)
+        corner = (shown.draws, shown.symbols, shown.nominal, shown.mode, space.priors)
+        wanted.append(("corner", corner_figure, corner))
+    with sparing.making("figures/invariants, figures/ridge"):
+        wanted += _of_verdict(problem, judged, draws, mode)
     burn_in = sampled.convergence.burn_in
     trace = (sampled.theta, symbols, burn_in, problem.nominal, mode.values)
     before = (draws, symbols, space.priors, problem.nominal, mode.values)
     return [
-        ("corner", corner_figure, corner),
-        *_of_verdict(problem, judged, draws, mode),
+        *wanted,
         ("trace", trace_figure, trace),
         ("prior_posterior", prior_posterior_figure, before),
     ]
@@ -192,9 +228,9 @@ def _summary(
         _listed(residual_words.sentences(left)),
         tables.as_markdown(rows).rstrip(),
         "`dev. %` is the deviation of the posterior mean from the nominal value "
-        f"({config.nominal.table}); `shrinkage` is one minus the ratio of the posterior's to the "  # type: ignore[attr-defined]
+        f"({compared_with(config)}); `shrinkage` is one minus the ratio of the posterior's to the "
         "prior's standard deviation.",
-        _listed(tables.in_words(rows)),
+        _listed(tables.in_words(rows, tables.notes(rows))),
         "## What follows from these",
         derived,
         *_judged(config, judged, converged=sampled.convergence.converged),
@@ -210,7 +246,7 @@ def _summary(
 def _judged(config: records.Config, judged: Judgement | None, *, converged: bool) -> list[str]:
     if judged is None:
         return []
-    verdict, table = judged.verdict, config.nominal.table  # type: ignore[attr-defined]
+    verdict, table = judged.verdict, compared_with(config)
     nothing = "nothing found: energy, poles and sampling are as in a real rig"
     return [
         "## Verdict",

@@ -106,14 +106,14 @@ def aligned(table: Sequence[tuple[str, ...]], left: set[int]) -> str:
     )
 
 
-def in_words(rows: Sequence[Row]) -> str:
-    """Which unknowns the record determines, and which it cannot."""
+def in_words(rows: Sequence[Row], said: Sequence[str]) -> str:
+    """Which unknowns the record determines, which it cannot, and what else is to be `said`."""
     sentences = []
     for word, meaning in MEANING.items():
         names = [row.name for row in rows if row.word == word]
         if names:
             sentences.append(f"{word}: {', '.join(names)} ({meaning})")
-    return "\n".join([*sentences, *notes(rows)])
+    return "\n".join([*sentences, *said])
 
 
 def notes(rows: Sequence[Row]) -> list[str]:

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from bayesdrill import physics
 from bayesdrill.build import Problem
 from bayesdrill.config import Config
+from bayesdrill.convergence import Convergence
 from bayesdrill.mode import SAME_PLACE, Mode
 from bayesdrill.residuals import Left, like_noise
 from bayesdrill.sampling import Sampled
@@ -54,8 +55,8 @@ def _misfit(problem: Problem) -> str:
 
 def _findings(problem: Problem, config: Config) -> str:
     """What makes the nominal table doubtful before anything is sampled."""
-    found = physics.of_nominal(config, problem)
-    return "".join(f"\nnominal values, {finding}" for finding in found)
+    found, kind = physics.of_nominal(config, problem), "nominal" if problem.nominal else "start"
+    return "".join(f"\n{kind} values, {finding}" for finding in found)
 
 
 def maxima(found: Mode, sampled: Sampled) -> str:
@@ -145,8 +146,19 @@ def convergence(sampled: Sampled) -> str:
     else:
         lines.append("NOT CONVERGED, do not use these numbers:")
         lines += [f"  - {reason}" for reason in c.reasons]
-        lines.append(
-            "  where only length is missing, raise sampler.max_steps in the config and continue with "
-            "--resume"
-        )
+        lines += _way_out(c)
     return "\n".join(lines)
+
+
+def _way_out(c: Convergence) -> list[str]:
+    lines = [
+        f"  {c.slowest} moves slowest: held, with nearer ends of its prior, or with what `bayesdrill "
+        "identify` says would help, fewer steps do; figures/trace shows the walkers"
+    ]
+    if c.enough is not None:
+        lines.insert(
+            0,
+            f"  only length is missing, and about {c.enough} steps should do: raise sampler.max_steps "
+            "to that in the config and go on with --resume",
+        )
+    return lines

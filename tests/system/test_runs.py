@@ -217,6 +217,43 @@ def test_report_makes_the_same_tables_again(copy: Done) -> None:
     assert ran.out.splitlines()[-1].startswith(f"results: {copy.folder}/")
 
 
+BROKEN = {
+    "figures/corner": "report.derived_words.shown",
+    "figures/trace": "report.trace_plot.trace_figure",
+    "derived.csv": "report.derived_words.as_csv",
+    "verdict.csv": "report.verdict_words.as_csv",
+    "posterior.nc, figures/fit": "tree.make_tree",
+}
+
+
+def test_tables_and_figures_that_fail_are_named_and_take_no_other_with_them(
+    copy: Done, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in FIGURES | {"summary.md", "derived.csv", "verdict.csv", "posterior.nc"}:
+        (copy.folder / name).unlink()
+
+    def fail(*_: object) -> None:
+        raise ValueError("cannot do this\nnor that")
+
+    with monkeypatch.context() as patch:
+        for place in BROKEN.values():
+            patch.setattr(f"bayesdrill.{place}", fail)
+        ran = systems.cli("report", copy.folder, "--processes", "1")
+    assert ran.status == 2, ran.text
+    *named, way_out = ran.err.splitlines()
+    why = "(ValueError: cannot do this)"
+    assert sorted(named) == sorted(f"could not be made: {what} {why}" for what in BROKEN)
+    assert f"`bayesdrill report {copy.folder}` makes it" in way_out
+    assert "converged: all targets are met" in ran.out
+    failed = {"derived.csv", "verdict.csv", "posterior.nc"}
+    failed |= {name for name in FIGURES if re.search("corner|trace|fit", name)}
+    assert set(systems.listing(copy.folder)) == FILES - failed
+    assert sorted(run_of(copy.folder)["missing"]) == sorted(f"{what} {why}" for what in BROKEN)
+    assert systems.cli("report", copy.folder, "--processes", "1").status == 0
+    assert set(systems.listing(copy.folder)) == FILES
+    assert run_of(copy.folder)["missing"] == []
+
+
 @pytest.mark.slow
 def test_results_behind_a_symbolic_link_are_reported(tmp_path: Path) -> None:
     config = systems.small(tmp_path / "rig")

@@ -69,6 +69,19 @@ def test_short_chains_say_what_is_missing() -> None:
     assert any("effective draws of a, wanted at least 1e+06" in reason for reason in few.reasons)
 
 
+def test_where_only_length_is_missing_it_says_how_many_steps_would_do() -> None:
+    """So many do, and a chain whose ensembles disagree is promised nothing."""
+    chains = ar1((4, 4000, 16, 2), 0.9)
+    short = assess(chains[:, :600], ("a", "b"), TARGETS)
+    assert not short.converged
+    assert short.enough is not None
+    assert short.slowest in ("a", "b")
+    assert 600 < short.enough < 4000
+    assert assess(chains[:, : short.enough], ("a", "b"), TARGETS).converged
+    chains[2, :, :, 1] += 3.0
+    assert assess(chains[:, :600], ("a", "b"), TARGETS).enough is None
+
+
 def test_effective_draws_of_independent_ones_are_their_number() -> None:
     found = assess(ar1((4, 700, 10, 1), 0.0), ("a",), TARGETS)
     kept = 4 * 10 * (found.steps - found.burn_in) / found.thin

@@ -133,3 +133,29 @@ def test_a_corner_of_chosen_quantities() -> None:
     assert shown.mode["k_s"] == pytest.approx(0.2628, rel=1e-3)
     every = derived_words.shown(problem, None, draws, found, theta)
     assert [symbol.name for symbol in every.symbols] == list(space.free)
+
+
+@pytest.mark.parametrize(
+    ("powers", "name"),
+    [
+        ({"k_s": 1, "j_1": -1}, "k_s_over_j_1"),
+        ({"r_m": 1, "t_f": 2, "k_s": -1}, "r_m_t_f_squared_over_k_s"),
+        ({"k_e": -2, "k_T": -1}, "one_over_k_e_squared_k_T"),
+        ({"k_e": 3, "k_T": -4}, "k_e_cubed_over_k_T_to_4"),
+    ],
+)
+def test_the_name_of_a_product_says_its_powers(powers: dict[str, int], name: str) -> None:
+    problem = pipeline.prepare(ROOT / "configs" / "nominal_step.yaml").problem
+    draws = problem.posterior.space.draw(10, np.random.default_rng(1))[None]
+    exponents = [powers.get(unknown, 0) for unknown in problem.names]
+    found = derived.with_products(
+        derived.derive(problem, draws), problem, draws, [exponents, exponents]
+    )
+    first, second = (symbol.name for symbol in found.symbols[-2:])
+    assert first == name
+    assert second == f"{name}_"  # a name that is taken is not taken twice
+    values = np.prod([draws[0, :, problem.names.index(n)] ** e for n, e in powers.items()], axis=0)
+    np.testing.assert_allclose(found.values[0, :, -1], values)
+    assert found.nominal[name] == pytest.approx(
+        np.prod([NOMINAL[n] ** e for n, e in powers.items()])
+    )

@@ -164,7 +164,10 @@ def test_where_names_the_line_of_the_file(write) -> None:
         ("t,w\n1,2\n3\n4,5,6\n7,8\n", {}, ["line 3: 1 cells where 2", "line 4: 3 cells where 2"]),
         ("t,w\n1,2\n3\n4,x\n7,8\n", {}, ["line 3: 1 cells", "line 4", "'x'"]),
         ("My rig\nt;w\n1;2\n3;4\n", {}, ["line 1: the header has 1 cells", "skip_rows"]),
-        ("1,x\n1,2\n", {}, ["line 1: mixes numbers and text", "header: true"]),
+        ("1,x\n1,2\n", {}, ["line 1: mixes numbers and text such as 'x'", "header: true"]),
+        ("t;w\n1.5;2.5\n1.6;2.6\n", {"decimal": ","}, ["'1.6' is not a number", "decimal: '.'"]),
+        ("root:x:0\nbin:x:1\nsys:x:2\n", {}, ["holds no numbers", "name the file of the record"]),
+        ("KEY = abc\nOTHER = def\n", {"header": False}, ["holds no numbers"]),
         (b"\x00\x01\x02\x03", {}, ["binary"]),
         (b"PK\x03\x04rest", {}, ["spreadsheet", "export it as CSV"]),
         (b"MATLAB 5.0 MAT-file", {}, ["MATLAB file", ".mat"]),
@@ -178,6 +181,23 @@ def test_refusals(content: str | bytes, options: dict[str, object], said: list[s
     message = refusal(write(content), **options)
     for words in ["run.csv", *said]:
         assert words in message
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        "user secret\nroot hunter2\nguest hunter3\n",
+        "root:hunter2:0:0\nguest:hunter3:1:1\n",
+        "1,hunter2,secret,other\n1,2,3,4\n",
+        "t,w\n1,2\n3,hunter2,secret\n4,5\n",
+        "hunter2 and secret\n1;2\n3;4\n",
+        "hunter2\nhunter4\nsecret\n",
+    ],
+)
+def test_errors_show_no_more_than_the_cell_that_failed(content: str, write) -> None:
+    message = refusal(write(content))
+    assert "secret" not in message
+    assert "hunter3" not in message
 
 
 def test_five_faults_are_shown_and_the_rest_counted(write) -> None:

@@ -89,7 +89,7 @@ def write_v73(path: Path) -> None:
 def table(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Table:
     path = tmp_path_factory.mktemp("mat") / "run.mat"
     {"v5": write_v5, "v73": write_v73}[request.param](path)
-    return FORMATS["mat"](path, CsvOptions())
+    return FORMATS["mat"](path, CsvOptions(), None)
 
 
 @pytest.mark.parametrize(
@@ -242,3 +242,81 @@ def test_servo_pair() -> None:
     assert table.pick("N") == [2500.0]
     with pytest.raises(InputError, match="20000 rows and 7 columns"):
         table.pick("data")
+
+
+# --- only what is named, and only of this file ------------------------------------------------------
+
+
+def from_elsewhere(folder: Path, how: str) -> Path:
+    """`t` in the file itself, and `w` from a file that the config does not name."""
+    with h5py.File(folder / "secret.h5", "w") as other:
+        other["x"] = W
+    (folder / "secret.bin").write_bytes(W.tobytes())
+    with h5py.File(folder / "run.mat", "w") as file:
+        file["t"] = T
+        match how:
+            case "external link":
+                file["w"] = h5py.ExternalLink("secret.h5", "x")
+            case "soft link through an external one":
+                file["#refs#"] = h5py.ExternalLink("secret.h5", "/")
+                file["w"] = h5py.SoftLink("/#refs#/x")
+            case "virtual dataset":
+                layout = h5py.VirtualLayout(W.shape, W.dtype)
+                layout[:] = h5py.VirtualSource(str(folder / "secret.h5"), "x", W.shape)
+                file.create_virtual_dataset("w", layout)
+            case "external storage":
+                storage = [(str(folder / "secret.bin"), 0, W.nbytes)]
+                file.create_dataset("w", W.shape, W.dtype, external=storage)
+    return folder / "run.mat"
+
+
+@pytest.mark.parametrize(
+    ("how", "says"),
+    [
+        ("external link", "is a link to elsewhere"),
+        ("soft link through an external one", "is a link to elsewhere"),
+        ("virtual dataset", "has its numbers in other files"),
+        ("external storage", "has its numbers in other files"),
+    ],
+)
+def test_numbers_of_other_files_are_never_read(how: str, says: str, tmp_path: Path) -> None:
+    path = from_elsewhere(tmp_path, how)
+    table = read(path, {"t", "w"})
+    np.testing.assert_array_equal(table.pick("t"), T)
+    with pytest.raises(InputError, match=f"'w' of run.mat {says}; save the numbers themselves"):
+        table.pick("w")
+
+
+@pytest.mark.parametrize("writer", [write_v5, write_v73])
+def test_what_is_wanted_is_what_is_read(writer, tmp_path: Path) -> None:
+    writer(tmp_path / "run.mat")
+    table = read(tmp_path / "run.mat", {"theta_1", "rig.theta"})
+    assert not {"row", "data"} & set(table.variables)
+    for name in ("theta_1", "rig.theta"):
+        np.testing.assert_array_equal(table.pick(name), T)
+
+
+@pytest.mark.parametrize("writer", [write_v5, write_v73])
+def test_a_name_that_is_missing_is_told_beside_all_that_are_there(writer, tmp_path: Path) -> None:
+    writer(tmp_path / "run.mat")
+    with pytest.raises(InputError, match=r"did you mean theta_1\? \(the file has .*row") as caught:
+        read(tmp_path / "run.mat", {"theta_l"}).pick("theta_l")
+    assert "rig.motor.w" in str(caught.value)
+
+
+def test_a_damaged_variable_that_is_not_wanted_is_not_in_the_way(tmp_path: Path) -> None:
+    path = tmp_path / "run.mat"
+    scipy.io.savemat(path, {"t": T, "noise": np.arange(500.0)}, do_compression=False)
+    whole = path.read_bytes()
+    path.write_bytes(whole[:-100])
+    np.testing.assert_array_equal(read(path, {"t"}).pick("t"), T)
+    with pytest.raises(InputError, match="damaged or cut short"):
+        read(path)
+
+
+def test_a_huge_variable_that_is_not_wanted_is_not_read(tmp_path: Path) -> None:
+    path = tmp_path / "run.mat"
+    with h5py.File(path, "w") as file:
+        file["t"] = T
+        file.create_dataset("bomb", (10**12,), "f8", chunks=(10**6,))
+    np.testing.assert_array_equal(read(path, {"t"}).pick("t"), T)

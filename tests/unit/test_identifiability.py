@@ -154,6 +154,22 @@ def test_a_known_inertia_beside_the_motors_settles_no_scale() -> None:
     assert "leave every signal as it is" in said
 
 
+def test_where_no_symmetry_hides_anything_the_badly_known_are_named_with_their_bounds() -> None:
+    found = studied(free=without("r_m", "j_1"))
+    said = words.brief(found)
+    known = dict(zip(found.names, found.parameters, strict=True))
+    loose = [name for name, one in known.items() if one.bound > 0.5]
+    assert 0 < len(loose) < len(known)
+    first, second, *_ = said.split("; ")
+    assert first == "no symmetry hides an unknown from this record"
+    for name, one in known.items():
+        assert (f"{name} to {words.percent(one.bound)}" in second) == (name in loose)
+
+
+def test_where_all_is_known_it_is_said_in_short() -> None:
+    assert words.brief(studied(free=("k_s", "k_e"))) == "the record determines every unknown"
+
+
 def test_sparse_basis_finds_small_whole_exponents_under_any_mixing() -> None:
     true = np.array([[0, 0, 2, 1, -1, 0], [1, 1, 0, 0, 0, 3]])
     mixed = np.array([[0.3, -1.7], [2.2, 0.9]]) @ true

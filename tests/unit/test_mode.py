@@ -18,7 +18,7 @@ from bayesdrill.coordinates import Coordinates
 from bayesdrill.optimisers import OPTIMISERS, fminsearch, nelder_mead, pairwise
 from bayesdrill.optimisers.contract import Optimum, Task
 from bayesdrill.optimisers.pairwise import ORDER, circle
-from bayesdrill.priors import HalfNormal, Uniform
+from bayesdrill.priors import HalfNormal, LogNormal, Uniform
 from bayesdrill.surface import NOTHING
 
 CONFIGS = Path(__file__).parents[2] / "configs"
@@ -297,6 +297,16 @@ def test_a_search_that_is_not_to_be_polished_says_where_it_ended() -> None:
     alone = nelder_mead.maximise(mode.task(target), start, 20)
     assert np.array_equal(target.space.vector(found.end), alone.theta)
     assert (found.log_posterior, found.settled) == (alone.value, alone.settled)
+
+
+def test_a_log_normal_has_no_bound_to_be_at() -> None:
+    """A record that draws the MAP into its last thousandth.  Mutant killed: zero taken for an end."""
+    prior = LogNormal(100.0 * NOMINAL["k_s"], 0.5)
+    target = posterior(RECORD, SIGMA, free=TWO, priors={"k_s": prior})
+    start = target.space.vector(NOMINAL)
+    found = mode.summarise(target, (mode.search(target, nelder_mead.maximise, 4000, start),))
+    assert found.values["k_s"] < prior.quantile(np.array(1e-3))
+    assert found.at_bound == ()
 
 
 def test_a_maximum_on_the_bound_is_named() -> None:

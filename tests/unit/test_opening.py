@@ -11,7 +11,7 @@ from verdicts import LINEAR, NAMES, PRIOR, TABLE, gaussian
 
 from bayesdrill.convergence import Targets
 from bayesdrill.identifiability.study import Thresholds
-from bayesdrill.opening import Opened, opened
+from bayesdrill.opening import Opened, open_ends
 from bayesdrill.priors import LogNormal, LogUniform, Prior, TruncatedNormal, Uniform
 from bayesdrill.sampling import Plan
 from bayesdrill.tension import tension
@@ -45,7 +45,7 @@ def test_an_end_at_the_nominal_value_does_not_count(prior: Prior) -> None:
     top = np.array([[min(max(1.0005 * K_S, prior.low), prior.high)]])
     draws = np.linspace(0.99, 1.01, 4001)[:, None] * K_S
     draws = draws[(draws[:, 0] >= prior.low) & (draws[:, 0] <= prior.high)]
-    found = opened(target, NAMED, draws, top, PLAN)
+    found = open_ends(target, NAMED, draws, top, PLAN)
     assert found is not None
     assert found.draws is not None
     assert found.names == ("k_s",)
@@ -72,7 +72,7 @@ def test_priors_that_are_in_nobodys_way_stay(prior: Prior, low: float, high: flo
     middle, half = 0.5 * (low + high), 0.5 * (high - low)
     share = (np.arange(2000) + 0.5) / 2000
     draws = (middle + half * np.clip(norm.ppf(share) / 4, -1, 1))[:, None] * K_S
-    assert opened(target, NAMED, draws, draws[:1], PLAN) is None
+    assert open_ends(target, NAMED, draws, draws[:1], PLAN) is None
 
 
 def cut(truth: dict[str, float], seed: int) -> tuple[np.ndarray, np.ndarray]:

@@ -7,13 +7,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from oracles import NOMINAL, ORDER
+from oracles import NOMINAL, ORDER, by_expm
 from rigs import experiment, posterior
 
 from bayesdrill import physics, symbols
 from bayesdrill.build import Problem
 from bayesdrill.config import Nominal
 from bayesdrill.identifiability.information import Information
+from bayesdrill.identifiability.scenes import Scenery
 from bayesdrill.models.linear import Linear
 from bayesdrill.models.motor_shaft import MotorShaft
 from bayesdrill.reproduction.trapezoid import six_states
@@ -98,3 +99,28 @@ def test_a_rig_that_runs_away_and_one_that_turns_too_fast_are_named() -> None:
     assert [finding.split(":")[0] for finding in told] == ["stability", "sampling"]
     assert "0.01 1/s" in told[0]
     assert "100 Hz" in told[1]
+
+
+def of_course(v: np.ndarray, **changes: float) -> tuple[str, ...]:
+    record = experiment(len(v), 0.01, constant={"t_1": 0.0}, series={"v": v})
+    of = posterior(record, np.full(5, 0.1))
+    return physics.of_course(Scenery(of.likelihood), draws(1, **changes)[0])
+
+
+def test_friction_that_drives_is_named_with_its_share_of_the_record() -> None:
+    """The share against SciPy's exponential.  Mutant killed: the sign of t_f is no matter."""
+    ahead, reversed_ = np.full(800, 8.0), np.repeat([8.0, -8.0], 400)
+    assert of_course(ahead) == ()
+    assert of_course(reversed_, t_f=0.0) == ()
+    x = by_expm(NOMINAL, 0.01 * np.arange(401), np.zeros(5), 8.0, 0.0)
+    back = by_expm(NOMINAL, 0.01 * np.arange(401), x[-1], -8.0, 0.0)
+    speed = np.concatenate([x[:400], back[:400]])[:, 3]
+    share = 100 * np.mean(speed < -0.05 * np.abs(speed).max())
+    assert 20 < share < 50
+    (told,) = of_course(reversed_)
+    assert told.startswith(
+        f"friction: in {share:.3g} % of the record the motor turns the other way"
+    )
+    (always,) = of_course(-ahead)
+    assert "turn the signs of v and of all channels" in always
+    assert of_course(-ahead, t_f=-NOMINAL["t_f"]) == ()

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pint
 import pytest
@@ -80,3 +82,13 @@ def test_models_speak_in_symbols(name: str) -> None:
         assert row in model.states
         assert column in model.inputs
     assert set(linear.c) <= set(model.states)
+
+
+@pytest.mark.parametrize("name", symbols.PARAMETERS)
+def test_the_documents_have_a_row_for_every_parameter(name: str) -> None:
+    text = (Path(__file__).parents[2] / "docs" / "config.md").read_text()
+    (row,) = (line for line in text.splitlines() if line.startswith(f"| `{name}` |"))
+    _, _, unit, side, meaning, _, _ = (cell.strip() for cell in row.split("|"))
+    symbol = symbols.PARAMETERS[name]
+    assert (unit, meaning) == (symbol.plain_unit, symbol.meaning)
+    assert side == ("shaft" if name in ("k_s", "j_1") else "motor")

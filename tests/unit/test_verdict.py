@@ -16,11 +16,13 @@ from scipy.stats import chi2, norm
 from verdicts import LINEAR, PRIOR, PRIOR_SD, TABLE, gaussian, linear_study, verdict
 
 from bayesdrill.config import Nominal
+from bayesdrill.diagnostics import Row
 from bayesdrill.identifiability.scenes import Scenery
 from bayesdrill.identifiability.study import Thresholds, study
 from bayesdrill.report import verdict_words
 from bayesdrill.tension import bits_gained, joint_tension, tension
 from bayesdrill.verdict import FALSE_ALARM, Verdict, basis, judge, tolerances
+from bayesdrill.wording import reconciled
 
 N = 4000
 NORMAL = norm.ppf((np.arange(N) + 0.5) / N)
@@ -240,3 +242,26 @@ def test_tolerances_by_number_and_by_symbol() -> None:
 def test_tolerances_that_are_none_are_refused(wrong: object) -> None:
     with pytest.raises(ValidationError):
         given(wrong)
+
+
+def row(name: str, word: str) -> Row:
+    empty = {field.name: 0.0 for field in dataclasses.fields(Row)}
+    return Row(**{**empty, "name": name, "word": word})  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("word", ["determined", "weak", "prior only"])
+def test_both_tables_have_one_word_for_one_unknown(word: str) -> None:
+    """k_s and j_1 only as a ratio, r_m by itself, and a noise level that has no verdict."""
+    found = verdict(gaussian(TABLE, RNG))
+    assert [q.says for q in found.parameters] == ["not determined", "not determined", "agrees"]
+    rows = [row(name, word) for name in (*found.names, "sigma_w_1")]
+    words = [one.word for one in reconciled(rows, found)]
+    blind = "through others" if word == "determined" else word
+    assert words == [blind, blind, "determined", word]
+
+
+def test_what_is_too_weak_without_a_symmetry_is_called_weak() -> None:
+    found = verdict(gaussian(TABLE, RNG))
+    seen = [dataclasses.replace(q, blind=False) for q in found.parameters]
+    found = dataclasses.replace(found, parameters=tuple(seen))
+    assert [r.word for r in reconciled([row("k_s", "determined")], found)] == ["weak"]

@@ -1,0 +1,47 @@
+"""What was read of a record, column by column, so that swapped columns and wrong units show."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayesdrill import build, symbols, units
+from bayesdrill.build import Problem
+from bayesdrill.config import Column, Config, TimeColumn
+from bayesdrill.report.tables import aligned
+
+Array = NDArray[np.float64]
+
+HEADERS = ("", "measures", "column", "unit", "first", "from", "to")
+
+
+def columns(problem: Problem, config: Config) -> str:
+    """Time, channels and measured inputs, in the units of their columns."""
+    experiment = problem.experiment
+    lines: list[tuple[str, ...]] = [HEADERS]
+    time = config.record.time
+    if isinstance(time, TimeColumn):
+        lines.append(_line("time", "time", time, experiment.t / units.factor(time.unit, "s")))
+    measured = build.channels(config, problem.posterior.likelihood.response.model)
+    for entry, values in zip(measured, experiment.y.T, strict=True):
+        name = entry.channel.name
+        channel = config.record.channels[name]
+        lines.append(_line(name, channel.measures or name, channel, values / entry.factor))
+    for name, given in build.measured_inputs(config).items():
+        factor = units.factor(given.unit, symbols.INPUTS[name].unit)
+        lines.append(_line(name, "input", given, experiment.series[name] / factor))
+    step, first = experiment.dt, experiment.t[0]
+    sampling = f"a sample every {step:.6g} s ({1 / step:.6g} Hz), the first at {first:.6g} s"
+    return f"columns ({sampling}):\n{aligned(lines, left={0, 1, 2, 3})}"
+
+
+def _line(name: str, measures: str, spec: Column, values: Array) -> tuple[str, ...]:
+    where = [text for text in (spec.variable, spec.column) if text is not None]
+    numbers = (values[0], values.min(), values.max())
+    return (
+        f"  {name}",
+        measures,
+        " ".join(map(str, where)),
+        spec.unit,
+        *(f"{x:.5g}" for x in numbers),
+    )

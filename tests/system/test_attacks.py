@@ -1,0 +1,156 @@
+"""Whatever is written, nothing falls over: no traceback, no hang, no file of a stranger touched.
+
+`BAYESDRILL_ATTACK` seconds for each kind of attack; what it finds becomes a case of
+`test_bad_inputs.py`.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import time
+from pathlib import Path
+
+import attacks
+import forked
+import pytest
+import systems
+from hypothesis import HealthCheck, Phase, given, settings
+from hypothesis import strategies as st
+
+SECONDS = float(os.environ.get("BAYESDRILL_ATTACK", "60"))
+STRANGERS = {
+    "notes.md": b"mine\n",
+    "figures/photo.jpg": b"\xff\xd8\xff",
+    "mydata.csv": b"t,x\n0,1\n",
+}
+SOUND = {0, 2, 3}
+
+pytestmark = pytest.mark.slow
+
+attack = settings(
+    max_examples=1_000_000,
+    deadline=None,
+    database=None,
+    phases=[Phase.generate],  # what falls is small as it is, and the time is stated
+    suppress_health_check=list(HealthCheck),
+)
+
+
+class Clock:
+    """Says when it is over, and counts."""
+
+    def __init__(self) -> None:
+        self.end, self.cases = time.monotonic() + SECONDS, 0
+
+    def over(self) -> bool:
+        self.cases += 1
+        return time.monotonic() > self.end
+
+
+@pytest.fixture
+def home(tmp_path: Path) -> Path:
+    """A folder of a user's, in which some of the files are not for us."""
+    for name, content in STRANGERS.items():
+        path = tmp_path / name
+        path.parent.mkdir(exist_ok=True)
+        path.write_bytes(content)
+    systems.small(tmp_path)
+    return tmp_path
+
+
+def stands(home: Path, *arguments: str | Path) -> None:
+    ended = forked.ran(arguments, home)
+    assert not ended.hung, f"hangs: {ended.text[-500:]}"
+    assert not ended.traceback, ended.text[-3000:]
+    assert ended.status in SOUND, (ended.status, ended.text[-1000:])
+    for name, content in STRANGERS.items():
+        assert (home / name).read_bytes() == content, f"{name} was touched"
+
+
+COMMANDS = st.sampled_from(
+    [
+        *[("check", "small.yaml")] * 6,
+        ("simulate", "small.yaml", "--output", "made.csv", "--force"),
+        ("identify", "small.yaml"),
+        ("map", "small.yaml", "--processes", "1"),
+    ]
+)
+
+
+def test_configs(home: Path) -> None:
+    clock = Clock()
+
+    @attack
+    @given(text=attacks.config(), command=COMMANDS)
+    def falls(text: str, command: tuple[str, ...]) -> None:
+        if not clock.over():
+            (home / "small.yaml").write_bytes(text.encode("utf-8", "surrogatepass"))
+            stands(home, *command)
+
+    falls()
+    print(f"{clock.cases} configs")
+
+
+def test_units_and_formulas(home: Path) -> None:
+    clock = Clock()
+
+    @attack
+    @given(unit=attacks.unit(), formula=attacks.formula())
+    def falls(unit: str, formula: str) -> None:
+        if not clock.over():
+            text = systems.SMALL.replace("unit: rad,", f"unit: {json.dumps(unit)},")
+            text = attacks.in_place(text, "k_s", formula)
+            (home / "small.yaml").write_text(f"{text}derived: {{x: {json.dumps(formula)}}}\n")
+            stands(home, "check", "small.yaml")
+
+    falls()
+    print(f"{clock.cases} units and formulas")
+
+
+@pytest.mark.parametrize("kind", ["csv", "mat 5", "mat 7.3"])
+def test_records(home: Path, kind: str) -> None:
+    clock = Clock()
+    name = "small.csv" if kind == "csv" else "small.mat"
+    if kind != "csv":
+        (home / "small.yaml").write_text(attacks.for_mat(systems.SMALL))
+    contents = {
+        "csv": attacks.record,
+        "mat 5": lambda: attacks.bytes_changed(attacks.mat_file(5)),
+        "mat 7.3": lambda: attacks.bytes_changed(attacks.mat_file(7)),
+    }
+
+    @attack
+    @given(content=contents[kind]())
+    def falls(content: bytes) -> None:
+        if not clock.over():
+            (home / name).write_bytes(content)
+            stands(home, "check", "small.yaml")
+
+    falls()
+    print(f"{clock.cases} records, {kind}")
+
+
+@pytest.mark.parametrize(
+    "command",
+    [("report", "results/small"), ("posterior", "small.yaml", "--resume", "--processes", "1")],
+    ids=lambda command: command[0],
+)
+def test_damaged_results(home: Path, command: tuple[str, ...]) -> None:
+    """Whatever has become of one file of a run, interrupted or finished."""
+    clock, results, sound = Clock(), home / "results" / "small", home / "sound"
+    assert systems.run("posterior", "small.yaml", cwd=home).status in SOUND
+    shutil.copytree(results, sound)
+
+    @attack
+    @given(change=attacks.damaged(results))
+    def falls(change: tuple[str, bytes]) -> None:
+        if not clock.over():
+            shutil.rmtree(results)
+            shutil.copytree(sound, results)
+            (results / change[0]).write_bytes(change[1])
+            stands(home, *command)
+
+    falls()
+    print(f"{clock.cases} damaged results")
