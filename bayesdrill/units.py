@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from functools import cache
 from typing import Any
 
@@ -10,12 +11,13 @@ def factor(unit: str, si: str) -> float:
     """How many `si` one `unit` is; raises `ValueError` with a message for the user."""
     if unit == si:
         return 1.0
+    if not _written_as_a_unit(unit):
+        raise ValueError(f"unit {_shown(unit)} cannot be read; write for example {_examples(si)}")
     import pint  # late: it takes 0.4 s to load, and most configs are in SI
 
     registry = _registry()
     try:
-        quantity = registry.Quantity(1.0, unit)
-        return float(quantity.to(si).magnitude)
+        return _believable(float(registry.Quantity(1.0, unit).to(si).magnitude))
     except pint.UndefinedUnitError:
         raise ValueError(f"unit '{unit}' is not known; write for example {_examples(si)}") from None
     except pint.DimensionalityError:
@@ -40,19 +42,47 @@ def coherent(unit: str) -> tuple[str, float]:
     import pint
 
     try:
+        if not _written_as_a_unit(unit):
+            raise ValueError(unit)
         quantity = _registry().Quantity(1.0, unit)
         base = quantity.to_base_units()
         if base.magnitude == 1.0:
             return unit, 1.0
         for name in _COHERENT:
             try:
-                return name, float(quantity.to(name).magnitude)
+                return name, _believable(float(quantity.to(name).magnitude))
             except pint.DimensionalityError:
                 continue
-        return f"{base.units:~C}" or "1", float(base.magnitude)
+        return f"{base.units:~C}" or "1", _believable(float(base.magnitude))
     except Exception:  # pint raises many kinds for malformed text
-        message = f"unit '{unit}' is not known; write for example m, mm, GPa or kg/m**3"
+        message = f"unit {_shown(unit)} is not known; write for example m, mm, GPa or kg/m**3"
         raise ValueError(message) from None
+
+
+LONGEST = 60  # letters
+LARGEST = 1e30  # of one unit in another
+_POWER = re.compile(
+    r"(\*\*|\^)\s*\(?\s*[-+]?\s*\d{1,2}(\.\d{1,3})?\s*\)?|[\u00b2\u00b3\u2070-\u207e]+|\s(squared|cubed)\b"
+)
+_COMPUTED = re.compile(r"#\s*#|\*\*|\^|(?<![^\W\d])(\d\d|[02-9])|1\s*#")
+
+
+def _written_as_a_unit(unit: str) -> bool:
+    """Names, with one small power each, and no number but 1.
+
+    pint computes what it reads: `9**9**9` would take for ever.
+    """
+    return len(unit) <= LONGEST and not _COMPUTED.search(_POWER.sub("#", unit))
+
+
+def _believable(factor: float) -> float:
+    if not 1 / LARGEST <= factor <= LARGEST:
+        raise ValueError(factor)
+    return factor
+
+
+def _shown(unit: str) -> str:
+    return f"'{unit}'" if len(unit) <= LONGEST else f"'{unit[: LONGEST - 3]}...'"
 
 
 @cache

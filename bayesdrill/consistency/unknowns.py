@@ -9,7 +9,7 @@ import numpy as np
 from bayesdrill import beliefs, build, givens, symbols
 from bayesdrill import config as records
 from bayesdrill.consistency.collector import Collector
-from bayesdrill.formulas import CircleError, Expression
+from bayesdrill.formulas import Expression, RelationError
 from bayesdrill.models import MODELS, constants
 from bayesdrill.models.linear import Model
 from bayesdrill.parameters import ParameterSpace
@@ -72,8 +72,8 @@ def check_relations(found: Collector, config: records.Config, model: Model) -> N
         found.add(("quantities", name), message)
     try:
         space = build.space(config, model, [])
-    except CircleError as circle:
-        found.add(("parameters", circle.name), str(circle))
+    except RelationError as error:
+        found.add(("parameters", error.name), str(error))
         return
     except ValueError:  # a prior or a start, said already
         return
