@@ -67,7 +67,7 @@ def posterior(job: Job, output: Path, how: store.Mode, processes: int, report: R
     """
     marks = provenance.fingerprint(job.config, job.problem)
     with Folder(output, how, marks) as folder:
-        report.say(words.opening(job.problem))
+        report.say(f"{words.opening(job.problem)}\n{words.size(job.problem, job.config)}")
         folder.write_run(status="running", seed=job.config.seed, versions=provenance.versions())
         folder.write_text(CONFIG_FILE, job.source.text)
         folder.write_text(RESOLVED_FILE, provenance.resolved(job.config, job.source, output))

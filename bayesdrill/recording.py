@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdrill import build, symbols, units
+from bayesdrill import build, sizes, symbols, units
 from bayesdrill import config as records
 from bayesdrill.errors import InputError, Problem
 from bayesdrill.experiment import (
@@ -62,6 +62,10 @@ class _Reader:
             for name, spec in build.measured_inputs(config).items()
         }
         raise_if_any(self._problems)
+        try:
+            sizes.check_record(len(time), len(columns))
+        except ValueError as error:
+            raise InputError([self._source.problem(("record", "file"), str(error))]) from None
         n_unknown = len(build.space(config, model, measured).free)
         shortened_by = "file" if config.record.window is None else "window"
         raise_if_any(

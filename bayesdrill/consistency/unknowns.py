@@ -88,13 +88,14 @@ def _check_values(
     named = space.named(theta)
     for name, relation in related.items():
         values = np.broadcast_to(named[name], len(theta))
-        good = np.isfinite(values) & (values > 0)
+        good = (values >= beliefs.SMALLEST) & (values <= beliefs.LARGEST)
         if not good.all():
             k = int(np.argmin(good))
             found.add(
                 ("parameters", name),
                 f"'{relation.text}' is {values[k]:.3g} at {100 * np.mean(~good):.3g} % of what the "
-                "priors allow, and must be positive; mend the formula or narrow the priors",
+                "priors allow, and must be positive (from 1e-30 to 1e30); mend the formula or narrow the "
+                "priors",
             )
 
 

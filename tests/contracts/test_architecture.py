@@ -15,7 +15,7 @@ PACKAGE = ROOT / "bayesdrill"
 # From the ground up: a room imports only rooms of lines above its own.
 FLOORS = [
     {"bayesdrill", "errors", "symbols"},
-    {"units", "expressions", "formulas", "seeds", "progress"},
+    {"units", "sizes", "expressions", "formulas", "seeds", "progress"},
     {"models", "priors", "experiment", "yaml_source", "kernels"},
     {"formats", "parameters", "coordinates", "noise", "response", "beliefs"},
     {"likelihood", "config"},
