@@ -31,6 +31,9 @@ def guarded() -> Iterator[None]:
     from bayesdrill.errors import InputError, Interrupted
 
     try:
+        if sys.flags.optimize > 1:
+            message = "python -OO takes the docstrings away that ArviZ works on; leave -OO out"
+            raise InputError.one("", message)
         with _interruptible():
             yield
     except InputError as error:

@@ -13,7 +13,6 @@ from bayesdrill.build import Problem
 from bayesdrill.errors import InputError
 from bayesdrill.yaml_source import Source
 
-
 FARTHEST = 1e10  # of a start from the record, in sigmas: rounding would hide any way to it
 
 

@@ -206,9 +206,18 @@ def _read_mode(path: Path) -> Mode:
         searches = tuple(Search(**search) for search in data.pop("searches"))
         others = tuple(Other(**other) for other in data.pop("others"))
         at_bound = tuple(data.pop("at_bound"))
-        return Mode(**data, searches=searches, at_bound=at_bound, others=others)
-    except (OSError, ValueError, KeyError, TypeError, AttributeError):
-        raise InputError.one(str(path), "cannot be read; start over with --force") from None
+        found = Mode(**data, searches=searches, at_bound=at_bound, others=others)
+        places = [found.values, *(one.values for one in found.others), *(s.end for s in searches)]
+        numbers = [value for place in places for value in place.values()]
+        heights = [one.log_posterior for one in found.maxima]
+        if not np.isfinite([*numbers, *heights, *found.slope.values(), found.gain]).all():
+            raise ValueError
+        return found
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
+        message = (
+            "cannot be read; delete it and continue with --resume, which searches the MAP again"
+        )
+        raise InputError.one(str(path), message) from None
 
 
 def _publish(

@@ -24,6 +24,8 @@ from bayesdrill.yaml_source import Place, Source
 
 Array = NDArray[np.float64]
 
+FAR = 1000  # times its own length after the initial state, and a record has times of a clock
+
 
 def path_of(config: records.Config, source: Source) -> Path:
     """The record's file: relative paths start at the folder of the config."""
@@ -183,6 +185,12 @@ class _Reader:
                 "`initial: {time: ...}` at or before it"
             )
             raise InputError([self._source.problem(place, message)])
+        if self._config.initial.time is None and time[0] - begin > FAR * (time[-1] - time[0]):
+            message = (
+                f"the record begins at {time[0]:.10g} s, and the initial state is at {begin:g} s by "
+                "default; if these are times of a clock, give `initial: {time: ...}`"
+            )
+            raise InputError([self._source.problem(("record", "time"), message)])
         return min(begin, float(time[0]))
 
 

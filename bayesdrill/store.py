@@ -190,8 +190,8 @@ class Folder:
             found.append(read_chain(self.path / CHAIN, ensemble))
         have = sum(len(piece.z) for piece in found)
         for path in sorted((self.path / PIECES).glob(f"ensemble_{ensemble}_*.npz")):
-            first = int(path.stem.rsplit("_", 1)[1])
-            if first == have:
+            first = path.stem.rsplit("_", 1)[1]
+            if first == f"{have:09d}":  # others are not ours
                 found.append(_read_piece(path))
                 have += len(found[-1].z)
         return found
@@ -209,11 +209,10 @@ def read_run(folder: Path) -> dict[str, Any] | None:
     """`run.json`, or None where there is none."""
     try:
         text = (folder / RUN).read_text(encoding="utf-8")
+        run = json.loads(text)
     except (FileNotFoundError, NotADirectoryError):
         return None
-    try:
-        run = json.loads(text)
-    except ValueError:
+    except (ValueError, RecursionError):
         run = None
     if not isinstance(run, dict) or not isinstance(run.get("fingerprint", {}), dict):
         raise InputError.one(str(folder / RUN), "this file is damaged; start over with --force")

@@ -19,7 +19,7 @@ PATIENCE = 5.0  # seconds for a scheduler to answer, and then for a first worker
 @contextmanager
 def local(processes: int) -> Iterator[Executor]:
     """`processes` workers; those still at a refit when the block is left by an error are ended."""
-    pool = workers(processes, int)
+    pool = workers(processes, _nothing)
     try:
         yield pool
     except BaseException:
@@ -28,6 +28,10 @@ def local(processes: int) -> Iterator[Executor]:
         closed(pool, 0.0)
         raise
     pool.shutdown()
+
+
+def _nothing() -> None:
+    """All that a worker has to prepare: each task brings what it needs."""
 
 
 @contextmanager

@@ -94,7 +94,7 @@ def _check_values(
             found.add(
                 ("parameters", name),
                 f"'{relation.text}' is {values[k]:.3g} at {100 * np.mean(~good):.3g} % of what the "
-                "priors allow, and must be positive (from 1e-30 to 1e30); mend the formula or narrow the "
+                "priors allow, and must be positive (and at most 1e30); mend the formula or narrow the "
                 "priors",
             )
 

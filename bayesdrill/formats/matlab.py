@@ -23,6 +23,7 @@ class _Found:
 
     variables: dict[str, Array] = field(default_factory=dict)
     ignored: dict[str, str] = field(default_factory=dict)
+    structs: set[int] = field(default_factory=set)  # where they stand in the file
 
     def add(self, name: str, values: np.ndarray[Any, Any]) -> None:
         """Keep a real array up to 2-D, `(T, 1)` and `(1, T)` as `(T,)`; note others as ignored."""
@@ -138,6 +139,11 @@ def _walk_v73(name: str, item: Any, found: _Found) -> None:
     elif "MATLAB_sparse" in item.attrs:
         found.ignored[name] = "is sparse; save full(...) of it"
     elif isinstance(item, h5py.Group):
+        address = h5py.h5o.get_info(item.id).addr
+        if address in found.structs:  # MATLAB never writes that, and a walk may have no end
+            found.ignored[name] = "is the same struct under a second name; give the first"
+            return
+        found.structs.add(address)
         for field_name, member in item.items():
             _walk_v73(f"{name}.{field_name}", member, found)
     elif item.attrs.get("MATLAB_empty", 0):

@@ -7,7 +7,7 @@ import os
 import signal
 import sys
 from collections.abc import Iterator
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import pytest
@@ -64,15 +64,20 @@ def test_a_command_that_is_stopped_claims_nothing_of_files(
 
 @pytest.mark.usefixtures("heard")
 def test_only_the_first_of_many_signals_interrupts() -> None:
-    cleaned = False
-    with pytest.raises(typer.Exit) as ended, guarded():
+    cleaned = []
+
+    @contextmanager
+    def cleaning() -> Iterator[None]:
         try:
-            signal.raise_signal(signal.SIGINT)
+            yield
         finally:
             for number in STOPPING:
                 signal.raise_signal(number)
-            cleaned = True
-    assert cleaned
+                cleaned.append(number)
+
+    with pytest.raises(typer.Exit) as ended, guarded(), cleaning():
+        signal.raise_signal(signal.SIGINT)
+    assert tuple(cleaned) == STOPPING
     assert ended.value.exit_code == INTERRUPTED
 
 
