@@ -675,8 +675,8 @@ MUTANTS = [
     Mutant(
         "take a later piece for the next one",
         "store.py",
-        "if first == have:",
-        "if first >= have:",
+        'if first == f"{have:09d}":',
+        'if first >= f"{have:09d}":',
         "tests/unit/test_store.py::test_pieces_after_a_gap_wait_until_it_is_filled",
     ),
     Mutant(
