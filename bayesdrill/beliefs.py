@@ -13,9 +13,15 @@ class Strict(BaseModel):
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
 
 
-Positive = Annotated[float, Field(gt=0)]
-NonNegative = Annotated[float, Field(ge=0)]
-Count = Annotated[int, Field(ge=1)]
+# Of any number in a config.  No rig has others, and their squares and ratios stay finite.
+SMALLEST, LARGEST = 1e-30, 1e30
+MOST = 1_000_000  # of anything that is counted
+
+Number = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
+Positive = Annotated[float, Field(ge=SMALLEST, le=LARGEST)]
+NonNegative = Annotated[float, Field(ge=0, le=LARGEST)]
+Count = Annotated[int, Field(ge=1, le=MOST)]
+Latex = Annotated[str, Field(max_length=200)]  # longer, and matplotlib takes for ever
 
 
 def shape(value: Any) -> str:
@@ -60,13 +66,13 @@ class NormalPrior(PriorBase):
     """Cut at zero and renormalised, as all unknowns are positive."""
 
     prior: Literal["normal"]
-    mean: float
+    mean: Number
     sd: Positive
 
 
 class TruncatedNormalPrior(PriorBase):
     prior: Literal["truncated_normal"]
-    mean: float
+    mean: Number
     sd: Positive
     low: NonNegative
     high: Positive
@@ -75,7 +81,9 @@ class TruncatedNormalPrior(PriorBase):
 class LogNormalPrior(PriorBase):
     prior: Literal["log_normal"]
     median: Positive
-    sd_log: Positive = Field(description="Standard deviation of the natural logarithm.")
+    sd_log: Annotated[float, Field(ge=SMALLEST, le=20)] = Field(
+        description="Standard deviation of the natural logarithm."
+    )
 
 
 class HalfNormalPrior(PriorBase):
@@ -111,7 +119,7 @@ def parameter_spec(number: Any) -> Any:
 
 # What a parameter may be held at: most are positive, but a motor may have no friction or damping, and
 # a motor that turns backwards has friction of the other sign.
-HELD: Mapping[str, Any] = MappingProxyType({"t_f": float, "c_m": NonNegative})
+HELD: Mapping[str, Any] = MappingProxyType({"t_f": Number, "c_m": NonNegative})
 SigmaSpec = Annotated[
     Annotated[Positive, Tag("<number>")] | Annotated[PriorSpec, Tag("<mapping>")],
     Discriminator(shape),
@@ -119,7 +127,7 @@ SigmaSpec = Annotated[
 
 
 class Quantity(Strict):
-    value: float
+    value: Number
     unit: str
 
 
@@ -127,7 +135,7 @@ class _OfQuantity(Strict):
     unit: str = Field(
         description="Of the prior's numbers, such as Pa or mm; 1 where there is none."
     )
-    latex: str | None = Field(None, description="How figures write it, without dollars.")
+    latex: Latex | None = Field(None, description="How figures write it, without dollars.")
 
 
 class UniformOfQuantity(UniformPrior, _OfQuantity):

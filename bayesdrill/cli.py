@@ -27,7 +27,7 @@ app = typer.Typer(
 ConfigPath = Annotated[Path, typer.Argument(metavar="CONFIG", help="Experiment config (YAML).")]
 Force = Annotated[bool, typer.Option("--force", help="Discard what is there and start over.")]
 Processes = Annotated[
-    int | None, typer.Option(min=1, help="Processes; the result does not depend on it.")
+    int | None, typer.Option(min=1, max=256, help="Processes; the result does not depend on it.")
 ]
 
 

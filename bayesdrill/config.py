@@ -14,8 +14,12 @@ from pydantic import BeforeValidator, Discriminator, Field, Tag, create_model
 from bayesdrill import symbols
 from bayesdrill.beliefs import (
     HELD,
+    LARGEST,
+    MOST,
     Count,
+    Latex,
     NonNegative,
+    Number,
     Positive,
     Quantity,
     QuantitySpec,
@@ -24,6 +28,9 @@ from bayesdrill.beliefs import (
     parameter_spec,
     shape,
 )
+
+MOST_NAMED = 50  # channels, quantities, formulas; names in a figure
+Searches = Annotated[int, Field(ge=1, le=1000)]
 
 
 def _shape(value: Any) -> str:
@@ -42,7 +49,7 @@ def _time_shape(value: Any) -> str:
 class DerivedSpec(Strict):
     formula: str = Field(description="Of parameters and quantities, such as sqrt(k_s/j_1).")
     unit: str = "1"
-    latex: str | None = Field(None, description="How figures write it, without dollars.")
+    latex: Latex | None = Field(None, description="How figures write it, without dollars.")
 
 
 def _formula_alone(value: Any) -> Any:
@@ -72,11 +79,11 @@ class InputColumn(Column):
 
 
 Value = Annotated[
-    Annotated[float, Tag("<number>")] | Annotated[Quantity, Tag("<mapping>")],
+    Annotated[Number, Tag("<number>")] | Annotated[Quantity, Tag("<mapping>")],
     Discriminator(_shape),
 ]
 InputSpec = Annotated[
-    Annotated[float, Tag("<number>")]
+    Annotated[Number, Tag("<number>")]
     | Annotated[Quantity, Tag("<mapping>")]
     | Annotated[InputColumn, Tag("<column>")],
     Discriminator(_shape),
@@ -103,12 +110,12 @@ class RecordSpec(Strict):
     delimiter: str | None = Field(None, description="CSV; default: found out.")
     decimal: Literal[".", ","] | None = Field(None, description="CSV; default: found out.")
     header: bool | None = Field(None, description="CSV; default: found out.")
-    skip_rows: Annotated[int, Field(ge=0, le=1_000_000)] = 0
+    skip_rows: Annotated[int, Field(ge=0, le=MOST)] = 0
     time: TimeSpec
-    window: Annotated[list[float], Field(min_length=2, max_length=2)] | None = Field(
+    window: Annotated[list[Number], Field(min_length=2, max_length=2)] | None = Field(
         None, description="Use the samples from the first to the second time [s] only."
     )
-    channels: Annotated[dict[str, ChannelSpec], Field(min_length=1)]
+    channels: Annotated[dict[str, ChannelSpec], Field(min_length=1, max_length=MOST_NAMED)]
 
 
 class ModelSpec(Strict):
@@ -138,7 +145,7 @@ class Inputs(Strict):
 class Initial(Strict):
     """The state at `time`; what is not named is zero."""
 
-    time: float | None = Field(
+    time: Number | None = Field(
         None,
         description="[s] default: 0 with constant inputs, the first sample with measured ones.",
     )
@@ -231,11 +238,11 @@ Pair = Annotated[list[str], Field(min_length=2, max_length=2)]
 
 class MapSpec(Strict):
     method: str = "nelder_mead"
-    starts: Count = Field(
+    starts: Searches = Field(
         4, description="The first is the configured one, the rest from the prior."
     )
     evaluations: Count = Field(8000, description="The most that one start may spend.")
-    pairs: Annotated[list[Pair], Field(min_length=1)] | None = Field(
+    pairs: Annotated[list[Pair], Field(min_length=1, max_length=1000)] | None = Field(
         None, description="pairwise: unknowns that are searched together, in this order."
     )
     iterations: Count | None = Field(None, description="pairwise: of each pair; default: 10.")
@@ -245,8 +252,8 @@ class MapSpec(Strict):
 
 
 class SamplerSpec(Strict):
-    ensembles: Annotated[int, Field(ge=4)] = 4
-    walkers: Annotated[int, Field(ge=4)] = 256
+    ensembles: Annotated[int, Field(ge=4, le=MOST)] = 4
+    walkers: Annotated[int, Field(ge=4, le=MOST)] = 256
     moves: Annotated[dict[str, NonNegative], Field(min_length=1)] = Field(
         default_factory=lambda: {
             "differential_evolution": 0.09,
@@ -254,23 +261,23 @@ class SamplerSpec(Strict):
             "independence": 0.9,
         }
     )
-    r_hat: Annotated[float, Field(gt=1)] = 1.01
+    r_hat: Annotated[float, Field(gt=1, le=LARGEST)] = 1.01
     n_tau: Positive = Field(50.0, description="Steps kept, in autocorrelation times.")
     ess: Positive = Field(4000.0, description="Bulk effective sample size of every unknown.")
-    max_steps: Annotated[int, Field(ge=100)] = 50_000
+    max_steps: Annotated[int, Field(ge=100, le=MOST)] = 50_000
 
 
 class CalibrationSpec(Strict):
-    refits: Annotated[int, Field(ge=10)] = Field(
+    refits: Annotated[int, Field(ge=10, le=100_000)] = Field(
         200, description="Simulated records, each refitted."
     )
-    draws: Annotated[int, Field(ge=19)] = Field(
+    draws: Annotated[int, Field(ge=19, le=100_000)] = Field(
         99, description="Nearly independent draws among which a true value is ranked."
     )
-    starts: Count = Field(16, description="Searches for the MAP of a refit, at most.")
+    starts: Searches = Field(16, description="Searches for the MAP of a refit, at most.")
     n_tau: Positive = Field(20.0, description="As in `sampler`, for a refit.")
     ess: Positive = Field(400.0, description="As in `sampler`, for a refit.")
-    max_steps: Annotated[int, Field(ge=100)] = Field(
+    max_steps: Annotated[int, Field(ge=100, le=MOST)] = Field(
         5000, description="As in `sampler`, for a refit."
     )
 
@@ -289,10 +296,10 @@ class IdentifySpec(Strict):
 
 
 class OutputSpec(Strict):
-    predictive_draws: Annotated[int, Field(ge=10)] = Field(
+    predictive_draws: Annotated[int, Field(ge=10, le=MOST)] = Field(
         125, description="Per ensemble, with pointwise log likelihood and predictive samples."
     )
-    corner: Annotated[list[str], Field(min_length=1)] | None = Field(
+    corner: Annotated[list[str], Field(min_length=1, max_length=MOST_NAMED)] | None = Field(
         None,
         description="Unknowns and derived quantities of the corner plot; default: all unknowns.",
     )
@@ -301,7 +308,7 @@ class OutputSpec(Strict):
 class Config(Strict):
     """An experiment: a record, a rig, what is believed of it, and how to find out more."""
 
-    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$")]
+    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$", max_length=100)]
     seed: Annotated[int, Field(ge=0, lt=2**64)]
     record: RecordSpec
     inputs: Inputs
@@ -309,12 +316,13 @@ class Config(Strict):
     model: ModelSpec = ModelSpec()
     nominal: Annotated[Nominal, BeforeValidator(_named_table)] = Nominal()  # type: ignore[valid-type]
     parameters: Parameters  # type: ignore[valid-type]
-    quantities: dict[str, QuantitySpec] = Field(
+    quantities: Annotated[dict[str, QuantitySpec], Field(max_length=MOST_NAMED)] = Field(
         default_factory=dict, description="What formulas of parameters name beside parameters."
     )
-    derived: dict[str, Annotated[DerivedSpec, BeforeValidator(_formula_alone)]] = Field(
-        default_factory=dict, description="Formulas that are computed for every draw."
-    )
+    derived: Annotated[
+        dict[str, Annotated[DerivedSpec, BeforeValidator(_formula_alone)]],
+        Field(max_length=MOST_NAMED),
+    ] = Field(default_factory=dict, description="Formulas that are computed for every draw.")
     map: MapSpec = MapSpec()
     sampler: SamplerSpec = SamplerSpec()
     output: OutputSpec = OutputSpec()

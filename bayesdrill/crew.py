@@ -10,6 +10,7 @@ import multiprocessing
 import os
 import signal
 import threading
+import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ProcessPoolExecutor
 from contextlib import contextmanager
@@ -18,9 +19,12 @@ from typing import Any, Concatenate, Self
 
 from threadpoolctl import threadpool_limits
 
+from bayesdrill.errors import InputError
 from bayesdrill.posterior import Posterior
 
 SPAWN = multiprocessing.get_context("spawn")
+PATIENCE = 10.0  # seconds that a worker has for its task, where the work is stopped
+GRACE = 5.0  # seconds from SIGTERM to the end of a worker
 
 
 class Crew:
@@ -60,10 +64,8 @@ class Crew:
         value: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        # Workers finish the short task that they are at: one that is ended while it hands over a
-        # result leaves half a message, for whose rest the pool would wait for ever.
         if self._pool is not None:
-            self._pool.shutdown(wait=True, cancel_futures=True)
+            closed(self._pool, PATIENCE)
 
 
 def workers(processes: int, prepare: Callable[..., None], *arguments: Any) -> ProcessPoolExecutor:
@@ -71,21 +73,42 @@ def workers(processes: int, prepare: Callable[..., None], *arguments: Any) -> Pr
 
     Each calls `prepare(*arguments)` before its first task.
     """
-    return ProcessPoolExecutor(
-        max_workers=processes,
-        mp_context=SPAWN,
-        initializer=_enlist,
-        initargs=(prepare, *arguments),
-    )
+    try:
+        with ctrl_c_waits():  # it starts a process that looks after its semaphores
+            return ProcessPoolExecutor(
+                max_workers=processes,
+                mp_context=SPAWN,
+                initializer=_enlist,
+                initargs=(prepare, *arguments),
+            )
+    except OSError as error:  # its semaphores are files of /dev/shm, or the like
+        reason = f"no worker processes can be started here ({error.strerror or error})"
+        message = f"{reason}; see whether /dev/shm is full, or give --processes 1"
+        raise InputError.one("", message) from None
+
+
+def closed(pool: ProcessPoolExecutor, patience: float) -> None:
+    """Ends a pool: its workers have `patience` seconds for the task that they are at.
+
+    One that is ended while it hands over a long result leaves half a message, for whose rest the
+    pool would wait; one that is stopped would never end by itself.
+    """
+    with ctrl_c_waits():
+        pool.shutdown(wait=False, cancel_futures=True)
+        end = time.monotonic() + patience
+        for worker in multiprocessing.active_children():
+            worker.join(max(0.0, end - time.monotonic()))
+        for worker in multiprocessing.active_children():
+            worker.kill()
 
 
 @contextmanager
 def ctrl_c_waits() -> Iterator[None]:
-    """Hold Ctrl-C back for a moment: a worker that starts meanwhile never hears of it at all."""
+    """Hold Ctrl-C and SIGHUP back for a moment: what starts meanwhile never hears of them at all."""
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGHUP})
     try:
         yield
     finally:
@@ -103,7 +126,9 @@ _POST: dict[str, Any] = {}
 
 def _enlist(prepare: Callable[..., None], *arguments: Any) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    if hasattr(signal, "SIGHUP"):
+        signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, _leave_soon)
     threading.Thread(target=_outlive_no_parent, daemon=True).start()
     threadpool_limits(1)
     prepare(*arguments)
@@ -111,6 +136,13 @@ def _enlist(prepare: Callable[..., None], *arguments: Any) -> None:
 
 def _take(posterior: Posterior) -> None:
     _POST["posterior"] = posterior
+
+
+def _leave_soon(_number: int, _frame: object) -> None:
+    """SIGTERM to all processes reaches this one too: the parent ends it, if it is given the time."""
+    timer = threading.Timer(GRACE, os._exit, (1,))
+    timer.daemon = True
+    timer.start()
 
 
 def _outlive_no_parent() -> None:

@@ -6,7 +6,6 @@ What may stand in one: numbers, names, `+ - * / **`, `pi`, `sqrt`, `exp`, `log`.
 from __future__ import annotations
 
 import ast
-import copy
 import math
 import operator
 from collections.abc import Callable, Iterable, Mapping
@@ -21,6 +20,8 @@ from bayesdrill.errors import did_you_mean
 FUNCTIONS: Mapping[str, Callable[[Any], Any]] = MappingProxyType(
     {"sqrt": np.sqrt, "exp": np.exp, "log": np.log}
 )
+LONGEST = 1000  # numbers, names and operations
+DEEPEST = 100  # operations inside each other; a sum of n terms has n - 1
 RESERVED = frozenset({"pi", *FUNCTIONS})
 
 _OPERATORS: Mapping[type[ast.operator], Callable[[Any, Any], Any]] = MappingProxyType(
@@ -73,8 +74,9 @@ class Expression:
         return Monomial(found.factor, {name: p for name, p in found.powers.items() if p != 0.0})
 
     def substituted(self, others: Mapping[str, Expression]) -> Expression:
-        """With the names of `others` replaced by what they are."""
-        tree = _Substitution(others).visit(copy.deepcopy(self.tree))
+        """With the names of `others` replaced by what they are; raises `ValueError` if that is long."""
+        tree = _Substitution(others).visit(ast.parse(self.text, mode="eval").body)
+        _check_size(tree)
         return Expression(ast.unparse(tree), tree)
 
 
@@ -83,6 +85,7 @@ def expression(text: str, known: Iterable[str]) -> Expression:
     shown = _short(text)
     try:
         tree = ast.parse(text.strip(), mode="eval").body
+        _check_size(tree)
         _check(tree, list(known), shown)
     except (SyntaxError, RecursionError, MemoryError, OverflowError):  # too deep, or too large
         raise ValueError(
@@ -92,29 +95,55 @@ def expression(text: str, known: Iterable[str]) -> Expression:
     return Expression(ast.unparse(tree), tree)
 
 
-class CircleError(ValueError):
-    """Relations that go in a circle; `name` is one of them."""
+class RelationError(ValueError):
+    """Of the relation of `name`, together with others."""
 
-    def __init__(self, path: tuple[str, ...]) -> None:
-        self.name = path[0]
-        shown = " -> ".join((*path, path[0]))
-        super().__init__(f"depends on itself ({shown}); give one of these a prior or a number")
+    def __init__(self, name: str, message: str) -> None:
+        super().__init__(message)
+        self.name = name
+
+
+def _circle(path: tuple[str, ...]) -> RelationError:
+    shown = " -> ".join((*path, path[0]))
+    message = f"depends on itself ({shown}); give one of these a prior or a number"
+    return RelationError(path[0], message)
 
 
 def resolved(relations: Mapping[str, Expression]) -> dict[str, Expression]:
-    """Relations in names that have none themselves; raises `CircleError`."""
+    """Relations in names that have none themselves; raises `RelationError`."""
     done: dict[str, Expression] = {}
 
     def resolve(name: str, path: tuple[str, ...]) -> Expression:
         if name in path:
-            raise CircleError(path[path.index(name) :])
+            raise _circle(path[path.index(name) :])
         if name not in done:
             inner = [other for other in relations[name].names if other in relations]
             others = {other: resolve(other, (*path, name)) for other in inner}
-            done[name] = relations[name].substituted(others)
+            try:
+                done[name] = relations[name].substituted(others)
+            except ValueError as error:
+                raise RelationError(name, str(error)) from None
         return done[name]
 
     return {name: resolve(name, ()) for name in relations}
+
+
+def _check_size(tree: ast.expr) -> None:
+    """Before anything goes down a tree, or on through one that others are put into."""
+    depth, level, count = 0, [tree], 0
+    while level:
+        depth, count = depth + 1, count + len(level)
+        if depth > DEEPEST or count > LONGEST:
+            raise ValueError(
+                f"this formula has more than {DEEPEST} terms or {LONGEST} numbers and names, those of "
+                "the formulas that it names among them; write a shorter one"
+            )
+        level = [
+            inner
+            for node in level
+            for inner in ast.iter_child_nodes(node)
+            if isinstance(inner, ast.expr)
+        ]
 
 
 def _check(node: ast.expr, known: list[str], shown: str) -> None:

@@ -53,7 +53,22 @@ def prior(spec: beliefs.PriorSpec, nominal_value: float) -> Prior:
         )
     if spec.relative:
         values = {k: v * nominal_value if k in _SCALED else v for k, v in values.items()}
-    return PRIORS[spec.prior](**values)
+    built = PRIORS[spec.prior](**values)
+    _check_width(built)
+    return built
+
+
+NARROWEST = 1e-9  # of a prior, relative: below it, numbers hold no more than one value
+
+
+def _check_width(built: Prior) -> None:
+    with np.errstate(all="ignore"):
+        low, middle, high = built.quantile(np.array([0.01, 0.5, 0.99]))
+    if not high - low > NARROWEST * middle:
+        raise ValueError(
+            f"{built.describe()}: nearly all of it is at {middle:.6g}; hold the value as a number, or "
+            "mend the prior"
+        )
 
 
 def start(spec: beliefs.PriorSpec, built: Prior, nominal_value: float | None = None) -> float:

@@ -11,7 +11,7 @@ import signal
 import sys
 from collections.abc import Iterator
 from concurrent.futures import BrokenExecutor
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +21,7 @@ INPUT_WRONG = 2
 NOT_CONVERGED = 3
 INTERRUPTED = 130
 LONGEST_LINE = 400
+STOPPING = ("SIGINT", "SIGTERM", "SIGHUP")
 KILLED = "a worker process was killed (out of memory?); fewer --processes need less"
 
 
@@ -29,16 +30,19 @@ def guarded() -> Iterator[None]:
     """Mistakes, a full disk, a killed worker and Ctrl-C end in a message and a status."""
     from bayesdrill.errors import InputError, Interrupted
 
-    before = signal.signal(signal.SIGTERM, _interrupt)
     try:
-        yield
+        if sys.flags.optimize > 1:
+            message = "python -OO takes the docstrings away that ArviZ works on; leave -OO out"
+            raise InputError.one("", message)
+        with _interruptible():
+            yield
     except InputError as error:
         _fail(error.problems)
     except Interrupted as stopped:
-        typer.echo(str(stopped), err=True)
+        _tell(str(stopped))
         raise typer.Exit(INTERRUPTED) from None
     except KeyboardInterrupt:
-        typer.echo("stopped", err=True)
+        _tell("stopped")
         raise typer.Exit(INTERRUPTED) from None
     except BrokenPipeError:
         # Nobody reads on.  Python would try once more at the end, and fail, so give it a place.
@@ -46,17 +50,40 @@ def guarded() -> Iterator[None]:
         raise typer.Exit(0) from None
     except OSError as error:
         place = f"{error.filename}: " if error.filename else ""
-        typer.echo(_line(f"{place}{_reason(error)}"), err=True)
+        _tell(f"{place}{_reason(error)}")
         raise typer.Exit(INPUT_WRONG) from None
     except BrokenExecutor:
-        typer.echo(KILLED, err=True)
+        _tell(KILLED)
         raise typer.Exit(INPUT_WRONG) from None
     except MemoryError:
-        message = "out of memory; a shorter record, fewer walkers or fewer steps need less"
-        typer.echo(message, err=True)
+        _tell("out of memory; a shorter record, fewer walkers or fewer steps need less")
         raise typer.Exit(INPUT_WRONG) from None
+
+
+@contextmanager
+def _interruptible() -> Iterator[None]:
+    """The first Ctrl-C, SIGTERM or SIGHUP raises `KeyboardInterrupt`; more of them change nothing.
+
+    The process is to end then, and a second one would stop it from cleaning up.  A signal that was
+    to be ignored (nohup, a job in the background) still is.
+    """
+    numbers = [getattr(signal, name) for name in STOPPING if hasattr(signal, name)]
+    before = {number: signal.getsignal(number) for number in numbers}
+    heard = [n for n, handler in before.items() if handler not in (None, signal.SIG_IGN)]
+
+    def interrupt(_number: int, _frame: object) -> None:
+        for number in heard:
+            signal.signal(number, signal.SIG_IGN)
+        raise KeyboardInterrupt
+
+    for number in heard:
+        signal.signal(number, interrupt)
+    try:
+        yield
     finally:
-        signal.signal(signal.SIGTERM, before)
+        for number in heard:
+            if signal.getsignal(number) is interrupt:
+                signal.signal(number, before[number])
 
 
 @contextmanager
@@ -83,17 +110,19 @@ def _reason(error: OSError) -> str:
 def _fail(problems: tuple[Any, ...]) -> None:
     most = 15
     for problem in problems[:most]:
-        typer.echo(_line(str(problem)), err=True)
+        _tell(str(problem))
     if len(problems) > most:
-        typer.echo(f"... and {len(problems) - most} more", err=True)
+        _tell(f"... and {len(problems) - most} more")
     raise typer.Exit(INPUT_WRONG)
+
+
+def _tell(text: str) -> None:
+    """On stderr, which may be full or closed: the status tells as much as is left to tell."""
+    with suppress(OSError):
+        typer.echo(_line(text), err=True)
 
 
 def _line(text: str) -> str:
     """One line that a terminal can show, however long the names in a file are."""
     text = "".join(letter if letter.isprintable() else " " for letter in text)
     return text if len(text) <= LONGEST_LINE else f"{text[: LONGEST_LINE - 3]}..."
-
-
-def _interrupt(_number: int, _frame: object) -> None:
-    raise KeyboardInterrupt

@@ -13,6 +13,8 @@ from bayesdrill.build import Problem
 from bayesdrill.errors import InputError
 from bayesdrill.yaml_source import Source
 
+FARTHEST = 1e10  # of a start from the record, in sigmas: rounding would hide any way to it
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Job:
@@ -34,6 +36,10 @@ def assemble(config: records.Config, source: Source) -> Job:
     start = posterior.space.vector(posterior.space.start)
     if not np.isfinite(posterior.density(start[None])[0]):
         message = "the model has no finite response at the start; check values and units"
+        raise InputError([source.problem(("parameters",), message)])
+    off = float(posterior.likelihood.per_number(start[None])[0]) ** 0.5
+    if off > FARTHEST:
+        message = f"the start is {off:.2g} times the noise off the record; check values and units"
         raise InputError([source.problem(("parameters",), message)])
     impossible = derived.impossible(problem)
     if impossible:

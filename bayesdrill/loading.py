@@ -12,6 +12,7 @@ from typing import Any
 from pydantic import BaseModel, ValidationError
 
 from bayesdrill import consistency
+from bayesdrill.beliefs import SMALLEST
 from bayesdrill.config import Config
 from bayesdrill.errors import InputError, Problem, did_you_mean
 from bayesdrill.priors import PRIORS
@@ -132,6 +133,16 @@ def _message(error: dict[str, Any], place: Place) -> str:
         case "float_type" | "int_type" | "int_from_float":
             whole = "whole " if kind.startswith("int") else ""
             return f"{_shown(value)} is not a {whole}number{_hint(value)}"
+        case "greater_than_equal" | "less_than_equal":
+            least = context.get("ge")
+            if least == SMALLEST and value <= 0:
+                return f"{_shown(value)}: it should be greater than 0"
+            bound = (
+                f"greater than or equal to {least}"
+                if least is not None
+                else (f"less than or equal to {context['le']}")
+            )
+            return f"{_shown(value)}: it should be {bound}"
         case "bool_type":
             return f"{_shown(value)} is neither `true` nor `false`"
         case "too_short" | "too_long":

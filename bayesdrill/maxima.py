@@ -40,7 +40,7 @@ def scout(surface: Surface, starts: Array) -> tuple[Array, Array]:
 def apart(surface: Surface, points: Array, values: Array) -> list[int]:
     """Which of `points (n, D)` are maxima of their own, the highest first."""
     left = [int(k) for k in np.argsort(-values, kind="stable")]
-    left = [k for k in left if values[k] > values[left[0]] - LOWER]
+    left = [k for k in left if values[k] >= values[left[0]] - LOWER]
     chosen: list[int] = []
     while left and len(chosen) < MOST:
         highest, *rest = left

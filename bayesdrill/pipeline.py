@@ -81,7 +81,7 @@ def posterior(job: Job, output: Path, how: store.Mode, processes: int, report: R
     marks = provenance.fingerprint(job.config, job.problem)
     with Folder(output, how, marks) as folder:
         known = _taken_up(job, folder) if how == "resume" else None
-        report.say(words.opening(job.problem))
+        report.say(f"{words.opening(job.problem)}\n{words.size(job.problem, job.config)}")
         seed, versions = job.config.seed, provenance.versions()
         folder.begin(status="running", seed=seed, versions=versions)
         folder.write_text(CONFIG_FILE, job.source.text)
@@ -234,8 +234,14 @@ def _read_mode(path: Path) -> Mode | None:
         searches = tuple(Search(**search) for search in data.pop("searches"))
         others = tuple(Other(**other) for other in data.pop("others"))
         at_bound = tuple(data.pop("at_bound"))
-        return Mode(**data, searches=searches, at_bound=at_bound, others=others)
-    except (ValueError, KeyError, TypeError):
+        found = Mode(**data, searches=searches, at_bound=at_bound, others=others)
+        places = [found.values, *(one.values for one in found.others), *(s.end for s in searches)]
+        numbers = [value for place in places for value in place.values()]
+        heights = [one.log_posterior for one in found.maxima]
+        if not np.isfinite([*numbers, *heights, *found.slope.values(), found.gain]).all():
+            raise ValueError
+        return found
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
         raise InputError.one(str(path), COMPUTED_AGAIN) from None
 
 

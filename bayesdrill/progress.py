@@ -40,7 +40,7 @@ class Lines:
     def say(self, text: str) -> None:
         try:
             print(text, file=self.stream, flush=True)
-        except BrokenPipeError:  # nobody reads on; the work is worth finishing all the same
+        except OSError:  # nobody reads on, or a full disk; the work is worth finishing all the same
             os.dup2(os.open(os.devnull, os.O_WRONLY), self.stream.fileno())
 
     def update(self, fraction: float, text: str) -> None:
@@ -86,7 +86,10 @@ def _left(elapsed: float, fraction: float) -> str:
 
 @contextmanager
 def reporter() -> Iterator[Reporter]:
-    """A bar on a terminal, lines elsewhere."""
+    """A bar on a terminal, lines elsewhere, nothing where there is no stderr."""
+    if sys.stderr is None:
+        yield Silent()
+        return
     if not sys.stderr.isatty():
         yield Lines(sys.stderr)
         return

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdrill import build, symbols, units
+from bayesdrill import build, sizes, symbols, units
 from bayesdrill import config as records
 from bayesdrill.errors import InputError, Problem
 from bayesdrill.experiment import (
@@ -23,6 +23,8 @@ from bayesdrill.formats import FORMATS, CsvOptions, Table, format_of, variable_n
 from bayesdrill.yaml_source import Place, Source
 
 Array = NDArray[np.float64]
+
+FAR = 1000  # times its own length after the initial state, and a record has times of a clock
 
 
 def path_of(config: records.Config, source: Source) -> Path:
@@ -72,6 +74,10 @@ class _Reader:
             for name, spec in build.measured_inputs(config).items()
         }
         raise_if_any(self._problems)
+        try:
+            sizes.check_record(len(time), len(columns))
+        except ValueError as error:
+            raise InputError([self._source.problem(("record", "file"), str(error))]) from None
         n_unknown = len(build.space(config, model, measured).free)
         shortened_by = "file" if config.record.window is None else "window"
         raise_if_any(
@@ -184,6 +190,12 @@ class _Reader:
                 "`initial: {time: ...}` at or before it"
             )
             raise InputError([self._source.problem(place, message)])
+        if self._config.initial.time is None and time[0] - begin > FAR * (time[-1] - time[0]):
+            message = (
+                f"the record begins at {time[0]:.10g} s, and the initial state is at {begin:g} s by "
+                "default; if these are times of a clock, give `initial: {time: ...}`"
+            )
+            raise InputError([self._source.problem(("record", "time"), message)])
         return min(begin, float(time[0]))
 
 

@@ -21,6 +21,7 @@ from bayesdrill.progress import Reporter
 from bayesdrill.samplers.ensemble import Piece, State, advance
 from bayesdrill.samplers.independence import Proposal
 from bayesdrill.shelf import Shelf
+from bayesdrill.sizes import steps_of_chain
 from bayesdrill.store import Folder
 
 Array = NDArray[np.float64]
@@ -29,7 +30,6 @@ FIRST_CHECK = 200  # steps
 PIECE = 250  # steps between savings, at most, and ...
 PIECE_SECONDS = 2.0  # ... about as many as take this long: what Ctrl-C waits for
 ENOUGH_OF_A_MISFIT = 800  # steps
-MOST_NUMBERS = 64_000_000  # of a chain, half a gigabyte: no more steps are taken
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -43,7 +43,7 @@ class Plan:
 
     def most_steps(self, unknowns: int) -> int:
         """`max_steps`, or as many as a chain of this size may have."""
-        return min(self.max_steps, MOST_NUMBERS // (self.ensembles * self.walkers * unknowns))
+        return min(self.max_steps, steps_of_chain(self.ensembles, self.walkers, unknowns))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

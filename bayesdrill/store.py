@@ -152,8 +152,8 @@ class Folder:
         for name in ours.present(self.path, ours.UNFINISHED):
             if not name.startswith(f"{PIECES}/ensemble_{ensemble}_"):
                 continue
-            first = int(Path(name).stem.rsplit("_", 1)[1])
-            if first == have:
+            first = Path(name).stem.rsplit("_", 1)[1]
+            if first == f"{have:09d}":  # others are not ours
                 found.append(read_piece(self.path / name))
                 have += len(found[-1].z)
         return found
@@ -174,7 +174,7 @@ def read_run(folder: Path) -> dict[str, Any] | None:
         return None
     try:
         return opened(path.read_bytes())
-    except ValueError:
+    except (ValueError, RecursionError):
         message = "is damaged, or not of this bayesdrill; put back a copy, or give another folder"
         raise InputError.one(str(path), message) from None
 

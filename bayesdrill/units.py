@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from functools import cache
 from typing import Any
 
@@ -10,11 +11,13 @@ def factor(unit: str, si: str) -> float:
     """How many `si` one `unit` is; raises `ValueError` with a message for the user."""
     if unit == si:
         return 1.0
+    if not _written_as_a_unit(unit):
+        raise ValueError(f"unit {_shown(unit)} cannot be read; write for example {_examples(si)}")
     import pint  # late: it takes 0.4 s to load, and most configs are in SI
 
     try:
         one, wanted = _quantity(1.0, unit), _quantity(1.0, si)
-        value = float(one.to(si).magnitude)
+        value = _believable(float(one.to(si).magnitude))
     except pint.UndefinedUnitError:
         raise ValueError(f"unit '{unit}' is not known; write for example {_examples(si)}") from None
     except pint.DimensionalityError:
@@ -43,10 +46,12 @@ def coherent(unit: str) -> tuple[str, float]:
     if unit in ("1", *_COHERENT):
         return unit, 1.0
     try:
+        if not _written_as_a_unit(unit):
+            raise ValueError(unit)
         one = _quantity(1.0, unit)
         base, nothing = one.to_base_units(), _quantity(0.0, unit).to_base_units()
     except Exception:  # pint raises many kinds for malformed text
-        message = f"unit '{unit}' is not known; write for example m, mm, GPa or kg/m**3"
+        message = f"unit {_shown(unit)} is not known; write for example m, mm, GPa or kg/m**3"
         raise ValueError(message) from None
     if nothing.magnitude != 0.0:
         raise ValueError(
@@ -57,8 +62,8 @@ def coherent(unit: str) -> tuple[str, float]:
         return unit, 1.0
     for name in _COHERENT:
         if _same_base(one, _quantity(1.0, name)):
-            return name, float(one.to(name).magnitude)
-    return f"{base.units:~C}" or "1", float(base.magnitude)
+            return name, _believable(float(one.to(name).magnitude))
+    return f"{base.units:~C}" or "1", _believable(float(base.magnitude))
 
 
 def _quantity(value: float, unit: str) -> Any:
@@ -68,6 +73,32 @@ def _quantity(value: float, unit: str) -> Any:
 def _same_base(one: Any, other: Any) -> bool:
     """Of one kind, angles and counts told apart."""
     return bool(one.to_base_units().units == other.to_base_units().units)
+
+
+LONGEST = 60  # letters
+LARGEST = 1e30  # of one unit in another
+_POWER = re.compile(
+    r"(\*\*|\^)\s*\(?\s*[-+]?\s*\d{1,2}(\.\d{1,3})?\s*\)?|[\u00b2\u00b3\u2070-\u207e]+|\s(squared|cubed)\b"
+)
+_COMPUTED = re.compile(r"#\s*#|\*\*|\^|(?<![^\W\d])(\d\d|[02-9])|1\s*#")
+
+
+def _written_as_a_unit(unit: str) -> bool:
+    """Names, with one small power each, and no number but 1.
+
+    pint computes what it reads: `9**9**9` would take for ever.
+    """
+    return len(unit) <= LONGEST and not _COMPUTED.search(_POWER.sub("#", unit))
+
+
+def _believable(factor: float) -> float:
+    if not 1 / LARGEST <= factor <= LARGEST:
+        raise ValueError(f"one of this unit is {factor:.3g} in SI, which no rig needs")
+    return factor
+
+
+def _shown(unit: str) -> str:
+    return f"'{unit}'" if len(unit) <= LONGEST else f"'{unit[: LONGEST - 3]}...'"
 
 
 @cache

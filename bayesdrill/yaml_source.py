@@ -2,14 +2,22 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from bayesdrill.errors import InputError, Problem
 
 Place = tuple[str | int, ...]
+
+# More than any config of a rig needs: beyond them stands a mistake, or what would take for ever.
+MOST_BYTES = 100_000
+MOST_ENTRIES = 5000  # an alias counts as all that it stands for
+LONGEST_KEY = 100  # letters
+LONGEST_VALUE = 2000
+LONGEST_NUMBER = 40
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,16 +43,23 @@ class Source:
 def read(path: Path) -> Source:
     """Raises `InputError` where the file cannot be read or is not YAML."""
     try:
-        text = path.read_text(encoding="utf-8-sig")
+        with path.open("rb") as file:  # of a device there may be no end
+            raw = file.read(MOST_BYTES + 1)
     except FileNotFoundError:
         raise InputError.one(str(path), "there is no such file; check the path") from None
     except IsADirectoryError:
         raise InputError.one(str(path), "this is a folder; name the .yaml file in it") from None
+    except (OSError, ValueError) as error:  # ValueError: a NUL in the path
+        reason = getattr(error, "strerror", None) or error
+        raise InputError.one(str(path), f"cannot be read: {reason}") from None
+    if len(raw) > MOST_BYTES:
+        message = f"holds more than {MOST_BYTES // 1000} kB, which no config needs; name a config"
+        raise InputError.one(str(path), message)
+    try:
+        text = raw.decode("utf-8-sig")
     except UnicodeDecodeError:
         raise InputError.one(str(path), "this is not a text file in UTF-8") from None
-    except OSError as error:
-        raise InputError.one(str(path), f"cannot be read: {error.strerror}") from None
-    return parse(path, text)
+    return parse(path, io.StringIO(text, newline=None).read())
 
 
 def parse(path: Path, text: str) -> Source:
@@ -54,12 +69,11 @@ def parse(path: Path, text: str) -> Source:
 
     yaml = YAML(typ="safe", pure=True)
     yaml.allow_duplicate_keys = True
-    lines: dict[Place, int] = {}
-    repeated: list[Problem] = []
+    walk = _Walk(path, yaml.constructor)
     try:
         root = YAML(typ="safe", pure=True).compose(text)
         if root is not None:
-            _walk(root, (), lines, repeated, path)
+            walk.on(root, ())
         data = None if root is None else yaml.constructor.construct_document(root)
     except MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
@@ -80,34 +94,90 @@ def parse(path: Path, text: str) -> Source:
         raise InputError.one(
             str(path), "a config is a mapping such as `name: my_rig`; see `bayesdrill schema`"
         )
-    return Source(path, text, data, lines, tuple(repeated))
+    return Source(path, text, data, walk.lines, tuple(walk.repeated))
 
 
-def _walk(
-    node: Any, place: Place, lines: dict[Place, int], repeated: list[Problem], path: Path
-) -> None:
-    """Note lines and repetitions; make every key text, as `5:` or `~:` is no number or null."""
-    from ruamel.yaml.nodes import MappingNode, ScalarNode, SequenceNode
+@dataclass(slots=True)
+class _Walk:
+    """Through all nodes: notes lines and repeated keys, refuses what no config needs.
 
-    if isinstance(node, MappingNode):
-        for key, value in node.value:
+    `constructor` of the document, which every plain value is tried with: so its line is known.
+    """
+
+    path: Path
+    constructor: Any
+    lines: dict[Place, int] = field(default_factory=dict)
+    repeated: list[Problem] = field(default_factory=list)
+    entries: int = 0
+
+    def on(self, node: Any, place: Place) -> None:
+        from ruamel.yaml.nodes import MappingNode, SequenceNode
+
+        if isinstance(node, MappingNode):
+            for key, value in node.value:
+                self.on(value, self._key(key, place))
+        elif isinstance(node, SequenceNode):
+            for index, value in enumerate(node.value):
+                here = (*place, index)
+                self._note(here, value)
+                self.on(value, here)
+        else:
+            self._value(node)
+
+    def _note(self, place: Place, node: Any) -> None:
+        self.lines[place] = node.start_mark.line + 1
+        self.entries += 1
+        if self.entries > MOST_ENTRIES:
+            message = f"holds more than {MOST_ENTRIES} entries, each alias (`*`) written out"
+            raise InputError.one(str(self.path), f"{message}; no config needs as many")
+
+    def _key(self, key: Any, place: Place) -> Place:
+        """Every key is made text, as `5:` or `~:` is no number or null."""
+        from ruamel.yaml.nodes import ScalarNode
+
+        if not isinstance(key, ScalarNode):
+            raise self._refusal(
+                key, "a list or mapping cannot be a key; write a word before the colon"
+            )
+        if len(key.value) > LONGEST_KEY:
+            message = f"this key has {len(key.value)} letters; write at most {LONGEST_KEY}"
+            raise self._refusal(key, message)
+        self._readable(key)
+        if key.tag != "tag:yaml.org,2002:merge":
+            key.tag = "tag:yaml.org,2002:str"
+        here = (*place, key.value)
+        if here in self.lines:
+            dotted = ".".join(str(part) for part in here)
+            message = f"this key stands already in line {self.lines[here]}; keep one of them"
             line = key.start_mark.line + 1
-            if not isinstance(key, ScalarNode):
-                message = "a list or mapping cannot be a key; write a word before the colon"
-                raise InputError.one(f"{path}:{line}", message)
-            if key.tag != "tag:yaml.org,2002:merge":
-                key.tag = "tag:yaml.org,2002:str"
-            here = (*place, key.value)
-            if here in lines:
-                dotted = ".".join(str(part) for part in here)
-                message = f"this key stands already in line {lines[here]}; keep one of them"
-                repeated.append(Problem(f"{path}:{line}: {dotted}", message))
-            lines[here] = line
-            _walk(value, here, lines, repeated, path)
-    elif isinstance(node, SequenceNode):
-        for index, value in enumerate(node.value):
-            lines[(*place, index)] = value.start_mark.line + 1
-            _walk(value, (*place, index), lines, repeated, path)
+            self.repeated.append(Problem(f"{self.path}:{line}: {dotted}", message))
+        self._note(here, key)
+        return here
+
+    def _value(self, node: Any) -> None:
+        from ruamel.yaml.error import YAMLError
+
+        text, kind = node.value, str(node.tag).rpartition(":")[2]
+        most = LONGEST_NUMBER if kind == "int" else LONGEST_VALUE
+        if len(text) > most:
+            what = "a number of {} digits" if kind == "int" else "a value of {} letters"
+            raise self._refusal(node, f"{what.format(len(text))}; write at most {most}")
+        self._readable(node)
+        try:
+            self.constructor.construct_object(node)
+        except YAMLError:
+            raise
+        except Exception:  # text that does not suit its tag comes up as anything
+            message = f"'{text[:LONGEST_NUMBER]}' cannot be read as {kind}; put text in quotes"
+            raise self._refusal(node, message) from None
+
+    def _readable(self, node: Any) -> None:
+        """Letters that no path, unit or formula can hold, and no file can be written with."""
+        if "\0" in node.value or any("\ud800" <= letter <= "\udfff" for letter in node.value):
+            raise self._refusal(node, "a NUL or half a character stands here; remove it")
+
+    def _refusal(self, node: Any, message: str) -> InputError:
+        return InputError.one(f"{self.path}:{node.start_mark.line + 1}", message)
 
 
 def _explain(error: Any, text: str, line: int) -> str:

@@ -529,7 +529,7 @@ MUTANTS = [
     Mutant(
         "mirrored starts stay as far away as they were",
         "preparation.py",
-        "0.5 ** (attempt - START_TRIES)",
+        "0.25 ** (attempt - START_TRIES)",
         "1.0",
         "tests/unit/test_sampling.py::test_starts_in_a_corner_of_the_priors_are_mirrored_into_it",
     ),
@@ -675,8 +675,8 @@ MUTANTS = [
     Mutant(
         "take a later piece for the next one",
         "store.py",
-        "if first == have:",
-        "if first >= have:",
+        'if first == f"{have:09d}":',
+        'if first >= f"{have:09d}":',
         "tests/unit/test_store.py::test_pieces_after_a_gap_wait_until_it_is_filled",
     ),
     Mutant(

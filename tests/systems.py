@@ -17,6 +17,7 @@ from bayesdrill.cli import app
 from bayesdrill.store import Folder
 
 ROOT = Path(__file__).parent.parent
+STOPPING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 SMALL = """\
 name: small
@@ -58,12 +59,13 @@ class Ran:
 
 
 def cli(*arguments: str | Path) -> Ran:
-    """The command line in this process; the handler of SIGTERM is put back."""
-    before = signal.getsignal(signal.SIGTERM)
+    """The command line in this process; the handlers of signals are put back."""
+    before = {number: signal.getsignal(number) for number in STOPPING}
     try:
         result = CliRunner().invoke(app, [str(argument) for argument in arguments])
     finally:
-        signal.signal(signal.SIGTERM, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)
     if result.exception is not None and not isinstance(result.exception, SystemExit):
         raise result.exception
     return Ran(result.exit_code, result.stdout, result.stderr)
@@ -75,8 +77,19 @@ def start(*arguments: str | Path, cwd: Path, **options: object) -> subprocess.Po
     environment = {**os.environ, "PYTHONPATH": str(ROOT), "MPLBACKEND": "agg", "COLUMNS": "200"}
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
     return subprocess.Popen(  # type: ignore[call-overload,no-any-return]
-        command, cwd=cwd, env=environment, start_new_session=True, **{**pipes, **options}
+        command,
+        cwd=cwd,
+        env=environment,
+        start_new_session=True,
+        preexec_fn=_hear_all,
+        **{**pipes, **options},
     )
+
+
+def _hear_all() -> None:
+    """In the child: what ignores Ctrl-C, as a job in the background does, hands that on."""
+    for number in STOPPING:
+        signal.signal(number, signal.SIG_DFL)
 
 
 def run(*arguments: str | Path, cwd: Path, seconds: float = 60) -> Ran:
@@ -104,6 +117,13 @@ def small(folder: Path, *changes: tuple[str, str], name: str = "small.yaml") -> 
     (folder / "small.csv").write_text(small_record(), encoding="utf-8")
     (folder / name).write_text(text, encoding="utf-8")
     return folder / name
+
+
+def simulated(config: Path) -> None:
+    """Another record in the place of the small one, which is never overwritten."""
+    (config.parent / "small.csv").unlink()
+    done = cli("simulate", config)
+    assert done.status == 0, done.err
 
 
 def listing(folder: Path) -> dict[str, object]:

@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import logging
-import os
 import re
-import threading
 from collections.abc import Iterator
 from concurrent.futures import Executor
 from contextlib import contextmanager
-from multiprocessing.synchronize import Event
 from typing import Any
 
-from bayesdrill.crew import SPAWN, ctrl_c_waits, workers
+from bayesdrill.crew import closed, workers
 from bayesdrill.errors import InputError
 
 ADDRESS = re.compile(r"((tcp|tls|ws|wss)://)?(\[[0-9a-fA-F:]+\]|[^/:\s\[\]]+):\d{1,5}")
@@ -22,27 +19,19 @@ PATIENCE = 5.0  # seconds for a scheduler to answer, and then for a first worker
 @contextmanager
 def local(processes: int) -> Iterator[Executor]:
     """`processes` workers; those still at a refit when the block is left by an error are ended."""
-    stop = SPAWN.Event()
-    pool = workers(processes, _leave_when, stop)
+    pool = workers(processes, _nothing)
     try:
         yield pool
     except BaseException:
         # A refit may take minutes, and is lost anyway.  Results are far shorter than what a pipe
         # takes in one piece, so that none is cut in the middle.
-        with ctrl_c_waits():
-            stop.set()
-            pool.shutdown(wait=True, cancel_futures=True)
+        closed(pool, 0.0)
         raise
     pool.shutdown()
 
 
-def _leave_when(stop: Event) -> None:
-    threading.Thread(target=_wait_and_leave, args=(stop,), daemon=True).start()
-
-
-def _wait_and_leave(stop: Event) -> None:
-    stop.wait()
-    os._exit(1)
+def _nothing() -> None:
+    """All that a worker has to prepare: each task brings what it needs."""
 
 
 @contextmanager

@@ -9,7 +9,7 @@ import numpy as np
 from bayesdrill import beliefs, build, givens, symbols, typesetting
 from bayesdrill import config as records
 from bayesdrill.consistency.collector import Collector
-from bayesdrill.formulas import CircleError, Expression
+from bayesdrill.formulas import Expression, RelationError
 from bayesdrill.models import MODELS, constants
 from bayesdrill.models.linear import Model
 from bayesdrill.parameters import ParameterSpace
@@ -83,8 +83,8 @@ def check_relations(found: Collector, config: records.Config, model: Model) -> N
         found.add(("quantities", name), message)
     try:
         space = build.space(config, model, [])
-    except CircleError as circle:
-        found.add(("parameters", circle.name), str(circle))
+    except RelationError as error:
+        found.add(("parameters", error.name), str(error))
         return
     except ValueError:  # a prior or a start, said already
         return
@@ -99,13 +99,14 @@ def _check_values(
     named = space.named(theta)
     for name, relation in related.items():
         values = np.broadcast_to(named[name], len(theta))
-        good = np.isfinite(values) & (values > 0)
+        good = (values >= beliefs.SMALLEST) & (values <= beliefs.LARGEST)
         if not good.all():
             k = int(np.argmin(good))
             found.add(
                 ("parameters", name),
                 f"'{relation.text}' is {values[k]:.3g} at {100 * np.mean(~good):.3g} % of what the "
-                "priors allow, and must be positive; mend the formula or narrow the priors",
+                "priors allow, and must be positive (and at most 1e30); mend the formula or narrow the "
+                "priors",
             )
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from bayesdrill import beliefs, build, givens, symbols
+from bayesdrill import beliefs, build, givens, sizes, symbols
 from bayesdrill import config as records
 from bayesdrill.consistency.collector import Collector
 from bayesdrill.consistency.unknowns import free, free_parameters, free_quantities, sigmas
@@ -35,6 +35,9 @@ def check_counts(found: Collector, config: records.Config, model: Model) -> None
             f"{sampler.walkers} walkers: an even number, at least twice the {n_unknown} unknowns, is "
             "wanted",
         )
+    if n_unknown:
+        arguments = (sampler.ensembles, sampler.walkers, n_unknown)
+        found.run(("sampler", "walkers"), sizes.check_chain, *arguments)
     for name in sampler.moves:
         found.run(("sampler", "moves", name), build.lookup, MOVES, name, "move")
     if sum(weight for name, weight in sampler.moves.items() if name != "independence") <= 0:
@@ -65,6 +68,9 @@ def check_simulation(found: Collector, config: records.Config) -> None:
         found.add(
             ("simulation", "duration"), "the record would have one sample only; make it longer"
         )
+    elif simulation.duration is not None:
+        samples, channels = simulation.duration * simulation.rate, len(config.record.channels)
+        found.run(("simulation", "duration"), sizes.check_record, samples, channels)
     for name in simulation.sigma:
         if not found.spoilt(("record", "channels", name)):
             place: Place = ("simulation", "sigma", name)

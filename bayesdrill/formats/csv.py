@@ -43,6 +43,8 @@ def table(path: Path, text: str, options: CsvOptions) -> Table:
     _check_numbers(body, dialect)
     width = dialects.usual_width(body.texts, dialect)
     names, ignored = _names(header, lines, dialect, width)
+    if header is None:
+        ignored = _in_comment(lines, dialect, width)
     values = parse(body, dialect, names)
     columns = {name: np.ascontiguousarray(values[:, i]) for i, name in enumerate(names)}
     numbers = np.array(body.numbers, dtype=np.int64)
@@ -126,6 +128,16 @@ def _names(
         for i, name in enumerate(names, start=1)
     ]
     return keys, ignored
+
+
+def _in_comment(lines: Lines, dialect: Dialect, width: int) -> dict[str, str]:
+    """Why names cannot be picked that stand in the comment before the data."""
+    comment = lines.comment[1:] if lines.comment else ""
+    names = _header_cells(comment, dialect, width)
+    if len(names) != width:
+        return {}
+    why = f"stands in a line that begins with {lines.comment[:1]!r}, a comment; remove that sign"
+    return {name: why for name in names if name}
 
 
 def _header_cells(header: str, dialect: Dialect, width: int) -> list[str]:

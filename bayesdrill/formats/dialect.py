@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import re
 from collections import Counter
 from collections.abc import Sequence
@@ -47,7 +48,7 @@ def without_empty_tail(lines: Lines, dialect: Dialect) -> Lines:
     count = len(lines.texts)
     while count > 1 and not lines.texts[count - 1].strip(f' "{dialect.separator or ""}'):
         count -= 1
-    return Lines(path=lines.path, texts=lines.texts[:count], numbers=lines.numbers[:count])
+    return dataclasses.replace(lines, texts=lines.texts[:count], numbers=lines.numbers[:count])
 
 
 def find(texts: Sequence[str], options: CsvOptions) -> Dialect:

@@ -24,6 +24,7 @@ class _Found:
     variables: dict[str, Array] = field(default_factory=dict)
     ignored: dict[str, str] = field(default_factory=dict)
     unread: list[str] = field(default_factory=list)
+    structs: set[int] = field(default_factory=set)  # where they stand in the file
 
     def add(self, name: str, values: np.ndarray[Any, Any]) -> None:
         """Keep a real array up to 2-D, `(T, 1)` and `(1, T)` as `(T,)`; note others as ignored."""
@@ -151,6 +152,11 @@ def _walk_v73(prefix: str, group: Any, wanted: Collection[str] | None, found: _F
         if reason:
             found.ignored[name] = reason
         elif isinstance(item, h5py.Group):
+            address = h5py.h5o.get_info(item.id).addr
+            if address in found.structs:  # MATLAB never writes that, and a walk may have no end
+                found.ignored[name] = "is the same struct under a second name; give the first"
+                continue
+            found.structs.add(address)
             _walk_v73(f"{name}.", item, wanted, found)
         elif wanted is None or name in wanted:
             # MATLAB writes column by column, so HDF5 shows every array transposed.

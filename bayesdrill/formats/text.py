@@ -20,11 +20,15 @@ _MAGIC = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Lines:
-    """The lines that hold something, with their line numbers in the file (from 1)."""
+    """The lines that hold something, with their line numbers in the file (from 1).
+
+    `comment`: the last one before them.
+    """
 
     path: Path
     texts: list[str]
     numbers: list[int]
+    comment: str = ""
 
     def after(self, count: int) -> Lines:
         return Lines(path=self.path, texts=self.texts[count:], numbers=self.numbers[count:])
@@ -60,7 +64,13 @@ def lines_of(path: Path, text: str, skip: int) -> Lines:
     if not kept:
         rest = f" after the {skip} lines of skip_rows" if skip else ""
         raise InputError.one(str(path), f"holds no data{rest}: only blank lines and comments")
-    return Lines(path=path, texts=[line for _, line in kept], numbers=[n for n, _ in kept])
+    before = [bare for line in everything[skip : kept[0][0] - 1] if (bare := line.strip())]
+    return Lines(
+        path=path,
+        texts=[line for _, line in kept],
+        numbers=[n for n, _ in kept],
+        comment=before[-1] if before else "",
+    )
 
 
 def split(line: str, separator: str | None) -> list[str]:

@@ -58,6 +58,9 @@ def remedies(
     found = []
     for what, after in _tried(scenery, theta, base, now):
         sd = after.with_priors(prior_sd).bounds()[rows]
+        # What is known to all digits, by a record at the edge of numbers, gets no better.
+        usual = (before > 0) & (sd > 0) & (before < np.inf)
+        ratio = np.divide(before, sd, out=np.ones_like(sd), where=usual)
         found.append(
             Remedy(
                 what=what,
@@ -65,7 +68,7 @@ def remedies(
                     k for k, exponents in enumerate(symmetries) if _touches(after, exponents)
                 ),
                 left=after.n_blind,
-                shrink=float(np.exp(np.mean(np.log(before / sd)))),
+                shrink=float(np.exp(np.mean(np.log(ratio)))),
             )
         )
     return tuple(sorted(found, key=lambda remedy: (remedy.left, -remedy.shrink)))
@@ -122,8 +125,9 @@ def _other_inputs(scenery: Scenery, theta: Array, base: Scene) -> Iterator[tuple
         coast = "let the rig coast down half-way (motor terminals shorted)"
         yield coast, dataclasses.replace(base, push=stopped)
     unit = dataclasses.replace(base, push={"t_1": late})
-    load = LOAD_SHARE / _largest_change(scenery, theta, base, unit)
-    if np.isfinite(load):
+    change = _largest_change(scenery, theta, base, unit)
+    if 0 < change < np.inf:
+        load = LOAD_SHARE / change
         loaded = dataclasses.replace(base, push={"t_1": load * late})
         yield f"apply a known load torque of {load:.2g} N m half-way", loaded
 
@@ -131,4 +135,5 @@ def _other_inputs(scenery: Scenery, theta: Array, base: Scene) -> Iterator[tuple
 def _largest_change(scenery: Scenery, theta: Array, base: Scene, other: Scene) -> float:
     """Of a channel from one scene to the other, in shares of its range."""
     one, two = (scenery.states_over_time(theta, scene) @ base.weights.T for scene in (base, other))
-    return float(np.max(np.ptp(two - one, axis=0) / np.ptp(one, axis=0)))
+    with np.errstate(all="ignore"):  # of a channel that stands still: no number, or infinite
+        return float(np.max(np.ptp(two - one, axis=0) / np.ptp(one, axis=0)))

@@ -83,7 +83,7 @@ def everything(
         tree = make_tree(
             problem,
             sampled,
-            config.output.predictive_draws,
+            words.predictive_draws(problem, config),
             seeds.stream(config.seed, "predictive"),
             seeds.stream(config.seed, "prior"),
             _attributes(config, sampled),

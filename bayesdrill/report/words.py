@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from bayesdrill import physics
+from bayesdrill import physics, sizes
 from bayesdrill.build import Problem
 from bayesdrill.config import Config
 from bayesdrill.convergence import Convergence
@@ -40,8 +40,36 @@ def preview(problem: Problem, config: Config) -> str:
         f"would run: {config.map.starts} searches by {config.map.method}, then "
         f"{sampler.ensembles} ensembles of {sampler.walkers} walkers, until "
         f"R-hat <= {sampler.r_hat:g}, N/tau >= {sampler.n_tau:g} and ESS >= {sampler.ess:g}, at most "
-        f"{sampler.max_steps} steps" + _findings(problem, config)
+        f"{sampler.max_steps} steps\n{size(problem, config)}" + _findings(problem, config)
     )
+
+
+def predictive_draws(problem: Problem, config: Config) -> int:
+    """Of each ensemble: as many as the config asks for, or as there is room for."""
+    experiment, wanted = problem.experiment, config.output.predictive_draws
+    shape = (config.sampler.ensembles, len(experiment.t), len(experiment.channels))
+    return sizes.predictive_draws(wanted, *shape)
+
+
+def size(problem: Problem, config: Config) -> str:
+    """What the results will hold at most."""
+    sampler, experiment = config.sampler, problem.experiment
+    unknowns, samples = len(problem.names), len(experiment.t)
+    steps = min(
+        sampler.max_steps, sizes.steps_of_chain(sampler.ensembles, sampler.walkers, unknowns)
+    )
+    chain = 8 * steps * sampler.ensembles * sampler.walkers * (unknowns + 1)
+    draws, wanted = predictive_draws(problem, config), config.output.predictive_draws
+    predicted = 8 * draws * sampler.ensembles * samples * len(experiment.channels)
+    fewer = f", not {wanted}: those are too many for this record" if draws < wanted else ""
+    return (
+        f"size at most: chain {_megabytes(chain)} ({steps} steps), {draws} predictive draws of each "
+        f"ensemble {_megabytes(predicted)}{fewer}"
+    )
+
+
+def _megabytes(n: float) -> str:
+    return f"{n / 1e6:.3g} MB"
 
 
 def _misfit(problem: Problem) -> str:

@@ -15,7 +15,8 @@ PACKAGE = ROOT / "bayesdrill"
 # From the ground up: a room imports only rooms of lines above its own.
 FLOORS = [
     {"bayesdrill", "errors", "symbols"},
-    {"units", "typesetting", "expressions", "formulas", "seeds", "progress", "ours", "sealed"},
+    {"units", "sizes", "typesetting", "expressions", "formulas", "seeds", "progress"}
+    | {"ours", "sealed"},
     {"models", "priors", "experiment", "yaml_source", "kernels"},
     {"formats", "parameters", "coordinates", "noise", "response", "beliefs"},
     {"likelihood", "config"},

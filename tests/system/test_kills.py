@@ -159,3 +159,51 @@ def test_a_worker_that_is_killed_ends_in_a_message(
     assert ("--resume" in err) == saves
     if saves:
         assert json.loads((folder / "run.json").read_text())["status"] == "interrupted"
+
+
+def to_group(*numbers: signal.Signals) -> Callable[[int], None]:
+    def send(leader: int) -> None:
+        for number in numbers:
+            os.killpg(leader, number)
+            time.sleep(0.07)
+
+    return send
+
+
+def stopped_worker(leader: int) -> None:
+    os.kill(workers(leader)[0], signal.SIGSTOP)
+    os.killpg(leader, signal.SIGINT)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "act",
+    [
+        pytest.param(to_group(*[signal.SIGINT] * 3), id="Ctrl-C three times"),
+        pytest.param(to_group(signal.SIGTERM), id="SIGTERM to all"),
+        pytest.param(to_group(signal.SIGHUP), id="the terminal is closed"),
+        pytest.param(stopped_worker, id="Ctrl-C with a stopped worker"),
+    ],
+)
+@pytest.mark.parametrize("command", ["posterior", "calibrate"])
+def test_whatever_stops_a_run_it_ends_and_can_go_on(
+    command: str,
+    act: Callable[[int], None],
+    tmp_path: Path,
+    started: list[subprocess.Popen[str]],
+) -> None:
+    config, folder = systems.small(tmp_path, LONG), tmp_path / "out"
+    process = systems.start(command, config, "-o", folder, "--processes", "2", cwd=tmp_path)
+    started.append(process)
+    end = time.monotonic() + 60
+    while len(workers(process.pid)) < 2 and time.monotonic() < end:
+        assert process.poll() is None, process.communicate()
+        time.sleep(0.002)
+    time.sleep(1.5)  # until they are at work
+    act(process.pid)
+    _, err = process.communicate(timeout=30)
+    assert process.returncode == 130, err
+    assert "Traceback" not in err
+    assert "--resume" in err
+    assert json.loads((folder / "run.json").read_text())["status"] == "interrupted"
+    assert not workers(process.pid)

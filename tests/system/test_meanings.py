@@ -134,7 +134,7 @@ def test_a_motor_without_friction_or_with_that_of_the_other_way_can_be_meant(
 
 def test_the_true_values_of_a_rig_without_friction_are_found(tmp_path: Path) -> None:
     config = systems.small(tmp_path, ("t_f: nominal", "t_f: 0"), ("c_m: nominal", "c_m: 0"))
-    assert systems.cli("simulate", config, "--force").status == 0
+    systems.simulated(config)
     found = systems.cli("map", config, "--processes", "1")
     assert found.status == 0, found.err
     for name in ("k_e", "j_1"):
@@ -225,7 +225,7 @@ def test_check_shows_each_column_as_the_file_has_it(tmp_path: Path) -> None:
 
 def test_a_rig_that_turns_backwards_is_told_that_friction_drives_it(tmp_path: Path) -> None:
     config = systems.small(tmp_path, ("v: 8.0", "v: -8.0"))
-    assert systems.cli("simulate", config, "--force").status == 0
+    systems.simulated(config)
     assert "friction: in 9" in systems.cli("check", config).out.splitlines()[-1]
 
 
@@ -286,7 +286,7 @@ def test_a_table_speaks_only_of_the_rig_that_asks_for_it(
 def test_nothing_of_the_paper_is_said_of_another_rig(tmp_path: Path) -> None:
     """Its k_T is not 1.99 times its k_e, its shaft is not the paper's, and starts are its own."""
     config, *_ = nominal_of(tmp_path, *OTHER)
-    assert systems.cli("simulate", config, "--force").status == 0
+    systems.simulated(config)
     said = systems.cli("check", config).out
     assert "nominal" not in said
     assert "energy" not in said
@@ -301,7 +301,7 @@ def test_nothing_of_the_paper_is_said_of_another_rig(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_a_run_and_its_report_of_a_rig_without_nominal_values(tmp_path: Path) -> None:
     config, *_ = nominal_of(tmp_path, *OTHER)
-    assert systems.cli("simulate", config, "--force").status == 0
+    systems.simulated(config)
     folder = tmp_path / "out"
     ran = systems.cli("posterior", config, "--output", folder, "--processes", "1")
     assert ran.status in (0, 3), ran.err

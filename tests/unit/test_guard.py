@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import signal
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import pytest
 import typer
+from systems import STOPPING
 
+from bayesdrill import crew
 from bayesdrill.crew import Crew
 from bayesdrill.errors import InputError
 from bayesdrill.guard import INPUT_WRONG, INTERRUPTED, guarded, saved_in
@@ -16,8 +22,8 @@ from bayesdrill.guard import INPUT_WRONG, INTERRUPTED, guarded, saved_in
 
 def test_a_worker_that_is_killed_ends_in_a_message(capsys: pytest.CaptureFixture[str]) -> None:
     """Whatever the command. The task ends its process at once, as the kernel does when memory is out."""
-    with pytest.raises(typer.Exit) as ended, guarded(), Crew(9, 2) as crew:  # type: ignore[arg-type]
-        crew.submit(os._exit).result()
+    with pytest.raises(typer.Exit) as ended, guarded(), Crew(9, 2) as pool:  # type: ignore[arg-type]
+        pool.submit(os._exit).result()
     assert ended.value.exit_code == INPUT_WRONG
     said = capsys.readouterr().err
     assert "a worker process was killed" in said
@@ -25,15 +31,27 @@ def test_a_worker_that_is_killed_ends_in_a_message(capsys: pytest.CaptureFixture
 
 
 def test_a_run_that_loses_a_worker_says_how_to_go_on(tmp_path: Path) -> None:
-    with pytest.raises(InputError) as ended, saved_in(tmp_path), Crew(9, 2) as crew:  # type: ignore[arg-type]
-        crew.submit(os._exit).result()
+    with pytest.raises(InputError) as ended, saved_in(tmp_path), Crew(9, 2) as pool:  # type: ignore[arg-type]
+        pool.submit(os._exit).result()
     (problem,) = ended.value.problems
     assert problem.place == str(tmp_path)
     assert "--processes" in problem.message
     assert "--resume" in problem.message
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=lambda number: number.name)
+@pytest.fixture
+def heard() -> Iterator[None]:
+    """Signals as an interactive process has them; put back after the test."""
+    before = {number: signal.getsignal(number) for number in STOPPING}
+    for number in STOPPING:
+        signal.signal(number, signal.SIG_DFL)
+    yield
+    for number, handler in before.items():
+        signal.signal(number, handler)
+
+
+@pytest.mark.usefixtures("heard")
+@pytest.mark.parametrize("number", STOPPING, ids=lambda number: number.name)
 def test_a_command_that_is_stopped_claims_nothing_of_files(
     number: signal.Signals, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -42,3 +60,65 @@ def test_a_command_that_is_stopped_claims_nothing_of_files(
         signal.raise_signal(number)
     assert ended.value.exit_code == INTERRUPTED
     assert capsys.readouterr().err == "stopped\n"
+
+
+@pytest.mark.usefixtures("heard")
+def test_only_the_first_of_many_signals_interrupts() -> None:
+    cleaned = []
+
+    @contextmanager
+    def cleaning() -> Iterator[None]:
+        try:
+            yield
+        finally:
+            for number in STOPPING:
+                signal.raise_signal(number)
+                cleaned.append(number)
+
+    with pytest.raises(typer.Exit) as ended, guarded(), cleaning():
+        signal.raise_signal(signal.SIGINT)
+    assert tuple(cleaned) == STOPPING
+    assert ended.value.exit_code == INTERRUPTED
+
+
+@pytest.mark.usefixtures("heard")
+@pytest.mark.parametrize("number", STOPPING, ids=lambda number: number.name)
+def test_a_signal_that_is_to_be_ignored_stays_so(number: signal.Signals) -> None:
+    """`nohup`, and jobs in the background."""
+    signal.signal(number, signal.SIG_IGN)
+    with guarded():
+        signal.raise_signal(number)
+    assert signal.getsignal(number) == signal.SIG_IGN
+
+
+@pytest.mark.usefixtures("heard")
+def test_a_command_that_ends_well_leaves_signals_as_they_were() -> None:
+    with guarded():
+        assert signal.getsignal(signal.SIGHUP) != signal.SIG_DFL
+    assert {signal.getsignal(number) for number in STOPPING} == {signal.SIG_DFL}
+
+
+def test_no_room_for_semaphores_is_not_blamed_on_the_results(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_: object, **__: object) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(crew, "ProcessPoolExecutor", full)
+    with pytest.raises(InputError) as ended, saved_in(tmp_path):
+        Crew(9, 2)  # type: ignore[arg-type]
+    (problem,) = ended.value.problems
+    assert str(tmp_path) not in str(problem)
+    assert "/dev/shm" in str(problem)
+    assert "--processes 1" in str(problem)
+
+
+def test_a_message_that_nobody_can_read_leaves_the_status(monkeypatch: pytest.MonkeyPatch) -> None:
+    with open("/dev/full", "w") as full, monkeypatch.context() as patched:
+        patched.setattr(sys, "stderr", full)
+        with pytest.raises(typer.Exit) as ended, guarded():
+            raise InputError.one("here", "wrong")
+        patched.undo()
+        with suppress(OSError):
+            full.close()
+    assert ended.value.exit_code == INPUT_WRONG

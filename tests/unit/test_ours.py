@@ -154,7 +154,7 @@ def file_instead(path: Path) -> None:
         *(("config.yaml", pipe, "a device or pipe"), (RUN, pipe, "a device or pipe")),
         ("figures", file_instead, "a file"),
     ],
-    ids=str,
+    ids=lambda value: getattr(value, "__name__", str(value)),
 )
 def test_what_no_run_can_have_made_is_named_first(
     name: str, spoil: Callable[[Path], None], what: str, mode: Mode, tmp_path: Path

@@ -88,3 +88,11 @@ def test_pieces_after_a_gap_wait_until_it_is_filled(piece: Piece, tmp_path: Path
         assert len(folder.pieces(0)) == 1
         folder.save(0, 40, piece)
         assert len(folder.pieces(0)) == 3
+
+
+def test_a_file_of_others_among_the_pieces_is_none(piece: Piece, tmp_path: Path) -> None:
+    with Folder(tmp_path / "out", "fresh", {}) as folder:
+        folder.save(0, 0, piece)
+        (folder.path / ".pieces" / "ensemble_0_copy.npz").write_bytes(b"")
+        (folder.path / ".pieces" / "ensemble_0_40.npz").write_bytes(b"")
+        assert len(folder.pieces(0)) == 1

@@ -1,0 +1,174 @@
+"""What nobody needs of a rig ends in one line, at once: nothing that a config can say takes for ever."""
+
+from __future__ import annotations
+
+import json
+import time
+from itertools import pairwise
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+import systems
+
+from bayesdrill.formats import matlab
+
+SECONDS = 15.0
+NESTED = "\n".join(f"{b}: &{b} [{', '.join([f'*{a}'] * 9)}]" for a, b in pairwise("abcdefghi"))
+BOMB = f"a: &a [x, x, x, x, x, x, x, x, x]\n{NESTED}\nname: small"
+UNIT = ("theta_1: {column: theta_1, unit: rad", "theta_1: {column: theta_1, unit: ")
+K_E = "k_e: {prior: uniform, low: 0.5, high: 1.5, relative: true}"
+GRID = "{duration: 5, rate: 20}"
+
+
+def unit(text: str) -> tuple[str, str]:
+    return UNIT[0], f"{UNIT[1]}'{text}'"
+
+
+def prior(text: str) -> tuple[str, str]:
+    return K_E, f"k_e: {{prior: {text}}}"
+
+
+def tripled() -> list[tuple[str, str]]:
+    """Formulas of formulas, each 60 times the one before."""
+    chain = ["j_m", "k_T", "r_m", "k_s", "l_m", "k_e"]
+    return [
+        (f"{one}: nominal", f"{one}: {'*'.join([other] * 60)}") for one, other in pairwise(chain)
+    ]
+
+
+LIMITS = {
+    "aliases that multiply": ([("name: small", BOMB)], "more than 5000 entries"),
+    "a tag that does not suit": ([("seed: 7", "seed: !!bool maybe")], "cannot be read as bool"),
+    "an empty number": ([("seed: 7", "seed: !!int ''")], "small.yaml:2: "),
+    "a date that is none": ([("seed: 7", "seed: 2001-99-99")], "small.yaml:2: "),
+    "thousands of digits": ([("v: 8.0", f"v: 0x{'f' * 6000}")], "a number of 6002 digits"),
+    "a seed beyond 64 bits": ([("seed: 7", f"seed: {2**64}")], "seed"),
+    "NUL in a path": ([("file: small.csv", 'file: "a\\0b.csv"')], "a NUL"),
+    "half a character": ([("file: small.csv", 'file: "\\ud800.csv"')], "half a character"),
+    "a long name": ([("name: small", f"name: {'x' * 3000}")], "at most 2000"),
+    "a name of 300 letters": ([("name: small", f"name: {'x' * 300}")], "100 characters"),
+    "a long key": ([("k_T: nominal", f"k_T: nominal\n  {'x' * 300}: 1")], "at most 100"),
+    "a power tower": ([unit("9**9**9")], "cannot be read"),
+    "a hidden power tower": ([unit("rad*(m/m)**2**9**9**9")], "cannot be read"),
+    "superscripts": ([unit("9²²²²²²²²²*rad")], "cannot be read"),
+    "an endless unit": ([unit("rad" * 600)], "cannot be read"),
+    "an endless latex": (
+        [("map: {", f"derived: {{q: {{formula: k_e, latex: '{'x' * 1900}'}}}}\nmap: {{")],
+        "at most 200 characters",
+    ),
+    "250 terms": ([("k_T: nominal", f"k_T: {'+'.join(['k_e'] * 250)}")], "more than 100 terms"),
+    "formulas that multiply": (tripled(), "more than 100 terms"),
+    "a tiny prior": ([prior("half_normal, scale: 1e-150")], "greater than or equal to 1e-30"),
+    "a huge prior": ([prior("half_normal, scale: 1e308")], "less than or equal to 1e+30"),
+    "sd_log": ([prior("log_normal, median: 0.06, sd_log: 1000")], "less than or equal to 20"),
+    "no width": ([prior("normal, mean: 0.06, sd: 1e-17")], "hold the value as a number"),
+    "no mass": (
+        [prior("truncated_normal, mean: 0.06, sd: 0.001, low: 10, high: 20, start: 15")],
+        "hold the value as a number",
+    ),
+    "a huge load": ([("v: 8.0", "v: 8.0\n  t_1: 1e18")], "times the noise off the record"),
+    "a tiny sigma": ([("w_1, unit: rad/s, sigma: 0.05", "w_1, unit: rad/s, sigma: 1e-29")], "off"),
+    "an endless duration": ([(GRID, "{duration: 1e18, rate: 20}")], "samples of 2 channels"),
+    "an endless rate": ([(GRID, "{duration: 5, rate: 1e18}")], "samples of 2 channels"),
+    "starts": ([("starts: 1", "starts: 1000000000")], "less than or equal to 1000"),
+    "predictive draws": (
+        [("predictive_draws: 10", "predictive_draws: 1000000000")],
+        "less than or equal to 1000000",
+    ),
+    "ensembles": (
+        [("walkers: 8", "walkers: 8, ensembles: 1000000")],
+        "all that a chain may hold",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", LIMITS)
+def test_what_nobody_needs_is_one_line_at_once(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    changes, says = LIMITS[name]
+    systems.small(tmp_path, *changes)
+    monkeypatch.chdir(tmp_path)
+    before, begun = systems.listing(tmp_path), time.monotonic()
+    ran = systems.cli("check", "small.yaml")
+    assert time.monotonic() - begun < SECONDS
+    assert ran.status == 2, ran.text
+    assert says in ran.err
+    assert max(map(len, ran.err.splitlines())) <= 400
+    assert systems.listing(tmp_path) == before
+
+
+def test_a_config_without_an_end_is_not_read(tmp_path: Path) -> None:
+    ran = systems.cli("check", "/dev/zero")
+    assert ran.status == 2
+    assert "holds more than 100 kB" in ran.err
+
+
+def test_groups_that_hold_each_other_twice_are_walked_once(tmp_path: Path) -> None:
+    with h5py.File(tmp_path / "nested.mat", "w") as file:
+        group = file.create_group("top")
+        for _ in range(26):
+            inner = group.create_group("a")
+            group["b"] = inner
+            group = inner
+        file["t"] = np.arange(3.0)
+    table = matlab.read(tmp_path / "nested.mat")
+    assert set(table.variables) == {"t"}
+    assert any("second name" in why for why in table.ignored.values())
+
+
+def test_times_of_a_clock_ask_for_the_initial_time(tmp_path: Path) -> None:
+    config = systems.small(tmp_path)
+    first, *rows = (tmp_path / "small.csv").read_text().splitlines()
+    moved = [f"{float(t) + 1.7e9:.3f},{more}" for t, more in (row.split(",", 1) for row in rows)]
+    (tmp_path / "small.csv").write_text("\n".join([first, *moved]) + "\n")
+    ran = systems.cli("check", config)
+    assert ran.status == 2
+    assert "1700000000 s" in ran.err
+    assert "initial: {time: ...}" in ran.err
+
+
+def test_a_header_that_is_a_comment_is_named(tmp_path: Path) -> None:
+    config = systems.small(tmp_path)
+    text = (tmp_path / "small.csv").read_text()
+    (tmp_path / "small.csv").write_text(f"# {text}")
+    ran = systems.cli("check", config)
+    assert ran.status == 2
+    assert "begins with '#'" in ran.err
+
+
+def test_two_samples_are_a_record(tmp_path: Path) -> None:
+    config = systems.small(tmp_path)
+    rows = (tmp_path / "small.csv").read_text().splitlines()[:3]
+    (tmp_path / "small.csv").write_text("\n".join(rows) + "\n")
+    assert systems.cli("check", config).status == 0
+
+
+def test_the_size_is_said_before_and_fewer_draws_are_predicted_of_a_long_record(
+    tmp_path: Path,
+) -> None:
+    config = systems.small(tmp_path, ("duration: 5, rate: 20", "duration: 5, rate: 40000"))
+    systems.simulated(config)
+    ran = systems.cli("check", config)
+    assert ran.status == 0, ran.text
+    assert "size at most: chain 0.384 MB (500 steps)" in ran.out
+    config.write_text(config.read_text().replace("predictive_draws: 10", "predictive_draws: 125"))
+    ran = systems.cli("check", config)
+    assert "31 predictive draws of each ensemble" in ran.out
+    assert "not 125" in ran.out
+
+
+@pytest.mark.parametrize(
+    "content", [b"\xff\xfe\x80", b"[" * 100_000, b"[]", b'{"values": {"k_e": NaN}}', b"{}"]
+)
+@pytest.mark.parametrize("name", ["run.json", "map.json"])
+def test_a_damaged_file_of_a_run_is_named(content: bytes, name: str, tmp_path: Path) -> None:
+    folder = tmp_path / "out"
+    folder.mkdir()
+    (folder / "run.json").write_text(json.dumps({"fingerprint": {}}))
+    (folder / name).write_bytes(content)
+    ran = systems.cli("report", folder)
+    assert ran.status == 2
+    assert "Traceback" not in ran.text
