@@ -10,15 +10,18 @@ import json
 import os
 import shutil
 import time
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import attacks
 import forked
 import pytest
 import systems
-from hypothesis import HealthCheck, Phase, given, settings
+from hypothesis import HealthCheck, Phase, given, seed, settings
 from hypothesis import strategies as st
 
+SEED = int(os.environ.get("BAYESDRILL_ATTACK_SEED", "0"))
 SECONDS = float(os.environ.get("BAYESDRILL_ATTACK", "60"))
 STRANGERS = {
     "notes.md": b"mine\n",
@@ -29,8 +32,8 @@ SOUND = {0, 2, 3}
 
 pytestmark = pytest.mark.slow
 
-attack = settings(
-    max_examples=1_000_000,
+BATCH = settings(
+    max_examples=50,
     deadline=None,
     database=None,
     phases=[Phase.generate],  # what falls is small as it is, and the time is stated
@@ -38,15 +41,20 @@ attack = settings(
 )
 
 
-class Clock:
-    """Says when it is over, and counts."""
+def attack(what: str, falls: Callable[..., None], **given_: st.SearchStrategy[Any]) -> None:
+    """Batch after batch, each from a seed of its own, until the time is over."""
+    end, cases, batches = time.monotonic() + SECONDS, 0, 0
 
-    def __init__(self) -> None:
-        self.end, self.cases = time.monotonic() + SECONDS, 0
+    def counted(**case: Any) -> None:
+        nonlocal cases
+        if time.monotonic() < end:
+            cases += 1
+            falls(**case)
 
-    def over(self) -> bool:
-        self.cases += 1
-        return time.monotonic() > self.end
+    while time.monotonic() < end:
+        seed(SEED + batches)(BATCH(given(**given_)(counted)))()
+        batches += 1
+    print(f"{what}: {cases} cases")
 
 
 @pytest.fixture
@@ -80,56 +88,39 @@ COMMANDS = st.sampled_from(
 
 
 def test_configs(home: Path) -> None:
-    clock = Clock()
-
-    @attack
-    @given(text=attacks.config(), command=COMMANDS)
     def falls(text: str, command: tuple[str, ...]) -> None:
-        if not clock.over():
-            (home / "small.yaml").write_bytes(text.encode("utf-8", "surrogatepass"))
-            stands(home, *command)
+        (home / "small.yaml").write_bytes(text.encode("utf-8", "surrogatepass"))
+        stands(home, *command)
 
-    falls()
-    print(f"{clock.cases} configs")
+    attack("configs", falls, text=attacks.config(), command=COMMANDS)
 
 
 def test_units_and_formulas(home: Path) -> None:
-    clock = Clock()
-
-    @attack
-    @given(unit=attacks.unit(), formula=attacks.formula())
     def falls(unit: str, formula: str) -> None:
-        if not clock.over():
-            text = systems.SMALL.replace("unit: rad,", f"unit: {json.dumps(unit)},")
-            text = attacks.in_place(text, "k_s", formula)
-            (home / "small.yaml").write_text(f"{text}derived: {{x: {json.dumps(formula)}}}\n")
-            stands(home, "check", "small.yaml")
+        text = systems.SMALL.replace("unit: rad,", f"unit: {json.dumps(unit)},")
+        text = attacks.in_place(text, "k_s", formula)
+        (home / "small.yaml").write_text(f"{text}derived: {{x: {json.dumps(formula)}}}\n")
+        stands(home, "check", "small.yaml")
 
-    falls()
-    print(f"{clock.cases} units and formulas")
+    attack("units and formulas", falls, unit=attacks.unit(), formula=attacks.formula())
 
 
 @pytest.mark.parametrize("kind", ["csv", "mat 5", "mat 7.3"])
 def test_records(home: Path, kind: str) -> None:
-    clock = Clock()
     name = "small.csv" if kind == "csv" else "small.mat"
     if kind != "csv":
         (home / "small.yaml").write_text(attacks.for_mat(systems.SMALL))
-    contents = {
+    content = {
         "csv": attacks.record,
         "mat 5": lambda: attacks.bytes_changed(attacks.mat_file(5)),
         "mat 7.3": lambda: attacks.bytes_changed(attacks.mat_file(7)),
-    }
+    }[kind]()
 
-    @attack
-    @given(content=contents[kind]())
     def falls(content: bytes) -> None:
-        if not clock.over():
-            (home / name).write_bytes(content)
-            stands(home, "check", "small.yaml")
+        (home / name).write_bytes(content)
+        stands(home, "check", "small.yaml")
 
-    falls()
-    print(f"{clock.cases} records, {kind}")
+    attack(kind, falls, content=content)
 
 
 @pytest.mark.parametrize(
@@ -138,19 +129,15 @@ def test_records(home: Path, kind: str) -> None:
     ids=lambda command: command[0],
 )
 def test_damaged_results(home: Path, command: tuple[str, ...]) -> None:
-    """Whatever has become of one file of a run, interrupted or finished."""
-    clock, results, sound = Clock(), home / "results" / "small", home / "sound"
+    """Whatever has become of one file of a run."""
+    results, sound = home / "results" / "small", home / "sound"
     assert systems.run("posterior", "small.yaml", cwd=home).status in SOUND
     shutil.copytree(results, sound)
 
-    @attack
-    @given(change=attacks.damaged(results))
     def falls(change: tuple[str, bytes]) -> None:
-        if not clock.over():
-            shutil.rmtree(results)
-            shutil.copytree(sound, results)
-            (results / change[0]).write_bytes(change[1])
-            stands(home, *command)
+        shutil.rmtree(results)
+        shutil.copytree(sound, results)
+        (results / change[0]).write_bytes(change[1])
+        stands(home, *command)
 
-    falls()
-    print(f"{clock.cases} damaged results")
+    attack(f"damaged results, {command[0]}", falls, change=attacks.damaged(sound))
