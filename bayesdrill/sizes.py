@@ -6,9 +6,7 @@ MOST_SAMPLES = 1_000_000
 MOST_MEASURED = 5_000_000  # numbers of a record: samples times channels
 MOST_OF_CHAIN = 64_000_000  # numbers of a chain, half a gigabyte
 LEAST_STEPS = 200  # that a chain must have room for
-MOST_PREDICTED = (
-    50_000_000  # numbers that are predicted, 200 MB; as many log likelihoods go with them
-)
+MOST_PREDICTED = 20_000_000  # numbers, 80 MB; as many log likelihoods go with them
 
 
 def check_record(samples: float, channels: int) -> None:

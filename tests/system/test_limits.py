@@ -156,7 +156,7 @@ def test_the_size_is_said_before_and_fewer_draws_are_predicted_of_a_long_record(
     assert "size at most: chain 0.384 MB (500 steps)" in ran.out
     config.write_text(config.read_text().replace("predictive_draws: 10", "predictive_draws: 125"))
     ran = systems.cli("check", config)
-    assert "31 predictive draws of each ensemble" in ran.out
+    assert "12 predictive draws of each ensemble" in ran.out
     assert "not 125" in ran.out
 
 
