@@ -3,12 +3,13 @@
 
 CONFIG ?= configs/nominal_step.yaml
 ARGS ?=
+SECONDS ?= 60
 BIN := .venv/bin
 READY := .venv/.ready
 BENCH := .venv-bench/bin
 BENCH_READY := .venv-bench/.ready
 
-.PHONY: help posterior paper test test-slow check format bench bench-growth zoo mutants schema clean
+.PHONY: help posterior paper test test-slow check format bench bench-growth zoo mutants attack schema clean
 
 help:
 	@echo "make posterior [CONFIG=configs/mine.yaml] [ARGS=--resume|--force]"
@@ -22,6 +23,7 @@ help:
 	@echo "make bench-growth  how time and memory grow; part of make bench"
 	@echo "make zoo         run records of many kinds and judge each (half an hour); ARGS=--list names them"
 	@echo "make mutants     break the code in named ways and see the tests fail"
+	@echo "make attack      malformed configs, records and results, SECONDS=60 of each of seven kinds"
 	@echo "make schema      write configs/schema.json anew"
 	@echo "make clean       remove .venv, .venv-bench and caches; results stay"
 
@@ -60,6 +62,9 @@ zoo: $(READY)
 
 mutants: $(READY)
 	@$(BIN)/python tests/mutants.py
+
+attack: $(READY)
+	@BAYESDRILL_ATTACK=$(SECONDS) $(BIN)/python -m pytest -m slow -q -s tests/system/test_attacks.py
 
 schema: $(READY)
 	@$(BIN)/bayesdrill schema > configs/schema.json

@@ -99,6 +99,10 @@ class _Reader:
     def _read_table(self) -> Table:
         record = self._config.record
         try:
+            sizes.check_file(self._path)
+        except ValueError as error:
+            raise InputError([self._source.problem(("record", "file"), str(error))]) from None
+        try:
             kind = record.format or format_of(self._path)
             return FORMATS[kind](self._path, options(record), _wanted(self._config))
         except InputError as error:

@@ -2,11 +2,30 @@
 
 from __future__ import annotations
 
+import stat
+from pathlib import Path
+
+LARGEST_FILE = 1_000_000_000  # bytes of a record: five million numbers as text are a tenth of that
 MOST_SAMPLES = 1_000_000
 MOST_MEASURED = 5_000_000  # numbers of a record: samples times channels
 MOST_OF_CHAIN = 64_000_000  # numbers of a chain, half a gigabyte
 LEAST_STEPS = 200  # that a chain must have room for
 MOST_PREDICTED = 20_000_000  # numbers, 80 MB; as many log likelihoods go with them
+
+
+def check_file(path: Path) -> None:
+    """Raises `ValueError` with a message for the user; one that is not there is for its reader."""
+    try:
+        found = path.stat()
+    except (OSError, ValueError):
+        return
+    if not stat.S_ISREG(found.st_mode) and not stat.S_ISDIR(found.st_mode):
+        raise ValueError(f"{path} is a device or a pipe; give a file")
+    if found.st_size > LARGEST_FILE:
+        raise ValueError(
+            f"{path} has {found.st_size / 1e6:.0f} MB; at most {LARGEST_FILE / 1e6:.0f} MB are read: "
+            "resample to a lower rate, shorten the record, or save fewer variables"
+        )
 
 
 def check_record(samples: float, channels: int) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import time
 from itertools import pairwise
 from pathlib import Path
@@ -172,3 +173,22 @@ def test_a_damaged_file_of_a_run_is_named(content: bytes, name: str, tmp_path: P
     ran = systems.cli("report", folder)
     assert ran.status == 2
     assert "Traceback" not in ran.text
+
+
+@pytest.mark.parametrize("what", ["a device", "a pipe", "a large file"])
+def test_a_record_that_has_no_end_is_not_read(what: str, tmp_path: Path) -> None:
+    """Mutant killed: whatever `file:` names is opened, and waited for."""
+    config = systems.small(tmp_path, ("file: small.csv", "file: small.csv\n  format: csv"))
+    record = tmp_path / "small.csv"
+    record.unlink()
+    if what == "a device":
+        record.symlink_to("/dev/zero")
+    elif what == "a pipe":
+        os.mkfifo(record)
+    else:
+        with record.open("wb") as file:
+            file.truncate(2_000_000_000)
+    ran = systems.cli("check", config)
+    assert ran.status == 2
+    assert "small.yaml:4" in ran.err
+    assert ("at most 1000 MB" if what == "a large file" else "give a file") in ran.err
