@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from bayesdrill.directions import Expand
 from bayesdrill.ridges import ASTRAY, Traced, beside, moments, trace
 from bayesdrill.samplers import mixture
-from bayesdrill.samplers.independence import MOST_AT_ONCE, Proposal
+from bayesdrill.samplers.independence import Proposal
 from bayesdrill.samplers.mixture import Mixture
 from bayesdrill.samplers.weighing import Weighed, effective
 from bayesdrill.surface import Surface
@@ -27,6 +27,7 @@ Component = tuple[int, float, Array, Array]  # sheet, weight, mean, root
 
 DRAWS = 2400  # of one round, ...
 WIDER, WIDER_DRAWS = 1.5, 800  # ... and so many that are as many times wider
+REPEATED = 50  # times as many at most, where hardly any is inside the prior
 ROUNDS = 12
 WORTH = 1.04  # a round that improves the effective share of the draws by less is the last
 ENOUGH = 0.3  # of effective draws; with less it goes on
@@ -234,7 +235,7 @@ def _inside(found: Mixture, n: int, surface: Surface, seed: Random) -> tuple[Arr
     """About `n` draws inside the prior `(N, D)`, and of how many they are those inside."""
     first = found.draw(n, seed).u
     kept = first[surface.inside(first)]
-    more = n * (n - len(kept)) // max(len(kept), n // MOST_AT_ONCE)
+    more = n * (n - len(kept)) // max(len(kept), n // REPEATED)
     if more == 0:
         return kept, n
     rest = found.draw(more, seed).u

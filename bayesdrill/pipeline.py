@@ -289,7 +289,7 @@ def _publish(
         **_learnt(job.problem, found, sampled),
     )
     doubts = residual_words.reasons(left)
-    said_first = [words.maxima(found, sampled), words.unbelievable(doubts)]
+    said_first = [words.maxima(found, sampled), words.unbelievable(doubts, converged=c.converged)]
     shown = [
         *(text for text in said_first if text),
         *(residual_words.sentences(left), tables.as_text(rows), tables.in_words(rows, notes)),

@@ -224,7 +224,11 @@ def _summary(
 ) -> str:
     paragraphs = [
         f"# {config.name}",
-        *_listed_if(words.unbelievable(residual_words.reasons(left))),
+        *_listed_if(
+            words.unbelievable(
+                residual_words.reasons(left), converged=sampled.convergence.converged
+            )
+        ),
         _listed(residual_words.sentences(left)),
         tables.as_markdown(rows).rstrip(),
         "`dev. %` is the deviation of the posterior mean from the nominal value "

@@ -113,11 +113,13 @@ def warning(sampled: Sampled, left: Sequence[Left]) -> str:
     return "" if like_noise(left) else "MORE THAN NOISE IS LEFT by the fit"
 
 
-def unbelievable(reasons: Sequence[str]) -> str:
-    """Why a posterior that converged must not be believed; empty where it may be."""
+def unbelievable(reasons: Sequence[str], *, converged: bool) -> str:
+    """Why a posterior must not be believed, converged or not; empty where it may be."""
     if not reasons:
         return ""
-    lines = ["DO NOT BELIEVE these numbers, though the ensembles converged:"]
+    lines = [
+        f"DO NOT BELIEVE these numbers{', though the ensembles converged' if converged else ''}:"
+    ]
     return "\n".join([*lines, *(f"  - {reason}" for reason in reasons)])
 
 

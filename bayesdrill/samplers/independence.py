@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 Random = np.random.RandomState
 
 MOST_REDRAWS = 8
-MOST_AT_ONCE = 50  # draws for each that is wanted: in a corner of the prior few are inside
+MOST_AT_ONCE = 20  # draws for each that is wanted: in a corner of the prior few are inside
 
 
 @dataclass(frozen=True, slots=True)
