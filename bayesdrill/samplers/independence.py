@@ -2,6 +2,9 @@
 chain does, so that detailed balance holds exactly: u' drawn from the density q is accepted with
 min(1, p(u') q(u) / (p(u) q(u'))).
 
+Now and then a whole step is drawn from the same density made wider: a walker in a tail that the
+proposal hardly reaches would wait there for thousands of steps.
+
 Draws outside the prior are drawn again, which costs no response of the model; what the cut does to
 the norm of q cancels.
 """
@@ -18,6 +21,7 @@ from bayesdrill.samplers.mixture import Inside, Mixture
 Array = NDArray[np.float64]
 Random = np.random.RandomState
 
+WIDER, WIDELY = 1.5, 0.05  # how much wider, and in which share of the steps
 MOST_REDRAWS = 8
 MOST_AT_ONCE = 20  # draws for each that is wanted: in a corner of the prior few are inside
 
@@ -31,8 +35,12 @@ class Proposal:
 
     def propose(self, u: Array, inside: Inside, random: Random) -> tuple[Array, Array]:
         """New points, and log q(old) - log q(new), for walkers at `u (W, D)`."""
-        fresh, log_q = self.draw(len(u), inside, random)
-        return fresh, self.mixture.log_density(u) - log_q
+        one = self.widened() if random.random_sample() < WIDELY else self
+        fresh, log_q = one.draw(len(u), inside, random)
+        return fresh, one.mixture.log_density(u) - log_q
+
+    def widened(self) -> Proposal:
+        return Proposal(self.mixture.widened(WIDER), self.share)
 
     def draw(self, n: int, inside: Inside, random: Random) -> tuple[Array, Array]:
         """`n` draws `(n, D)` inside the prior, and their log q `(n,)`.

@@ -65,8 +65,9 @@ def test_a_forgotten_proposal_density_is_found_out() -> None:
     assert CUT.p_values(walked(CUT, 2, Forgetful()).state.z).min() < FAIL
 
 
-def test_acceptance_foreseen_is_that_of_the_move() -> None:
+def test_acceptance_foreseen_is_that_of_the_move(monkeypatch: pytest.MonkeyPatch) -> None:
     """From draws of the proposal alone, before any walker takes a step."""
+    monkeypatch.setattr(independence, "WIDELY", 0.0)
     proposal = rough(CUT, 5)
     u, log_q = proposal.draw(40_000, CUT.inside, np.random.RandomState(2))
     assert CUT.inside(u).all()
@@ -74,6 +75,25 @@ def test_acceptance_foreseen_is_that_of_the_move() -> None:
     weighed = Weighed(u, CUT.log_density(u) - log_q, alike)
     piece = walked(CUT, 5, proposal)
     assert weighed.acceptance == pytest.approx(piece.accepted.mean() / STEPS, abs=0.02)
+
+
+def test_a_walker_in_a_tail_does_not_wait_for_ever() -> None:
+    """A proposal of 0.7 of the target's width: five standard deviations out, its own draws would
+    be accepted once in e^12 steps.  Mutant killed: the wider density is never drawn from.
+    """
+    d, out = 2, 5.0
+    psi = np.linspace(-9.0, 9.0, 40)[:, None]
+    flat = fit(frame(np.zeros(d), np.eye(d), 1), psi, 0.0 * psi, np.ones((40, 1, 1)), 1, 0)
+    narrow = mixture([flat], [0], np.ones(1), np.zeros((1, d)), 0.7 * np.eye(d)[None])
+    z = np.full((64, d), out / np.sqrt(d))
+
+    def log_p(z: np.ndarray) -> np.ndarray:
+        return -0.5 * (z**2).sum(axis=1)
+
+    state = State(z, log_p(z), np.random.RandomState(4).get_state())
+    inside = lambda z: np.ones(len(z), dtype=bool)  # noqa: E731
+    piece = advance(lambda z: (log_p(z), 0), state, 400, ALONE, Proposal(narrow, 1.0), inside)
+    assert (np.abs(piece.z[-1] - out / np.sqrt(d)) > 1e-9).any(axis=1).all()
 
 
 def bent_mixture() -> Mixture:
