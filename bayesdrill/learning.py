@@ -8,7 +8,7 @@ gets no better.  The last draws say without any chain what the posterior's means
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,7 @@ from bayesdrill.samplers import mixture
 from bayesdrill.samplers.independence import Proposal
 from bayesdrill.samplers.mixture import Mixture
 from bayesdrill.samplers.weighing import Weighed, effective
+from bayesdrill.settled import look
 from bayesdrill.surface import Surface
 
 Array = NDArray[np.float64]
@@ -47,6 +48,7 @@ WIDE = ((0.08, 2.0, 1.05), (0.04, 1.2, 1.5))
 NARROWED = 0.7  # several components are narrower than one, to begin with
 FIRST_FIBRE = 1.2  # standard deviations of the tight directions, to begin with
 LOST = 1e-6  # of the posterior: a ridge with less is left out
+HELD = 1e-3  # of the posterior: a maximum with less is not looked at again
 
 
 class Nowhere(ValueError):
@@ -106,15 +108,32 @@ def learn(
         parts = found if last.strays > STRAYS else kept + found
         last = _fitted(surface, parts, seed, again)
         best = max(best, last, key=lambda one: one.merit)
+    looked = look(surface, expand, best.proposal, *_heaviest(best), seed) if again else None
+    draws = looked.draws if looked else best.draws
     return Learnt(
-        proposal=best.proposal,
-        u=best.draws.u,
-        weights=best.draws.weights,
-        share=best.share,
-        acceptance=best.draws.acceptance,
+        proposal=replace(best.proposal, settled=looked.proposal if looked else None),
+        u=draws.u,
+        weights=draws.weights,
+        share=draws.share,
+        acceptance=draws.acceptance,
         off=best.off,
         origin=best.origin,
     )
+
+
+def _heaviest(found: _Round) -> tuple[list[int], tuple[Array, Array]]:
+    """The ridge of each maximum that holds most of its own; and draws, with their weights for each."""
+    u, weights = found.seen
+    mixture, origin = found.proposal.mixture, np.array(found.origin)
+    shares = responsibilities(mixture, u, weights)[1]
+    sheets = []
+    for one in sorted(set(found.origin)):
+        own = [s for s in range(len(origin)) if origin[s] == one]
+        held = [float(shares[mixture.sheet == s].sum()) for s in own]
+        if sum(held) > HELD:
+            sheets.append(own[int(np.argmax(held))])
+    each = [shares[origin[mixture.sheet] == origin[s]].sum(axis=0) for s in sheets]
+    return sheets, (u, np.array(each))
 
 
 def _fitted(
@@ -227,7 +246,7 @@ def _draw(
     if not np.isfinite(log_w).any():
         raise Nowhere("no point of finite posterior was found around the maximum")
     draws = Weighed(u, log_w, log_q - log_every)
-    proposal = Proposal(found, max(len(own) / n_own, 1.0 / DRAWS))
+    proposal = Proposal(found, max(len(own) / n_own, 1.0 / DRAWS), draws.usual)
     return _Round(proposal, off, origin, draws)
 
 

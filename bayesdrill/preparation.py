@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 UPWARD = 25  # steps from a maximum over the unknowns to one over the coordinates
 SHARED = 32  # points that one process expands at a time
 START_SPREAD = 1.5  # ensembles start wider than the proposal, so that R-hat can tell
-START_TRIES = 20  # of drawing points to start at, and of mirroring others
+START_TRIES = 20  # of drawing points to start at, wider or not, and of mirroring others
 DEEP = 50.0  # of the log density below the highest start: far off a bent ridge is no place to start
 
 
@@ -72,27 +72,35 @@ def expanded(posterior: Posterior, u: Array, directions: Array) -> Expansion:
 def begin(posterior: Posterior, proposal: Proposal, n: int, seed: int, ensemble: int) -> State:
     """Walkers around all maxima alike, wider than the proposal: shares are for the moves to find.
 
-    But none starts where the proposal would hardly ever lead it away.  Where hardly a draw is inside
-    the prior, those outside are mirrored at its ends, nearer and nearer to the first maximum.
+    But none starts where the proposal would hardly ever lead it away: where it is not found wider, it
+    is drawn from the proposal itself.  Where hardly a draw is inside the prior, those outside are
+    mirrored at its ends, nearer and nearer to the first maximum.
     """
     random = np.random.RandomState(seeds.bits(seed, "start", ensemble))
     mixture = proposal.mixture
-    usual = proposal.draw(n, posterior.supports, random)[0]
-    level = float(np.median(posterior(usual) - mixture.log_density(usual)))
     centre, wide = mixture.sheets[0].frame.centre, mixture.widened(START_SPREAD)
     z, log_p = np.empty((n, len(centre))), np.full(n, -np.inf)
     missing = np.ones(n, dtype=bool)
-    for attempt in range(2 * START_TRIES):
-        fresh = wide.draw(int(missing.sum()), random).u
-        if attempt >= START_TRIES:
-            surface = PosteriorSurface(posterior)
-            fresh = centre + 0.25 ** (attempt - START_TRIES) * (fresh - centre)
-            fresh = np.where(fresh < surface.low, 2.0 * surface.low - fresh, fresh)
-            fresh = np.where(fresh > surface.high, 2.0 * surface.high - fresh, fresh)
+    for attempt in range(3 * START_TRIES):
+        wanted, mirrored = int(missing.sum()), attempt - 2 * START_TRIES
+        if attempt < START_TRIES:
+            fresh = wide.draw(wanted, random).u
+        elif mirrored < 0:
+            fresh = proposal.draw(wanted, posterior.supports, random)[0]
+        else:
+            nearer = centre + 0.25**mirrored * (wide.draw(wanted, random).u - centre)
+            fresh = _mirrored(posterior, nearer)
         z[missing], log_p[missing] = fresh, posterior(fresh)
         missing = ~(log_p > log_p.max() - DEEP)
-        if attempt < START_TRIES:
-            missing |= log_p - mixture.log_density(z) > level + LONG
+        if mirrored < 0:
+            missing |= log_p - mixture.log_density(z) > proposal.usual + LONG
         if not missing.any():
             return State(z, log_p, seeds.legacy_state(seed, "walk", ensemble))
     raise Nowhere("no point of finite posterior was found around the maximum")
+
+
+def _mirrored(posterior: Posterior, z: Array) -> Array:
+    """At the ends of the priors, where `z (n, D)` lie beyond them."""
+    surface = PosteriorSurface(posterior)
+    z = np.where(z < surface.low, 2.0 * surface.low - z, z)
+    return np.where(z > surface.high, 2.0 * surface.high - z, z)

@@ -25,6 +25,7 @@ Array = NDArray[np.float64]
 NARROWEST, FEELERS = 14, 200  # tenths of tenths of a prior's spread, and draws that feel for room
 OUTWARD = (0.15, 0.3, 0.5, 0.75, 1.0)  # of the way from the maximum to where the ridge is wanted
 DOUBT = 9.0  # what the record knows of the loose directions at the maximum need not hold elsewhere
+BEYOND_ENDS = 0.1  # of the priors' ranges, beyond which no point is of use
 BEYOND = 1.4  # how much wider than the posterior is thought to be points are scattered
 EXTRAPOLATED = 2.0  # how far beyond its points a fit is trusted to guide the next ones
 CORNERS = 2.0  # times that the highest power may grow, in corners where no point happened to lie
@@ -127,12 +128,12 @@ def _followed(
     for share in OUTWARD:
         n = _wanted(len(bent), share)
         wanted = share * _scattered(surface, at, n, psi, spread, cloud, share, rng)
-        points = _gathered(points, _arrive(expand, base, wanted, at.at(wanted)))
+        points = _gathered(points, _arrive(surface, expand, base, wanted, at.at(wanted)))
         if len(points[0]) > 2 * (len(psi) + 1):
             at, off = _best_fit(base, bent, *points[:3], last=share == OUTWARD[-1])
     while off > FAIR and 2 * len(points[0]) < MOST_POINTS:
         wanted = _scattered(surface, at, len(points[0]), psi, spread, cloud, 1.0, rng)
-        points = _gathered(points, _arrive(expand, base, wanted, at.at(wanted)))
+        points = _gathered(points, _arrive(surface, expand, base, wanted, at.at(wanted)))
         before, (at, off) = off, _best_fit(base, bent, *points[:3], last=True)
         if off > 0.7 * before:
             break
@@ -143,8 +144,8 @@ def _gathered(before: list[Array], new: list[Array]) -> list[Array]:
     """All points but those that arrived far below the ridge: at a lesser maximum, where nothing is."""
     points = [np.concatenate(pair) for pair in zip(before or new, new, strict=True)]
     value = points[3]
-    high = value > value.max(initial=-np.inf) - DEEP
-    return [some[high] for some in points]
+    kept = (value > value.max(initial=-np.inf) - DEEP) | (value == -np.inf)
+    return [some[kept] for some in points]
 
 
 def beside(surface: Surface, centre: Array, rng: np.random.Generator) -> Traced:
@@ -222,9 +223,18 @@ def _scattered(
     return np.asarray(inwards[chosen, None] * wanted[chosen])
 
 
-def _arrive(expand: Expand, base: Frame, psi: Array, tau: Array) -> list[Array]:
-    """`psi (N, l)`, `tau (N, t)`, covariance roots `(N, t, t)` and log densities of what arrived."""
+def _arrive(
+    surface: Surface, expand: Expand, base: Frame, psi: Array, tau: Array
+) -> list[Array]:
+    """`psi (N, l)`, `tau (N, t)`, covariance roots `(N, t, t)` and log densities of what arrived.
+
+    A little beyond the ends of the priors, too: without such points polynomials are at their worst
+    at the ends.
+    """
     found, roots, value, arrived = led_back(expand, base, psi, tau)
+    u, beyond = base.join(psi, found), BEYOND_ENDS * (surface.high - surface.low)
+    near = (u > surface.low - beyond) & (u < surface.high + beyond)
+    arrived &= np.isfinite(value) | near.all(axis=1)
     return [psi[arrived], found[arrived], roots[arrived], value[arrived]]
 
 

@@ -20,9 +20,11 @@ from bayesdrill.preparation import begin, fits, prepare
 from bayesdrill.progress import Reporter
 from bayesdrill.samplers.ensemble import Piece, State, advance
 from bayesdrill.samplers.independence import Proposal
+from bayesdrill.settled import bound
 from bayesdrill.shelf import Shelf
 from bayesdrill.sizes import steps_of_chain
 from bayesdrill.store import Folder
+from bayesdrill.surface import PosteriorSurface
 
 Array = NDArray[np.float64]
 
@@ -92,9 +94,10 @@ def walk(
     state: State,
     n_steps: int,
     moves: Mapping[str, float],
-    proposal: Proposal | None,
+    proposal: Proposal,
 ) -> Piece:
-    return advance(posterior.evaluate, state, n_steps, moves, proposal, posterior.supports)
+    own = bound(proposal, PosteriorSurface(posterior).expand)
+    return advance(posterior.evaluate, state, n_steps, moves, own, posterior.supports)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -19,7 +19,9 @@ def rough(target: Target, d: int, n_sheets: int = 1) -> Proposal:
     """Over one ridge of `target` or over two, with components of unequal weights."""
     found = over(target, d, n_sheets)
     drawn = found.draw(4000, np.random.RandomState(1)).u
-    return Proposal(found, float(target.inside(drawn).mean()))
+    own = target.draw(2000, d, np.random.default_rng(8))
+    usual = float(np.median(target.log_density(own) - found.log_density(own)))
+    return Proposal(found, float(target.inside(drawn).mean()), usual)
 
 
 def over(target: Target, d: int, n_sheets: int) -> Mixture:

@@ -2,9 +2,6 @@
 chain does, so that detailed balance holds exactly: u' drawn from the density q is accepted with
 min(1, p(u') q(u) / (p(u) q(u'))).
 
-Now and then a whole step is drawn from the same density made wider: a walker in a tail that the
-proposal hardly reaches would wait there for thousands of steps.
-
 Draws outside the prior are drawn again, which costs no response of the model; what the cut does to
 the norm of q cancels.
 """
@@ -17,30 +14,43 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayesdrill.samplers.mixture import Inside, Mixture
+from bayesdrill.samplers.weighing import LONG
 
 Array = NDArray[np.float64]
 Random = np.random.RandomState
 
-WIDER, WIDELY = 1.5, 0.05  # how much wider, and in which share of the steps
+SETTLED = 0.25  # of the steps, where there is such a proposal
 MOST_REDRAWS = 8
 MOST_AT_ONCE = 20  # draws for each that is wanted: in a corner of the prior few are inside
 
 
 @dataclass(frozen=True, slots=True)
 class Proposal:
-    """`share`: of the mixture's draws that are inside the prior, about."""
+    """`share`: of the mixture's draws that are inside the prior, about.
+
+    `usual`: log p - log q where most of p is.  `settled`: another, which costs far more and goes
+    where this one hardly ever does.
+    """
 
     mixture: Mixture
     share: float
+    usual: float
+    settled: Proposal | None = None
 
-    def propose(self, u: Array, inside: Inside, random: Random) -> tuple[Array, Array]:
-        """New points, and log q(old) - log q(new), for walkers at `u (W, D)`."""
-        one = self.widened() if random.random_sample() < WIDELY else self
-        fresh, log_q = one.draw(len(u), inside, random)
-        return fresh, one.mixture.log_density(u) - log_q
+    def one_of(self, random: Random) -> Proposal:
+        """What a step draws from: mostly this."""
+        if self.settled is None or random.random_sample() > SETTLED:
+            return self
+        return self.settled
 
-    def widened(self) -> Proposal:
-        return Proposal(self.mixture.widened(WIDER), self.share)
+    @property
+    def widest(self) -> Proposal:
+        """What leaves least of the posterior out."""
+        return self.settled or self
+
+    def high(self, log_q: Array) -> Array:
+        """Above which log p a walker where q is `log_q (W,)` would wait long."""
+        return self.usual + LONG + log_q
 
     def draw(self, n: int, inside: Inside, random: Random) -> tuple[Array, Array]:
         """`n` draws `(n, D)` inside the prior, and their log q `(n,)`.

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdrill.samplers.ridge import Ridge
+from bayesdrill.samplers.ridge import Sheet
 
 Array = NDArray[np.float64]
 Inside = Callable[[Array], NDArray[np.bool_]]
@@ -43,7 +43,7 @@ class Mixture:
     `means (K, D)` and lower Cholesky factors `roots (K, D, D)` in the sheet's coordinates.
     """
 
-    sheets: tuple[Ridge, ...]
+    sheets: tuple[Sheet, ...]
     sheet: NDArray[np.intp]
     weights: Array
     means: Array
@@ -67,10 +67,14 @@ class Mixture:
         return Drawn(u, jacobian, y)
 
     def log_density_of(self, drawn: Drawn) -> Array:
-        """Of draws of its own, whose coordinates on a single sheet are known already: `(n,)`."""
+        """Of draws of its own: `(n,)`."""
+        return self.log_density_at(*self.coordinates(drawn))
+
+    def coordinates(self, drawn: Drawn) -> tuple[Array, Array]:
+        """`straightened`, of draws of its own: on a single sheet they are known already."""
         if len(self.sheets) == 1:
-            return self.log_density_at(drawn.y[None], drawn.jacobian[None])
-        return self.log_density(drawn.u)
+            return drawn.y[None], drawn.jacobian[None]
+        return self.straightened(drawn.u)
 
     def widened(self, factor: float) -> Mixture:
         """With every component as many times wider, and equal shares for the sheets."""
@@ -105,7 +109,7 @@ def _summed(parts: Array) -> Array:
 
 
 def mixture(
-    sheets: Sequence[Ridge],
+    sheets: Sequence[Sheet],
     sheet: Sequence[int] | NDArray[np.intp],
     weights: Array,
     means: Array,

@@ -16,9 +16,10 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from bayesdrill.samplers import local
 from bayesdrill.samplers.independence import Proposal
 from bayesdrill.samplers.mixture import Inside
-from bayesdrill.samplers.ridge import Ridge
+from bayesdrill.samplers.ridge import Sheet
 
 Array = NDArray[np.float64]
 Random = np.random.RandomState
@@ -43,7 +44,7 @@ class Halves:
     """
 
     proposal: Callable[[Array, Array, Random], tuple[Array, Array]]
-    along: Ridge | None = None
+    along: Sheet | None = None
 
     def propose(self, model: Any, state: Any) -> tuple[Any, NDArray[np.bool_]]:
         accepted = np.zeros(len(state.coords), dtype=bool)
@@ -67,25 +68,52 @@ class Halves:
 
 @dataclass(frozen=True, slots=True)
 class Independent:
-    """All walkers at once, to points that do not depend on where any of them stands."""
+    """All walkers at once, to points that do not depend on where any of them stands.
+
+    Those that would wait long for such a point then take a step by themselves.
+    """
 
     proposal: Proposal
     inside: Inside
 
     def propose(self, model: Any, state: Any) -> tuple[Any, NDArray[np.bool_]]:
         everyone = np.arange(len(state.coords))
-        fresh, factor = self.proposal.propose(state.coords, self.inside, model.random)
-        return state, _accept(model, state, everyone, fresh, factor)
+        one = self.proposal.one_of(model.random)
+        before = one.mixture.log_density(state.coords)
+        fresh, after = one.draw(len(everyone), self.inside, model.random)
+        moved = _accept(model, state, everyone, fresh, before - after)
+        if one is self.proposal.widest:
+            moved |= alone(model, state, one, np.where(moved, after, before))
+        return state, moved
+
+
+def alone(model: Any, state: Any, proposal: Proposal, log_q: Array) -> NDArray[np.bool_]:
+    """Steps of those walkers that would wait long; `log_q (W,)` is the proposal's where they stand."""
+    moved = np.zeros(len(log_q), dtype=bool)
+    which = np.flatnonzero(state.log_prob > proposal.high(log_q))
+    if len(which) > 0:
+        fresh, factor, there = local.steps(proposal.mixture, state.coords[which], model.random)
+        moved[which] = _accept(model, state, which, fresh, factor, proposal.high(there))
+    return moved
 
 
 def _accept(
-    model: Any, state: Any, which: NDArray[np.intp], fresh: Array, factor: Array
+    model: Any,
+    state: Any,
+    which: NDArray[np.intp],
+    fresh: Array,
+    factor: Array,
+    above: Array | float = -np.inf,
 ) -> NDArray[np.bool_]:
-    """Metropolis and Hastings for the walkers `which`: `(len(which),)` whether each has moved."""
+    """Metropolis and Hastings for the walkers `which`: `(len(which),)` whether each has moved.
+
+    `above`: what the density, a log, is cut to.
+    """
     log_p = np.asarray(model.log_prob_fn(fresh))
     with np.errstate(divide="ignore"):
         threshold = np.log(model.random.random_sample(len(which)))
     moved: NDArray[np.bool_] = threshold < log_p - state.log_prob[which] + factor
+    moved &= log_p > above
     state.coords[which[moved]] = fresh[moved]
     state.log_prob[which[moved]] = log_p[moved]
     return moved

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +22,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
-FARTHEST = 50.0  # of the log of a root: where a polynomial has lost its way
+FURTHER = 0.25  # of the range of a root's entries: beyond it a polynomial has lost its way
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,6 +91,43 @@ def frame(centre: Array, columns: Array, n_loose: int) -> Frame:
     return Frame(centre, columns[:, :n_loose], columns[:, n_loose:], back, volume)
 
 
+class Sheet(Protocol):
+    """What has a ridge: `along` gives t `(W, t)`, R `(t, t, W)` and log det R `(W,)` at psi `(W, l)`."""
+
+    @property
+    def frame(self) -> Frame: ...
+
+    @property
+    def n_loose(self) -> int: ...
+
+    def along(self, psi: Array) -> tuple[Array, Array, Array]: ...
+
+    def within(self, psi: Array) -> NDArray[np.bool_]: ...
+
+    def bend(self, y: Array) -> tuple[Array, Array]:
+        """See `bend`."""
+        ...
+
+    def straighten(self, u: Array) -> tuple[Array, Array]:
+        """See `straighten`."""
+        ...
+
+
+def bend(sheet: Sheet, y: Array) -> tuple[Array, Array]:
+    """`y (W, D)` to u, and log |du / dy| `(W,)`."""
+    psi, e = y[:, : sheet.n_loose], y[:, sheet.n_loose :]
+    tau, root, log_det = sheet.along(psi)
+    return sheet.frame.join(psi, tau + _times(root, e)), log_det + sheet.frame.log_volume
+
+
+def straighten(sheet: Sheet, u: Array) -> tuple[Array, Array]:
+    """`u (W, D)` to y, and log |du / dy| `(W,)`."""
+    psi, tau = sheet.frame.split(u)
+    place, root, log_det = sheet.along(psi)
+    e = _solved(root, tau - place)
+    return np.concatenate([psi, e], axis=1), log_det + sheet.frame.log_volume
+
+
 @dataclass(frozen=True, slots=True)
 class Ridge:
     """`place (terms, t)` of the tight directions; `root (terms, t (t + 1) / 2)` of their covariance.
@@ -97,7 +135,8 @@ class Ridge:
     Polynomials in those of psi that are `bent`: along the others nothing changes.
     psi is scaled by `middle`, `width (l,)`, so that the points of the fit lie in the unit ball, and
     kept within `reach` of it: a polynomial knows nothing of what lies beyond.  Of the root, logs of
-    the diagonal and the rest over the diagonal's column are polynomials.
+    the diagonal and the rest over the diagonal's column are polynomials, which stay between `ends
+    (2, t (t + 1) / 2)`.
     """
 
     frame: Frame
@@ -109,23 +148,17 @@ class Ridge:
     place: Array
     root_powers: Powers
     root: Array
+    ends: Array
 
     @property
     def n_loose(self) -> int:
         return int(self.frame.loose.shape[1])
 
     def bend(self, y: Array) -> tuple[Array, Array]:
-        """`y (W, D)` to u, and log |du / dy| `(W,)`."""
-        psi, e = y[:, : self.n_loose], y[:, self.n_loose :]
-        tau, root, log_det = self.along(psi)
-        return self.frame.join(psi, tau + _times(root, e)), log_det + self.frame.log_volume
+        return bend(self, y)
 
     def straighten(self, u: Array) -> tuple[Array, Array]:
-        """`u (W, D)` to y, and log |du / dy| `(W,)`."""
-        psi, tau = self.frame.split(u)
-        place, root, log_det = self.along(psi)
-        e = _solved(root, tau - place)
-        return np.concatenate([psi, e], axis=1), log_det + self.frame.log_volume
+        return straighten(self, u)
 
     def at(self, psi: Array) -> Array:
         """The ridge itself: `(W, l)` to tau `(W, t)`."""
@@ -144,9 +177,9 @@ class Ridge:
             scaled *= self.reach / np.maximum(far, self.reach)
         rows = self.powers.of(scaled)
         entries = self.root.T @ rows[: self.root_powers.terms]
+        np.clip(entries, self.ends[0][:, None], self.ends[1][:, None], out=entries)
         n = self.place.shape[1]
         root = np.zeros((n, n, psi.shape[0]))
-        np.clip(entries[:n], -FARTHEST, FARTHEST, out=entries[:n])
         diagonal = np.exp(entries[:n])
         root[range(n), range(n)] = diagonal
         lower = np.tril_indices(n, -1)
@@ -192,6 +225,9 @@ def fit(
     far = np.sqrt((((psi - middle) / width) ** 2).sum(axis=1)).max() if n_loose else 1.0
     width = width * max(float(far), 1e-12)
     scaled = ((psi - middle) / width).T
+    entries = root_entries(roots)
+    low, high = entries.min(axis=0), entries.max(axis=0)
+    beyond = FURTHER * (high - low)
     own, own_root = powers(n_loose, degree), powers(n_loose, min(root_degree, degree))
     rows = own.of(scaled).T
     return Ridge(
@@ -203,7 +239,8 @@ def fit(
         powers=own,
         place=_least_squares(rows, tau),
         root_powers=own_root,
-        root=_least_squares(rows[:, : own_root.terms], root_entries(roots)),
+        root=_least_squares(rows[:, : own_root.terms], entries),
+        ends=np.array([low - beyond, high + beyond]),
     )
 
 

@@ -58,11 +58,14 @@ class Weighed:
     @property
     def trapped(self) -> float:
         """How much of p is where q is so thin that a walker would wait long for another point."""
+        return float(self.weights[self.log_w > self.usual + LONG].sum())
+
+    @property
+    def usual(self) -> float:
+        """The log of p over q where most of p is: its median over p."""
         order = np.argsort(self.log_w)
-        weights, log_w = self.weights[order], self.log_w[order]
-        middle = min(int(np.searchsorted(np.cumsum(weights), 0.5)), len(log_w) - 1)
-        usual = float(log_w[middle])
-        return float(weights[log_w > usual + LONG].sum())
+        middle = int(np.searchsorted(np.cumsum(self.weights[order]), 0.5))
+        return float(self.log_w[order[min(middle, len(order) - 1)]])
 
     def tempered(self, least: float) -> Array:
         """Weights of p^b q^(1 - b) with b the largest up to 1 that leaves so many effective draws."""

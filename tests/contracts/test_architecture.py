@@ -24,6 +24,7 @@ FLOORS = [
     {"laplace", "samplers", "crew", "surface"},
     {"optimisers", "schema", "shelf", "suspicions", "climb", "directions", "aliases"},
     {"ridges"},
+    {"settled"},
     {"identifiability", "convergence", "givens", "maxima", "learning", "residuals"},
     {"build", "pieces", "mode", "preparation"},
     {"consistency", "recording", "store"},

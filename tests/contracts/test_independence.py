@@ -5,6 +5,10 @@ The exact test is that of `test_moves.py`: walkers that start i.i.d. from the ta
 
 from __future__ import annotations
 
+import dataclasses
+from dataclasses import dataclass, replace
+
+import emcee
 import numpy as np
 import pytest
 import scipy.stats
@@ -15,8 +19,9 @@ from bayesdrill.samplers import independence
 from bayesdrill.samplers.ensemble import Piece, State, advance
 from bayesdrill.samplers.independence import Proposal
 from bayesdrill.samplers.mixture import Mixture, fitted, mixture
+from bayesdrill.samplers.moves import alone
 from bayesdrill.samplers.ridge import fit, frame
-from bayesdrill.samplers.weighing import Weighed
+from bayesdrill.samplers.weighing import LONG, Weighed
 
 FAIL = 1e-6
 STEPS = 12
@@ -48,7 +53,7 @@ def test_target_is_kept_exactly_over_two_ridges(target: Target, d: int) -> None:
 def test_redraws_that_run_out_keep_the_target(monkeypatch: pytest.MonkeyPatch) -> None:
     """Draws outside the prior are then proposed, and never accepted."""
     monkeypatch.setattr(independence, "MOST_REDRAWS", 1)
-    few = Proposal(rough(CUT, 5).mixture, 1.0)
+    few = replace(rough(CUT, 5), share=1.0)
     piece = walked(CUT, 5, few)
     assert CUT.inside(piece.z.reshape(-1, 5)).all()
     assert CUT.p_values(piece.state.z).min() > FAIL
@@ -57,18 +62,49 @@ def test_redraws_that_run_out_keep_the_target(monkeypatch: pytest.MonkeyPatch) -
 def test_a_forgotten_proposal_density_is_found_out() -> None:
     """The power of the exact test: without q(old)/q(new) the walkers follow p q."""
 
-    class Forgetful:
-        def propose(self, z, inside, random):
-            fresh, factor = rough(CUT, 2).propose(z, inside, random)
-            return fresh, np.zeros_like(factor)
+    class Forgetful(Mixture):
+        def log_density_at(self, y, jacobian):
+            return np.zeros(y.shape[1])
 
-    assert CUT.p_values(walked(CUT, 2, Forgetful()).state.z).min() < FAIL
+    own = rough(CUT, 2)
+    fields = (getattr(own.mixture, field.name) for field in dataclasses.fields(Mixture))
+    forgetful = replace(own, mixture=Forgetful(*fields), usual=np.inf)
+    assert CUT.p_values(walked(CUT, 2, forgetful).state.z).min() < FAIL
 
 
-def test_acceptance_foreseen_is_that_of_the_move(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(("name", "d"), [("wild", 5), ("bent", 2), ("humps", 5)])
+def test_steps_of_walkers_by_themselves_keep_the_target(name: str, d: int) -> None:
+    """About half of them step, since their limit is set where most of the target is.
+
+    Mutants killed: the share of q that a component has where the step ends forgotten, the Jacobian
+    of the ridge, steps over the limit.
+    """
+    target = TWO[name]
+    own = rough(target, d, 2)
+    waiting = Waiting(replace(own, usual=own.usual - LONG))
+    z = target.draw(4000, d, np.random.default_rng(60 + d))
+    random = np.random.RandomState(60 + d).get_state()
+    sampler = emcee.EnsembleSampler(4000, d, target.log_density, moves=waiting, vectorize=True)
+    start = emcee.State(z, log_prob=target.log_density(z), random_state=random)
+    end = sampler.run_mcmc(start, 200, skip_initial_state_check=True)
+    assert 0.01 < sampler.acceptance_fraction.mean() < 0.5
+    assert target.p_values(end.coords).min() > FAIL
+
+
+@dataclass(frozen=True)
+class Waiting:
+    """Nothing but steps of walkers by themselves."""
+
+    proposal: Proposal
+
+    def propose(self, model, state):
+        log_q = self.proposal.mixture.log_density(state.coords)
+        return state, alone(model, state, self.proposal, log_q)
+
+
+def test_acceptance_foreseen_is_that_of_the_move() -> None:
     """From draws of the proposal alone, before any walker takes a step."""
-    monkeypatch.setattr(independence, "WIDELY", 0.0)
-    proposal = rough(CUT, 5)
+    proposal = replace(rough(CUT, 5), usual=np.inf)
     u, log_q = proposal.draw(40_000, CUT.inside, np.random.RandomState(2))
     assert CUT.inside(u).all()
     alike = np.zeros(len(u))
@@ -78,8 +114,8 @@ def test_acceptance_foreseen_is_that_of_the_move(monkeypatch: pytest.MonkeyPatch
 
 
 def test_a_walker_in_a_tail_does_not_wait_for_ever() -> None:
-    """A proposal of 0.7 of the target's width: five standard deviations out, its own draws would
-    be accepted once in e^12 steps.  Mutant killed: the wider density is never drawn from.
+    """A proposal of 0.7 of the target's width: five standard deviations out, its draws would be
+    accepted once in e^12 steps.  Mutant killed: no walker ever steps by itself.
     """
     d, out = 2, 5.0
     psi = np.linspace(-9.0, 9.0, 40)[:, None]
@@ -92,7 +128,9 @@ def test_a_walker_in_a_tail_does_not_wait_for_ever() -> None:
 
     state = State(z, log_p(z), np.random.RandomState(4).get_state())
     inside = lambda z: np.ones(len(z), dtype=bool)  # noqa: E731
-    piece = advance(lambda z: (log_p(z), 0), state, 400, ALONE, Proposal(narrow, 1.0), inside)
+    usual = 1.0 + np.log(2.0 * np.pi * 0.7**2)  # near the middle, where most of it is
+    proposal = Proposal(narrow, 1.0, usual)
+    piece = advance(lambda z: (log_p(z), 0), state, 400, ALONE, proposal, inside)
     assert (np.abs(piece.z[-1] - out / np.sqrt(d)) > 1e-9).any(axis=1).all()
 
 
@@ -146,7 +184,7 @@ def test_what_the_prior_cuts_off_is_filled_up() -> None:
     start = mixture([base], [0], np.ones(1), np.zeros((1, d)), 0.3 * np.eye(d)[None])
     equal = np.full(len(draws), 1.0 / len(draws))
     found = fitted(start, draws, equal, inside, 25, np.random.RandomState(1))
-    u, log_q = Proposal(found, 0.3).draw(10_000, inside, np.random.RandomState(2))
+    u, log_q = Proposal(found, 0.3, 0.0).draw(10_000, inside, np.random.RandomState(2))
     assert Weighed(u, -log_q, np.zeros(len(u))).acceptance > 0.65
 
 

@@ -134,6 +134,21 @@ def test_a_strongly_bent_ridge_is_followed(n_loose: int, n_tight: int, seed: int
     assert np.cov(e.T).reshape(n_tight, n_tight) == pytest.approx(np.eye(n_tight), abs=0.25)
 
 
+def test_a_ridge_is_followed_up_to_the_ends_of_the_priors() -> None:
+    """On its last tenth.  Mutant killed: points that come to lie beyond an end are left out."""
+    surface = ridged(2, 2)
+    start = surface.at(np.full((1, 2), 0.1), np.zeros((1, 2)))[0]
+    psi = np.random.default_rng(9).uniform(-2.0, 2.0, (20_000, 2))
+    exact = surface.at(psi, np.zeros((len(psi), 2)))
+    near = np.abs(exact - surface.middle) / (surface.reach * surface.spread)
+    last = exact[(near.max(axis=1) > 0.9) & surface.inside(exact)]
+    for seed in range(1, 4):
+        found = ridges.trace(surface, surface.expand, start, np.random.default_rng(seed)).ridge
+        off = np.linalg.norm(found.straighten(last)[0][:, 2:], axis=1)
+        print(len(last), np.quantile(off, [0.5, 0.8, 0.9, 0.98]))
+        assert np.quantile(off, 0.9) < 0.3
+
+
 def test_the_outermost_point_does_not_decide_how_bent_a_ridge_is() -> None:
     """No polynomial reaches it from the others.  Mutant killed: judged there (off by 2)."""
     surface = dataclasses.replace(ridged(2, 1), widening=1.2)

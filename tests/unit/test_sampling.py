@@ -121,10 +121,27 @@ def test_starts_in_a_corner_of_the_priors_are_mirrored_into_it() -> None:
     point = np.zeros((1, d)), np.zeros((1, 0)), np.zeros((1, 0, 0))
     mean, root = np.full((1, d), -400.0), 50.0 * np.eye(d)[None]
     beyond = mixture([fit(base, *point, 0, 0)], [0], np.ones(1), mean, root)
-    state = begin(target, Proposal(beyond, 1e-6), 64, 1, 0)
+    state = begin(target, Proposal(beyond, 1e-6, 0.0), 64, 1, 0)
     assert target.supports(state.z).all()
     assert np.isfinite(state.log_p).all()
     assert np.linalg.matrix_rank(state.z - state.z.mean(axis=0)) == d
+
+
+def test_no_walker_starts_where_it_would_wait() -> None:
+    """Where hardly a wider draw is good, those of the proposal itself are.
+
+    Mutant killed: what is not found wider is mirrored, wherever that be.
+    """
+    d = 5
+    surface = humps(d, (1.0,), (1.0,), 0.0)
+    none = np.zeros((1, d)), np.zeros((1, 0)), np.zeros((1, 0, 0))
+    base = fit(frame(surface.means[0], surface.roots[0], d), *none, 0, 0)
+    narrow = mixture([base], [0], np.ones(1), np.zeros((1, d)), 0.3 * np.eye(d)[None])
+    middle = surface.means
+    usual = float((surface.value(middle) - narrow.log_density(middle))[0])
+    proposal = Proposal(narrow, 1.0, usual)
+    state = begin(Known(surface), proposal, 500, 1, 0)
+    assert (state.log_p <= proposal.high(narrow.log_density(state.z))).all()
 
 
 def test_no_walker_starts_far_off_the_ridge() -> None:
