@@ -192,3 +192,25 @@ def test_a_record_that_has_no_end_is_not_read(what: str, tmp_path: Path) -> None
     assert ran.status == 2
     assert "small.yaml:4" in ran.err
     assert ("at most 1000 MB" if what == "a large file" else "give a file") in ran.err
+
+
+@pytest.mark.parametrize("command", ["posterior", "calibrate"])
+def test_more_processes_than_any_machine_has_are_refused(command: str, tmp_path: Path) -> None:
+    config = systems.small(tmp_path)
+    ran = systems.cli(command, config, "--processes", "3000000000", "-o", tmp_path / "out")
+    assert ran.status == 2
+    assert "less than or equal to 256" in ran.text
+    assert not (tmp_path / "out").exists()
+
+
+def test_python_without_docstrings_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Which ArviZ works on: a traceback as it is loaded, after minutes of sampling."""
+    systems.small(tmp_path)
+    monkeypatch.setenv("PYTHONOPTIMIZE", "2")
+    ran = systems.run("posterior", "small.yaml", cwd=tmp_path)
+    assert ran.status == 2
+    assert ran.err.splitlines() == [
+        "python -OO takes the docstrings away that ArviZ works on; leave -OO out"
+    ]
