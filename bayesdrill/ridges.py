@@ -223,9 +223,7 @@ def _scattered(
     return np.asarray(inwards[chosen, None] * wanted[chosen])
 
 
-def _arrive(
-    surface: Surface, expand: Expand, base: Frame, psi: Array, tau: Array
-) -> list[Array]:
+def _arrive(surface: Surface, expand: Expand, base: Frame, psi: Array, tau: Array) -> list[Array]:
     """`psi (N, l)`, `tau (N, t)`, covariance roots `(N, t, t)` and log densities of what arrived.
 
     A little beyond the ends of the priors, too: without such points polynomials are at their worst

@@ -114,7 +114,7 @@ def look(
         if k == 0 and _left_out(proposal, draws, surface) < LEFT_OUT:
             return None
         seen = draws.u, shares * draws.tempered(ENOUGH * len(draws.u))
-    return Look(Proposal(found, inside, draws.usual), draws)
+    return Look(Proposal(found, inside, draws.usual, alone=1.0), draws)
 
 
 def _wide(sheets: Sequence[Sheet], u: Array, weights: Array) -> Mixture:

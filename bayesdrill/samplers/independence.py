@@ -20,6 +20,7 @@ Array = NDArray[np.float64]
 Random = np.random.RandomState
 
 SETTLED = 0.25  # of the steps, where there is such a proposal
+ALONE = 0.2  # of the steps: the model is as dear for one walker as for thirty
 MOST_REDRAWS = 8
 MOST_AT_ONCE = 20  # draws for each that is wanted: in a corner of the prior few are inside
 
@@ -28,13 +29,15 @@ MOST_AT_ONCE = 20  # draws for each that is wanted: in a corner of the prior few
 class Proposal:
     """`share`: of the mixture's draws that are inside the prior, about.
 
-    `usual`: log p - log q where most of p is.  `settled`: another, which costs far more and goes
-    where this one hardly ever does.
+    `usual`: log p - log q where most of p is.  `alone`: after which share of its steps walkers that
+    would wait step by themselves.  `settled`: another, which costs far more and goes where this one
+    hardly ever does.
     """
 
     mixture: Mixture
     share: float
     usual: float
+    alone: float = ALONE
     settled: Proposal | None = None
 
     def one_of(self, random: Random) -> Proposal:

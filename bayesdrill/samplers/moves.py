@@ -82,7 +82,7 @@ class Independent:
         before = one.mixture.log_density(state.coords)
         fresh, after = one.draw(len(everyone), self.inside, model.random)
         moved = _accept(model, state, everyone, fresh, before - after)
-        if one is self.proposal.widest:
+        if one is self.proposal.widest and model.random.random_sample() < one.alone:
             moved |= alone(model, state, one, np.where(moved, after, before))
         return state, moved
 
