@@ -60,7 +60,9 @@ def test_nominal_records_rarely_disagree(tmp_path: Path, parameters: e.Entry) ->
     """
     job = refits.built(tmp_path, refits.row(parameters))
     found = refits.outcomes(Trial(job, refits.truly(job)), range(RECORDS))
-    assert sum(one.disagrees for one in found) <= MOST_ALARMS
+    alarms = sum(one.disagrees for one in found)
+    print(f"{alarms} of {RECORDS} nominal records disagree")
+    assert alarms <= MOST_ALARMS
     assert sum(one.believed for one in found) >= 0.95 * RECORDS
     assert sum(one.fits for one in found) >= 0.95 * RECORDS
 
