@@ -14,12 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayesdrill.directions import Expand
+from bayesdrill.left_out import look
 from bayesdrill.ridges import ASTRAY, Traced, beside, moments, trace
 from bayesdrill.samplers import mixture
 from bayesdrill.samplers.independence import Proposal
 from bayesdrill.samplers.mixture import Mixture
 from bayesdrill.samplers.weighing import Weighed, effective
-from bayesdrill.settled import look
 from bayesdrill.surface import Surface
 
 Array = NDArray[np.float64]
@@ -108,7 +108,7 @@ def learn(
         parts = found if last.strays > STRAYS else kept + found
         last = _fitted(surface, parts, seed, again)
         best = max(best, last, key=lambda one: one.merit)
-    looked = look(surface, expand, best.proposal, *_heaviest(best), seed) if again else None
+    looked = look(surface, expand, best.proposal, *_heaviest(best), seed, rng) if again else None
     draws = looked.draws if looked else best.draws
     return Learnt(
         proposal=replace(best.proposal, settled=looked.proposal if looked else None),

@@ -15,7 +15,7 @@ from bayesdrill.posterior import Posterior
 from bayesdrill.residuals import FAR_TOO_LARGE
 from bayesdrill.samplers.ensemble import State
 from bayesdrill.samplers.independence import Proposal
-from bayesdrill.samplers.weighing import LONG
+from bayesdrill.settled import bound
 from bayesdrill.surface import Expansion, PosteriorSurface, joined
 
 Array = NDArray[np.float64]
@@ -77,6 +77,9 @@ def begin(posterior: Posterior, proposal: Proposal, n: int, seed: int, ensemble:
     mirrored at its ends, nearer and nearer to the first maximum.
     """
     random = np.random.RandomState(seeds.bits(seed, "start", ensemble))
+    if proposal.settled is not None:
+        whole = bound(proposal, PosteriorSurface(posterior).expand)
+        proposal = whole.widest
     mixture = proposal.mixture
     centre, wide = mixture.sheets[0].frame.centre, mixture.widened(START_SPREAD)
     z, log_p = np.empty((n, len(centre))), np.full(n, -np.inf)
@@ -93,7 +96,7 @@ def begin(posterior: Posterior, proposal: Proposal, n: int, seed: int, ensemble:
         z[missing], log_p[missing] = fresh, posterior(fresh)
         missing = ~(log_p > log_p.max() - DEEP)
         if mirrored < 0:
-            missing |= log_p - mixture.log_density(z) > proposal.usual + LONG
+            missing |= log_p > proposal.high(mixture.log_density(z))
         if not missing.any():
             return State(z, log_p, seeds.legacy_state(seed, "walk", ensemble))
     raise Nowhere("no point of finite posterior was found around the maximum")

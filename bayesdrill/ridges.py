@@ -237,10 +237,11 @@ def _arrive(surface: Surface, expand: Expand, base: Frame, psi: Array, tau: Arra
 
 
 def led_back(
-    expand: Expand, base: Frame, psi: Array, tau: Array
+    expand: Expand, base: Frame, psi: Array, tau: Array, astray: float = np.inf
 ) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
     """To the ridge at `psi (N, l)`: `tau (N, t)`, covariance roots `(N, t, t)`, the log density
-    `(N,)` about there, and whether they arrived.
+    `(N,)` about there, and whether they arrived.  Those that are more than `astray` standard
+    deviations off after half of the steps are given up.
     """
     tau = tau.copy()
     n_tight = tau.shape[1]
@@ -248,7 +249,7 @@ def led_back(
     value = np.full(len(psi), -np.inf)
     under_way = np.full(len(psi), n_tight > 0)
     arrived = ~under_way
-    for _ in range(ITERATIONS):
+    for k in range(ITERATIONS):
         now = np.flatnonzero(under_way)
         if len(now) == 0:
             break
@@ -262,8 +263,9 @@ def led_back(
         step = np.einsum("nij,nj->ni", roots[now], white)
         longest = np.abs(step).max(axis=1, keepdims=True)
         tau[now] += step * np.minimum(1.0, MOST_STEP / np.maximum(longest, 1e-300))
-        arrived[now] = np.linalg.norm(white, axis=1) < ARRIVED
-        under_way[now] = ~arrived[now]
+        off = np.linalg.norm(white, axis=1)
+        arrived[now] = off < ARRIVED
+        under_way[now] = ~arrived[now] & ((off < astray) | (k < ITERATIONS // 2 - 1))
     return tau, roots, value, arrived
 
 

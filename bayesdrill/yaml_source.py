@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -64,14 +65,18 @@ def read(path: Path) -> Source:
 
 def parse(path: Path, text: str) -> Source:
     from ruamel.yaml import YAML
-    from ruamel.yaml.error import MarkedYAMLError, YAMLError
+    from ruamel.yaml.error import MarkedYAMLError, ReusedAnchorWarning, YAMLError
     from ruamel.yaml.reader import ReaderError
 
     yaml = YAML(typ="safe", pure=True)
     yaml.allow_duplicate_keys = True
     walk = _Walk(path, yaml.constructor)
     try:
-        root = YAML(typ="safe", pure=True).compose(text)
+        with warnings.catch_warnings():
+            warnings.simplefilter(
+                "ignore", ReusedAnchorWarning
+            )  # the later one counts from there on
+            root = YAML(typ="safe", pure=True).compose(text)
         if root is not None:
             walk.on(root, ())
         data = None if root is None else yaml.constructor.construct_document(root)

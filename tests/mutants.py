@@ -262,14 +262,14 @@ MUTANTS = [
     ),
     Mutant(
         "no look at what a proposal leaves out",
-        "settled.py",
+        "left_out.py",
         "if k == 0 and _left_out",
         "if k == 0 or _left_out",
         "tests/unit/test_settled.py::test_what_a_proposal_leaves_out_is_found",
     ),
     Mutant(
         "a look that always finds something left out",
-        "settled.py",
+        "left_out.py",
         "if k == 0 and _left_out",
         "if k < 0 and _left_out",
         "tests/unit/test_settled.py::test_a_proposal_that_leaves_nothing_out_is_enough",

@@ -22,7 +22,7 @@ Random = np.random.RandomState
 SETTLED = 0.25  # of the steps, where there is such a proposal
 ALONE = 0.2  # of the steps: the model is as dear for one walker as for thirty
 MOST_REDRAWS = 8
-MOST_AT_ONCE = 20  # draws for each that is wanted: in a corner of the prior few are inside
+MOST_AT_ONCE = 10  # draws for each that is wanted: in a corner of the prior few are inside
 
 
 @dataclass(frozen=True, slots=True)

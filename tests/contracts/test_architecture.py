@@ -25,6 +25,7 @@ FLOORS = [
     {"optimisers", "schema", "shelf", "suspicions", "climb", "directions", "aliases"},
     {"ridges"},
     {"settled"},
+    {"left_out"},
     {"identifiability", "convergence", "givens", "maxima", "learning", "residuals"},
     {"build", "pieces", "mode", "preparation"},
     {"consistency", "recording", "store"},

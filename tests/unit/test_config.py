@@ -12,6 +12,7 @@ from oracles import NOMINAL, by_expm
 from bayesdrill import build, loading, pipeline, provenance, schema, simulation
 from bayesdrill.formats import CsvOptions
 from bayesdrill.formats.csv import read
+from bayesdrill.yaml_source import parse
 
 ROOT = Path(__file__).parents[2]
 BUNDLED = ROOT / "configs" / "nominal_step.yaml"
@@ -127,6 +128,12 @@ def test_nominal_values_may_be_corrected(tmp_path: Path) -> None:
     config, _ = loading.load(path)
     found = build.nominal(config)
     assert (found["k_s"], found["j_1"], found["j_m"]) == (0.30, 0.03, 4e-4)
+
+
+def test_an_anchor_may_be_given_anew() -> None:
+    """As YAML has it: an alias means the last one before it."""
+    text = "a: &x 1\nb: *x\nc: &x 2\nd: *x\n"
+    assert parse(Path("a.yaml"), text).data == {"a": 1, "b": 1, "c": 2, "d": 2}
 
 
 def test_yaml_is_version_1_2(tmp_path: Path) -> None:

@@ -145,7 +145,6 @@ def test_a_ridge_is_followed_up_to_the_ends_of_the_priors() -> None:
     for seed in range(1, 4):
         found = ridges.trace(surface, surface.expand, start, np.random.default_rng(seed)).ridge
         off = np.linalg.norm(found.straighten(last)[0][:, 2:], axis=1)
-        print(len(last), np.quantile(off, [0.5, 0.8, 0.9, 0.98]))
         assert np.quantile(off, 0.9) < 0.3
 
 

@@ -10,11 +10,12 @@ import pytest
 from surfaces import Ridged, ridged
 
 from bayesdrill.learning import Learnt, learn
+from bayesdrill.left_out import Look, look
 from bayesdrill.samplers.ensemble import State, advance
 from bayesdrill.samplers.independence import Proposal
 from bayesdrill.samplers.mixture import mixture
 from bayesdrill.samplers.weighing import normalised
-from bayesdrill.settled import Look, Settled, bound, look
+from bayesdrill.settled import Settled, bound
 
 
 @cache
@@ -37,7 +38,9 @@ def shortened(proposal: Proposal) -> Proposal:
 
 def looked(surface: Ridged, proposal: Proposal, u: np.ndarray, weights: np.ndarray) -> Look | None:
     seed = np.random.RandomState(4)
-    return look(surface, surface.expand, proposal, [0], (u, weights[None]), seed)
+    return look(
+        surface, surface.expand, proposal, [0], (u, weights[None]), seed, np.random.default_rng(6)
+    )
 
 
 @pytest.mark.parametrize(("n_loose", "n_tight"), [(1, 1), (2, 3)])
