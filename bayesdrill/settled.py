@@ -1,6 +1,6 @@
 """Where polynomials are no match for a ridge: Gauss and Newton bring every point of it home.
 
-That costs some twenty times as much as a response.
+A draw, with its density on the way there and back, costs some hundred times as much as a response.
 """
 
 from __future__ import annotations

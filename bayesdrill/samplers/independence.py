@@ -2,8 +2,8 @@
 chain does, so that detailed balance holds exactly: u' drawn from the density q is accepted with
 min(1, p(u') q(u) / (p(u) q(u'))).
 
-Draws outside the prior are drawn again, which costs no response of the model; what the cut does to
-the norm of q cancels.
+Draws outside the prior are drawn again, which costs no response of the model where no ridge is
+settled; what the cut does to the norm of q cancels.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from bayesdrill.samplers.weighing import LONG
 Array = NDArray[np.float64]
 Random = np.random.RandomState
 
-SETTLED = 0.25  # of the steps, where there is such a proposal
+SETTLED = 0.5  # of the steps, where there is such a proposal
 ALONE = 0.2  # of the steps: the model is as dear for one walker as for thirty
 MOST_REDRAWS = 8
 MOST_AT_ONCE = 10  # draws for each that is wanted: in a corner of the prior few are inside
