@@ -268,6 +268,13 @@ MUTANTS = [
         "tests/unit/test_settled.py::test_what_a_proposal_leaves_out_is_found",
     ),
     Mutant(
+        "no walkers that look beyond the corner of a ridge",
+        "left_out.py",
+        "MORE = 3 ",
+        "MORE = 0 ",
+        "tests/unit/test_settled.py::test_a_ridge_that_turns_a_corner_is_seen_on_both_sides",
+    ),
+    Mutant(
         "a look that always finds something left out",
         "left_out.py",
         "if k == 0 and _left_out",

@@ -152,3 +152,24 @@ class Ridged(Walled):
 def ridged(n_loose: int, n_tight: int) -> Ridged:
     d = n_loose + n_tight
     return Ridged(0.5 * np.ones(d), np.full(d, 0.7), 1.8, n_loose)
+
+
+@dataclass(frozen=True)
+class Corner(Walled):
+    """Of two unknowns, logs, whose sum is known: one arm where the first is the sum, one where the
+    second is, as long as each other.
+    """
+
+    sd: float
+
+    def log_density(self, u: np.ndarray) -> np.ndarray:
+        return -0.5 * (np.logaddexp(u[:, 0], u[:, 1]) / self.sd) ** 2
+
+    def derivatives(self, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        total = np.logaddexp(u[:, 0], u[:, 1])
+        by = np.exp(u - total[:, None]) / self.sd
+        return -total[:, None] / self.sd * by, np.einsum("wd,we->wde", by, by)
+
+
+def corner() -> Corner:
+    return Corner(np.full(2, -5.5), np.full(2, 3.0), 2.0, 1e-3)

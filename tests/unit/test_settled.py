@@ -7,7 +7,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from surfaces import Ridged, ridged
+from surfaces import Ridged, corner, ridged
 
 from bayesdrill.learning import Learnt, learn
 from bayesdrill.left_out import Look, look
@@ -113,3 +113,16 @@ def test_walkers_reach_what_the_proposal_leaves_out() -> None:
     sd = np.sqrt(found.weights @ (found.u - truth) ** 2)
     means = chain.z[50:].reshape(-1, len(sd)).mean(axis=0)
     assert np.all(np.abs(means - truth) < 0.1 * sd)
+
+
+def test_a_ridge_that_turns_a_corner_is_seen_on_both_sides() -> None:
+    """From its one end: the half beyond the corner, where tight and loose are exchanged.
+
+    Mutant killed: no walkers that look for places which draws do not show.
+    """
+    surface = corner()
+    start = np.array([-1e-4, -9.0])
+    seed, rng = np.random.RandomState(1), np.random.default_rng(2)
+    found = learn(surface, surface.expand, [start], seed, rng)
+    beyond = found.u[:, 1] > found.u[:, 0]
+    assert found.weights @ beyond == pytest.approx(0.5, abs=0.1)
