@@ -263,8 +263,8 @@ MUTANTS = [
     Mutant(
         "no look at what a proposal leaves out",
         "left_out.py",
-        "if k == 0 and _left_out",
-        "if k == 0 or _left_out",
+        "(k == 0 and _nothing(surface, proposal, draws))",
+        "k == 0",
         "tests/unit/test_settled.py::test_what_a_proposal_leaves_out_is_found",
     ),
     Mutant(
@@ -277,8 +277,8 @@ MUTANTS = [
     Mutant(
         "a look that always finds something left out",
         "left_out.py",
-        "if k == 0 and _left_out",
-        "if k < 0 and _left_out",
+        "return left_out < LEFT_OUT and",
+        "return left_out < 0.0 and",
         "tests/unit/test_settled.py::test_a_proposal_that_leaves_nothing_out_is_enough",
     ),
     Mutant(
