@@ -70,7 +70,8 @@ class Halves:
 class Independent:
     """All walkers at once, to points that do not depend on where any of them stands.
 
-    Those that would wait long for such a point then take a step by themselves.
+    After a share of the steps (of the settled ones, where there are any), those that would wait long
+    for such a point take a step by themselves.
     """
 
     proposal: Proposal
