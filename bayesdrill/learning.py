@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from bayesdrill.directions import Expand
 from bayesdrill.left_out import look
-from bayesdrill.ridges import ASTRAY, Traced, beside, moments, trace
+from bayesdrill.ridges import ASTRAY, Traced, beside, distances, moments, trace
 from bayesdrill.samplers import mixture
 from bayesdrill.samplers.independence import Proposal
 from bayesdrill.samplers.mixture import Mixture
@@ -170,8 +170,7 @@ def _midst(found: _Round) -> list[tuple[int, Array, tuple[Array, Array]]]:
         own = shares[owner == origin].sum(axis=0)
         if own.sum() < LOST:
             continue
-        middle, root = moments(u, own)
-        far = np.linalg.norm(np.linalg.solve(root, (u - middle).T), axis=0)
+        far = distances(u, own)
         likely = np.flatnonzero(own > np.quantile(own, LIKELY))
         middles.append((origin, u[likely[np.argmin(far[likely])]], (u, own)))
     return middles

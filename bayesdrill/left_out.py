@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayesdrill.directions import Expand
-from bayesdrill.ridges import moments, trace
+from bayesdrill.ridges import distances, moments, trace
 from bayesdrill.samplers import mixture
 from bayesdrill.samplers.ensemble import State, advance
-from bayesdrill.samplers.independence import Proposal
+from bayesdrill.samplers.independence import SETTLED_ALONE, Proposal
 from bayesdrill.samplers.mixture import Mixture
 from bayesdrill.samplers.ridge import Sheet
 from bayesdrill.samplers.weighing import LONG, Weighed
@@ -35,7 +35,7 @@ LEAST = 0.02  # of effective draws: with less nothing is seen, and one looks on
 REPEATED = 10  # times as many at most, where few are inside the prior
 ENOUGH = 0.1  # of effective draws: below it the density is flattened until there are as many
 HARDLY = 1e-9  # of the posterior: where a sheet has none of the draws
-FURTHER, ACROSS = 1.3, 1.05  # times as wide as what is known, along the ridge and across it
+ALONG, ACROSS = 1.3, 1.05  # times as wide as what is known, along the ridge and across it
 MORE = 3  # sheets at most, for places that walkers get to and draws do not
 WALKERS, STEPS, EVERY = 96, 90, 3  # that look for them; the last two thirds are seen
 HELD_BACK = 0.01  # of the walkers, in places that are left too slowly
@@ -78,7 +78,7 @@ def look(
     draws, _, inside = _drawn(surface, settled(found, expand), LAST_DRAWS, seed)
     if _nothing(surface, proposal, draws):
         return None  # a few draws of many looked like it by chance
-    return Look(Proposal(found, inside, draws.usual, alone=1.0), draws)
+    return Look(Proposal(found, inside, draws.usual, alone=SETTLED_ALONE), draws)
 
 
 def _completed(
@@ -104,36 +104,22 @@ def _completed(
             some[STEPS // 3 :: EVERY].reshape(-1, *some.shape[2:])
             for some in (piece.z, piece.log_p)
         )
-        shares, log_q = _shares(walking.mixture, u)
+        shares, log_q = walking.mixture.shares(*walking.mixture.straightened(u))
         usual = float(np.median(value - log_q))
         held = value - log_q > usual + LONG
         if held.mean() < HELD_BACK:
-            break
-        more = trace(surface, expand, _middlest(u[held]), rng, (u[held], _equal(u[held]))).ridge
+            return _wide(found.sheets, u, shares / len(u))
+        stuck, equal = u[held], np.full(held.sum(), 1.0 / held.sum())
+        centre = stuck[np.argmin(distances(stuck, equal))]
+        more = trace(surface, expand, centre, rng, (stuck, equal)).ridge
         sheets = [*found.sheets, more]
         found = _wide(sheets, u, np.vstack([shares * ~held, held]) / len(u))
         # The places begin where others end: which points belong to which, once more.
-        shares, log_q = _shares(settled(found, expand), u)
+        whole = settled(found, expand)
+        shares, log_q = whole.shares(*whole.straightened(u))
         found = _wide(sheets, u, shares / len(u))
         own, state = replace(own, usual=float(np.median(value - log_q))), piece.state
     return found
-
-
-def _shares(found: Mixture, u: Array) -> tuple[Array, Array]:
-    """Of each component at `u (N, D)`: `(K, N)`; and log q `(N,)`."""
-    y, jacobian = found.straightened(u)
-    log_q = found.log_density_at(y, jacobian)
-    return np.exp(found.log_parts(y, jacobian) - log_q), log_q
-
-
-def _middlest(u: Array) -> Array:
-    middle, root = moments(u, _equal(u))
-    far = np.linalg.norm(np.linalg.solve(root, (u - middle).T), axis=0)
-    return np.asarray(u[np.argmin(far)])
-
-
-def _equal(u: Array) -> Array:
-    return np.full(len(u), 1.0 / len(u))
 
 
 def _wide(sheets: Sequence[Sheet], u: Array, weights: Array) -> Mixture:
@@ -144,7 +130,7 @@ def _wide(sheets: Sequence[Sheet], u: Array, weights: Array) -> Mixture:
         middle, root = moments(sheet.frame.split(u)[0], own + HARDLY)
         means.append(np.concatenate([middle, np.zeros(d - n)]))
         roots.append(ACROSS * np.eye(d))
-        roots[-1][:n, :n] = FURTHER * root
+        roots[-1][:n, :n] = ALONG * root
     held = weights.sum(axis=1)
     return mixture.mixture(sheets, range(len(sheets)), held, np.array(means), np.array(roots))
 
@@ -158,10 +144,8 @@ def _drawn(surface: Surface, found: Mixture, n: int, seed: Random) -> tuple[Weig
     value = surface.value(every.u)
     good = np.isfinite(value)
     kept = every.those(good)
-    y, jacobian = found.coordinates(kept)
-    log_q = found.log_density_at(y, jacobian)
-    draws = Weighed(kept.u, value[good] - log_q, np.zeros(len(log_q)))
-    return draws, np.exp(found.log_parts(y, jacobian) - log_q), float(inside)
+    shares, log_q = found.shares(*found.coordinates(kept))
+    return Weighed(kept.u, value[good] - log_q, np.zeros(len(log_q))), shares, float(inside)
 
 
 def _nothing(surface: Surface, proposal: Proposal, draws: Weighed) -> bool:

@@ -15,7 +15,7 @@ from bayesdrill.posterior import Posterior
 from bayesdrill.residuals import FAR_TOO_LARGE
 from bayesdrill.samplers.ensemble import State
 from bayesdrill.samplers.independence import Proposal
-from bayesdrill.settled import bound
+from bayesdrill.settled import bound_to
 from bayesdrill.surface import Expansion, PosteriorSurface, joined
 
 Array = NDArray[np.float64]
@@ -31,6 +31,8 @@ def prepare(crew: Crew, posterior: Posterior, maxima: Array, seed: int) -> Learn
     """The proposal, the same whatever the number of processes."""
 
     def expand(u: Array, directions: Array) -> Expansion:
+        if len(u) <= SHARED:
+            return expanded(posterior, u, directions)
         parts = [u[k : k + SHARED] for k in range(0, len(u), SHARED)]
         tasks = [crew.submit(expanded, part, directions) for part in parts]
         return joined([task.result() for task in tasks])
@@ -77,9 +79,7 @@ def begin(posterior: Posterior, proposal: Proposal, n: int, seed: int, ensemble:
     mirrored at its ends, nearer and nearer to the first maximum.
     """
     random = np.random.RandomState(seeds.bits(seed, "start", ensemble))
-    if proposal.settled is not None:
-        whole = bound(proposal, PosteriorSurface(posterior).expand)
-        proposal = whole.widest
+    proposal = bound_to(proposal, posterior).widest
     mixture = proposal.mixture
     centre, wide = mixture.sheets[0].frame.centre, mixture.widened(START_SPREAD)
     z, log_p = np.empty((n, len(centre))), np.full(n, -np.inf)

@@ -172,6 +172,12 @@ def moments(points: Array, weights: Array) -> tuple[Array, Array]:
     return centre, np.linalg.cholesky(covariance + floor)
 
 
+def distances(points: Array, weights: Array) -> Array:
+    """Of `points (N, n)` from their weighted middle, in standard deviations: `(N,)`."""
+    middle, root = moments(points, weights)
+    return np.asarray(np.linalg.norm(np.linalg.solve(root, (points - middle).T), axis=0))
+
+
 def _at_centre(base: Frame, here: Expansion) -> Ridge:
     """Where nothing but the maximum itself is known yet."""
     curvature = base.tight.T @ here.curvature[0] @ base.tight
@@ -237,11 +243,16 @@ def _arrive(surface: Surface, expand: Expand, base: Frame, psi: Array, tau: Arra
 
 
 def led_back(
-    expand: Expand, base: Frame, psi: Array, tau: Array, astray: float = np.inf
+    expand: Expand,
+    base: Frame,
+    psi: Array,
+    tau: Array,
+    near: float = ARRIVED,
+    astray: float = np.inf,
 ) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
     """To the ridge at `psi (N, l)`: `tau (N, t)`, covariance roots `(N, t, t)`, the log density
-    `(N,)` about there, and whether they arrived.  Those that are more than `astray` standard
-    deviations off after half of the steps are given up.
+    `(N,)` about there, and whether they arrived: by a last step from where they were `near`, in
+    standard deviations.  Those that are more than `astray` off after half of the steps are given up.
     """
     tau = tau.copy()
     n_tight = tau.shape[1]
@@ -264,7 +275,7 @@ def led_back(
         longest = np.abs(step).max(axis=1, keepdims=True)
         tau[now] += step * np.minimum(1.0, MOST_STEP / np.maximum(longest, 1e-300))
         off = np.linalg.norm(white, axis=1)
-        arrived[now] = off < ARRIVED
+        arrived[now] = off < near
         under_way[now] = ~arrived[now] & ((off < astray) | (k < ITERATIONS // 2 - 1))
     return tau, roots, value, arrived
 

@@ -20,11 +20,10 @@ from bayesdrill.preparation import begin, fits, prepare
 from bayesdrill.progress import Reporter
 from bayesdrill.samplers.ensemble import Piece, State, advance
 from bayesdrill.samplers.independence import Proposal
-from bayesdrill.settled import bound
+from bayesdrill.settled import bound_to
 from bayesdrill.shelf import Shelf
 from bayesdrill.sizes import steps_of_chain
 from bayesdrill.store import Folder
-from bayesdrill.surface import PosteriorSurface
 
 Array = NDArray[np.float64]
 
@@ -96,7 +95,7 @@ def walk(
     moves: Mapping[str, float],
     proposal: Proposal,
 ) -> Piece:
-    own = bound(proposal, PosteriorSurface(posterior).expand)
+    own = bound_to(proposal, posterior)
     return advance(posterior.evaluate, state, n_steps, moves, own, posterior.supports)
 
 

@@ -11,14 +11,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayesdrill.directions import Expand
+from bayesdrill.posterior import Posterior
 from bayesdrill.ridges import led_back
 from bayesdrill.samplers import ridge
 from bayesdrill.samplers.independence import Proposal
 from bayesdrill.samplers.mixture import Mixture
 from bayesdrill.samplers.ridge import Frame, Sheet
+from bayesdrill.surface import PosteriorSurface
 
 Array = NDArray[np.float64]
 
+NEAR = 0.5  # standard deviations: from there another step leads to the ridge, or as good as
 ASTRAY = 100.0  # standard deviations, halfway: such a point belongs to another ridge
 
 
@@ -42,7 +45,7 @@ class Settled:
 
     def along(self, psi: Array) -> tuple[Array, Array, Array]:
         place, root, log_det = self.ridge.along(psi)
-        found, roots, _, arrived = led_back(self.expand, self.frame, psi, place, ASTRAY)
+        found, roots, _, arrived = led_back(self.expand, self.frame, psi, place, NEAR, ASTRAY)
         row = np.arange(place.shape[1])
         place = np.where(arrived[:, None], found, place)
         root[:, :, arrived] = np.moveaxis(roots[arrived], 0, 2)
@@ -57,6 +60,11 @@ class Settled:
 
     def straighten(self, u: Array) -> tuple[Array, Array]:
         return ridge.straighten(self, u)
+
+
+def bound_to(proposal: Proposal, posterior: Posterior) -> Proposal:
+    """See `bound`."""
+    return bound(proposal, PosteriorSurface(posterior).bent)
 
 
 def bound(proposal: Proposal, expand: Expand) -> Proposal:

@@ -101,16 +101,21 @@ class PosteriorSurface:
         return self.posterior.supports(u)
 
     def expand(self, u: Array, directions: Array) -> Expansion:
+        here = self.bent(u, directions)
+        with np.errstate(all="ignore"):
+            return dataclasses.replace(here, value=here.value + self.value(u))
+
+    def bent(self, u: Array, directions: Array) -> Expansion:
+        """`expand` without the value, which takes another response: 0, or -inf."""
         with np.errstate(all="ignore"):
             theta = self.posterior.coordinates.to_physical(u)
             slope, curvature = self._of_record(theta, directions)
-            value = self.value(u)
         prior_slope, prior_curvature = self._of_prior(u)
         slope += _along(prior_slope, directions)
         curvature += _weighted(directions, prior_curvature)
         good = np.isfinite(slope).all(axis=1) & np.isfinite(curvature).all(axis=(1, 2))
         slope[~good], curvature[~good] = 0.0, 0.0
-        return Expansion(np.where(good, value, -np.inf), slope, curvature)
+        return Expansion(np.where(good, 0.0, -np.inf), slope, curvature)
 
     def _of_record(self, theta: Array, directions: Array) -> tuple[Array, Array]:
         """Slope `(W, q)` and curvature `(W, q, q)` of the log likelihood."""
@@ -138,17 +143,16 @@ class PosteriorSurface:
 
     def _of_prior(self, u: Array) -> tuple[Array, Array]:
         """Slopes of the log prior by each coordinate, and minus its second derivatives."""
-        to_physical = self.posterior.coordinates.to_physical
-        slope, curvature = np.zeros_like(u), np.zeros_like(u)
         step = STEP * self.spread
         middle = np.clip(u, self.low + 2 * step, self.high - 2 * step)
-        down, here, up = (to_physical(middle + k * step) for k in (-1, 0, 1))
-        for d, prior in enumerate(self._priors):
-            values = [prior.logpdf(x[:, d]) for x in (down, here, up)]
-            with np.errstate(invalid="ignore"):
-                slope[:, d] = np.nan_to_num((values[2] - values[0]) / (2 * step[d]))
-                bent = -(values[2] - 2 * values[1] + values[0]) / step[d] ** 2
-            curvature[:, d] = np.maximum(np.nan_to_num(bent), 0.0)
+        theta = self.posterior.coordinates.to_physical(
+            np.concatenate([middle + k * step for k in (-1, 0, 1)])
+        )
+        values = np.stack([p.logpdf(theta[:, d]) for d, p in enumerate(self._priors)], axis=-1)
+        down, here, up = np.split(values, 3)
+        with np.errstate(invalid="ignore"):
+            slope = np.nan_to_num((up - down) / (2 * step))
+            curvature = np.maximum(np.nan_to_num(-(up - 2 * here + down) / step**2), 0.0)
         if not self.physical:
             slope += np.array(self.posterior.coordinates.logs)
         return slope, curvature

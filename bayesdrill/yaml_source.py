@@ -73,9 +73,8 @@ def parse(path: Path, text: str) -> Source:
     walk = _Walk(path, yaml.constructor)
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter(
-                "ignore", ReusedAnchorWarning
-            )  # the later one counts from there on
+            # Of an anchor given twice, the later one counts from there on.
+            warnings.simplefilter("ignore", ReusedAnchorWarning)
             root = YAML(typ="safe", pure=True).compose(text)
         if root is not None:
             walk.on(root, ())

@@ -193,8 +193,8 @@ MUTANTS = [
     Mutant(
         "the Jacobian of another draw",
         "samplers/mixture.py",
-        "return Drawn(self.u[good], self.jacobian[good], self.y[good])",
-        "return Drawn(self.u[good], self.jacobian[: good.sum()], self.y[good])",
+        "return Drawn(self.u[good], self.jacobian[good], self.y[good], self.sheet[good])",
+        "return Drawn(self.u[good], self.jacobian[: good.sum()], self.y[good], self.sheet[good])",
         "tests/contracts/test_moves.py::test_target_is_kept_exactly",
     ),
     Mutant(
@@ -256,9 +256,23 @@ MUTANTS = [
     Mutant(
         "the settled proposal weighed with the other's density",
         "samplers/moves.py",
-        "before = one.mixture.log_density(state.coords)",
-        "before = self.proposal.mixture.log_density(state.coords)",
+        "known = self.remembered[one is self.proposal.settled]",
+        "known = self.remembered[0]",
         "tests/unit/test_settled.py::test_walkers_reach_what_the_proposal_leaves_out",
+    ),
+    Mutant(
+        "what a density was before a walker moved",
+        "samplers/independence.py",
+        "moved = np.flatnonzero((self._u != u).any(axis=1))",
+        "moved = np.flatnonzero((self._u != self._u).any(axis=1))",
+        "tests/contracts/test_independence.py::test_densities_are_remembered_of_walkers_that_stay",
+    ),
+    Mutant(
+        "draws that are coordinates of another ridge",
+        "samplers/mixture.py",
+        "others = np.flatnonzero(drawn.sheet != s)",
+        "others = np.flatnonzero(drawn.sheet < -1)",
+        "tests/contracts/test_independence.py::test_target_is_kept_exactly_over_two_ridges",
     ),
     Mutant(
         "no look at what a proposal leaves out",

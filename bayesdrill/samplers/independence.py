@@ -20,7 +20,8 @@ Array = NDArray[np.float64]
 Random = np.random.RandomState
 
 SETTLED = 0.5  # of the steps, where there is such a proposal
-ALONE = 0.2  # of the steps: the model is as dear for one walker as for thirty
+ALONE = 0.2  # of the steps: the model is as dear for one walker as for thirty, ...
+SETTLED_ALONE = 0.5  # ... and of those along settled ridges: there more are left waiting
 MOST_REDRAWS = 8
 MOST_AT_ONCE = 10  # draws for each that is wanted: in a corner of the prior few are inside
 
@@ -67,9 +68,33 @@ class Proposal:
             wanted = min(1.2 * (n - have) / self.share, MOST_AT_ONCE * n)
             drawn = self.mixture.draw(int(wanted) + 8, random)
             if attempt < MOST_REDRAWS - 1:
-                drawn = drawn.those(inside(drawn.u))
+                drawn = drawn.those(np.flatnonzero(inside(drawn.u))[: n - have])
             found.append((drawn.u, self.mixture.log_density_of(drawn)))
             have += len(drawn.u)
             if have >= n:
                 break
         return tuple(np.concatenate(parts)[:n] for parts in zip(*found, strict=True))  # type: ignore[return-value]
+
+
+class Remembered:
+    """Log q where walkers stand, of one mixture: asked for again where they have moved."""
+
+    def __init__(self, mixture: Mixture) -> None:
+        self.mixture = mixture
+        self._u = np.empty((0, 0))
+        self._log_q = np.empty(0)
+
+    def at(self, u: Array) -> Array:
+        """`(W, D)` to `(W,)`."""
+        if self._u.shape != u.shape:
+            self.keep(u, self.mixture.log_density(u))
+        moved = np.flatnonzero((self._u != u).any(axis=1))
+        if len(moved) > 0:
+            log_q = self._log_q.copy()
+            log_q[moved] = self.mixture.log_density(u[moved])
+            self.keep(u, log_q)
+        return self._log_q
+
+    def keep(self, u: Array, log_q: Array) -> None:
+        """For the next time."""
+        self._u, self._log_q = u.copy(), log_q

@@ -31,9 +31,10 @@ class Drawn:
     u: Array
     jacobian: Array
     y: Array
+    sheet: NDArray[np.intp]
 
-    def those(self, good: NDArray[np.bool_]) -> Drawn:
-        return Drawn(self.u[good], self.jacobian[good], self.y[good])
+    def those(self, good: NDArray[np.bool_] | NDArray[np.intp]) -> Drawn:
+        return Drawn(self.u[good], self.jacobian[good], self.y[good], self.sheet[good])
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,21 +61,25 @@ class Mixture:
             mine = np.flatnonzero(chosen == k)
             y[mine] = mean + normal[mine] @ root.T
         if len(self.sheets) == 1:
-            return Drawn(*self.sheets[0].bend(y), y)
+            return Drawn(*self.sheets[0].bend(y), y, self.sheet[chosen])
         for s, ridge in enumerate(self.sheets):
             mine = np.flatnonzero(self.sheet[chosen] == s)
             u[mine], jacobian[mine] = ridge.bend(y[mine])
-        return Drawn(u, jacobian, y)
+        return Drawn(u, jacobian, y, self.sheet[chosen])
 
     def log_density_of(self, drawn: Drawn) -> Array:
         """Of draws of its own: `(n,)`."""
         return self.log_density_at(*self.coordinates(drawn))
 
     def coordinates(self, drawn: Drawn) -> tuple[Array, Array]:
-        """`straightened`, of draws of its own: on a single sheet they are known already."""
-        if len(self.sheets) == 1:
-            return drawn.y[None], drawn.jacobian[None]
-        return self.straightened(drawn.u)
+        """`straightened`, of draws of its own: on the sheet they come from they are known already."""
+        y = np.repeat(drawn.y[None], len(self.sheets), axis=0)
+        jacobian = np.repeat(drawn.jacobian[None], len(self.sheets), axis=0)
+        for s, ridge in enumerate(self.sheets):
+            others = np.flatnonzero(drawn.sheet != s)
+            if len(others) > 0:
+                y[s, others], jacobian[s, others] = ridge.straighten(drawn.u[others])
+        return y, jacobian
 
     def widened(self, factor: float) -> Mixture:
         """With every component as many times wider, and equal shares for the sheets."""
@@ -89,6 +94,12 @@ class Mixture:
     def log_density_at(self, y: Array, jacobian: Array) -> Array:
         """Of what has been `straightened` already: `(W,)` over u."""
         return _summed(self.log_parts(y, jacobian))
+
+    def shares(self, y: Array, jacobian: Array) -> tuple[Array, Array]:
+        """Of each component in the density there: `(K, W)`; and its log `(W,)`."""
+        parts = self.log_parts(y, jacobian)
+        log_q = _summed(parts)
+        return np.exp(parts - log_q), log_q
 
     def straightened(self, u: Array) -> tuple[Array, Array]:
         """`y (S, W, D)` on each sheet and log |du / dy| `(S, W)`."""

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayesdrill.samplers import local
-from bayesdrill.samplers.independence import Proposal
+from bayesdrill.samplers.independence import Proposal, Remembered
 from bayesdrill.samplers.mixture import Inside
 from bayesdrill.samplers.ridge import Sheet
 
@@ -76,15 +76,18 @@ class Independent:
 
     proposal: Proposal
     inside: Inside
+    remembered: tuple[Remembered, Remembered]  # of the proposal, and of the widest
 
     def propose(self, model: Any, state: Any) -> tuple[Any, NDArray[np.bool_]]:
         everyone = np.arange(len(state.coords))
         one = self.proposal.one_of(model.random)
-        before = one.mixture.log_density(state.coords)
+        known = self.remembered[one is self.proposal.settled]
+        before = known.at(state.coords)
         fresh, after = one.draw(len(everyone), self.inside, model.random)
         moved = _accept(model, state, everyone, fresh, before - after)
+        known.keep(state.coords, np.where(moved, after, before))
         if one is self.proposal.widest and model.random.random_sample() < one.alone:
-            moved |= alone(model, state, one, np.where(moved, after, before))
+            moved |= alone(model, state, one, known.at(state.coords))
         return state, moved
 
 
@@ -147,7 +150,10 @@ def _halves(proposal: Callable[[Array, Array, Random], tuple[Array, Array]]) -> 
 
 def _independent(learnt: Proposal | None, inside: Inside) -> Move | None:
     """None as long as nothing has been learnt."""
-    return None if learnt is None else Independent(learnt, inside)
+    if learnt is None:
+        return None
+    remembered = Remembered(learnt.mixture), Remembered(learnt.widest.mixture)
+    return Independent(learnt, inside, remembered)
 
 
 MOVES: Mapping[str, Make] = MappingProxyType(

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
-FURTHER = 0.25  # of the range of a root's entries: beyond it a polynomial has lost its way
+LEEWAY = 0.25  # of the range of a root's entries: beyond it a polynomial has lost its way
 
 
 @dataclass(frozen=True, slots=True)
@@ -227,7 +227,7 @@ def fit(
     scaled = ((psi - middle) / width).T
     entries = root_entries(roots)
     low, high = entries.min(axis=0), entries.max(axis=0)
-    beyond = FURTHER * (high - low)
+    beyond = LEEWAY * (high - low)
     own, own_root = powers(n_loose, degree), powers(n_loose, min(root_degree, degree))
     rows = own.of(scaled).T
     return Ridge(

@@ -6,6 +6,7 @@ The exact test is that of `test_moves.py`: walkers that start i.i.d. from the ta
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import emcee
@@ -30,11 +31,17 @@ TWO = {name: TARGETS[name] for name in ("wild", "bent", "cut", "boxed", "humps")
 CUT = TARGETS["cut"]
 
 
-def walked(target: Target, d: int, proposal: Proposal, steps: int = STEPS) -> Piece:
+def walked(
+    target: Target,
+    d: int,
+    proposal: Proposal,
+    steps: int = STEPS,
+    moves: Mapping[str, float] = ALONE,
+) -> Piece:
     z = target.draw(4000, d, np.random.default_rng(50 + d))
     state = State(z, target.log_density(z), np.random.RandomState(50 + d).get_state())
     evaluate = lambda z: (target.log_density(z), 0)  # noqa: E731
-    return advance(evaluate, state, steps, ALONE, proposal, target.inside)
+    return advance(evaluate, state, steps, moves, proposal, target.inside)
 
 
 @pytest.mark.parametrize("d", [2, 5, 9])
@@ -47,6 +54,17 @@ def test_target_is_kept_exactly_over_two_ridges(target: Target, d: int) -> None:
     """
     piece = walked(target, d, rough(target, d, 2))
     assert 0.03 < piece.accepted.mean() / STEPS < 0.95
+    assert target.p_values(piece.state.z).min() > FAIL
+
+
+@pytest.mark.parametrize("name", ["bent", "humps"])
+def test_densities_are_remembered_of_walkers_that_stay(name: str) -> None:
+    """Other moves lead some of them away in between.
+
+    Mutant killed: what a density was before a walker moved.
+    """
+    target, others = TARGETS[name], {"independence": 0.5, "stretch": 0.5}
+    piece = walked(target, 2, rough(target, 2, 2), 2 * STEPS, others)
     assert target.p_values(piece.state.z).min() > FAIL
 
 
