@@ -38,7 +38,7 @@ HARDLY = 1e-9  # of the posterior: where a sheet has none of the draws
 ALONG, ACROSS = 1.3, 1.05  # times as wide as what is known, along the ridge and across it
 MORE = 3  # sheets at most, for places that walkers get to and draws do not
 WALKERS, STEPS, EVERY = 96, 90, 3  # that look for them; the last two thirds are seen
-HELD_BACK = 0.01  # of the walkers, in places that are left too slowly
+HELD_BACK = 0.03  # of the walkers, in places that are left too slowly
 
 
 @dataclass(frozen=True, slots=True)
