@@ -36,9 +36,10 @@ REPEATED = 10  # times as many at most, where few are inside the prior
 ENOUGH = 0.1  # of effective draws: below it the density is flattened until there are as many
 HARDLY = 1e-9  # of the posterior: where a sheet has none of the draws
 ALONG, ACROSS = 1.3, 1.05  # times as wide as what is known, along the ridge and across it
-MORE = 3  # sheets at most, for places that walkers get to and draws do not
+MORE = 4  # times at most that a place which walkers get to, and draws do not, gets a ridge
 WALKERS, STEPS, EVERY = 96, 90, 3  # that look for them; the last two thirds are seen
-HELD_BACK = 0.03  # of the walkers, in places that are left too slowly
+HELD_BACK = 0.01  # of the walkers, in places that are left too slowly
+STILL_HELD_BACK = 0.02  # of them: with more, such a place gets another ridge
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,9 +96,9 @@ def _completed(
     leads to nothing but the edge of such a place.  Walkers that step by themselves go on into it.
     """
     state = State(begin, surface.value(begin), tuple(seed.get_state()))
-    found = own.mixture
+    first = len(own.mixture.sheets)
     for _ in range(MORE):
-        walking = replace(own, mixture=settled(found, expand))
+        walking = replace(own, mixture=settled(own.mixture, expand))
         evaluate = lambda u: (surface.value(u), 0)  # noqa: E731
         piece = advance(evaluate, state, STEPS, {"independence": 1.0}, walking, surface.inside)
         u, value = (
@@ -105,21 +106,47 @@ def _completed(
             for some in (piece.z, piece.log_p)
         )
         shares, log_q = walking.mixture.shares(*walking.mixture.straightened(u))
-        usual = float(np.median(value - log_q))
-        held = value - log_q > usual + LONG
+        held = _held(value - log_q)
         if held.mean() < HELD_BACK:
-            return _wide(found.sheets, u, shares / len(u))
-        stuck, equal = u[held], np.full(held.sum(), 1.0 / held.sum())
-        centre = stuck[np.argmin(distances(stuck, equal))]
-        more = trace(surface, expand, centre, rng, (stuck, equal)).ridge
-        sheets = [*found.sheets, more]
-        found = _wide(sheets, u, np.vstack([shares * ~held, held]) / len(u))
-        # The places begin where others end: which points belong to which, once more.
-        whole = settled(found, expand)
-        shares, log_q = whole.shares(*whole.straightened(u))
-        found = _wide(sheets, u, shares / len(u))
-        own, state = replace(own, usual=float(np.median(value - log_q))), piece.state
-    return found
+            return _wide(own.mixture.sheets, u, shares / len(u))
+        known = np.where(held, 0.0, shares)
+        # The last ridge began at the edge of what is seen by now: once more from its middle.
+        joint = [np.vstack([known[:-1], known[-1] + held])] if len(known) > first else []
+        for every in [*joint, np.vstack([known, held])]:
+            found, ratio = _ending(surface, expand, own.mixture, u, value, every, rng)
+            if _held(ratio).mean() < STILL_HELD_BACK:
+                break
+        own = replace(own, mixture=found, usual=float(np.median(ratio)))
+        state = piece.state
+    return own.mixture
+
+
+def _held(ratio: Array) -> NDArray[np.bool_]:
+    """Which walkers wait long, of logs of p over q `(N,)`."""
+    return np.asarray(ratio > np.median(ratio) + LONG)
+
+
+def _ending(
+    surface: Surface,
+    expand: Expand,
+    before: Mixture,
+    u: Array,
+    value: Array,
+    shares: Array,
+    rng: np.random.Generator,
+) -> tuple[Mixture, Array]:
+    """Sheets of `before`, and a last one traced from the middle of those `u (N, D)` of which it has
+    the larger of the `shares (S, N)`; and the logs of p over q then `(N,)`.
+    """
+    mine = shares[-1] > 0.5
+    some, weights = u[mine], shares[-1][mine] / shares[-1][mine].sum()
+    centre = some[np.argmin(distances(some, weights))]
+    last = trace(surface, expand, centre, rng, (some, weights)).ridge
+    sheets = [*before.sheets[: len(shares) - 1], last]
+    # The places begin where others end: which points belong to which, once more.
+    whole = settled(_wide(sheets, u, shares / len(u)), expand)
+    shares, log_q = whole.shares(*whole.straightened(u))
+    return _wide(sheets, u, shares / len(u)), value - log_q
 
 
 def _wide(sheets: Sequence[Sheet], u: Array, weights: Array) -> Mixture:

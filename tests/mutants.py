@@ -284,7 +284,7 @@ MUTANTS = [
     Mutant(
         "no walkers that look beyond the corner of a ridge",
         "left_out.py",
-        "MORE = 3 ",
+        "MORE = 4 ",
         "MORE = 0 ",
         "tests/unit/test_settled.py::test_a_ridge_that_turns_a_corner_is_seen_on_both_sides",
     ),
