@@ -248,11 +248,11 @@ def led_back(
     psi: Array,
     tau: Array,
     near: float = ARRIVED,
-    astray: float = np.inf,
+    iterations: int = ITERATIONS,
 ) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
     """To the ridge at `psi (N, l)`: `tau (N, t)`, covariance roots `(N, t, t)`, the log density
     `(N,)` about there, and whether they arrived: by a last step from where they were `near`, in
-    standard deviations.  Those that are more than `astray` off after half of the steps are given up.
+    standard deviations.
     """
     tau = tau.copy()
     n_tight = tau.shape[1]
@@ -260,7 +260,7 @@ def led_back(
     value = np.full(len(psi), -np.inf)
     under_way = np.full(len(psi), n_tight > 0)
     arrived = ~under_way
-    for k in range(ITERATIONS):
+    for _ in range(iterations):
         now = np.flatnonzero(under_way)
         if len(now) == 0:
             break
@@ -276,7 +276,7 @@ def led_back(
         tau[now] += step * np.minimum(1.0, MOST_STEP / np.maximum(longest, 1e-300))
         off = np.linalg.norm(white, axis=1)
         arrived[now] = off < near
-        under_way[now] = ~arrived[now] & ((off < astray) | (k < ITERATIONS // 2 - 1))
+        under_way[now] = ~arrived[now]
     return tau, roots, value, arrived
 
 

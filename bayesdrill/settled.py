@@ -22,7 +22,7 @@ from bayesdrill.surface import PosteriorSurface
 Array = NDArray[np.float64]
 
 NEAR = 0.5  # standard deviations: from there another step leads to the ridge, or as good as
-ASTRAY = 100.0  # standard deviations, halfway: such a point belongs to another ridge
+ITERATIONS = 9  # where polynomials are far astray, half of them are spent on the way
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,7 +45,7 @@ class Settled:
 
     def along(self, psi: Array) -> tuple[Array, Array, Array]:
         place, root, log_det = self.ridge.along(psi)
-        found, roots, _, arrived = led_back(self.expand, self.frame, psi, place, NEAR, ASTRAY)
+        found, roots, _, arrived = led_back(self.expand, self.frame, psi, place, NEAR, ITERATIONS)
         row = np.arange(place.shape[1])
         place = np.where(arrived[:, None], found, place)
         root[:, :, arrived] = np.moveaxis(roots[arrived], 0, 2)
