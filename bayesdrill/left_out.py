@@ -97,8 +97,10 @@ def _completed(
     """
     state = State(begin, surface.value(begin), tuple(seed.get_state()))
     first = len(own.mixture.sheets)
-    for _ in range(MORE):
-        walking = replace(own, mixture=settled(own.mixture, expand))
+    for k in range(MORE):
+        # Into such a place walkers of all others have to step first: then those that are there go on.
+        limit = -np.inf if k == 0 else own.usual
+        walking = replace(own, mixture=settled(own.mixture, expand), usual=limit)
         evaluate = lambda u: (surface.value(u), 0)  # noqa: E731
         piece = advance(evaluate, state, STEPS, {"independence": 1.0}, walking, surface.inside)
         u, value = (
