@@ -21,7 +21,7 @@ from bayesdrill.surface import Expansion, PosteriorSurface, joined
 Array = NDArray[np.float64]
 
 UPWARD = 25  # steps from a maximum over the unknowns to one over the coordinates
-SHARED = 32  # points that one process expands at a time
+SHARED = 64  # points that one process expands at a time
 START_SPREAD = 1.5  # ensembles start wider than the proposal, so that R-hat can tell
 START_TRIES = 20  # of drawing points to start at, wider or not, and of mirroring others
 DEEP = 50.0  # of the log density below the highest start: far off a bent ridge is no place to start
