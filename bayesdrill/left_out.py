@@ -37,7 +37,7 @@ ENOUGH = 0.1  # of effective draws: below it the density is flattened until ther
 HARDLY = 1e-9  # of the posterior: where a sheet has none of the draws
 ALONG, ACROSS = 1.3, 1.05  # times as wide as what is known, along the ridge and across it
 MORE = 4  # times at most that a place which walkers get to, and draws do not, gets a ridge
-WALKERS, STEPS, EVERY = 96, 75, 3  # that look for them; the last two thirds are seen
+WALKERS, STEPS, EVERY = 96, 90, 3  # that look for them; the last two thirds are seen
 HELD_BACK = 0.01  # of the walkers, in places that are left too slowly
 STILL_HELD_BACK = 0.02  # of them: with more, such a place gets another ridge
 

@@ -21,7 +21,7 @@ Random = np.random.RandomState
 
 SETTLED = 0.5  # of the steps, where there is such a proposal
 ALONE = 0.2  # of the steps: the model is as dear for one walker as for thirty, ...
-SETTLED_ALONE = 0.3  # ... and of those along settled ridges: there more are left waiting
+SETTLED_ALONE = 0.5  # ... and of those along settled ridges: there more are left waiting
 MOST_REDRAWS = 8
 MOST_AT_ONCE = 10  # draws for each that is wanted: in a corner of the prior few are inside
 
