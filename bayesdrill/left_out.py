@@ -144,7 +144,7 @@ def _ending(
     some, weights = u[mine], shares[-1][mine] / shares[-1][mine].sum()
     centre = some[np.argmin(distances(some, weights))]
     last = trace(surface, expand, centre, rng, (some, weights)).ridge
-    sheets = [*before.sheets[: len(shares) - 1], replace(last, confined=True)]
+    sheets = [*before.sheets[: len(shares) - 1], last]
     # The places begin where others end: which points belong to which, once more.
     whole = settled(_wide(sheets, u, shares / len(u)), expand)
     shares, log_q = whole.shares(*whole.straightened(u))

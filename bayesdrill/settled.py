@@ -45,22 +45,15 @@ class Settled:
 
     def along(self, psi: Array) -> tuple[Array, Array, Array]:
         place, root, log_det = self.ridge.along(psi)
-        led = np.flatnonzero(self.sought(psi))
-        found, roots, _, arrived = led_back(
-            self.expand, self.frame, psi[led], place[led], NEAR, ITERATIONS
-        )
-        led = led[arrived]
-        place[led] = found[arrived]
-        root[:, :, led] = np.moveaxis(roots[arrived], 0, 2)
+        found, roots, _, arrived = led_back(self.expand, self.frame, psi, place, NEAR, ITERATIONS)
         row = np.arange(place.shape[1])
-        log_det[led] = np.log(root[row, row][:, led]).sum(axis=0)
+        place = np.where(arrived[:, None], found, place)
+        root[:, :, arrived] = np.moveaxis(roots[arrived], 0, 2)
+        log_det[arrived] = np.log(root[row, row][:, arrived]).sum(axis=0)
         return place, root, log_det
 
     def within(self, psi: Array) -> NDArray[np.bool_]:
         return self.ridge.within(psi)
-
-    def sought(self, psi: Array) -> NDArray[np.bool_]:
-        return self.ridge.sought(psi)
 
     def bend(self, y: Array) -> tuple[Array, Array]:
         return ridge.bend(self, y)

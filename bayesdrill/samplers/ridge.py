@@ -104,10 +104,6 @@ class Sheet(Protocol):
 
     def within(self, psi: Array) -> NDArray[np.bool_]: ...
 
-    def sought(self, psi: Array) -> NDArray[np.bool_]:
-        """Whether the ridge is worth looking for at `psi (W, l)`: `(W,)`."""
-        ...
-
     def bend(self, y: Array) -> tuple[Array, Array]:
         """See `bend`."""
         ...
@@ -140,8 +136,7 @@ class Ridge:
     psi is scaled by `middle`, `width (l,)`, so that the points of the fit lie in the unit ball, and
     kept within `reach` of it: a polynomial knows nothing of what lies beyond.  Of the root, logs of
     the diagonal and the rest over the diagonal's column are polynomials, which stay between `ends
-    (2, t (t + 1) / 2)`.  `confined`: whether it belongs to a place beside another ridge, and is not
-    looked for beyond `reach`.
+    (2, t (t + 1) / 2)`.
     """
 
     frame: Frame
@@ -154,7 +149,6 @@ class Ridge:
     root_powers: Powers
     root: Array
     ends: Array
-    confined: bool = False
 
     @property
     def n_loose(self) -> int:
@@ -172,14 +166,8 @@ class Ridge:
 
     def within(self, psi: Array) -> NDArray[np.bool_]:
         """Whether `psi (W, l)` is where points of the fit lie: `(W,)`."""
-        return self._far(psi) <= 1.0
-
-    def sought(self, psi: Array) -> NDArray[np.bool_]:
-        return ~np.asarray(self.confined & (self._far(psi) > self.reach))
-
-    def _far(self, psi: Array) -> Array:
         scaled = (psi[:, self.bent] - self.middle) / self.width
-        return np.asarray(np.sqrt((scaled**2).sum(axis=1)))
+        return np.asarray((scaled**2).sum(axis=1) <= 1.0)
 
     def along(self, psi: Array) -> tuple[Array, Array, Array]:
         """t `(W, t)`, R `(t, t, W)` and log det R `(W,)`."""
