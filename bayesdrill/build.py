@@ -10,8 +10,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 
-import numpy as np
-
 from bayesdrill import beliefs, symbols, units
 from bayesdrill import config as records
 from bayesdrill.coordinates import Coordinates
@@ -19,7 +17,8 @@ from bayesdrill.errors import did_you_mean
 from bayesdrill.experiment import Channel, Experiment
 from bayesdrill.expressions import linear_combination
 from bayesdrill.formulas import Expression, resolved
-from bayesdrill.givens import Formula, formula, prior, quantity, relation, rescaled, start
+from bayesdrill.givens import formula, prior, quantity, relation, rescaled, start
+from bayesdrill.identifiability.study import Asked, Thresholds
 from bayesdrill.likelihood import Likelihood
 from bayesdrill.models import MODELS, constants
 from bayesdrill.models.linear import Model
@@ -30,30 +29,10 @@ from bayesdrill.optimisers.pairwise import circle
 from bayesdrill.parameters import ParameterSpace
 from bayesdrill.posterior import Posterior
 from bayesdrill.priors import Prior
+from bayesdrill.problem import Problem
 from bayesdrill.response import Response
 
 PAIRWISE = ("pairs", "iterations", "steady")  # entries of `map:` that are for this method only
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Problem:
-    """All that inference needs: `symbols` of the unknowns and their nominal values (if any).
-
-    `derived`: formulas of the config's own, beside what is always derived.
-    """
-
-    posterior: Posterior
-    symbols: tuple[symbols.Symbol, ...]
-    nominal: Mapping[str, float]
-    derived: tuple[Formula, ...] = ()
-
-    @property
-    def experiment(self) -> Experiment:
-        return self.posterior.likelihood.response.experiment
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        return self.posterior.space.free
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,6 +84,26 @@ def compared(config: records.Config) -> dict[str, float]:
 
 def _refers(spec: object) -> bool:
     return spec == "nominal" or (isinstance(spec, beliefs.PriorBase) and spec.relative)
+
+
+def _published(config: records.Config) -> list[str]:
+    """Names whose nominal value is that of a table, not the config's own."""
+    return [name for name in compared(config) if getattr(config.nominal, name) is None]
+
+
+def tolerance(config: records.Config) -> dict[str, float]:
+    """Of nominal values, relative, of all parameters."""
+    given = config.nominal.tolerance  # type: ignore[attr-defined]
+    if isinstance(given, float):
+        return dict.fromkeys(symbols.PARAMETERS, given)
+    own = {name: getattr(given, name) for name in symbols.PARAMETERS}
+    return {name: given.default if value is None else value for name, value in own.items()}
+
+
+def asked(config: records.Config) -> Asked:
+    own = config.identify
+    thresholds = Thresholds(determined=own.determined, left_to_prior=own.left_to_prior)
+    return Asked(of_interest=tuple(own.of_interest), thresholds=thresholds, seed=config.seed)
 
 
 def compared_with(config: records.Config) -> str:
@@ -266,6 +265,8 @@ def problem(config: records.Config, experiment: Experiment) -> Problem:
         posterior=posterior,
         symbols=tuple(_symbol(name, config, entries) for name in unknowns.free),
         nominal=compared(config),
+        published=frozenset(_published(config)),
+        tolerance=tolerance(config),
         derived=tuple(formula(config, rig, name) for name in config.derived),
     )
 
@@ -277,11 +278,3 @@ def _symbol(name: str, config: records.Config, entries: list[Measured]) -> symbo
         return quantity(name, config.quantities[name]).symbol
     (channel,) = (e.channel for e in entries if f"sigma_{e.channel.name}" == name)
     return symbols.noise_symbol(channel.name, channel.unit, channel.latex, channel.latex_unit)
-
-
-def usual_inputs(experiment: Experiment) -> dict[str, float]:
-    """SI: the voltage's root mean square, for a scale; the mean of the others."""
-    means = dict(experiment.constant)
-    means |= {name: float(np.mean(series)) for name, series in experiment.series.items()}
-    series = experiment.series.get("v", np.array([experiment.constant.get("v", 0.0)]))
-    return {**means, "v": float(np.sqrt(np.mean(series**2))) or 1.0}

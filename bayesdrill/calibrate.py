@@ -24,6 +24,7 @@ from bayesdrill import (
     provenance,
     recording,
     simulation,
+    software,
     store,
 )
 from bayesdrill.calibration.refit import Refit, Study, packed, work
@@ -106,7 +107,7 @@ def calibrate(
         folder.begin(
             status="running",
             seed=job.config.seed,
-            versions=provenance.versions(),
+            versions=software.versions(),
             refits=own.refits,
         )
         folder.write_text(CONFIG_FILE, job.source.text)
@@ -159,7 +160,7 @@ def _collect(
     folder: Path,
     report: Reporter,
 ) -> None:
-    blob, versions = packed(study), provenance.versions()
+    blob, versions = packed(study), software.versions()
     with ctrl_c_waits():
         futures = [crew.submit(work, blob, versions, index) for index in missing]
     for count, future in enumerate(as_completed(futures), 1):

@@ -13,9 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayesdrill import symbols
-from bayesdrill.build import Problem, usual_inputs
 from bayesdrill.diagnostics import hdi
+from bayesdrill.experiment import usual_inputs
 from bayesdrill.models.linear import Linear, Model, Named, dynamics
+from bayesdrill.problem import Problem
 from bayesdrill.symbols import Symbol, product_latex
 
 Array = NDArray[np.float64]

@@ -10,10 +10,10 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdrill.build import Problem
 from bayesdrill.convergence import Convergence
 from bayesdrill.mode import Mode
 from bayesdrill.priors import LogNormal, Prior, spread
+from bayesdrill.problem import Problem
 
 Array = NDArray[np.float64]
 

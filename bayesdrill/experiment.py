@@ -156,3 +156,11 @@ def _rows(indices: NDArray[np.intp], where: Callable[[int], str]) -> str:
     named = ", ".join(where(int(index)) for index in indices[:5])
     more = f" and {len(indices) - 5} more" if len(indices) > 5 else ""
     return f"at {named}{more}"
+
+
+def usual_inputs(experiment: Experiment) -> dict[str, float]:
+    """SI: the voltage's root mean square, for a scale; the mean of the others."""
+    means = dict(experiment.constant)
+    means |= {name: float(np.mean(series)) for name, series in experiment.series.items()}
+    series = experiment.series.get("v", np.array([experiment.constant.get("v", 0.0)]))
+    return {**means, "v": float(np.sqrt(np.mean(series**2))) or 1.0}

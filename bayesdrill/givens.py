@@ -17,12 +17,7 @@ from bayesdrill.errors import did_you_mean
 from bayesdrill.formulas import RESERVED, Expression, expression
 from bayesdrill.models.linear import Model
 from bayesdrill.priors import PRIORS, Prior
-
-
-@dataclass(frozen=True, slots=True)
-class Formula:
-    symbol: symbols.Symbol
-    expression: Expression
+from bayesdrill.problem import Formula
 
 
 @dataclass(frozen=True, slots=True)

@@ -45,7 +45,7 @@ def identify(job: Job, theta: Array, at: str, wanted: Sequence[str], report: Rep
     if not scenery.unknowns:
         raise InputError.one("parameters", "no parameter is unknown; there is nothing to identify")
     columns = _columns(scenery.unknowns, wanted)
-    found = study_of(scenery, posterior, theta, job.config, at)
+    found = study_of(scenery, posterior, theta, job.asked, at)
     profiles = []
     if columns:
         fitter = Fitter(posterior, scenery, theta)
@@ -62,7 +62,7 @@ def preflight(job: Job, scenery: Scenery) -> str:
         return "no parameter is unknown: only noise levels are looked for"
     posterior = job.problem.posterior
     start = posterior.space.vector(posterior.space.start)
-    said = words.brief(study_of(scenery, posterior, start, job.config))
+    said = words.brief(study_of(scenery, posterior, start, job.asked))
     return "\n".join([said, *physics.of_course(scenery, start)])
 
 

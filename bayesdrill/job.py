@@ -9,8 +9,9 @@ import numpy as np
 
 from bayesdrill import build, derived, loading, recording
 from bayesdrill import config as records
-from bayesdrill.build import Problem
 from bayesdrill.errors import InputError
+from bayesdrill.identifiability.study import Asked
+from bayesdrill.problem import Problem
 from bayesdrill.yaml_source import Source
 
 FARTHEST = 1e10  # of a start from the record, in sigmas: rounding would hide any way to it
@@ -21,6 +22,10 @@ class Job:
     config: records.Config
     source: Source
     problem: Problem
+
+    @property
+    def asked(self) -> Asked:
+        return build.asked(self.config)
 
 
 def prepare(path: Path) -> Job:

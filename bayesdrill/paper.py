@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayesdrill import config as records
-from bayesdrill import ours, pipeline, provenance
+from bayesdrill import ours, pipeline, software
 from bayesdrill.crew import Crew
 from bayesdrill.errors import Interrupted
 from bayesdrill.identifiability.scenes import Scenery
@@ -72,7 +72,7 @@ def reproduce(
         Folder(output / name, "force", {}).check()  # not after minutes
     kind = ours.paper(names)
     with Folder(output, "force" if force else "fresh", {}, kind) as folder:
-        folder.begin(status="running", versions=provenance.versions())
+        folder.begin(status="running", versions=software.versions())
         report.say("two parameters, nine of two records: two to five minutes with two processes")
         try:
             findings = _run(studies, folder, processes, _Clock(report))
@@ -222,7 +222,7 @@ def _simultaneous(
     """Distances are from the truth, or else from the median of the posterior."""
     posterior = nine.problem.posterior
     centre = posterior.space.vector(posterior.space.start)
-    structure = study_of(Scenery(posterior.likelihood), posterior, centre, nine.config).structure
+    structure = study_of(Scenery(posterior.likelihood), posterior, centre, nine.asked).structure
     reference = np.median(found.draws, axis=0) if found.truth is None else found.truth
     with Crew(posterior, processes) as crew:
         ends = simultaneous.many(

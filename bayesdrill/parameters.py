@@ -9,8 +9,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from bayesdrill.duals import Dual
 from bayesdrill.formulas import Expression
-from bayesdrill.models.tangent import Dual
 from bayesdrill.priors import Prior, Uniform, draw
 
 Array = NDArray[np.float64]

@@ -11,12 +11,11 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdrill import config as records
 from bayesdrill import symbols
-from bayesdrill.build import Problem
 from bayesdrill.identifiability.information import Information
 from bayesdrill.identifiability.scenes import Scenery
 from bayesdrill.models.linear import Model, dynamics
+from bayesdrill.problem import Problem
 
 Array = NDArray[np.float64]
 
@@ -43,7 +42,7 @@ IDEAL = (
 )
 
 
-def of_nominal(config: records.Config, problem: Problem) -> tuple[str, ...]:
+def of_nominal(problem: Problem) -> tuple[str, ...]:
     """Of nominal values, or where there are none of held ones and those at the start.
 
     What the config gives itself is not held against the paper's rig.
@@ -51,8 +50,7 @@ def of_nominal(config: records.Config, problem: Problem) -> tuple[str, ...]:
     space = problem.posterior.space
     values = {**space.start, **problem.nominal, **space.fixed}
     values |= {name: float(relation.value(values)) for name, relation in space.relations.items()}
-    table = {name for name in problem.nominal if getattr(config.nominal, name) is None}
-    table = {name for name in table if values[name] == problem.nominal[name]}
+    table = {name for name in problem.published if values[name] == problem.nominal[name]}
     model = problem.posterior.likelihood.response.model
     found = poles(model, {name: np.array([values[name]]) for name in model.parameters})[0]
     return (

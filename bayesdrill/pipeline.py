@@ -23,10 +23,10 @@ from bayesdrill import (
     physics,
     provenance,
     seeds,
+    software,
     store,
 )
 from bayesdrill import config as records
-from bayesdrill.build import Problem
 from bayesdrill.conclusions import conclude
 from bayesdrill.convergence import Targets
 from bayesdrill.crew import Crew
@@ -41,6 +41,7 @@ from bayesdrill.learning import Nowhere
 from bayesdrill.mode import Mode, Other, Search
 from bayesdrill.optimisers.contract import Optimiser
 from bayesdrill.pieces import COMPUTED_AGAIN
+from bayesdrill.problem import Problem
 from bayesdrill.progress import Reporter
 from bayesdrill.report import publish, residual_words, tables, verdict_words, words
 from bayesdrill.sampling import Plan, Sampled, loaded, sample, stored
@@ -82,7 +83,7 @@ def posterior(job: Job, output: Path, how: store.Mode, processes: int, report: R
     with Folder(output, how, marks) as folder:
         known = _taken_up(job, folder) if how == "resume" else None
         report.say(f"{words.opening(job.problem)}\n{words.size(job.problem, job.config)}")
-        seed, versions = job.config.seed, provenance.versions()
+        seed, versions = job.config.seed, software.versions()
         folder.begin(status="running", seed=seed, versions=versions)
         folder.write_text(CONFIG_FILE, job.source.text)
         folder.write_text(RESOLVED_FILE, provenance.resolved(job.config, job.source, output))
@@ -155,7 +156,8 @@ def republish(output: Path, processes: int) -> Outcome:
     with Folder(output, "report", marks) as folder:
         posterior = job.problem.posterior
         held = _held(run)
-        sampled = dataclasses.replace(stored(posterior, plan(job.config), folder), held=held)
+        again = stored(posterior, plan(job.config), folder.pieces, str(output))
+        sampled = dataclasses.replace(again, held=held)
         found = _read_mode(output / MAP_FILE)
         if found is None:
             message = "is not there; continue with --resume, which searches the MAP again"
@@ -257,7 +259,7 @@ def _publish(
     begun = time.perf_counter()
     c = sampled.convergence
     table = build.compared_with(job.config)
-    rows, left, judged = conclude(job, found, sampled, scenery, plan(job.config))
+    rows, left, judged = conclude(job.problem, job.asked, found, sampled, scenery, plan(job.config))
     at = job.problem.posterior.space.vector(found.values)
     notes = [*tables.notes(rows), *(f"note: {one}" for one in physics.of_course(scenery, at))]
     missing = publish.everything(

@@ -12,19 +12,11 @@ from typing import Any
 import bayesdrill
 from bayesdrill import config as records
 from bayesdrill import recording
-from bayesdrill.build import Problem
 from bayesdrill.experiment import Experiment
+from bayesdrill.problem import Problem
+from bayesdrill.software import DECISIVE, versions
 from bayesdrill.store import VERSION_OF
 from bayesdrill.yaml_source import Source
-
-# A change of these may change the last bits of a chain: random streams and sums (numpy), priors and
-# optimiser (scipy), steps (emcee), the compiled model (llvmlite).
-DECISIVE = ("numpy", "scipy", "emcee", "llvmlite")
-PACKAGES = (*DECISIVE, "arviz-stats", "arviz-base", "h5py")
-
-
-def versions() -> dict[str, str]:
-    return {"bayesdrill": bayesdrill.__version__, **{name: version(name) for name in PACKAGES}}
 
 
 def fingerprint(config: records.Config, problem: Problem) -> dict[str, str]:

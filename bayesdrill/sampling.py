@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import importlib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from dataclasses import dataclass
 
@@ -23,7 +23,6 @@ from bayesdrill.samplers.independence import Proposal
 from bayesdrill.settled import bound_to
 from bayesdrill.shelf import Shelf
 from bayesdrill.sizes import steps_of_chain
-from bayesdrill.store import Folder
 
 Array = NDArray[np.float64]
 
@@ -273,14 +272,16 @@ def _state_of(c: Convergence) -> str:
     )
 
 
-def stored(posterior: Posterior, plan: Plan, folder: Folder) -> Sampled:
-    """What `folder` holds, judged again; raises `InputError` where ensembles are missing."""
-    chains = [folder.pieces(ensemble) for ensemble in range(plan.ensembles)]
+def stored(
+    posterior: Posterior, plan: Plan, pieces: Callable[[int], list[Piece]], place: str
+) -> Sampled:
+    """The `pieces` of each ensemble, judged again; raises `InputError` where `place` lacks some."""
+    chains = [pieces(ensemble) for ensemble in range(plan.ensembles)]
     steps = min(map(_steps, chains))
     first = min(FIRST_CHECK, plan.most_steps(len(posterior.space.free)))
     if steps < first or max(map(_steps, chains)) != steps:
         raise InputError.one(
-            str(folder.path), "the run stopped before its first check; continue it with --resume"
+            place, "the run stopped before its first check; continue it with --resume"
         )
     theta = [[_physical(posterior, piece) for piece in chain] for chain in chains]
     return _judge(posterior, plan, chains, _stack(theta))

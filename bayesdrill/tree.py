@@ -10,8 +10,8 @@ from arviz_base import from_dict
 from numpy.typing import NDArray
 from xarray import DataTree
 
-from bayesdrill.build import Problem
 from bayesdrill.derived import Derived
+from bayesdrill.problem import Problem
 from bayesdrill.sampling import Sampled
 
 Array = NDArray[np.float64]

@@ -15,15 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import norm
 
-from bayesdrill import config as records
-from bayesdrill import physics, seeds, symbols
-from bayesdrill.build import Problem
+from bayesdrill import physics, seeds
 from bayesdrill.diagnostics import Row, hdi
 from bayesdrill.identifiability.information import Information
 from bayesdrill.identifiability.scenes import Scenery
 from bayesdrill.identifiability.structure import Exponents
-from bayesdrill.identifiability.study import Study, Thresholds, study_of
+from bayesdrill.identifiability.study import Asked, Study, Thresholds, study_of
 from bayesdrill.opening import Opened
+from bayesdrill.problem import Problem
 from bayesdrill.tension import bits_gained, joint_tension, tension
 
 Array = NDArray[np.float64]
@@ -107,7 +106,7 @@ class Judgement:
 
 def judgement(
     problem: Problem,
-    config: records.Config,
+    asked: Asked,
     scenery: Scenery,
     mode: Array,
     draws: Array,
@@ -120,21 +119,21 @@ def judgement(
 
     `beyond`: what is seen where priors end too near to nominal values; `fits`: see `Verdict`.
     """
-    posterior, own = problem.posterior, config.identify
+    posterior = problem.posterior
     if not any(name in problem.nominal for name in scenery.unknowns):
         return None
-    found = study_of(scenery, posterior, mode, config, "the MAP")
+    found = study_of(scenery, posterior, mode, asked, "the MAP")
     space, m = posterior.space, len(found.names)
-    prior_draws = space.draw(PRIOR_DRAWS, seeds.stream(config.seed, "identify", 1))
+    prior_draws = space.draw(PRIOR_DRAWS, seeds.stream(asked.seed, "identify", 1))
     prior_draws = prior_draws[np.isfinite(space.log_prior(prior_draws))]
     verdict = judge(
         found,
         draws[:, :m],
         prior_draws[:, :m],
         problem.nominal,
-        tolerances(config),
+        problem.tolerance,
         [row.name for row in rows if row.pressed_against is not None],
-        Thresholds(determined=own.determined, left_to_prior=own.left_to_prior),
+        asked.thresholds,
         beyond,
         fits=fits,
     )
@@ -143,15 +142,6 @@ def judgement(
         *physics.of_course(scenery, mode),
     )
     return Judgement(study=found, verdict=verdict, findings=findings)
-
-
-def tolerances(config: records.Config) -> dict[str, float]:
-    """Relative, of all parameters."""
-    given = config.nominal.tolerance  # type: ignore[attr-defined]
-    if isinstance(given, float):
-        return dict.fromkeys(symbols.PARAMETERS, given)
-    own = {name: getattr(given, name) for name in symbols.PARAMETERS}
-    return {name: given.default if value is None else value for name, value in own.items()}
 
 
 def judge(

@@ -18,7 +18,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from bayesdrill import build, pipeline
-from bayesdrill.build import Problem
+from bayesdrill.problem import Problem
 from bayesdrill.progress import Silent
 from bayesdrill.report import style
 from benchmarks import problem, tables

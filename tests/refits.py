@@ -50,7 +50,7 @@ class Trial:
         own = replace(self.job, problem=replace(self.job.problem, posterior=posterior))
         found, sampled = fitted(calibrate.study(own), posterior, seed)
         scenery, plan = Scenery(posterior.likelihood), pipeline.plan(own.config)
-        _, left, judged = conclude(own, found, sampled, scenery, plan)
+        _, left, judged = conclude(own.problem, own.asked, found, sampled, scenery, plan)
         assert judged is not None
         return judged.verdict, [*sampled.convergence.reasons, *residual_words.reasons(left)]
 

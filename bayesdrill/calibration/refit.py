@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from bayesdrill import laplace, mode, provenance, seeds
+from bayesdrill import laplace, mode, seeds, software
 from bayesdrill.calibration.ranks import rank
 from bayesdrill.crew import Crew
 from bayesdrill.errors import InputError
@@ -187,7 +187,7 @@ _unpacked = functools.lru_cache(maxsize=1)(pickle.loads)
 
 def work(packed: bytes, versions: Mapping[str, str], index: int) -> Refit:
     """A task for any process that has the same software; raises `InputError` in any other."""
-    own = provenance.versions()
+    own = software.versions()
     wrong = [f"{k} {own.get(k)} instead of {v}" for k, v in versions.items() if own.get(k) != v]
     if wrong:
         raise InputError.one("a worker", f"it has {', '.join(wrong)}; install the same there")

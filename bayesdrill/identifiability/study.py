@@ -9,7 +9,6 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdrill import config as records
 from bayesdrill import seeds
 from bayesdrill.identifiability import structure
 from bayesdrill.identifiability.information import (
@@ -44,6 +43,15 @@ class Thresholds:
         if ratio < self.determined:
             return "determined"
         return "weak" if ratio < self.left_to_prior else "left to the prior"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Asked:
+    """What is asked of a study: `of_interest` of all unknowns, its words, and its random points."""
+
+    of_interest: tuple[str, ...] = ()
+    thresholds: Thresholds = Thresholds()
+    seed: int = 0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -111,20 +119,12 @@ def study_of(
     scenery: Scenery,
     posterior: Posterior,
     theta: Array,
-    config: records.Config,
+    asked: Asked,
     at: str = "the start",
 ) -> Study:
-    """With the settings and the seed of a config."""
-    own = config.identify
-    return study(
-        scenery,
-        posterior,
-        theta,
-        own.of_interest,
-        Thresholds(determined=own.determined, left_to_prior=own.left_to_prior),
-        seeds.stream(config.seed, "identify"),
-        at,
-    )
+    """As it is asked for."""
+    rng = seeds.stream(asked.seed, "identify")
+    return study(scenery, posterior, theta, asked.of_interest, asked.thresholds, rng, at)
 
 
 def prior_spreads(posterior: Posterior) -> Array:

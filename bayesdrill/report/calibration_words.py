@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from bayesdrill.build import Problem
 from bayesdrill.calibration.refit import Refit
 from bayesdrill.calibration.verdict import FALSE_ALARM, MOST_NOT_CONVERGED, Quantity, Verdict
 from bayesdrill.config import Config
+from bayesdrill.problem import Problem
 from bayesdrill.report.tables import markdown
 
 MOST_NAMED = 20  # refits that did not converge

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdrill.build import Problem
 from bayesdrill.derived import Derived, Row, at
 from bayesdrill.diagnostics import HDI_PROBABILITY
+from bayesdrill.problem import Problem
 from bayesdrill.report.tables import markdown, records_as_csv
 from bayesdrill.symbols import Symbol, plain
 

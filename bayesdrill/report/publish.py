@@ -14,13 +14,14 @@ from numpy.typing import NDArray
 import bayesdrill
 from bayesdrill import config as records
 from bayesdrill import seeds
-from bayesdrill.build import Problem, compared_with
+from bayesdrill.build import compared_with
 from bayesdrill.crew import Crew
 from bayesdrill.derived import Derived, derive, summarise, with_products
 from bayesdrill.diagnostics import Row
 from bayesdrill.mode import Mode
 from bayesdrill.ours import FIGURES, whole
 from bayesdrill.posterior import Posterior
+from bayesdrill.problem import Problem
 from bayesdrill.report import (
     derived_words,
     identify_words,

@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayesdrill import build, symbols, units
-from bayesdrill.build import Problem
 from bayesdrill.config import Column, Config, TimeColumn
+from bayesdrill.problem import Problem
 from bayesdrill.report.tables import aligned
 
 Array = NDArray[np.float64]

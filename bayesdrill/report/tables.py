@@ -7,9 +7,9 @@ import dataclasses
 import io
 from collections.abc import Iterable, Mapping, Sequence
 
-from bayesdrill.build import Problem
 from bayesdrill.diagnostics import HDI_PROBABILITY, MEANING, Row
 from bayesdrill.mode import Mode
+from bayesdrill.problem import Problem
 from bayesdrill.symbols import plain
 
 _HDI = f"{100 * HDI_PROBABILITY:.0f} % HDI"

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from bayesdrill import physics, sizes
-from bayesdrill.build import Problem
 from bayesdrill.config import Config
 from bayesdrill.convergence import Convergence
 from bayesdrill.mode import SAME_PLACE, Mode
+from bayesdrill.problem import Problem
 from bayesdrill.residuals import Left, like_noise
 from bayesdrill.sampling import Sampled
 
@@ -83,7 +83,7 @@ def _misfit(problem: Problem) -> str:
 
 def _findings(problem: Problem, config: Config) -> str:
     """What makes the nominal table doubtful before anything is sampled."""
-    found, kind = physics.of_nominal(config, problem), "nominal" if problem.nominal else "start"
+    found, kind = physics.of_nominal(problem), "nominal" if problem.nominal else "start"
     return "".join(f"\n{kind} values, {finding}" for finding in found)
 
 

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayesdrill import derived
-from bayesdrill.build import usual_inputs
 from bayesdrill.diagnostics import hdi
+from bayesdrill.experiment import usual_inputs
 from bayesdrill.identifiability.information import from_sensitivities
 from bayesdrill.identifiability.scenes import Scenery
 from bayesdrill.models.linear import Model, Named

@@ -16,11 +16,12 @@ PACKAGE = ROOT / "bayesdrill"
 FLOORS = [
     {"bayesdrill", "errors", "symbols"},
     {"units", "sizes", "typesetting", "expressions", "formulas", "seeds", "progress"}
-    | {"ours", "sealed"},
+    | {"ours", "sealed", "software", "duals"},
     {"models", "priors", "experiment", "yaml_source", "kernels"},
     {"formats", "parameters", "coordinates", "noise", "response", "beliefs"},
     {"likelihood", "config"},
     {"posterior"},
+    {"problem"},
     {"laplace", "samplers", "crew", "surface"},
     {"optimisers", "schema", "shelf", "suspicions", "climb", "directions", "aliases"},
     {"ridges"},

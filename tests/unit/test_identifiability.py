@@ -9,13 +9,13 @@ import pytest
 from oracles import NOMINAL, ORDER
 from rigs import measured, posterior, vector
 
+from bayesdrill.duals import Dual
 from bayesdrill.identifiability import information, structure
 from bayesdrill.identifiability.profile import THRESHOLD, Fitter, Profile, profile
 from bayesdrill.identifiability.scenes import Scenery
 from bayesdrill.identifiability.structure import analyse, doubled, sparse_basis
 from bayesdrill.identifiability.study import Study, Thresholds, study
 from bayesdrill.models.motor_shaft import MotorShaft
-from bayesdrill.models.tangent import Dual
 from bayesdrill.models.two_rotors import TwoRotors
 from bayesdrill.report import identify_words as words
 from bayesdrill.response import Response
@@ -320,7 +320,7 @@ def test_the_tie_of_an_ideal_motor_leaves_one() -> None:
     tied = job.assemble(Config.model_validate(entries), source)
     target = tied.problem.posterior
     theta = target.space.vector(target.space.start)
-    found = study_of(Scenery(target.likelihood), target, theta, tied.config).structure
+    found = study_of(Scenery(target.likelihood), target, theta, tied.asked).structure
     assert len(found.symmetries) == 1
     # k_T stays, so the factor of the mechanical scale is undone by the electrical one.
     powers = dict(zip(found.names, found.symmetries[0], strict=True))

@@ -9,10 +9,10 @@ import pytest
 from oracles import NOMINAL, ORDER, by_expm
 
 from bayesdrill import loading, pipeline, provenance, simulation
-from bayesdrill.build import Problem
 from bayesdrill.formats import CsvOptions
 from bayesdrill.formats.csv import read
 from bayesdrill.parameters import ParameterSpace
+from bayesdrill.problem import Problem
 
 ROOT = Path(__file__).parents[2]
 EXAMPLE = ROOT / "configs" / "example_ties.yaml"

@@ -15,13 +15,14 @@ from rigs import measured, posterior
 from scipy.stats import chi2, norm
 from verdicts import LINEAR, PRIOR, PRIOR_SD, TABLE, gaussian, linear_study, verdict
 
+from bayesdrill.build import tolerance
 from bayesdrill.config import Nominal
 from bayesdrill.diagnostics import Row
 from bayesdrill.identifiability.scenes import Scenery
 from bayesdrill.identifiability.study import Thresholds, study
 from bayesdrill.report import verdict_words
 from bayesdrill.tension import bits_gained, joint_tension, tension
-from bayesdrill.verdict import FALSE_ALARM, Verdict, basis, judge, tolerances
+from bayesdrill.verdict import FALSE_ALARM, Verdict, basis, judge
 from bayesdrill.wording import reconciled
 
 N = 4000
@@ -226,9 +227,9 @@ def test_false_alarms_are_shared_by_all_that_is_judged() -> None:
     assert 2 * norm.sf(found.limit) * (judged + 1) == pytest.approx(FALSE_ALARM)
 
 
-def given(tolerance: object) -> dict[str, float]:
-    config: Any = SimpleNamespace(nominal=Nominal.model_validate({"tolerance": tolerance}))
-    return tolerances(config)
+def given(entry: object) -> dict[str, float]:
+    config: Any = SimpleNamespace(nominal=Nominal.model_validate({"tolerance": entry}))
+    return tolerance(config)
 
 
 def test_tolerances_by_number_and_by_symbol() -> None:

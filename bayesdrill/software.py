@@ -1,0 +1,16 @@
+"""The software that a result is made with."""
+
+from __future__ import annotations
+
+from importlib.metadata import version
+
+import bayesdrill
+
+# A change of these may change the last bits of a chain: random streams and sums (numpy), priors and
+# optimiser (scipy), steps (emcee), the compiled model (llvmlite).
+DECISIVE = ("numpy", "scipy", "emcee", "llvmlite")
+PACKAGES = (*DECISIVE, "arviz-stats", "arviz-base", "h5py")
+
+
+def versions() -> dict[str, str]:
+    return {"bayesdrill": bayesdrill.__version__, **{name: version(name) for name in PACKAGES}}
