@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from bayesdrill import __version__
-from bayesdrill.guard import INPUT_WRONG, NOT_CONVERGED, guarded, saved_in
+from bayesdrill.commands.guard import INPUT_WRONG, NOT_CONVERGED, guarded, saved_in
 
 if TYPE_CHECKING:
-    from bayesdrill.calibrate import Outcome as Calibrated
-    from bayesdrill.pipeline import Outcome
-    from bayesdrill.store import Mode
+    from bayesdrill.commands.calibrate import Outcome as Calibrated
+    from bayesdrill.commands.pipeline import Outcome
+    from bayesdrill.results.run_folder import Mode
 
 app = typer.Typer(
     add_completion=False,
@@ -54,10 +54,10 @@ def top(
 def check(config: ConfigPath) -> None:
     """Validate config and record and say what would run; samples nothing, writes nothing."""
     with guarded():
-        from bayesdrill.identifiability.scenes import Scenery
-        from bayesdrill.identify import preflight
-        from bayesdrill.job import prepare
+        from bayesdrill.commands.identify import preflight
+        from bayesdrill.insight.identifiability.scenes import Scenery
         from bayesdrill.report import record_words, words
+        from bayesdrill.setup.job import prepare
 
         job = prepare(config)
         typer.echo(words.opening(job.problem))
@@ -90,10 +90,10 @@ def identify(
 ) -> None:
     """Say what this record can and cannot determine, and what would help; samples nothing."""
     with guarded():
-        from bayesdrill import identify as job_
-        from bayesdrill.crew import available
-        from bayesdrill.job import prepare
-        from bayesdrill.progress import reporter
+        from bayesdrill.basics.progress import reporter
+        from bayesdrill.commands import identify as job_
+        from bayesdrill.engines.workers import available
+        from bayesdrill.setup.job import prepare
 
         job = prepare(config)
         if output is not None:
@@ -102,7 +102,7 @@ def identify(
         with reporter() as report:
             at, values = "the start", space.start
             if at_map:
-                from bayesdrill import pipeline  # late: it loads all that sampling needs
+                from bayesdrill.commands import pipeline  # late: it loads all that sampling needs
 
                 at = "the MAP"
                 values = pipeline.find_mode(job, processes or available(), report).values
@@ -116,9 +116,10 @@ def identify(
 def map_(config: ConfigPath, processes: Processes = None) -> None:
     """Search the maximum of the posterior (MAP) and print it; writes nothing."""
     with guarded():
-        from bayesdrill import pipeline, residuals
-        from bayesdrill.crew import available
-        from bayesdrill.progress import reporter
+        from bayesdrill.basics.progress import reporter
+        from bayesdrill.commands import pipeline
+        from bayesdrill.engines.workers import available
+        from bayesdrill.inference import residual_checks
         from bayesdrill.report import residual_words
         from bayesdrill.report.tables import mode_as_text
 
@@ -126,7 +127,7 @@ def map_(config: ConfigPath, processes: Processes = None) -> None:
         with reporter() as report:
             found = pipeline.find_mode(job, processes or available(), report)
         target = job.problem.posterior
-        left = residuals.left(target.likelihood, target.space.vector(found.values))
+        left = residual_checks.left(target.likelihood, target.space.vector(found.values))
         typer.echo(mode_as_text(job.problem, found))
         typer.echo(residual_words.sentences(left))
 
@@ -146,9 +147,9 @@ def posterior(
 ) -> None:
     """MAP, sampling, diagnostics, tables and figures: the main job."""
     with guarded():
-        from bayesdrill import pipeline
-        from bayesdrill.crew import available
-        from bayesdrill.progress import reporter
+        from bayesdrill.basics.progress import reporter
+        from bayesdrill.commands import pipeline
+        from bayesdrill.engines.workers import available
 
         how = _mode(resume, force)
         job = pipeline.prepare(config)
@@ -176,10 +177,10 @@ def calibrate(
 ) -> None:
     """Test the posterior of a config: refit simulated records, and see where the truth ranks."""
     with guarded():
-        from bayesdrill import calibrate as calibration
-        from bayesdrill.calibration import executors
-        from bayesdrill.crew import available
-        from bayesdrill.progress import reporter
+        from bayesdrill.basics.progress import reporter
+        from bayesdrill.commands import calibrate as calibration
+        from bayesdrill.engines.workers import available
+        from bayesdrill.insight.calibration import executors
 
         how = _mode(resume, force)
         job = calibration.prepare(config)
@@ -200,8 +201,8 @@ def report(
 ) -> None:
     """Make tables and figures again from the stored chain."""
     with guarded():
-        from bayesdrill import pipeline
-        from bayesdrill.crew import available
+        from bayesdrill.commands import pipeline
+        from bayesdrill.engines.workers import available
 
         _finish(pipeline.republish(folder, processes or available()))
 
@@ -220,13 +221,13 @@ def simulate(
 ) -> None:
     """Make a record from the config: exact response plus noise, as CSV."""
     with guarded():
-        from bayesdrill import loading, recording, simulation
+        from bayesdrill.setup import loading, reading, simulating
 
         read, source = loading.load(config)
-        record = recording.path_of(read, source)
+        record = reading.path_of(read, source)
         target = output or record
-        text = simulation.simulate(read, source, read.seed if seed is None else seed, target)
-        simulation.save(text, target, record, force=force)
+        text = simulating.simulate(read, source, read.seed if seed is None else seed, target)
+        simulating.save(text, target, record, force=force)
         rows = len(text.splitlines()) - 1 - read.record.skip_rows
         typer.echo(f"{target}: {rows} samples")
 
@@ -244,9 +245,9 @@ def paper(
 ) -> None:
     """Repeat the studies of the paper, each beside what a full posterior says of it (minutes)."""
     with guarded():
-        from bayesdrill.crew import available
-        from bayesdrill.paper import reproduce
-        from bayesdrill.progress import reporter
+        from bayesdrill.basics.progress import reporter
+        from bayesdrill.engines.workers import available
+        from bayesdrill.paper.run import reproduce
 
         with saved_in(output, "start over with --force"), reporter() as report:
             done = reproduce(configs, output, processes or available(), report, force=force)
@@ -260,13 +261,13 @@ def paper(
 def schema() -> None:
     """Print the JSON schema of configs, for editors that complete and check them."""
     with guarded():
-        from bayesdrill.schema import as_text
+        from bayesdrill.setup.schema import as_text
 
         typer.echo(as_text(), nl=False)
 
 
 def _mode(resume: bool, force: bool) -> Mode:
-    from bayesdrill.errors import InputError
+    from bayesdrill.basics.errors import InputError
 
     if resume and force:
         raise InputError.one("", "--resume and --force exclude each other; give one of them")

@@ -15,8 +15,8 @@ import llvmlite.binding as llvm
 import numpy as np
 from llvmlite import ir
 
-from bayesdrill.kernels import LANES, Layout, lanes
-from bayesdrill.kernels.exponential import TAYLOR_DEGREE, TAYLOR_NORM
+from bayesdrill.rig.kernels import LANES, Layout, lanes
+from bayesdrill.rig.kernels.exponential import TAYLOR_DEGREE, TAYLOR_NORM
 
 CHAINS = 16  # independent sums: more than a core needs to hide what one operation takes
 ROUNDS = 20_000_000

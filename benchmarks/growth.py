@@ -17,10 +17,11 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from bayesdrill import build, pipeline
-from bayesdrill.problem import Problem
-from bayesdrill.progress import Silent
+from bayesdrill.basics.progress import Silent
+from bayesdrill.commands import pipeline
+from bayesdrill.inference.problem import Problem
 from bayesdrill.report import style
+from bayesdrill.setup import build
 from benchmarks import problem, tables
 from benchmarks.likelihood import best_of
 

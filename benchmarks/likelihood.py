@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from bayesdrill.response import layout
+from bayesdrill.rig.response import layout
 from benchmarks import floor, problem
 
 BATCH = 64

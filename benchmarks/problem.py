@@ -10,10 +10,11 @@ import numpy as np
 import scipy.integrate
 from numpy.typing import NDArray
 
-from bayesdrill import laplace, pipeline
-from bayesdrill.models.motor_shaft import MotorShaft
-from bayesdrill.pipeline import Job
-from bayesdrill.progress import Silent
+from bayesdrill.basics.progress import Silent
+from bayesdrill.commands import pipeline
+from bayesdrill.commands.pipeline import Job
+from bayesdrill.inference import laplace
+from bayesdrill.rig.models.motor_shaft import MotorShaft
 from benchmarks import modal
 
 Array = NDArray[np.float64]

@@ -11,7 +11,7 @@ from pathlib import Path
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from bayesdrill.ours import whole
+from bayesdrill.basics.own_files import whole
 from bayesdrill.report import style
 from benchmarks import verdict
 from benchmarks.verdict import Result

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bayesdrill.calibration.refit import Study
-from bayesdrill.noise.gaussian import Gaussian
+from bayesdrill.inference.noise.gaussian import Gaussian
+from bayesdrill.insight.calibration.refit import Study
 
 
 @dataclass(frozen=True)

@@ -14,8 +14,8 @@ from matplotlib.text import Text
 from matplotlib.transforms import Bbox
 from numpy.typing import NDArray
 
-from bayesdrill.priors import HalfNormal, Prior, Uniform
-from bayesdrill.symbols import NOMINAL, PARAMETERS, Symbol, noise_symbol
+from bayesdrill.basics.symbols import NOMINAL, PARAMETERS, Symbol, noise_symbol
+from bayesdrill.inference.priors import HalfNormal, Prior, Uniform
 
 Array = NDArray[np.float64]
 

@@ -7,9 +7,9 @@ from functools import cache
 import numpy as np
 from targets import Target
 
-from bayesdrill.ridges import moments
-from bayesdrill.samplers.independence import Proposal
-from bayesdrill.samplers.mixture import Mixture, mixture
+from bayesdrill.engines.learning.ridges import moments
+from bayesdrill.engines.samplers.independence import Proposal
+from bayesdrill.engines.samplers.mixture import Mixture, mixture
 
 SHAPES = ((0.5, 0.8, 0.3), (0.2, 1.2, -0.4))  # weight, width and shift of a hump's two components
 

@@ -12,13 +12,15 @@ import numpy as np
 from scipy.signal import lfilter
 from threadpoolctl import threadpool_limits
 
-from bayesdrill import calibrate, job, pipeline, seeds
-from bayesdrill.calibration.refit import fitted
-from bayesdrill.conclusions import conclude
-from bayesdrill.identifiability.scenes import Scenery
-from bayesdrill.job import Job
+from bayesdrill.basics import seeds
+from bayesdrill.commands import calibrate, pipeline
+from bayesdrill.insight.calibration.refit import fitted
+from bayesdrill.insight.conclusions import conclude
+from bayesdrill.insight.identifiability.scenes import Scenery
+from bayesdrill.insight.verdict import Verdict
 from bayesdrill.report import residual_words
-from bayesdrill.verdict import Verdict
+from bayesdrill.setup import job
+from bayesdrill.setup.job import Job
 from benchmarks.zoo import entries as e
 from benchmarks.zoo import folder
 from benchmarks.zoo.makers import Driven

@@ -5,15 +5,15 @@ from __future__ import annotations
 import numpy as np
 from oracles import NOMINAL, ORDER
 
-from bayesdrill.coordinates import Coordinates
-from bayesdrill.experiment import Channel, Experiment
-from bayesdrill.likelihood import Likelihood
-from bayesdrill.models.motor_shaft import MotorShaft
-from bayesdrill.noise.gaussian import Gaussian
-from bayesdrill.parameters import ParameterSpace
-from bayesdrill.posterior import Posterior
-from bayesdrill.priors import Prior, Uniform
-from bayesdrill.response import Response
+from bayesdrill.inference.coordinates import Coordinates
+from bayesdrill.inference.likelihood import Likelihood
+from bayesdrill.inference.noise.gaussian import Gaussian
+from bayesdrill.inference.posterior import Posterior
+from bayesdrill.inference.priors import Prior, Uniform
+from bayesdrill.inference.unknowns import ParameterSpace
+from bayesdrill.record.experiment import Channel, Experiment
+from bayesdrill.rig.models.motor_shaft import MotorShaft
+from bayesdrill.rig.response import Response
 
 STATES = ("theta_1", "theta_2", "w_1", "w_2", "i")
 

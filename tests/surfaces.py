@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bayesdrill.surface import Expansion
+from bayesdrill.inference.surface import Expansion
 
 
 @dataclass(frozen=True)

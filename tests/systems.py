@@ -12,9 +12,10 @@ from pathlib import Path
 
 from typer.testing import CliRunner
 
-from bayesdrill import loading, ours, simulation
+from bayesdrill.basics import own_files
 from bayesdrill.cli import app
-from bayesdrill.store import Folder
+from bayesdrill.results.run_folder import Folder
+from bayesdrill.setup import loading, simulating
 
 ROOT = Path(__file__).parent.parent
 STOPPING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
@@ -101,10 +102,10 @@ def run(*arguments: str | Path, cwd: Path, seconds: float = 60) -> Ran:
 @functools.cache
 def small_record() -> str:
     """The record that `SMALL` asks for, simulated once."""
-    from bayesdrill.yaml_source import parse
+    from bayesdrill.setup.yaml_source import parse
 
     source = parse(Path("small.yaml"), SMALL)
-    return simulation.simulate(loading.Config.model_validate(source.data), source, seed=7)
+    return simulating.simulate(loading.Config.model_validate(source.data), source, seed=7)
 
 
 def small(folder: Path, *changes: tuple[str, str], name: str = "small.yaml") -> Path:
@@ -139,7 +140,7 @@ def _content(path: Path) -> object:
     return path.read_bytes() if path.is_file() else oct(path.lstat().st_mode)
 
 
-def results(folder: Path, kind: ours.Kind) -> Path:
+def results(folder: Path, kind: own_files.Kind) -> Path:
     """A folder in which a run of this kind has been, with every file that it may write."""
     with Folder(folder, "fresh", {}, kind) as run:
         run.begin(status="finished")

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from oracles import NOMINAL
 
-from bayesdrill.identifiability.information import Information, products, root_of
-from bayesdrill.identifiability.structure import Structure
-from bayesdrill.identifiability.study import Known, Study, Thresholds
-from bayesdrill.verdict import Verdict, judge
+from bayesdrill.insight.identifiability.information import Information, products, root_of
+from bayesdrill.insight.identifiability.structure import Structure
+from bayesdrill.insight.identifiability.study import Known, Study, Thresholds
+from bayesdrill.insight.verdict import Verdict, judge
 
 N = 4000
 RNG = np.random.default_rng(8)

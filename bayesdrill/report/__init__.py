@@ -1,0 +1,1 @@
+"""What people look at: tables, sentences and figures of results that stand."""

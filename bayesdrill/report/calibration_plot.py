@@ -11,10 +11,10 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from bayesdrill.calibration.verdict import Quantity, Verdict
+from bayesdrill.basics.symbols import Symbol
+from bayesdrill.insight.calibration.verdict import Quantity, Verdict
 from bayesdrill.report import style
 from bayesdrill.report.pages import Page
-from bayesdrill.symbols import Symbol
 
 # Inches.
 LEFT, RIGHT, ROW, GAP_X, GAP_Y = 0.62, 0.1, 1.05, 0.12, 0.12

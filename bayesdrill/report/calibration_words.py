@@ -4,11 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from bayesdrill.calibration.refit import Refit
-from bayesdrill.calibration.verdict import FALSE_ALARM, MOST_NOT_CONVERGED, Quantity, Verdict
-from bayesdrill.config import Config
-from bayesdrill.problem import Problem
+from bayesdrill.inference.problem import Problem
+from bayesdrill.insight.calibration.refit import Refit
+from bayesdrill.insight.calibration.verdict import (
+    FALSE_ALARM,
+    MOST_NOT_CONVERGED,
+    Quantity,
+    Verdict,
+)
 from bayesdrill.report.tables import markdown
+from bayesdrill.setup.config import Config
 
 MOST_NAMED = 20  # refits that did not converge
 

@@ -17,10 +17,10 @@ from matplotlib.patches import Patch
 from matplotlib.transforms import Affine2D
 from numpy.typing import NDArray
 
-from bayesdrill.diagnostics import HDI_PROBABILITY, hdi
-from bayesdrill.priors import Prior
+from bayesdrill.basics.symbols import Symbol
+from bayesdrill.inference.priors import Prior
+from bayesdrill.insight.diagnostics import HDI_PROBABILITY, hdi
 from bayesdrill.report import style
-from bayesdrill.symbols import Symbol
 
 Array = NDArray[np.float64]
 

@@ -9,11 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdrill.derived import Derived, Row, at
-from bayesdrill.diagnostics import HDI_PROBABILITY
-from bayesdrill.problem import Problem
+from bayesdrill.basics.symbols import Symbol, plain
+from bayesdrill.inference.problem import Problem
+from bayesdrill.insight.derived import Derived, Row, at
+from bayesdrill.insight.diagnostics import HDI_PROBABILITY
 from bayesdrill.report.tables import markdown, records_as_csv
-from bayesdrill.symbols import Symbol, plain
 
 Array = NDArray[np.float64]
 

@@ -14,10 +14,10 @@ from matplotlib.patches import Patch
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
-from bayesdrill.diagnostics import HDI_PROBABILITY
-from bayesdrill.experiment import Channel, Experiment
+from bayesdrill.basics.symbols import Symbol
+from bayesdrill.insight.diagnostics import HDI_PROBABILITY
+from bayesdrill.record.experiment import Channel, Experiment
 from bayesdrill.report import style
-from bayesdrill.symbols import Symbol
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]

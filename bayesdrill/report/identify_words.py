@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from bayesdrill.identifiability.profile import Profile
-from bayesdrill.identifiability.remedies import Remedy
-from bayesdrill.identifiability.structure import Exponents
-from bayesdrill.identifiability.study import Known, Study
+from bayesdrill.basics.symbols import fraction
+from bayesdrill.insight.identifiability.profile import Profile
+from bayesdrill.insight.identifiability.remedies import Remedy
+from bayesdrill.insight.identifiability.structure import Exponents
+from bayesdrill.insight.identifiability.study import Known, Study
 from bayesdrill.report.tables import aligned
-from bayesdrill.symbols import fraction
 
 MOST_REMEDIES = 8
 WELL = 0.5  # sd of the log, from the record alone, above which an unknown is not known well

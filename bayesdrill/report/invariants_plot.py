@@ -8,11 +8,11 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from bayesdrill.identifiability.structure import Exponents
+from bayesdrill.basics.symbols import Symbol, product_latex
+from bayesdrill.insight.identifiability.structure import Exponents
+from bayesdrill.insight.verdict import Verdict
 from bayesdrill.report.corner_plot import corner_figure
 from bayesdrill.report.identify_words import product
-from bayesdrill.symbols import Symbol, product_latex
-from bayesdrill.verdict import Verdict
 
 Array = NDArray[np.float64]
 

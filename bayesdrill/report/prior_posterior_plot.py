@@ -12,10 +12,10 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
-from bayesdrill.priors import Prior
+from bayesdrill.basics.symbols import Symbol
+from bayesdrill.inference.priors import Prior
 from bayesdrill.report import style
 from bayesdrill.report.pages import Page
-from bayesdrill.symbols import Symbol
 
 Array = NDArray[np.float64]
 

@@ -12,10 +12,10 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from scipy.interpolate import PchipInterpolator
 
-from bayesdrill.identifiability.profile import THRESHOLD, Profile
+from bayesdrill.basics.symbols import Symbol
+from bayesdrill.insight.identifiability.profile import THRESHOLD, Profile
 from bayesdrill.report import style
 from bayesdrill.report.pages import Page
-from bayesdrill.symbols import Symbol
 
 PAGE = Page(
     columns=3,

@@ -12,16 +12,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 import bayesdrill
-from bayesdrill import config as records
-from bayesdrill import seeds
-from bayesdrill.build import compared_with
-from bayesdrill.crew import Crew
-from bayesdrill.derived import Derived, derive, summarise, with_products
-from bayesdrill.diagnostics import Row
-from bayesdrill.mode import Mode
-from bayesdrill.ours import FIGURES, whole
-from bayesdrill.posterior import Posterior
-from bayesdrill.problem import Problem
+from bayesdrill.basics import seeds
+from bayesdrill.basics.own_files import FIGURES, whole
+from bayesdrill.engines.mode import Mode
+from bayesdrill.engines.sampling import Sampled
+from bayesdrill.engines.workers import Crew
+from bayesdrill.inference.posterior import Posterior
+from bayesdrill.inference.problem import Problem
+from bayesdrill.inference.residual_checks import Left
+from bayesdrill.insight.derived import Derived, derive, summarise, with_products
+from bayesdrill.insight.diagnostics import Row
+from bayesdrill.insight.verdict import Judgement
 from bayesdrill.report import (
     derived_words,
     identify_words,
@@ -31,10 +32,9 @@ from bayesdrill.report import (
     words,
 )
 from bayesdrill.report.sparing import Sparing
-from bayesdrill.residuals import Left
-from bayesdrill.sampling import Sampled
-from bayesdrill.store import Folder
-from bayesdrill.verdict import Judgement
+from bayesdrill.results.run_folder import Folder
+from bayesdrill.setup import config as records
+from bayesdrill.setup.build import compared_with
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -66,7 +66,7 @@ def everything(
         with sparing.making(f"figures/{wanted[0]}"):
             tasks.append((wanted[0], crew.submit(draw, *wanted, *place)))
     # While others draw, the rest, and what it needs (xarray takes half a second to load).
-    from bayesdrill.tree import make_tree
+    from bayesdrill.results.arviz_tree import make_tree
 
     folder.write_text("summary.csv", tables.as_csv(rows))
     second = "none"

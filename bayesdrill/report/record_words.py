@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdrill import build, symbols, units
-from bayesdrill.config import Column, Config, TimeColumn
-from bayesdrill.problem import Problem
+from bayesdrill.basics import symbols, units
+from bayesdrill.inference.problem import Problem
 from bayesdrill.report.tables import aligned
+from bayesdrill.setup import build
+from bayesdrill.setup.config import Column, Config, TimeColumn
 
 Array = NDArray[np.float64]
 

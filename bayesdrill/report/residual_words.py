@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-from bayesdrill.residuals import Left
+from bayesdrill.inference.residual_checks import Left
 
 
 def sentences(found: Sequence[Left]) -> str:

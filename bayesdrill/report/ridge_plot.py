@@ -13,10 +13,10 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Rectangle
 from numpy.typing import NDArray
 
-from bayesdrill.identifiability.structure import Structure
-from bayesdrill.priors import Prior
+from bayesdrill.basics.symbols import Symbol
+from bayesdrill.inference.priors import Prior
+from bayesdrill.insight.identifiability.structure import Structure
 from bayesdrill.report import style
-from bayesdrill.symbols import Symbol
 
 Array = NDArray[np.float64]
 

@@ -12,8 +12,8 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle, FancyArrowPatch, Polygon, Rectangle
 from matplotlib.path import Path as Route
 
+from bayesdrill.basics.symbols import INPUTS, PARAMETERS, STATES
 from bayesdrill.report import style
-from bayesdrill.symbols import INPUTS, PARAMETERS, STATES
 
 Point = tuple[float, float]
 Pair = tuple[str, str]

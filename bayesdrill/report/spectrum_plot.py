@@ -12,7 +12,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
-from bayesdrill.identifiability.study import Study
+from bayesdrill.insight.identifiability.study import Study
 from bayesdrill.report import style
 
 # Inches.

@@ -17,7 +17,7 @@ from matplotlib.ticker import FixedFormatter, FixedLocator, NullFormatter
 from matplotlib.transforms import Bbox, ScaledTranslation
 from numpy.typing import NDArray
 
-from bayesdrill.ours import whole
+from bayesdrill.basics.own_files import whole
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -7,10 +7,10 @@ import dataclasses
 import io
 from collections.abc import Iterable, Mapping, Sequence
 
-from bayesdrill.diagnostics import HDI_PROBABILITY, MEANING, Row
-from bayesdrill.mode import Mode
-from bayesdrill.problem import Problem
-from bayesdrill.symbols import plain
+from bayesdrill.basics.symbols import plain
+from bayesdrill.engines.mode import Mode
+from bayesdrill.inference.problem import Problem
+from bayesdrill.insight.diagnostics import HDI_PROBABILITY, MEANING, Row
 
 _HDI = f"{100 * HDI_PROBABILITY:.0f} % HDI"
 

@@ -14,9 +14,9 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
+from bayesdrill.basics.symbols import Symbol
 from bayesdrill.report import style
 from bayesdrill.report.pages import Page
-from bayesdrill.symbols import Symbol
 
 Array = NDArray[np.float64]
 

@@ -7,10 +7,10 @@ import io
 from collections.abc import Sequence
 from typing import Any
 
-from bayesdrill.diagnostics import HDI_PROBABILITY
+from bayesdrill.insight.diagnostics import HDI_PROBABILITY
+from bayesdrill.insight.verdict import FALSE_ALARM, Quantity, Verdict
 from bayesdrill.report.identify_words import product
 from bayesdrill.report.tables import aligned, markdown
-from bayesdrill.verdict import FALSE_ALARM, Quantity, Verdict
 
 _HDI = f"{100 * HDI_PROBABILITY:.0f} % HDI"
 SHORT = ("", "nominal", "mean", "dev. %", "tension", "beyond tol.", "bits", "verdict")

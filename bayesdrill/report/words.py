@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from bayesdrill import physics, sizes
-from bayesdrill.config import Config
-from bayesdrill.convergence import Convergence
-from bayesdrill.mode import SAME_PLACE, Mode
-from bayesdrill.problem import Problem
-from bayesdrill.residuals import Left, like_noise
-from bayesdrill.sampling import Sampled
+from bayesdrill.basics import sizes
+from bayesdrill.engines.convergence import Convergence
+from bayesdrill.engines.mode import SAME_PLACE, Mode
+from bayesdrill.engines.sampling import Sampled
+from bayesdrill.inference.problem import Problem
+from bayesdrill.inference.residual_checks import Left, like_noise
+from bayesdrill.insight import plausibility
+from bayesdrill.setup.config import Config
 
 
 def opening(problem: Problem) -> str:
@@ -83,7 +84,7 @@ def _misfit(problem: Problem) -> str:
 
 def _findings(problem: Problem, config: Config) -> str:
     """What makes the nominal table doubtful before anything is sampled."""
-    found, kind = physics.of_nominal(problem), "nominal" if problem.nominal else "start"
+    found, kind = plausibility.of_nominal(problem), "nominal" if problem.nominal else "start"
     return "".join(f"\n{kind} values, {finding}" for finding in found)
 
 

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import xarray
 
-from bayesdrill import pipeline
-from bayesdrill.progress import Silent
+from bayesdrill.basics.progress import Silent
+from bayesdrill.commands import pipeline
 from benchmarks import problem, verdict
 from benchmarks.verdict import Result
 

@@ -14,7 +14,7 @@ import numpy as np
 import pints
 from threadpoolctl import threadpool_limits
 
-from bayesdrill.posterior import Posterior
+from bayesdrill.inference.posterior import Posterior
 from benchmarks import problem, verdict
 from benchmarks.verdict import Array, Result
 

@@ -16,8 +16,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from bayesdrill.models.motor_shaft import MotorShaft
-from bayesdrill.pipeline import Job
+from bayesdrill.commands.pipeline import Job
+from bayesdrill.rig.models.motor_shaft import MotorShaft
 
 jax.config.update("jax_enable_x64", True)
 

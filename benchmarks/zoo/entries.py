@@ -6,8 +6,8 @@ import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from bayesdrill import symbols
-from bayesdrill.symbols import NOMINAL
+from bayesdrill.basics import symbols
+from bayesdrill.basics.symbols import NOMINAL
 from benchmarks.zoo.row import Entry
 
 RELATIVE = {"relative": True}

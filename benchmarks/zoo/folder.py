@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from bayesdrill.ours import whole
+from bayesdrill.basics.own_files import whole
 from benchmarks.zoo.makers import ROOT
 from benchmarks.zoo.row import Row
 from benchmarks.zoo.texts import as_yaml, parsed

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdrill import build, simulation
-from bayesdrill.config import Config
+from bayesdrill.setup import build, simulating
+from bayesdrill.setup.config import Config
 
 Array = NDArray[np.float64]
 
@@ -34,7 +34,7 @@ class DryFriction:
     ) -> dict[str, Array]:
         """The columns of the channels of `config`, with their noise, under the voltage `v (T,)`."""
         rig = build.model(config)
-        x = self.states(rig.i_m, simulation.truth(config, rig), t, v)  # type: ignore[attr-defined]
+        x = self.states(rig.i_m, simulating.truth(config, rig), t, v)  # type: ignore[attr-defined]
         columns = {}
         for entry, spec in zip(
             build.channels(config, rig), config.record.channels.values(), strict=True

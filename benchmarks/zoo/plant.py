@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import expm
 
-from bayesdrill import build, simulation
-from bayesdrill.config import Config
-from bayesdrill.models.linear import dynamics
+from bayesdrill.rig.models.linear import dynamics
+from bayesdrill.setup import build, simulating
+from bayesdrill.setup.config import Config
 
 Array = NDArray[np.float64]
 
@@ -31,7 +31,7 @@ class Plant:
     def of(cls, config: Config, dt: float) -> Self:
         """Without a load; exact for a voltage that is held, or goes straight, for `dt` [s]."""
         model = build.model(config)
-        linear = model.linear(simulation.truth(config, model))
+        linear = model.linear(simulating.truth(config, model))
         n = len(model.states)
         whole = np.zeros((n + 3, n + 3))  # and: one, the voltage, its change in a step
         whole[:n, :n] = dynamics(linear, model.states, 1)[0]

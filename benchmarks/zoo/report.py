@@ -7,7 +7,7 @@ import math
 from collections.abc import Sequence
 from pathlib import Path
 
-from bayesdrill.ours import whole
+from bayesdrill.basics.own_files import whole
 from benchmarks import tables
 from benchmarks.zoo.judge import Agreement, Outcome
 from benchmarks.zoo.row import Row

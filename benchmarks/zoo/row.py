@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
-from bayesdrill.config import Config
-from bayesdrill.yaml_source import Source
+from bayesdrill.setup.config import Config
+from bayesdrill.setup.yaml_source import Source
 
 Entry = dict[str, Any]  # a part of a config, as YAML has it
 

@@ -15,13 +15,13 @@ import scipy.stats
 from proposals import over, rough
 from targets import TARGETS, Target
 
-from bayesdrill.samplers import independence
-from bayesdrill.samplers.ensemble import Piece, State, advance
-from bayesdrill.samplers.independence import Proposal, Remembered
-from bayesdrill.samplers.mixture import Mixture, fitted, mixture
-from bayesdrill.samplers.moves import alone
-from bayesdrill.samplers.ridge import fit, frame
-from bayesdrill.samplers.weighing import LONG, Weighed
+from bayesdrill.engines.samplers import independence
+from bayesdrill.engines.samplers.ensemble import Piece, State, advance
+from bayesdrill.engines.samplers.independence import Proposal, Remembered
+from bayesdrill.engines.samplers.mixture import Mixture, fitted, mixture
+from bayesdrill.engines.samplers.moves import alone
+from bayesdrill.engines.samplers.ridge import fit, frame
+from bayesdrill.engines.samplers.weighing import LONG, Weighed
 
 FAIL = 1e-6
 STEPS = 12

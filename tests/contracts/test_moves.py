@@ -16,10 +16,10 @@ import pytest
 from proposals import rough
 from targets import TARGETS, Target
 
-from bayesdrill.config import SamplerSpec
-from bayesdrill.samplers.ensemble import Piece, State, advance, everywhere
-from bayesdrill.samplers.independence import Proposal
-from bayesdrill.samplers.moves import MOVES, mixture
+from bayesdrill.engines.samplers.ensemble import Piece, State, advance, everywhere
+from bayesdrill.engines.samplers.independence import Proposal
+from bayesdrill.engines.samplers.moves import MOVES, mixture
+from bayesdrill.setup.config import SamplerSpec
 
 FAIL = 1e-6  # one false alarm in a million
 WALKERS = 4000

@@ -11,11 +11,13 @@ import numpy as np
 import pytest
 from arviz_stats.base import array_stats
 
-from bayesdrill import laplace, pipeline, seeds
-from bayesdrill.convergence import autocorrelation_time
-from bayesdrill.posterior import Posterior
-from bayesdrill.progress import Silent
-from bayesdrill.samplers.ensemble import State, advance
+from bayesdrill.basics import seeds
+from bayesdrill.basics.progress import Silent
+from bayesdrill.commands import pipeline
+from bayesdrill.engines.convergence import autocorrelation_time
+from bayesdrill.engines.samplers.ensemble import State, advance
+from bayesdrill.inference import laplace
+from bayesdrill.inference.posterior import Posterior
 
 CONFIG = Path(__file__).parents[2] / "configs" / "nominal_step.yaml"
 WALKERS = 128

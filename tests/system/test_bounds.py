@@ -8,15 +8,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bayesdrill import loading, pipeline, sampling, seeds
-from bayesdrill.config import Config
-from bayesdrill.crew import Crew
-from bayesdrill.identifiability import information
-from bayesdrill.identifiability.profile import Fitter
-from bayesdrill.identifiability.scenes import Scenery
-from bayesdrill.pipeline import Job
-from bayesdrill.progress import Silent
-from bayesdrill.shelf import Memory
+from bayesdrill.basics import seeds
+from bayesdrill.basics.progress import Silent
+from bayesdrill.commands import pipeline
+from bayesdrill.commands.pipeline import Job
+from bayesdrill.engines import sampling
+from bayesdrill.engines.shelf import Memory
+from bayesdrill.engines.workers import Crew
+from bayesdrill.insight.identifiability import information
+from bayesdrill.insight.identifiability.profile import Fitter
+from bayesdrill.insight.identifiability.scenes import Scenery
+from bayesdrill.setup import loading
+from bayesdrill.setup.config import Config
 
 CONFIG = Path(__file__).parents[2] / "configs" / "nominal_step.yaml"
 SIGMA = 1e-3
@@ -34,11 +37,11 @@ def job(tmp_path_factory: pytest.TempPathFactory) -> Job:
             entries["parameters"][name] = "nominal"
     for channel in entries["record"]["channels"].values():
         channel["sigma"] = SIGMA
-    from bayesdrill import simulation
+    from bayesdrill.setup import simulating
 
     changed = Config.model_validate(entries)
     record = tmp_path_factory.mktemp("record") / "record.csv"
-    record.write_text(simulation.simulate(changed, source, 11))
+    record.write_text(simulating.simulate(changed, source, 11))
     entries["record"]["file"] = str(record)
     return pipeline.assemble(Config.model_validate(entries), source)
 

@@ -21,15 +21,16 @@ import pytest
 import systems
 from calibrations import with_misfit
 
-from bayesdrill import calibrate, ours
-from bayesdrill.calibration import executors
-from bayesdrill.calibration.refit import Refit, Study, refit
-from bayesdrill.calibration.verdict import judge
-from bayesdrill.errors import Interrupted
-from bayesdrill.progress import Silent
+from bayesdrill.basics import own_files
+from bayesdrill.basics.errors import Interrupted
+from bayesdrill.basics.progress import Silent
+from bayesdrill.basics.sealed import opened, sealed
+from bayesdrill.commands import calibrate
+from bayesdrill.insight.calibration import executors
+from bayesdrill.insight.calibration.refit import Refit, Study, refit
+from bayesdrill.insight.calibration.verdict import judge
 from bayesdrill.report import calibration_words as words
-from bayesdrill.response import Response
-from bayesdrill.sealed import opened, sealed
+from bayesdrill.rig.response import Response
 
 TINY = (
     (
@@ -154,7 +155,7 @@ def test_the_record_that_was_measured_plays_no_part(copy: Done) -> None:
 
 def test_a_calibration_leaves_a_complete_folder_and_nothing_else(done: Done) -> None:
     assert set(systems.listing(done.folder)) == FILES
-    assert {name for name in FILES if not ours.CALIBRATE.made(name)} == {
+    assert {name for name in FILES if not own_files.CALIBRATE.made(name)} == {
         *(".lock", "figures", ".refits"),
     }
     run = run_of(done.folder)

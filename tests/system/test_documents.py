@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from bayesdrill import loading
+from bayesdrill.setup import loading
 
 ROOT = Path(__file__).parents[2]
 DOCUMENTS = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 import systems
 
-from bayesdrill.formats import matlab
+from bayesdrill.record.formats import matlab
 
 SECONDS = 15.0
 NESTED = "\n".join(f"{b}: &{b} [{', '.join([f'*{a}'] * 9)}]" for a, b in pairwise("abcdefghi"))

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 import systems
 
-from bayesdrill import build, loading, recording, simulation, writing
-from bayesdrill.symbols import PARAMETERS
+from bayesdrill.basics.symbols import PARAMETERS
+from bayesdrill.setup import build, loading, reading, simulating, writing
 
 W_1 = "    w_1: {column: w_1, unit: rad/s, sigma: 0.05}\n"
 
@@ -156,11 +156,11 @@ FORMS = {
 def test_a_simulated_record_is_written_as_its_config_reads_it(form: str, tmp_path: Path) -> None:
     path = systems.small(tmp_path, ("  file: small.csv", f"  file: other.txt\n  {FORMS[form]}"))
     config, source = loading.load(path)
-    grid = simulation.grid(config, source)
+    grid = simulating.grid(config, source)
     y = np.random.default_rng(3).normal(size=(len(grid.t), 2)) * [1e-3, 1e4]
     text = writing.as_text(config, source, grid, y)
     (tmp_path / "other.txt").write_text(text, encoding="utf-8")
-    read = recording.read(config, source)
+    read = reading.read(config, source)
     np.testing.assert_allclose(read.t, grid.t, rtol=1e-8)
     np.testing.assert_allclose(read.y, y, rtol=1e-8)
 

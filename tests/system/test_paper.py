@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 import systems
 
-from bayesdrill.reproduction.printed import NINE_PARAMETERS
-from bayesdrill.sealed import sealed
+from bayesdrill.basics.sealed import sealed
+from bayesdrill.paper.studies.printed import NINE_PARAMETERS
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"

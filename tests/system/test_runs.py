@@ -23,10 +23,10 @@ import systems
 import xarray
 from emcee.backends import HDFBackend
 
-from bayesdrill import ours
-from bayesdrill.pieces import seal
-from bayesdrill.sealed import opened, sealed
-from bayesdrill.store import Folder
+from bayesdrill.basics import own_files
+from bayesdrill.basics.sealed import opened, sealed
+from bayesdrill.results.chain_files import seal
+from bayesdrill.results.run_folder import Folder
 
 # Targets that cannot be met, so that a run goes on to the end of its steps.
 ENDLESS = ("ess: 100, max_steps: 500", "ess: 1000000, max_steps: 700")
@@ -149,7 +149,7 @@ def test_what_the_fit_leaves_is_said_everywhere(done: Done) -> None:
 def test_a_run_leaves_a_complete_folder_and_nothing_else(done: Done) -> None:
     assert done.ran.status == 0, done.ran.text
     assert set(systems.listing(done.folder)) == FILES
-    assert {name for name in FILES if not ours.POSTERIOR.made(name)} == {".lock", "figures"}
+    assert {name for name in FILES if not own_files.POSTERIOR.made(name)} == {".lock", "figures"}
     assert (done.folder / "config.yaml").read_bytes() == done.config.read_bytes()
     for name in FIGURES:
         magic = b"%PDF" if name.endswith("pdf") else b"\x89PNG"
@@ -222,7 +222,7 @@ BROKEN = {
     "figures/trace": "report.trace_plot.trace_figure",
     "derived.csv": "report.derived_words.as_csv",
     "verdict.csv": "report.verdict_words.as_csv",
-    "posterior.nc, figures/fit": "tree.make_tree",
+    "posterior.nc, figures/fit": "results.arviz_tree.make_tree",
 }
 
 

@@ -8,11 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bayesdrill import mode, pipeline, sampling
-from bayesdrill.crew import Crew
-from bayesdrill.job import prepare
-from bayesdrill.progress import Silent
-from bayesdrill.shelf import Memory
+from bayesdrill.basics.progress import Silent
+from bayesdrill.commands import pipeline
+from bayesdrill.engines import mode, sampling
+from bayesdrill.engines.shelf import Memory
+from bayesdrill.engines.workers import Crew
+from bayesdrill.setup.job import prepare
 from benchmarks.zoo import folder, rows
 
 SEEDS = 16

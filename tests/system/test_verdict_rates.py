@@ -9,7 +9,7 @@ import pytest
 import refits
 from refits import Trial
 
-from bayesdrill import build, simulation
+from bayesdrill.setup import build, simulating
 from benchmarks.zoo import entries as e
 from benchmarks.zoo.friction import DryFriction
 from benchmarks.zoo.texts import changed
@@ -82,7 +82,7 @@ def rubbed(job: refits.Job) -> np.ndarray:
     config, experiment = job.config, job.problem.experiment
     rig = build.model(config)
     friction = DryFriction(motor=0.01, sliding=0.05, sticking=0.08)
-    x = friction.states(1 / 8, simulation.truth(config, rig), experiment.t, experiment.series["v"])
+    x = friction.states(1 / 8, simulating.truth(config, rig), experiment.t, experiment.series["v"])
     return x[:, :4]
 
 

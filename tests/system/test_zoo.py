@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 import systems
 
-from bayesdrill import build, givens, loading, residuals, simulation
-from bayesdrill.job import Job, prepare
+from bayesdrill.inference import residual_checks
+from bayesdrill.setup import build, loading, number_objects, simulating
+from bayesdrill.setup.job import Job, prepare
 from benchmarks.zoo import folder, judge, rows, runs
 from benchmarks.zoo.__main__ import arguments
 from benchmarks.zoo.makers import ROOT, Driven, Otherwise, Rubbing
@@ -196,18 +197,18 @@ def test_the_bundled_row_has_the_bundled_record(tmp_path: Path) -> None:
     assert mine == (ROOT / "configs" / "records" / "nominal_step.csv").read_text()
 
 
-def residuals_at_truth(job: Job) -> tuple[residuals.Left, ...]:
+def residuals_at_truth(job: Job) -> tuple[residual_checks.Left, ...]:
     """What the record leaves at the values that it was made of."""
     config, space = job.config, job.problem.posterior.space
     rig = build.model(config)
-    values = {**space.start, **simulation.truth(config, rig)}
+    values = {**space.start, **simulating.truth(config, rig)}
     made: Any = config.simulation
     if made is not None:
         factors = {e.channel.name: e.factor for e in build.channels(config, rig)}
         values |= {f"sigma_{name}": s * factors[name] for name, s in made.sigma.items()}
         for name, value in made.quantities.items():
-            values[name] = value * givens.quantity(name, config.quantities[name]).factor
-    return residuals.left(job.problem.posterior.likelihood, space.vector(values))
+            values[name] = value * number_objects.quantity(name, config.quantities[name]).factor
+    return residual_checks.left(job.problem.posterior.likelihood, space.vector(values))
 
 
 def looks_like_noise(row: Row, place: Path) -> bool:

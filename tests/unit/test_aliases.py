@@ -10,12 +10,12 @@ import pytest
 from oracles import NOMINAL, matrices
 from rigs import experiment, posterior, vector
 
-from bayesdrill import aliases, maxima
-from bayesdrill.models.motor_shaft import MotorShaft
-from bayesdrill.posterior import Posterior
-from bayesdrill.priors import Uniform
-from bayesdrill.response import Response
-from bayesdrill.surface import PosteriorSurface
+from bayesdrill.engines import aliases, maxima
+from bayesdrill.inference.posterior import Posterior
+from bayesdrill.inference.priors import Uniform
+from bayesdrill.inference.surface import PosteriorSurface
+from bayesdrill.rig.models.motor_shaft import MotorShaft
+from bayesdrill.rig.response import Response
 
 DT = 1.0  # s, about half of a swing
 

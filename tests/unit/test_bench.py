@@ -12,7 +12,7 @@ import pytest
 from oracles import ORDER, skewed
 from rigs import vector
 
-from bayesdrill.posterior import Posterior
+from bayesdrill.inference.posterior import Posterior
 from benchmarks import modal, problem, tables, verdict
 from benchmarks.modal import COORDINATES, Modal
 from benchmarks.peers import naive

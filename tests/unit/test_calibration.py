@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from bayesdrill.calibration.bands import count_band, ecdf_band
-from bayesdrill.calibration.ranks import rank
-from bayesdrill.calibration.refit import FIT, Refit
-from bayesdrill.calibration.verdict import FALSE_ALARM, Verdict, judge
+from bayesdrill.insight.calibration.bands import count_band, ecdf_band
+from bayesdrill.insight.calibration.ranks import rank
+from bayesdrill.insight.calibration.refit import FIT, Refit
+from bayesdrill.insight.calibration.verdict import FALSE_ALARM, Verdict, judge
 from bayesdrill.report import calibration_words as words
 
 N, L = 200, 99

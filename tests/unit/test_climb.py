@@ -10,8 +10,8 @@ import pytest
 import scipy.optimize
 from surfaces import Walled, humps, ridged
 
-from bayesdrill.climb import bounded_step, climb, gain_left
-from bayesdrill.surface import Expansion
+from bayesdrill.engines.climb import bounded_step, climb, gain_left
+from bayesdrill.inference.surface import Expansion
 
 
 @dataclass(frozen=True)

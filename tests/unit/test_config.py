@@ -9,10 +9,12 @@ import numpy as np
 import pytest
 from oracles import NOMINAL, by_expm
 
-from bayesdrill import build, loading, pipeline, provenance, schema, simulation
-from bayesdrill.formats import CsvOptions
-from bayesdrill.formats.csv import read
-from bayesdrill.yaml_source import parse
+from bayesdrill.commands import pipeline
+from bayesdrill.record.formats import CsvOptions
+from bayesdrill.record.formats.csv import read
+from bayesdrill.results import provenance
+from bayesdrill.setup import build, loading, schema, simulating
+from bayesdrill.setup.yaml_source import parse
 
 ROOT = Path(__file__).parents[2]
 BUNDLED = ROOT / "configs" / "nominal_step.yaml"
@@ -46,7 +48,7 @@ def test_bundled_config_says_what_the_documents_say() -> None:
 
 def test_bundled_record_is_what_simulate_makes() -> None:
     config, source = loading.load(BUNDLED)
-    made = simulation.simulate(config, source, config.seed)
+    made = simulating.simulate(config, source, config.seed)
     assert made == (ROOT / "configs" / "records" / "nominal_step.csv").read_text()
 
 
@@ -68,9 +70,9 @@ def test_simulated_records_differ_by_seed_and_obey_the_truth(tmp_path: Path) -> 
     path = tmp_path / "mine.yaml"
     path.write_text(text)
     config, source = loading.load(path)
-    one, two = (simulation.simulate(config, source, seed) for seed in (1, 2))
+    one, two = (simulating.simulate(config, source, seed) for seed in (1, 2))
     assert one != two
-    assert one == simulation.simulate(config, source, 1)
+    assert one == simulating.simulate(config, source, 1)
     (tmp_path / "r.csv").write_text(one)
     found = read(tmp_path / "r.csv", CsvOptions())
     truth = {**NOMINAL, "k_s": 0.31, "j_1": 0.02}

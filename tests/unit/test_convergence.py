@@ -10,7 +10,7 @@ import pytest
 import scipy.stats
 from chains import ar1
 
-from bayesdrill.convergence import (
+from bayesdrill.engines.convergence import (
     BURN_IN_TAUS,
     Targets,
     assess,
@@ -19,7 +19,7 @@ from bayesdrill.convergence import (
     length,
     thinned,
 )
-from bayesdrill.diagnostics import HDI_PROBABILITY, hdi
+from bayesdrill.insight.diagnostics import HDI_PROBABILITY, hdi
 
 TARGETS = Targets(r_hat=1.01, n_tau=50, ess=1000)
 

@@ -10,8 +10,15 @@ import scipy.integrate
 from oracles import NOMINAL
 from rigs import measured, posterior, vector
 
-from bayesdrill.coordinates import Coordinates
-from bayesdrill.priors import PRIORS, HalfNormal, LogNormal, Prior, TruncatedNormal, Uniform
+from bayesdrill.inference.coordinates import Coordinates
+from bayesdrill.inference.priors import (
+    PRIORS,
+    HalfNormal,
+    LogNormal,
+    Prior,
+    TruncatedNormal,
+    Uniform,
+)
 
 NAMES = ("log", "linear", "mixed")
 N = 11  # nine parameters and two noise levels

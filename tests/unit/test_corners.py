@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from surfaces import Walled
 
-from bayesdrill import directions
-from bayesdrill.surface import Expansion
+from bayesdrill.engines.learning import directions
+from bayesdrill.inference.surface import Expansion
 
 D = 4
 STILL = np.array([[1.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, -1.0]]).T / np.sqrt(2.0)

@@ -10,9 +10,10 @@ import pytest
 import scipy.linalg
 from oracles import NOMINAL, by_expm, matrices, skewed
 
-from bayesdrill import derived, pipeline
-from bayesdrill.models.motor_shaft import MotorShaft
+from bayesdrill.commands import pipeline
+from bayesdrill.insight import derived
 from bayesdrill.report import derived_words
+from bayesdrill.rig.models.motor_shaft import MotorShaft
 
 ROOT = Path(__file__).parents[2]
 RIG = MotorShaft()

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from targets import WILD
 
-from bayesdrill import seeds
-from bayesdrill.samplers.ensemble import State, advance
+from bayesdrill.basics import seeds
+from bayesdrill.engines.samplers.ensemble import State, advance
 
 MOVES = {"differential_evolution": 0.7, "stretch": 0.3}
 

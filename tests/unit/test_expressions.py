@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from bayesdrill.expressions import linear_combination
+from bayesdrill.basics.expressions import linear_combination
 
 STATES = ("theta_1", "theta_2", "w_1", "w_2", "i")
 

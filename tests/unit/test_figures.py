@@ -25,12 +25,12 @@ from pictures import (
 )
 from PIL import Image
 
-from bayesdrill.experiment import Channel, Experiment
+from bayesdrill.basics.symbols import PARAMETERS, Symbol
+from bayesdrill.record.experiment import Channel, Experiment
 from bayesdrill.report import style
 from bayesdrill.report.corner_plot import corner_figure
 from bayesdrill.report.fit_plot import extremes, fit_figure
 from bayesdrill.report.trace_plot import trace_figure
-from bayesdrill.symbols import PARAMETERS, Symbol
 
 Array = NDArray[np.float64]
 

@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bayesdrill.errors import InputError
-from bayesdrill.formats import FORMATS, CsvOptions, Table, format_of
-from bayesdrill.formats.csv import read
+from bayesdrill.basics.errors import InputError
+from bayesdrill.record.formats import FORMATS, CsvOptions, Table, format_of
+from bayesdrill.record.formats.csv import read
 
 NAMES = ("t [s]", "w_1 [rpm]", "theta")
 # Unequal, off the origin, negative, with exponents and whole numbers: no column can stand in

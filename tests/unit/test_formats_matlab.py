@@ -10,9 +10,9 @@ import pytest
 import scipy.io
 import scipy.io.matlab
 
-from bayesdrill.errors import InputError
-from bayesdrill.formats import FORMATS, CsvOptions, Table
-from bayesdrill.formats.matlab import read
+from bayesdrill.basics.errors import InputError
+from bayesdrill.record.formats import FORMATS, CsvOptions, Table
+from bayesdrill.record.formats.matlab import read
 
 T = np.array([10.0, 10.5, 11.25, 12.0])
 W = np.array([101.25, 99.0, -98.5, 1.0 / 3.0])

@@ -8,8 +8,8 @@ import pickle
 import numpy as np
 import pytest
 
-from bayesdrill.duals import Dual
-from bayesdrill.formulas import RelationError, expression, resolved
+from bayesdrill.basics.duals import Dual
+from bayesdrill.basics.formulas import RelationError, expression, resolved
 
 NAMES = ("G", "d", "L", "k_e", "k_s", "j_1")
 VALUES = {"G": 79.3e9, "d": 3e-3, "L": 2.4, "k_e": 0.06, "k_s": 0.26, "j_1": 0.0283}

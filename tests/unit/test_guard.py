@@ -14,10 +14,10 @@ import pytest
 import typer
 from systems import STOPPING
 
-from bayesdrill import crew
-from bayesdrill.crew import Crew
-from bayesdrill.errors import InputError
-from bayesdrill.guard import INPUT_WRONG, INTERRUPTED, guarded, saved_in
+from bayesdrill.basics.errors import InputError
+from bayesdrill.commands.guard import INPUT_WRONG, INTERRUPTED, guarded, saved_in
+from bayesdrill.engines import workers
+from bayesdrill.engines.workers import Crew
 
 
 def test_a_worker_that_is_killed_ends_in_a_message(capsys: pytest.CaptureFixture[str]) -> None:
@@ -104,7 +104,7 @@ def test_no_room_for_semaphores_is_not_blamed_on_the_results(
     def full(*_: object, **__: object) -> None:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    monkeypatch.setattr(crew, "ProcessPoolExecutor", full)
+    monkeypatch.setattr(workers, "ProcessPoolExecutor", full)
     with pytest.raises(InputError) as ended, saved_in(tmp_path):
         Crew(9, 2)  # type: ignore[arg-type]
     (problem,) = ended.value.problems

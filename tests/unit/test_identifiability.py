@@ -9,16 +9,16 @@ import pytest
 from oracles import NOMINAL, ORDER
 from rigs import measured, posterior, vector
 
-from bayesdrill.duals import Dual
-from bayesdrill.identifiability import information, structure
-from bayesdrill.identifiability.profile import THRESHOLD, Fitter, Profile, profile
-from bayesdrill.identifiability.scenes import Scenery
-from bayesdrill.identifiability.structure import analyse, doubled, sparse_basis
-from bayesdrill.identifiability.study import Study, Thresholds, study
-from bayesdrill.models.motor_shaft import MotorShaft
-from bayesdrill.models.two_rotors import TwoRotors
+from bayesdrill.basics.duals import Dual
+from bayesdrill.insight.identifiability import information, structure
+from bayesdrill.insight.identifiability.profile import THRESHOLD, Fitter, Profile, profile
+from bayesdrill.insight.identifiability.scenes import Scenery
+from bayesdrill.insight.identifiability.structure import analyse, doubled, sparse_basis
+from bayesdrill.insight.identifiability.study import Study, Thresholds, study
 from bayesdrill.report import identify_words as words
-from bayesdrill.response import Response
+from bayesdrill.rig.models.motor_shaft import MotorShaft
+from bayesdrill.rig.models.two_rotors import TwoRotors
+from bayesdrill.rig.response import Response
 
 SIGMA = np.array([0.02, 0.01, 0.05, 0.03])  # unequal
 
@@ -310,9 +310,9 @@ def test_current_and_a_weighed_rotor_leave_no_symmetry() -> None:
 def test_the_tie_of_an_ideal_motor_leaves_one() -> None:
     from pathlib import Path
 
-    from bayesdrill import job, loading
-    from bayesdrill.config import Config
-    from bayesdrill.identifiability.study import study_of
+    from bayesdrill.insight.identifiability.study import study_of
+    from bayesdrill.setup import job, loading
+    from bayesdrill.setup.config import Config
 
     config, source = loading.load(Path(__file__).parents[2] / "configs" / "nominal_step.yaml")
     entries = config.model_dump(exclude_unset=True, exclude_none=True)

@@ -9,11 +9,11 @@ import pytest
 from compiled import SIGMA, seen
 from surfaces import Gaussians, humps, ridged
 
-from bayesdrill.learning import Learnt, learn
-from bayesdrill.ridges import Expand
-from bayesdrill.samplers.ensemble import State, advance
-from bayesdrill.samplers.weighing import Weighed, effective, normalised
-from bayesdrill.surface import Expansion, PosteriorSurface, Surface, joined
+from bayesdrill.engines.learning.learn import Learnt, learn
+from bayesdrill.engines.learning.ridges import Expand
+from bayesdrill.engines.samplers.ensemble import State, advance
+from bayesdrill.engines.samplers.weighing import Weighed, effective, normalised
+from bayesdrill.inference.surface import Expansion, PosteriorSurface, Surface, joined
 
 APART = 20.0  # standard deviations
 UNEQUAL = {"equal": ((0.5, 0.5), (1.0, 1.0)), "one of ten": ((0.9, 0.1), (1.0, 0.5))}

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from surfaces import Gaussians, humps, ridged
 
-from bayesdrill import maxima
+from bayesdrill.engines import maxima
 
 
 @pytest.mark.parametrize(("n_loose", "n_tight"), [(1, 1), (1, 3), (2, 1), (2, 3)])

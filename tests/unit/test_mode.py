@@ -13,13 +13,15 @@ from oracles import NOMINAL
 from oracles import ORDER as ORDER_OF_MODEL
 from rigs import measured, posterior, vector
 
-from bayesdrill import build, laplace, loading, mode
-from bayesdrill.coordinates import Coordinates
-from bayesdrill.optimisers import OPTIMISERS, fminsearch, nelder_mead, pairwise
-from bayesdrill.optimisers.contract import Optimum, Task
-from bayesdrill.optimisers.pairwise import ORDER, circle
-from bayesdrill.priors import HalfNormal, LogNormal, Uniform
-from bayesdrill.surface import NOTHING
+from bayesdrill.engines import mode
+from bayesdrill.engines.optimisers import OPTIMISERS, fminsearch, nelder_mead, pairwise
+from bayesdrill.engines.optimisers.contract import Optimum, Task
+from bayesdrill.engines.optimisers.pairwise import ORDER, circle
+from bayesdrill.inference import laplace
+from bayesdrill.inference.coordinates import Coordinates
+from bayesdrill.inference.priors import HalfNormal, LogNormal, Uniform
+from bayesdrill.inference.surface import NOTHING
+from bayesdrill.setup import build, loading
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 SIGMA = np.array([0.02, 0.03, 0.05, 0.04])

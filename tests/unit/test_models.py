@@ -10,16 +10,17 @@ import scipy.integrate
 from oracles import NOMINAL, skewed
 from rigs import STATES, experiment, vector
 
-from bayesdrill import build, derived, loading
-from bayesdrill.config import Config
-from bayesdrill.errors import InputError
-from bayesdrill.models import MODELS
-from bayesdrill.models.as_printed import AsPrinted
-from bayesdrill.models.linear import Linear, Model
-from bayesdrill.models.motor_shaft import MotorShaft
-from bayesdrill.models.two_rotors import TwoRotors
-from bayesdrill.reproduction.trapezoid import six_states
-from bayesdrill.response import Response
+from bayesdrill.basics.errors import InputError
+from bayesdrill.insight import derived
+from bayesdrill.paper.studies.trapezoid import six_states
+from bayesdrill.rig.models import MODELS
+from bayesdrill.rig.models.as_printed import AsPrinted
+from bayesdrill.rig.models.linear import Linear, Model
+from bayesdrill.rig.models.motor_shaft import MotorShaft
+from bayesdrill.rig.models.two_rotors import TwoRotors
+from bayesdrill.rig.response import Response
+from bayesdrill.setup import build, loading
+from bayesdrill.setup.config import Config
 
 ROOT = Path(__file__).parents[2]
 I_M, J_2, R_S = 0.2, 7.3e-3, 0.21

@@ -9,13 +9,13 @@ from rigs import measured, posterior
 from scipy.stats import norm
 from verdicts import LINEAR, NAMES, PRIOR, TABLE, gaussian
 
-from bayesdrill.convergence import Targets
-from bayesdrill.identifiability.study import Thresholds
-from bayesdrill.opening import Opened, open_ends
-from bayesdrill.priors import LogNormal, LogUniform, Prior, TruncatedNormal, Uniform
-from bayesdrill.sampling import Plan
-from bayesdrill.tension import tension
-from bayesdrill.verdict import judge
+from bayesdrill.engines.convergence import Targets
+from bayesdrill.engines.sampling import Plan
+from bayesdrill.inference.priors import LogNormal, LogUniform, Prior, TruncatedNormal, Uniform
+from bayesdrill.insight.identifiability.study import Thresholds
+from bayesdrill.insight.opened_priors import Opened, open_ends
+from bayesdrill.insight.tension import tension
+from bayesdrill.insight.verdict import judge
 
 SIGMA = np.full(4, 0.1)
 PLAN = Plan(

@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 from systems import listing, results
 
-from bayesdrill import ours
-from bayesdrill.errors import InputError
-from bayesdrill.ours import RUN, Kind, whole
-from bayesdrill.sealed import opened, sealed
-from bayesdrill.store import Folder, Mode
+from bayesdrill.basics import own_files
+from bayesdrill.basics.errors import InputError
+from bayesdrill.basics.own_files import RUN, Kind, whole
+from bayesdrill.basics.sealed import opened, sealed
+from bayesdrill.results.run_folder import Folder, Mode
 
-KINDS = [ours.POSTERIOR, ours.CALIBRATE, ours.paper(("one", "two"))]
+KINDS = [own_files.POSTERIOR, own_files.CALIBRATE, own_files.paper(("one", "two"))]
 # In a results folder of any kind; a trailing slash: an empty folder.
 STRANGERS = [
     *("notes.md", "mydata.csv", "summary.xlsx", "summary.md.bak", "fit.annotated.png"),
@@ -66,7 +66,7 @@ def test_force_takes_what_such_a_run_writes_and_nothing_else(kind: Kind, tmp_pat
 
 def test_run_json_is_there_all_the_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Mutant killed: run.json removed while the folder is cleared, in which a kill may fall."""
-    out = results(tmp_path / "out", ours.POSTERIOR)
+    out = results(tmp_path / "out", own_files.POSTERIOR)
     seen = []
     write = Folder.write_text
 
@@ -83,7 +83,7 @@ def test_run_json_is_there_all_the_time(tmp_path: Path, monkeypatch: pytest.Monk
 MODES: list[Mode] = ["fresh", "resume", "force", "report"]
 
 
-def refused(folder: Path, mode: Mode, kind: Kind = ours.POSTERIOR) -> str:
+def refused(folder: Path, mode: Mode, kind: Kind = own_files.POSTERIOR) -> str:
     """What is said; nothing below the parent of `folder` may change."""
     before = listing(folder.parent)
     with pytest.raises(InputError) as caught, Folder(folder, mode, {}, kind):
@@ -160,7 +160,7 @@ def test_what_no_run_can_have_made_is_named_first(
     name: str, spoil: Callable[[Path], None], what: str, mode: Mode, tmp_path: Path
 ) -> None:
     """Mutants killed: links are followed; a chain is gone before the run fails."""
-    out = results(tmp_path / "results" / "out", ours.POSTERIOR)
+    out = results(tmp_path / "results" / "out", own_files.POSTERIOR)
     spoil(out / name)
     said = refused(out, mode)
     assert f"{name}: {what}, " in said
@@ -174,7 +174,7 @@ def test_hidden_files_of_others_that_bear_our_names_are_left_alone(tmp_path: Pat
 
 def test_a_folder_behind_a_link_is_a_folder(tmp_path: Path) -> None:
     """As one whose results lie on another disk; the user named it."""
-    results(tmp_path / "disk", ours.POSTERIOR)
+    results(tmp_path / "disk", own_files.POSTERIOR)
     (tmp_path / "out").symlink_to("disk")
     with Folder(tmp_path / "out", "force", {}) as folder:
         folder.begin(status="running")

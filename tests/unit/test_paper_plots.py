@@ -9,17 +9,17 @@ import pytest
 from numpy.typing import NDArray
 from pictures import clashes, drawn, marked, within, xy
 
-from bayesdrill.experiment import Channel, Experiment
-from bayesdrill.report.paper_plots import (
+from bayesdrill.basics.symbols import PARAMETERS
+from bayesdrill.paper.pages.plots import (
     SHORT,
     fit_paper_figure,
     readings_figure,
     verification_figure,
 )
-from bayesdrill.reproduction import printed
-from bayesdrill.reproduction.forward import READINGS, Reading
-from bayesdrill.reproduction.verification import Cell, Verification
-from bayesdrill.symbols import PARAMETERS
+from bayesdrill.paper.studies import printed
+from bayesdrill.paper.studies.forward import READINGS, Reading
+from bayesdrill.paper.studies.verification import Cell, Verification
+from bayesdrill.record.experiment import Channel, Experiment
 
 Array = NDArray[np.float64]
 

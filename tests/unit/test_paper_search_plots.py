@@ -12,11 +12,11 @@ from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 from pictures import SYMBOLS, clashes, drawn, marked, posterior, within, xy
 
+from bayesdrill.paper.pages.search_plots import convergence_figure, simultaneous_figure
+from bayesdrill.paper.pages.table_plot import table_3_figure
+from bayesdrill.paper.studies.heuristic import Heuristic
+from bayesdrill.paper.studies.simultaneous import End
 from bayesdrill.report.log_axes import set_decades
-from bayesdrill.report.paper_search_plots import convergence_figure, simultaneous_figure
-from bayesdrill.report.paper_table_plot import table_3_figure
-from bayesdrill.reproduction.heuristic import Heuristic
-from bayesdrill.reproduction.simultaneous import End
 
 Array = NDArray[np.float64]
 

@@ -12,15 +12,15 @@ from numpy.typing import NDArray
 from oracles import NOMINAL, ORDER, by_expm, matrices, skewed
 from rigs import STATES, experiment, measured, posterior, vector
 
-from bayesdrill.convergence import Targets
-from bayesdrill.coordinates import Coordinates
-from bayesdrill.crew import Crew
-from bayesdrill.models.motor_shaft import MotorShaft
-from bayesdrill.optimisers import fminsearch
-from bayesdrill.optimisers.contract import Optimum, Task
-from bayesdrill.posterior import Posterior
-from bayesdrill.priors import Uniform
-from bayesdrill.reproduction import (
+from bayesdrill.engines.convergence import Targets
+from bayesdrill.engines.optimisers import fminsearch
+from bayesdrill.engines.optimisers.contract import Optimum, Task
+from bayesdrill.engines.sampling import Plan
+from bayesdrill.engines.workers import Crew
+from bayesdrill.inference.coordinates import Coordinates
+from bayesdrill.inference.posterior import Posterior
+from bayesdrill.inference.priors import Uniform
+from bayesdrill.paper.studies import (
     bounds,
     causes,
     control,
@@ -32,11 +32,11 @@ from bayesdrill.reproduction import (
     simultaneous,
     stepped,
 )
-from bayesdrill.reproduction import verification as study
-from bayesdrill.reproduction.trapezoid import SIX_STATES, integrate, six_states
-from bayesdrill.reproduction.verification import Cell, Verification
-from bayesdrill.response import Response
-from bayesdrill.sampling import Plan
+from bayesdrill.paper.studies import verification as study
+from bayesdrill.paper.studies.trapezoid import SIX_STATES, integrate, six_states
+from bayesdrill.paper.studies.verification import Cell, Verification
+from bayesdrill.rig.models.motor_shaft import MotorShaft
+from bayesdrill.rig.response import Response
 
 Array = NDArray[np.float64]
 

@@ -18,22 +18,23 @@ import pytest
 from oracles import ORDER
 from rigs import experiment
 
-from bayesdrill import ours
-from bayesdrill.report import paper_report, paper_tables
-from bayesdrill.report.paper_cells import Table
-from bayesdrill.report.paper_lines import lengths, lines_2, lines_3, said, ways
-from bayesdrill.reproduction import printed
-from bayesdrill.reproduction.bounds import Implied, Length
-from bayesdrill.reproduction.causes import FOLLOWING, PRODUCTS, Cause
-from bayesdrill.reproduction.control import Control
-from bayesdrill.reproduction.findings import Findings, Misfits, Nine
-from bayesdrill.reproduction.forward import Error, Reading
-from bayesdrill.reproduction.heuristic import Heuristic
-from bayesdrill.reproduction.shaft import Tone
-from bayesdrill.reproduction.simultaneous import End
-from bayesdrill.reproduction.verification import Cell, Verification
-from bayesdrill.symbols import PARAMETERS
-from bayesdrill.verdict import Quantity, Verdict
+from bayesdrill.basics import own_files
+from bayesdrill.basics.symbols import PARAMETERS
+from bayesdrill.insight.verdict import Quantity, Verdict
+from bayesdrill.paper.pages import report
+from bayesdrill.paper.pages import tables as pages
+from bayesdrill.paper.pages.cells import Table
+from bayesdrill.paper.pages.lines import lengths, lines_2, lines_3, said, ways
+from bayesdrill.paper.studies import printed
+from bayesdrill.paper.studies.bounds import Implied, Length
+from bayesdrill.paper.studies.causes import FOLLOWING, PRODUCTS, Cause
+from bayesdrill.paper.studies.control import Control
+from bayesdrill.paper.studies.findings import Findings, Misfits, Nine
+from bayesdrill.paper.studies.forward import Error, Reading
+from bayesdrill.paper.studies.heuristic import Heuristic
+from bayesdrill.paper.studies.shaft import Tone
+from bayesdrill.paper.studies.simultaneous import End
+from bayesdrill.paper.studies.verification import Cell, Verification
 
 RNG = np.random.default_rng(11)
 NAMES = ("k_s", "t_f", "j_m", "l_m", "c_m", "k_T", "j_1", "r_m", "k_e")  # in no one's order
@@ -190,7 +191,7 @@ def findings() -> Findings:
 
 @cache
 def tables() -> dict[str, Table]:
-    made = paper_tables.tables(findings())
+    made = pages.tables(findings())
     found = {table.stem: table for table in made}
     assert len(found) == len(made)
     return found
@@ -312,9 +313,11 @@ def test_every_table_has_a_cell_below_each_head_and_a_caption() -> None:
 
 
 def test_every_file_is_one_that_a_later_force_knows() -> None:
-    drawn = [stem for stem, *_ in paper_report._figures(findings())]
+    drawn = [stem for stem, *_ in report._figures(findings())]
     written = {f"{stem}.{end}" for stem in tables() for end in ("csv", "md")}
-    assert {*written, "report.md", *ours.figures(*drawn)} == set(ours.paper(("one", "two")).files)
+    assert {*written, "report.md", *own_files.figures(*drawn)} == set(
+        own_files.paper(("one", "two")).files
+    )
 
 
 def test_the_layout_of_table_2_is_the_papers() -> None:
@@ -439,7 +442,7 @@ def test_a_way_without_a_best_end_has_no_scatter() -> None:
 
 def test_bounds_of_lengths_are_those_at_a_thousandth_and_repeats_attain_what_is_wanted() -> None:
     """Mutant killed: a factor of a thousand in the bounds."""
-    attained = paper_tables.ATTAINED
+    attained = pages.ATTAINED
     assert attained == float(printed.TWO_PARAMETERS[1.0]["c_m"].percent)
     found = findings().lengths
     for line, length in zip(lengths(found, attained), found, strict=True):
@@ -460,7 +463,7 @@ def test_the_verdict_names_its_products() -> None:
 
 
 def test_the_words_name_the_worst_parameter_and_count_those_that_are_held() -> None:
-    text = paper_tables.in_words(findings())
+    text = pages.in_words(findings())
     table_2 = [line for line in text if line.startswith("Table 2")]
     assert len(table_2) == len(printed.TWO_PARAMETERS)
     for line, cell in zip(table_2, findings().verification.cells[::2], strict=True):
@@ -484,17 +487,17 @@ def test_doubts_are_said_in_words_and_above_the_tables_of_their_record() -> None
     bad = replace(one, misfits=replace(one.misfits, map=2716.846, high=1.0443))
     lost = replace(two, converged=False)
     whole = replace(findings(), nines=(bad, lost))
-    text = paper_tables.in_words(whole)
+    text = pages.in_words(whole)
     (poor,) = [line for line in text if "leaves a misfit of" in line]
     assert poor.startswith("one: ")
     assert "2717 per number, where noise leaves at most 1.04" in poor
     (unsure,) = [line for line in text if "did not converge" in line]
     assert unsure.startswith("two: ")
-    for table in paper_tables.tables(whole):
+    for table in pages.tables(whole):
         assert ("2717 per number" in table.says) is table.stem.endswith("_one")
         assert ("did not converge" in table.says) is table.stem.endswith("_two")
-    assert not [line for line in paper_tables.in_words(findings()) if "Careful" in line]
-    assert not [table for table in paper_tables.tables(findings()) if "Careful" in table.says]
+    assert not [line for line in pages.in_words(findings()) if "Careful" in line]
+    assert not [table for table in pages.tables(findings()) if "Careful" in table.says]
 
 
 def test_an_unknown_of_ones_own_has_a_line_after_the_papers_and_what_is_given_is_named() -> None:
@@ -514,7 +517,7 @@ def test_an_unknown_of_ones_own_has_a_line_after_the_papers_and_what_is_given_is
     assert [line.parameter for line in lines_3(own)][:-1] == [n for n in ORDER if n != "k_s"]
     (table,) = [
         table
-        for table in paper_tables.tables(replace(findings(), nines=(own,)))
+        for table in pages.tables(replace(findings(), nines=(own,)))
         if table.stem == "table_3_one"
     ]
     assert "Not searched: k_s = 2*G." in table.says
@@ -526,7 +529,7 @@ def test_without_the_integrator_its_cells_are_empty() -> None:
     own = replace(found, heuristic=nothing, misfits=replace(found.misfits, stepped=None))
     for line in lines_3(own):
         assert (line.stepped, line.stepped_percent, line.stepped_off_percent) == (None,) * 3
-    for table in paper_tables.tables(replace(findings(), nines=(own,))):
+    for table in pages.tables(replace(findings(), nines=(own,))):
         assert "None" not in table.csv + table.markdown
 
 
@@ -537,7 +540,7 @@ def test_what_the_config_gives_is_no_finding() -> None:
     own = replace(found, causes=(given, *rest))
     (table,) = [
         table
-        for table in paper_tables.tables(replace(findings(), nines=(own,)))
+        for table in pages.tables(replace(findings(), nines=(own,)))
         if table.stem == "products_one"
     ]
     _, (_, ((name, heuristic, *empty), *_)) = grids(table.markdown)

@@ -9,13 +9,14 @@ import pytest
 from oracles import NOMINAL, ORDER, by_expm
 from rigs import experiment, posterior
 
-from bayesdrill import physics, symbols
-from bayesdrill.identifiability.information import Information
-from bayesdrill.identifiability.scenes import Scenery
-from bayesdrill.models.linear import Linear
-from bayesdrill.models.motor_shaft import MotorShaft
-from bayesdrill.problem import Problem
-from bayesdrill.reproduction.trapezoid import six_states
+from bayesdrill.basics import symbols
+from bayesdrill.inference.problem import Problem
+from bayesdrill.insight import plausibility
+from bayesdrill.insight.identifiability.information import Information
+from bayesdrill.insight.identifiability.scenes import Scenery
+from bayesdrill.paper.studies.trapezoid import six_states
+from bayesdrill.rig.models.linear import Linear
+from bayesdrill.rig.models.motor_shaft import MotorShaft
 
 BLIND = Information(ORDER, np.zeros((9, 9)))
 SEEN = Information(ORDER, np.eye(9))
@@ -32,7 +33,7 @@ def problem(dt: float = 0.001, own: tuple[str, ...] = (), **changes: float) -> P
 
 
 def nominal(of: Problem) -> list[str]:
-    return [finding.split(":")[0] for finding in physics.of_nominal(of)]
+    return [finding.split(":")[0] for finding in plausibility.of_nominal(of)]
 
 
 def draws(n: int = 50, **changes: float) -> np.ndarray:
@@ -40,7 +41,7 @@ def draws(n: int = 50, **changes: float) -> np.ndarray:
 
 
 def test_poles_are_the_eigenvalues_of_the_paper_s_matrix() -> None:
-    found = physics.poles(MotorShaft(), {name: np.array([NOMINAL[name]]) for name in ORDER})[0]
+    found = plausibility.poles(MotorShaft(), {name: np.array([NOMINAL[name]]) for name in ORDER})[0]
     expected = np.linalg.eigvals(six_states(MotorShaft(), NOMINAL, {})[0])
     expected = np.delete(expected, np.argmin(np.abs(expected)))  # the charge adds a zero
     order = [np.lexsort((x.imag.round(6), x.real.round(6))) for x in (found, expected)]
@@ -53,13 +54,13 @@ def test_a_motor_that_gives_more_than_it_takes_is_named() -> None:
     assert nominal(found) == ["energy"]
     assert nominal(problem(k_T=NOMINAL["k_e"])) == []
     assert nominal(problem(k_T=0.5 * NOMINAL["k_e"])) == []
-    (told,) = physics.of_draws(found, draws(), SEEN)
+    (told,) = plausibility.of_draws(found, draws(), SEEN)
     assert "100 % of the draws (median ratio 1.99)" in told
-    assert physics.of_draws(found, draws(k_T=NOMINAL["k_e"]), SEEN) == ()
+    assert plausibility.of_draws(found, draws(k_T=NOMINAL["k_e"]), SEEN) == ()
 
 
 def test_a_ratio_that_the_record_cannot_show_is_not_blamed_on_the_rig() -> None:
-    (told,) = physics.of_draws(problem(), draws(), BLIND)
+    (told,) = plausibility.of_draws(problem(), draws(), BLIND)
     assert "cannot show this ratio" in told
 
 
@@ -67,7 +68,7 @@ def test_geometry_is_that_of_the_paper_and_only_of_its_rig() -> None:
     """0.30 N m/rad of Table 1 is 14 % above what 2.4 m of 3 mm steel have."""
     assert nominal(problem(k_T=NOMINAL["k_e"], k_s=0.30)) == ["geometry"]
     assert nominal(problem(k_T=NOMINAL["k_e"], k_s=0.30, own=("k_s",))) == []
-    stiffness, inertia = (physics.GEOMETRY[name][0] for name in ("k_s", "j_1"))
+    stiffness, inertia = (plausibility.GEOMETRY[name][0] for name in ("k_s", "j_1"))
     assert stiffness == pytest.approx(0.263, abs=5e-4)
     assert inertia == pytest.approx(28.3e-3, abs=5e-5)
 
@@ -76,11 +77,11 @@ def test_a_pole_faster_than_the_samples_is_named() -> None:
     """Mutant killed: a step is compared with the time of the slowest motion."""
     ideal = NOMINAL["k_e"]
     values = {name: np.array([x]) for name, x in {**NOMINAL, "k_T": ideal}.items()}
-    fastest = -physics.poles(MotorShaft(), values)[0].real.min()
+    fastest = -plausibility.poles(MotorShaft(), values)[0].real.min()
     assert nominal(problem(0.9 / fastest, k_T=ideal)) == []
     step = 1.1 / fastest
     assert nominal(problem(step, k_T=ideal)) == ["sampling"]
-    (told,) = physics.of_draws(problem(step), draws(k_T=ideal), SEEN)
+    (told,) = plausibility.of_draws(problem(step), draws(k_T=ideal), SEEN)
     assert "100 % of the draws" in told
 
 
@@ -92,8 +93,8 @@ def test_a_rig_that_runs_away_and_one_that_turns_too_fast_are_named() -> None:
             pairs = {("theta_1", "w_1"): spin * n, ("w_1", "theta_1"): -spin * n}
             return Linear(A=pairs | {(x, x): 0.01 * n for x in ("theta_1", "w_1")}, B={}, c={})
 
-    found = physics.poles(Unstable(), {"k_s": np.ones(3)})
-    told = physics._poles(found, 0.01)
+    found = plausibility.poles(Unstable(), {"k_s": np.ones(3)})
+    told = plausibility._poles(found, 0.01)
     assert [finding.split(":")[0] for finding in told] == ["stability", "sampling"]
     assert "0.01 1/s" in told[0]
     assert "100 Hz" in told[1]
@@ -102,7 +103,7 @@ def test_a_rig_that_runs_away_and_one_that_turns_too_fast_are_named() -> None:
 def of_course(v: np.ndarray, **changes: float) -> tuple[str, ...]:
     record = experiment(len(v), 0.01, constant={"t_1": 0.0}, series={"v": v})
     of = posterior(record, np.full(5, 0.1))
-    return physics.of_course(Scenery(of.likelihood), draws(1, **changes)[0])
+    return plausibility.of_course(Scenery(of.likelihood), draws(1, **changes)[0])
 
 
 def test_friction_that_drives_is_named_with_its_share_of_the_record() -> None:

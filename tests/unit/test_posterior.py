@@ -10,8 +10,8 @@ import scipy.stats
 from oracles import NOMINAL, ORDER
 from rigs import measured, posterior, vector
 
-from bayesdrill.noise.gaussian import Gaussian
-from bayesdrill.priors import Uniform
+from bayesdrill.inference.noise.gaussian import Gaussian
+from bayesdrill.inference.priors import Uniform
 
 SIGMA = np.array([0.1, 0.07, 0.2, 0.15])
 RECORD = measured(SIGMA, n=150)

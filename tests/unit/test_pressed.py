@@ -5,8 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bayesdrill.diagnostics import pressed_against
-from bayesdrill.priors import HalfNormal, LogNormal, LogUniform, Prior, TruncatedNormal, Uniform
+from bayesdrill.inference.priors import (
+    HalfNormal,
+    LogNormal,
+    LogUniform,
+    Prior,
+    TruncatedNormal,
+    Uniform,
+)
+from bayesdrill.insight.diagnostics import pressed_against
 
 N = 4000
 U = (np.arange(N) + 0.5) / N

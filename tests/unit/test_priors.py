@@ -7,7 +7,7 @@ import pytest
 import scipy.integrate
 import scipy.stats
 
-from bayesdrill.priors import PRIORS, Prior, draw, spread, spread_of_log
+from bayesdrill.inference.priors import PRIORS, Prior, draw, spread, spread_of_log
 
 CASES: dict[str, tuple[Prior, object]] = {
     "uniform": (PRIORS["uniform"](low=0.3, high=1.7), scipy.stats.uniform(0.3, 1.4)),

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 import scipy.io
 
-from bayesdrill import build, loading, recording
-from bayesdrill.errors import InputError
-from bayesdrill.experiment import Experiment
+from bayesdrill.basics.errors import InputError
+from bayesdrill.record.experiment import Experiment
+from bayesdrill.setup import build, loading, reading
 
 DATA = Path(__file__).parents[3] / "shared" / "data"
 PARAMETERS = (
@@ -25,7 +25,7 @@ def read(folder: Path, record: str, inputs: str = "{v: 8}", rest: str = "") -> E
     path = folder / "mine.yaml"
     path.write_text(f"name: mine\nseed: 1\nrecord:\n{record}\ninputs: {inputs}\n{PARAMETERS}{rest}")
     config, source = loading.load(path)
-    return recording.read(config, source)
+    return reading.read(config, source)
 
 
 def table(folder: Path, n: int = 50) -> np.ndarray:

@@ -8,11 +8,13 @@ import numpy as np
 import pytest
 from oracles import NOMINAL, ORDER, by_expm
 
-from bayesdrill import loading, pipeline, provenance, simulation
-from bayesdrill.formats import CsvOptions
-from bayesdrill.formats.csv import read
-from bayesdrill.parameters import ParameterSpace
-from bayesdrill.problem import Problem
+from bayesdrill.commands import pipeline
+from bayesdrill.inference.problem import Problem
+from bayesdrill.inference.unknowns import ParameterSpace
+from bayesdrill.record.formats import CsvOptions
+from bayesdrill.record.formats.csv import read
+from bayesdrill.results import provenance
+from bayesdrill.setup import loading, simulating
 
 ROOT = Path(__file__).parents[2]
 EXAMPLE = ROOT / "configs" / "example_ties.yaml"
@@ -73,7 +75,7 @@ def test_units_of_quantities_are_si_inside(problem: Problem, space: ParameterSpa
 def test_truth_of_a_simulated_record_obeys_the_ties() -> None:
     """Against an independent response; and the bundled record is the one that the config makes."""
     config, source = loading.load(EXAMPLE)
-    text = simulation.simulate(config, source, config.seed)
+    text = simulating.simulate(config, source, config.seed)
     assert text == (EXAMPLE.parent / "records" / "example_ties.csv").read_text()
     found = read(EXAMPLE.parent / "records" / "example_ties.csv", CsvOptions())
     k_s = np.pi * 79.6e9 * 3.005e-3**4 / (32 * 2.4)

@@ -15,11 +15,11 @@ import scipy.optimize
 from oracles import NOMINAL, ORDER, by_expm, skewed
 from rigs import experiment, measured, posterior, vector
 
-from bayesdrill import loading, physics
-from bayesdrill.crew import Crew
-from bayesdrill.optimisers import pairwise
-from bayesdrill.priors import Uniform
-from bayesdrill.reproduction import (
+from bayesdrill.engines.optimisers import pairwise
+from bayesdrill.engines.workers import Crew
+from bayesdrill.inference.priors import Uniform
+from bayesdrill.insight import plausibility
+from bayesdrill.paper.studies import (
     bounds,
     causes,
     forward,
@@ -30,9 +30,10 @@ from bayesdrill.reproduction import (
     shaft,
     simultaneous,
 )
-from bayesdrill.reproduction import verification as study
-from bayesdrill.reproduction.trapezoid import SIX_STATES, integrate, six_states
-from bayesdrill.reproduction.truths import truth_of
+from bayesdrill.paper.studies import verification as study
+from bayesdrill.paper.studies.trapezoid import SIX_STATES, integrate, six_states
+from bayesdrill.paper.studies.truths import truth_of
+from bayesdrill.setup import loading
 
 ROOT = Path(__file__).parents[2]
 PAPER = ROOT.parent / "shared" / "paper" / "ENIEF2013-3496_paper.tex"
@@ -218,9 +219,9 @@ def test_products_do_not_change_with_the_scales_and_missing_physics_is_exact() -
 def test_tones_of_the_shaft_are_those_of_finite_elements() -> None:
     """Many short springs and discs; the second tone converges with their square."""
     j_1, j_2, n = 28.3e-3, 0.0256, 400
-    area = np.pi * physics.SHAFT_DIAMETER**4 / 32
-    length = physics.SHAFT_LENGTH / n
-    spring, disc = physics.STEEL * area / length, shaft.DENSITY * area * length
+    area = np.pi * plausibility.SHAFT_DIAMETER**4 / 32
+    length = plausibility.SHAFT_LENGTH / n
+    spring, disc = plausibility.STEEL * area / length, shaft.DENSITY * area * length
     stiffness, inertia = np.zeros((n + 1, n + 1)), np.zeros((n + 1, n + 1))
     for k in range(n):
         stiffness[k : k + 2, k : k + 2] += spring * np.array([[1, -1], [-1, 1]])

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from oracles import NOMINAL
 from rigs import measured, posterior
 
-from bayesdrill.likelihood import Likelihood
+from bayesdrill.inference.likelihood import Likelihood
+from bayesdrill.inference.residual_checks import FALSE_ALARM, Left, left
 from bayesdrill.report import residual_words as words
-from bayesdrill.residuals import FALSE_ALARM, Left, left
 
 Array = NDArray[np.float64]
 

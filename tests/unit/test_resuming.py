@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from rigs import measured, posterior
 
-from bayesdrill.convergence import Targets
-from bayesdrill.crew import Crew
-from bayesdrill.progress import Silent
-from bayesdrill.sampling import Plan, Sampled, sample
-from bayesdrill.shelf import Memory
+from bayesdrill.basics.progress import Silent
+from bayesdrill.engines.convergence import Targets
+from bayesdrill.engines.sampling import Plan, Sampled, sample
+from bayesdrill.engines.shelf import Memory
+from bayesdrill.engines.workers import Crew
 
 SIGMA = np.full(4, 0.1)
 PLAN = Plan(

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from surfaces import humps, ridged
 
-from bayesdrill import ridges
-from bayesdrill.samplers import ridge
-from bayesdrill.samplers.ridge import Frame, Ridge
+from bayesdrill.engines.learning import ridges
+from bayesdrill.engines.samplers import ridge
+from bayesdrill.engines.samplers.ridge import Frame, Ridge
 
 SHAPES = [(1, 1), (2, 3), (4, 5), (0, 3), (3, 0)]  # loose and tight directions
 

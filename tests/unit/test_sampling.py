@@ -11,19 +11,19 @@ import pytest
 from compiled import SIGMA, seen
 from surfaces import Walled, humps, ridged
 
-from bayesdrill.convergence import Targets
-from bayesdrill.crew import Crew
-from bayesdrill.learning import Learnt, learn
-from bayesdrill.posterior import Posterior
-from bayesdrill.preparation import begin, prepare
-from bayesdrill.progress import Silent
-from bayesdrill.samplers.ensemble import State
-from bayesdrill.samplers.independence import Proposal
-from bayesdrill.samplers.mixture import mixture
-from bayesdrill.samplers.ridge import fit, frame
-from bayesdrill.sampling import Plan, Sampled, sample
-from bayesdrill.shelf import Memory
-from bayesdrill.surface import PosteriorSurface
+from bayesdrill.basics.progress import Silent
+from bayesdrill.engines.convergence import Targets
+from bayesdrill.engines.learning.learn import Learnt, learn
+from bayesdrill.engines.preparation import begin, prepare
+from bayesdrill.engines.samplers.ensemble import State
+from bayesdrill.engines.samplers.independence import Proposal
+from bayesdrill.engines.samplers.mixture import mixture
+from bayesdrill.engines.samplers.ridge import fit, frame
+from bayesdrill.engines.sampling import Plan, Sampled, sample
+from bayesdrill.engines.shelf import Memory
+from bayesdrill.engines.workers import Crew
+from bayesdrill.inference.posterior import Posterior
+from bayesdrill.inference.surface import PosteriorSurface
 
 N = 16  # walkers
 MOVES = {

@@ -17,10 +17,10 @@ from matplotlib.transforms import Bbox
 from numpy.typing import NDArray
 from pictures import box, drawn, overlap, shown
 
-from bayesdrill.models.motor_shaft import MotorShaft
+from bayesdrill.basics.symbols import PARAMETERS
 from bayesdrill.report import style
 from bayesdrill.report.schematics import heuristic_figure, rig_figure
-from bayesdrill.symbols import PARAMETERS
+from bayesdrill.rig.models.motor_shaft import MotorShaft
 
 CHAIN = ("t_f", "j_m", "c_m", "k_e", "k_T", "r_m", "l_m", "k_s", "j_1")
 CYCLE = [(name, CHAIN[(k + 1) % 9]) for k, name in enumerate(CHAIN)]

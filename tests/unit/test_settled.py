@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from surfaces import Ridged, corner, ridged
 
-from bayesdrill.learning import Learnt, learn
-from bayesdrill.left_out import Look, look
-from bayesdrill.samplers.ensemble import State, advance
-from bayesdrill.samplers.independence import Proposal
-from bayesdrill.samplers.mixture import mixture
-from bayesdrill.samplers.weighing import normalised
-from bayesdrill.settled import Settled, bound
+from bayesdrill.engines.learning.learn import Learnt, learn
+from bayesdrill.engines.learning.left_out import Look, look
+from bayesdrill.engines.learning.settled import Settled, bound
+from bayesdrill.engines.samplers.ensemble import State, advance
+from bayesdrill.engines.samplers.independence import Proposal
+from bayesdrill.engines.samplers.mixture import mixture
+from bayesdrill.engines.samplers.weighing import normalised
 
 
 @cache

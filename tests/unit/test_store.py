@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bayesdrill import seeds
-from bayesdrill.errors import InputError
-from bayesdrill.samplers.ensemble import Piece, State
-from bayesdrill.store import Folder, read_chain
+from bayesdrill.basics import seeds
+from bayesdrill.basics.errors import InputError
+from bayesdrill.engines.samplers.ensemble import Piece, State
+from bayesdrill.results.run_folder import Folder, read_chain
 
 
 @pytest.fixture

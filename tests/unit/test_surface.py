@@ -11,12 +11,12 @@ from compiled import MEASURED, SIGMA, response, seen
 from oracles import NOMINAL, ORDER
 from rigs import vector
 
-from bayesdrill.coordinates import Coordinates
-from bayesdrill.formulas import expression
-from bayesdrill.parameters import ParameterSpace
-from bayesdrill.posterior import Posterior
-from bayesdrill.priors import HalfNormal, LogNormal, Prior, TruncatedNormal, Uniform
-from bayesdrill.surface import Expansion, PosteriorSurface, joined
+from bayesdrill.basics.formulas import expression
+from bayesdrill.inference.coordinates import Coordinates
+from bayesdrill.inference.posterior import Posterior
+from bayesdrill.inference.priors import HalfNormal, LogNormal, Prior, TruncatedNormal, Uniform
+from bayesdrill.inference.surface import Expansion, PosteriorSurface, joined
+from bayesdrill.inference.unknowns import ParameterSpace
 
 FAMILIES: dict[str, Prior] = {
     "c_m": HalfNormal(2 * NOMINAL["c_m"]),  # not in logs

@@ -8,10 +8,10 @@ import pytest
 from chains import Chains, sound
 from scipy.special import ndtr
 
-from bayesdrill import seeds
-from bayesdrill.convergence import Convergence, Targets, assess
-from bayesdrill.samplers.ensemble import State, advance
-from bayesdrill.suspicions import split
+from bayesdrill.basics import seeds
+from bayesdrill.engines.convergence import Convergence, Targets, assess
+from bayesdrill.engines.samplers.ensemble import State, advance
+from bayesdrill.engines.walker_checks import split
 
 NAMES = ("k_T", "k_s", "r_m")
 TARGETS = Targets(r_hat=1.05, n_tau=50, ess=1000)

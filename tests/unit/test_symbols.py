@@ -8,9 +8,9 @@ import numpy as np
 import pint
 import pytest
 
-from bayesdrill import symbols
-from bayesdrill.models import MODELS
-from bayesdrill.models.motor_shaft import PARAMETERS
+from bayesdrill.basics import symbols
+from bayesdrill.rig.models import MODELS
+from bayesdrill.rig.models.motor_shaft import PARAMETERS
 
 
 def test_the_two_nominal_tables() -> None:

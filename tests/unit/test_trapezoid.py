@@ -8,11 +8,11 @@ import scipy.interpolate
 from oracles import NOMINAL, skewed
 from rigs import STATES, experiment, vector
 
-from bayesdrill.models.as_printed import AsPrinted
-from bayesdrill.models.motor_shaft import MotorShaft
-from bayesdrill.reproduction import trapezoid
-from bayesdrill.reproduction.trapezoid import SIX_STATES, Solution, integrate, six_states
-from bayesdrill.response import Response
+from bayesdrill.paper.studies import trapezoid
+from bayesdrill.paper.studies.trapezoid import SIX_STATES, Solution, integrate, six_states
+from bayesdrill.rig.models.as_printed import AsPrinted
+from bayesdrill.rig.models.motor_shaft import MotorShaft
+from bayesdrill.rig.response import Response
 
 FIVE = [SIX_STATES.index(name) for name in STATES]
 CHAIN = np.diag(np.ones(3), 1)  # x_1' = x_2, x_2' = x_3, ...

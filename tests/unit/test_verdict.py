@@ -15,15 +15,15 @@ from rigs import measured, posterior
 from scipy.stats import chi2, norm
 from verdicts import LINEAR, PRIOR, PRIOR_SD, TABLE, gaussian, linear_study, verdict
 
-from bayesdrill.build import tolerance
-from bayesdrill.config import Nominal
-from bayesdrill.diagnostics import Row
-from bayesdrill.identifiability.scenes import Scenery
-from bayesdrill.identifiability.study import Thresholds, study
+from bayesdrill.insight.diagnostics import Row
+from bayesdrill.insight.identifiability.scenes import Scenery
+from bayesdrill.insight.identifiability.study import Thresholds, study
+from bayesdrill.insight.tension import bits_gained, joint_tension, tension
+from bayesdrill.insight.verdict import FALSE_ALARM, Verdict, basis, judge
+from bayesdrill.insight.wording import reconciled
 from bayesdrill.report import verdict_words
-from bayesdrill.tension import bits_gained, joint_tension, tension
-from bayesdrill.verdict import FALSE_ALARM, Verdict, basis, judge
-from bayesdrill.wording import reconciled
+from bayesdrill.setup.build import tolerance
+from bayesdrill.setup.config import Nominal
 
 N = 4000
 NORMAL = norm.ppf((np.arange(N) + 0.5) / N)

@@ -7,11 +7,11 @@ import pytest
 from pictures import SYMBOLS, TABLE, clashes, drawn, mode_of, posterior, prior_of
 from verdicts import NAMES, gaussian, verdict
 
-from bayesdrill.identifiability.structure import Structure
+from bayesdrill.basics.symbols import PARAMETERS, product_latex
+from bayesdrill.insight.identifiability.structure import Structure
 from bayesdrill.report.invariants_plot import invariants_figure
 from bayesdrill.report.prior_posterior_plot import prior_posterior_figure
 from bayesdrill.report.ridge_plot import Pair, ridge_figure, strongest_pair
-from bayesdrill.symbols import PARAMETERS, product_latex
 
 ALL = SYMBOLS
 PRIORS = {symbol.name: prior_of(symbol) for symbol in ALL}

@@ -13,10 +13,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bayesdrill import build, simulation
-from bayesdrill.experiment import Experiment
-from bayesdrill.job import prepare
-from bayesdrill.response import Response
+from bayesdrill.record.experiment import Experiment
+from bayesdrill.rig.response import Response
+from bayesdrill.setup import build, simulating
+from bayesdrill.setup.job import prepare
 from benchmarks.zoo import folder, judge, plot, report, rows, runs
 from benchmarks.zoo.entries import paper
 from benchmarks.zoo.friction import DryFriction
@@ -209,7 +209,7 @@ def _noiseless(job_path: Path) -> tuple[Experiment, np.ndarray, np.ndarray]:
     """Experiment, true parameters in the model's order, and the exact signals."""
     job = prepare(job_path)
     rig = build.model(job.config)
-    truth = simulation.truth(job.config, rig)
+    truth = simulating.truth(job.config, rig)
     theta = np.array([[truth[name] for name in rig.parameters]])
     return job.problem.experiment, theta[0], Response(rig, job.problem.experiment).signals(theta)[0]
 

@@ -1,0 +1,260 @@
+"""Formulas of positive quantities written as text, such as `pi*G*d**4/(32*L)`: read, never run.
+
+What may stand in one: numbers, names, `+ - * / **`, `pi`, `sqrt`, `exp`, `log`.
+"""
+
+from __future__ import annotations
+
+import ast
+import math
+import operator
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+
+from bayesdrill.basics.errors import did_you_mean
+
+FUNCTIONS: Mapping[str, Callable[[Any], Any]] = MappingProxyType(
+    {"sqrt": np.sqrt, "exp": np.exp, "log": np.log}
+)
+LONGEST = 1000  # numbers, names and operations
+DEEPEST = 100  # operations inside each other; a sum of n terms has n - 1
+RESERVED = frozenset({"pi", *FUNCTIONS})
+
+_OPERATORS: Mapping[type[ast.operator], Callable[[Any, Any], Any]] = MappingProxyType(
+    {
+        ast.Add: operator.add,
+        ast.Sub: operator.sub,
+        ast.Mult: operator.mul,
+        ast.Div: operator.truediv,
+    }
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Monomial:
+    """`factor` times powers of named quantities; the factor is positive."""
+
+    factor: float
+    powers: Mapping[str, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Expression:
+    """A formula that was read; two of the same `text` are equal."""
+
+    text: str
+    tree: ast.expr = field(repr=False, compare=False)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the quantities in it, in the order in which they stand."""
+        functions = {id(node.func) for node in ast.walk(self.tree) if isinstance(node, ast.Call)}
+        found = [
+            node.id
+            for node in ast.walk(self.tree)
+            if isinstance(node, ast.Name) and id(node) not in functions and node.id != "pi"
+        ]
+        return tuple(dict.fromkeys(found))
+
+    def value(self, named: Mapping[str, Any]) -> Any:
+        """At numbers, arrays of one shape, or `models.tangent.Dual`; inf or NaN where undefined."""
+        with np.errstate(all="ignore"):
+            return _value(self.tree, named)
+
+    def monomial(self) -> Monomial | None:
+        """The same as a product of powers, or None where it is none."""
+        with np.errstate(all="ignore"):
+            found = _monomial(self.tree)
+        if found is None or not 0 < found.factor < math.inf:
+            return None
+        return Monomial(found.factor, {name: p for name, p in found.powers.items() if p != 0.0})
+
+    def substituted(self, others: Mapping[str, Expression]) -> Expression:
+        """With the names of `others` replaced by what they are; raises `ValueError` if that is long."""
+        tree = _Substitution(others).visit(ast.parse(self.text, mode="eval").body)
+        _check_size(tree)
+        return Expression(ast.unparse(tree), tree)
+
+
+def expression(text: str, known: Iterable[str]) -> Expression:
+    """Of the `known` names; raises `ValueError` with a message for the user."""
+    shown = _short(text)
+    try:
+        tree = ast.parse(text.strip(), mode="eval").body
+        _check_size(tree)
+        _check(tree, list(known), shown)
+    except (SyntaxError, RecursionError, MemoryError, OverflowError):  # too deep, or too large
+        raise ValueError(
+            f"{shown} is not a formula; write for example pi*G*d**4/(32*L), with a decimal point "
+            "and without units"
+        ) from None
+    return Expression(ast.unparse(tree), tree)
+
+
+class RelationError(ValueError):
+    """Of the relation of `name`, together with others."""
+
+    def __init__(self, name: str, message: str) -> None:
+        super().__init__(message)
+        self.name = name
+
+
+def _circle(path: tuple[str, ...]) -> RelationError:
+    shown = " -> ".join((*path, path[0]))
+    message = f"depends on itself ({shown}); give one of these a prior or a number"
+    return RelationError(path[0], message)
+
+
+def resolved(relations: Mapping[str, Expression]) -> dict[str, Expression]:
+    """Relations in names that have none themselves; raises `RelationError`."""
+    done: dict[str, Expression] = {}
+
+    def resolve(name: str, path: tuple[str, ...]) -> Expression:
+        if name in path:
+            raise _circle(path[path.index(name) :])
+        if name not in done:
+            inner = [other for other in relations[name].names if other in relations]
+            others = {other: resolve(other, (*path, name)) for other in inner}
+            try:
+                done[name] = relations[name].substituted(others)
+            except ValueError as error:
+                raise RelationError(name, str(error)) from None
+        return done[name]
+
+    return {name: resolve(name, ()) for name in relations}
+
+
+def _check_size(tree: ast.expr) -> None:
+    """Before anything goes down a tree, or on through one that others are put into."""
+    depth, level, count = 0, [tree], 0
+    while level:
+        depth, count = depth + 1, count + len(level)
+        if depth > DEEPEST or count > LONGEST:
+            raise ValueError(
+                f"this formula has more than {DEEPEST} terms or {LONGEST} numbers and names, those of "
+                "the formulas that it names among them; write a shorter one"
+            )
+        level = [
+            inner
+            for node in level
+            for inner in ast.iter_child_nodes(node)
+            if isinstance(inner, ast.expr)
+        ]
+
+
+def _check(node: ast.expr, known: list[str], shown: str) -> None:
+    match node:
+        case ast.Constant(value=int() | float() as value) if not isinstance(value, bool):
+            if not math.isfinite(value):
+                raise OverflowError
+        case ast.Name(id="pi"):
+            pass
+        case ast.Name(id=name):
+            if name not in known:
+                hint = did_you_mean(name, known)
+                raise ValueError(f"{_short(name)} is not a known name{hint}")
+        case ast.UnaryOp(op=ast.USub() | ast.UAdd(), operand=operand):
+            _check(operand, known, shown)
+        case ast.BinOp(left=left, op=ast.Add() | ast.Sub() | ast.Mult() | ast.Div(), right=right):
+            _check(left, known, shown)
+            _check(right, known, shown)
+        case ast.BinOp(left=left, op=ast.Pow(), right=right):
+            _check(left, known, shown)
+            _check(right, [], f"the power {ast.unparse(right)!r}")
+        case ast.BinOp(op=ast.BitXor()):
+            raise ValueError(f"{shown}: a power is written d**4, not d^4")
+        case ast.Call(func=ast.Name(id=name), args=[argument], keywords=[]) if name in FUNCTIONS:
+            _check(argument, known, shown)
+        case ast.Call(func=ast.Name(id=name)):
+            ways = f"functions are {', '.join(FUNCTIONS)}, of one number each"
+            raise ValueError(f"{_short(name)} cannot stand here; {ways}")
+        case _:
+            raise ValueError(
+                f"{_short(ast.unparse(node))} cannot stand in a formula; use numbers with a decimal "
+                f"point, names, + - * / **, pi, {', '.join(FUNCTIONS)}"
+            )
+
+
+def _value(node: ast.expr, named: Mapping[str, Any]) -> Any:
+    match node:
+        case ast.Constant(value=int() | float() as number):
+            return np.float64(number)
+        case ast.Name(id="pi"):
+            return np.float64(math.pi)
+        case ast.Name(id=name):
+            return named[name]
+        case ast.UnaryOp(op=op, operand=operand):
+            inner = _value(operand, named)
+            return -inner if isinstance(op, ast.USub) else inner
+        case ast.BinOp(left=left, op=ast.Pow(), right=right):
+            return _value(left, named) ** _power(right)
+        case ast.BinOp(left=left, op=op, right=right):
+            return _OPERATORS[type(op)](_value(left, named), _value(right, named))
+        case ast.Call(func=ast.Name(id=name), args=[argument]):
+            inner = _value(argument, named)
+            # Numbers with a derivative bring their own functions.
+            own = getattr(inner, name, None)
+            return FUNCTIONS[name](inner) if own is None else own()
+    raise AssertionError(ast.dump(node))
+
+
+def _power(node: ast.expr) -> int | float:
+    number = float(_value(node, {}))
+    return int(number) if number.is_integer() and abs(number) < 2**31 else number
+
+
+def _monomial(node: ast.expr) -> Monomial | None:
+    """The factor may be of any sign, or not a number, on the way."""
+    match node:
+        case ast.Name(id=name) if name != "pi":
+            return Monomial(1.0, {name: 1.0})
+        case ast.UnaryOp(op=op, operand=operand):
+            inner = _monomial(operand)
+            sign = -1.0 if isinstance(op, ast.USub) else 1.0
+            return inner and Monomial(sign * inner.factor, inner.powers)
+        case ast.BinOp(left=left, op=ast.Pow(), right=right):
+            return _raised(_monomial(left), _power(right))
+        case ast.Call(func=ast.Name(id="sqrt"), args=[argument]):
+            return _raised(_monomial(argument), 0.5)
+        case ast.Call(func=ast.Name(id=name), args=[argument]):
+            inner = _monomial(argument)
+            if inner is None or any(inner.powers.values()):
+                return None
+            return Monomial(float(FUNCTIONS[name](inner.factor)), {})
+        case ast.BinOp(left=left, op=op, right=right):
+            first, second = _monomial(left), _monomial(right)
+            if first is None or second is None:
+                return None
+            if isinstance(op, ast.Div):
+                second, op = _raised(second, -1), ast.Mult()
+            if second is not None and isinstance(op, ast.Mult):
+                names = {**first.powers, **second.powers}
+                powers = {n: first.powers.get(n, 0.0) + second.powers.get(n, 0.0) for n in names}
+                return Monomial(first.factor * second.factor, powers)
+            if second is not None and first.powers == second.powers:
+                return Monomial(_OPERATORS[type(op)](first.factor, second.factor), first.powers)
+            return None
+    return Monomial(float(_value(node, {})), {})
+
+
+def _raised(base: Monomial | None, power: float) -> Monomial | None:
+    if base is None:
+        return None
+    powers = {name: power * p for name, p in base.powers.items()}
+    return Monomial(float(np.float64(base.factor) ** power), powers)
+
+
+class _Substitution(ast.NodeTransformer):
+    def __init__(self, others: Mapping[str, Expression]) -> None:
+        self.others = others
+
+    def visit_Name(self, node: ast.Name) -> ast.expr:
+        return self.others[node.id].tree if node.id in self.others else node
+
+
+def _short(text: str) -> str:
+    return repr(text if len(text) <= 60 else f"{text[:57]}...")

@@ -1,0 +1,193 @@
+"""What is ours to write, by exact name: the files of each kind of run, and what stands in their way.
+
+Everything that replaces or removes a file goes through here, and touches nothing else: no file of
+another name, nothing through a link, no folder that holds something of others.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import stat
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+from bayesdrill.basics.errors import InputError, Problem
+
+RUN = "run.json"  # says whose a folder is
+LOCK = ".lock"
+FIGURES = "figures"
+PIECES = ".pieces"
+REFITS = ".refits"
+CONFIGS = ("config.yaml", "config.resolved.yaml")
+
+
+@dataclass(frozen=True, slots=True)
+class Kind:
+    """What `bayesdrill <job>` writes into its folder; `#` stands for a number.
+
+    `mark`: by this file, which is never taken away, the folder is known; `nested`: folders of runs
+    of their own; `again`: what can be done where results exist.
+    """
+
+    job: str
+    mark: str
+    files: tuple[str, ...]
+    nested: tuple[str, ...] = ()
+    again: str = "continue them with --resume, or start over with --force"
+
+    @property
+    def folders(self) -> tuple[str, ...]:
+        return (*{name.split("/")[0]: None for name in self.files if "/" in name}, *self.nested)
+
+    def made(self, name: str) -> bool:
+        return any(_pattern(one).fullmatch(name) for one in (self.mark, *self.files))
+
+
+def figures(*stems: str) -> tuple[str, ...]:
+    return tuple(f"{FIGURES}/{stem}.{end}" for stem in stems for end in ("pdf", "png"))
+
+
+UNFINISHED = Kind("posterior", RUN, (f"{PIECES}/ensemble_#_#.npz",))
+POSTERIOR = Kind(
+    "posterior",
+    RUN,
+    (
+        *("chain.h5", "map.json", *CONFIGS, "posterior.nc", "summary.csv", "summary.md"),
+        *("derived.csv", "verdict.csv"),
+        *figures("corner", "trace", "fit", "prior_posterior", "ridge", "invariants"),
+        *UNFINISHED.files,
+    ),
+)
+CALIBRATE = Kind(
+    "calibrate",
+    RUN,
+    (*CONFIGS, "ranks.csv", "summary.md", *figures("calibration"), f"{REFITS}/#.json"),
+)
+IDENTIFY = Kind("identify", "identify.md", figures("spectrum", "profiles"))
+
+
+def paper(records: Sequence[str]) -> Kind:
+    """Of the studies of the paper; each of `records` has a posterior in a folder of its own."""
+    tables = (
+        *("table_1", "inconsistencies", "matrix", "integrator", "table_2", "implied", "lengths"),
+        *("simultaneous", "control", "misfits", "shaft"),
+        *(f"{stem}_{name}" for name in records for stem in ("table_3", "products", "verdict")),
+    )
+    drawn = (
+        *("rig", "heuristic", "matrix", "table_2", "simultaneous", "convergence"),
+        *(f"{stem}_{name}" for name in records for stem in ("fit", "table_3")),
+    )
+    return Kind(
+        "paper",
+        RUN,
+        (
+            *(f"{stem}.{end}" for stem in tables for end in ("csv", "md")),
+            *("report.md", *figures(*drawn)),
+        ),
+        nested=tuple(records),
+        again="make them anew with --force, or give another --output",
+    )
+
+
+def present(folder: Path, kind: Kind) -> list[str]:
+    """Files and folders in `folder` that bear a name of this kind, whatever they are."""
+    return [name for name in _names(folder, ("", *kind.folders)) if kind.made(name)]
+
+
+def in_the_way(folder: Path, kind: Kind) -> list[Problem]:
+    """Links, folders, devices and pipes where a run has its files, and files where its folders."""
+    wrong = [
+        Problem(
+            str(folder / name), f"{found}, which no run writes; move it, or give another --output"
+        )
+        for name in (LOCK, *present(folder, kind))
+        if (found := _no_file(folder / name))
+    ]
+    for name in kind.folders:
+        found = what(folder / name)
+        if found not in ("", "a folder"):
+            message = (
+                f"{found}, where a run has a folder of its own; move it, or give another --output"
+            )
+            wrong.append(Problem(str(folder / name), message))
+    return wrong
+
+
+def take_away(folder: Path, kind: Kind) -> None:
+    """What such a run has written, all but its mark; then its folders, where nothing is left."""
+    for name in present(folder, kind):
+        if name != kind.mark and what(folder / name) == "a file":
+            (folder / name).unlink()
+    for name in kind.folders:
+        if what(folder / name) == "a folder":
+            with suppress(OSError):  # something of others is in it
+                (folder / name).rmdir()
+
+
+def tidy(folder: Path, kind: Kind) -> None:
+    """What a run that was killed had begun to write; the folder must be locked."""
+    for name in _names(folder, ("", *kind.folders)):
+        if (of := _finished(name)) and kind.made(of) and what(folder / name) == "a file":
+            (folder / name).unlink()
+
+
+@contextmanager
+def whole(path: Path) -> Iterator[Path]:
+    """A path to write to, renamed to `path` when the block ends well and removed otherwise."""
+    refuse_other_than_file(path)
+    aside = path.with_name(f".{path.stem}.{os.getpid()}.aside{path.suffix}")
+    try:
+        yield aside
+        with aside.open("rb") as file:
+            os.fsync(file.fileno())
+        aside.replace(path)
+    finally:
+        aside.unlink(missing_ok=True)
+
+
+def refuse_other_than_file(path: Path) -> None:
+    """Raises `InputError` for links, folders, devices and pipes."""
+    if found := _no_file(path):
+        message = f"{found}, which is never replaced; give another --output"
+        raise InputError.one(str(path), message)
+
+
+def what(path: Path) -> str:
+    """`a file`, `a folder`, ...; empty where there is nothing.  Links are not followed."""
+    try:
+        mode = path.lstat().st_mode
+    except (FileNotFoundError, NotADirectoryError):
+        return ""
+    if stat.S_ISREG(mode):
+        return "a file"
+    if stat.S_ISDIR(mode):
+        return "a folder"
+    return "a link" if stat.S_ISLNK(mode) else "a device or pipe"
+
+
+def _names(folder: Path, below: Iterable[str]) -> list[str]:
+    """What lies in `folder` and those `below` that are no links, as relative names."""
+    found = []
+    for name in below:
+        if what(folder / name) == "a folder" or (not name and folder.is_dir()):
+            found += [f"{name}/{one}" if name else one for one in os.listdir(folder / name)]
+    return sorted(found)
+
+
+def _finished(name: str) -> str:
+    """The file that something left aside by `whole` was to become."""
+    match = re.fullmatch(r"((?:.*/)?)\.(.*)\.\d+\.aside(\.[^./]*)", name)
+    return "".join(match.groups()) if match else ""
+
+
+def _pattern(name: str) -> re.Pattern[str]:
+    return re.compile(re.escape(name).replace(r"\#", r"\d+"), re.ASCII)
+
+
+def _no_file(path: Path) -> str:
+    """What `path` is, unless it is a file or nothing."""
+    found = what(path)
+    return "" if found == "a file" else found

@@ -1,0 +1,1 @@
+"""What the commands do, one after the other: identify, posterior, report, calibrate."""

@@ -1,0 +1,245 @@
+"""The calibration of a config: refits handed out, saved one by one, and judged together."""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import io
+import time
+from collections.abc import Callable, Sequence
+from concurrent.futures import CancelledError, Executor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+import bayesdrill
+from bayesdrill.basics import own_files, software
+from bayesdrill.basics.errors import InputError, Interrupted
+from bayesdrill.basics.own_files import FIGURES, REFITS, whole
+from bayesdrill.basics.progress import Reporter
+from bayesdrill.basics.sealed import opened, sealed
+from bayesdrill.commands import pipeline
+from bayesdrill.commands.pipeline import CONFIG_FILE, RESOLVED_FILE
+from bayesdrill.engines import mode
+from bayesdrill.engines.convergence import Targets
+from bayesdrill.engines.workers import ctrl_c_waits
+from bayesdrill.insight.calibration.refit import Refit, Study, packed, work
+from bayesdrill.insight.calibration.verdict import Verdict, judge
+from bayesdrill.record.experiment import Experiment
+from bayesdrill.report import calibration_words
+from bayesdrill.results import provenance, run_folder
+from bayesdrill.results.chain_files import COMPUTED_AGAIN
+from bayesdrill.results.run_folder import Folder
+from bayesdrill.setup import build, loading, reading, simulating
+from bayesdrill.setup.job import Job
+
+RANKS = "ranks.csv"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Outcome:
+    folder: Path
+    verdict: Verdict
+    refits: tuple[Refit, ...]
+
+
+def prepare(path: Path) -> Job:
+    """As `job.prepare`, but nothing has to be measured yet where `simulation:` gives times."""
+    config, source = loading.load(path)
+    there = reading.path_of(config, source).exists()
+    read: Callable[..., Experiment] = reading.read if there else simulating.grid
+    experiment = read(config, source)
+    # What was measured plays no part, and so must not stop a calibration from being resumed.
+    blank = dataclasses.replace(experiment, y=np.zeros_like(experiment.y))
+    return Job(config=config, source=source, problem=build.problem(config, blank))
+
+
+def study(job: Job) -> Study:
+    own = job.config.calibration
+    targets = Targets(r_hat=job.config.sampler.r_hat, n_tau=own.n_tau, ess=own.ess)
+    plan = pipeline.plan(job.config)
+    optimiser, evaluations = (
+        build.optimiser(job.config, job.problem.names),
+        job.config.map.evaluations,
+    )
+    if job.config.map.method == "nelder_mead":
+        optimiser, evaluations = mode.roughly(len(job.problem.names), evaluations)
+    return Study(
+        posterior=job.problem.posterior,
+        optimiser=optimiser,
+        starts=own.starts,
+        evaluations=evaluations,
+        plan=dataclasses.replace(plan, targets=targets, max_steps=own.max_steps),
+        draws=own.draws,
+        seed=job.config.seed,
+    )
+
+
+def calibrate(
+    job: Job,
+    output: Path,
+    how: run_folder.Mode,
+    crew: Executor,
+    report: Reporter,
+) -> Outcome:
+    """The whole job. Raises `Interrupted` when asked to stop, and `BrokenProcessPool` when a worker
+    was killed; refits that are done are saved.
+    """
+    own = job.config.calibration
+    # A refit does not depend on how many there are: a calibration can be extended.
+    marks = provenance.fingerprint(job.config, job.problem) | {
+        f"calibration.{name}": repr(value) for name, value in own if name != "refits"
+    }
+    begun = time.perf_counter()
+    with Folder(output, how, marks, own_files.CALIBRATE) as folder:
+        if how == "resume":
+            saved(folder.path / REFITS)  # what is damaged is found before anything is written
+        report.say(calibration_words.opening(job.problem, job.config))
+        folder.begin(
+            status="running",
+            seed=job.config.seed,
+            versions=software.versions(),
+            refits=own.refits,
+        )
+        folder.write_text(CONFIG_FILE, job.source.text)
+        folder.write_text(RESOLVED_FILE, provenance.resolved(job.config, job.source, output))
+        try:
+            refits = run(study(job), own.refits, folder.path / REFITS, crew, report)
+        except KeyboardInterrupt:
+            folder.write_run(status="interrupted")
+            message = (
+                f"stopped; the refits that were done are saved in {output}; continue with --resume"
+            )
+            raise Interrupted(message) from None
+        except (InputError, BrokenProcessPool):
+            folder.write_run(status="interrupted")
+            raise
+        verdict = _publish(job, folder, refits)
+        folder.write_run(seconds=round(time.perf_counter() - begun, 3))
+        return Outcome(folder=folder.path, verdict=verdict, refits=tuple(refits))
+
+
+def run(
+    study: Study,
+    n: int,
+    folder: Path,
+    crew: Executor,
+    report: Reporter,
+) -> list[Refit]:
+    """Refits 0 to n - 1: those that `folder` holds, and the others, each saved when it is done.
+
+    A task is named by its index alone, so that one that is computed twice is counted once.
+    """
+    done = {refit.index: refit for refit in saved(folder) if refit.index < n}
+    missing = [index for index in range(n) if index not in done]
+    folder.mkdir(exist_ok=True)
+    report.update(0.0, f"{len(done)} of {n} refits")
+    try:
+        _collect(study, missing, crew, done, n, folder, report)
+    except CancelledError:
+        raise _lost(folder, "the scheduler is gone") from None
+    report.update(1.0, "")
+    return [done[index] for index in range(n)]
+
+
+def _collect(
+    study: Study,
+    missing: Sequence[int],
+    crew: Executor,
+    done: dict[int, Refit],
+    n: int,
+    folder: Path,
+    report: Reporter,
+) -> None:
+    blob, versions = packed(study), software.versions()
+    with ctrl_c_waits():
+        futures = [crew.submit(work, blob, versions, index) for index in missing]
+    for count, future in enumerate(as_completed(futures), 1):
+        refit = _result(future.result, folder)
+        save(folder, refit)
+        done[refit.index] = refit
+        strayed = sum(not refit.converged for refit in done.values())
+        doubt = f", {strayed} not converged" if strayed else ""
+        report.update(count / len(missing), f"{len(done)} of {n} refits{doubt}")
+
+
+def _result(result: Callable[[], Refit], folder: Path) -> Refit:
+    try:
+        return result()
+    except ModuleNotFoundError as error:
+        message = f"a worker cannot import {error.name}; install the same bayesdrill there"
+        raise InputError.one("--scheduler", message) from None
+    except Exception as error:
+        # Of distributed, which may be missing here: a task whose workers died again and again.
+        if type(error).__name__ != "KilledWorker":
+            raise
+        raise _lost(folder, "workers were killed again and again (out of memory?)") from None
+
+
+def _lost(folder: Path, reason: str) -> InputError:
+    return InputError.one(str(folder.parent), f"{reason}; continue with --resume")
+
+
+def save(folder: Path, refit: Refit) -> None:
+    with whole(folder / f"{refit.index:06d}.json") as path:
+        path.write_text(sealed(dataclasses.asdict(refit)), encoding="utf-8")
+
+
+def saved(folder: Path) -> list[Refit]:
+    """Raises `InputError` where a file is damaged."""
+    found = sorted(folder.glob("*.json"))
+    return [_read(path) for path in found if own_files.CALIBRATE.made(f"{REFITS}/{path.name}")]
+
+
+def _read(path: Path) -> Refit:
+    try:
+        data = opened(path.read_bytes())
+        for name in ("truth", "ranks", "reasons"):
+            data[name] = tuple(data[name])
+        return Refit(**data)
+    except (ValueError, KeyError, TypeError):
+        raise InputError.one(str(path), COMPUTED_AGAIN) from None
+
+
+def _publish(job: Job, folder: Folder, refits: Sequence[Refit]) -> Verdict:
+    names = study(job).names
+    verdict = judge(names, refits, job.config.calibration.draws)
+    folder.write_text(RANKS, as_csv(names, refits))
+    folder.write_text("summary.md", calibration_words.summary(job.config.name, verdict, refits))
+    _draw(job, folder, verdict)
+    folder.write_run(
+        status="finished",
+        calibrated=verdict.calibrated,
+        verdict=calibration_words.verdict(verdict),
+        not_converged=list(verdict.not_converged),
+        seconds_of_a_refit=round(float(np.mean([refit.seconds for refit in refits])), 3),
+    )
+    return verdict
+
+
+def _draw(job: Job, folder: Folder, verdict: Verdict) -> None:
+    # Late: matplotlib takes a second to load.
+    from bayesdrill.report.calibration_plot import calibration_figure
+    from bayesdrill.report.style import save as save_figure
+
+    figures = folder.path / FIGURES
+    figures.mkdir(exist_ok=True)
+    note = {"Title": job.config.name, "Creator": f"bayesdrill {bayesdrill.__version__}"}
+    figure = calibration_figure(verdict, job.problem.symbols)
+    save_figure(figure, figures, "calibration", note)
+
+
+def as_csv(names: Sequence[str], refits: Sequence[Refit]) -> str:
+    """A line for each refit: all digits, SI; nothing that depends on when or where it ran."""
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    keys = [name.replace(" ", "_") for name in names]
+    heads = ["refit", "converged", "r_hat", "ess", "steps"]
+    writer.writerow([*heads, *(f"true_{key}" for key in keys), *(f"rank_{key}" for key in keys)])
+    for refit in refits:
+        ranks = refit.ranks or [""] * len(names)
+        first = (refit.index, int(refit.converged), refit.r_hat, refit.ess, refit.steps)
+        writer.writerow([*first, *refit.truth, *ranks])
+    return out.getvalue()

@@ -1,0 +1,128 @@
+"""Where mistakes end: in a message and a status, whatever command they happen in.
+
+Exit status: 0 done (and converged), 2 the input is wrong, disk or memory ran out or a table or figure
+could not be made, 3 finished but not converged or not calibrated, 130 interrupted.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+from collections.abc import Iterator
+from concurrent.futures import BrokenExecutor
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+import typer
+
+INPUT_WRONG = 2
+NOT_CONVERGED = 3
+INTERRUPTED = 130
+LONGEST_LINE = 400
+STOPPING = ("SIGINT", "SIGTERM", "SIGHUP")
+KILLED = "a worker process was killed (out of memory?); fewer --processes need less"
+
+
+@contextmanager
+def guarded() -> Iterator[None]:
+    """Mistakes, a full disk, a killed worker and Ctrl-C end in a message and a status."""
+    from bayesdrill.basics.errors import InputError, Interrupted
+
+    try:
+        if sys.flags.optimize > 1:
+            message = "python -OO takes the docstrings away that ArviZ works on; leave -OO out"
+            raise InputError.one("", message)
+        with _interruptible():
+            yield
+    except InputError as error:
+        _fail(error.problems)
+    except Interrupted as stopped:
+        _tell(str(stopped))
+        raise typer.Exit(INTERRUPTED) from None
+    except KeyboardInterrupt:
+        _tell("stopped")
+        raise typer.Exit(INTERRUPTED) from None
+    except BrokenPipeError:
+        # Nobody reads on.  Python would try once more at the end, and fail, so give it a place.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        raise typer.Exit(0) from None
+    except OSError as error:
+        place = f"{error.filename}: " if error.filename else ""
+        _tell(f"{place}{_reason(error)}")
+        raise typer.Exit(INPUT_WRONG) from None
+    except BrokenExecutor:
+        _tell(KILLED)
+        raise typer.Exit(INPUT_WRONG) from None
+    except MemoryError:
+        _tell("out of memory; a shorter record, fewer walkers or fewer steps need less")
+        raise typer.Exit(INPUT_WRONG) from None
+
+
+@contextmanager
+def _interruptible() -> Iterator[None]:
+    """The first Ctrl-C, SIGTERM or SIGHUP raises `KeyboardInterrupt`; more of them change nothing.
+
+    The process is to end then, and a second one would stop it from cleaning up.  A signal that was
+    to be ignored (nohup, a job in the background) still is.
+    """
+    numbers = [getattr(signal, name) for name in STOPPING if hasattr(signal, name)]
+    before = {number: signal.getsignal(number) for number in numbers}
+    heard = [n for n, handler in before.items() if handler not in (None, signal.SIG_IGN)]
+
+    def interrupt(_number: int, _frame: object) -> None:
+        for number in heard:
+            signal.signal(number, signal.SIG_IGN)
+        raise KeyboardInterrupt
+
+    for number in heard:
+        signal.signal(number, interrupt)
+    try:
+        yield
+    finally:
+        for number in heard:
+            if signal.getsignal(number) is interrupt:
+                signal.signal(number, before[number])
+
+
+@contextmanager
+def saved_in(folder: Path, way_out: str = "go on with --resume") -> Iterator[None]:
+    """A disk or a worker that fails during a run: where, and how the run goes on from there."""
+    from bayesdrill.basics.errors import InputError
+
+    try:
+        yield
+    except BrokenPipeError:
+        raise
+    except OSError as error:
+        message = f"{_reason(error)}; mend this, then {way_out}"
+        raise InputError.one(str(error.filename or folder), message) from None
+    except BrokenExecutor:
+        raise InputError.one(str(folder), f"{KILLED}; {way_out}") from None
+
+
+def _reason(error: OSError) -> str:
+    # HDF5 puts a page of its own into `strerror`.
+    return f"cannot be written or read: {os.strerror(error.errno) if error.errno else error}"
+
+
+def _fail(problems: tuple[Any, ...]) -> None:
+    most = 15
+    for problem in problems[:most]:
+        _tell(str(problem))
+    if len(problems) > most:
+        _tell(f"... and {len(problems) - most} more")
+    raise typer.Exit(INPUT_WRONG)
+
+
+def _tell(text: str) -> None:
+    """On stderr, which may be full or closed: the status tells as much as is left to tell."""
+    with suppress(OSError):
+        typer.echo(_line(text), err=True)
+
+
+def _line(text: str) -> str:
+    """One line that a terminal can show, however long the names in a file are."""
+    text = "".join(letter if letter.isprintable() else " " for letter in text)
+    return text if len(text) <= LONGEST_LINE else f"{text[: LONGEST_LINE - 3]}..."

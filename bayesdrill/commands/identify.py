@@ -1,0 +1,127 @@
+"""The job of `bayesdrill identify`: what a record can say, before anything is sampled."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayesdrill.basics import own_files
+from bayesdrill.basics.errors import InputError, did_you_mean
+from bayesdrill.basics.own_files import FIGURES, IDENTIFY, what, whole
+from bayesdrill.basics.progress import Reporter
+from bayesdrill.insight import plausibility
+from bayesdrill.insight.identifiability.profile import Fitter, Profile, profile
+from bayesdrill.insight.identifiability.scenes import Scenery
+from bayesdrill.insight.identifiability.study import Study, study_of
+from bayesdrill.report import identify_words as words
+from bayesdrill.setup.job import Job
+
+Array = NDArray[np.float64]
+
+ALL = "all"
+MARK = "<!-- bayesdrill identify -->"  # begins the text, and so says whose the figures are
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Findings:
+    study: Study
+    profiles: tuple[Profile, ...]
+
+    @property
+    def text(self) -> str:
+        parts = [words.full(self.study)]
+        if self.profiles:
+            parts.append(words.profiles(self.profiles, self.study))
+        return "\n\n".join(parts)
+
+
+def identify(job: Job, theta: Array, at: str, wanted: Sequence[str], report: Reporter) -> Findings:
+    """At the physical point `theta (D,)`; profiles of the parameters `wanted`, or of `all`."""
+    posterior = job.problem.posterior
+    scenery = Scenery(posterior.likelihood)
+    if not scenery.unknowns:
+        raise InputError.one("parameters", "no parameter is unknown; there is nothing to identify")
+    columns = _columns(scenery.unknowns, wanted)
+    found = study_of(scenery, posterior, theta, job.asked, at)
+    profiles = []
+    if columns:
+        fitter = Fitter(posterior, scenery, theta)
+        for done, column in enumerate(columns):
+            report.update(done / len(columns), f"profile of {scenery.unknowns[column]}")
+            profiles.append(profile(fitter, scenery.unknowns, column))
+        report.update(1.0, "")
+    return Findings(study=found, profiles=tuple(profiles))
+
+
+def preflight(job: Job, scenery: Scenery) -> str:
+    """What the record can show at the start values, in a few lines."""
+    if not scenery.unknowns:
+        return "no parameter is unknown: only noise levels are looked for"
+    posterior = job.problem.posterior
+    start = posterior.space.vector(posterior.space.start)
+    said = words.brief(study_of(scenery, posterior, start, job.asked))
+    return "\n".join([said, *plausibility.of_course(scenery, start)])
+
+
+def check_place(folder: Path, *, force: bool) -> None:
+    """Raises `InputError` where something is in the way that `publish` must not replace."""
+    if what(folder) and not folder.is_dir():
+        raise InputError.one(str(folder), "a file is in the way; give another --output")
+    obstacles = own_files.in_the_way(folder, IDENTIFY)
+    if obstacles:
+        raise InputError(obstacles)
+    there = own_files.present(folder, IDENTIFY)
+    if there and not force:
+        message = "exists already; give --force or another --output"
+        raise InputError.one(str(folder / there[0]), message)
+    text = folder / IDENTIFY.mark
+    if there and not (text.exists() and text.read_bytes().startswith(MARK.encode())):
+        message = "was not written by `bayesdrill identify`; give another --output"
+        raise InputError.one(str(folder / there[0]), message)
+
+
+def publish(job: Job, findings: Findings, folder: Path, *, force: bool) -> str:
+    """Text and figures into `folder`, which may hold other results; says where."""
+    from bayesdrill.report import style  # late: matplotlib takes a second to load
+    from bayesdrill.report.profile_plot import profile_figure
+    from bayesdrill.report.spectrum_plot import spectrum_figure
+
+    check_place(folder, force=force)
+    own_files.take_away(folder, IDENTIFY)
+    figures = folder / FIGURES
+    figures.mkdir(parents=True, exist_ok=True)
+    with whole(folder / IDENTIFY.mark) as path:
+        path.write_text(_markdown(job, findings), encoding="utf-8")
+    symbols = {symbol.name: symbol for symbol in job.problem.symbols}
+    latex = {name: symbol.latex for name, symbol in symbols.items()}
+    note = {"Title": job.config.name}
+    style.save(spectrum_figure(findings.study, latex), figures, "spectrum", note)
+    if findings.profiles:
+        drawn = profile_figure(findings.profiles, symbols, job.problem.nominal)
+        style.save(drawn, figures, "profiles", note)
+    return f"{folder}/ ({IDENTIFY.mark}, figures/)"
+
+
+def _columns(unknowns: tuple[str, ...], wanted: Sequence[str]) -> list[int]:
+    if ALL in wanted:
+        return list(range(len(unknowns)))
+    for name in wanted:
+        if name not in unknowns:
+            hint = did_you_mean(name, [*unknowns, ALL])
+            raise InputError.one("--profile", f"{name} is not an unknown of this config{hint}")
+    return [unknowns.index(name) for name in wanted]
+
+
+def _markdown(job: Job, findings: Findings) -> str:
+    pictures = ["![spectrum](figures/spectrum.png)"]
+    if findings.profiles:
+        pictures.append("![profiles](figures/profiles.png)")
+    return (
+        f"{MARK}\n# What {job.config.name} can say\n\n```text\n{findings.text}\n```\n\n"
+        + "\n\n".join(pictures)
+        + "\n"
+    )

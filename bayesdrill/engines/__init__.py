@@ -1,0 +1,1 @@
+"""Climbing and walking on the density: optimisers, the search for the MAP, the ensembles."""

@@ -1,0 +1,79 @@
+"""Different maxima of a density: found from many starts, told apart by walking between them.
+
+Two points of one ridge are joined by it, however far apart they are; two maxima are not.  So one
+walks from one to the other along the loose directions of the first, led back to the ridge by its
+tight ones at each step, and looks where one arrives.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayesdrill.engines.climb import climb
+from bayesdrill.engines.learning import directions, ridges
+from bayesdrill.inference.surface import Surface
+
+Array = NDArray[np.float64]
+
+FIRST_STEPS = 8  # of all starts, and then ...
+BEST_STARTS = 10  # ... as many go on, for ...
+MORE_STEPS = 25  # ... as many steps
+LOWER = 25.0  # of the log density: a maximum lower than the highest by more holds nothing
+PATH = 10  # steps between two points
+NEAR = 1e-3  # of the priors' spreads: the same point
+SAME = 3.0  # standard deviations of the tight directions
+MOST = 6  # maxima
+
+
+def scout(surface: Surface, starts: Array) -> tuple[Array, Array]:
+    """Where `starts (n, D)` lead: the promising ones, `(m, D)`, and their log densities."""
+    first = climb(surface, starts, FIRST_STEPS)
+    best = np.argsort(-first.value, kind="stable")[:BEST_STARTS]
+    found = climb(surface, first.u[best], MORE_STEPS)
+    good = np.isfinite(found.value)
+    return found.u[good], found.value[good]
+
+
+def apart(surface: Surface, points: Array, values: Array) -> list[int]:
+    """Which of `points (n, D)` are maxima of their own, the highest first."""
+    left = [int(k) for k in np.argsort(-values, kind="stable")]
+    left = [k for k in left if values[k] >= values[left[0]] - LOWER]
+    chosen: list[int] = []
+    while left and len(chosen) < MOST:
+        highest, *rest = left
+        chosen.append(highest)
+        if not rest:
+            break
+        near = np.abs(points[rest] - points[highest]) < NEAR * surface.spread
+        same = near.all(axis=1) | joined(surface, points[highest], points[rest])
+        left = [k for k, one in zip(rest, same, strict=True) if not one]
+    return chosen
+
+
+def joined(surface: Surface, start: Array, others: Array) -> NDArray[np.bool_]:
+    """Whether the ridge through `start (D,)` leads to each of `others (n, D)`: `(n,)`."""
+    here = surface.expand(start[None], np.eye(len(start)))
+    base, _ = directions.split(surface, start, here)
+    psi, tau = base.split(others)
+    if tau.shape[1] == 0:
+        return np.ones(len(others), dtype=bool)
+    at = np.zeros_like(tau)
+    before = np.zeros_like(tau)
+    arrived = np.zeros(len(others), dtype=bool)
+    roots = np.zeros((len(others), tau.shape[1], tau.shape[1]))
+    for k in range(1, PATH + 1):
+        ahead = 2.0 * at - before if k > 1 else at  # straight on from the last two
+        found, roots, _, arrived = ridges.led_back(surface.expand, base, psi * (k / PATH), ahead)
+        before, at = at, found
+    roots[~arrived] = np.eye(tau.shape[1])  # of no use, where there is no density
+    off = np.linalg.solve(roots, (tau - at)[..., None])[..., 0]
+    return np.asarray(arrived & (np.linalg.norm(off, axis=1) < SAME))
+
+
+def together(parts: Sequence[tuple[Array, Array]]) -> tuple[Array, Array]:
+    """Points and values of several searches."""
+    points, values = zip(*parts, strict=True)
+    return np.concatenate(points), np.concatenate(values)

@@ -1,0 +1,234 @@
+"""The maximum of the posterior (MAP): several searches, whether they agree, and other maxima.
+
+Nelder and Mead find the way; damped Gauss-Newton with exact slopes goes the rest of it.  Plain draws
+from the prior are sent up the same way, and unknowns whose poles the samples cannot tell from
+those of the MAP: a maximum that no search has looked for is not found by many searches for another.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayesdrill.engines import aliases, maxima
+from bayesdrill.engines.climb import climb, gain_left
+from bayesdrill.engines.optimisers import nelder_mead
+from bayesdrill.engines.optimisers.contract import Optimiser, Task
+from bayesdrill.inference import laplace
+from bayesdrill.inference.posterior import Posterior
+from bayesdrill.inference.priors import LogNormal
+from bayesdrill.inference.surface import PosteriorSurface
+
+Array = NDArray[np.float64]
+
+SAME_LOG_DENSITY = 1e-6  # searches that end nearer than this have found the same height
+ROUNDING = 1e-12  # of the log posterior: nor can two searches agree better than its own digits
+SAME_PLACE = 0.01  # ... and the same place, when no unknown differs by more than 1 %
+CANDIDATES = 4096  # prior draws of which a search starts at the best
+SCOUTS = 24  # plain draws from the prior that are sent uphill without a simplex
+SIMPLEX = 200  # evaluations of a simplex for each unknown; more do not help it far from the top
+ROUGHLY = 1.0  # of the log posterior: how near a simplex has to come, where slopes do the rest
+POLISH, EXACT = 40, 8  # steps of Gauss and Newton, and of Newton, at the end of a search
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Search:
+    """One search: where it began and ended (physical), and how."""
+
+    start: Mapping[str, float]
+    end: Mapping[str, float]
+    log_posterior: float
+    evaluations: int
+    settled: bool
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Other:
+    """Another maximum, which no ridge joins to the highest."""
+
+    values: Mapping[str, float]
+    log_posterior: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Mode:
+    """The best of the searches, and `others`: lower maxima that may hold some of the posterior.
+
+    `slope`: change of the log posterior per conditional standard deviation of each unknown, well
+    below 1 at a maximum inside the prior; `gain`: what a Newton step would still gain.
+    `at_bound`: unknowns within 0.1 % of an end of their prior, or with 0.1 % of it between them and
+    zero.
+    """
+
+    values: Mapping[str, float]
+    log_posterior: float
+    slope: Mapping[str, float]
+    gain: float
+    at_bound: tuple[str, ...]
+    searches: tuple[Search, ...]
+    others: tuple[Other, ...] = ()
+
+    @property
+    def maxima(self) -> tuple[Other, ...]:
+        """All of them, the highest first."""
+        return (Other(values=self.values, log_posterior=self.log_posterior), *self.others)
+
+    @property
+    def tolerance(self) -> float:
+        """How much two heights may differ and still be the same."""
+        return max(SAME_LOG_DENSITY, ROUNDING * abs(self.log_posterior))
+
+    @property
+    def highest(self) -> tuple[Search, ...]:
+        """The searches that reached the height of the best."""
+        lowest = self.log_posterior - self.tolerance
+        return tuple(s for s in self.searches if s.log_posterior > lowest)
+
+    @property
+    def same_height(self) -> int:
+        return len(self.highest)
+
+    @property
+    def wandering(self) -> tuple[str, ...]:
+        """Unknowns in which searches of the same height ended at different places."""
+        return tuple(
+            name
+            for name, value in self.values.items()
+            if any(_differ(s.end[name], value) and not self._is_other(s.end) for s in self.highest)
+        )
+
+    def _is_other(self, end: Mapping[str, float]) -> bool:
+        return any(
+            not any(_differ(end[name], x) for name, x in other.values.items())
+            for other in self.others
+        )
+
+
+def _differ(one: float, other: float) -> bool:
+    return abs(one - other) > SAME_PLACE * abs(other)
+
+
+def starts(posterior: Posterior, n: int, rng: np.random.Generator) -> Array:
+    """`(n, D)` physical: the configured start, then the best of some prior draws each."""
+    first = posterior.space.vector(posterior.space.start)
+    rest = []
+    for _ in range(n - 1):
+        candidates = posterior.space.draw(CANDIDATES, rng)
+        rest.append(candidates[int(np.argmax(posterior.density(candidates)))])
+    return np.array([first, *rest])
+
+
+def task(posterior: Posterior) -> Task:
+    """The posterior density."""
+    return Task(
+        names=posterior.space.free,
+        density=posterior.density,
+        coordinates=posterior.coordinates,
+        covariance=lambda theta: laplace.covariance(posterior, theta),
+    )
+
+
+def roughly(unknowns: int, evaluations: int) -> tuple[Optimiser, int]:
+    """Nelder and Mead as far as they are good for, where a search is polished."""
+    return partial(nelder_mead.maximise, enough=ROUGHLY), min(evaluations, SIMPLEX * unknowns)
+
+
+def search(
+    posterior: Posterior, optimiser: Optimiser, evaluations: int, start: Array, polish: bool = True
+) -> Search:
+    """One search from the physical point `start (D,)`, and with `polish` on to the very maximum."""
+    found = optimiser(task(posterior), start, evaluations)
+    theta, value, settled = found.theta, found.value, found.settled
+    if polish:
+        surface = PosteriorSurface(posterior, physical=True)
+        # A simplex may go on for ever towards an end that has none.
+        u = np.clip(posterior.coordinates.from_physical(theta[None]), surface.low, surface.high)
+        value = float(surface.value(u)[0])
+        top = climb(surface, climb(surface, u, POLISH).u, EXACT, exact=True)
+        if top.value[0] > value:
+            u, value, settled = top.u, float(top.value[0]), bool(top.arrived[0])
+        theta = posterior.coordinates.to_physical(u)[0]
+    return Search(
+        start=_named(posterior, start),
+        end=_named(posterior, theta),
+        log_posterior=value,
+        evaluations=found.evaluations,
+        settled=settled,
+    )
+
+
+def scouts(posterior: Posterior, starts: Array) -> tuple[Array, Array]:
+    """Where physical `starts (n, D)` lead, `(m, D)`, and how high `(m,)`; without a simplex."""
+    surface = PosteriorSurface(posterior, physical=True)
+    u, value = maxima.scout(surface, posterior.coordinates.from_physical(starts))
+    return posterior.coordinates.to_physical(u), value
+
+
+def summarise(
+    posterior: Posterior, searches: tuple[Search, ...], scouted: tuple[Array, Array] | None = None
+) -> Mode:
+    """`scouted`: further points that were reached, physical, and their log densities."""
+    surface = PosteriorSurface(posterior, physical=True)
+    to, back = posterior.coordinates.from_physical, posterior.coordinates.to_physical
+    points = to(np.array([posterior.space.vector(s.end) for s in searches]))
+    values = np.array([s.log_posterior for s in searches])
+    if scouted is not None and len(scouted[0]):
+        points = np.concatenate([points, to(scouted[0])])
+        values = np.concatenate([values, scouted[1]])
+    around = aliases.starts(posterior, points[int(np.argmax(values))])
+    if len(around):
+        more = maxima.scout(surface, around)
+        points, values = np.concatenate([points, more[0]]), np.concatenate([values, more[1]])
+    chosen = maxima.apart(surface, points, values)
+    top = climb(surface, points[chosen], POLISH, exact=True)
+    better = top.value > values[chosen]
+    ends = np.where(better[:, None], top.u, points[chosen])
+    heights = np.where(better, top.value, values[chosen])
+    order = np.argsort(-heights, kind="stable")
+    ends, heights = ends[order], heights[order]
+    theta = back(ends)
+    here = surface.expand(ends[:1], np.eye(ends.shape[1]))
+    conditional = np.sqrt(np.maximum(np.einsum("wdd->wd", here.curvature)[0], 1e-300))
+    inward = np.where(
+        ((ends[0] <= surface.low) & (here.slope[0] < 0))
+        | ((ends[0] >= surface.high) & (here.slope[0] > 0)),
+        0.0,
+        here.slope[0],
+    )
+    return Mode(
+        values=_named(posterior, theta[0]),
+        log_posterior=float(heights[0]),
+        slope=_named(posterior, inward / conditional),
+        gain=float(gain_left(surface, ends[:1], here)[0]),
+        at_bound=_at_bound(posterior, _named(posterior, theta[0])),
+        searches=searches,
+        others=tuple(
+            Other(values=_named(posterior, at), log_posterior=float(height))
+            for at, height in zip(theta[1:], heights[1:], strict=True)
+        ),
+    )
+
+
+def tops(posterior: Posterior, found: Mode) -> Array:
+    """All maxima, `(M, D)` physical, the highest first."""
+    return np.array([posterior.space.vector(one.values) for one in found.maxima])
+
+
+def _at_bound(posterior: Posterior, values: Mapping[str, float]) -> tuple[str, ...]:
+    close = []
+    for name, prior in posterior.space.priors.items():
+        ends = [end for end in (prior.low, prior.high) if np.isfinite(end) and end > 0]
+        # The density of a log-normal vanishes at zero: that is no bound, only improbable.
+        ends_at_zero = prior.low == 0 and not isinstance(prior, LogNormal)
+        at_zero = ends_at_zero and values[name] < prior.quantile(np.array(1e-3))
+        if at_zero or any(abs(values[name] / end - 1) < 1e-3 for end in ends):
+            close.append(name)
+    return tuple(close)
+
+
+def _named(posterior: Posterior, theta: Array) -> dict[str, float]:
+    return {name: float(x) for name, x in zip(posterior.space.free, theta, strict=True)}

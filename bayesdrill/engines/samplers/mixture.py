@@ -1,0 +1,196 @@
+"""Gaussian mixtures over several sheets of coordinates, fitted to weighted draws that a prior cuts.
+
+A sheet is a ridge with coordinates of its own; every component belongs to one.  A posterior with
+one maximum has one sheet.  Together they are one normalised density over u (up to what the prior
+cuts off, which is the same for all of it).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayesdrill.engines.samplers.ridge import Sheet
+
+Array = NDArray[np.float64]
+Inside = Callable[[Array], NDArray[np.bool_]]
+
+FILL = 0.8  # of what the prior cuts off: with all of it, nine of ten draws would be cut off in a corner
+FLOOR = 1e-4  # of the variance of all draws of a sheet, added to that of its components
+LOG_2PI = float(np.log(2.0 * np.pi))
+
+
+@dataclass(frozen=True, slots=True)
+class Drawn:
+    """`u (n, D)`, log |du / dy| `(n,)` and `y (n, D)`, each on the sheet that it was drawn on."""
+
+    u: Array
+    jacobian: Array
+    y: Array
+    sheet: NDArray[np.intp]
+
+    def those(self, good: NDArray[np.bool_] | NDArray[np.intp]) -> Drawn:
+        return Drawn(self.u[good], self.jacobian[good], self.y[good], self.sheet[good])
+
+
+@dataclass(frozen=True, slots=True)
+class Mixture:
+    """`sheet (K,)`: which of `sheets` a component lives on; `weights (K,)` sum to 1.
+
+    `means (K, D)` and lower Cholesky factors `roots (K, D, D)` in the sheet's coordinates.
+    """
+
+    sheets: tuple[Sheet, ...]
+    sheet: NDArray[np.intp]
+    weights: Array
+    means: Array
+    roots: Array
+    inverses: Array
+    constants: Array
+
+    def draw(self, n: int, random: np.random.RandomState) -> Drawn:
+        """`n` draws, inside the prior or not."""
+        chosen = np.searchsorted(np.cumsum(self.weights)[:-1], random.random_sample(n))
+        normal = random.standard_normal((n, self.means.shape[1]))
+        y, u, jacobian = np.empty_like(normal), np.empty_like(normal), np.empty(n)
+        for k, (mean, root) in enumerate(zip(self.means, self.roots, strict=True)):
+            mine = np.flatnonzero(chosen == k)
+            y[mine] = mean + normal[mine] @ root.T
+        if len(self.sheets) == 1:
+            return Drawn(*self.sheets[0].bend(y), y, self.sheet[chosen])
+        for s, ridge in enumerate(self.sheets):
+            mine = np.flatnonzero(self.sheet[chosen] == s)
+            u[mine], jacobian[mine] = ridge.bend(y[mine])
+        return Drawn(u, jacobian, y, self.sheet[chosen])
+
+    def log_density_of(self, drawn: Drawn) -> Array:
+        """Of draws of its own: `(n,)`."""
+        return self.log_density_at(*self.coordinates(drawn))
+
+    def coordinates(self, drawn: Drawn) -> tuple[Array, Array]:
+        """`straightened`, of draws of its own: on the sheet they come from they are known already."""
+        y = np.repeat(drawn.y[None], len(self.sheets), axis=0)
+        jacobian = np.repeat(drawn.jacobian[None], len(self.sheets), axis=0)
+        for s, ridge in enumerate(self.sheets):
+            others = np.flatnonzero(drawn.sheet != s)
+            if len(others) > 0:
+                y[s, others], jacobian[s, others] = ridge.straighten(drawn.u[others])
+        return y, jacobian
+
+    def widened(self, factor: float) -> Mixture:
+        """With every component as many times wider, and equal shares for the sheets."""
+        each = np.array([self.weights[self.sheet == s].sum() for s in self.sheet])
+        weights = self.weights / each
+        return mixture(self.sheets, self.sheet, weights, self.means, factor * self.roots)
+
+    def log_density(self, u: Array) -> Array:
+        """`(W, D) -> (W,)` over u."""
+        return self.log_density_at(*self.straightened(u))
+
+    def log_density_at(self, y: Array, jacobian: Array) -> Array:
+        """Of what has been `straightened` already: `(W,)` over u."""
+        return _summed(self.log_parts(y, jacobian))
+
+    def shares(self, y: Array, jacobian: Array) -> tuple[Array, Array]:
+        """Of each component in the density there: `(K, W)`; and its log `(W,)`."""
+        parts = self.log_parts(y, jacobian)
+        log_q = _summed(parts)
+        return np.exp(parts - log_q), log_q
+
+    def straightened(self, u: Array) -> tuple[Array, Array]:
+        """`y (S, W, D)` on each sheet and log |du / dy| `(S, W)`."""
+        found = [ridge.straighten(u) for ridge in self.sheets]
+        return np.array([y for y, _ in found]), np.array([jacobian for _, jacobian in found])
+
+    def log_parts(self, y: Array, jacobian: Array) -> Array:
+        """Log density over u of each component, its weight included: `(K, W)`."""
+        standard = (y[self.sheet] - self.means[:, None, :]) @ self.inverses.transpose(0, 2, 1)
+        squares = np.einsum("kwd,kwd->kw", standard, standard)
+        return np.asarray(self.constants[:, None] - jacobian[self.sheet] - 0.5 * squares)
+
+
+def _summed(parts: Array) -> Array:
+    """Log of the sum of densities whose logs are `(K, W)`: `(W,)`."""
+    highest = parts.max(axis=0)
+    return np.asarray(highest + np.log(np.exp(parts - highest).sum(axis=0)))
+
+
+def mixture(
+    sheets: Sequence[Sheet],
+    sheet: Sequence[int] | NDArray[np.intp],
+    weights: Array,
+    means: Array,
+    roots: Array,
+) -> Mixture:
+    weights = weights / weights.sum()
+    log_det = np.log(np.diagonal(roots, axis1=1, axis2=2)).sum(axis=1)
+    with np.errstate(divide="ignore"):
+        constants = np.log(weights) - log_det - 0.5 * means.shape[1] * LOG_2PI
+    inverses = np.linalg.inv(roots)
+    which = np.array(sheet, dtype=np.intp)
+    return Mixture(tuple(sheets), which, weights, means, roots, inverses, constants)
+
+
+def fitted(
+    start: Mixture,
+    u: Array,
+    weights: Array,
+    inside: Inside,
+    rounds: int,
+    random: np.random.RandomState,
+) -> Mixture:
+    """Expectation and maximisation from `start`, for draws `u (N, D)` that weigh `weights (N,)`.
+
+    What the mixture puts outside the prior is added to the draws in each round, so that it is free
+    to be anything there: a density that ends at a wall is met by components that reach beyond.
+    """
+    found = start
+    y, jacobian = start.straightened(u)
+    floors = [_floor(y[s], weights) for s in range(len(start.sheets))]
+    for _ in range(rounds):
+        drawn = found.draw(len(u), random).u
+        out = ~inside(drawn)
+        share = max(1.0 - float(out.mean()), 1.0 / len(u))
+        y_out, jacobian_out = found.straightened(drawn[out])
+        every = np.concatenate([weights, np.full(int(out.sum()), FILL / (share * len(u)))])
+        points = np.concatenate([y, y_out], axis=1)
+        jacobians = np.concatenate([jacobian, jacobian_out], axis=1)
+        found = _step(found, points, jacobians, every, floors)
+    return found
+
+
+def _step(
+    found: Mixture, y: Array, jacobian: Array, weights: Array, floors: list[Array]
+) -> Mixture:
+    parts = found.log_parts(y, jacobian)
+    parts -= parts.max(axis=0)
+    shares = np.exp(parts)
+    shares *= weights / shares.sum(axis=0)
+    totals = shares.sum(axis=1)
+    means, roots = found.means.copy(), found.roots.copy()
+    dimension = means.shape[1]
+    for k, total in enumerate(totals):
+        if total < 1e-12 or _effective(shares[k]) < 2 * dimension:
+            continue  # too few draws to move it
+        points = y[found.sheet[k]]
+        means[k] = shares[k] @ points / total
+        off = points - means[k]
+        covariance = (off * shares[k][:, None]).T @ off / total
+        with suppress(np.linalg.LinAlgError):  # of one draw that outweighs all others
+            roots[k] = np.linalg.cholesky(covariance + floors[found.sheet[k]])
+    return mixture(found.sheets, found.sheet, np.maximum(totals, 1e-12), means, roots)
+
+
+def _floor(y: Array, weights: Array) -> Array:
+    mean = weights @ y / weights.sum()
+    spread = weights @ (y - mean) ** 2 / weights.sum()
+    return np.diag(FLOOR * spread + 1e-12)
+
+
+def _effective(weights: Array) -> float:
+    total = float(weights.sum())
+    return total * total / max(float(weights @ weights), 1e-300)

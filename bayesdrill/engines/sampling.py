@@ -1,0 +1,295 @@
+"""Independent ensembles, advanced side by side until the targets are met."""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib
+from collections.abc import Callable, Mapping
+from concurrent.futures import FIRST_COMPLETED, Future, wait
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayesdrill.basics.errors import InputError
+from bayesdrill.basics.progress import Reporter
+from bayesdrill.basics.sizes import steps_of_chain
+from bayesdrill.engines.convergence import (
+    Convergence,
+    Length,
+    Targets,
+    assess,
+    futile,
+    length,
+    thinned,
+)
+from bayesdrill.engines.learning.learn import Learnt
+from bayesdrill.engines.learning.settled import bound_to
+from bayesdrill.engines.preparation import begin, fits, prepare
+from bayesdrill.engines.samplers.ensemble import Piece, State, advance
+from bayesdrill.engines.samplers.independence import Proposal
+from bayesdrill.engines.shelf import Shelf
+from bayesdrill.engines.workers import Crew
+from bayesdrill.inference.posterior import Posterior
+
+Array = NDArray[np.float64]
+
+FIRST_CHECK = 200  # steps
+PIECE = 250  # steps between savings, at most, and ...
+PIECE_SECONDS = 2.0  # ... about as many as take this long: what Ctrl-C waits for
+ENOUGH_OF_A_MISFIT = 800  # steps
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Plan:
+    ensembles: int
+    walkers: int
+    moves: Mapping[str, float]
+    targets: Targets
+    max_steps: int
+    seed: int
+
+    def most_steps(self, unknowns: int) -> int:
+        """`max_steps`, or as many as a chain of this size may have."""
+        return min(self.max_steps, steps_of_chain(self.ensembles, self.walkers, unknowns))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Sampled:
+    """`theta (E, S, W, D)` physical; `pieces` of each ensemble as they were saved.
+
+    `learnt`: what the proposal was learnt from, and `held (M,)`: how many of the draws each maximum
+    has; None where a chain was only read again.
+    """
+
+    pieces: list[list[Piece]]
+    theta: Array
+    convergence: Convergence
+    learnt: Learnt | None = None
+    held: Array | None = None
+
+    @property
+    def draws(self) -> Array:
+        """`(E, N, D)`: nearly independent draws of `theta`."""
+        return thinned(self.theta, self.convergence.burn_in, self.convergence.thin)
+
+    @property
+    def log_p(self) -> Array:
+        """`(E, N)`: log density over the sampler's coordinates, of the same draws."""
+        every = _stack([[piece.log_p for piece in pieces] for pieces in self.pieces])
+        return thinned(every, self.convergence.burn_in, self.convergence.thin)
+
+    @property
+    def acceptance(self) -> Array:
+        """`(E,)` shares of proposals accepted."""
+        return np.array([sum(p.accepted.mean() for p in ps) / _steps(ps) for ps in self.pieces])
+
+    @property
+    def failures(self) -> int:
+        """Proposals inside the prior whose response overflowed."""
+        return sum(piece.failures for pieces in self.pieces for piece in pieces)
+
+
+def loaded(_: Posterior) -> None:
+    """For a process that has nothing else to do yet: loads what its ensembles will need."""
+    importlib.import_module("emcee")
+
+
+def walk(
+    posterior: Posterior,
+    state: State,
+    n_steps: int,
+    moves: Mapping[str, float],
+    proposal: Proposal,
+) -> Piece:
+    own = bound_to(proposal, posterior)
+    return advance(posterior.evaluate, state, n_steps, moves, own, posterior.supports)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Walk:
+    """Ensembles under way: their `pieces`, and the same steps in physical unknowns, `theta`."""
+
+    crew: Crew
+    posterior: Posterior
+    proposal: Proposal
+    plan: Plan
+    shelf: Shelf
+    pieces: list[list[Piece]]
+    theta: list[list[Array]]
+
+    @property
+    def steps(self) -> list[int]:
+        return [_steps(pieces) for pieces in self.pieces]
+
+    def advance_to(self, goal: int) -> None:
+        """All ensembles to `goal` steps; each goes on as soon as its last piece is in."""
+        running: dict[Future[Piece], int] = {}
+        length = PIECE
+
+        def submit(ensemble: int) -> None:
+            left = goal - self.steps[ensemble]
+            if left > 0:
+                arguments = min(length, left), dict(self.plan.moves), self.proposal
+                running[self.crew.submit(walk, self._state(ensemble), *arguments)] = ensemble
+
+        for ensemble in range(self.plan.ensembles):
+            submit(ensemble)
+        while running:
+            done, _ = wait(running, return_when=FIRST_COMPLETED)
+            for future in done:
+                ensemble = running.pop(future)
+                piece = future.result()
+                length = int(np.clip(PIECE_SECONDS * len(piece.z) / piece.seconds, 1, PIECE))
+                first = self.steps[ensemble]
+                self.pieces[ensemble].append(piece)
+                if not self.crew.alone:
+                    submit(ensemble)  # first, so that others walk on while this process writes
+                self.shelf.save(ensemble, first, piece)
+                self.theta[ensemble].append(_physical(self.posterior, piece))
+                if self.crew.alone:
+                    submit(ensemble)
+
+    def first(self, n: int) -> Array:
+        """`(E, n, W, D)`, physical."""
+        return np.array([np.concatenate(parts)[:n] for parts in self.theta])
+
+    def _state(self, ensemble: int) -> State:
+        if self.pieces[ensemble]:
+            return self.pieces[ensemble][-1].state
+        return begin(self.posterior, self.proposal, self.plan.walkers, self.plan.seed, ensemble)
+
+
+def sample(
+    crew: Crew, posterior: Posterior, maxima: Array, plan: Plan, shelf: Shelf, report: Reporter
+) -> Sampled:
+    """Continue what `shelf` holds until converged or `max_steps`; every piece is saved.
+
+    `maxima (M, D)`: physical, each of which may hold some of the posterior.
+    """
+    learnt = prepare(crew, posterior, maxima, plan.seed)
+    report.say(_said(learnt))
+    under_way = _taken_up(crew, posterior, learnt.proposal, plan, shelf)
+    have, most = max(under_way.steps), plan.most_steps(maxima.shape[1])
+    if not fits(posterior, maxima):
+        most = min(most, ENOUGH_OF_A_MISFIT)
+    sampled = _until_judged(under_way, have, most, learnt, report)
+    report.update(1.0, "")
+    z = posterior.coordinates.from_physical(sampled.draws.reshape(-1, maxima.shape[1]))
+    return dataclasses.replace(sampled, held=learnt.shares(z, len(maxima)))
+
+
+def _until_judged(
+    under_way: _Walk, have: int, most: int, learnt: Learnt, report: Reporter
+) -> Sampled:
+    """On and on until the targets are met, nothing more helps, or `most` steps are made.
+
+    Where it looks depends on nothing but the chain: not on how it was cut.
+    """
+    plan, last = under_way.plan, max(most, have)
+    goal = min(FIRST_CHECK, last)
+    trail: list[tuple[int, float]] = []
+    while True:
+        under_way.advance_to(goal)
+        theta = under_way.first(goal)
+        seen = length(theta)
+        trail.append((goal, seen.n_tau))
+        hopeless = futile(trail, plan.targets.n_tau, plan.max_steps, most)
+        ending = bool(hopeless) or goal == last
+        report.update(
+            min(seen.n_tau / plan.targets.n_tau, 0.99),
+            f"{goal} steps: {seen.n_tau:.0f} autocorrelation times",
+        )
+        # Shorter lengths were judged before an interruption, and found wanting.
+        if goal >= have and (ending or seen.n_tau >= plan.targets.n_tau):
+            sampled = _judge(under_way.posterior, plan, under_way.pieces, theta, seen)
+            convergence = sampled.convergence
+            report.update(_share(convergence, plan.targets), _state_of(convergence))
+            if hopeless and not convergence.converged:
+                reasons = (*convergence.reasons, hopeless)
+                convergence = dataclasses.replace(convergence, reasons=reasons, enough=None)
+            if convergence.converged or ending:
+                return dataclasses.replace(sampled, convergence=convergence, learnt=learnt)
+        goal = min(seen.next_check(goal, plan.targets.n_tau), last)
+
+
+def _said(learnt: Learnt) -> str:
+    """What has been learnt, in a line."""
+    ridges = len(learnt.off)
+    where = "the ridge" if ridges == 1 else f"{ridges} ridges"
+    return (
+        f"proposal: learnt along {where} of the posterior, accepted {learnt.acceptance:.0%} of the "
+        "time"
+    )
+
+
+def _taken_up(
+    crew: Crew, posterior: Posterior, proposal: Proposal, plan: Plan, shelf: Shelf
+) -> _Walk:
+    """From where `shelf` was left."""
+    pieces = [shelf.pieces(ensemble) for ensemble in range(plan.ensembles)]
+    return _Walk(
+        crew=crew,
+        posterior=posterior,
+        proposal=proposal,
+        plan=plan,
+        shelf=shelf,
+        pieces=pieces,
+        theta=[[_physical(posterior, piece) for piece in chain] for chain in pieces],
+    )
+
+
+def _judge(
+    posterior: Posterior,
+    plan: Plan,
+    pieces: list[list[Piece]],
+    theta: Array,
+    seen: Length | None = None,
+) -> Sampled:
+    """`theta (E, S, W, D)`: all of the pieces, physical; `seen`: its length, if that is known."""
+    log_p = _stack([[piece.log_p for piece in chain] for chain in pieces])
+    convergence = assess(theta, posterior.space.free, plan.targets, log_p, seen)
+    return Sampled(pieces=pieces, theta=theta, convergence=convergence)
+
+
+def _steps(pieces: list[Piece]) -> int:
+    return sum(len(piece.z) for piece in pieces)
+
+
+def _physical(posterior: Posterior, piece: Piece) -> Array:
+    z = piece.z
+    return posterior.coordinates.to_physical(z.reshape(-1, z.shape[-1])).reshape(z.shape)
+
+
+def _stack(chains: list[list[Array]]) -> Array:
+    return np.array([np.concatenate(parts) for parts in chains])
+
+
+def _share(convergence: Convergence, targets: Targets) -> float:
+    """How much of the way to the targets, as far as length goes."""
+    share = min(
+        convergence.n_tau / targets.n_tau, float(np.min(convergence.ess_bulk)) / targets.ess
+    )
+    return float(np.clip(share, 0.0, 0.99))
+
+
+def _state_of(c: Convergence) -> str:
+    return (
+        f"{c.steps} steps: R-hat {np.max(c.r_hat):.4f}, {c.n_tau:.0f} autocorrelation times, "
+        f"ESS {np.min(c.ess_bulk):.0f}"
+    )
+
+
+def stored(
+    posterior: Posterior, plan: Plan, pieces: Callable[[int], list[Piece]], place: str
+) -> Sampled:
+    """The `pieces` of each ensemble, judged again; raises `InputError` where `place` lacks some."""
+    chains = [pieces(ensemble) for ensemble in range(plan.ensembles)]
+    steps = min(map(_steps, chains))
+    first = min(FIRST_CHECK, plan.most_steps(len(posterior.space.free)))
+    if steps < first or max(map(_steps, chains)) != steps:
+        raise InputError.one(
+            place, "the run stopped before its first check; continue it with --resume"
+        )
+    theta = [[_physical(posterior, piece) for piece in chain] for chain in chains]
+    return _judge(posterior, plan, chains, _stack(theta))

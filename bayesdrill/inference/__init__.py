@@ -1,0 +1,1 @@
+"""The density: unknowns, priors, noise, likelihood, posterior, and its slopes."""

@@ -1,0 +1,58 @@
+"""The log posterior: over physical unknowns, and over the sampler's coordinates."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayesdrill.inference.coordinates import Coordinates
+from bayesdrill.inference.likelihood import Likelihood
+from bayesdrill.inference.unknowns import ParameterSpace
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Posterior:
+    """Unnormalised posterior (normalised prior times normalised likelihood).
+
+    `posterior(z: (W, D)) -> (W,)` is the density over the coordinates, Jacobian included: finite
+    or -inf, never NaN.  `evaluate` also counts the failures.
+    """
+
+    space: ParameterSpace
+    likelihood: Likelihood
+    coordinates: Coordinates
+
+    def __call__(self, z: Array) -> Array:
+        return self.evaluate(z)[0]
+
+    def evaluate(self, z: Array) -> tuple[Array, int]:
+        """Log density over `z` and the number of walkers inside the prior whose model failed."""
+        theta, log_jacobian = self.coordinates.with_jacobian(z)
+        log_p, failures = self._density(theta)
+        inside = log_p > -np.inf
+        log_p[inside] += log_jacobian[inside]
+        return log_p, failures
+
+    def supports(self, z: Array) -> NDArray[np.bool_]:
+        """Whether the priors have a density at `z (W, D)`: `(W,)`, without asking the model."""
+        theta = self.coordinates.to_physical(z)
+        return np.asarray(self.space.log_prior(theta) > -np.inf)
+
+    def density(self, theta: Array) -> Array:
+        """Log density over the physical unknowns `(W, D)`, whose maximum is the MAP: `(W,)`."""
+        return self._density(theta)[0]
+
+    def _density(self, theta: Array) -> tuple[Array, int]:
+        log_p = self.space.log_prior(theta)
+        log_p[np.isnan(log_p)] = -np.inf
+        inside = np.flatnonzero(log_p > -np.inf)  # the model is not asked outside the prior
+        if len(inside) == 0:
+            return log_p, 0
+        log_p[inside] += self.likelihood(theta[inside])
+        failed = np.isnan(log_p)
+        log_p[failed] = -np.inf
+        return log_p, int(failed.sum())

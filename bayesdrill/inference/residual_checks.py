@@ -1,0 +1,123 @@
+"""What the best fit leaves of a record, and whether noise alone leaves as much.
+
+All that is said of the unknowns counts on the model and on white noise of the given size.  Both
+show in what is left: its size over sigma, single samples far off, and whether one sample has
+something to do with the next.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import chdtri, ndtri
+
+from bayesdrill.inference.likelihood import Likelihood
+
+Array = NDArray[np.float64]
+
+FALSE_ALARM = 0.01  # of records of the model, with its noise, would give any finding at most
+FAR_TOO_LARGE = 1.5  # rms over sigma, from which on nothing that counts on the noise is believed
+REMEMBERED = 0.6  # correlation of neighbours, from which on sds are too small by a factor of two
+LOOKS = 5  # at each channel: size and correlation both ways, and the farthest sample
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Limits:
+    """What noise leaves in one channel of all: rms over sigma, correlation, farthest sample."""
+
+    least: float
+    most: float
+    correlation: float
+    farthest: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Left:
+    """Of one channel: rms over sigma, the correlation of one sample with the next, and the sample
+    that is farthest off, in sigmas, at `time` [s].  `share`: of the channel's spread about its mean;
+    NaN where it has none.
+    """
+
+    channel: str
+    rms: float
+    share: float
+    correlation: float
+    farthest: float
+    time: float
+    limits: Limits
+
+    @property
+    def large(self) -> bool:
+        return self.rms > self.limits.most
+
+    @property
+    def small(self) -> bool:
+        return self.rms < self.limits.least
+
+    @property
+    def correlated(self) -> bool:
+        return abs(self.correlation) > self.limits.correlation
+
+    @property
+    def like_noise(self) -> bool:
+        """Less than the noise is no evidence against the model: then sds are only too large."""
+        return not (self.large or self.correlated or self.far)
+
+    @property
+    def unbelievable(self) -> bool:
+        """Whether all that is said of the unknowns must not be believed."""
+        too_large = self.large and self.rms > FAR_TOO_LARGE
+        return too_large or (self.correlated and self.correlation > REMEMBERED)
+
+    @property
+    def far(self) -> bool:
+        """A few samples by themselves; where all are too large that is said already."""
+        return self.farthest > self.limits.farthest and not self.large
+
+
+def like_noise(found: Sequence[Left]) -> bool:
+    """Whether no channel is left with more than its noise."""
+    return all(one.like_noise for one in found)
+
+
+def left(likelihood: Likelihood, theta: Array) -> tuple[Left, ...]:
+    """At the unknowns `theta (D,)`; an unknown sigma fits the size, unless its prior keeps it off."""
+    noise, row, experiment = likelihood.noise, theta[None], likelihood.response.experiment
+    sigmas = likelihood.sigmas(row)[0]
+    residuals = (experiment.y - likelihood.signals(row)[0]) / sigmas
+    n = len(residuals)
+    found = limits(n, noise.n_channels, len(theta))
+    squares = (residuals**2).sum(axis=0)
+    products = (residuals[1:] * residuals[:-1]).sum(axis=0)
+    worst = np.abs(residuals).argmax(axis=0)
+    rms, spread = np.sqrt(squares / n), experiment.y.std(axis=0)
+    share = np.where(spread > 0, rms * sigmas / np.where(spread > 0, spread, 1.0), math.nan)
+    return tuple(
+        Left(
+            channel=name,
+            rms=float(rms[k]),
+            share=float(share[k]),
+            correlation=float(products[k] / squares[k]) if squares[k] > 0 else 0.0,
+            farthest=float(abs(residuals[worst[k], k])),
+            time=float(experiment.t[worst[k]]),
+            limits=found,
+        )
+        for k, name in enumerate(experiment.names)
+    )
+
+
+def limits(samples: int, channels: int, unknowns: int) -> Limits:
+    """A fit takes something away from what noise leaves, and never adds to it: the limits above are
+    those without a fit, the one below allows for as many unknowns as there are.
+    """
+    tail = FALSE_ALARM / (LOOKS * channels)
+    return Limits(
+        least=math.sqrt(chdtri(max(samples - unknowns, 1), 1 - tail) / samples),
+        most=math.sqrt(chdtri(samples, tail) / samples),
+        correlation=-float(ndtri(tail)) / math.sqrt(samples),
+        farthest=-float(ndtri(0.5 * tail / samples)),
+    )

@@ -1,0 +1,178 @@
+"""The log posterior over the sampler's coordinates, with slopes and curvature, point by point.
+
+Slopes of the response are exact (`models.tangent`), its curvature is that of Gauss and Newton: what
+a straight response would have.  That is positive, and right where the fit leaves only noise.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayesdrill.inference.posterior import Posterior
+from bayesdrill.inference.priors import Prior
+
+Array = NDArray[np.float64]
+
+SHARES = 200  # of equal mass, which the spread of a prior is taken from
+ROUNDED = 1e-9  # of a prior's spread
+STEP = 1e-4  # of its spread, over which a prior is differentiated
+NOTHING = 1e-9  # of a prior that has no end lies beyond where one searches
+
+
+@dataclass(frozen=True, slots=True)
+class Expansion:
+    """At W points along q directions: `value (W,)`, `slope (W, q)`, `curvature (W, q, q)`.
+
+    `curvature` is minus the second derivative.  Where the response overflows `value` is -inf and
+    the others are zero.
+    """
+
+    value: Array
+    slope: Array
+    curvature: Array
+
+
+def joined(parts: Sequence[Expansion]) -> Expansion:
+    """Of the points of all parts, in order."""
+    return Expansion(
+        *(
+            np.concatenate([getattr(part, field.name) for part in parts])
+            for field in dataclasses.fields(Expansion)
+        )
+    )
+
+
+class Surface(Protocol):
+    """A log density over `u (W, D)`; `low`, `high` `(D,)`: the ends between which one searches.
+
+    `spread (D,)`: how far each unknown may go before the record is seen.
+    """
+
+    @property
+    def low(self) -> Array: ...
+
+    @property
+    def high(self) -> Array: ...
+
+    @property
+    def spread(self) -> Array: ...
+
+    @property
+    def middle(self) -> Array: ...
+
+    def value(self, u: Array) -> Array: ...
+
+    def inside(self, u: Array) -> NDArray[np.bool_]: ...
+
+    def expand(self, u: Array, directions: Array) -> Expansion:
+        """`directions (D, q)`: columns along which slopes are wanted."""
+        ...
+
+
+class PosteriorSurface:
+    """That of a posterior."""
+
+    def __init__(self, posterior: Posterior, *, physical: bool = False) -> None:
+        """`physical`: the density over the unknowns themselves, whose maximum is the MAP."""
+        self.posterior = posterior
+        self.physical = physical
+        self._priors = tuple(posterior.space.priors.values())
+        ends = np.array([_ends(prior) for prior in self._priors]).T
+        self.low, self.high = posterior.coordinates.from_physical(ends)
+        shares = (np.arange(SHARES) + 0.5) / SHARES
+        quantiles = np.stack([prior.quantile(shares) for prior in self._priors], axis=-1)
+        usual = posterior.coordinates.from_physical(np.maximum(quantiles, 1e-300))
+        self.middle, self.spread = usual.mean(axis=0), usual.std(axis=0)
+        # What lies at an end must not be rounded beyond it.
+        self.low, self.high = self.low + ROUNDED * self.spread, self.high - ROUNDED * self.spread
+
+    def value(self, u: Array) -> Array:
+        if not self.physical:
+            return self.posterior(u)
+        return self.posterior.density(self.posterior.coordinates.to_physical(u))
+
+    def inside(self, u: Array) -> NDArray[np.bool_]:
+        return self.posterior.supports(u)
+
+    def expand(self, u: Array, directions: Array) -> Expansion:
+        here = self.bent(u, directions)
+        with np.errstate(all="ignore"):
+            return dataclasses.replace(here, value=here.value + self.value(u))
+
+    def bent(self, u: Array, directions: Array) -> Expansion:
+        """`expand` without the value, which takes another response: 0, or -inf."""
+        with np.errstate(all="ignore"):
+            theta = self.posterior.coordinates.to_physical(u)
+            slope, curvature = self._of_record(theta, directions)
+        prior_slope, prior_curvature = self._of_prior(u)
+        slope += _along(prior_slope, directions)
+        curvature += _weighted(directions, prior_curvature)
+        good = np.isfinite(slope).all(axis=1) & np.isfinite(curvature).all(axis=(1, 2))
+        slope[~good], curvature[~good] = 0.0, 0.0
+        return Expansion(np.where(good, 0.0, -np.inf), slope, curvature)
+
+    def _of_record(self, theta: Array, directions: Array) -> tuple[Array, Array]:
+        """Slope `(W, q)` and curvature `(W, q, q)` of the log likelihood."""
+        likelihood = self.posterior.likelihood
+        noise, space = likelihood.noise, self.posterior.space
+        m = theta.shape[1] - len(noise.unknown)
+        by_log = self.posterior.coordinates.slopes(theta) / theta  # d log unknown / d coordinate
+        full, scales = space.full(theta), 1.0 / likelihood.sigmas(theta)
+        if m:
+            along = space.slopes(theta).swapaxes(1, 2) @ (by_log[:, :m, None] * directions[:m])
+            normal = likelihood.response.normal(full, along.swapaxes(1, 2), scales)
+            squares, slope, curvature = normal
+        else:
+            squares = likelihood.response.misfit(full) * scales**2
+            slope = np.zeros((len(theta), directions.shape[1]))
+            curvature = np.zeros((len(theta), directions.shape[1], directions.shape[1]))
+        if noise.unknown:
+            # Of a log level: what is left over its variance, and twice the number of samples; far
+            # from the level that fits, the larger of the two curvatures keeps a step in bounds.
+            own, levels = squares[:, list(noise.unknown)], by_log[:, m:]
+            slope = slope + _along(levels * (own - noise.n_samples), directions[m:])
+            known = 2.0 * np.maximum(own, noise.n_samples) * levels**2
+            curvature = curvature + _weighted(directions[m:], known)
+        return slope, curvature
+
+    def _of_prior(self, u: Array) -> tuple[Array, Array]:
+        """Slopes of the log prior by each coordinate, and minus its second derivatives."""
+        step = STEP * self.spread
+        middle = np.clip(u, self.low + 2 * step, self.high - 2 * step)
+        theta = self.posterior.coordinates.to_physical(
+            np.concatenate([middle + k * step for k in (-1, 0, 1)])
+        )
+        values = np.stack([p.logpdf(theta[:, d]) for d, p in enumerate(self._priors)], axis=-1)
+        down, here, up = np.split(values, 3)
+        with np.errstate(invalid="ignore"):
+            slope = np.nan_to_num((up - down) / (2 * step))
+            curvature = np.maximum(np.nan_to_num(-(up - 2 * here + down) / step**2), 0.0)
+        if not self.physical:
+            slope += np.array(self.posterior.coordinates.logs)
+        return slope, curvature
+
+
+def _along(slope: Array, directions: Array) -> Array:
+    """Of `slope (W, D)`, along `directions (D, q)`: `(W, q)`.
+
+    Point by point: one product of all of them rounds as their number has it.
+    """
+    return np.asarray((slope[:, None, :] @ directions)[:, 0])
+
+
+def _weighted(directions: Array, curvature: Array) -> Array:
+    """Of the diagonal `curvature (W, D)`, along `directions (D, q)`: `(W, q, q)`."""
+    return np.asarray((curvature[:, None, :] * directions.T) @ directions)
+
+
+def _ends(prior: Prior) -> tuple[float, float]:
+    """Of the support, or of nearly all of it."""
+    low = prior.low if prior.low > 0 else float(prior.quantile(np.array(NOTHING)))
+    high = prior.high if np.isfinite(prior.high) else float(prior.quantile(np.array(1 - NOTHING)))
+    return low, high

@@ -1,0 +1,1 @@
+"""What to believe: identifiability, verdict, physics, what follows, calibration."""

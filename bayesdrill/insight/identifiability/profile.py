@@ -1,0 +1,239 @@
+"""Profile likelihood: one parameter held, all others fitted anew, over the range of its prior.
+
+Fits are least squares with exact sensitivities, in logs, inside the ends of the priors; each starts
+where its neighbour ended.  Noise levels that are unknown are held at what the best fit leaves.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import brentq, lsq_linear
+
+from bayesdrill.inference.posterior import Posterior
+from bayesdrill.inference.priors import Prior
+from bayesdrill.insight.identifiability import information
+from bayesdrill.insight.identifiability.scenes import Scene, Scenery
+
+Array = NDArray[np.float64]
+Shape = Literal["bounded", "one-sided", "flat", "at the bound"]
+
+THRESHOLD = 1.92  # half the 95 % quantile of chi-squared with one degree of freedom
+NEAR = (0.5, 1.0, 1.5, 2.0, 3.0, 5.0)  # grid points around the best fit, in its sd, and ...
+FAR = 8  # ... this many more on the way to each end of the prior
+FAR_ENOUGH = 25.0  # of a loss: nobody looks further out
+TAIL = 5e-4  # where a prior without ends is taken to end
+AT_BOUND = 1e-3  # relative
+MOST_STEPS = 50
+ENOUGH = 1e-5  # of the sum of squares: a fit that gains less is done
+PROBE = 0.1  # share of a step over which it is seen how the residuals bend
+MOST_BEND = 1.5  # of the step itself: what would turn it further is left out
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Profile:
+    """`values (n,)` physical, `loss (n,)`: the best log likelihood minus the profile's.
+
+    `low`, `high`: where the loss passes `THRESHOLD`; None where it does not inside the prior.
+    """
+
+    name: str
+    values: Array
+    loss: Array
+    best: float
+    low: float | None
+    high: float | None
+    shape: Shape
+
+
+class Fitter:
+    """Least squares over the logs of a scenery's unknowns, inside the priors."""
+
+    def __init__(self, posterior: Posterior, scenery: Scenery, theta: Array) -> None:
+        self._scenery, self._likelihood = scenery, posterior.likelihood
+        self._m = len(scenery.unknowns)
+        self._noise = theta[self._m :]
+        priors = list(posterior.space.priors.values())[: self._m]
+        self.low, self.high = np.log([_ends(prior) for prior in priors]).T
+        self._scene: Scene = scenery.as_it_is(theta)
+        self.best = self._fit(np.log(theta[: self._m]), None)
+        if len(self._noise):
+            self._learn_noise()
+            self.best = self._fit(self.best.logs, None)
+
+    def held(self, start: Array, column: int, value: float) -> Fitted:
+        """The fit with the log of one unknown held at `value`."""
+        logs = start.copy()
+        logs[column] = value
+        return self._fit(logs, column)
+
+    def spread(self) -> Array:
+        """Standard deviations of the logs at the best fit, the range of the prior at most."""
+        rows = self._jacobian(self.best.logs)
+        known = information.from_sensitivities(self._scenery.unknowns, rows)
+        return known.with_priors((self.high - self.low) / np.sqrt(12.0)).bounds()
+
+    def _fit(self, logs: Array, held: int | None) -> Fitted:
+        """Gauss and Newton with damping, and steps that bend as the residuals do.
+
+        Ridges are thin and bent: a straight step along one has to be short, and many are wanted.
+        """
+        free = np.array([k for k in range(self._m) if k != held], dtype=np.intp)
+        logs = np.clip(logs, self.low, self.high)
+        if held is not None:
+            logs[held] = np.clip(logs[held], self.low[held], self.high[held])
+        residuals = self._residuals(logs)
+        damping = 1e-8
+        for _ in range(MOST_STEPS if len(free) else 0):
+            rows = self._jacobian(logs)[:, free]
+            turned, reduced = np.linalg.qr(np.column_stack([rows, residuals]))
+            before = residuals @ residuals
+            while damping < 1e8:
+                step = self._step(reduced, logs[free], free, damping)
+                probe = self._residuals(self._moved(logs, free, PROBE * step)) - residuals
+                bent = (2.0 / PROBE) * (probe / PROBE - rows @ step)
+                reduced_bent = np.column_stack([reduced[:, :-1], turned.T @ bent])
+                bend = self._step(reduced_bent, logs[free], free, damping)
+                if np.linalg.norm(bend) <= MOST_BEND * np.linalg.norm(step):
+                    step = step + 0.5 * bend
+                there = self._moved(logs, free, step)
+                found = self._residuals(there)
+                if found @ found < before:
+                    break
+                damping *= 10.0
+            else:
+                break
+            logs, residuals, damping = there, found, max(0.1 * damping, 1e-12)
+            if before - residuals @ residuals < ENOUGH:
+                break
+        return Fitted(logs, float(0.5 * residuals @ residuals))
+
+    def _step(self, reduced: Array, logs: Array, free: NDArray[np.intp], damping: float) -> Array:
+        """The damped linear least-squares step that stays inside the priors."""
+        m = len(free)
+        scale = np.linalg.norm(reduced[:, :m], axis=0)
+        scale = np.maximum(scale, 1e-12 * max(float(scale.max()), 1e-300))
+        matrix = np.vstack([reduced[:, :m], np.sqrt(damping) * np.diag(scale)])
+        target = -np.append(reduced[:, m], np.zeros(m))
+        low = np.minimum(self.low[free] - logs, 0.0) - 1e-12
+        high = np.maximum(self.high[free] - logs, 0.0) + 1e-12
+        bounded = lsq_linear(matrix, target, bounds=(low, high), method="bvls")
+        return np.asarray(bounded.x)
+
+    def _moved(self, logs: Array, free: NDArray[np.intp], step: Array) -> Array:
+        moved = logs.copy()
+        moved[free] = np.clip(logs[free] + step, self.low[free], self.high[free])
+        return moved
+
+    def _with_noise(self, parameters: Array) -> Array:
+        return np.column_stack([parameters, np.tile(self._noise, (len(parameters), 1))])
+
+    def _residuals(self, logs: Array) -> Array:
+        signals = self._likelihood.signals(self._with_noise(np.exp(logs)[None]))[0]
+        residuals = (signals - self._likelihood.response.experiment.y) / self._scene.sigma
+        return np.asarray(np.nan_to_num(residuals, nan=1e6, posinf=1e6, neginf=-1e6)).ravel()
+
+    def _jacobian(self, logs: Array) -> Array:
+        theta = self._with_noise(np.exp(logs)[None])[0]
+        slopes = self._scenery.sensitivities(theta, self._scene)
+        return np.nan_to_num(slopes, posinf=0.0, neginf=0.0)
+
+    def _learn_noise(self) -> None:
+        """Unknown noise levels, from what the best fit leaves."""
+        residuals = self._residuals(self.best.logs).reshape(-1, len(self._scene.sigma))
+        size = np.sqrt(np.mean(residuals**2, axis=0)) * self._scene.sigma
+        self._noise = size[list(self._likelihood.noise.unknown)]
+        self._scene = self._scenery.as_it_is(self._with_noise(np.exp(self.best.logs)[None])[0])
+
+
+@dataclass(frozen=True, slots=True)
+class Fitted:
+    """`logs (m,)` of the unknowns; `cost`: minus the log likelihood, up to a constant."""
+
+    logs: Array
+    cost: float
+
+
+def _ends(prior: Prior) -> tuple[float, float]:
+    """Of the support; where that has no end above zero, of nearly all of the prior."""
+    low = prior.low if prior.low > 0 else float(prior.quantile(np.array(TAIL)))
+    high = prior.high if np.isfinite(prior.high) else float(prior.quantile(np.array(1 - TAIL)))
+    return low, high
+
+
+def profile(fitter: Fitter, names: tuple[str, ...], column: int) -> Profile:
+    """Of the unknown in `column`."""
+    best = fitter.best
+    centre, sd = best.logs[column], fitter.spread()[column]
+    down = _side(fitter, column, centre, sd, fitter.low[column])
+    up = _side(fitter, column, centre, sd, fitter.high[column])
+    logs = np.array([*(x for x, _ in reversed(down)), centre, *(x for x, _ in up)])
+    fits = [*(fit for _, fit in reversed(down)), best, *(fit for _, fit in up)]
+    costs = np.array([fit.cost for fit in fits])
+    lowest = int(np.argmin(costs))  # a neighbour may have found better than the first fit
+    loss = costs - costs[lowest]
+    low = _crossing(fitter, column, logs, fits, loss, costs[lowest], range(lowest, 0, -1))
+    high = _crossing(fitter, column, logs, fits, loss, costs[lowest], range(lowest, len(logs) - 1))
+    return Profile(
+        name=names[column],
+        values=np.exp(logs),
+        loss=loss,
+        best=float(np.exp(logs[lowest])),
+        low=None if low is None else float(np.exp(low)),
+        high=None if high is None else float(np.exp(high)),
+        shape=_shape(low, high, logs, lowest),
+    )
+
+
+def _side(
+    fitter: Fitter, column: int, centre: float, sd: float, end: float
+) -> list[tuple[float, Fitted]]:
+    """From the best fit to one end of the prior, each fit from the one before."""
+    sign = 1.0 if end > centre else -1.0
+    near = [centre + sign * k * sd for k in NEAR if k * sd < abs(end - centre)]
+    reached = near[-1] if near else centre
+    far = np.linspace(reached, end, FAR + 1)[1:]
+    found: list[tuple[float, Fitted]] = []
+    start = fitter.best.logs
+    for value in [*near, *map(float, far)]:
+        fit = fitter.held(start, column, value)
+        found.append((value, fit))
+        start = fit.logs
+        if fit.cost - fitter.best.cost > FAR_ENOUGH:
+            break
+    return found
+
+
+def _crossing(
+    fitter: Fitter,
+    column: int,
+    logs: Array,
+    fits: list[Fitted],
+    loss: Array,
+    lowest: float,
+    outward: range,
+) -> float | None:
+    """Where the loss first passes the threshold on the way out."""
+    step = outward.step
+    for k in outward:
+        if loss[k] < THRESHOLD <= loss[k + step]:
+
+            def excess(value: float, start: Array = fits[k].logs) -> float:
+                return float(fitter.held(start, column, value).cost - lowest - THRESHOLD)
+
+            # Relative to the bracket: a well-known log changes in its last digits only.
+            near = 1e-4 * abs(logs[k + step] - logs[k])
+            return float(brentq(excess, logs[k], logs[k + step], xtol=near, rtol=1e-14))
+    return None
+
+
+def _shape(low: float | None, high: float | None, logs: Array, lowest: int) -> Shape:
+    if low is None and high is None:
+        return "flat"
+    at_end = min(logs[lowest] - logs[0], logs[-1] - logs[lowest]) < AT_BOUND
+    if low is not None and high is not None:
+        return "bounded"
+    return "at the bound" if at_end else "one-sided"

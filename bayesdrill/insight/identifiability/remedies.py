@@ -1,0 +1,139 @@
+"""What would help: each single action tried by computing, not by rule of thumb.
+
+An action is another scene (a channel more, another course of the inputs), or knowledge from
+elsewhere (weighing a part, a tie that theory gives).  Tried at the start values, with the priors
+taken as Gaussian in the logs.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayesdrill.basics.symbols import STATES
+from bayesdrill.insight.identifiability import information
+from bayesdrill.insight.identifiability.information import Information
+from bayesdrill.insight.identifiability.scenes import Scene, Scenery
+from bayesdrill.insight.identifiability.structure import Exponents
+
+Array = NDArray[np.float64]
+
+WEIGHED_TO = 0.01  # what fixing or weighing a part is taken to give: one per cent
+TIES = (("k_T", "k_e"),)  # equal in SI by conservation of energy in an ideal motor
+LOAD_SHARE = 0.1  # of a channel's range: what the known load that is tried changes at most
+OTHER_VOLTAGE = 0.5  # of the usual one, in the second half of the record
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Remedy:
+    """`what` in words; `breaks`: symmetries (by index) that a signal or a scale would then show.
+
+    `left`: independent products that stay without any trace in the record.  `shrink`: by what
+    factor the sd of each parameter of interest would fall, on average (geometric mean).
+    """
+
+    what: str
+    breaks: tuple[int, ...]
+    left: int
+    shrink: float
+
+
+def remedies(
+    scenery: Scenery,
+    theta: Array,
+    symmetries: Sequence[Exponents],
+    prior_sd: Array,
+    of_interest: Sequence[str],
+) -> tuple[Remedy, ...]:
+    """Every single action that can be tried, what helps most first."""
+    base = scenery.as_it_is(theta)
+    names = scenery.unknowns
+    now = information.from_sensitivities(names, scenery.sensitivities(theta, base))
+    rows = [names.index(name) for name in of_interest]
+    before = now.with_priors(prior_sd).bounds()[rows]
+    found = []
+    for what, after in _tried(scenery, theta, base, now):
+        sd = after.with_priors(prior_sd).bounds()[rows]
+        # What is known to all digits, by a record at the edge of numbers, gets no better.
+        usual = (before > 0) & (sd > 0) & (before < np.inf)
+        ratio = np.divide(before, sd, out=np.ones_like(sd), where=usual)
+        found.append(
+            Remedy(
+                what=what,
+                breaks=tuple(
+                    k for k, exponents in enumerate(symmetries) if _touches(after, exponents)
+                ),
+                left=after.n_blind,
+                shrink=float(np.exp(np.mean(np.log(ratio)))),
+            )
+        )
+    return tuple(sorted(found, key=lambda remedy: (remedy.left, -remedy.shrink)))
+
+
+def _touches(after: Information, exponents: Exponents) -> bool:
+    """Whether moving along the symmetry would now be seen."""
+    size = np.linalg.norm(after.root @ np.array(exponents, dtype=float))
+    return bool(size > information.RANK_TOLERANCE * np.linalg.norm(after.root))
+
+
+def _tried(
+    scenery: Scenery, theta: Array, base: Scene, now: Information
+) -> Iterator[tuple[str, Information]]:
+    names = scenery.unknowns
+    for name, unit in zip(names, np.eye(len(names)), strict=True):
+        yield f"weigh or measure {name} to 1 %", now.with_knowledge(unit, WEIGHED_TO)
+    for one, other in TIES:
+        if one in names and other in names:
+            equal = np.zeros(len(names))
+            equal[names.index(one)], equal[names.index(other)] = 1.0, -1.0
+            yield f"tie {one} = {other}", now.with_knowledge(equal, WEIGHED_TO)
+    for what, scene in [
+        *_more_channels(scenery, theta, base),
+        *_other_inputs(scenery, theta, base),
+    ]:
+        sensitivities = scenery.sensitivities(theta, scene)
+        if np.isfinite(sensitivities).all():
+            yield what, information.from_sensitivities(names, sensitivities)
+
+
+def _more_channels(scenery: Scenery, theta: Array, base: Scene) -> Iterator[tuple[str, Scene]]:
+    """Each state that is not measured yet, with the signal-to-noise ratio of the others."""
+    states = scenery.states_over_time(theta, base)
+    ratio = np.median((states @ base.weights.T).std(axis=0) / base.sigma)
+    for name, unit, column in zip(scenery.states, np.eye(states.shape[1]), states.T, strict=True):
+        new = np.linalg.matrix_rank(np.vstack([base.weights, unit])) > len(base.weights)
+        sigma = column.std() / ratio
+        if new and sigma > 0:
+            weights = np.vstack([base.weights, unit])
+            scene = dataclasses.replace(base, weights=weights, sigma=np.append(base.sigma, sigma))
+            yield f"measure {name} (noise {sigma:.2g} {STATES[name].unit})", scene
+
+
+def _other_inputs(scenery: Scenery, theta: Array, base: Scene) -> Iterator[tuple[str, Scene]]:
+    """A change of each input half-way through the record."""
+    late = (np.arange(scenery.n_samples) >= scenery.n_samples // 2).astype(float)
+    v = scenery.usual_input("v")
+    half = {"v": (OTHER_VOLTAGE - 1.0) * v * late}
+    stopped = {"v": -v * late}
+    if v != 0.0:
+        voltage = f"change the voltage to {OTHER_VOLTAGE * v:.3g} V half-way"
+        yield voltage, dataclasses.replace(base, push=half)
+        coast = "let the rig coast down half-way (motor terminals shorted)"
+        yield coast, dataclasses.replace(base, push=stopped)
+    unit = dataclasses.replace(base, push={"t_1": late})
+    change = _largest_change(scenery, theta, base, unit)
+    if 0 < change < np.inf:
+        load = LOAD_SHARE / change
+        loaded = dataclasses.replace(base, push={"t_1": load * late})
+        yield f"apply a known load torque of {load:.2g} N m half-way", loaded
+
+
+def _largest_change(scenery: Scenery, theta: Array, base: Scene, other: Scene) -> float:
+    """Of a channel from one scene to the other, in shares of its range."""
+    one, two = (scenery.states_over_time(theta, scene) @ base.weights.T for scene in (base, other))
+    with np.errstate(all="ignore"):  # of a channel that stands still: no number, or infinite
+        return float(np.max(np.ptp(two - one, axis=0) / np.ptp(one, axis=0)))

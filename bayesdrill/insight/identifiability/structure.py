@@ -1,0 +1,135 @@
+"""Exact scaling symmetries: products of powers of the unknowns that no measured signal shows.
+
+Found in the null space of the log-sensitivities at several points of the prior, written with small
+whole exponents, and each one proven by scaling: twice the factor, the same response to rounding.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayesdrill.insight.identifiability.information import RANK_TOLERANCE
+
+Array = NDArray[np.float64]
+Exponents = tuple[int, ...]
+
+SAME_RESPONSE = 1e-9  # relative to the largest value of each channel
+SAME_DIRECTION = 1e-6  # null directions of different points are equal to this
+LARGEST_DENOMINATOR = 6
+MOST_BASES = 5000
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Structure:
+    """`symmetries`: proven exponents of the unknowns, sparsest first.  `invariants`: independent
+    products that nothing of this changes.  `unexplained`: further directions that no signal shows,
+    but that are no product of powers with small whole exponents, or not the same one everywhere.
+    """
+
+    names: tuple[str, ...]
+    symmetries: tuple[Exponents, ...]
+    invariants: tuple[Exponents, ...]
+    unexplained: int
+
+
+def null_space(sensitivities: Sequence[Array]) -> Array:
+    """Directions of log unknowns that change nothing at any of the points: `(n, m)` rows."""
+    reduced = [np.linalg.qr(s / np.linalg.norm(s), mode="r") for s in sensitivities]
+    _, values, rows = np.linalg.svd(np.concatenate(reduced))
+    rank = int(np.sum(values > RANK_TOLERANCE * values[0]))
+    return np.asarray(rows[rank:])
+
+
+def analyse(
+    names: tuple[str, ...],
+    sensitivities: Sequence[Array],
+    unchanged: Callable[[Exponents], bool],
+) -> Structure:
+    """`sensitivities`: `(T K, m)` at several points; `unchanged`: proves one candidate."""
+    null = null_space(sensitivities)
+    found = sparse_basis(null)
+    proven = tuple(exponents for exponents in found if unchanged(exponents))
+    each = [null_space([one]) for one in sensitivities]
+    blind = min(map(len, each))
+    if blind > len(null):  # of a sum only the sum may show: its direction turns with its terms
+        hidden = np.concatenate(each)
+    elif len(proven) == len(null):
+        hidden = np.array(proven, dtype=float).reshape(-1, len(names))
+    else:
+        hidden = null
+    rest = _complement(hidden, len(names))
+    return Structure(
+        names=names,
+        symmetries=proven,
+        invariants=sparse_basis(rest),
+        unexplained=blind - len(proven),
+    )
+
+
+def sparse_basis(rows: Array) -> tuple[Exponents, ...]:
+    """Independent vectors of the span of `rows (n, m)` with small whole entries, sparsest first.
+
+    Fewer than n where the span has no such basis.
+    """
+    n, m = rows.shape
+    candidates: set[Exponents] = set()
+    for pivots in itertools.islice(itertools.combinations(range(m), n), MOST_BASES):
+        block = rows[:, pivots]
+        if n == 0 or np.linalg.cond(block) > 1e8:
+            continue
+        for row in np.linalg.solve(block, rows):
+            exponents = _whole(row)
+            if exponents is not None:
+                candidates.add(exponents)
+    chosen: list[Exponents] = []
+    for candidate in sorted(candidates, key=_complexity):
+        if np.linalg.matrix_rank(np.array([*chosen, candidate], dtype=float)) > len(chosen):
+            chosen.append(candidate)
+    return tuple(chosen)
+
+
+def doubled(theta: Array, exponents: Exponents) -> Array:
+    """`theta (..., D)` with each unknown times 2 to its exponent, which rounds nothing."""
+    powers = np.zeros(theta.shape[-1])
+    powers[: len(exponents)] = exponents
+    return np.asarray(theta * 2.0**powers)
+
+
+def same_response(one: Array, other: Array) -> bool:
+    """Signals `(W, T, K)` that agree to rounding."""
+    size = np.abs(one).max(axis=(0, 1))
+    return bool(np.all(np.abs(one - other) <= SAME_RESPONSE * size))
+
+
+def _complement(rows: Array, m: int) -> Array:
+    """All directions at right angles to `rows (n, m)`."""
+    if len(rows) == 0:
+        return np.eye(m)
+    _, values, directions = np.linalg.svd(rows)
+    return np.asarray(directions[int(np.sum(values > SAME_DIRECTION * values[0])) :])
+
+
+def _whole(row: Array) -> Exponents | None:
+    """The row times the least factor that makes all entries whole; None if there is none."""
+    near = [Fraction(float(x)).limit_denominator(LARGEST_DENOMINATOR) for x in row]
+    if any(abs(float(f) - x) > 1e-6 for f, x in zip(near, row, strict=True)):
+        return None
+    factor = math.lcm(*(f.denominator for f in near))
+    whole = [int(f * factor) for f in near]
+    divisor = math.gcd(*whole)
+    if divisor == 0:
+        return None
+    sign = 1 if sum(whole) > 0 or (sum(whole) == 0 and next(x for x in whole if x) > 0) else -1
+    return tuple(sign * x // divisor for x in whole)
+
+
+def _complexity(exponents: Exponents) -> tuple[int, int, Exponents]:
+    used = sum(x != 0 for x in exponents)
+    return used, sum(abs(x) for x in exponents), tuple(-x for x in exponents)

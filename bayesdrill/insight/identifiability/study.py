@@ -1,0 +1,174 @@
+"""The whole study of one config: structure, bounds, simple products, remedies."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayesdrill.basics import seeds
+from bayesdrill.inference.posterior import Posterior
+from bayesdrill.inference.priors import spread_of_log
+from bayesdrill.insight.identifiability import structure
+from bayesdrill.insight.identifiability.information import (
+    Direction,
+    Information,
+    Product,
+    directions,
+    from_sensitivities,
+    products,
+)
+from bayesdrill.insight.identifiability.remedies import Remedy, remedies
+from bayesdrill.insight.identifiability.scenes import Scenery
+from bayesdrill.insight.identifiability.structure import Exponents, Structure
+
+Array = NDArray[np.float64]
+Class = Literal["determined", "weak", "left to the prior"]
+
+PRIOR_POINTS = 4  # beside the start: where symmetries are looked for and proven
+MOST_DRAWS = 100  # of the prior, to find that many with a finite response
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Thresholds:
+    """Of the ratio of an sd with the record to the prior's, both of logs."""
+
+    determined: float = 0.5
+    left_to_prior: float = 0.9
+
+    def judge(self, ratio: float) -> Class:
+        if ratio < self.determined:
+            return "determined"
+        return "weak" if ratio < self.left_to_prior else "left to the prior"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Asked:
+    """What is asked of a study: `of_interest` of all unknowns, its words, and its random points."""
+
+    of_interest: tuple[str, ...] = ()
+    thresholds: Thresholds = Thresholds()
+    seed: int = 0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Known:
+    """A parameter or a simple product: sd of its log with record and prior, and before.
+
+    `bound`: Cramer-Rao, from the record alone; inf if the record does not determine it.
+    """
+
+    exponents: Exponents
+    sd: float
+    prior_sd: float
+    bound: float
+    word: Class
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Study:
+    """At a physical point, which `at` names.
+
+    `information` is that of the record alone, `directions` its sloppy spectrum.
+    """
+
+    names: tuple[str, ...]
+    at: str
+    of_interest: tuple[str, ...]
+    structure: Structure
+    parameters: tuple[Known, ...]
+    products: tuple[Known, ...]
+    information: Information
+    remedies: tuple[Remedy, ...]
+
+    @property
+    def directions(self) -> tuple[Direction, ...]:
+        return directions(self.information)
+
+
+def study(
+    scenery: Scenery,
+    posterior: Posterior,
+    theta: Array,
+    of_interest: Sequence[str],
+    thresholds: Thresholds,
+    rng: np.random.Generator,
+    at: str = "the start",
+) -> Study:
+    """At `theta (D,)`; `rng` draws the points at which the structure is looked at."""
+    names = scenery.unknowns
+    found = _structure(posterior, scenery, theta, rng)
+    known = from_sensitivities(names, scenery.sensitivities(theta, scenery.as_it_is(theta)))
+    prior_sd = prior_spreads(posterior)[: len(names)]
+    return Study(
+        names=names,
+        at=at,
+        of_interest=tuple(of_interest) or names,
+        structure=found,
+        parameters=_parameters(known, prior_sd, thresholds),
+        products=tuple(_known(p, thresholds) for p in products(known, prior_sd)),
+        information=known,
+        remedies=remedies(scenery, theta, found.symmetries, prior_sd, of_interest or names),
+    )
+
+
+def study_of(
+    scenery: Scenery,
+    posterior: Posterior,
+    theta: Array,
+    asked: Asked,
+    at: str = "the start",
+) -> Study:
+    """As it is asked for."""
+    rng = seeds.stream(asked.seed, "identify")
+    return study(scenery, posterior, theta, asked.of_interest, asked.thresholds, rng, at)
+
+
+def prior_spreads(posterior: Posterior) -> Array:
+    """Standard deviations of the logs under the priors `(D,)`."""
+    return np.array([spread_of_log(prior) for prior in posterior.space.priors.values()])
+
+
+def _structure(
+    posterior: Posterior, scenery: Scenery, theta: Array, rng: np.random.Generator
+) -> Structure:
+    drawn = posterior.space.draw(MOST_DRAWS, rng)
+    finite = drawn[np.isfinite(posterior.density(drawn))][:PRIOR_POINTS]
+    points = np.vstack([theta, finite])
+    likelihood = posterior.likelihood
+    here = likelihood.signals(points)
+
+    def unchanged(exponents: Exponents) -> bool:
+        there = likelihood.signals(structure.doubled(points, exponents))
+        return structure.same_response(here, there)
+
+    sensitivities = [scenery.sensitivities(point, scenery.as_it_is(point)) for point in points]
+    return structure.analyse(scenery.unknowns, sensitivities, unchanged)
+
+
+def _parameters(known: Information, prior_sd: Array, thresholds: Thresholds) -> tuple[Known, ...]:
+    joint, alone = known.with_priors(prior_sd).bounds(), known.bounds()
+    units = np.eye(len(prior_sd), dtype=int)
+    return tuple(
+        Known(
+            exponents=tuple(int(x) for x in unit),
+            sd=float(sd),
+            prior_sd=float(before),
+            bound=float(bound),
+            word=thresholds.judge(sd / before),
+        )
+        for unit, sd, before, bound in zip(units, joint, prior_sd, alone, strict=True)
+    )
+
+
+def _known(product: Product, thresholds: Thresholds) -> Known:
+    return Known(
+        exponents=product.exponents,
+        sd=product.sd,
+        prior_sd=product.prior_sd,
+        bound=product.bound,
+        word=thresholds.judge(product.sd / product.prior_sd),
+    )

@@ -1,0 +1,98 @@
+"""Priors that end where the table stands, opened there: draws can then lie beyond a nominal value.
+
+Against an end of a prior a tail cannot be counted: a box that begins at the nominal value has no draw
+below it, however well the record agrees.  What the record says there is seen where the prior goes on.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayesdrill.basics.progress import Silent
+from bayesdrill.engines.learning.learn import Nowhere
+from bayesdrill.engines.sampling import Plan, sample
+from bayesdrill.engines.shelf import Memory
+from bayesdrill.engines.workers import Crew
+from bayesdrill.inference.posterior import Posterior
+from bayesdrill.inference.priors import Prior
+from bayesdrill.insight.diagnostics import pressed_against
+
+Array = NDArray[np.float64]
+
+NEAR = 0.05  # of the prior between nominal value and end, or less
+TAIL, SIGMA = 1e-3, 2.28e-2  # shares of the draws at three and two sigma of a normal
+REACH = math.log(10.0)  # an end is moved by the prior's own range, but by no more than this factor
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Opened:
+    """`names`: unknowns whose priors end too near to their nominal values.
+
+    `draws (N, D)`: of the posterior with these ends moved; None where it did not converge, so that
+    nothing can be said of what depends on them.  `pressed`: those whose draws crowd there as well.
+    """
+
+    names: tuple[str, ...]
+    draws: Array | None
+    pressed: tuple[str, ...]
+
+
+def open_ends(
+    posterior: Posterior, nominal: Mapping[str, float], draws: Array, maxima: Array, plan: Plan
+) -> Opened | None:
+    """From physical draws `(N, D)` and maxima `(M, D)`; None where no end is in the way."""
+    space = posterior.space
+    wider = {
+        name: _wider(prior, nominal[name], draws[:, column])
+        for column, (name, prior) in enumerate(space.priors.items())
+        if name in nominal
+    }
+    priors = {name: prior for name, prior in wider.items() if prior is not space.priors[name]}
+    if not priors:
+        return None
+    wide = dataclasses.replace(space, priors={**space.priors, **priors})
+    beyond = dataclasses.replace(posterior, space=wide)
+    names = tuple(priors)
+    try:
+        with Crew(beyond, 1) as crew:
+            sampled = sample(crew, beyond, maxima, plan, Memory(), Silent())
+    except Nowhere:
+        return Opened(names=names, draws=None, pressed=names)
+    if not sampled.convergence.converged:
+        return Opened(names=names, draws=None, pressed=names)
+    found = sampled.draws.reshape(-1, draws.shape[1])
+    columns = dict(zip(space.free, found.T, strict=True))
+    crowded = [name for name in names if pressed_against(columns[name], priors[name]) is not None]
+    return Opened(names=names, draws=found, pressed=tuple(crowded))
+
+
+def _wider(prior: Prior, nominal: float, draws: Array) -> Prior:
+    """The same density with the ends moved that are near the nominal value and that draws feel."""
+    ends = {}
+    for name, sign in (("low", 1.0), ("high", -1.0)):
+        end = float(getattr(prior, name))
+        if not (0 < end < math.inf and _near(prior, nominal, sign) and _felt(end, draws, sign)):
+            continue
+        own = math.log(prior.high / prior.low) if prior.low > 0 else REACH
+        past = 2.0 * max(sign * math.log(end / nominal), 0.0)
+        ends[name] = end * math.exp(-sign * max(min(own, REACH), past))
+    return dataclasses.replace(prior, **ends) if ends else prior  # type: ignore[type-var]
+
+
+def _near(prior: Prior, nominal: float, sign: float) -> bool:
+    """Whether little of the prior lies between nominal value and its lower (upper: -1) end."""
+    share = float(prior.quantile(np.array(NEAR if sign > 0 else 1.0 - NEAR)))
+    return sign * (nominal - share) <= 0
+
+
+def _felt(end: float, draws: Array, sign: float) -> bool:
+    """Whether the end cuts off what draws `(N,)` show of a tail: farther out it does no harm."""
+    logs = sign * np.log(draws)
+    far, less = np.quantile(logs, [TAIL, SIGMA])
+    return bool(far - sign * math.log(end) < less - far)

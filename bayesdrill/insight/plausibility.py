@@ -1,0 +1,173 @@
+"""Whether values can be those of a real rig: energy, the shaft's geometry, poles, sampling.
+
+Findings are sentences with their numbers; none is an error.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayesdrill.basics import symbols
+from bayesdrill.inference.problem import Problem
+from bayesdrill.insight.identifiability.information import Information
+from bayesdrill.insight.identifiability.scenes import Scenery
+from bayesdrill.rig.models.linear import Model, dynamics
+
+Array = NDArray[np.float64]
+
+APPRECIABLE = 0.05  # relative
+MOST_DRAWS = 2000  # whose poles are looked at
+UNSTABLE = 1e-9  # of the largest pole: a real part above it is no rounding
+FEW = 0.01  # of the draws
+
+# The paper's Table 1.  It calls 188 mm the radius of rotor 1, but only as a diameter does it give
+# the inertia printed beside it.  The modulus is that of steel; the paper gives none.
+SHAFT_LENGTH, SHAFT_DIAMETER, STEEL = 2.4, 3e-3, 79.3e9  # m, m, Pa
+ROTOR_MASS, ROTOR_DIAMETER = 6.4, 0.188  # kg, m
+GEOMETRY: Mapping[str, tuple[float, str]] = {
+    "k_s": (
+        STEEL * math.pi * SHAFT_DIAMETER**4 / (32 * SHAFT_LENGTH),
+        "a steel shaft of 2.4 m and 3 mm has",
+    ),
+    "j_1": (ROTOR_MASS * ROTOR_DIAMETER**2 / 8, "a disc of 6.4 kg and 188 mm across has"),
+}
+
+IDEAL = (
+    "in SI units the two are equal in an ideal motor, and losses make k_T the smaller one; k_T, k_e, "
+    "the supply or the gear reduction is not what it is taken to be"
+)
+
+
+def of_nominal(problem: Problem) -> tuple[str, ...]:
+    """Of nominal values, or where there are none of held ones and those at the start.
+
+    What the config gives itself is not held against the paper's rig.
+    """
+    space = problem.posterior.space
+    values = {**space.start, **problem.nominal, **space.fixed}
+    values |= {name: float(relation.value(values)) for name, relation in space.relations.items()}
+    table = {name for name in problem.published if values[name] == problem.nominal[name]}
+    model = problem.posterior.likelihood.response.model
+    found = poles(model, {name: np.array([values[name]]) for name in model.parameters})[0]
+    return (
+        *_energy_of_nominal(values),
+        *_geometry({name: values[name] for name in GEOMETRY if name in table}),
+        *_poles(found[None], problem.experiment.dt),
+    )
+
+
+def of_draws(problem: Problem, draws: Array, known: Information) -> tuple[str, ...]:
+    """Of posterior draws `(N, D)`; `known` says what the record alone determines."""
+    space = problem.posterior.space
+    full = space.full(draws[:: max(1, len(draws) // MOST_DRAWS)])
+    model = problem.posterior.likelihood.response.model
+    values = dict(zip(model.parameters, full.T, strict=True))
+    return (*_energy_of_draws(values, known), *_poles(poles(model, values), problem.experiment.dt))
+
+
+def of_course(scenery: Scenery, theta: Array) -> tuple[str, ...]:
+    """Of the motion at unknowns `theta (D,)`: whether friction brakes all the time."""
+    likelihood = scenery.likelihood
+    rig = likelihood.response.model
+    t_f = float(likelihood.space.full(theta[None])[0, rig.parameters.index("t_f")])
+    states = scenery.states_over_time(theta, scenery.as_it_is(theta))
+    speed = states[:, scenery.states.index("w_2")]
+    share = float(np.mean(np.sign(t_f) * speed < -APPRECIABLE * np.abs(speed).max()))
+    if share <= FEW:
+        return ()
+    return (
+        f"friction: in {_percent(share)} of the record the motor turns the other way, and t_f, which "
+        "keeps its sign, drives instead of braking; cut these samples off (record.window), turn the "
+        "signs of v and of all channels if it always turns so, or do not believe t_f",
+    )
+
+
+def poles(model: Model, values: Mapping[str, Array]) -> NDArray[np.complex128]:
+    """Eigenvalues of the dynamics at parameters `(W,)` each: `(W, X)`, in 1/s."""
+    size = len(next(iter(values.values())))
+    matrix = dynamics(model.linear(values), model.states, size)
+    return np.asarray(np.linalg.eigvals(matrix), dtype=np.complex128)
+
+
+def _energy_of_nominal(values: Mapping[str, float]) -> list[str]:
+    ratio = values["k_T"] / values["k_e"]
+    if ratio <= 1 + APPRECIABLE:
+        return []
+    return [
+        f"energy: k_T = {values['k_T']:.4g} N m/A is {ratio:.3g} times k_e = {values['k_e']:.4g} "
+        f"V s/rad, so the motor would give {ratio:.3g} times the power that it takes up; {IDEAL}"
+    ]
+
+
+def _energy_of_draws(values: Mapping[str, Array], known: Information) -> list[str]:
+    ratio = values["k_T"] / values["k_e"]
+    share = float(np.mean(ratio > 1 + APPRECIABLE))
+    if share <= FEW:
+        return []
+    powers = np.array([{"k_T": 1.0, "k_e": -1.0}.get(name, 0.0) for name in known.names])
+    blind = bool(powers.any()) and not math.isfinite(known.bound(powers))
+    whence = (
+        "; the record cannot show this ratio, so it is what the priors and what is held allow"
+        if blind
+        else f"; {IDEAL}"
+    )
+    return [
+        f"energy: k_T is more than {100 * APPRECIABLE:g} % above k_e in {_percent(share)} of the draws "
+        f"(median ratio {np.median(ratio):.3g}), where the motor would give more power than it takes "
+        f"up{whence}"
+    ]
+
+
+def _geometry(values: Mapping[str, float]) -> list[str]:
+    found = []
+    for name, value in values.items():
+        expected, what = GEOMETRY[name]
+        if abs(value / expected - 1) > APPRECIABLE:
+            unit = symbols.PARAMETERS[name].plain_unit
+            found.append(
+                f"geometry: {name} = {value:.4g} {unit} is {100 * (value / expected - 1):+.0f} % off "
+                f"what the paper's dimensions give; {what} {expected:.3g} {unit}"
+            )
+    return found
+
+
+def _poles(every: NDArray[np.complex128], step: float) -> list[str]:
+    """`every (W, X)`; one row for nominal values, draws otherwise."""
+    found = []
+    size = np.abs(every).max(axis=1)
+    largest = every.real.max(axis=1)
+    share = float(np.mean(largest > UNSTABLE * size))
+    if share > 0:
+        found.append(
+            f"stability: a pole lies in the right half plane{_in(every, share)}, at most "
+            f"{largest.max():.3g} 1/s: the rig would run away by itself"
+        )
+    decay = np.abs(every.real).max(axis=1)
+    share = float(np.mean(decay * step > 1))
+    if share > FEW:
+        middle = float(np.median(decay))
+        found.append(
+            f"sampling: the fastest motion dies out within {1e3 / middle:.3g} ms (pole at "
+            f"{-middle:.3g} 1/s), the record has a sample every {1e3 * step:.3g} ms{_in(every, share)}: "
+            "what sets it, mostly l_m/r_m, is seen only through slower motions"
+        )
+    turns = np.abs(every.imag).max(axis=1) / (2 * math.pi)
+    share = float(np.mean(2 * turns * step > 1))
+    if share > FEW:
+        found.append(
+            f"sampling: an oscillation of {np.median(turns):.3g} Hz is faster than half of the "
+            f"{1 / step:.4g} samples per second{_in(every, share)}: the record shows a false frequency"
+        )
+    return found
+
+
+def _in(every: NDArray[np.complex128], share: float) -> str:
+    return "" if len(every) == 1 else f" (in {_percent(share)} of the draws)"
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.3g} %"

@@ -1,0 +1,1 @@
+"""The paper's studies repeated; nothing below knows of them."""

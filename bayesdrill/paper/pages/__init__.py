@@ -1,0 +1,1 @@
+"""What people look at of the paper: its tables, figures and text."""

@@ -1,0 +1,234 @@
+"""The studies of the paper, one after the other, each beside what a full posterior says of it."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayesdrill.basics import own_files, software
+from bayesdrill.basics.errors import Interrupted
+from bayesdrill.basics.progress import Reporter, Silent
+from bayesdrill.commands import pipeline
+from bayesdrill.engines.optimisers.contract import Optimiser
+from bayesdrill.engines.workers import Crew
+from bayesdrill.inference.unknowns import ParameterSpace
+from bayesdrill.insight.identifiability.scenes import Scenery
+from bayesdrill.insight.identifiability.study import study_of
+from bayesdrill.paper.pages import report, tables
+from bayesdrill.paper.studies import (
+    bounds,
+    causes,
+    forward,
+    heuristic,
+    misfit,
+    printed,
+    shaft,
+    simultaneous,
+)
+from bayesdrill.paper.studies.control import Control, control
+from bayesdrill.paper.studies.findings import Findings, Misfits, Nine
+from bayesdrill.paper.studies.studies import Studies, prepare
+from bayesdrill.paper.studies.truths import truth_of
+from bayesdrill.paper.studies.verification import Verification, verify
+from bayesdrill.results.run_folder import Folder
+from bayesdrill.rig.models.motor_shaft import MotorShaft
+from bayesdrill.setup import config as records
+from bayesdrill.setup.job import Job
+from bayesdrill.setup.yaml_source import Source
+
+Array = NDArray[np.float64]
+
+RECORDS = 400  # of each sigma in the verification study
+STARTS = 40  # of the simultaneous searches, each way
+OTHERS = 24  # further starts of the heuristic ...
+EVALUATIONS = 50_000  # ... which may spend so many
+CONTROLS = 12  # records of the rig that is as the table says, at each of ...
+SIGMAS = (0.01, 0.1, 1.0)
+LENGTHS = ((1.0, 1000.0), (10.0, 100.0), (10.0, 1000.0), (100.0, 100.0), (100.0, 1000.0))
+TONES = 4
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Outcome:
+    """`said`: sentences for the terminal."""
+
+    folder: Path
+    converged: bool
+    said: tuple[str, ...]
+
+
+def reproduce(
+    configs: Path, output: Path, processes: int, report: Reporter, *, force: bool
+) -> Outcome:
+    """Everything, from the configs of a folder; the tables do not depend on `processes`."""
+    studies = prepare(configs)
+    names = [nine.config.name for nine in studies.nines]
+    for name in names:
+        Folder(output / name, "force", {}).check()  # not after minutes
+    kind = own_files.paper(names)
+    with Folder(output, "force" if force else "fresh", {}, kind) as folder:
+        folder.begin(status="running", versions=software.versions())
+        report.say("two parameters, nine of two records: two to five minutes with two processes")
+        try:
+            findings = _run(studies, folder, processes, _Clock(report))
+        except (KeyboardInterrupt, Interrupted):
+            folder.write_run(status="interrupted")
+            message = f"stopped; {output} is not complete; start over with --force"
+            raise Interrupted(message) from None
+        except BaseException:
+            with suppress(OSError):  # a full disk
+                folder.write_run(status="interrupted")
+            raise
+    return Outcome(folder=output, converged=findings.converged, said=tables.in_words(findings))
+
+
+def _run(studies: Studies, folder: Folder, processes: int, clock: _Clock) -> Findings:
+    two = studies.two
+    verification, lengths = _verification(two, processes)
+    clock.done(f"two parameters: {RECORDS} records at each of {len(verification.sigmas)} sigmas")
+    nines = [
+        _nine(nine, search, studies.makers, folder.path, processes, clock)
+        for nine, search in zip(studies.nines, studies.pairwise, strict=True)
+    ]
+    first = studies.nines[0]
+    ends, symmetries = _simultaneous(first, nines[0], processes)
+    clock.done(f"all at once: {len(ends)} searches")
+    controls = _control(first, studies.pairwise[0], processes)
+    clock.done(f"the heuristic on {CONTROLS} nominal records at each of {len(SIGMAS)} sigmas")
+    experiment, nominal = two.problem.experiment, two.problem.nominal
+    findings = Findings(
+        readings=forward.readings(experiment, nominal),
+        errors=forward.errors(experiment, nominal),
+        verification=verification,
+        lengths=lengths,
+        implied=bounds.implied_noise(bounds.at_sigma_1(two.problem.posterior.likelihood, nominal)),
+        searched=nines[0].name,
+        symmetries=symmetries,
+        ends=ends,
+        control=controls,
+        nines=tuple(nines),
+        tones=shaft.tones(nominal["j_1"], nominal["j_m"] / MotorShaft().i_m ** 2, TONES),
+    )
+    with Crew(two.problem.posterior, processes) as crew:
+        report.write(findings, folder, crew)
+    clock.done("tables and figures")
+    folder.write_run(status="finished", converged=findings.converged, seconds=clock.seconds)
+    return findings
+
+
+class _Clock:
+    """Says what was done, and how long it took."""
+
+    def __init__(self, report: Reporter) -> None:
+        self._report = report
+        self._last = time.perf_counter()
+        self.seconds: dict[str, float] = {}
+
+    def done(self, what: str) -> None:
+        now = time.perf_counter()
+        self.seconds[what] = round(now - self._last, 1)
+        self._report.say(f"{what}: {self.seconds[what]:.0f} s")
+        self._last = now
+
+
+def _verification(two: Job, processes: int) -> tuple[Verification, tuple[bounds.Length, ...]]:
+    posterior = two.problem.posterior
+    nominal = two.problem.nominal
+    truth = posterior.space.vector(nominal)
+    sigmas = tuple(printed.TWO_PARAMETERS)
+    with Crew(posterior, processes) as crew:
+        found = verify(crew, posterior, truth, sigmas, RECORDS, pipeline.plan(two.config))
+    return found, bounds.lengths(posterior.likelihood, nominal, LENGTHS)
+
+
+def _control(nine: Job, search: Optimiser, processes: int) -> tuple[Control, ...]:
+    posterior, seed = nine.problem.posterior, nine.config.seed
+    with Crew(posterior, processes) as crew:
+        return control(crew, posterior, search, EVALUATIONS, SIGMAS, CONTROLS, seed)
+
+
+def _nine(
+    nine: Job,
+    search: Optimiser,
+    makers: Sequence[tuple[records.Config, Source]],
+    folder: Path,
+    processes: int,
+    clock: _Clock,
+) -> Nine:
+    """Heuristic and posterior of one record; the posterior has a results folder of its own."""
+    name, posterior = nine.config.name, nine.problem.posterior
+    with Crew(posterior, processes) as crew:
+        found = heuristic.run(crew, posterior, search, EVALUATIONS, OTHERS, nine.config.seed)
+    clock.done(f"{name}: the heuristic from {OTHERS + 1} starts, and with the paper's integrator")
+    whole = pipeline.posterior(nine, folder / name, "force", processes, Silent())
+    state = "converged" if whole.sampled.convergence.converged else "NOT converged"
+    clock.done(f"{name}: the posterior, {state}")
+    draws = whole.sampled.draws.reshape(-1, len(found.estimate))
+    values = truth_of(nine.config, nine.source, makers)
+    truth = None if values is None else posterior.space.vector(values)
+    mode = posterior.space.vector(whole.mode.values)
+    assert whole.verdict is not None  # there are unknowns with nominal values
+    return Nine(
+        name=name,
+        names=nine.problem.names,
+        units=tuple(symbol.plain_unit for symbol in nine.problem.symbols),
+        given=_given(posterior.space),
+        experiment=nine.problem.experiment,
+        heuristic=found,
+        signals=posterior.likelihood.signals(found.estimate[None])[0],
+        truth=truth,
+        draws=draws,
+        verdict=whole.verdict,
+        misfits=_misfits(nine, found, mode, truth),
+        causes=causes.causes(posterior, mode, found.estimate, draws),
+        converged=whole.sampled.convergence.converged,
+    )
+
+
+def _given(space: ParameterSpace) -> tuple[str, ...]:
+    """Parameters that are held or tied, each with its value or formula."""
+    held = [f"{name} = {value:.4g}" for name, value in space.fixed.items()]
+    return (*held, *(f"{name} = {tie.text}" for name, tie in space.relations.items()))
+
+
+def _misfits(nine: Job, found: heuristic.Heuristic, mode: Array, truth: Array | None) -> Misfits:
+    posterior = nine.problem.posterior
+    numbers = posterior.likelihood.numbers
+    low, high = misfit.expected(numbers)
+    return Misfits(
+        record=nine.config.name,
+        numbers=numbers,
+        guess=misfit.per_number(posterior, found.guess),
+        heuristic=misfit.per_number(posterior, found.estimate),
+        others=float(found.others_misfits.max()),
+        stepped=found.stepped_misfit,
+        map=misfit.per_number(posterior, mode),
+        truth=None if truth is None else misfit.per_number(posterior, truth),
+        low=low,
+        high=high,
+    )
+
+
+def _simultaneous(
+    nine: Job, found: Nine, processes: int
+) -> tuple[tuple[simultaneous.End, ...], tuple[tuple[str, ...], ...]]:
+    """Distances are from the truth, or else from the median of the posterior."""
+    posterior = nine.problem.posterior
+    centre = posterior.space.vector(posterior.space.start)
+    structure = study_of(Scenery(posterior.likelihood), posterior, centre, nine.asked).structure
+    reference = np.median(found.draws, axis=0) if found.truth is None else found.truth
+    with Crew(posterior, processes) as crew:
+        ends = simultaneous.many(
+            crew, posterior, reference, structure.symmetries, STARTS, nine.config.seed
+        )
+    scaled = tuple(
+        tuple(name for name, e in zip(found.names, exponents, strict=False) if e)
+        for exponents in structure.symmetries
+    )
+    return ends, scaled

@@ -1,0 +1,1 @@
+"""What was measured: files of every format, and the experiment that they make."""

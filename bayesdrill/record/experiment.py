@@ -1,0 +1,166 @@
+"""An experiment: one record, its inputs and its start, in SI, checked once and then trusted."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayesdrill.basics.errors import InputError, Problem
+
+Array = NDArray[np.float64]
+
+STEP_TOLERANCE = 1e-3  # how far a time step may be from the mean step, relative
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Channel:
+    """A measured linear combination of states; `unit` is SI, `latex` without dollars."""
+
+    name: str
+    weights: Mapping[str, float]
+    unit: str
+    latex: str
+    latex_unit: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Experiment:
+    """A record in SI.
+
+    t : (T,) uniform; y : (T, K) one column per channel; `constant`: inputs that do not change;
+    `series`: measured inputs, each (T,), held by `first_order` or zero-order hold; `start`: the
+    state at time `t_start` <= t[0] (states not named are zero).
+    """
+
+    t: Array
+    y: Array
+    channels: tuple[Channel, ...]
+    constant: Mapping[str, float]
+    series: Mapping[str, Array]
+    first_order: bool
+    start: Mapping[str, float]
+    t_start: float
+
+    @property
+    def dt(self) -> float:
+        return float((self.t[-1] - self.t[0]) / (len(self.t) - 1))
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return tuple(channel.name for channel in self.channels)
+
+
+def frozen(values: Array) -> Array:
+    """A contiguous copy that nobody can write to."""
+    copy = np.array(values, dtype=np.float64, order="C")
+    copy.setflags(write=False)
+    return copy
+
+
+def times(duration: float, rate: float) -> Array:
+    """From 0 to `duration` [s], both ends, at `rate` [Hz]."""
+    return np.arange(round(duration * rate) + 1) / rate
+
+
+def regular(experiment: Experiment, duration: float, rate: float) -> Experiment:
+    """The same with constant inputs, for `duration` [s] at `rate` [Hz] from 0; its signals are zero."""
+    t = times(duration, rate)
+    y = np.zeros((len(t), len(experiment.channels)))
+    return dataclasses.replace(experiment, t=frozen(t), y=frozen(y))
+
+
+def check_series(
+    place: str, what: str, values: Array, where: Callable[[int], str], *, varying: bool
+) -> list[Problem]:
+    """Numbers all present and, for what is to be explained by a model, not all the same."""
+    bad = np.flatnonzero(~np.isfinite(values))
+    if len(bad):
+        return [
+            Problem(
+                place,
+                f"{what} has {_count(len(bad), 'value')} without a number, {_rows(bad, where)}; "
+                "mend or cut these rows",
+            )
+        ]
+    if varying and len(values) > 1 and np.all(values == values[0]):
+        return [
+            Problem(
+                place,
+                f"{what} is {values[0]:g} in every row: a constant channel carries no "
+                "information; check the column, or leave the channel out",
+            )
+        ]
+    return []
+
+
+def check_time(place: str, t: Array, where: Callable[[int], str]) -> list[Problem]:
+    """Increasing and uniform to `STEP_TOLERANCE` of a step."""
+    problems = check_series(place, "time", t, where, varying=False)
+    if problems or len(t) < 2:
+        return problems
+    steps = np.diff(t)
+    back = np.flatnonzero(steps <= 0)
+    if len(back):
+        first = back[0] + 1
+        return [
+            Problem(
+                place,
+                f"time does not increase, {_rows(back + 1, where)}: {t[first - 1]:g} s is followed by "
+                f"{t[first]:g} s; sort the rows, remove repeated ones, or check the column and unit",
+            )
+        ]
+    usual = float(np.median(steps))
+    uneven = np.flatnonzero(np.abs(steps - usual) > STEP_TOLERANCE * usual)
+    drift = np.abs(t - (t[0] + np.arange(len(t)) * (t[-1] - t[0]) / (len(t) - 1)))
+    if len(uneven) and drift.max() > STEP_TOLERANCE * usual:
+        first = uneven[0]
+        return [
+            Problem(
+                place,
+                f"time steps are not equal: usually {usual:g} s, but {steps[first]:g} s before "
+                f"{where(int(first) + 1)} ({len(uneven)} such steps); resample to equal steps, or cut "
+                "the record at the gap",
+            )
+        ]
+    return []
+
+
+def check_length(place: str, n_samples: int, n_channels: int, n_unknown: int) -> list[Problem]:
+    """More numbers than unknowns, and at least two samples to have a step."""
+    if n_samples >= 2 and n_samples * n_channels > n_unknown:
+        return []
+    return [
+        Problem(
+            place,
+            f"{_count(n_samples, 'sample')} of {_count(n_channels, 'channel')} cannot determine "
+            f"{_count(n_unknown, 'unknown')}; "
+            "use a longer record or fix parameters",
+        )
+    ]
+
+
+def raise_if_any(problems: list[Problem]) -> None:
+    if problems:
+        raise InputError(problems)
+
+
+def _count(n: int, what: str) -> str:
+    return f"{n} {what}" if n == 1 else f"{n} {what}s"
+
+
+def _rows(indices: NDArray[np.intp], where: Callable[[int], str]) -> str:
+    named = ", ".join(where(int(index)) for index in indices[:5])
+    more = f" and {len(indices) - 5} more" if len(indices) > 5 else ""
+    return f"at {named}{more}"
+
+
+def usual_inputs(experiment: Experiment) -> dict[str, float]:
+    """SI: the voltage's root mean square, for a scale; the mean of the others."""
+    means = dict(experiment.constant)
+    means |= {name: float(np.mean(series)) for name, series in experiment.series.items()}
+    series = experiment.series.get("v", np.array([experiment.constant.get("v", 0.0)]))
+    return {**means, "v": float(np.sqrt(np.mean(series**2))) or 1.0}

@@ -1,0 +1,153 @@
+"""Text tables: find out how a file is written, then read it, or say exactly what is wrong."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+
+from bayesdrill.basics.errors import InputError, Problem
+from bayesdrill.record.formats import dialect as dialects
+from bayesdrill.record.formats.dialect import CsvOptions, Dialect
+from bayesdrill.record.formats.numbers import parse
+from bayesdrill.record.formats.table import Table
+from bayesdrill.record.formats.text import Lines, decode, lines_of, short, split, to_number
+
+_SAMPLE = 500  # rows at each end of a file
+
+
+def read(path: Path, options: CsvOptions) -> Table:
+    """Read a text table; empty and NaN cells become NaN.
+
+    Raises InputError for a file that is no table, naming lines and columns.
+    """
+    return table(path, decode(path), options)
+
+
+def table(path: Path, text: str, options: CsvOptions) -> Table:
+    """Of a text that stands, or is to stand, in the file `path`."""
+    check_options(path, options)
+    lines = lines_of(path, text, options.skip_rows)
+    dialect = dialects.find(lines.texts, options)
+    lines = dialects.without_empty_tail(lines, dialect)
+    header, body = _split_header(lines, dialect, options.header)
+    if not body.texts:
+        last = lines.numbers[-1]
+        message = f"has a header but no data: nothing follows line {last}"
+        raise InputError.one(str(path), f"{message}; record again, or set header: false")
+    if options.decimal is None and dialect.separator != ",":
+        dialect = Dialect(dialect.separator, dialects.decimal_of(body.texts) or dialect.decimal)
+    body = dialects.without_trailing_delimiter(body, header, dialect)
+    _check_numbers(body, dialect)
+    width = dialects.usual_width(body.texts, dialect)
+    names, ignored = _names(header, lines, dialect, width)
+    if header is None:
+        ignored = _in_comment(lines, dialect, width)
+    values = parse(body, dialect, names)
+    columns = {name: np.ascontiguousarray(values[:, i]) for i, name in enumerate(names)}
+    numbers = np.array(body.numbers, dtype=np.int64)
+    return Table(path=path, variables=columns, lines=numbers, ignored=ignored)
+
+
+def check_options(path: Path, options: CsvOptions) -> None:
+    """Raises InputError for marks that no table can be written with."""
+    problems = []
+    if options.delimiter is not None and len(options.delimiter) != 1:
+        problems.append(f"delimiter {options.delimiter!r} is not one character; use , ; | or a tab")
+    elif options.delimiter and (options.delimiter.isalnum() or options.delimiter in '"+-.\r\n'):
+        problems.append(f"delimiter {options.delimiter!r} occurs in numbers; use , ; | or a tab")
+    if options.decimal not in (None, ".", ","):
+        problems.append(f"decimal {options.decimal!r} is neither '.' nor ','")
+    if options.decimal is not None and options.decimal == options.delimiter:
+        problems.append(f"delimiter and decimal are both {options.decimal!r}; change one")
+    if options.skip_rows < 0:
+        problems.append(f"skip_rows {options.skip_rows} is negative; give 0 or more")
+    if problems:
+        raise InputError([Problem(str(path), text) for text in problems])
+
+
+def _split_header(lines: Lines, dialect: Dialect, wanted: bool | None) -> tuple[str | None, Lines]:
+    """The header line, if there is one, and the rows after it and after a row of units."""
+    if wanted is False:
+        return None, lines
+    numeric, words = _census(lines.texts[0], dialect)
+    if wanted is None and not words:
+        return None, lines
+    if wanted is None and numeric:
+        raise InputError.one(
+            lines.place(0),
+            f"mixes numbers and text such as {short(words[0])}; "
+            f"say header: true if it names the columns, or mend the cell",
+        )
+    count = 1
+    if len(lines.texts) > 1:
+        numeric, words = _census(lines.texts[1], dialect)
+        count = 2 if words and not numeric else 1
+    return lines.texts[0], lines.after(count)
+
+
+def _census(line: str, dialect: Dialect) -> tuple[int, list[str]]:
+    """How many cells of a line are numbers, and those that are words; empty ones are neither."""
+    cells = [cell for cell in split(line, dialect.separator) if cell.strip()]
+    words = [cell for cell in cells if to_number(cell, dialect.decimal) is None]
+    return len(cells) - len(words), words
+
+
+def _check_numbers(body: Lines, dialect: Dialect) -> None:
+    """A file without any is no record: what stands in it is not for messages."""
+    sample = [*body.texts[:_SAMPLE], *body.texts[-_SAMPLE:]]
+    cells = (cell.strip() for line in sample for cell in split(line, dialect.separator))
+    if not any(re.fullmatch(r"[-+.,\deE_]*\d[-+.,\deE_]*|[nN]a[nN]", cell) for cell in cells):
+        message = "holds no numbers; name the file of the record, or say how it is written"
+        raise InputError.one(str(body.path), message)
+
+
+def _names(
+    header: str | None, lines: Lines, dialect: Dialect, width: int
+) -> tuple[list[str], dict[str, str]]:
+    """A unique name per column, and why the names that stand twice cannot be picked."""
+    if header is None:
+        return [str(number) for number in range(1, width + 1)], {}
+    names = _header_cells(header, dialect, width)
+    if len(names) != width:
+        raise InputError.one(
+            lines.place(0),
+            f"the header has {len(names)} cells and the rows have {width}; "
+            f"if it is a title, set skip_rows to start at the header below it, "
+            f"else check delimiter and decimal",
+        )
+    ignored = {}
+    for name, count in Counter(names).items():
+        if count > 1 and name:
+            at = ", ".join(str(i) for i, other in enumerate(names, start=1) if other == name)
+            ignored[name] = f"stands {count} times in the header (columns {at}); give the number"
+    keys = [
+        f"(column {i})" if not name or name in ignored or name.startswith("(column ") else name
+        for i, name in enumerate(names, start=1)
+    ]
+    return keys, ignored
+
+
+def _in_comment(lines: Lines, dialect: Dialect, width: int) -> dict[str, str]:
+    """Why names cannot be picked that stand in the comment before the data."""
+    comment = lines.comment[1:] if lines.comment else ""
+    names = _header_cells(comment, dialect, width)
+    if len(names) != width:
+        return {}
+    why = f"stands in a line that begins with {lines.comment[:1]!r}, a comment; remove that sign"
+    return {name: why for name in names if name}
+
+
+def _header_cells(header: str, dialect: Dialect, width: int) -> list[str]:
+    names = [name.strip() for name in split(header, dialect.separator)]
+    if dialect.separator is not None:
+        return names[:width] if len(names) == width + 1 and not names[-1] else names
+    # `t [s]  w_1 [rpm]`: a blank inside a name is told from one between names by trial.
+    with_units = re.findall(r'"[^"]*"|[^\s\[(]+(?:\s*(?:\[[^\]]*\]|\([^)]*\)))?', header)
+    apart = re.split(r"\s{2,}|\t", header.strip())
+    for guess in (names, with_units, apart):
+        if len(guess) == width:
+            return [name.strip('"') for name in guess]
+    return names

@@ -1,0 +1,168 @@
+"""The record every reader returns: named columns of numbers, and how to ask for one."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayesdrill.basics.errors import InputError, did_you_mean
+
+type Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Table:
+    """The numbers of one file.
+
+    A text file is a set of `(T,)` variables, one per column, in file order; a MATLAB file is a
+    set of `(T,)` or `(T, n)` variables, struct fields under dotted names (`rig.theta`). Both may
+    hold NaN and infinities: `where` names the row of one. `ignored` says why a name that stands
+    in the file cannot be picked; `unread` are names that were not asked for.
+    """
+
+    path: Path
+    variables: Mapping[str, Array]
+    lines: NDArray[np.int64] | None = None
+    """`(T,)` line numbers of a text file; None for a MATLAB file."""
+    ignored: Mapping[str, str] = field(default_factory=dict)
+    unread: tuple[str, ...] = ()
+
+    def where(self, index: int) -> str:
+        """The place of the sample `index` (0-based): `line 18` of a text, else `sample 18`."""
+        if self.lines is None:
+            return f"sample {index + 1}"
+        return f"line {self.lines[index]}"
+
+    def pick(
+        self,
+        column: str | int | None = None,
+        variable: str | None = None,
+        *,
+        place: str | None = None,
+    ) -> Array:
+        """One column, `(T,)`: a name, a number from 1, or for a MATLAB file a variable's column.
+
+        Raises InputError at `place` (the file when None); the message names the file itself.
+        """
+        try:
+            if self.lines is not None:
+                return self._pick_from_text(column, variable)
+            return self._pick_from_matlab(column, variable)
+        except LookupError as error:
+            raise InputError.one(place or str(self.path), str(error.args[0])) from None
+
+    def _pick_from_text(self, column: str | int | None, variable: str | None) -> Array:
+        file = self.path.name
+        if variable is not None:
+            raise LookupError(
+                f"{file} is a text file and has no variable {variable!r}; "
+                f"leave the variable out and give the column"
+            )
+        if column is None:
+            raise LookupError(f"no column of {file} is named; give its name or its number from 1")
+        if isinstance(column, str):
+            return self._named(column, "column")
+        if not 1 <= column <= len(self.variables):
+            raise LookupError(
+                f"{file} has no column {column}; it has the columns 1 to "
+                f"{len(self.variables)}: {', '.join(self.variables)}"
+            )
+        return list(self.variables.values())[column - 1]
+
+    def _pick_from_matlab(self, column: str | int | None, variable: str | None) -> Array:
+        variable = variable_name(column, variable) or self._only_variable()
+        if isinstance(column, str):
+            column = None
+        values = self._named(variable, "variable")
+        shape = f"variable {variable!r} of {self.path.name} has {_shape(values)}"
+        width = 1 if values.ndim == 1 else values.shape[1]
+        if column is None and width > 1:
+            raise LookupError(f"{shape}; say which column, from 1 to {width}")
+        if column is not None and not 1 <= column <= width:
+            raise LookupError(f"{shape}, so no column {column}; give one from 1 to {width}")
+        if values.ndim == 1:
+            return values
+        return np.ascontiguousarray(values[:, (column or 1) - 1])
+
+    def _only_variable(self) -> str:
+        if len(self.variables) == 1:
+            return next(iter(self.variables))
+        raise LookupError(
+            f"{self.path.name} holds {len(self.variables)} variables; say which one: "
+            f"{', '.join(self.variables)}"
+        )
+
+    def _named(self, name: str, kind: str) -> Array:
+        if name in self.variables:
+            return self.variables[name]
+        if name in self.ignored:
+            raise LookupError(f"{kind} {name!r} of {self.path.name} {self.ignored[name]}")
+        fields = [known for known in self._names if known.startswith(f"{name}.")]
+        if fields and kind == "variable":
+            raise LookupError(
+                f"variable {name!r} of {self.path.name} is a struct; name one of its fields: "
+                f"{', '.join(fields)}"
+            )
+        if kind == "column" and name.isdecimal() and 1 <= int(name) <= len(self.variables):
+            raise LookupError(
+                f"{self.path.name} has no column named {name!r}; "
+                f"for column number {name} write it without quotes"
+            )
+        raise LookupError(f"{self.path.name} has no {kind} {name!r}{self._known(name)}")
+
+    def _known(self, name: str) -> str:
+        """The nearest name, then all of them, so that one look at the error is enough."""
+        if not self._names:
+            return "; the file holds no numeric array"
+        near = did_you_mean(name, self._names)
+        everything = f"; known: {', '.join(self._names)}"
+        if near == everything:
+            return near
+        return f"{near} (the file has {', '.join(self._names)})"
+
+    @property
+    def _names(self) -> tuple[str, ...]:
+        return (*self.variables, *self.unread)
+
+
+def variable_name(column: str | int | None, variable: str | None) -> str | None:
+    """Of a MATLAB file: a column of an array has no name, so a name can only be a (sub)variable."""
+    if not isinstance(column, str):
+        return variable
+    return column if variable is None else f"{variable}.{column}"
+
+
+def _shape(values: Array) -> str:
+    if values.ndim == 1:
+        return f"{len(values)} samples in 1 column"
+    return f"{values.shape[0]} rows and {values.shape[1]} columns"
+
+
+def read_bytes(path: Path, count: int = -1) -> bytes:
+    """The first `count` bytes of a file (-1: all). Raises InputError when there are none."""
+    place = str(path)
+    try:
+        with path.open("rb") as file:
+            content = file.read(count)
+    except FileNotFoundError:
+        raise InputError.one(place, f"there is no such file{_neighbour(path)}") from None
+    except IsADirectoryError:
+        raise InputError.one(place, "is a folder; name a file in it") from None
+    except (OSError, ValueError) as error:  # ValueError: a NUL in the name
+        reason = getattr(error, "strerror", None) or str(error)
+        raise InputError.one(place, f"cannot be opened: {reason}") from None
+    if not content:
+        raise InputError.one(place, "the file is empty; write it again from the rig's software")
+    return content
+
+
+def _neighbour(path: Path) -> str:
+    """A file of the same folder with nearly the same name, or what is wrong with the folder."""
+    if not path.parent.is_dir():
+        return f": the folder {path.parent} does not exist"
+    near = did_you_mean(path.name, (other.name for other in path.parent.iterdir()))
+    return near if near.startswith("; did") else "; check the name and the folder"

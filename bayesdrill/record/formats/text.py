@@ -1,0 +1,104 @@
+"""Text files as lines that hold something, lines as cells, cells as numbers."""
+
+from __future__ import annotations
+
+import codecs
+import csv
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+from bayesdrill.basics.errors import InputError
+from bayesdrill.record.formats.table import read_bytes
+
+_MAGIC = {
+    b"PK\x03\x04": "is a spreadsheet or zip archive; export it as CSV",
+    b"MATLAB": "is a MATLAB file; give it the ending .mat, or say the format: mat",
+    b"\x89HDF": "is an HDF5 file; give it the ending .mat if MATLAB wrote it",
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Lines:
+    """The lines that hold something, with their line numbers in the file (from 1).
+
+    `comment`: the last one before them.
+    """
+
+    path: Path
+    texts: list[str]
+    numbers: list[int]
+    comment: str = ""
+
+    def after(self, count: int) -> Lines:
+        return Lines(path=self.path, texts=self.texts[count:], numbers=self.numbers[count:])
+
+    def place(self, index: int) -> str:
+        return f"{self.path} line {self.numbers[index]}"
+
+
+def decode(path: Path) -> str:
+    raw = read_bytes(path)
+    for magic, message in _MAGIC.items():
+        if raw.startswith(magic):
+            raise InputError.one(str(path), message)
+    try:
+        if raw.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+            return raw.decode("utf-16")
+        text = raw.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        text = raw.decode("latin-1")
+    if re.search(r"[\x00-\x08\x0e-\x19\x1b-\x1f]", text):
+        raise InputError.one(str(path), "is a binary file, not text; export it as CSV in UTF-8")
+    return text
+
+
+def lines_of(path: Path, text: str, skip: int) -> Lines:
+    # Not str.splitlines: it also breaks at form feeds and other characters a cell may hold.
+    everything = text.replace("\r\n", "\n").replace("\r", "\n").rstrip("\x1a").split("\n")
+    kept = [
+        (number, line)
+        for number, line in enumerate(everything[skip:], start=skip + 1)
+        if (bare := line.strip()) and bare[0] not in "#%"
+    ]
+    if not kept:
+        rest = f" after the {skip} lines of skip_rows" if skip else ""
+        raise InputError.one(str(path), f"holds no data{rest}: only blank lines and comments")
+    before = [bare for line in everything[skip : kept[0][0] - 1] if (bare := line.strip())]
+    return Lines(
+        path=path,
+        texts=[line for _, line in kept],
+        numbers=[n for n, _ in kept],
+        comment=before[-1] if before else "",
+    )
+
+
+def split(line: str, separator: str | None) -> list[str]:
+    if '"' not in line:
+        return line.split(separator)
+    if separator is None:
+        return [cell.strip('"') for cell in re.findall(r'"[^"]*"|\S+', line)]
+    try:
+        return next(csv.reader([line], delimiter=separator, skipinitialspace=separator != "\t"))
+    except csv.Error:  # a cell of more than 128 kB: a quote that nobody closed
+        return line.split(separator)
+
+
+def to_number(cell: str, decimal: str) -> float | None:
+    """The number in a cell, NaN for an empty one, None for anything else."""
+    cell = cell.strip()
+    if not cell:
+        return float("nan")
+    if decimal == ",":
+        if "." in cell:
+            return None  # 1.234,5 or 1.5: which of the two marks is the decimal one?
+        cell = cell.replace(",", ".")
+    try:
+        return None if "_" in cell else float(cell)
+    except ValueError:
+        return None
+
+
+def short(text: str) -> str:
+    text = text.strip()
+    return repr(text if len(text) <= 40 else f"{text[:37]}...")

@@ -1,0 +1,145 @@
+"""Pieces of chain as files: `.npz` while it grows, emcee's HDF5 layout when it is whole."""
+
+from __future__ import annotations
+
+import hashlib
+import struct
+import zipfile
+import zlib
+from collections.abc import Mapping
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bayesdrill.basics.errors import InputError
+from bayesdrill.engines.samplers.ensemble import Piece, State
+
+SEAL = "checksum"
+# What NumPy, zipfile and HDF5 raise when bytes of a file are not what they were.
+DAMAGED = (
+    *(OSError, ValueError, KeyError, IndexError, TypeError, EOFError, RuntimeError, MemoryError),
+    *(AttributeError, OverflowError, NotImplementedError, SyntaxError, struct.error),
+    *(zipfile.BadZipFile, zlib.error),
+)
+COMPUTED_AGAIN = "is damaged; delete it and continue with --resume, which computes it again"
+
+
+def write_piece(path: Path, piece: Piece) -> None:
+    """Zip keeps a checksum of each array."""
+    kind, keys, *rest = piece.state.random
+    np.savez(
+        path,
+        z=piece.z,
+        log_p=piece.log_p,
+        accepted=piece.accepted,
+        failures=piece.failures,
+        seconds=piece.seconds,
+        end_z=piece.state.z,
+        end_log_p=piece.state.log_p,
+        random_kind=kind,
+        random_keys=keys,
+        random_rest=np.array(rest, dtype=np.float64),
+    )
+
+
+def read_piece(path: Path) -> Piece:
+    """Raises `InputError` where the file is damaged."""
+    try:
+        with path.open("rb") as raw, np.load(raw) as file:
+            position, has_gauss, cached = file["random_rest"]
+            kind, keys = str(file["random_kind"]), file["random_keys"]
+            random = (kind, keys, int(position), int(has_gauss), cached)
+            return Piece(
+                z=file["z"],
+                log_p=file["log_p"],
+                accepted=file["accepted"],
+                failures=int(file["failures"]),
+                state=State(file["end_z"], file["end_log_p"], random),
+                seconds=float(file["seconds"]),
+            )
+    except DAMAGED:
+        raise InputError.one(str(path), COMPUTED_AGAIN) from None
+
+
+def chain_image(pieces: list[list[Piece]], attributes: Mapping[str, Any]) -> bytes:
+    """The bytes of `chain.h5`, made in memory: HDF5 crashes the process when a disk fills up.
+
+    One group `ensemble_<k>` each, as `emcee.backends.HDFBackend` lays it out.
+    """
+    import h5py
+
+    with h5py.File("chain.h5", "w", driver="core", backing_store=False) as file:
+        for ensemble, parts in enumerate(pieces):
+            group = file.create_group(f"ensemble_{ensemble}")
+            _write_ensemble(group, parts, attributes)
+            seal(group)
+        file.flush()
+        return bytes(file.id.get_file_image())
+
+
+def _write_ensemble(group: Any, parts: list[Piece], attributes: Mapping[str, Any]) -> None:
+    z = np.concatenate([part.z for part in parts])
+    n_steps, n_walkers, n_dim = z.shape
+    # With checksums of their own, for whoever reads them with emcee.
+    group.create_dataset("chain", data=z, maxshape=(None, n_walkers, n_dim), fletcher32=True)
+    log_p = np.concatenate([part.log_p for part in parts])
+    group.create_dataset("log_prob", data=log_p, maxshape=(None, n_walkers), fletcher32=True)
+    group.create_dataset("accepted", data=np.sum([part.accepted for part in parts], axis=0))
+    own = {"failures": sum(part.failures for part in parts), **attributes}
+    layout = {
+        "version": version("emcee"),
+        "nwalkers": n_walkers,
+        "ndim": n_dim,
+        "has_blobs": False,
+        "iteration": n_steps,
+    }
+    group.attrs.update({**layout, **own})
+    for index, value in enumerate(parts[-1].state.random):
+        group.attrs[f"random_state_{index}"] = value
+
+
+def seal(group: Any) -> None:
+    """A checksum of an ensemble as it stands: of all numbers, and of its attributes."""
+    group.attrs[SEAL] = _checksum(_contents(group))
+
+
+def _contents(group: Any) -> dict[str, Any]:
+    """Attributes but the checksum, and datasets."""
+    values = {name: value for name, value in group.attrs.items() if name != SEAL}
+    return values | {name: group[name][:] for name in group}
+
+
+def _checksum(contents: Mapping[str, Any]) -> str:
+    digest = hashlib.sha256()
+    for name in sorted(contents):
+        value = np.ascontiguousarray(contents[name])
+        digest.update(f"{name} {value.dtype.str} {value.shape} ".encode())
+        digest.update(value)
+    return digest.hexdigest()
+
+
+def read_chain(path: Path, ensemble: int) -> Piece:
+    """One finished ensemble; raises `InputError` where the file is damaged."""
+    import h5py
+
+    try:
+        with h5py.File(path, "r") as file:
+            group = file[f"ensemble_{ensemble}"]
+            found = _contents(group)
+            if group.attrs[SEAL] != _checksum(found):
+                raise ValueError("the checksum does not fit")
+        kind, keys, position, has_gauss, cached = (found[f"random_state_{k}"] for k in range(5))
+        random = (str(kind), keys, int(position), int(has_gauss), cached)
+        z, log_p = found["chain"], found["log_prob"]
+        return Piece(
+            z=z,
+            log_p=log_p,
+            accepted=found["accepted"],
+            failures=int(found["failures"]),
+            state=State(z[-1], log_p[-1], random),
+            seconds=1.0,
+        )
+    except DAMAGED:
+        raise InputError.one(str(path), COMPUTED_AGAIN) from None

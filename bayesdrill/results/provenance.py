@@ -1,0 +1,88 @@
+"""Where a result comes from: versions, what a resumed run must share, the config with defaults."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import os
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import bayesdrill
+from bayesdrill.basics.software import DECISIVE, versions
+from bayesdrill.inference.problem import Problem
+from bayesdrill.record.experiment import Experiment
+from bayesdrill.results.run_folder import VERSION_OF
+from bayesdrill.setup import config as records
+from bayesdrill.setup import reading
+from bayesdrill.setup.yaml_source import Source
+
+
+def fingerprint(config: records.Config, problem: Problem) -> dict[str, str]:
+    """What decides the chain, by names and values that a user knows from the config."""
+    posterior, sampler = problem.posterior, config.sampler
+    space = posterior.space
+    return {
+        **_of_experiment(problem.experiment),
+        "the model": repr(posterior.likelihood.response.model),
+        **{f"the prior of {name}": repr(prior) for name, prior in space.priors.items()},
+        **{f"{name}, which is held,": repr(value) for name, value in space.fixed.items()},
+        **{f"the relation of {name}": r.text for name, r in space.relations.items()},
+        "the start of the MAP search": repr(dict(space.start)),
+        **_of_noise(problem),
+        **{f"map.{name}": repr(value) for name, value in config.map},
+        "sampler.ensembles": str(sampler.ensembles),
+        "sampler.walkers": str(sampler.walkers),
+        "sampler.moves": repr(dict(sorted(sampler.moves.items()))),
+        "the seed": str(config.seed),
+        f"{VERSION_OF}bayesdrill": bayesdrill.__version__,
+        **{f"{VERSION_OF}{name}": version(name) for name in DECISIVE},
+    }
+
+
+def _of_experiment(experiment: Experiment) -> dict[str, str]:
+    digest = hashlib.sha256()
+    for values in (experiment.t, experiment.y):
+        digest.update(values.tobytes())
+    held = "first" if experiment.first_order else "zero"
+    return {
+        "the record": f"{len(experiment.t)} samples ({digest.hexdigest()[:12]})",
+        **{
+            f"the channel {channel.name}": f"{dict(channel.weights)} in {channel.unit}"
+            for channel in experiment.channels
+        },
+        **{f"the input {name}": repr(value) for name, value in experiment.constant.items()},
+        **{
+            f"the input {name}": f"measured, hold: {held} ({_short(repr(series.tolist()))})"
+            for name, series in experiment.series.items()
+        },
+        "the initial state": f"{dict(experiment.start)} at {experiment.t_start!r} s",
+    }
+
+
+def _of_noise(problem: Problem) -> dict[str, str]:
+    noise, names = problem.posterior.likelihood.noise, problem.experiment.names
+    return {f"the noise of {names[k]}": repr(sigma) for k, sigma in noise.known.items()}
+
+
+def resolved(config: records.Config, source: Source, folder: Path) -> str:
+    """The config with every default, its record relative to `folder`, versions as comments."""
+    from ruamel.yaml import YAML
+
+    data: dict[str, Any] = config.model_dump(exclude_none=True)
+    record = reading.path_of(config, source)
+    # Links are resolved first: `..` in a path goes up from where a link leads to.
+    data["record"]["file"] = Path(os.path.relpath(record.resolve(), folder.resolve())).as_posix()
+    out = io.StringIO()
+    yaml = YAML()
+    yaml.width = 120
+    yaml.default_flow_style = None
+    yaml.dump(data, out)
+    made_by = "".join(f"# {name} {number}\n" for name, number in versions().items())
+    opening = "# Every entry of the config with its default filled in, and what read it:\n"
+    return f"{opening}{made_by}{out.getvalue()}"
+
+
+def _short(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()[:12]

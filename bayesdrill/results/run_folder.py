@@ -1,0 +1,193 @@
+"""The results folder: files appear whole, pieces of chain outlive a crash, one run at a time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Literal, Self
+
+from filelock import FileLock, Timeout
+
+from bayesdrill.basics import own_files
+from bayesdrill.basics.errors import InputError, Problem
+from bayesdrill.basics.own_files import LOCK, PIECES, RUN, Kind, whole
+from bayesdrill.basics.sealed import opened, sealed
+from bayesdrill.engines.samplers.ensemble import Piece
+from bayesdrill.results.chain_files import chain_image, read_chain, read_piece, write_piece
+
+Mode = Literal["fresh", "resume", "force", "report"]  # report: nothing is added to the chain
+
+CHAIN = "chain.h5"
+VERSION_OF = "the version of "  # begins the names of fingerprints that a report may differ in
+LONGEST = 120  # letters of a value in a message
+
+
+@dataclass(slots=True)
+class Folder:
+    """`results/<name>`, locked while open. `fingerprint`: what a resumed run must share.
+
+    What is there can be read at once; nothing is changed before `begin`, so that a run that is
+    refused for what it finds leaves all as it was.
+    """
+
+    path: Path
+    mode: Mode
+    fingerprint: Mapping[str, Any]
+    kind: Kind = own_files.POSTERIOR
+    _lock: FileLock | None = None
+    _chains: dict[int, list[Piece]] = field(default_factory=dict)
+
+    def __enter__(self) -> Self:
+        """Raises `InputError` when results are in the way, differ, or are being written."""
+        self.check()
+        try:
+            self.path.mkdir(parents=True, exist_ok=True)
+        except (FileExistsError, NotADirectoryError):
+            message = "a file is in the way; give another --output"
+            raise InputError.one(str(self.path), message) from None
+        lock = FileLock(self.path / LOCK)
+        try:
+            lock.acquire(timeout=0)
+        except Timeout:
+            raise InputError.one(
+                str(self.path), "another run is writing here; wait for it or give --output"
+            ) from None
+        self._lock = lock
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        value: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        if self._lock is not None:
+            self._lock.release()
+
+    def check(self) -> None:
+        """Results are neither overwritten nor reused unasked; a folder of others is left alone."""
+        obstacles = own_files.in_the_way(self.path, self.kind)
+        if obstacles:
+            raise InputError(obstacles)
+        run = read_run(self.path)
+        if run is None:
+            self._refuse_others()
+            return
+        if run.get("job") != self.kind.job:
+            message = f"these are results of `bayesdrill {run.get('job')}`; give another --output"
+            raise InputError.one(str(self.path), message)
+        if self.mode == "fresh":
+            raise InputError.one(str(self.path), f"results exist already; {self.kind.again}")
+        if self.mode in ("resume", "report"):
+            self._refuse_changes(run.get("fingerprint", {}))
+
+    def _refuse_others(self) -> None:
+        items = sorted(self.path.iterdir()) if self.path.is_dir() else []
+        others = [item.name for item in items if not item.name.startswith(".")]
+        others += own_files.present(self.path, self.kind)
+        if others:
+            message = f"this folder holds other files ({others[0]}); give another --output"
+            raise InputError.one(str(self.path), message)
+
+    def _refuse_changes(self, old: Mapping[str, Any]) -> None:
+        changes = _changes(old, self.fingerprint, versions=self.mode == "resume")
+        if changes:
+            way_out = "put this back, start over with --force, or give another --output"
+            told = [*(f"cannot resume: {change}" for change in changes), way_out]
+            raise InputError([Problem(str(self.path), line) for line in told])
+
+    def begin(self, **entries: Any) -> None:
+        """From here on files change; with --force, what a run before has written goes now.
+
+        `entries` of `run.json`, which is replaced and never missing: without it the rest would be
+        taken for a folder of others by the next run, were this one killed here.
+        """
+        own_files.tidy(self.path, self.kind)
+        if self.mode == "force":
+            own_files.take_away(self.path, self.kind)
+            self._write_entries(entries)
+        elif entries:
+            self.write_run(**entries)
+
+    def place(self, name: str) -> Path:
+        """Raises `KeyError` for a file that a later --force would not know as ours."""
+        if not self.kind.made(name):
+            raise KeyError(name)
+        return self.path / name
+
+    def write_text(self, name: str, text: str) -> None:
+        with whole(self.place(name)) as path:
+            path.write_text(text, encoding="utf-8")
+
+    def write_run(self, **entries: Any) -> None:
+        """Update `run.json`."""
+        self._write_entries({**(read_run(self.path) or {}), **entries})
+
+    def _write_entries(self, entries: Mapping[str, Any]) -> None:
+        # A report under other versions leaves those that made the chain.
+        marks = {"job": self.kind.job, "fingerprint": dict(self.fingerprint)}
+        self.write_text(RUN, sealed({**marks, **entries}))
+
+    def save(self, ensemble: int, first_step: int, piece: Piece) -> None:
+        """One file a piece: an interrupted run loses at most the pieces under way."""
+        (self.path / PIECES).mkdir(exist_ok=True)
+        with whole(self.place(f"{PIECES}/ensemble_{ensemble}_{first_step:09d}.npz")) as path:
+            write_piece(path, piece)
+
+    def read_ahead(self, ensembles: int) -> None:
+        """All chains, for what is damaged to be found now; `pieces` hands each out once."""
+        self._chains = {ensemble: self._read(ensemble) for ensemble in range(ensembles)}
+
+    def pieces(self, ensemble: int) -> list[Piece]:
+        """What was saved so far, in order: a finished chain first, then the pieces after it."""
+        return self._chains.pop(ensemble, None) or self._read(ensemble)
+
+    def _read(self, ensemble: int) -> list[Piece]:
+        found = []
+        if (self.path / CHAIN).exists():
+            found.append(read_chain(self.path / CHAIN, ensemble))
+        have = sum(len(piece.z) for piece in found)
+        for name in own_files.present(self.path, own_files.UNFINISHED):
+            if not name.startswith(f"{PIECES}/ensemble_{ensemble}_"):
+                continue
+            first = Path(name).stem.rsplit("_", 1)[1]
+            if first == f"{have:09d}":  # others are not ours
+                found.append(read_piece(self.path / name))
+                have += len(found[-1].z)
+        return found
+
+    def finish_chain(self, pieces: list[list[Piece]], attributes: Mapping[str, Any]) -> None:
+        """`chain.h5` in emcee's layout; then the pieces go."""
+        if not own_files.present(self.path, own_files.UNFINISHED):
+            return  # nothing is new
+        with whole(self.place(CHAIN)) as path:
+            path.write_bytes(chain_image(pieces, attributes))
+        own_files.take_away(self.path, own_files.UNFINISHED)
+
+
+def read_run(folder: Path) -> dict[str, Any] | None:
+    """`run.json`, or None where there is none; raises `InputError` where no run of ours wrote it."""
+    path = folder / RUN
+    if not own_files.what(path):
+        return None
+    try:
+        return opened(path.read_bytes())
+    except (ValueError, RecursionError):
+        message = "is damaged, or not of this bayesdrill; put back a copy, or give another folder"
+        raise InputError.one(str(path), message) from None
+
+
+def _changes(old: Mapping[str, Any], new: Mapping[str, Any], *, versions: bool) -> list[str]:
+    """What differs between two fingerprints, with both values; `versions` too, or not."""
+    return [
+        f"{name} was {_value(old, name)} and is {_value(new, name)}"
+        for name in {**old, **new}
+        if old.get(name) != new.get(name) and (versions or not name.startswith(VERSION_OF))
+    ]
+
+
+def _value(marks: Mapping[str, Any], name: str) -> str:
+    value = str(marks.get(name, "not there"))
+    return value if len(value) <= LONGEST else f"{value[: LONGEST - 3]}..."

@@ -1,0 +1,175 @@
+"""The exact response of a linear model to constant and sampled inputs, to rounding.
+
+One matrix exponential per parameter vector, then a recurrence over the samples.  A sampled input
+is held between samples (zero order) or interpolated linearly (first order); for either the
+discrete system is exact (Van Loan 1978).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayesdrill.record.experiment import Experiment, frozen
+from bayesdrill.rig.kernels import LANES, Kernels, Layout, compile_kernels, scratch_size
+from bayesdrill.rig.models.linear import Model
+from bayesdrill.rig.models.tangent import DOT, Tangent
+
+Array = NDArray[np.float64]
+
+
+class Response:
+    """Response of `model` in `experiment`; kernels are compiled at construction (and unpickling).
+
+    Parameters come as `(W, P)`, columns in the order of `model.parameters`, SI.  A walker whose
+    numbers overflow gets NaN in its own row alone.
+    """
+
+    def __init__(
+        self, model: Model, experiment: Experiment, kernels: Kernels | None = None
+    ) -> None:
+        self.model = model
+        self.experiment = experiment
+        series = list(experiment.series.values())
+        self._y = np.ascontiguousarray(experiment.y)
+        # The last increment drives nothing that is measured any more.
+        self._u = np.zeros((len(self._y) + 1, len(series)))
+        for column, u in enumerate(series):
+            self._u[:, column] = np.append(u, u[-1])
+        self._kernels: Kernels = kernels or compile_kernels(layout(model, experiment))
+        self._normal: list[tuple[Layout, Kernels]] = []  # made when it is first asked for
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {"model": self.model, "experiment": self.experiment}
+
+    def __setstate__(self, state: Mapping[str, Any]) -> None:
+        self.__init__(state["model"], state["experiment"])  # type: ignore[misc]
+
+    def with_record(self, y: Array) -> Response:
+        """The same experiment with another record `y (T, K)`; nothing is compiled again."""
+        if y.shape != self.experiment.y.shape:
+            raise ValueError(f"the record has shape {self.experiment.y.shape}, not {y.shape}")
+        experiment = dataclasses.replace(self.experiment, y=frozen(y))
+        made = Response(self.model, experiment, self._kernels)
+        made._normal = self._normal  # which no record has an influence on
+        return made
+
+    def with_series(self, series: Mapping[str, Array]) -> Response:
+        """The same experiment under other measured inputs; nothing is compiled again."""
+        if set(series) != set(self.experiment.series):
+            raise ValueError(f"series of {sorted(self.experiment.series)} are wanted")
+        ordered = {name: series[name] for name in self.experiment.series}
+        experiment = dataclasses.replace(self.experiment, series=ordered)
+        return Response(self.model, experiment, self._kernels)
+
+    def misfit(self, theta: Array) -> Array:
+        """Sum of squared residuals of each channel: `(W, P) -> (W, K)`, SI units squared."""
+        blocks = _in_lanes(theta)
+        out = np.empty((len(blocks), self._y.shape[1], LANES))
+        self._run("misfit", blocks, out)
+        return out.transpose(0, 2, 1).reshape(-1, out.shape[1])[: len(theta)]
+
+    def signals(self, theta: Array) -> Array:
+        """The channels themselves: `(W, P) -> (W, T, K)`, SI."""
+        blocks = _in_lanes(theta)
+        out = np.empty((len(blocks), *self._y.shape, LANES))
+        self._run("signals", blocks, out)
+        rows = out.transpose(0, 3, 1, 2).reshape(-1, *self._y.shape)
+        return np.ascontiguousarray(rows[: len(theta)])
+
+    def normal(self, theta: Array, directions: Array, scales: Array) -> tuple[Array, Array, Array]:
+        """Least squares: sums `(W, K)`, `(W, q)` and `(W, q, q)` over samples (and channels).
+
+        Of r r, r s and s s, with r what is left of the record and s its derivatives in the
+        `directions (W, q, P)` at `theta (W, P)`, both times `scales (W, K)`, q at least 1.
+        """
+        if not self._normal:
+            own = layout(Tangent(self.model), _in_slopes(self.experiment))
+            self._normal.append((own, compile_kernels(own, ("normal",))))
+        own, kernels = self._normal[0]
+        n, q, _ = directions.shape
+        k_count = self._y.shape[1]
+        blocks, scaled = _in_lanes(theta), _in_lanes(scales)
+        along = _in_lanes(directions.reshape(n, -1))
+        scratch = np.empty((scratch_size(own, q) + 8, LANES))
+        out = np.empty((len(blocks), k_count + q + q * q, LANES))
+        arrays = (blocks, along, scaled, self._y, self._u, scratch, out)
+        addresses = (array.ctypes.data for array in arrays)
+        kernels.named["normal"](len(blocks), len(self._y), q, *addresses)
+        rows = out.transpose(0, 2, 1).reshape(-1, out.shape[1])[:n]
+        squares, slopes, lower = np.split(rows, [k_count, k_count + q], axis=1)
+        products = np.tril(lower.reshape(n, q, q))
+        return squares, slopes, products + np.tril(products, -1).swapaxes(1, 2)
+
+    def _run(self, name: str, blocks: Array, out: Array) -> None:
+        addresses = (a.ctypes.data for a in (blocks, self._y, self._u, out))
+        self._kernels.named[name](len(blocks), len(self._y), *addresses)
+
+
+def slopes_of(model: Model, experiment: Experiment) -> Response:
+    """The response of the tangent of `model`, whose states `experiment` names; it has no record."""
+    tangent = Tangent(model)
+    kernels = compile_kernels(layout(tangent, experiment), ("signals",))
+    return Response(tangent, experiment, kernels)
+
+
+def _in_slopes(experiment: Experiment) -> Experiment:
+    """With the derivatives of its channels for channels."""
+    channels = tuple(
+        dataclasses.replace(channel, weights={name + DOT: w for name, w in channel.weights.items()})
+        for channel in experiment.channels
+    )
+    return dataclasses.replace(experiment, channels=channels)
+
+
+def _in_lanes(theta: Array) -> Array:
+    """`(W, P)` to groups `(G, P, LANES)`; the last group is filled up with its last walker."""
+    n_groups = -(-len(theta) // LANES)
+    rows = np.empty((n_groups * LANES, theta.shape[1]))
+    rows[: len(theta)] = theta
+    rows[len(theta) :] = theta[-1]
+    blocks = rows.reshape(n_groups, LANES, -1).transpose(0, 2, 1)
+    return np.ascontiguousarray(blocks)
+
+
+def layout(model: Model, experiment: Experiment) -> Layout:
+    """What the kernels have to know of a rig and its experiment."""
+    return Layout(
+        n_parameters=len(model.parameters),
+        n_states=len(model.states),
+        n_series=len(experiment.series),
+        first_order=experiment.first_order and bool(experiment.series),
+        entries=lambda parameters: _entries(model, experiment, parameters),
+        dt=experiment.dt,
+        lead=float(experiment.t[0] - experiment.t_start),
+        x0=tuple(float(experiment.start.get(name, 0.0)) for name in model.states),
+        channels=tuple(
+            tuple(float(channel.weights.get(name, 0.0)) for name in model.states)
+            for channel in experiment.channels
+        ),
+    )
+
+
+def _entries(
+    model: Model, experiment: Experiment, parameters: Sequence[Any]
+) -> list[tuple[int, int, Any]]:
+    """(row, column, value) of the augmented matrix, see `Layout`."""
+    linear = model.linear(dict(zip(model.parameters, parameters, strict=True)))
+    series = list(experiment.series)
+    index = {name: k for k, name in enumerate(model.states)}
+    x, s = len(index), len(series)
+    entries = [(index[row], index[column], value) for (row, column), value in linear.A.items()]
+    entries += [(index[row], x, value) for row, value in linear.c.items()]
+    for (row, name), value in linear.B.items():
+        if name in series:
+            entries.append((index[row], x + 1 + series.index(name), value))
+        if experiment.constant.get(name, 0.0) != 0.0:
+            entries.append((index[row], x, value * experiment.constant[name]))
+    if experiment.first_order:
+        # A held input rises by its increment over one step.
+        entries += [(x + 1 + k, x + 1 + s + k, 1.0) for k in range(s)]
+    return entries

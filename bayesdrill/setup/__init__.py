@@ -1,0 +1,1 @@
+"""A config becomes objects, or every mistake of it at once."""

@@ -1,0 +1,331 @@
+"""The experiment config as validated records: what may stand in a YAML file, and its defaults.
+
+Strict: unknown keys, wrong types and values out of range are errors.  What needs more than one
+entry to be judged (a start inside its prior, symbols of the model, units) is in `consistency`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Annotated, Any, Literal
+
+from pydantic import BeforeValidator, Discriminator, Field, Tag, create_model
+
+from bayesdrill.basics import symbols
+from bayesdrill.setup.number_entries import (
+    HELD,
+    LARGEST,
+    MOST,
+    Count,
+    Latex,
+    NonNegative,
+    Number,
+    Positive,
+    Quantity,
+    QuantitySpec,
+    SigmaSpec,
+    Strict,
+    parameter_spec,
+    shape,
+)
+
+MOST_NAMED = 50  # channels, quantities, formulas; names in a figure
+Searches = Annotated[int, Field(ge=1, le=1000)]
+
+
+def _shape(value: Any) -> str:
+    """Which member of a union an entry is meant to be, before and after it is validated."""
+    if isinstance(value, dict):
+        return "<column>" if "column" in value or "variable" in value else "<mapping>"
+    return "<column>" if isinstance(value, Column) else shape(value)
+
+
+def _time_shape(value: Any) -> str:
+    """A time entry without `rate` is a column, however its keys are misspelt."""
+    rate = "rate" in value if isinstance(value, dict) else isinstance(value, TimeRate)
+    return "<mapping>" if rate else "<column>"
+
+
+class DerivedSpec(Strict):
+    formula: str = Field(description="Of parameters and quantities, such as sqrt(k_s/j_1).")
+    unit: str = "1"
+    latex: Latex | None = Field(None, description="How figures write it, without dollars.")
+
+
+def _formula_alone(value: Any) -> Any:
+    return {"formula": value} if isinstance(value, str) else value
+
+
+class Column(Strict):
+    """Where numbers stand: a CSV column or MAT variable by name, or a column number from 1."""
+
+    column: str | Count | None = None
+    variable: str | None = Field(None, description="MAT variable, dotted for struct fields.")
+    unit: str
+
+
+class TimeColumn(Column):
+    pass
+
+
+class TimeRate(Strict):
+    rate: Positive = Field(description="Samples per second, for records without a time column.")
+
+
+class InputColumn(Column):
+    hold: Literal["zero", "first"] = Field(
+        "zero", description="Between samples: constant (zero) or linear (first order)."
+    )
+
+
+Value = Annotated[
+    Annotated[Number, Tag("<number>")] | Annotated[Quantity, Tag("<mapping>")],
+    Discriminator(_shape),
+]
+InputSpec = Annotated[
+    Annotated[Number, Tag("<number>")]
+    | Annotated[Quantity, Tag("<mapping>")]
+    | Annotated[InputColumn, Tag("<column>")],
+    Discriminator(_shape),
+]
+TimeSpec = Annotated[
+    Annotated[TimeColumn, Tag("<column>")] | Annotated[TimeRate, Tag("<mapping>")],
+    Discriminator(_time_shape),
+]
+
+
+class ChannelSpec(Column):
+    measures: str | None = Field(
+        None,
+        description="Linear combination of theta_1, theta_2, w_1, w_2, i; default: the channel's name.",
+    )
+    sigma: SigmaSpec = Field(
+        description="Noise standard deviation in the column's unit, or its prior when unknown."
+    )
+
+
+class RecordSpec(Strict):
+    file: str = Field(description="Relative to the folder of the config.")
+    format: Literal["csv", "mat"] | None = Field(None, description="Default: by the file's ending.")
+    delimiter: str | None = Field(None, description="CSV; default: found out.")
+    decimal: Literal[".", ","] | None = Field(None, description="CSV; default: found out.")
+    header: bool | None = Field(None, description="CSV; default: found out.")
+    skip_rows: Annotated[int, Field(ge=0, le=MOST)] = 0
+    time: TimeSpec
+    window: Annotated[list[Number], Field(min_length=2, max_length=2)] | None = Field(
+        None, description="Use the samples from the first to the second time [s] only."
+    )
+    channels: Annotated[dict[str, ChannelSpec], Field(min_length=1, max_length=MOST_NAMED)]
+
+
+class ModelSpec(Strict):
+    """A rig and its constants; each model has some of them, with its own defaults."""
+
+    name: str = "motor_shaft"
+    i_m: Positive = Field(0.125, description="Gear reduction factor, at most 1 (8:1 is 0.125).")
+    j_2: NonNegative | None = Field(
+        None, description="two_rotors: inertia at the output of the gearbox [kg m^2]; default 0."
+    )
+    r_s: NonNegative | None = Field(
+        None, description="two_rotors: resistance in series with the motor [ohm]; default 0."
+    )
+    i_n: Positive | None = Field(
+        None, description="as_printed: the undefined factor in A(6,5); default: i_m."
+    )
+    a_51: Literal["j_1", "j_m"] | None = Field(
+        None, description="as_printed: what A(5,1) stands over; default: j_1, as printed."
+    )
+
+
+class Inputs(Strict):
+    v: InputSpec
+    t_1: InputSpec = 0.0
+
+
+class Initial(Strict):
+    """The state at `time`; what is not named is zero."""
+
+    time: Number | None = Field(
+        None,
+        description="[s] default: 0 with constant inputs, the first sample with measured ones.",
+    )
+    theta_1: Value = 0.0
+    theta_2: Value = 0.0
+    w_1: Value = 0.0
+    w_2: Value = 0.0
+    i: Value = 0.0
+
+
+def _per_symbol(
+    name: str, base: type[Strict], kind: Callable[[str], Any], doc: str
+) -> type[Strict]:
+    """`kind` of a symbol: what may stand there."""
+    fields: dict[str, Any] = {
+        symbol.name: (
+            kind(symbol.name) | None,
+            Field(None, description=f"{symbol.meaning} [{symbol.unit}]"),
+        )
+        for symbol in symbols.PARAMETERS.values()
+    }
+    model: type[Strict] = create_model(name, __base__=base, __doc__=doc, **fields)
+    return model
+
+
+def _held(name: str) -> Any:
+    return HELD.get(name, Positive)
+
+
+Tolerance = Annotated[float, Field(ge=0, lt=1)]
+
+
+class _ToleranceBase(Strict):
+    default: Tolerance = 0.0
+
+
+Tolerances = _per_symbol(
+    "Tolerances",
+    _ToleranceBase,
+    lambda _: Tolerance,
+    "Of single nominal values, and of all others.",
+)
+ToleranceSpec = Annotated[
+    Annotated[Tolerance, Tag("<number>")] | Annotated[Tolerances, Tag("<mapping>")],  # type: ignore[valid-type]
+    Discriminator(_shape),
+]
+
+
+class _NominalBase(Strict):
+    table: str | None = Field(
+        None, description=f"Default: {symbols.DEFAULT_NOMINAL}, where the config relies on a table."
+    )
+    tolerance: ToleranceSpec = Field(
+        0.0, description="Relative, of the nominal values: one number, or by symbol and `default`."
+    )
+
+
+class _SimulationBase(Strict):
+    duration: Positive | None = Field(None, description="[s]; default: the times of the record.")
+    rate: Positive | None = Field(None, description="[Hz]")
+    sigma: Annotated[
+        dict[str, Positive], Field(description="Of channels whose sigma is unknown.")
+    ] = Field(default_factory=dict)
+    quantities: Annotated[
+        dict[str, Positive],
+        Field(description="True values, in their units; default: where their priors start."),
+    ] = Field(default_factory=dict)
+
+
+Parameters = _per_symbol(
+    "Parameters",
+    Strict,
+    lambda name: parameter_spec(_held(name)),
+    "A prior, a number, `nominal`, a tie or a formula.",
+)
+Nominal = _per_symbol(
+    "Nominal", _NominalBase, lambda _: Positive, "A table and what differs from it."
+)
+Simulation = _per_symbol(
+    "Simulation", _SimulationBase, _held, "Grid and true values of `bayesdrill simulate`."
+)
+
+
+def _named_table(value: Any) -> Any:
+    return {"table": value} if isinstance(value, str) else value
+
+
+Pair = Annotated[list[str], Field(min_length=2, max_length=2)]
+
+
+class MapSpec(Strict):
+    method: str = "nelder_mead"
+    starts: Searches = Field(
+        4, description="The first is the configured one, the rest from the prior."
+    )
+    evaluations: Count = Field(8000, description="The most that one start may spend.")
+    pairs: Annotated[list[Pair], Field(min_length=1, max_length=1000)] | None = Field(
+        None, description="pairwise: unknowns that are searched together, in this order."
+    )
+    iterations: Count | None = Field(None, description="pairwise: of each pair; default: 10.")
+    steady: Positive | None = Field(
+        None, description="pairwise: ends when a cycle lowers the misfit by less; default: 0.01."
+    )
+
+
+class SamplerSpec(Strict):
+    ensembles: Annotated[int, Field(ge=4, le=MOST)] = 4
+    walkers: Annotated[int, Field(ge=4, le=MOST)] = 256
+    moves: Annotated[dict[str, NonNegative], Field(min_length=1)] = Field(
+        default_factory=lambda: {
+            "differential_evolution": 0.09,
+            "stretch": 0.01,
+            "independence": 0.9,
+        }
+    )
+    r_hat: Annotated[float, Field(gt=1, le=LARGEST)] = 1.01
+    n_tau: Positive = Field(50.0, description="Steps kept, in autocorrelation times.")
+    ess: Positive = Field(4000.0, description="Bulk effective sample size of every unknown.")
+    max_steps: Annotated[int, Field(ge=100, le=MOST)] = 50_000
+
+
+class CalibrationSpec(Strict):
+    refits: Annotated[int, Field(ge=10, le=100_000)] = Field(
+        200, description="Simulated records, each refitted."
+    )
+    draws: Annotated[int, Field(ge=19, le=100_000)] = Field(
+        99, description="Nearly independent draws among which a true value is ranked."
+    )
+    starts: Searches = Field(16, description="Searches for the MAP of a refit, at most.")
+    n_tau: Positive = Field(20.0, description="As in `sampler`, for a refit.")
+    ess: Positive = Field(400.0, description="As in `sampler`, for a refit.")
+    max_steps: Annotated[int, Field(ge=100, le=MOST)] = Field(
+        5000, description="As in `sampler`, for a refit."
+    )
+
+
+class IdentifySpec(Strict):
+    of_interest: list[str] = Field(
+        default_factory=list,
+        description="Parameters by whose uncertainty remedies are ranked; default: all unknown ones.",
+    )
+    determined: Annotated[float, Field(gt=0, lt=1)] = Field(
+        0.5, description="Determined: the record brings the sd below this share of the prior's."
+    )
+    left_to_prior: Annotated[float, Field(gt=0, le=1)] = Field(
+        0.9, description="Left to the prior: the sd stays above this share of the prior's."
+    )
+
+
+class OutputSpec(Strict):
+    predictive_draws: Annotated[int, Field(ge=10, le=MOST)] = Field(
+        125, description="Per ensemble, with pointwise log likelihood and predictive samples."
+    )
+    corner: Annotated[list[str], Field(min_length=1, max_length=MOST_NAMED)] | None = Field(
+        None,
+        description="Unknowns and derived quantities of the corner plot; default: all unknowns.",
+    )
+
+
+class Config(Strict):
+    """An experiment: a record, a rig, what is believed of it, and how to find out more."""
+
+    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$", max_length=100)]
+    seed: Annotated[int, Field(ge=0, lt=2**64)]
+    record: RecordSpec
+    inputs: Inputs
+    initial: Initial = Initial()
+    model: ModelSpec = ModelSpec()
+    nominal: Annotated[Nominal, BeforeValidator(_named_table)] = Nominal()  # type: ignore[valid-type]
+    parameters: Parameters  # type: ignore[valid-type]
+    quantities: Annotated[dict[str, QuantitySpec], Field(max_length=MOST_NAMED)] = Field(
+        default_factory=dict, description="What formulas of parameters name beside parameters."
+    )
+    derived: Annotated[
+        dict[str, Annotated[DerivedSpec, BeforeValidator(_formula_alone)]],
+        Field(max_length=MOST_NAMED),
+    ] = Field(default_factory=dict, description="Formulas that are computed for every draw.")
+    map: MapSpec = MapSpec()
+    sampler: SamplerSpec = SamplerSpec()
+    output: OutputSpec = OutputSpec()
+    identify: IdentifySpec = IdentifySpec()
+    calibration: CalibrationSpec = CalibrationSpec()
+    simulation: Simulation | None = None  # type: ignore[valid-type]

@@ -1,0 +1,33 @@
+"""What must hold between the entries of a config, each broken rule as a problem with its place."""
+
+from __future__ import annotations
+
+from bayesdrill.basics.errors import Problem
+from bayesdrill.setup import build
+from bayesdrill.setup.config import Config
+from bayesdrill.setup.consistency import record, unknowns, work
+from bayesdrill.setup.consistency.collector import Collector
+from bayesdrill.setup.yaml_source import Place, Source
+
+
+def check(config: Config, source: Source, spoilt: frozenset[Place]) -> list[Problem]:
+    """Problems of a config whose entries are each valid; `spoilt` places were reported already."""
+    found = Collector(source, spoilt)
+    model = found.run(("model", "name"), build.model, config)
+    nominal = found.run(("nominal", "table"), build.nominal, config)
+    if model is not None:
+        unknowns.check_model(found, config, model)
+        if nominal is not None:
+            unknowns.check_parameters(found, config, model, nominal)
+            unknowns.check_relations(found, config, model)
+        record.check_channels(found, config, model)
+        work.check_counts(found, config, model)
+        work.check_map(found, config, model)
+        record.check_states(found, config, model)
+        work.check_output(found, config, model)
+    record.check_record(found, config)
+    record.check_inputs(found, config)
+    work.check_simulation(found, config)
+    work.check_calibration(found, config)
+    work.check_identify(found, config)
+    return found.problems

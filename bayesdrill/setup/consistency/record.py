@@ -1,0 +1,85 @@
+"""The record and the experiment: channels, time, inputs and the initial state, with their units."""
+
+from __future__ import annotations
+
+from bayesdrill.basics import symbols, units
+from bayesdrill.basics.expressions import linear_combination
+from bayesdrill.rig.models.linear import Model
+from bayesdrill.setup import build, number_entries
+from bayesdrill.setup import config as records
+from bayesdrill.setup.consistency.collector import Collector
+from bayesdrill.setup.yaml_source import Place
+
+
+def check_channels(found: Collector, config: records.Config, model: Model) -> None:
+    for name, spec in config.record.channels.items():
+        place: Place = ("record", "channels", name)
+        _check_measured(found, place, spec, model)
+        _check_address(found, place, spec)
+
+
+def _check_measured(
+    found: Collector, place: Place, spec: records.ChannelSpec, model: Model
+) -> None:
+    """Entry by entry, so that each mistake has the line where it stands."""
+    before = len(found.problems)
+    combines = {str(place[-1]): 1.0}
+    if spec.measures is not None:
+        text, at = spec.measures, (*place, "measures")
+        combines = found.run(at, linear_combination, text, model.states) or {}
+    states = [symbols.STATES[state] for state in combines if state in model.states]
+    if states:
+        found.run((*place, "unit"), units.factor, spec.unit, states[0].unit)
+    known = spec.model_copy(update={"sigma": 1.0})
+    if len(found.problems) == before:
+        found.run(place, build.measured, place[-1], known, model.states)
+    if len(found.problems) == before:
+        found.run((*place, "sigma"), build.measured, place[-1], spec, model.states)
+
+
+def _check_address(found: Collector, place: Place, spec: records.Column) -> None:
+    if spec.column is None and spec.variable is None:
+        found.add(place, "neither `column:` nor `variable:` says where the numbers stand")
+
+
+def check_record(found: Collector, config: records.Config) -> None:
+    time = config.record.time
+    if isinstance(time, records.TimeColumn):
+        found.run(("record", "time", "unit"), units.factor, time.unit, "s")
+        _check_address(found, ("record", "time"), time)
+    window = config.record.window
+    if window is not None and not window[0] < window[1]:
+        found.add(("record", "window"), f"{window[0]:g} s is not before {window[1]:g} s")
+
+
+def check_inputs(found: Collector, config: records.Config) -> None:
+    holds = set()
+    for name, symbol in symbols.INPUTS.items():
+        spec = getattr(config.inputs, name)
+        place: Place = ("inputs", name)
+        if isinstance(spec, records.InputColumn):
+            holds.add(spec.hold)
+            found.run((*place, "unit"), units.factor, spec.unit, symbol.unit)
+            _check_address(found, place, spec)
+        else:
+            _check_quantity(found, place, spec, symbol.unit)
+    if len(holds) > 1:
+        found.add(("inputs",), "all measured inputs need the same `hold:`")
+    if holds and config.initial.time is not None:
+        found.add(
+            ("initial", "time"),
+            "with measured inputs the initial state is that of the first sample; remove this entry",
+        )
+
+
+def check_states(found: Collector, config: records.Config, model: Model) -> None:
+    for name in model.states:
+        value = getattr(config.initial, name)
+        _check_quantity(found, ("initial", name), value, symbols.STATES[name].unit)
+
+
+def _check_quantity(
+    found: Collector, place: Place, value: float | number_entries.Quantity, unit: str
+) -> None:
+    if isinstance(value, number_entries.Quantity):
+        found.run((*place, "unit"), units.factor, value.unit, unit)

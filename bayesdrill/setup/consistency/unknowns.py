@@ -1,0 +1,139 @@
+"""The model and what is unknown of it: parameters, relations between them, noise levels."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+
+import numpy as np
+
+from bayesdrill.basics import symbols, typesetting
+from bayesdrill.basics.formulas import Expression, RelationError
+from bayesdrill.inference.unknowns import ParameterSpace
+from bayesdrill.rig.models import MODELS, constants
+from bayesdrill.rig.models.linear import Model
+from bayesdrill.setup import build, number_entries, number_objects
+from bayesdrill.setup import config as records
+from bayesdrill.setup.consistency.collector import Collector
+from bayesdrill.setup.yaml_source import Place
+
+_TRIED = 4096  # draws from the priors, at which formulas are tried
+
+
+def check_model(found: Collector, config: records.Config, model: Model) -> None:
+    """Constants of another model would be given in vain; a gear that speeds up is one upside down."""
+    i_m = config.model.i_m
+    if i_m > 1:
+        found.add(
+            ("model", "i_m"),
+            f"{i_m:g} would make the shaft turn {i_m:g} times as fast as the motor; is a reduction of "
+            f"{i_m:g}:1 meant? Then write {1 / i_m:.6g}",
+        )
+    for name, value in config.model:
+        having = [other for other, kind in MODELS.items() if name in (*constants(kind), "name")]
+        if value is not None and model.name not in having:
+            found.add(
+                ("model", name),
+                f"the model {model.name} has no {name}; remove it, or name: {' or '.join(having)}",
+            )
+
+
+def check_parameters(
+    found: Collector, config: records.Config, model: Model, nominal: dict[str, float]
+) -> None:
+    for name in symbols.PARAMETERS:
+        spec = getattr(config.parameters, name)
+        place: Place = ("parameters", name)
+        if spec is None:
+            if name in model.parameters:
+                found.add(
+                    place,
+                    f"missing; to hold it write `{name}: nominal` ({nominal[name]:g}) or a number",
+                )
+        elif name not in model.parameters:
+            found.add(place, f"the model {model.name} has no such parameter; remove it")
+        elif isinstance(spec, number_entries.PriorBase):
+            built = found.run(place, number_objects.prior, spec, nominal[name])
+            if built is not None:
+                found.run(
+                    place, number_objects.start, spec, built, build.compared(config).get(name)
+                )
+
+
+def check_relations(found: Collector, config: records.Config, model: Model) -> None:
+    """Ties, formulas, and the quantities in them."""
+    before = len(found.problems)
+    used: set[str] = set()
+    for name, spec in config.quantities.items():
+        given = found.run(("quantities", name), number_objects.quantity, name, spec)
+        if given is not None and getattr(spec, "latex", None) is not None:
+            found.run(("quantities", name, "latex"), typesetting.check, given.symbol)
+    for name, derived in config.derived.items():
+        own = found.run(("derived", name), number_objects.formula, config, model, name)
+        if own is not None and derived.latex is not None:
+            found.run(("derived", name, "latex"), typesetting.check, own.symbol)
+        used |= set(own.expression.names) if own else set()
+    relations = {
+        name: found.run(("parameters", name), number_objects.relation, config, model, name)
+        for name in model.parameters
+    }
+    related = {name: r for name, r in relations.items() if r is not None}
+    missing = any(getattr(config.parameters, name) is None for name in model.parameters)
+    if missing or len(found.problems) > before:
+        return
+    used |= {name for r in related.values() for name in r.names}
+    for name in [n for n in config.quantities if n not in used]:
+        message = "no formula names it; use it in `parameters:` or `derived:`, or remove it"
+        found.add(("quantities", name), message)
+    try:
+        space = build.space(config, model, [])
+    except RelationError as error:
+        found.add(("parameters", error.name), str(error))
+        return
+    except ValueError:  # a prior or a start, said already
+        return
+    _check_values(found, space, related)
+
+
+def _check_values(
+    found: Collector, space: ParameterSpace, related: Mapping[str, Expression]
+) -> None:
+    """What is computed for a parameter must be a positive number wherever the priors lead."""
+    theta = space.draw(_TRIED, np.random.default_rng(0)) if space.free else np.ones((1, 0))
+    named = space.named(theta)
+    for name, relation in related.items():
+        values = np.broadcast_to(named[name], len(theta))
+        good = (values >= number_entries.SMALLEST) & (values <= number_entries.LARGEST)
+        if not good.all():
+            k = int(np.argmin(good))
+            found.add(
+                ("parameters", name),
+                f"'{relation.text}' is {values[k]:.3g} at {100 * np.mean(~good):.3g} % of what the "
+                "priors allow, and must be positive (and at most 1e30); mend the formula or narrow the "
+                "priors",
+            )
+
+
+def free_parameters(config: records.Config, names: Iterable[str]) -> list[str]:
+    """Those of `names` that have a prior."""
+    given = config.parameters
+    return [name for name in names if isinstance(getattr(given, name), number_entries.PriorBase)]
+
+
+def free_quantities(config: records.Config) -> list[str]:
+    return [
+        name for name, q in config.quantities.items() if isinstance(q, number_entries.PriorBase)
+    ]
+
+
+def free(config: records.Config, model: Model) -> list[str]:
+    """Parameters and quantities with a prior."""
+    return free_parameters(config, model.parameters) + free_quantities(config)
+
+
+def sigmas(config: records.Config) -> list[str]:
+    """Unknown noise levels."""
+    return [
+        f"sigma_{name}"
+        for name, channel in config.record.channels.items()
+        if isinstance(channel.sigma, number_entries.PriorBase)
+    ]

@@ -1,0 +1,109 @@
+"""What is to be done with record and unknowns: search, sampling, calibration, simulation, output."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from bayesdrill.basics import sizes, symbols
+from bayesdrill.engines.optimisers import OPTIMISERS
+from bayesdrill.engines.samplers.moves import MOVES
+from bayesdrill.rig.models.linear import Model
+from bayesdrill.setup import build, number_entries, number_objects
+from bayesdrill.setup import config as records
+from bayesdrill.setup.consistency.collector import Collector
+from bayesdrill.setup.consistency.unknowns import free, free_parameters, free_quantities, sigmas
+from bayesdrill.setup.yaml_source import Place
+
+
+def check_map(found: Collector, config: records.Config, model: Model) -> None:
+    if found.run(("map", "method"), build.lookup, OPTIMISERS, config.map.method, "method") is None:
+        return
+    given = next((name for name in build.PAIRWISE if getattr(config.map, name) is not None), None)
+    unknown = [*free(config, model), *sigmas(config)]
+    found.run(("map", given or "method"), build.optimiser, config, unknown)
+
+
+def check_counts(found: Collector, config: records.Config, model: Model) -> None:
+    """Unknowns against walkers, and moves."""
+    unknown = free(config, model)
+    n_unknown = len(unknown) + len(sigmas(config))
+    sampler = config.sampler
+    if n_unknown == 0:
+        found.add(("parameters",), "nothing is unknown; give at least one parameter a prior")
+    if sampler.walkers % 2 or sampler.walkers < 2 * n_unknown:
+        found.add(
+            ("sampler", "walkers"),
+            f"{sampler.walkers} walkers: an even number, at least twice the {n_unknown} unknowns, is "
+            "wanted",
+        )
+    if n_unknown:
+        arguments = (sampler.ensembles, sampler.walkers, n_unknown)
+        found.run(("sampler", "walkers"), sizes.check_chain, *arguments)
+    for name in sampler.moves:
+        found.run(("sampler", "moves", name), build.lookup, MOVES, name, "move")
+    if sum(weight for name, weight in sampler.moves.items() if name != "independence") <= 0:
+        message = (
+            "no move but independence has a share, and that never leaves a place that its proposal "
+            "has missed; give another move one"
+        )
+        found.add(("sampler", "moves"), message)
+
+
+def check_calibration(found: Collector, config: records.Config) -> None:
+    """What the ranks need."""
+    own = config.calibration
+    if own.ess < own.draws:
+        message = (
+            f"{own.ess:g} effective draws do not hold {own.draws} independent ones; make it larger"
+        )
+        found.add(("calibration", "ess"), message)
+
+
+def check_simulation(found: Collector, config: records.Config) -> None:
+    simulation: Any = config.simulation
+    if simulation is None:
+        return
+    if (simulation.duration is None) != (simulation.rate is None):
+        found.add(("simulation",), "`duration:` and `rate:` belong together; give both or neither")
+    elif simulation.duration is not None and simulation.duration * simulation.rate < 1:
+        found.add(
+            ("simulation", "duration"), "the record would have one sample only; make it longer"
+        )
+    elif simulation.duration is not None:
+        samples, channels = simulation.duration * simulation.rate, len(config.record.channels)
+        found.run(("simulation", "duration"), sizes.check_record, samples, channels)
+    for name in simulation.sigma:
+        if not found.spoilt(("record", "channels", name)):
+            place: Place = ("simulation", "sigma", name)
+            found.expect(place, name, config.record.channels, "there is no such channel")
+    for name in simulation.quantities:
+        if not found.spoilt(("quantities", name)):
+            place = ("simulation", "quantities", name)
+            found.expect(place, name, config.quantities, "there is no such quantity")
+
+
+def check_output(found: Collector, config: records.Config, model: Model) -> None:
+    """Names that a corner plot can show: unknowns, what is tied, what is derived."""
+    shown = [
+        name
+        for name in model.parameters
+        if isinstance(
+            getattr(config.parameters, name), number_entries.PriorBase | number_entries.Tie
+        )
+        or number_objects.is_formula(getattr(config.parameters, name))
+    ]
+    shown += [*free_quantities(config), *sigmas(config), *symbols.DERIVED, *config.derived]
+    for k, name in enumerate(config.output.corner or ()):
+        message = f"{name} is neither unknown nor derived"
+        found.expect(("output", "corner", k), name, shown, message)
+
+
+def check_identify(found: Collector, config: records.Config) -> None:
+    own = config.identify
+    unknown = free_parameters(config, symbols.PARAMETERS)
+    for k, name in enumerate(own.of_interest):
+        message = f"{name} is no unknown parameter"
+        found.expect(("identify", "of_interest", k), name, unknown, message)
+    if own.determined > own.left_to_prior:
+        message = f"{own.determined:g} is above left_to_prior, {own.left_to_prior:g}; exchange them"
+        found.add(("identify", "determined"), message)

@@ -1,0 +1,54 @@
+"""A job: a config that has been read, checked against its record, and built."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from bayesdrill.basics.errors import InputError
+from bayesdrill.inference.problem import Problem
+from bayesdrill.insight import derived
+from bayesdrill.insight.identifiability.study import Asked
+from bayesdrill.setup import build, loading, reading
+from bayesdrill.setup import config as records
+from bayesdrill.setup.yaml_source import Source
+
+FARTHEST = 1e10  # of a start from the record, in sigmas: rounding would hide any way to it
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Job:
+    config: records.Config
+    source: Source
+    problem: Problem
+
+    @property
+    def asked(self) -> Asked:
+        return build.asked(self.config)
+
+
+def prepare(path: Path) -> Job:
+    """Everything that can be wrong with the input is found here; nothing is written."""
+    config, source = loading.load(path)
+    return assemble(config, source)
+
+
+def assemble(config: records.Config, source: Source) -> Job:
+    """The job of a config that is already validated; `source` is where its paths start."""
+    problem = build.problem(config, reading.read(config, source))
+    posterior = problem.posterior
+    start = posterior.space.vector(posterior.space.start)
+    if not np.isfinite(posterior.density(start[None])[0]):
+        message = "the model has no finite response at the start; check values and units"
+        raise InputError([source.problem(("parameters",), message)])
+    off = float(posterior.likelihood.per_number(start[None])[0]) ** 0.5
+    if off > FARTHEST:
+        message = f"the start is {off:.2g} times the noise off the record; check values and units"
+        raise InputError([source.problem(("parameters",), message)])
+    impossible = derived.impossible(problem)
+    if impossible:
+        named = [source.problem(("derived", name), text) for name, text in impossible.items()]
+        raise InputError(named)
+    return Job(config=config, source=source, problem=problem)

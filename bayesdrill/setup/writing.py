@@ -1,0 +1,111 @@
+"""A record as text, in the form in which its config reads one."""
+
+from __future__ import annotations
+
+import csv
+import io
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayesdrill.basics import symbols, units
+from bayesdrill.basics.errors import InputError
+from bayesdrill.record.experiment import Experiment
+from bayesdrill.record.formats import check_options, format_of, text_table
+from bayesdrill.setup import config as records
+from bayesdrill.setup import reading
+from bayesdrill.setup.yaml_source import Place, Source
+
+Array = NDArray[np.float64]
+
+DIGITS = 9
+SAME = 1e-8  # of the largest number in a column
+
+
+@dataclass(frozen=True, slots=True)
+class _Column:
+    """`values` as the config reads them, under the name that stands at `place`."""
+
+    place: Place
+    name: str
+    values: Array
+
+
+def check_form(config: records.Config, source: Source, target: Path | None) -> None:
+    """That the config can read what is written to `target`, by default its own record, at all.
+
+    Raises `InputError`: it is text, with a header.
+    """
+    record, place, wrong = config.record, ("record", "file"), ""
+    try:
+        kind = record.format or format_of(target or reading.path_of(config, source))
+        check_options(Path(), reading.options(record))
+        wrong = "" if kind == "csv" else "a simulated record is text; name a .csv file"
+    except InputError as error:
+        wrong = error.problems[0].message
+    if not wrong and record.header is False:
+        place, wrong = ("record", "header"), "a simulated record has a header; remove this entry"
+    if wrong:
+        raise InputError([source.problem(place, wrong)])
+
+
+def as_text(config: records.Config, source: Source, experiment: Experiment, y: Array) -> str:
+    """Channels `y (T, K)` in the units of their columns, with time and inputs of `experiment`."""
+    columns = _columns(config, source, experiment, y)
+    record = config.record
+    mark = record.delimiter or (";" if record.decimal == "," else ",")
+    head, body = io.StringIO(), io.StringIO()
+    csv.writer(head, delimiter=mark, lineterminator="\n").writerow([c.name for c in columns])
+    np.savetxt(body, np.stack([c.values for c in columns], axis=-1), f"%.{DIGITS}g", mark)
+    numbers = body.getvalue()
+    if record.decimal == ",":
+        numbers = numbers.replace(".", ",")
+    text = "# simulated\n" * record.skip_rows + head.getvalue() + numbers
+    _check_read_back(config, source, text, columns)
+    return text
+
+
+def _columns(
+    config: records.Config, source: Source, experiment: Experiment, y: Array
+) -> list[_Column]:
+    columns = []
+    time = config.record.time
+    if isinstance(time, records.TimeColumn):
+        place: Place = ("record", "time")
+        values = experiment.t / units.factor(time.unit, "s")
+        columns.append(_Column(place, _name(source, place, time), values))
+    for (name, spec), channel in zip(config.record.channels.items(), y.T, strict=True):
+        place = ("record", "channels", name)
+        columns.append(_Column(place, _name(source, place, spec), channel))
+    for name, series in experiment.series.items():
+        place, spec = ("inputs", name), getattr(config.inputs, name)
+        values = series / units.factor(spec.unit, symbols.INPUTS[name].unit)
+        columns.append(_Column(place, _name(source, place, spec), values))
+    return columns
+
+
+def _name(source: Source, place: Place, spec: records.Column) -> str:
+    if isinstance(spec.column, str):
+        return spec.column
+    raise InputError(
+        [source.problem(place, "a simulated record is a CSV file with named columns; give a name")]
+    )
+
+
+def _check_read_back(
+    config: records.Config, source: Source, text: str, columns: list[_Column]
+) -> None:
+    """Names and marks that a reader takes for something else."""
+    path = reading.path_of(config, source)
+    try:
+        table = text_table(path, text, reading.options(config.record))
+        for column in columns:
+            found = table.pick(column.name)
+            if not np.allclose(found, column.values, rtol=0, atol=SAME * np.ptp(column.values)):
+                raise InputError.one("", f"column {column.name!r} would come out otherwise")
+    except InputError as error:
+        first = error.problems[0].message
+        message = f"the record could not be read as this config reads it: {first}"
+        raise InputError([source.problem(("record",), message)]) from None
