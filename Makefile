@@ -51,7 +51,7 @@ format: $(READY)
 	@$(BIN)/ruff format .
 
 bench: $(BENCH_READY)
-	@$(BENCH)/python -m pytest -q tests/unit/test_bench.py
+	@$(BENCH)/python -m pytest -q tests/benchmarks/test_bench.py
 	@$(BENCH)/python -m benchmarks.bench
 
 bench-growth: $(BENCH_READY)
