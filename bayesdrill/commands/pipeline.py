@@ -38,7 +38,7 @@ from bayesdrill.results import provenance, run_folder
 from bayesdrill.results.chain_files import COMPUTED_AGAIN
 from bayesdrill.results.run_folder import Folder
 from bayesdrill.setup import build
-from bayesdrill.setup import config as records
+from bayesdrill.setup.config import Config
 from bayesdrill.setup.job import Job as Job
 from bayesdrill.setup.job import assemble as assemble
 from bayesdrill.setup.job import prepare as prepare
@@ -170,7 +170,7 @@ def find_mode(job: Job, processes: int, report: Reporter) -> Mode:
         return _end_search(crew, _begin_search(job, crew), report)
 
 
-def plan(config: records.Config) -> Plan:
+def plan(config: Config) -> Plan:
     sampler = config.sampler
     return Plan(
         ensembles=sampler.ensembles,

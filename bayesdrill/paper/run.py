@@ -38,7 +38,7 @@ from bayesdrill.paper.studies.truths import truth_of
 from bayesdrill.paper.studies.verification import Verification, verify
 from bayesdrill.results.run_folder import Folder
 from bayesdrill.rig.models.motor_shaft import MotorShaft
-from bayesdrill.setup import config as records
+from bayesdrill.setup.config import Config
 from bayesdrill.setup.job import Job
 from bayesdrill.setup.yaml_source import Source
 
@@ -156,7 +156,7 @@ def _control(nine: Job, search: Optimiser, processes: int) -> tuple[Control, ...
 def _nine(
     nine: Job,
     search: Optimiser,
-    makers: Sequence[tuple[records.Config, Source]],
+    makers: Sequence[tuple[Config, Source]],
     folder: Path,
     processes: int,
     clock: _Clock,

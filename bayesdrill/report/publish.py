@@ -33,8 +33,8 @@ from bayesdrill.report import (
 )
 from bayesdrill.report.sparing import Sparing
 from bayesdrill.results.run_folder import Folder
-from bayesdrill.setup import config as records
 from bayesdrill.setup.build import compared_with
+from bayesdrill.setup.config import Config
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -50,7 +50,7 @@ def everything(
     sampled: Sampled,
     rows: Sequence[Row],
     judged: Judgement | None,
-    config: records.Config,
+    config: Config,
     folder: Folder,
     crew: Crew,
 ) -> tuple[str, ...]:
@@ -120,7 +120,7 @@ def _derived(
     return Derived(symbols=(), values=np.empty((*sampled.draws.shape[:2], 0)), nominal={})
 
 
-def _place(folder: Folder, config: records.Config) -> tuple[Path, dict[str, str]]:
+def _place(folder: Folder, config: Config) -> tuple[Path, dict[str, str]]:
     """Where figures go, and the note in each."""
     figures = folder.path / FIGURES
     figures.mkdir(exist_ok=True)
@@ -133,7 +133,7 @@ def _figures(
     sampled: Sampled,
     derived: Derived,
     judged: Judgement | None,
-    config: records.Config,
+    config: Config,
     sparing: Sparing,
 ) -> list[Wanted]:
     """Each figure is a task of its own: drawing takes longer than all tables together."""
@@ -215,7 +215,7 @@ def _of_verdict(
 
 
 def _summary(
-    config: records.Config,
+    config: Config,
     mode: Mode,
     left: Sequence[Left],
     sampled: Sampled,
@@ -248,7 +248,7 @@ def _summary(
     return "\n\n".join(paragraphs) + "\n"
 
 
-def _judged(config: records.Config, judged: Judgement | None, *, converged: bool) -> list[str]:
+def _judged(config: Config, judged: Judgement | None, *, converged: bool) -> list[str]:
     if judged is None:
         return []
     verdict, table = judged.verdict, compared_with(config)
@@ -274,7 +274,7 @@ def _listed_if(text: str) -> list[str]:
     return [_listed(text)] if text else []
 
 
-def _attributes(config: records.Config, sampled: Sampled) -> dict[str, object]:
+def _attributes(config: Config, sampled: Sampled) -> dict[str, object]:
     c = sampled.convergence
     return {
         "name": config.name,

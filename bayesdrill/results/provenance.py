@@ -14,12 +14,12 @@ from bayesdrill.basics.software import DECISIVE, versions
 from bayesdrill.inference.problem import Problem
 from bayesdrill.record.experiment import Experiment
 from bayesdrill.results.run_folder import VERSION_OF
-from bayesdrill.setup import config as records
 from bayesdrill.setup import reading
+from bayesdrill.setup.config import Config
 from bayesdrill.setup.yaml_source import Source
 
 
-def fingerprint(config: records.Config, problem: Problem) -> dict[str, str]:
+def fingerprint(config: Config, problem: Problem) -> dict[str, str]:
     """What decides the chain, by names and values that a user knows from the config."""
     posterior, sampler = problem.posterior, config.sampler
     space = posterior.space
@@ -66,7 +66,7 @@ def _of_noise(problem: Problem) -> dict[str, str]:
     return {f"the noise of {names[k]}": repr(sigma) for k, sigma in noise.known.items()}
 
 
-def resolved(config: records.Config, source: Source, folder: Path) -> str:
+def resolved(config: Config, source: Source, folder: Path) -> str:
     """The config with every default, its record relative to `folder`, versions as comments."""
     from ruamel.yaml import YAML
 

@@ -29,8 +29,8 @@ from bayesdrill.record.experiment import Channel, Experiment
 from bayesdrill.rig.models import MODELS, constants
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.response import Response
-from bayesdrill.setup import config as records
 from bayesdrill.setup import number_entries
+from bayesdrill.setup.config import ChannelSpec, Config, InputColumn
 from bayesdrill.setup.number_objects import formula, prior, quantity, relation, rescaled, start
 
 PAIRWISE = ("pairs", "iterations", "steady")  # entries of `map:` that are for this method only
@@ -46,7 +46,7 @@ class Measured:
     sigma_start: float
 
 
-def model(config: records.Config) -> Model:
+def model(config: Config) -> Model:
     """With the constants that the config gives, as far as the model has them."""
     kind = lookup(MODELS, config.model.name, "model")
     given = {name: getattr(config.model, name) for name in constants(kind)}
@@ -59,18 +59,18 @@ def lookup[T](registry: Mapping[str, T], name: str, what: str) -> T:
     return registry[name]
 
 
-def nominal(config: records.Config) -> dict[str, float]:
+def nominal(config: Config) -> dict[str, float]:
     """Nominal values of all parameters: those of the table, unless the config says otherwise."""
     table = lookup(symbols.NOMINAL, _table(config), "nominal table")
     own = {name: getattr(config.nominal, name) for name in symbols.PARAMETERS}
     return {name: table.values[name] if own[name] is None else own[name] for name in table.values}
 
 
-def _table(config: records.Config) -> str:
+def _table(config: Config) -> str:
     return config.nominal.table or symbols.DEFAULT_NOMINAL  # type: ignore[attr-defined]
 
 
-def compared(config: records.Config) -> dict[str, float]:
+def compared(config: Config) -> dict[str, float]:
     """Nominal values that are this rig's: all of a table that the config names or relies on.
 
     Where the config has values of its own, or no use for a table, the table speaks of another rig.
@@ -87,12 +87,12 @@ def _refers(spec: object) -> bool:
     return spec == "nominal" or (isinstance(spec, number_entries.PriorBase) and spec.relative)
 
 
-def _published(config: records.Config) -> list[str]:
+def _published(config: Config) -> list[str]:
     """Names whose nominal value is that of a table, not the config's own."""
     return [name for name in compared(config) if getattr(config.nominal, name) is None]
 
 
-def tolerance(config: records.Config) -> dict[str, float]:
+def tolerance(config: Config) -> dict[str, float]:
     """Of nominal values, relative, of all parameters."""
     given = config.nominal.tolerance  # type: ignore[attr-defined]
     if isinstance(given, float):
@@ -101,13 +101,13 @@ def tolerance(config: records.Config) -> dict[str, float]:
     return {name: given.default if value is None else value for name, value in own.items()}
 
 
-def asked(config: records.Config) -> Asked:
+def asked(config: Config) -> Asked:
     own = config.identify
     thresholds = Thresholds(determined=own.determined, left_to_prior=own.left_to_prior)
     return Asked(of_interest=tuple(own.of_interest), thresholds=thresholds, seed=config.seed)
 
 
-def compared_with(config: records.Config) -> str:
+def compared_with(config: Config) -> str:
     """What the nominal values are called in sentences."""
     whole = compared(config)
     own = [name for name in whole if getattr(config.nominal, name) is not None]
@@ -118,7 +118,7 @@ def compared_with(config: records.Config) -> str:
     return f"{_table(config)} ({', '.join(own)} as in the config)"
 
 
-def optimiser(config: records.Config, unknown: Sequence[str]) -> Optimiser:
+def optimiser(config: Config, unknown: Sequence[str]) -> Optimiser:
     """How the MAP is searched; `unknown` names what there is to search."""
     own = config.map
     found = lookup(OPTIMISERS, own.method, "method")
@@ -151,12 +151,12 @@ def si(value: float | number_entries.Quantity, unit: str) -> float:
     return value
 
 
-def measured_inputs(config: records.Config) -> dict[str, records.InputColumn]:
+def measured_inputs(config: Config) -> dict[str, InputColumn]:
     every = {name: getattr(config.inputs, name) for name in symbols.INPUTS}
-    return {name: spec for name, spec in every.items() if isinstance(spec, records.InputColumn)}
+    return {name: spec for name, spec in every.items() if isinstance(spec, InputColumn)}
 
 
-def constant_inputs(config: records.Config) -> dict[str, float]:
+def constant_inputs(config: Config) -> dict[str, float]:
     """SI."""
     return {
         name: si(getattr(config.inputs, name), symbol.unit)
@@ -165,14 +165,14 @@ def constant_inputs(config: records.Config) -> dict[str, float]:
     }
 
 
-def initial_state(config: records.Config, model: Model) -> dict[str, float]:
+def initial_state(config: Config, model: Model) -> dict[str, float]:
     """SI."""
     return {
         name: si(getattr(config.initial, name), symbols.STATES[name].unit) for name in model.states
     }
 
 
-def measured(name: str, spec: records.ChannelSpec, states: tuple[str, ...]) -> Measured:
+def measured(name: str, spec: ChannelSpec, states: tuple[str, ...]) -> Measured:
     if not name.isidentifier():
         raise ValueError(f"'{name}' cannot name a channel; use letters, digits and `_`")
     if name in {*symbols.INPUTS, *symbols.AXES}:
@@ -203,7 +203,7 @@ def measured(name: str, spec: records.ChannelSpec, states: tuple[str, ...]) -> M
     return Measured(channel, factor, prior(scaled, 1.0), begin * factor)
 
 
-def space(config: records.Config, model: Model, channels: list[Measured]) -> ParameterSpace:
+def space(config: Config, model: Model, channels: list[Measured]) -> ParameterSpace:
     """The unknowns: free parameters in the model's order, quantities, then unknown sigmas."""
     table, known = nominal(config), compared(config)
     priors: dict[str, Prior] = {}
@@ -243,11 +243,11 @@ def space(config: records.Config, model: Model, channels: list[Measured]) -> Par
     )
 
 
-def channels(config: records.Config, model: Model) -> list[Measured]:
+def channels(config: Config, model: Model) -> list[Measured]:
     return [measured(name, spec, model.states) for name, spec in config.record.channels.items()]
 
 
-def problem(config: records.Config, experiment: Experiment) -> Problem:
+def problem(config: Config, experiment: Experiment) -> Problem:
     """Everything, for a record already read (`recording.read`)."""
     rig = model(config)
     entries = channels(config, rig)
@@ -272,7 +272,7 @@ def problem(config: records.Config, experiment: Experiment) -> Problem:
     )
 
 
-def _symbol(name: str, config: records.Config, entries: list[Measured]) -> symbols.Symbol:
+def _symbol(name: str, config: Config, entries: list[Measured]) -> symbols.Symbol:
     if name in symbols.PARAMETERS:
         return symbols.PARAMETERS[name]
     if name in config.quantities:

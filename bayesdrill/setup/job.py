@@ -12,7 +12,7 @@ from bayesdrill.inference.problem import Problem
 from bayesdrill.insight import derived
 from bayesdrill.insight.identifiability.study import Asked
 from bayesdrill.setup import build, loading, reading
-from bayesdrill.setup import config as records
+from bayesdrill.setup.config import Config
 from bayesdrill.setup.yaml_source import Source
 
 FARTHEST = 1e10  # of a start from the record, in sigmas: rounding would hide any way to it
@@ -20,7 +20,7 @@ FARTHEST = 1e10  # of a start from the record, in sigmas: rounding would hide an
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Job:
-    config: records.Config
+    config: Config
     source: Source
     problem: Problem
 
@@ -35,7 +35,7 @@ def prepare(path: Path) -> Job:
     return assemble(config, source)
 
 
-def assemble(config: records.Config, source: Source) -> Job:
+def assemble(config: Config, source: Source) -> Job:
     """The job of a config that is already validated; `source` is where its paths start."""
     problem = build.problem(config, reading.read(config, source))
     posterior = problem.posterior

@@ -17,8 +17,8 @@ from bayesdrill.basics.formulas import RESERVED, Expression, expression
 from bayesdrill.inference.priors import PRIORS, Prior
 from bayesdrill.inference.problem import Formula
 from bayesdrill.rig.models.linear import Model
-from bayesdrill.setup import config as records
 from bayesdrill.setup import number_entries
+from bayesdrill.setup.config import Config
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,11 +120,11 @@ def _check_name(name: str) -> None:
         raise ValueError(f"{name} has a meaning of its own here; choose another name")
 
 
-def _names(config: records.Config, model: Model) -> tuple[str, ...]:
+def _names(config: Config, model: Model) -> tuple[str, ...]:
     return (*model.parameters, *config.quantities)
 
 
-def relation(config: records.Config, model: Model, name: str) -> Expression | None:
+def relation(config: Config, model: Model, name: str) -> Expression | None:
     """By which parameter `name` follows from others; None where it has a value or a prior."""
     spec = getattr(config.parameters, name)
     known = _names(config, model)
@@ -148,7 +148,7 @@ def is_formula(spec: object) -> bool:
     return isinstance(spec, str) and spec != "nominal"
 
 
-def formula(config: records.Config, model: Model, name: str) -> Formula:
+def formula(config: Config, model: Model, name: str) -> Formula:
     """A derived quantity of the config; it may name those that stand before it."""
     _check_name(name)
     if name in config.quantities:

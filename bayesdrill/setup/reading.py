@@ -20,7 +20,7 @@ from bayesdrill.record.experiment import (
 )
 from bayesdrill.record.formats import FORMATS, CsvOptions, Table, format_of, variable_name
 from bayesdrill.setup import build
-from bayesdrill.setup import config as records
+from bayesdrill.setup.config import Column, Config, RecordSpec, TimeColumn, TimeRate
 from bayesdrill.setup.yaml_source import Place, Source
 
 Array = NDArray[np.float64]
@@ -28,12 +28,12 @@ Array = NDArray[np.float64]
 FAR = 1000  # times its own length after the initial state, and a record has times of a clock
 
 
-def path_of(config: records.Config, source: Source) -> Path:
+def path_of(config: Config, source: Source) -> Path:
     """The record's file: relative paths start at the folder of the config."""
     return source.path.parent / config.record.file
 
 
-def options(record: records.RecordSpec) -> CsvOptions:
+def options(record: RecordSpec) -> CsvOptions:
     """How a text file is written, as far as the config says so."""
     return CsvOptions(
         delimiter=record.delimiter,
@@ -43,7 +43,7 @@ def options(record: records.RecordSpec) -> CsvOptions:
     )
 
 
-def read(config: records.Config, source: Source) -> Experiment:
+def read(config: Config, source: Source) -> Experiment:
     """Raises `InputError` with the places in the config and the rows of the file."""
     return _Reader(config, source).experiment()
 
@@ -51,7 +51,7 @@ def read(config: records.Config, source: Source) -> Experiment:
 class _Reader:
     """One pass over a record: columns are picked and judged one by one, problems collected."""
 
-    def __init__(self, config: records.Config, source: Source) -> None:
+    def __init__(self, config: Config, source: Source) -> None:
         self._config = config
         self._source = source
         self._path = path_of(config, source)
@@ -113,7 +113,7 @@ class _Reader:
     def _label(self, place: Place) -> str:
         return self._source.problem(place, "").place
 
-    def _pick(self, place: Place, spec: records.Column) -> Array | None:
+    def _pick(self, place: Place, spec: Column) -> Array | None:
         try:
             return self._table.pick(spec.column, spec.variable, place=self._label(_at(place, spec)))
         except InputError as error:
@@ -123,7 +123,7 @@ class _Reader:
     def _time(self) -> tuple[Array, NDArray[np.intp]]:
         """The times in SI and the rows that are used."""
         spec, place = self._config.record.time, ("record", "time")
-        if isinstance(spec, records.TimeRate):
+        if isinstance(spec, TimeRate):
             first = next(iter(self._config.record.channels.items()))
             values = self._pick(("record", "channels", first[0]), first[1])
             raw = None if values is None else np.arange(len(values)) / spec.rate
@@ -149,7 +149,7 @@ class _Reader:
     def _column(
         self,
         place: Place,
-        spec: records.Column,
+        spec: Column,
         factor: float,
         kept: NDArray[np.intp],
         *,
@@ -204,15 +204,15 @@ class _Reader:
         return min(begin, float(time[0]))
 
 
-def _wanted(config: records.Config) -> set[str] | None:
+def _wanted(config: Config) -> set[str] | None:
     """Variables that the config names; None where it leaves one to be found out."""
     specs = [*config.record.channels.values(), *build.measured_inputs(config).values()]
     time = config.record.time
-    columns = [*specs, *([time] if isinstance(time, records.TimeColumn) else [])]
+    columns = [*specs, *([time] if isinstance(time, TimeColumn) else [])]
     names = {variable_name(spec.column, spec.variable) for spec in columns}
     return None if None in names else {name for name in names if name is not None}
 
 
-def _at(place: Place, spec: records.Column) -> Place:
+def _at(place: Place, spec: Column) -> Place:
     """The entry that says which numbers are meant."""
     return (*place, "column" if spec.column is not None else "variable")

@@ -14,13 +14,13 @@ from bayesdrill.record.experiment import Experiment, frozen, times
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.response import Response
 from bayesdrill.setup import build, number_objects, reading, writing
-from bayesdrill.setup import config as records
+from bayesdrill.setup.config import Config
 from bayesdrill.setup.yaml_source import Source
 
 Array = NDArray[np.float64]
 
 
-def simulate(config: records.Config, source: Source, seed: int, target: Path | None = None) -> str:
+def simulate(config: Config, source: Source, seed: int, target: Path | None = None) -> str:
     """A record as text that the config itself reads, from `target` or by default its own record.
 
     Times and measured inputs are those of the config's `simulation:` grid, or else of its record.
@@ -58,7 +58,7 @@ def save(text: str, target: Path, record: Path, *, force: bool) -> None:
         path.write_text(text, encoding="utf-8")
 
 
-def grid(config: records.Config, source: Source) -> Experiment:
+def grid(config: Config, source: Source) -> Experiment:
     """Times and inputs, those of `simulation:` or else of the record; what was measured is no matter."""
     simulation: Any = config.simulation
     series = list(build.measured_inputs(config))
@@ -89,7 +89,7 @@ def grid(config: records.Config, source: Source) -> Experiment:
     )
 
 
-def truth(config: records.Config, rig: Model) -> dict[str, float]:
+def truth(config: Config, rig: Model) -> dict[str, float]:
     """What a simulated record is made of: the parameters of `rig`, SI."""
     space = build.space(config, rig, [])
     simulation: Any = config.simulation
@@ -104,7 +104,7 @@ def truth(config: records.Config, rig: Model) -> dict[str, float]:
     return values
 
 
-def _sigma(config: records.Config, source: Source, entry: build.Measured) -> float:
+def _sigma(config: Config, source: Source, entry: build.Measured) -> float:
     if isinstance(entry.sigma, float):
         return entry.sigma
     simulation: Any = config.simulation

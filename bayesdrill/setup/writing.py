@@ -14,8 +14,8 @@ from bayesdrill.basics import symbols, units
 from bayesdrill.basics.errors import InputError
 from bayesdrill.record.experiment import Experiment
 from bayesdrill.record.formats import check_options, format_of, text_table
-from bayesdrill.setup import config as records
 from bayesdrill.setup import reading
+from bayesdrill.setup.config import Column, Config, TimeColumn
 from bayesdrill.setup.yaml_source import Place, Source
 
 Array = NDArray[np.float64]
@@ -33,7 +33,7 @@ class _Column:
     values: Array
 
 
-def check_form(config: records.Config, source: Source, target: Path | None) -> None:
+def check_form(config: Config, source: Source, target: Path | None) -> None:
     """That the config can read what is written to `target`, by default its own record, at all.
 
     Raises `InputError`: it is text, with a header.
@@ -51,7 +51,7 @@ def check_form(config: records.Config, source: Source, target: Path | None) -> N
         raise InputError([source.problem(place, wrong)])
 
 
-def as_text(config: records.Config, source: Source, experiment: Experiment, y: Array) -> str:
+def as_text(config: Config, source: Source, experiment: Experiment, y: Array) -> str:
     """Channels `y (T, K)` in the units of their columns, with time and inputs of `experiment`."""
     columns = _columns(config, source, experiment, y)
     record = config.record
@@ -67,12 +67,10 @@ def as_text(config: records.Config, source: Source, experiment: Experiment, y: A
     return text
 
 
-def _columns(
-    config: records.Config, source: Source, experiment: Experiment, y: Array
-) -> list[_Column]:
+def _columns(config: Config, source: Source, experiment: Experiment, y: Array) -> list[_Column]:
     columns = []
     time = config.record.time
-    if isinstance(time, records.TimeColumn):
+    if isinstance(time, TimeColumn):
         place: Place = ("record", "time")
         values = experiment.t / units.factor(time.unit, "s")
         columns.append(_Column(place, _name(source, place, time), values))
@@ -86,7 +84,7 @@ def _columns(
     return columns
 
 
-def _name(source: Source, place: Place, spec: records.Column) -> str:
+def _name(source: Source, place: Place, spec: Column) -> str:
     if isinstance(spec.column, str):
         return spec.column
     raise InputError(
@@ -94,9 +92,7 @@ def _name(source: Source, place: Place, spec: records.Column) -> str:
     )
 
 
-def _check_read_back(
-    config: records.Config, source: Source, text: str, columns: list[_Column]
-) -> None:
+def _check_read_back(config: Config, source: Source, text: str, columns: list[_Column]) -> None:
     """Names and marks that a reader takes for something else."""
     path = reading.path_of(config, source)
     try:

@@ -11,7 +11,7 @@ from bayesdrill.basics.own_files import FIGURES
 from bayesdrill.engines.optimisers.contract import Optimiser
 from bayesdrill.paper.studies import printed
 from bayesdrill.setup import build, job, loading
-from bayesdrill.setup import config as records
+from bayesdrill.setup.config import Config
 from bayesdrill.setup.job import Job
 from bayesdrill.setup.yaml_source import Source
 
@@ -27,7 +27,7 @@ class Studies:
     two: Job
     nines: tuple[Job, ...]
     pairwise: tuple[Optimiser, ...]
-    makers: tuple[tuple[records.Config, Source], ...]
+    makers: tuple[tuple[Config, Source], ...]
 
 
 def prepare(configs: Path) -> Studies:

@@ -13,14 +13,14 @@ from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.models.motor_shaft import MotorShaft
 from bayesdrill.rig.models.two_rotors import TwoRotors
 from bayesdrill.setup import build, reading, simulating
-from bayesdrill.setup import config as records
+from bayesdrill.setup.config import Config
 from bayesdrill.setup.yaml_source import Source
 
 SAME = 1e-6  # relative, and absolute: records hold nine digits
 
 
 def truth_of(
-    config: records.Config, source: Source, makers: Sequence[tuple[records.Config, Source]]
+    config: Config, source: Source, makers: Sequence[tuple[Config, Source]]
 ) -> dict[str, float] | None:
     """Parameters of its model with which its record was simulated by one of `makers`.
 

@@ -6,21 +6,19 @@ from bayesdrill.basics import symbols, units
 from bayesdrill.basics.expressions import linear_combination
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.setup import build, number_entries
-from bayesdrill.setup import config as records
+from bayesdrill.setup.config import ChannelSpec, Column, Config, InputColumn, TimeColumn
 from bayesdrill.setup.consistency.collector import Collector
 from bayesdrill.setup.yaml_source import Place
 
 
-def check_channels(found: Collector, config: records.Config, model: Model) -> None:
+def check_channels(found: Collector, config: Config, model: Model) -> None:
     for name, spec in config.record.channels.items():
         place: Place = ("record", "channels", name)
         _check_measured(found, place, spec, model)
         _check_address(found, place, spec)
 
 
-def _check_measured(
-    found: Collector, place: Place, spec: records.ChannelSpec, model: Model
-) -> None:
+def _check_measured(found: Collector, place: Place, spec: ChannelSpec, model: Model) -> None:
     """Entry by entry, so that each mistake has the line where it stands."""
     before = len(found.problems)
     combines = {str(place[-1]): 1.0}
@@ -37,14 +35,14 @@ def _check_measured(
         found.run((*place, "sigma"), build.measured, place[-1], spec, model.states)
 
 
-def _check_address(found: Collector, place: Place, spec: records.Column) -> None:
+def _check_address(found: Collector, place: Place, spec: Column) -> None:
     if spec.column is None and spec.variable is None:
         found.add(place, "neither `column:` nor `variable:` says where the numbers stand")
 
 
-def check_record(found: Collector, config: records.Config) -> None:
+def check_record(found: Collector, config: Config) -> None:
     time = config.record.time
-    if isinstance(time, records.TimeColumn):
+    if isinstance(time, TimeColumn):
         found.run(("record", "time", "unit"), units.factor, time.unit, "s")
         _check_address(found, ("record", "time"), time)
     window = config.record.window
@@ -52,12 +50,12 @@ def check_record(found: Collector, config: records.Config) -> None:
         found.add(("record", "window"), f"{window[0]:g} s is not before {window[1]:g} s")
 
 
-def check_inputs(found: Collector, config: records.Config) -> None:
+def check_inputs(found: Collector, config: Config) -> None:
     holds = set()
     for name, symbol in symbols.INPUTS.items():
         spec = getattr(config.inputs, name)
         place: Place = ("inputs", name)
-        if isinstance(spec, records.InputColumn):
+        if isinstance(spec, InputColumn):
             holds.add(spec.hold)
             found.run((*place, "unit"), units.factor, spec.unit, symbol.unit)
             _check_address(found, place, spec)
@@ -72,7 +70,7 @@ def check_inputs(found: Collector, config: records.Config) -> None:
         )
 
 
-def check_states(found: Collector, config: records.Config, model: Model) -> None:
+def check_states(found: Collector, config: Config, model: Model) -> None:
     for name in model.states:
         value = getattr(config.initial, name)
         _check_quantity(found, ("initial", name), value, symbols.STATES[name].unit)

@@ -12,14 +12,14 @@ from bayesdrill.inference.unknowns import ParameterSpace
 from bayesdrill.rig.models import MODELS, constants
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.setup import build, number_entries, number_objects
-from bayesdrill.setup import config as records
+from bayesdrill.setup.config import Config
 from bayesdrill.setup.consistency.collector import Collector
 from bayesdrill.setup.yaml_source import Place
 
 _TRIED = 4096  # draws from the priors, at which formulas are tried
 
 
-def check_model(found: Collector, config: records.Config, model: Model) -> None:
+def check_model(found: Collector, config: Config, model: Model) -> None:
     """Constants of another model would be given in vain; a gear that speeds up is one upside down."""
     i_m = config.model.i_m
     if i_m > 1:
@@ -38,7 +38,7 @@ def check_model(found: Collector, config: records.Config, model: Model) -> None:
 
 
 def check_parameters(
-    found: Collector, config: records.Config, model: Model, nominal: dict[str, float]
+    found: Collector, config: Config, model: Model, nominal: dict[str, float]
 ) -> None:
     for name in symbols.PARAMETERS:
         spec = getattr(config.parameters, name)
@@ -59,7 +59,7 @@ def check_parameters(
                 )
 
 
-def check_relations(found: Collector, config: records.Config, model: Model) -> None:
+def check_relations(found: Collector, config: Config, model: Model) -> None:
     """Ties, formulas, and the quantities in them."""
     before = len(found.problems)
     used: set[str] = set()
@@ -113,24 +113,24 @@ def _check_values(
             )
 
 
-def free_parameters(config: records.Config, names: Iterable[str]) -> list[str]:
+def free_parameters(config: Config, names: Iterable[str]) -> list[str]:
     """Those of `names` that have a prior."""
     given = config.parameters
     return [name for name in names if isinstance(getattr(given, name), number_entries.PriorBase)]
 
 
-def free_quantities(config: records.Config) -> list[str]:
+def free_quantities(config: Config) -> list[str]:
     return [
         name for name, q in config.quantities.items() if isinstance(q, number_entries.PriorBase)
     ]
 
 
-def free(config: records.Config, model: Model) -> list[str]:
+def free(config: Config, model: Model) -> list[str]:
     """Parameters and quantities with a prior."""
     return free_parameters(config, model.parameters) + free_quantities(config)
 
 
-def sigmas(config: records.Config) -> list[str]:
+def sigmas(config: Config) -> list[str]:
     """Unknown noise levels."""
     return [
         f"sigma_{name}"

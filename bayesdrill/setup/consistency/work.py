@@ -9,13 +9,13 @@ from bayesdrill.engines.optimisers import OPTIMISERS
 from bayesdrill.engines.samplers.moves import MOVES
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.setup import build, number_entries, number_objects
-from bayesdrill.setup import config as records
+from bayesdrill.setup.config import Config
 from bayesdrill.setup.consistency.collector import Collector
 from bayesdrill.setup.consistency.unknowns import free, free_parameters, free_quantities, sigmas
 from bayesdrill.setup.yaml_source import Place
 
 
-def check_map(found: Collector, config: records.Config, model: Model) -> None:
+def check_map(found: Collector, config: Config, model: Model) -> None:
     if found.run(("map", "method"), build.lookup, OPTIMISERS, config.map.method, "method") is None:
         return
     given = next((name for name in build.PAIRWISE if getattr(config.map, name) is not None), None)
@@ -23,7 +23,7 @@ def check_map(found: Collector, config: records.Config, model: Model) -> None:
     found.run(("map", given or "method"), build.optimiser, config, unknown)
 
 
-def check_counts(found: Collector, config: records.Config, model: Model) -> None:
+def check_counts(found: Collector, config: Config, model: Model) -> None:
     """Unknowns against walkers, and moves."""
     unknown = free(config, model)
     n_unknown = len(unknown) + len(sigmas(config))
@@ -49,7 +49,7 @@ def check_counts(found: Collector, config: records.Config, model: Model) -> None
         found.add(("sampler", "moves"), message)
 
 
-def check_calibration(found: Collector, config: records.Config) -> None:
+def check_calibration(found: Collector, config: Config) -> None:
     """What the ranks need."""
     own = config.calibration
     if own.ess < own.draws:
@@ -59,7 +59,7 @@ def check_calibration(found: Collector, config: records.Config) -> None:
         found.add(("calibration", "ess"), message)
 
 
-def check_simulation(found: Collector, config: records.Config) -> None:
+def check_simulation(found: Collector, config: Config) -> None:
     simulation: Any = config.simulation
     if simulation is None:
         return
@@ -82,7 +82,7 @@ def check_simulation(found: Collector, config: records.Config) -> None:
             found.expect(place, name, config.quantities, "there is no such quantity")
 
 
-def check_output(found: Collector, config: records.Config, model: Model) -> None:
+def check_output(found: Collector, config: Config, model: Model) -> None:
     """Names that a corner plot can show: unknowns, what is tied, what is derived."""
     shown = [
         name
@@ -98,7 +98,7 @@ def check_output(found: Collector, config: records.Config, model: Model) -> None
         found.expect(("output", "corner", k), name, shown, message)
 
 
-def check_identify(found: Collector, config: records.Config) -> None:
+def check_identify(found: Collector, config: Config) -> None:
     own = config.identify
     unknown = free_parameters(config, symbols.PARAMETERS)
     for k, name in enumerate(own.of_interest):
