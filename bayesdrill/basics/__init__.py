@@ -1,1 +1,1 @@
-"""Words and tools that every room may use: errors, symbols, units, formulas, random streams."""
+"""Words and tools for every room: errors, symbols, units, formulas, random streams."""

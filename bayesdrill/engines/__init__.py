@@ -1,1 +1,1 @@
-"""Climbing and walking on the density: optimisers, the search for the MAP, the ensembles."""
+"""Climbing and walking on the density: the MAP, the proposal, the ensembles."""

@@ -1,1 +1,1 @@
-"""What stays on disk: the folder of a run, its chain, the ArviZ tree, where it comes from."""
+"""What stays on disk: the folder of a run, its chain, the ArviZ tree, its origin."""

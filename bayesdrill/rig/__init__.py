@@ -1,1 +1,1 @@
-"""What moves: models of rigs, the kernels compiled from them, and their exact response."""
+"""What moves: models of rigs, kernels compiled from them, the exact response."""

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import ast
+import re
+import runpy
 import subprocess
 import sys
 from pathlib import Path
@@ -85,6 +87,41 @@ def test_no_module_imports_itself_by_a_way_round() -> None:
             assert module not in now, module
             seen |= now
             now = set().union(*(above.get(name, set()) for name in now)) - seen
+
+
+def test_the_picture_of_the_house_is_that_of_its_imports() -> None:
+    draw = runpy.run_path(str(ROOT / "docs" / "architecture.py"))
+    assert tuple(draw["order"]()) == FLOORS[:-1]
+    assert draw["drawn"](draw["floors"](FLOORS[:-1])) == draw["PICTURE"].read_text()
+
+
+def test_what_the_page_of_the_house_names_is_there() -> None:
+    """Files and folders; modules of a folder; registries, in the file that is said to have them."""
+    page = (ROOT / "docs" / "architecture.md").read_text()
+    quoted = set(re.findall(r"`([\w./<>]+)`", page))
+    paths = {q for q in quoted if "/" in q and "<" not in q and not q.startswith(("tests", "docs"))}
+    folders = [path.name for path in PACKAGE.rglob("*/")]
+    missing = {q for q in paths if not (PACKAGE / q).exists() and q.strip("/") not in folders}
+    dotted = {
+        q for q in quoted if re.fullmatch(r"[a-z_]+(\.[a-z_]+)+", q) and not q.endswith(".yaml")
+    }
+    names = {q for q in dotted if _module_in(q) is None}
+    assert not missing
+    assert not names
+    for registry, file in re.findall(r"`([A-Z]+)`(?: and `[A-Z]+`)? in `([\w/.]+)`", page):
+        assert f"\n{registry}" in (PACKAGE / file).read_text(), registry
+
+
+def _module_in(dotted: str) -> str | None:
+    """The module that `dotted` names, or has as a part of it, or as a function in it."""
+    if dotted in MODULES:
+        return dotted
+    module, _, name = dotted.rpartition(".")
+    if module in MODULES and re.search(
+        rf"^(def|class) {name}\b", MODULES[module].read_text(), re.M
+    ):
+        return module
+    return None
 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda p: str(p.relative_to(PACKAGE)))
