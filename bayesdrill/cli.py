@@ -105,10 +105,12 @@ def identify(
         with reporter() as report:
             at, values = "the start", space.start
             if at_map:
-                from bayesdrill.commands import pipeline  # late: it loads all that sampling needs
+                from bayesdrill.commands import (  # late: it loads all that sampling needs
+                    searching,
+                )
 
                 at = "the MAP"
-                values = pipeline.find_mode(job, processes or available(), report).values
+                values = searching.find_mode(job, processes or available(), report).values
             findings = job_.identify(job, space.vector(values), at, profile or [], report)
         typer.echo(findings.text)
         if output is not None:
@@ -120,7 +122,7 @@ def map_(config: ConfigPath, processes: Processes = None) -> None:
     """Search the maximum of the posterior (MAP) and print it; writes nothing."""
     with guarded():
         from bayesdrill.basics.progress import reporter
-        from bayesdrill.commands import pipeline
+        from bayesdrill.commands import pipeline, searching
         from bayesdrill.engines.workers import available
         from bayesdrill.inference import residual_checks
         from bayesdrill.report import residual_words
@@ -128,7 +130,7 @@ def map_(config: ConfigPath, processes: Processes = None) -> None:
 
         job = pipeline.prepare(config)
         with reporter() as report:
-            found = pipeline.find_mode(job, processes or available(), report)
+            found = searching.find_mode(job, processes or available(), report)
         target = job.problem.posterior
         left = residual_checks.left(target.likelihood, target.space.vector(found.values))
         typer.echo(mode_as_text(job.problem, found))

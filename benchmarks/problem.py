@@ -11,7 +11,7 @@ import scipy.integrate
 from numpy.typing import NDArray
 
 from bayesdrill.basics.progress import Silent
-from bayesdrill.commands import pipeline
+from bayesdrill.commands import pipeline, searching
 from bayesdrill.commands.pipeline import Job
 from bayesdrill.inference import laplace
 from bayesdrill.rig.models.motor_shaft import MotorShaft
@@ -32,7 +32,7 @@ def load() -> Job:
 
 def mode(job: Job) -> Array:
     """The MAP, `(D,)`: its search is part of no peer's time."""
-    return job.problem.posterior.space.vector(pipeline.find_mode(job, 1, Silent()).values)
+    return job.problem.posterior.space.vector(searching.find_mode(job, 1, Silent()).values)
 
 
 def starts(job: Job, centre: Array, n: int, seed: int) -> Array:

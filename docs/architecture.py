@@ -141,7 +141,8 @@ def _text(
 
 def order() -> list[str]:
     """From the ground up: what imports nothing first, then by how many floors stand below."""
-    names = [path.stem for path in PACKAGE.iterdir() if not path.stem.startswith("__")]
+    single = {path.stem for path in PACKAGE.glob("*.py") if not path.stem.startswith("__")}
+    names = single | {path.parent.name for path in PACKAGE.glob("*/__init__.py")}
     below = {floor.name: set(floor.imports) for floor in floors(sorted(names))}
     found: list[str] = []
     while below:

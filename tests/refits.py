@@ -13,7 +13,7 @@ from scipy.signal import lfilter
 from threadpoolctl import threadpool_limits
 
 from bayesdrill.basics import seeds
-from bayesdrill.commands import calibrate, pipeline
+from bayesdrill.commands import calibrate, concluding
 from bayesdrill.insight.calibration.refit import fitted
 from bayesdrill.insight.conclusions import conclude
 from bayesdrill.insight.identifiability.scenes import Scenery
@@ -51,7 +51,7 @@ class Trial:
         )
         own = replace(self.job, problem=replace(self.job.problem, posterior=posterior))
         found, sampled = fitted(calibrate.study(own), posterior, seed)
-        scenery, plan = Scenery(posterior.likelihood), pipeline.plan(own.config)
+        scenery, plan = Scenery(posterior.likelihood), concluding.plan(own.config)
         _, left, judged = conclude(own.problem, own.asked, found, sampled, scenery, plan)
         assert judged is not None
         return judged.verdict, [*sampled.convergence.reasons, *residual_words.reasons(left)]

@@ -56,7 +56,7 @@ POSTERIOR = Kind(
     RUN,
     (
         *("chain.h5", "map.json", *CONFIGS, "posterior.nc", "summary.csv", "summary.md"),
-        *("derived.csv", "verdict.csv"),
+        *("derived.csv", "verdict.csv", "record.csv"),
         *figures("corner", "trace", "fit", "prior_posterior", "ridge", "invariants"),
         *UNFINISHED.files,
     ),

@@ -20,7 +20,7 @@ from bayesdrill.basics.errors import InputError, Interrupted
 from bayesdrill.basics.own_files import FIGURES, REFITS, whole
 from bayesdrill.basics.progress import Reporter
 from bayesdrill.basics.sealed import opened, sealed
-from bayesdrill.commands import pipeline
+from bayesdrill.commands import concluding
 from bayesdrill.commands.pipeline import CONFIG_FILE, RESOLVED_FILE
 from bayesdrill.engines import mode
 from bayesdrill.engines.convergence import Targets
@@ -59,7 +59,7 @@ def prepare(path: Path) -> Job:
 def study(job: Job) -> Study:
     own = job.config.calibration
     targets = Targets(r_hat=job.config.sampler.r_hat, n_tau=own.n_tau, ess=own.ess)
-    plan = pipeline.plan(job.config)
+    plan = concluding.plan(job.config)
     optimiser, evaluations = (
         build.optimiser(job.config, job.problem.names),
         job.config.map.evaluations,

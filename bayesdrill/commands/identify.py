@@ -38,6 +38,11 @@ class Findings:
             parts.append(words.profiles(self.profiles, self.study))
         return "\n\n".join(parts)
 
+    def __str__(self) -> str:
+        return self.text
+
+    __repr__ = __str__
+
 
 def identify(job: Job, theta: Array, at: str, wanted: Sequence[str], report: Reporter) -> Findings:
     """At the physical point `theta (D,)`; profiles of the parameters `wanted`, or of `all`."""

@@ -6,39 +6,33 @@ import dataclasses
 import importlib
 import time
 from collections.abc import Mapping
-from concurrent.futures import Future
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdrill.basics import own_files, seeds, software
+from bayesdrill.basics import own_files, software
 from bayesdrill.basics.errors import InputError, Interrupted
 from bayesdrill.basics.progress import Reporter
 from bayesdrill.basics.sealed import opened, sealed
+from bayesdrill.commands import searching
+from bayesdrill.commands.concluding import concluded, entries, held, plan, said
 from bayesdrill.commands.identify import preflight
-from bayesdrill.engines import maxima, mode
-from bayesdrill.engines.convergence import Targets
+from bayesdrill.engines import mode
 from bayesdrill.engines.learning.learn import Nowhere
 from bayesdrill.engines.mode import Mode, Other, Search
-from bayesdrill.engines.optimisers.contract import Optimiser
-from bayesdrill.engines.sampling import Plan, Sampled, loaded, sample, stored
+from bayesdrill.engines.sampling import Sampled, loaded, sample, stored
+from bayesdrill.engines.shelf import Memory, Shelf
 from bayesdrill.engines.workers import Crew
-from bayesdrill.inference.problem import Problem
-from bayesdrill.insight import plausibility
-from bayesdrill.insight.conclusions import conclude
 from bayesdrill.insight.diagnostics import Row
 from bayesdrill.insight.identifiability.scenes import Scenery
 from bayesdrill.insight.verdict import Verdict
-from bayesdrill.report import publish, residual_words, tables, verdict_words, words
+from bayesdrill.report import publish, words
 from bayesdrill.results import provenance, run_folder
 from bayesdrill.results.chain_files import COMPUTED_AGAIN
 from bayesdrill.results.run_folder import Folder
-from bayesdrill.setup import build
-from bayesdrill.setup.config import Config
 from bayesdrill.setup.job import Job as Job
 from bayesdrill.setup.job import assemble as assemble
 from bayesdrill.setup.job import prepare as prepare
@@ -48,6 +42,7 @@ Array = NDArray[np.float64]
 MAP_FILE = "map.json"
 CONFIG_FILE = "config.yaml"
 RESOLVED_FILE = "config.resolved.yaml"
+RECORD_FILE = "record.csv"  # where a case was made without any file
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -104,7 +99,7 @@ def _run(job: Job, folder: Folder, known: Mode | None, processes: int, report: R
     clock = [time.perf_counter()]
     posterior = job.problem.posterior
     with Crew(posterior, processes) as crew:
-        hunt = None if known else _begin_search(job, crew)
+        hunt = None if known else searching.begin(job, crew)
         # While others search the MAP, this process looks at what the record can show, and loads
         # what sampling and report will need.
         scenery = Scenery(posterior.likelihood)
@@ -114,29 +109,39 @@ def _run(job: Job, folder: Folder, known: Mode | None, processes: int, report: R
                 crew.submit(loaded)
             _load_ahead()
         if hunt is not None:
-            known = _end_search(crew, hunt, report)
+            known = searching.end(crew, hunt, report)
             folder.write_text(MAP_FILE, sealed(dataclasses.asdict(known)))
         assert known is not None
         found = known
         clock.append(time.perf_counter())
-        tops = mode.tops(posterior, found)
-        try:
-            sampled = sample(crew, posterior, tops, plan(job.config), folder, report)
-        except Nowhere as error:
-            message = (
-                f"{error}; the record and the priors do not go together, check units and values"
-            )
-            raise InputError([job.source.problem(("parameters",), message)]) from None
+        sampled = _sample(job, crew, found, folder, report)
         clock.append(time.perf_counter())
-        names = ",".join(job.problem.names)
-        coordinates = ",".join("log" if log else "linear" for log in posterior.coordinates.logs)
-        folder.finish_chain(sampled.pieces, {"coordinates": coordinates, "unknowns": names})
+        _finish_chain(job, folder, sampled)
         seconds = {"map": clock[1] - clock[0], "sampling": clock[2] - clock[1]}
         return _publish(job, folder, found, sampled, scenery, seconds, crew)
 
 
 def republish(output: Path, processes: int) -> Outcome:
     """Tables and figures again, from the chain that `output` holds."""
+    job, marks = _made(output)
+    with Folder(output, "report", marks) as folder:
+        found, sampled = _finished(job, folder)
+        folder.begin()
+        posterior = job.problem.posterior
+        with Crew(posterior, processes) as crew:
+            scenery = Scenery(posterior.likelihood)
+            return _publish(job, folder, found, sampled, scenery, {}, crew)
+
+
+def read(output: Path) -> tuple[Job, Mode, Sampled]:
+    """The run that `output` holds; nothing is written."""
+    job, marks = _made(output)
+    with Folder(output, "report", marks) as folder:
+        return job, *_finished(job, folder)
+
+
+def _made(output: Path) -> tuple[Job, dict[str, str]]:
+    """The job of a run, and its fingerprint."""
     run = run_folder.read_run(output)
     if run is None:
         raise InputError.one(str(output), "no results here; give the folder of a finished run")
@@ -148,73 +153,67 @@ def republish(output: Path, processes: int) -> Outcome:
     if not (output / RESOLVED_FILE).exists():
         raise InputError.one(str(output), "the run stopped as it began; continue it with --resume")
     job = prepare(output / RESOLVED_FILE)
+    return job, provenance.fingerprint(job.config, job.problem)
+
+
+def _finished(job: Job, folder: Folder) -> tuple[Mode, Sampled]:
+    posterior, path = job.problem.posterior, folder.path
+    again = stored(posterior, plan(job.config), folder.pieces, str(path))
+    sampled = dataclasses.replace(again, held=held(run_folder.read_run(path) or {}))
+    found = _read_mode(path / MAP_FILE)
+    if found is None:
+        message = "is not there; continue with --resume, which searches the MAP again"
+        raise InputError.one(str(path / MAP_FILE), message)
+    return found, sampled
+
+
+def write(
+    job: Job, found: Mode, sampled: Sampled, output: Path, record: str | None, *, force: bool
+) -> Outcome:
+    """What was sampled in memory, as `posterior` leaves it; `record`: its text, where it has no file."""
     marks = provenance.fingerprint(job.config, job.problem)
-    with Folder(output, "report", marks) as folder:
+    with Folder(output, "force" if force else "fresh", marks) as folder:
+        folder.begin(status="running", seed=job.config.seed, versions=software.versions())
+        folder.write_text(CONFIG_FILE, job.source.text)
+        source = job.source
+        if record is not None:
+            folder.write_text(RECORD_FILE, record)
+            source = dataclasses.replace(source, path=output / CONFIG_FILE)
+        folder.write_text(RESOLVED_FILE, provenance.resolved(job.config, source, output))
+        folder.write_text(MAP_FILE, sealed(dataclasses.asdict(found)))
+        for ensemble, pieces in enumerate(sampled.pieces):
+            first = 0
+            for piece in pieces:
+                folder.save(ensemble, first, piece)
+                first += len(piece.z)
+        _finish_chain(job, folder, sampled)
         posterior = job.problem.posterior
-        held = _held(run)
-        again = stored(posterior, plan(job.config), folder.pieces, str(output))
-        sampled = dataclasses.replace(again, held=held)
-        found = _read_mode(output / MAP_FILE)
-        if found is None:
-            message = "is not there; continue with --resume, which searches the MAP again"
-            raise InputError.one(str(output / MAP_FILE), message)
-        folder.begin()
-        with Crew(posterior, processes) as crew:
+        with Crew(posterior, 1) as crew:
             scenery = Scenery(posterior.likelihood)
             return _publish(job, folder, found, sampled, scenery, {}, crew)
 
 
-def find_mode(job: Job, processes: int, report: Reporter) -> Mode:
-    """The MAP alone; nothing is written."""
-    with Crew(job.problem.posterior, processes) as crew:
-        return _end_search(crew, _begin_search(job, crew), report)
+def sample_in_memory(job: Job, found: Mode, processes: int, report: Reporter) -> Sampled:
+    posterior = job.problem.posterior
+    with Crew(posterior, processes) as crew:
+        return _sample(job, crew, found, Memory(), report)
 
 
-def plan(config: Config) -> Plan:
-    sampler = config.sampler
-    return Plan(
-        ensembles=sampler.ensembles,
-        walkers=sampler.walkers,
-        moves=sampler.moves,
-        targets=Targets(r_hat=sampler.r_hat, n_tau=sampler.n_tau, ess=sampler.ess),
-        max_steps=sampler.max_steps,
-        seed=config.seed,
-    )
+def _sample(job: Job, crew: Crew, found: Mode, shelf: Shelf, report: Reporter) -> Sampled:
+    posterior = job.problem.posterior
+    tops = mode.tops(posterior, found)
+    try:
+        return sample(crew, posterior, tops, plan(job.config), shelf, report)
+    except Nowhere as error:
+        message = f"{error}; the record and the priors do not go together, check units and values"
+        raise InputError([job.source.problem(("parameters",), message)]) from None
 
 
-@dataclass(frozen=True, slots=True)
-class _Hunt:
-    """Searches for the MAP under way, and for maxima elsewhere."""
-
-    searches: list[Future[Search]]
-    scouts: list[Future[tuple[Array, Array]]]
-
-
-def _begin_search(job: Job, crew: Crew) -> _Hunt:
-    settings, target = job.config.map, job.problem.posterior
-    points = mode.starts(target, settings.starts, seeds.stream(job.config.seed, "map"))
-    optimiser: Optimiser = build.optimiser(job.config, job.problem.names)
-    # The paper's ways are kept as they are: they are there to be seen.
-    polish = settings.method == "nelder_mead"
-    evaluations = settings.evaluations
-    if polish:
-        optimiser, evaluations = mode.roughly(len(job.problem.names), evaluations)
-    searches = [crew.submit(mode.search, optimiser, evaluations, point, polish) for point in points]
-    draws = target.space.draw(mode.SCOUTS, seeds.stream(job.config.seed, "scout"))
-    scouts = [crew.submit(mode.scouts, some) for some in np.array_split(draws, 2)] if polish else []
-    return _Hunt(searches, scouts)
-
-
-def _end_search(crew: Crew, hunt: _Hunt, report: Reporter) -> Mode:
-    searches = []
-    for done, task in enumerate(hunt.searches):
-        report.update(done / len(hunt.searches), "searching the MAP")
-        searches.append(task.result())
-    scouted = maxima.together([task.result() for task in hunt.scouts]) if hunt.scouts else None
-    found = crew.submit(mode.summarise, tuple(searches), scouted).result()
-    report.update(1.0, "")
-    report.say(words.mode(found))
-    return found
+def _finish_chain(job: Job, folder: Folder, sampled: Sampled) -> None:
+    names = ",".join(job.problem.names)
+    logs = job.problem.posterior.coordinates.logs
+    coordinates = ",".join("log" if log else "linear" for log in logs)
+    folder.finish_chain(sampled.pieces, {"coordinates": coordinates, "unknowns": names})
 
 
 def _load_ahead() -> None:
@@ -253,91 +252,31 @@ def _publish(
     crew: Crew,
 ) -> Outcome:
     begun = time.perf_counter()
-    c = sampled.convergence
-    table = build.compared_with(job.config)
-    rows, left, judged = conclude(job.problem, job.asked, found, sampled, scenery, plan(job.config))
-    at = job.problem.posterior.space.vector(found.values)
-    notes = [*tables.notes(rows), *(f"note: {one}" for one in plausibility.of_course(scenery, at))]
+    conclusion = concluded(job, found, sampled, scenery)
+    judged = conclusion.judged
     missing = publish.everything(
-        job.problem, found, left, sampled, rows, judged, job.config, folder, crew
+        job.problem,
+        found,
+        conclusion.left,
+        sampled,
+        conclusion.rows,
+        judged,
+        job.config,
+        folder,
+        crew,
     )
     if seconds:
         seconds["report"] = time.perf_counter() - begun
         folder.write_run(seconds={name: round(value, 3) for name, value in seconds.items()})
-    folder.write_run(
-        status="finished",
-        converged=c.converged,
-        reasons=[*c.reasons, *residual_words.reasons(left)],
-        notes=notes,
-        missing=missing,
-        fit=residual_words.as_data(left),
-        verdict=None
-        if judged is None
-        else verdict_words.as_data(judged.verdict, table, converged=c.converged),
-        steps=c.steps,
-        burn_in=c.burn_in,
-        burn_in_rule=c.burn_in_rule,
-        thin=c.thin,
-        n_tau=round(c.n_tau, 2),
-        tau={name: round(float(x), 2) for name, x in zip(job.problem.names, c.tau, strict=True)},
-        r_hat=round(float(np.max(c.r_hat)), 5),
-        ess_bulk=round(float(np.min(c.ess_bulk)), 1),
-        acceptance=[round(float(x), 4) for x in sampled.acceptance],
-        failures=sampled.failures,
-        **_learnt(job.problem, found, sampled),
-    )
-    doubts = residual_words.reasons(left)
-    said_first = [words.maxima(found, sampled), words.unbelievable(doubts, converged=c.converged)]
-    shown = [
-        *(text for text in said_first if text),
-        *(residual_words.sentences(left), tables.as_text(rows), tables.in_words(rows, notes)),
-    ]
-    if judged is not None:
-        said = verdict_words.sentences(judged.verdict, table, converged=c.converged)
-        shown += [verdict_words.as_text(judged.verdict), said]
+    folder.write_run(status="finished", missing=missing, **entries(job, conclusion))
     return Outcome(
         folder=folder.path,
         mode=found,
         sampled=sampled,
-        rows=rows,
+        rows=conclusion.rows,
         verdict=None if judged is None else judged.verdict,
-        shown=tuple(shown),
-        reasons=(*c.reasons, *doubts),
+        shown=said(job, conclusion),
+        reasons=conclusion.reasons,
         missing=missing,
         seconds=seconds,
     )
-
-
-def _held(run: Mapping[str, Any]) -> Array | None:
-    """What each maximum holds, as a finished run has counted it."""
-    try:
-        return np.array([float(one["weight"]) for one in run["maxima"]])
-    except (KeyError, TypeError, ValueError):
-        return None
-
-
-def _learnt(problem: Problem, found: Mode, sampled: Sampled) -> dict[str, Any]:
-    """For `run.json`: what the proposal says without a chain, and where the maxima are."""
-    learnt, space = sampled.learnt, problem.posterior.space
-    if learnt is None or sampled.held is None:
-        return {}
-    theta = problem.posterior.coordinates.to_physical(learnt.u)
-    mean = learnt.weights @ theta
-    error = np.sqrt(learnt.weights**2 @ (theta - mean) ** 2)
-    return {
-        "importance": {
-            "draws": len(theta),
-            "share": round(learnt.share, 4),
-            "acceptance": round(learnt.acceptance, 4),
-            "mean": dict(zip(space.free, map(float, mean), strict=True)),
-            "error": dict(zip(space.free, map(float, error), strict=True)),
-        },
-        "maxima": [
-            {
-                "values": dict(one.values),
-                "log_posterior": one.log_posterior,
-                "weight": float(weight),
-            }
-            for one, weight in zip(found.maxima, sampled.held, strict=True)
-        ],
-    }

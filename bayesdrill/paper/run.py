@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from bayesdrill.basics import own_files, software
 from bayesdrill.basics.errors import Interrupted
 from bayesdrill.basics.progress import Reporter, Silent
-from bayesdrill.commands import pipeline
+from bayesdrill.commands import concluding, pipeline
 from bayesdrill.engines.optimisers.contract import Optimiser
 from bayesdrill.engines.workers import Crew
 from bayesdrill.inference.unknowns import ParameterSpace
@@ -143,7 +143,7 @@ def _verification(two: Job, processes: int) -> tuple[Verification, tuple[bounds.
     truth = posterior.space.vector(nominal)
     sigmas = tuple(printed.TWO_PARAMETERS)
     with Crew(posterior, processes) as crew:
-        found = verify(crew, posterior, truth, sigmas, RECORDS, pipeline.plan(two.config))
+        found = verify(crew, posterior, truth, sigmas, RECORDS, concluding.plan(two.config))
     return found, bounds.lengths(posterior.likelihood, nominal, LENGTHS)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import io
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future
@@ -66,8 +67,7 @@ def everything(
         with sparing.making(f"figures/{wanted[0]}"):
             tasks.append((wanted[0], crew.submit(draw, *wanted, *place)))
     # While others draw, the rest, and what it needs (xarray takes half a second to load).
-    from bayesdrill.results.arviz_tree import make_tree
-
+    importlib.import_module("bayesdrill.results.arviz_tree")
     folder.write_text("summary.csv", tables.as_csv(rows))
     second = "none"
     with sparing.making("derived.csv"):
@@ -81,15 +81,7 @@ def everything(
             folder.write_text("verdict.csv", verdict_words.as_csv(judged.verdict))
     tree = None
     with sparing.making("posterior.nc, figures/fit"):
-        tree = make_tree(
-            problem,
-            sampled,
-            words.predictive_draws(problem, config),
-            seeds.stream(config.seed, "predictive"),
-            seeds.stream(config.seed, "prior"),
-            _attributes(config, sampled),
-            derived,
-        )
+        tree = arviz_tree(problem, sampled, derived, config)
     if tree is not None:
         with sparing.making("figures/fit"):
             tasks.append(("fit", crew.submit(draw, *_fit(problem, mode, tree), *place)))
@@ -99,6 +91,38 @@ def everything(
         with sparing.making(f"figures/{stem}"):
             task.result()
     return tuple(sparing.missing)
+
+
+def arviz_tree(problem: Problem, sampled: Sampled, derived: Derived, config: Config) -> DataTree:
+    from bayesdrill.results.arviz_tree import make_tree
+
+    return make_tree(
+        problem,
+        sampled,
+        words.predictive_draws(problem, config),
+        seeds.stream(config.seed, "predictive"),
+        seeds.stream(config.seed, "prior"),
+        _attributes(config, sampled),
+        derived,
+    )
+
+
+def figure(
+    problem: Problem,
+    mode: Mode,
+    sampled: Sampled,
+    judged: Judgement | None,
+    config: Config,
+    stem: str,
+) -> Figure:
+    """One of those that a run leaves; raises `LookupError` where this run has no such figure."""
+    sparing = Sparing()
+    derived = _derived(problem, sampled, judged, sparing)
+    wanted = _figures(problem, mode, sampled, derived, judged, config, sparing)
+    for name, draw_, arguments in wanted:
+        if name == stem:
+            return draw_(*arguments)
+    raise LookupError(f"no figure {stem} of this run; it has {', '.join(one[0] for one in wanted)}")
 
 
 def _write_tree(tree: DataTree, path: Path) -> None:

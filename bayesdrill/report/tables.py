@@ -6,6 +6,7 @@ import csv
 import dataclasses
 import io
 from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
 
 from bayesdrill.basics.symbols import plain
 from bayesdrill.engines.mode import Mode
@@ -18,6 +19,9 @@ HEADERS = (
     "", "unit", "nominal", "MAP", "mean", "sd", _HDI, "dev. %", "R-hat", "ESS bulk", "ESS tail",
     "shrinkage", "the record says",
 )  # fmt: skip
+
+
+_ENDS = tuple(f"hdi{100 * HDI_PROBABILITY:.0f}_{end}" for end in ("low", "high"))
 
 
 def cells(row: Row) -> tuple[str, ...]:
@@ -50,8 +54,7 @@ def records_as_csv(
     """A column for each field of the record `kind` but those to `leave`, under its own name unless
     `names` has another.
     """
-    low, high = (f"hdi{100 * HDI_PROBABILITY:.0f}_{end}" for end in ("low", "high"))
-    named = {"hdi_low": low, "hdi_high": high, **names}
+    named = {"hdi_low": _ENDS[0], "hdi_high": _ENDS[1], **names}
     keys = [field.name for field in dataclasses.fields(kind) if field.name not in leave]
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
@@ -60,6 +63,12 @@ def records_as_csv(
         values = (getattr(row, key) for key in keys)
         writer.writerow(["" if value is None else value for value in values])
     return out.getvalue()
+
+
+def as_record(row: Row) -> dict[str, Any]:
+    """As a line of `summary.csv`."""
+    names = {"hdi_low": _ENDS[0], "hdi_high": _ENDS[1], "word": "the_record_says"}
+    return {names.get(name, name): value for name, value in dataclasses.asdict(row).items()}
 
 
 def as_markdown(rows: Sequence[Row]) -> str:

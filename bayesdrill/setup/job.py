@@ -11,6 +11,7 @@ from bayesdrill.basics.errors import InputError
 from bayesdrill.inference.problem import Problem
 from bayesdrill.insight import derived
 from bayesdrill.insight.identifiability.study import Asked
+from bayesdrill.record.formats import Table
 from bayesdrill.setup import build, loading, reading
 from bayesdrill.setup.config import Config
 from bayesdrill.setup.yaml_source import Source
@@ -35,9 +36,12 @@ def prepare(path: Path) -> Job:
     return assemble(config, source)
 
 
-def assemble(config: Config, source: Source) -> Job:
-    """The job of a config that is already validated; `source` is where its paths start."""
-    problem = build.problem(config, reading.read(config, source))
+def assemble(config: Config, source: Source, table: Table | None = None) -> Job:
+    """The job of a config that is already validated; `source` is where its paths start.
+
+    `table`: the record, where it is in no file.
+    """
+    problem = build.problem(config, reading.read(config, source, table))
     posterior = problem.posterior
     start = posterior.space.vector(posterior.space.start)
     if not np.isfinite(posterior.density(start[None])[0]):

@@ -36,6 +36,11 @@ _STAND_INS: dict[Place, Any] = {
 def load(path: Path) -> tuple[Config, Source]:
     """Raises `InputError` with every problem, in the order of the lines."""
     source = read(path)
+    return validated(source), source
+
+
+def validated(source: Source) -> Config:
+    """See `load`."""
     problems = list(source.repeated)
     pruned = copy.deepcopy(source.data)
     try:
@@ -53,7 +58,7 @@ def load(path: Path) -> tuple[Config, Source]:
     else:
         problems += consistency.check(config, source, frozenset())
         if not problems:
-            return config, source
+            return config
     raise InputError(sorted(dict.fromkeys(problems), key=_line))
 
 

@@ -43,20 +43,23 @@ def options(record: RecordSpec) -> CsvOptions:
     )
 
 
-def read(config: Config, source: Source) -> Experiment:
-    """Raises `InputError` with the places in the config and the rows of the file."""
-    return _Reader(config, source).experiment()
+def read(config: Config, source: Source, table: Table | None = None) -> Experiment:
+    """Raises `InputError` with the places in the config and the rows of the file.
+
+    `table`: what the file would hold, where there is none.
+    """
+    return _Reader(config, source, table).experiment()
 
 
 class _Reader:
     """One pass over a record: columns are picked and judged one by one, problems collected."""
 
-    def __init__(self, config: Config, source: Source) -> None:
+    def __init__(self, config: Config, source: Source, table: Table | None) -> None:
         self._config = config
         self._source = source
         self._path = path_of(config, source)
         self._problems: list[Problem] = []
-        self._table = self._read_table()
+        self._table = self._read_table() if table is None else table
         self._n_rows = 0
 
     def experiment(self) -> Experiment:

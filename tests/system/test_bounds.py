@@ -10,7 +10,7 @@ import pytest
 
 from bayesdrill.basics import seeds
 from bayesdrill.basics.progress import Silent
-from bayesdrill.commands import pipeline
+from bayesdrill.commands import concluding, pipeline
 from bayesdrill.commands.pipeline import Job
 from bayesdrill.engines import sampling
 from bayesdrill.engines.shelf import Memory
@@ -59,7 +59,7 @@ def test_bounds_are_the_posteriors_spread(job: Job) -> None:
     posterior = job.problem.posterior
     start = posterior.space.vector(job.problem.nominal)
     with Crew(posterior, 1) as crew:
-        plan = pipeline.plan(job.config)
+        plan = concluding.plan(job.config)
         sampled = sampling.sample(crew, posterior, start[None], plan, Memory(), Silent())
     assert sampled.convergence.converged
     spread = np.log(sampled.draws.reshape(-1, len(TWO))).std(axis=0)

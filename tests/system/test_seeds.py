@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from bayesdrill.basics.progress import Silent
-from bayesdrill.commands import pipeline
+from bayesdrill.commands import concluding, searching
 from bayesdrill.engines import mode, sampling
 from bayesdrill.engines.shelf import Memory
 from bayesdrill.engines.workers import Crew
@@ -33,8 +33,8 @@ def test_means_scatter_as_their_errors_say(tmp_path: Path, name: str) -> None:
     job = prepare(folder.write(row, tmp_path)[0])
     posterior = job.problem.posterior
     means, errors = [], []
-    tops = mode.tops(posterior, pipeline.find_mode(job, 2, Silent()))
-    plan = pipeline.plan(job.config)
+    tops = mode.tops(posterior, searching.find_mode(job, 2, Silent()))
+    plan = concluding.plan(job.config)
     with Crew(posterior, 2) as crew:
         for seed in range(SEEDS):
             own = dataclasses.replace(plan, seed=seed)

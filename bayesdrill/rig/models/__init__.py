@@ -13,6 +13,7 @@ from bayesdrill.rig.models.as_printed import AsPrinted
 from bayesdrill.rig.models.motor_shaft import MotorShaft
 from bayesdrill.rig.models.two_rotors import TwoRotors
 
+Rig = MotorShaft | TwoRotors | AsPrinted
 Kind = type[MotorShaft] | type[TwoRotors] | type[AsPrinted]
 
 MODELS: Mapping[str, Kind] = MappingProxyType(

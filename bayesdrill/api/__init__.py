@@ -1,0 +1,1 @@
+"""For notebooks and scripts: what the commands do, in memory, with results that show themselves."""

@@ -1,0 +1,146 @@
+"""What comes out of a case: a maximum, a sampled posterior, a verdict."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from bayesdrill.commands import concluding, pipeline
+from bayesdrill.engines.mode import Mode
+from bayesdrill.engines.sampling import Sampled
+from bayesdrill.insight.derived import derive
+from bayesdrill.insight.verdict import Verdict
+from bayesdrill.report import publish, tables, verdict_words, words
+from bayesdrill.setup import build, in_memory
+from bayesdrill.setup.job import Job
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    from xarray import DataTree
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Best:
+    """The maximum of the posterior (MAP) that searches found."""
+
+    job: Job
+    mode: Mode
+
+    @property
+    def values(self) -> Mapping[str, float]:
+        """SI."""
+        return self.mode.values
+
+    def __str__(self) -> str:
+        return f"{tables.mode_as_text(self.job.problem, self.mode)}\n\n{words.mode(self.mode)}"
+
+    __repr__ = __str__
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """A sampled posterior: draws, what they say, and figures of them.
+
+    `columns`: the record `(T,)` each, where it is in no file.
+    """
+
+    job: Job
+    mode: Mode
+    sampled: Sampled
+    columns: Mapping[str, ArrayLike] | None = None
+
+    @property
+    def converged(self) -> bool:
+        return self.sampled.convergence.converged
+
+    @property
+    def draws(self) -> dict[str, Array]:
+        """Nearly independent draws of each unknown, `(ensembles, draws)`, SI."""
+        return {name: self.sampled.draws[..., d] for d, name in enumerate(self.job.problem.names)}
+
+    def judge(self) -> Judged:
+        """What fit and draws say of the nominal table."""
+        return Judged(self.job, concluding.concluded(self.job, self.mode, self.sampled))
+
+    def to_arviz(self) -> DataTree:
+        """The groups of the ArviZ schema: `chain` is an ensemble."""
+        problem = self.job.problem
+        derived = derive(problem, self.sampled.draws)
+        return publish.arviz_tree(problem, self.sampled, derived, self.job.config)
+
+    def plot(self, name: str) -> Figure:
+        """`corner`, `trace`, `prior_posterior`, and where there is a verdict `invariants`, `ridge`.
+
+        Raises `LookupError` where this run has no such figure.
+        """
+        judged = concluding.concluded(self.job, self.mode, self.sampled).judged
+        problem, config = self.job.problem, self.job.config
+        return publish.figure(problem, self.mode, self.sampled, judged, config, name)
+
+    def plot_corner(self) -> Figure:
+        return self.plot("corner")
+
+    def save(self, folder: str | Path, *, force: bool = False) -> Path:
+        """As `bayesdrill posterior` leaves it: tables, figures, chain and config.
+
+        Raises `InputError` where something else is there, or results and not `force`.
+        """
+        record = None if self.columns is None else in_memory.as_csv(self.columns)
+        pipeline.write(self.job, self.mode, self.sampled, Path(folder), record, force=force)
+        return Path(folder)
+
+    def __str__(self) -> str:
+        return self.judge().text
+
+    def _repr_markdown_(self) -> str:
+        return self.judge()._repr_markdown_()
+
+    __repr__ = __str__
+
+
+@dataclass(frozen=True, slots=True)
+class Judged:
+    """`verdict`: None where no unknown has a nominal value to be compared with."""
+
+    job: Job
+    conclusion: concluding.Conclusion
+
+    @property
+    def verdict(self) -> Verdict | None:
+        judgement = self.conclusion.judged
+        return None if judgement is None else judgement.verdict
+
+    @property
+    def rows(self) -> list[dict[str, Any]]:
+        """A record for each unknown, for a table of any kind."""
+        return [tables.as_record(row) for row in self.conclusion.rows]
+
+    @property
+    def text(self) -> str:
+        return "\n\n".join(concluding.said(self.job, self.conclusion))
+
+    def __str__(self) -> str:
+        return self.text
+
+    def _repr_markdown_(self) -> str:
+        parts = [tables.as_markdown(self.conclusion.rows)]
+        if self.verdict is not None:
+            table = build.compared_with(self.job.config)
+            converged = self.conclusion.sampled.convergence.converged
+            parts.append(verdict_words.sentences(self.verdict, table, converged=converged))
+        return "\n\n".join(parts)
+
+    __repr__ = __str__
+
+
+def open(folder: str | Path) -> Run:
+    """The run that `save` or `bayesdrill posterior` left; raises `InputError` where there is none."""
+    job, found, sampled = pipeline.read(Path(folder))
+    return Run(job, found, sampled)

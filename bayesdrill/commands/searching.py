@@ -1,0 +1,62 @@
+"""The search for the MAP as a config asks for it, alone or beside other work."""
+
+from __future__ import annotations
+
+from concurrent.futures import Future
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayesdrill.basics import seeds
+from bayesdrill.basics.progress import Reporter
+from bayesdrill.engines import maxima, mode
+from bayesdrill.engines.mode import Mode, Search
+from bayesdrill.engines.optimisers.contract import Optimiser
+from bayesdrill.engines.workers import Crew
+from bayesdrill.report import words
+from bayesdrill.setup import build
+from bayesdrill.setup.job import Job
+
+Array = NDArray[np.float64]
+
+
+def find_mode(job: Job, processes: int, report: Reporter) -> Mode:
+    """The MAP alone; nothing is written."""
+    with Crew(job.problem.posterior, processes) as crew:
+        return end(crew, begin(job, crew), report)
+
+
+@dataclass(frozen=True, slots=True)
+class Hunt:
+    """Searches for the MAP under way, and for maxima elsewhere."""
+
+    searches: list[Future[Search]]
+    scouts: list[Future[tuple[Array, Array]]]
+
+
+def begin(job: Job, crew: Crew) -> Hunt:
+    settings, target = job.config.map, job.problem.posterior
+    points = mode.starts(target, settings.starts, seeds.stream(job.config.seed, "map"))
+    optimiser: Optimiser = build.optimiser(job.config, job.problem.names)
+    # The paper's ways are kept as they are: they are there to be seen.
+    polish = settings.method == "nelder_mead"
+    evaluations = settings.evaluations
+    if polish:
+        optimiser, evaluations = mode.roughly(len(job.problem.names), evaluations)
+    searches = [crew.submit(mode.search, optimiser, evaluations, point, polish) for point in points]
+    draws = target.space.draw(mode.SCOUTS, seeds.stream(job.config.seed, "scout"))
+    scouts = [crew.submit(mode.scouts, some) for some in np.array_split(draws, 2)] if polish else []
+    return Hunt(searches, scouts)
+
+
+def end(crew: Crew, hunt: Hunt, report: Reporter) -> Mode:
+    searches = []
+    for done, task in enumerate(hunt.searches):
+        report.update(done / len(hunt.searches), "searching the MAP")
+        searches.append(task.result())
+    scouted = maxima.together([task.result() for task in hunt.scouts]) if hunt.scouts else None
+    found = crew.submit(mode.summarise, tuple(searches), scouted).result()
+    report.update(1.0, "")
+    report.say(words.mode(found))
+    return found

@@ -1,0 +1,176 @@
+"""The package in memory: the same answers as from files, and results that show themselves."""
+
+from __future__ import annotations
+
+import re
+import runpy
+import subprocess
+import sys
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from oracles import NOMINAL, by_expm
+
+import bayesdrill as bd
+from bayesdrill.record.formats.csv import read
+from bayesdrill.record.formats.dialect import CsvOptions
+from bayesdrill.rig.models.motor_shaft import MotorShaft
+from bayesdrill.setup import in_memory
+
+ROOT = Path(__file__).parents[2]
+CONFIG = ROOT / "configs" / "nominal_step.yaml"
+BOX = {"prior": "uniform", "low": 0.5, "high": 1.5, "relative": True}
+FAST = {"ensembles": 4, "walkers": 32, "ess": 400}
+T = np.linspace(0.0, 6.0, 241)
+SHAFT = {**NOMINAL, "k_s": 0.31}
+
+
+def noisy(name: str, scale: float, sigma: float) -> bd.Channel:
+    """Of a rig with a stiffer shaft, in units that are `scale` of SI."""
+    exact = bd.respond(MotorShaft(), SHAFT, T, {"v": 5.0}, [name])[name]
+    noise = np.random.default_rng(len(name)).standard_normal(len(T))
+    return bd.Channel(
+        (exact + sigma * noise) / scale, "deg" if scale < 1 else "rad/s", sigma / scale
+    )
+
+
+def two(**entries: object) -> bd.Case:
+    return bd.case(
+        T,
+        channels={"theta_2": noisy("theta_2", np.pi / 180, 0.05), "w_1": noisy("w_1", 1.0, 0.1)},
+        inputs={"v": 5.0},
+        parameters=dict.fromkeys(NOMINAL, "nominal") | {"k_s": BOX, "t_f": BOX},
+        rig=bd.MotorShaft(i_m=1 / 8),
+        nominal="tables_2_3",
+        **{"seed": 4, "sampler": FAST} | entries,  # type: ignore[arg-type]
+    )
+
+
+@cache
+def run() -> bd.Run:
+    return two().sample()
+
+
+def test_the_response_is_that_of_the_matrix_exponential() -> None:
+    start = {"theta_1": 0.3, "w_1": -0.2}
+    inputs, signals = {"v": 5.0, "t_1": 0.2}, ["w_1", "theta_1 - theta_2"]
+    found = bd.respond(MotorShaft(), SHAFT, T, inputs, signals, initial=start)
+    exact = by_expm(SHAFT, T, np.array([0.3, 0.0, -0.2, 0.0, 0.0]), 5.0, 0.2)
+    assert found["w_1"] == pytest.approx(exact[:, 2], rel=1e-9, abs=1e-12)
+    twist = exact[:, 0] - exact[:, 1]
+    assert found["theta_1 - theta_2"] == pytest.approx(twist, rel=1e-9, abs=1e-12)
+
+
+def test_a_case_of_arrays_is_that_of_the_file() -> None:
+    """The bundled config once more, of the columns of its record."""
+    filed = bd.load(CONFIG)
+    table = read(CONFIG.parent / "records" / "nominal_step.csv", CsvOptions())
+    units = {"theta_1": "rad", "theta_2": "rad", "w_1": "rad/s", "w_2": "rad/s"}
+    case = bd.case(
+        table.variables["t"],
+        {name: bd.Channel(table.variables[name], unit, 0.1) for name, unit in units.items()},
+        {"v": 8.0},
+        dict.fromkeys(NOMINAL, BOX),
+        nominal="tables_2_3",
+    )
+    theta = filed.job.problem.posterior.space.draw(20, np.random.default_rng(3))
+    one, other = (of.job.problem.posterior.density(theta) for of in (filed, case))
+    assert np.isfinite(one).any()
+    assert np.array_equal(one, other)
+    assert case.unknowns == filed.unknowns
+
+
+def test_all_mistakes_of_arrays_are_told_at_once() -> None:
+    values = np.ones(len(T))
+    values[17] = np.nan
+    channels = {"w_2": bd.Channel(values, "rpm", 0.1), "w_1": bd.Channel(np.ones(3), "rpm", 0.1)}
+    with pytest.raises(bd.InputError) as told:
+        bd.case(T, channels, {"v": 5.0}, dict.fromkeys(NOMINAL, BOX))
+    text = str(told.value)
+    assert "sample 18" in text
+    assert "3 values, but the time has 241" in text
+    with pytest.raises(bd.InputError, match="k_z: unknown symbol"):
+        bd.case(T, channels, {"v": 5.0}, dict.fromkeys(NOMINAL, BOX) | {"k_z": BOX})
+    with pytest.raises(bd.InputError, match="did you mean"):
+        bd.nominal("tables_2_4")
+    with pytest.raises(bd.InputError, match="'u' is neither"):
+        bd.respond(MotorShaft(), SHAFT, T, {"u": 5.0}, ["w_1"])
+
+
+def test_a_run_says_what_it_found() -> None:
+    judged = run().judge()
+    rows = {row["name"]: row for row in judged.rows}
+    assert rows["k_s"]["mean"] == pytest.approx(0.31, abs=4 * rows["k_s"]["sd"])
+    assert judged.verdict is not None
+    assert not judged.verdict.agrees
+    assert "k_s" in str(judged)
+    assert "| k_s |" in judged._repr_markdown_()
+    assert re.search(r"verdict: .*disagree", str(run()))
+    assert set(run().draws) == {"k_s", "t_f"}
+    assert "k_s" in str(two().identify())
+    assert "k_s" in str(bd.Best(run().job, run().mode))
+
+
+def test_the_same_seed_gives_the_same_draws_and_another_others() -> None:
+    again, other = two().sample(seed=4), two(seed=3).sample(seed=5)
+    assert np.array_equal(again.draws["k_s"], run().draws["k_s"])
+    assert not np.array_equal(other.draws["k_s"][:, :50], run().draws["k_s"][:, :50])
+
+
+def test_a_saved_run_opens_as_it_was(tmp_path: Path) -> None:
+    """And is one of `bayesdrill posterior`, whose report makes the same tables again."""
+    folder = run().save(tmp_path / "mine")
+    opened = bd.open(folder)
+    assert np.array_equal(opened.draws["t_f"], run().draws["t_f"])
+    assert opened.judge().rows == run().judge().rows
+    assert opened.converged == run().converged
+    before = (folder / "summary.csv").read_bytes()
+    (folder / "summary.csv").unlink()
+    command = [sys.executable, "-m", "bayesdrill", "report", str(folder), "--processes", "1"]
+    subprocess.run(command, check=True, capture_output=True)
+    assert (folder / "summary.csv").read_bytes() == before
+    with pytest.raises(bd.InputError, match="results exist already"):
+        run().save(folder)
+    opened.save(folder, force=True)
+    with pytest.raises(bd.InputError, match="no results here"):
+        bd.open(tmp_path / "nowhere")
+
+
+def test_figures_and_the_tree_of_arviz() -> None:
+    from matplotlib.figure import Figure
+
+    assert isinstance(run().plot_corner(), Figure)
+    with pytest.raises(LookupError, match="trace"):
+        run().plot("cornor")
+    tree = run().to_arviz()
+    assert tree["posterior"]["k_s"].shape == run().draws["k_s"].shape
+    assert tree["posterior"].attrs["seed"] == 4
+
+
+def test_columns_as_text_read_back_the_same(tmp_path: Path) -> None:
+    columns = {"t": [0.0, 0.1, 1 / 3], "w_1": np.float32([1e-9, -2.5, 1e12])}
+    file = tmp_path / "record.csv"
+    file.write_text(in_memory.as_csv(columns))
+    table = read(file, CsvOptions())
+    for name, values in columns.items():
+        assert np.array_equal(table.variables[name], np.asarray(values, dtype=np.float64))
+
+
+def test_the_package_names_what_it_offers_and_loads_it_late() -> None:
+    assert {"load", "case", "open", "respond", "MotorShaft"} <= set(dir(bd))
+    assert all(getattr(bd, name) is not None for name in dir(bd))
+    with pytest.raises(AttributeError, match="it has"):
+        bd.posterior  # noqa: B018
+    code = "import sys, bayesdrill; print('numpy' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "False"
+
+
+def test_the_notebook_runs(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sys, "argv", ["notebook.py", str(tmp_path / "nb")])
+        runpy.run_path(str(ROOT / "docs" / "notebook.py"))
+    assert (tmp_path / "nb.png").exists()
+    assert "verdict: " in capsys.readouterr().out
