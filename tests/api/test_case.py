@@ -133,7 +133,6 @@ def test_a_saved_run_opens_as_it_was(tmp_path: Path) -> None:
     assert (folder / "summary.csv").read_bytes() == before
     with pytest.raises(bd.InputError, match="results exist already"):
         run().save(folder)
-    opened.save(folder, force=True)
     with pytest.raises(bd.InputError, match="no results here"):
         bd.open(tmp_path / "nowhere")
 

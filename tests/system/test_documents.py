@@ -48,6 +48,15 @@ def run(command: str, tree: Path) -> subprocess.CompletedProcess[str]:
     )
 
 
+@pytest.mark.slow
+def test_every_script_runs(tree: Path) -> None:
+    scripts = [block for path in DOCUMENTS for block in blocks(path, "python")]
+    assert any("plot_corner" in script for script in scripts)
+    for script in scripts:
+        done = run(f"python - <<'END'\n{script}END", tree)
+        assert done.returncode == 0, f"{script}\n{done.stdout}\n{done.stderr}"
+
+
 def test_every_command_runs_in_order(tree: Path) -> None:
     """One after the other, as the README has them: later ones need what earlier ones left."""
     commands = [
