@@ -275,6 +275,13 @@ MUTANTS = [
         "tests/contracts/test_independence.py::test_target_is_kept_exactly_over_two_ridges",
     ),
     Mutant(
+        "points that are far astray are given up",
+        "engines/learning/settled.py",
+        "ITERATIONS = 9 ",
+        "ITERATIONS = 4 ",
+        "tests/engines/test_settled.py::test_points_are_brought_to_the_ridge",
+    ),
+    Mutant(
         "no look at what a proposal leaves out",
         "engines/learning/left_out.py",
         "(k == 0 and _nothing(surface, proposal, draws))",

@@ -43,13 +43,18 @@ def looked(surface: Ridged, proposal: Proposal, u: np.ndarray, weights: np.ndarr
     )
 
 
+@pytest.mark.parametrize("far", [False, True])
 @pytest.mark.parametrize(("n_loose", "n_tight"), [(1, 1), (2, 3)])
-def test_points_are_brought_to_the_ridge(n_loose: int, n_tight: int) -> None:
-    """From one that is off by many standard deviations, and has another covariance."""
+def test_points_are_brought_to_the_ridge(n_loose: int, n_tight: int, far: bool) -> None:
+    """From one that is off by ten standard deviations, or by hundreds, and has another
+    covariance.
+
+    Mutant killed: points that are far astray are given up.
+    """
     surface, found = learnt(n_loose, n_tight)
     own = found.proposal.mixture.sheets[0]
     place = own.place.copy()
-    place[0] += 10.0 * np.exp(own.ends[1, :n_tight])  # as wide as it gets
+    place[0] += 0.8 if far else 10.0 * np.exp(own.ends[1, :n_tight])  # as wide as it gets
     moved = replace(own, place=place, root=0.9 * own.root)
     settled = Settled(moved, surface.expand)
     psi, e = np.split(own.straighten(found.u)[0], [n_loose], axis=1)
