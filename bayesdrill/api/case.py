@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from bayesdrill.api.run import Best, Run
 from bayesdrill.basics.progress import Reporter, Silent
 from bayesdrill.commands import identify, pipeline, searching
+from bayesdrill.report import words
 from bayesdrill.rig.models import Rig
 from bayesdrill.setup import in_memory
 from bayesdrill.setup.job import Job, prepare
@@ -50,6 +51,11 @@ class Case:
     @property
     def unknowns(self) -> tuple[str, ...]:
         return self.job.problem.names
+
+    def __str__(self) -> str:
+        return words.opening(self.job.problem)
+
+    __repr__ = __str__
 
     def identify(self, profiles: Sequence[str] = ()) -> identify.Findings:
         """What the record can show at the start values; `profiles`: names of parameters, or `all`.

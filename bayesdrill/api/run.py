@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -44,7 +45,7 @@ class Best:
     __repr__ = __str__
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, repr=False)
 class Run:
     """A sampled posterior: draws, what they say, and figures of them.
 
@@ -67,7 +68,11 @@ class Run:
 
     def judge(self) -> Judged:
         """What fit and draws say of the nominal table."""
-        return Judged(self.job, concluding.concluded(self.job, self.mode, self.sampled))
+        return Judged(self.job, self._conclusion)
+
+    @cached_property
+    def _conclusion(self) -> concluding.Conclusion:
+        return concluding.concluded(self.job, self.mode, self.sampled)
 
     def to_arviz(self) -> DataTree:
         """The groups of the ArviZ schema: `chain` is an ensemble."""
@@ -80,8 +85,7 @@ class Run:
 
         Raises `LookupError` where this run has no such figure.
         """
-        judged = concluding.concluded(self.job, self.mode, self.sampled).judged
-        problem, config = self.job.problem, self.job.config
+        problem, config, judged = self.job.problem, self.job.config, self._conclusion.judged
         return publish.figure(problem, self.mode, self.sampled, judged, config, name)
 
     def plot_corner(self) -> Figure:

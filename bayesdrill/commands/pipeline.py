@@ -33,6 +33,7 @@ from bayesdrill.report import publish, words
 from bayesdrill.results import provenance, run_folder
 from bayesdrill.results.chain_files import COMPUTED_AGAIN
 from bayesdrill.results.run_folder import Folder
+from bayesdrill.setup import reading
 from bayesdrill.setup.job import Job as Job
 from bayesdrill.setup.job import assemble as assemble
 from bayesdrill.setup.job import prepare as prepare
@@ -171,6 +172,11 @@ def write(
     job: Job, found: Mode, sampled: Sampled, output: Path, record: str | None, *, force: bool
 ) -> Outcome:
     """What was sampled in memory, as `posterior` leaves it; `record`: its text, where it has no file."""
+    if (
+        record is None
+        and reading.path_of(job.config, job.source).parent.resolve() == output.resolve()
+    ):
+        raise InputError.one(str(output), "holds the record of this run; give another folder")
     marks = provenance.fingerprint(job.config, job.problem)
     with Folder(output, "force" if force else "fresh", marks) as folder:
         folder.begin(status="running", seed=job.config.seed, versions=software.versions())

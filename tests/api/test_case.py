@@ -110,6 +110,7 @@ def test_a_run_says_what_it_found() -> None:
     assert re.search(r"verdict: .*disagree", str(run()))
     assert set(run().draws) == {"k_s", "t_f"}
     assert "k_s" in str(two().identify())
+    assert "241 samples" in repr(two())
     assert "k_s" in str(bd.Best(run().job, run().mode))
 
 
@@ -133,6 +134,9 @@ def test_a_saved_run_opens_as_it_was(tmp_path: Path) -> None:
     assert (folder / "summary.csv").read_bytes() == before
     with pytest.raises(bd.InputError, match="results exist already"):
         run().save(folder)
+    with pytest.raises(bd.InputError, match="holds the record of this run"):
+        opened.save(folder, force=True)
+    assert bd.open(folder).converged == run().converged
     with pytest.raises(bd.InputError, match="no results here"):
         bd.open(tmp_path / "nowhere")
 
