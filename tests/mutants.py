@@ -399,7 +399,7 @@ MUTANTS = [
         "engines/learning/ridges.py",
         'good = np.einsum("nii->n", here.curvature) > 0',
         "good = np.abs(here.slope).sum(axis=1) > 0",
-        "tests/engines/test_maxima.py::test_a_point_at_the_very_maximum_is_joined_to_itself",
+        "tests/engines/test_ridges.py::test_a_point_that_is_on_the_ridge_has_arrived",
     ),
     Mutant(
         "a polynomial judged where none reaches",

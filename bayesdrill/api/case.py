@@ -10,16 +10,24 @@ from typing import Any
 
 from numpy.typing import ArrayLike
 
+from bayesdrill.api import arguments
 from bayesdrill.api.run import Best, Run
+from bayesdrill.basics.errors import InputError, Problem
 from bayesdrill.basics.progress import Reporter, Silent
 from bayesdrill.commands import identify, pipeline, searching
+from bayesdrill.engines.mode import Mode
+from bayesdrill.record.experiment import raise_if_any
 from bayesdrill.report import words
 from bayesdrill.rig.models import Rig
 from bayesdrill.setup import in_memory
 from bayesdrill.setup.job import Job, prepare
 
+CHANNELS = "a bd.Channel(values, unit, sigma) for each name"
+INPUTS = "a number in SI or a bd.Input(values, unit) for each name"
+PRIORS = "a prior, a number or 'nominal' for each name"
 
-@dataclass(frozen=True, slots=True)
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Channel:
     """`values (T,)` in `unit`; `sigma`: their noise in that unit, or its prior as in a config.
 
@@ -32,7 +40,7 @@ class Channel:
     measures: str | None = None
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Input:
     """A measured input: `values (T,)` in `unit`, between samples held (`zero`) or straight (`first`)."""
 
@@ -41,7 +49,7 @@ class Input:
     hold: str = "zero"
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class Case:
     """From `load` or `case`.  `columns`: the record, `(T,)` each, where it is in no file."""
 
@@ -67,8 +75,12 @@ class Case:
         return identify.identify(self.job, start, "the start", profiles, Silent())
 
     def find_map(self, *, processes: int = 1, report: Reporter | None = None) -> Best:
-        """The maximum of the posterior, by several searches."""
-        return Best(self.job, searching.find_mode(self.job, processes, report or Silent()))
+        """The maximum of the posterior, by several searches.
+
+        `processes`, `report`: see `sample`.
+        """
+        workers = arguments.processes(processes)
+        return Best(self.job, searching.find_mode(self.job, workers, report or Silent()))
 
     def sample(
         self,
@@ -81,20 +93,31 @@ class Case:
         """Ensembles from `best` (searched for where it is not given) until they converge, or not.
 
         `seed` instead of the config's; the same draws for the same seed, however many processes.
-        More than one process wants `if __name__ == "__main__":` in a script.
+        More than one process wants `if __name__ == "__main__":` in a script.  `report`: has `say(text)`
+        and `update(fraction, text)`, which are told how far it is.  Raises `InputError`.
         """
-        job = self.job
+        job, workers = self.job, arguments.processes(processes)
         if seed is not None:
-            job = dataclasses.replace(job, config=job.config.model_copy(update={"seed": seed}))
+            own = {"seed": arguments.seed(seed)}
+            job = dataclasses.replace(job, config=job.config.model_copy(update=own))
         told = report or Silent()
-        found = best.mode if best else searching.find_mode(job, processes, told)
-        sampled = pipeline.sample_in_memory(job, found, processes, told)
+        found = searching.find_mode(job, workers, told) if best is None else self._mode(best)
+        sampled = pipeline.sample_in_memory(job, found, workers, told)
         return Run(job, found, sampled, self.columns)
+
+    def _mode(self, best: Best) -> Mode:
+        if not isinstance(best, Best):
+            raise InputError.one("best", f"give what find_map found, not {type(best).__name__}")
+        if best.job.problem.posterior is not self.job.problem.posterior:
+            raise InputError.one(
+                "best", "this is the maximum of another case; find that of this one"
+            )
+        return best.mode
 
 
 def load(path: str | Path) -> Case:
     """The case of a YAML config; raises `InputError` with all that is wrong with it."""
-    return Case(prepare(Path(path)))
+    return Case(prepare(Path(path).expanduser()))
 
 
 def case(
@@ -109,27 +132,66 @@ def case(
     name: str = "case",
     **entries: Any,
 ) -> Case:
-    """Of arrays, without any file: times `t (T,)` in s, and entries as in a config (docs/config.md).
+    """Of arrays, without any file: times `t (T,)` in s, in equal steps, and entries as in a config
+    (docs/config.md).
 
-    `parameters`: a prior, a number or `"nominal"` for each; `rig`: a name, or a model such as
-    `MotorShaft(i_m=1 / 8)`; `entries`: further sections, such as `sampler={"ess": 1000}`.
-    Raises `InputError` with all that is wrong.
+    `inputs`: a number in SI or a measured `Input` for each; `parameters`: a prior, a number or
+    `"nominal"` for each; `rig`: a name, or a model such as `MotorShaft(i_m=1 / 8)`; `entries`: further
+    sections, such as `sampler={"ess": 1000}`.  The rig is at rest at 0 s, with measured inputs at the
+    first sample, unless `initial={"w_1": ...}` says otherwise.  Raises `InputError` with all that is
+    wrong.
     """
-    columns: dict[str, ArrayLike] = {in_memory.TIME: t}
-    columns |= {name_: one.values for name_, one in channels.items()}
-    measured = {key: one for key, one in inputs.items() if isinstance(one, Input)}
-    columns |= {key: one.values for key, one in measured.items()}
+    columns, measured = _columns(t, channels, inputs)
+    for taken in {"model", "record"} & {*entries}:
+        raise InputError.one(taken, "arrays and `rig` say this already; leave it out")
     given = {
         "name": name,
         "seed": seed,
         "record": {"channels": {key: _entry(key, one) for key, one in channels.items()}},
         "inputs": {**inputs, **{key: _entry(key, one) for key, one in measured.items()}},
-        "model": in_memory.model_entry(rig),
-        "parameters": dict(parameters),
+        "model": in_memory.model_entry(arguments.rig(rig)),
+        "parameters": dict(arguments.mapping("parameters", parameters, PRIORS)),
         **({} if nominal is None else {"nominal": nominal}),
         **entries,
     }
     return Case(in_memory.job(columns, given), columns)
+
+
+def _columns(
+    t: ArrayLike, channels: Mapping[str, Channel], inputs: Mapping[str, Input | float]
+) -> tuple[dict[str, ArrayLike], dict[str, Input]]:
+    """All `(T,)` columns, and the inputs that are measured."""
+    found: list[Problem] = []
+    every: dict[str, Any] = {in_memory.TIME: arguments.series("t", t, found)}
+    for name, one in arguments.mapping("channels", channels, CHANNELS).items():
+        if isinstance(one, Channel):
+            every[name] = arguments.series(f"channels.{name}", one.values, found)
+        else:
+            found.append(Problem(f"channels.{name}", f"give {CHANNELS}, not {type(one).__name__}"))
+    measured = {}
+    for name, given in arguments.mapping("inputs", inputs, INPUTS).items():
+        if isinstance(given, Input):
+            measured[name] = given
+            every[name] = arguments.series(f"inputs.{name}", given.values, found)
+        elif not isinstance(given, Mapping):
+            arguments.number(f"inputs.{name}", given, found)
+    if not found and not channels:
+        found.append(Problem("channels", f"nothing is measured; give {CHANNELS}"))
+    lengths = {name: len(values) for name, values in every.items()}
+    if not found:
+        found += [
+            Problem(name, f"{n} values, but there are {lengths[in_memory.TIME]} times")
+            for name, n in lengths.items()
+            if n != lengths[in_memory.TIME]
+        ]
+    raise_if_any([_with_hint(problem) for problem in found])
+    return every, measured
+
+
+def _with_hint(problem: Problem) -> Problem:
+    if problem.place.startswith("inputs."):
+        return Problem(problem.place, f"{problem.message}; give {INPUTS}")
+    return problem
 
 
 def _entry(column: str, of: Channel | Input) -> dict[str, Any]:

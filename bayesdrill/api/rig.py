@@ -7,10 +7,11 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from bayesdrill.api import arguments
 from bayesdrill.basics import symbols
-from bayesdrill.basics.errors import InputError, did_you_mean
+from bayesdrill.basics.errors import InputError, Problem, did_you_mean
 from bayesdrill.basics.expressions import linear_combination
-from bayesdrill.record.experiment import Channel, Experiment, frozen
+from bayesdrill.record.experiment import Channel, Experiment, frozen, raise_if_any
 from bayesdrill.rig.models import Rig
 from bayesdrill.rig.response import Response
 
@@ -19,14 +20,14 @@ Array = NDArray[np.float64]
 
 def nominal(table: str = symbols.DEFAULT_NOMINAL) -> dict[str, float]:
     """The paper's values of all parameters, SI; raises `InputError` for a table it has not."""
-    if table not in symbols.NOMINAL:
-        hint = did_you_mean(table, symbols.NOMINAL)
+    if not isinstance(table, str) or table not in symbols.NOMINAL:
+        hint = did_you_mean(str(table), symbols.NOMINAL)
         raise InputError.one("nominal", f"'{table}' is not a nominal table{hint}")
     return dict(symbols.NOMINAL[table].values)
 
 
 def respond(
-    rig: Rig,
+    rig: str | Rig,
     parameters: Mapping[str, float],
     t: ArrayLike,
     inputs: Mapping[str, ArrayLike],
@@ -37,37 +38,66 @@ def respond(
 ) -> dict[str, Array]:
     """`signals` (states, or sums such as `theta_1 - theta_2`) at times `t (T,)`, exact, all in SI.
 
-    `inputs`: a number, or `(T,)` values between which they are held (`zero`) or straight (`first`).
-    The state is `initial` (else zero) at 0 s; with measured inputs at the first time.
-    Raises `InputError` for names that the rig has not.
+    Times have equal steps.  `inputs`: a number, or `(T,)` values between which they are held (`zero`)
+    or straight (`first`); loads that are not named are zero.  The state is `initial` (else zero) at
+    0 s; with measured inputs at the first time.  Raises `InputError` with all that is wrong.
     """
-    times = np.array(t, dtype=np.float64)
-    missing = [name for name in rig.parameters if name not in parameters]
-    unknown = [
-        name for name in {*inputs, *(initial or {})} if name not in {*rig.inputs, *rig.states}
-    ]
-    if missing or unknown:
-        said = [f"{', '.join(missing)} missing"] if missing else []
-        said += [f"'{name}' is neither input nor state of {rig.name}" for name in unknown]
-        raise InputError.one("respond", "; ".join(said))
-    given = {name: np.asarray(inputs.get(name, 0.0), dtype=np.float64) for name in rig.inputs}
-    series = {name: frozen(values) for name, values in given.items() if values.ndim}
-    wrong = [name for name, values in series.items() if values.shape != times.shape]
-    if wrong:
-        raise InputError.one("respond", f"{', '.join(wrong)}: one value for each of the times")
+    own, found = arguments.rig(rig), list[Problem]()
+    signals = [signals] if isinstance(signals, str) else signals
+    times = arguments.times(t, found)
+    values = _numbers(own.parameters, parameters, "parameters", found)
+    start = _numbers(
+        own.states, dict.fromkeys(own.states, 0.0) | dict(initial or {}), "initial", found
+    )
+    given: dict[str, Array] = {}
+    for name, value in {"t_1": 0.0, **arguments.mapping("inputs", inputs, "their values")}.items():
+        if np.ndim(value):
+            given[name] = arguments.series(f"inputs.{name}", value, found)
+        else:
+            given[name] = np.array(arguments.number(f"inputs.{name}", value, found))
+    _check_names(own.inputs, given, "inputs", found)
+    if hold not in ("zero", "first"):
+        found.append(Problem("hold", f"'{hold}' is neither zero nor first"))
+    series = {name: one for name, one in given.items() if one.ndim}
+    for name, one in series.items():
+        if one.shape != times.shape or not np.isfinite(one).all():
+            found.append(Problem(f"inputs.{name}", "give one number for each of the times"))
+    raise_if_any(found)
     experiment = Experiment(
         t=frozen(times),
         y=frozen(np.zeros((len(times), len(signals)))),
-        channels=tuple(_channel(name, rig) for name in signals),
-        constant={name: float(values) for name, values in given.items() if not values.ndim},
-        series=series,
+        channels=tuple(_channel(name, own) for name in signals),
+        constant={name: float(one) for name, one in given.items() if not one.ndim},
+        series={name: frozen(one) for name, one in series.items()},
         first_order=hold == "first",
-        start={name: float((initial or {}).get(name, 0.0)) for name in rig.states},
+        start=start,
         t_start=float(times[0]) if series else min(0.0, float(times[0])),
     )
-    theta = np.array([[parameters[name] for name in rig.parameters]])
-    found = Response(rig, experiment).signals(theta)[0]
-    return {name: found[:, k] for k, name in enumerate(signals)}
+    theta = np.array([[values[name] for name in own.parameters]])
+    response = Response(own, experiment).signals(theta)[0]
+    return {name: response[:, k] for k, name in enumerate(signals)}
+
+
+def _numbers(
+    names: Sequence[str], values: Mapping[str, float], place: str, found: list[Problem]
+) -> dict[str, float]:
+    """One for each of `names`; parameters are positive."""
+    _check_names(names, arguments.mapping(place, values, "a number for each name"), place, found)
+    positive = place == "parameters"
+    return {
+        name: arguments.number(f"{place}.{name}", values[name], found, positive=positive)
+        for name in names
+        if name in values
+    }
+
+
+def _check_names(
+    names: Sequence[str], values: Mapping[str, object], place: str, found: list[Problem]
+) -> None:
+    for name in values:
+        if name not in names:
+            found.append(Problem(f"{place}.{name}", f"the rig has none{did_you_mean(name, names)}"))
+    found += [Problem(f"{place}.{name}", "is missing") for name in names if name not in values]
 
 
 def _channel(name: str, rig: Rig) -> Channel:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from bayesdrill.basics.errors import InputError
 from bayesdrill.commands import concluding, pipeline
 from bayesdrill.engines.mode import Mode
 from bayesdrill.engines.sampling import Sampled
@@ -27,7 +28,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, eq=False)
 class Best:
     """The maximum of the posterior (MAP) that searches found."""
 
@@ -45,7 +46,7 @@ class Best:
     __repr__ = __str__
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Run:
     """A sampled posterior: draws, what they say, and figures of them.
 
@@ -83,10 +84,14 @@ class Run:
     def plot(self, name: str) -> Figure:
         """`corner`, `trace`, `prior_posterior`, and where there is a verdict `invariants`, `ridge`.
 
-        Raises `LookupError` where this run has no such figure.
+        In no window: `figure.savefig(...)`, or the last line of a cell.  Raises `InputError` where
+        this run has no such figure.
         """
         problem, config, judged = self.job.problem, self.job.config, self._conclusion.judged
-        return publish.figure(problem, self.mode, self.sampled, judged, config, name)
+        try:
+            return publish.figure(problem, self.mode, self.sampled, judged, config, name)
+        except LookupError as error:
+            raise InputError.one("plot", str(error.args[0])) from None
 
     def plot_corner(self) -> Figure:
         return self.plot("corner")
@@ -97,8 +102,9 @@ class Run:
         Raises `InputError` where something else is there, or results and not `force`.
         """
         record = None if self.columns is None else in_memory.as_csv(self.columns)
-        pipeline.write(self.job, self.mode, self.sampled, Path(folder), record, force=force)
-        return Path(folder)
+        place = Path(folder).expanduser()
+        pipeline.write(self.job, self.mode, self.sampled, place, record, force=force)
+        return place
 
     def __str__(self) -> str:
         return self.judge().text
@@ -109,7 +115,7 @@ class Run:
     __repr__ = __str__
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, eq=False)
 class Judged:
     """`verdict`: None where no unknown has a nominal value to be compared with."""
 
@@ -146,5 +152,5 @@ class Judged:
 
 def open(folder: str | Path) -> Run:
     """The run that `save` or `bayesdrill posterior` left; raises `InputError` where there is none."""
-    job, found, sampled = pipeline.read(Path(folder))
+    job, found, sampled = pipeline.read(Path(folder).expanduser())
     return Run(job, found, sampled)

@@ -11,6 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from bayesdrill.basics.errors import Problem
+from bayesdrill.record.experiment import raise_if_any
 from bayesdrill.record.formats import Table
 from bayesdrill.rig.models import Rig
 from bayesdrill.setup import loading
@@ -33,6 +35,7 @@ def job(columns: Mapping[str, ArrayLike], entries: Mapping[str, Any]) -> Job:
     record = {"file": RECORD, **entries.get("record", {})}
     record.setdefault("time", {"column": TIME, "unit": "s"})
     source = parse(PLACE, _as_yaml({**entries, "record": record}))
+    source = dataclasses.replace(source, lines={})  # of a text that nobody has seen
     return assemble(loading.validated(source), source, table)
 
 
@@ -42,10 +45,8 @@ def as_csv(columns: Mapping[str, ArrayLike]) -> str:
     return "\n".join([",".join(columns), *(",".join(map(repr, line)) for line in lines)]) + "\n"
 
 
-def model_entry(rig: str | Rig) -> dict[str, Any]:
-    """A model, or its name, as `model:` of a config has it."""
-    if isinstance(rig, str):
-        return {"name": rig}
+def model_entry(rig: Rig) -> dict[str, Any]:
+    """As `model:` of a config has it."""
     return {"name": rig.name, **dataclasses.asdict(rig)}
 
 
@@ -59,14 +60,22 @@ def _as_yaml(entries: Mapping[str, Any]) -> str:
     out = io.StringIO()
     yaml = YAML(typ="safe", pure=True)
     yaml.default_flow_style = False
-    yaml.dump(_plain(entries), out)
+    found: list[Problem] = []
+    plain = _plain(entries, (), found)
+    raise_if_any(found)
+    yaml.dump(plain, out)
     return out.getvalue()
 
 
-def _plain(value: Any) -> Any:
-    """Numbers of NumPy as Python has them."""
+def _plain(value: Any, place: tuple[str, ...], found: list[Problem]) -> Any:
+    """As YAML can have it, numbers of NumPy as Python has them; of the rest a problem is `found`."""
     if isinstance(value, Mapping):
-        return {str(key): _plain(one) for key, one in value.items()}
+        return {str(key): _plain(one, (*place, str(key)), found) for key, one in value.items()}
     if isinstance(value, list | tuple):
-        return [_plain(one) for one in value]
-    return value.item() if isinstance(value, np.generic) else value
+        return [_plain(one, (*place, str(k)), found) for k, one in enumerate(value)]
+    if isinstance(value, np.generic) or (isinstance(value, np.ndarray) and value.ndim == 0):
+        value = value.item()
+    if value is not None and not isinstance(value, bool | int | float | str):
+        message = f"no entry can be {type(value).__name__}; see docs/config.md for what it can be"
+        found.append(Problem(".".join(place), message))
+    return value

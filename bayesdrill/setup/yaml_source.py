@@ -32,12 +32,12 @@ class Source:
     repeated: tuple[Problem, ...]
 
     def problem(self, place: Place, message: str) -> Problem:
-        """Labelled `file:line: a.b.c`; the line is that of the nearest entry that exists."""
+        """Labelled `file:line: a.b.c`; the line is that of the nearest entry that exists, if any has one."""
         known = place
         while known not in self.lines and known:
             known = known[:-1]
         dotted = ".".join(str(part) for part in place)
-        label = f"{self.path}:{self.lines.get(known, 1)}"
+        label = f"{self.path}:{self.lines.get(known, 1)}" if self.lines else str(self.path)
         return Problem(f"{label}: {dotted}" if dotted else label, message)
 
 

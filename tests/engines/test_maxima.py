@@ -95,7 +95,7 @@ def test_scouts_find_both_humps() -> None:
 
 
 def test_a_point_at_the_very_maximum_is_joined_to_itself() -> None:
-    """Where the slope is zero to the last bit.  Mutant killed: no slope taken for no density."""
+    """Where the slope is zero to the last bit."""
     surface = humps(3, (1.0,), (1.0,), 0.0)
     twice = np.repeat(surface.means, 3, axis=0)
     assert not surface.expand(twice, np.eye(3)).slope.any()

@@ -149,12 +149,23 @@ def test_a_ridge_is_followed_up_to_the_ends_of_the_priors() -> None:
 
 
 def test_the_outermost_point_does_not_decide_how_bent_a_ridge_is() -> None:
-    """No polynomial reaches it from the others.  Mutant killed: judged there (off by 2)."""
-    surface = dataclasses.replace(ridged(2, 1), widening=1.2)
-    start = surface.at(np.full((1, 2), 0.1), np.zeros((1, 1)))[0]
-    for seed in range(1, 6):
-        traced = ridges.trace(surface, surface.expand, start, np.random.default_rng(seed))
-        assert traced.off < 0.3
+    """No polynomial reaches it from the others.  Mutant killed: judged there."""
+    psi = np.linspace(-1.0, 1.0, 48)[:, None]
+    psi[47] = 6.0  # every fourth point is held out: this one too
+    base, roots = ridge.frame(np.zeros(2), np.eye(2), 1), np.full((48, 1, 1), 0.01)
+    _, off = ridges._best_fit(base, np.arange(1), psi, 0.1 * np.sin(2.0 * psi), roots, last=True)
+    assert off < 0.3
+
+
+def test_a_point_that_is_on_the_ridge_has_arrived() -> None:
+    """Where the slope is zero to the last bit.  Mutant killed: no slope taken for no density."""
+    surface = humps(3, (1.0,), (1.0,), 0.0)
+    base = ridge.frame(surface.means[0], np.eye(3), 1)
+    psi, tau = np.zeros((1, 1)), np.zeros((1, 2))
+    assert not surface.expand(surface.means, base.tight).slope.any()
+    found, _, _, arrived = ridges.led_back(surface.expand, base, psi, tau)
+    assert arrived.all()
+    assert np.array_equal(found, tau)
 
 
 def test_a_direction_along_which_nothing_changes_anywhere_is_known() -> None:

@@ -1,0 +1,94 @@
+"""What comes in from a notebook, judged before it goes on: every mistake by its name."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayesdrill.basics.errors import InputError, Problem, did_you_mean
+from bayesdrill.record.experiment import check_time
+from bayesdrill.rig.models import MODELS, Rig
+
+Array = NDArray[np.float64]
+
+
+def series(place: str, values: Any, found: list[Problem]) -> Array:
+    """`(T,)` numbers; what a mask hides is NaN.  Of anything else a problem is `found`."""
+    try:
+        masked = np.ma.getmaskarray(values) if isinstance(values, np.ma.MaskedArray) else None
+        raw = np.asarray(values)
+    except ValueError:  # of lists of different lengths
+        raw, masked = np.array(None), None
+    if raw.ndim == 2 and 1 in raw.shape:
+        raw = raw.reshape(-1)
+    if raw.dtype.kind in "mM":
+        found.append(Problem(place, "these are dates or durations; give seconds, as numbers"))
+    elif raw.dtype.kind not in "iufbO" or (raw.dtype.kind == "O" and raw.ndim == 0):
+        kind = type(values).__name__ if raw.ndim == 0 else raw.dtype
+        found.append(Problem(place, f"wanted is an array of numbers, not {kind}"))
+    elif raw.ndim != 1:
+        found.append(Problem(place, f"wanted is one row of numbers, not the shape {raw.shape}"))
+    else:
+        try:
+            numbers = raw.astype(np.float64)
+        except (TypeError, ValueError):
+            found.append(Problem(place, "not all of these are numbers"))
+        else:
+            return numbers if masked is None else np.where(masked.reshape(-1), np.nan, numbers)
+    return np.zeros(0)
+
+
+def rig(value: Any) -> Rig:
+    """A model, or that of its name as it is by default."""
+    kinds = tuple(MODELS.values())
+    if isinstance(value, kinds):
+        return value
+    if isinstance(value, str) and value in MODELS:
+        return MODELS[value]()
+    if isinstance(value, str):
+        raise InputError.one("rig", f"'{value}' is not a model{did_you_mean(value, MODELS)}")
+    raise InputError.one(
+        "rig", f"give a name ({', '.join(MODELS)}) or a model, such as MotorShaft()"
+    )
+
+
+def mapping(place: str, value: Any, wanted: str) -> Mapping[str, Any]:
+    if not isinstance(value, Mapping):
+        raise InputError.one(place, f"give {wanted}, not {type(value).__name__}")
+    return value
+
+
+def seed(value: Any) -> int:
+    if isinstance(value, bool) or not isinstance(value, int | np.integer) or not 0 <= value < 2**64:
+        raise InputError.one("seed", f"{value!r} is no whole number from 0 on")
+    return int(value)
+
+
+def processes(value: Any) -> int:
+    if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < 1:
+        raise InputError.one("processes", f"{value!r} is no whole number from 1 on")
+    return int(value)
+
+
+def number(place: str, value: Any, found: list[Problem], *, positive: bool = False) -> float:
+    try:
+        read = float(value) if not isinstance(value, str) else float("nan")
+    except (TypeError, ValueError):
+        read = float("nan")
+    if not np.isfinite(read) or (positive and not read > 0):
+        wanted = "a positive number" if positive else "a number"
+        found.append(Problem(place, f"{value!r} is not {wanted}"))
+    return read
+
+
+def times(t: Any, found: list[Problem]) -> Array:
+    """Equal steps: so the response is exact."""
+    values = series("t", t, found)
+    if not found and len(values) < 2:
+        found.append(Problem("t", f"{len(values)} times; give at least two"))
+    if not found:
+        found += check_time("t", values, lambda index: f"sample {index + 1}")
+    return values
