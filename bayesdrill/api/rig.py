@@ -49,8 +49,9 @@ def respond(
     start = _numbers(
         own.states, dict.fromkeys(own.states, 0.0) | dict(initial or {}), "initial", found
     )
+    idle: dict[str, ArrayLike] = {name: 0.0 for name in own.inputs if name != "v"}
     given: dict[str, Array] = {}
-    for name, value in {"t_1": 0.0, **arguments.mapping("inputs", inputs, "their values")}.items():
+    for name, value in (idle | {**arguments.mapping("inputs", inputs, "their values")}).items():
         if np.ndim(value):
             given[name] = arguments.series(f"inputs.{name}", value, found)
         else:

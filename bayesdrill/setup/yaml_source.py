@@ -32,7 +32,7 @@ class Source:
     repeated: tuple[Problem, ...]
 
     def problem(self, place: Place, message: str) -> Problem:
-        """Labelled `file:line: a.b.c`; the line is that of the nearest entry that exists, if any has one."""
+        """Labelled `file:line: a.b.c`; the line is that of the nearest entry that has one."""
         known = place
         while known not in self.lines and known:
             known = known[:-1]

@@ -85,18 +85,111 @@ def test_a_case_of_arrays_is_that_of_the_file() -> None:
 def test_all_mistakes_of_arrays_are_told_at_once() -> None:
     values = np.ones(len(T))
     values[17] = np.nan
-    channels = {"w_2": bd.Channel(values, "rpm", 0.1), "w_1": bd.Channel(np.ones(3), "rpm", 0.1)}
+    channels = {
+        "w_2": bd.Channel(values, "rpm", 0.1),
+        "w_1": bd.Channel(np.arange(241.0), "V", 0.1),
+    }
     with pytest.raises(bd.InputError) as told:
-        bd.case(T, channels, {"v": 5.0}, dict.fromkeys(NOMINAL, BOX))
-    text = str(told.value)
-    assert "sample 18" in text
-    assert "3 values, but the time has 241" in text
-    with pytest.raises(bd.InputError, match="k_z: unknown symbol"):
         bd.case(T, channels, {"v": 5.0}, dict.fromkeys(NOMINAL, BOX) | {"k_z": BOX})
+    text = str(told.value)
+    assert "arrays: record.channels.w_1.unit" in text
+    assert "arrays: parameters.k_z: unknown symbol" in text
+    with pytest.raises(bd.InputError, match="sample 18"):
+        bd.case(T, {"w_2": channels["w_2"]}, {"v": 5.0}, dict.fromkeys(NOMINAL, BOX))
+
+
+GOOD = bd.Channel(np.sin(T), "rad/s", 0.1)
+MASKED = np.ma.masked_greater(np.where(T[3] == T, 9999.0, np.sin(T)), 9000.0)
+DATES = np.datetime64("2026-01-01") + np.arange(len(T)) * np.timedelta64(20, "ms")
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"t": DATES}, "t: these are dates or durations; give seconds"),
+        ({"t": T[::-1]}, "does not increase"),
+        ({"t": None}, "t: wanted is an array of numbers, not NoneType"),
+        ({"t": T * 1j}, "t: wanted is an array of numbers, not complex128"),
+        ({"t": T[:-1]}, "w_1: 241 values, but there are 240 times"),
+        ({"channels": {}}, "nothing is measured; give a bd.Channel"),
+        ({"channels": None}, "channels: give a bd.Channel.* not NoneType"),
+        ({"channels": {"w_1": T}}, "channels.w_1: give a bd.Channel.* not ndarray"),
+        ({"channels": {"w_1": bd.Channel(MASKED, "rad/s", 0.1)}}, "sample 4"),
+        (
+            {"channels": {"w_1": bd.Channel(T.reshape(1, -1, 1), "rad/s", 0.1)}},
+            "one row of numbers",
+        ),
+        ({"channels": {"w_1": bd.Channel([[1.0], [1.0, 2.0]], "rad/s", 0.1)}}, "w_1: wanted"),
+        ({"channels": {"w_1": bd.Channel("rad/s", T, 0.1)}}, "channels.w_1: wanted is an array"),
+        (
+            {"channels": {"w_1": bd.Channel(T, "rad/s", T)}},
+            r"channels.w_1.sigma: no entry can be nda",
+        ),
+        (
+            {"inputs": {"v": T}},
+            "(?s)inputs.v: array.* is not a number; give a number in SI or a bd.In",
+        ),
+        ({"inputs": {"v": bd.Input(T[:3], "V")}}, "v: 3 values, but there are 241 times"),
+        ({"inputs": None}, "inputs: give a number in SI or a bd.Input"),
+        ({"parameters": ["k_s"]}, "parameters: give a prior, a number"),
+        (
+            {"parameters": dict.fromkeys(NOMINAL, BOX) | {"k_s": 1j}},
+            "parameters.k_s: no entry can be",
+        ),
+        ({"rig": MotorShaft}, "rig: give a name .* or a model, such as MotorShaft"),
+        ({"rig": "motorshaft"}, "did you mean motor_shaft"),
+        ({"model": {"i_m": 0.2}}, "model: arrays and `rig` say this already"),
+        ({"seed": -1}, "seed"),
+    ],
+    ids=lambda x: x if isinstance(x, str) else "",
+)
+def test_a_mistake_has_its_name(changes: dict[str, object], message: str) -> None:
+    arguments = {
+        "t": T,
+        "channels": {"w_1": GOOD},
+        "inputs": {"v": 5.0},
+        "parameters": dict.fromkeys(NOMINAL, BOX),
+    }
+    with pytest.raises(bd.InputError, match=message):
+        bd.case(**arguments | changes)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"t": np.array([0.0, 0.1, 0.5])}, "time steps are not equal"),
+        ({"t": [0.0]}, "give at least two"),
+        ({"parameters": {**NOMINAL, "j_1": -1.0}}, "parameters.j_1: -1.0 is not a positive number"),
+        ({"parameters": {**NOMINAL, "x": 1.0}}, "parameters.x: the rig has none"),
+        ({"parameters": {"k_s": 1.0}}, "parameters.j_m: is missing"),
+        ({"inputs": {}}, "inputs.v: is missing"),
+        ({"inputs": {"v": "8"}}, "inputs.v: '8' is not a number"),
+        ({"inputs": {"v": np.ones(3)}}, "inputs.v: give one number for each of the times"),
+        ({"inputs": {"v": 5.0, "u": 1.0}}, "inputs.u: the rig has none"),
+        ({"hold": "cubic"}, "hold: 'cubic' is neither"),
+        ({"initial": {"w_3": 1.0}}, "initial.w_3: the rig has none"),
+        ({"signals": "w_3"}, "w_3"),
+    ],
+    ids=lambda x: x if isinstance(x, str) else "",
+)
+def test_what_no_rig_can_answer_is_refused(changes: dict[str, object], message: str) -> None:
+    arguments = {"t": T, "parameters": NOMINAL, "inputs": {"v": 5.0}, "signals": ["w_1"]}
+    with pytest.raises(bd.InputError, match=message):
+        bd.respond(MotorShaft(), **arguments | changes)  # type: ignore[arg-type]
+
+
+def test_what_samples_is_judged_before() -> None:
+    case, best = two(), bd.Best(run().job, run().mode)
+    with pytest.raises(bd.InputError, match="seed: -1"):
+        case.sample(seed=-1)
+    with pytest.raises(bd.InputError, match="processes: 0"):
+        case.find_map(processes=0)
+    with pytest.raises(bd.InputError, match="give what find_map found, not int"):
+        case.sample(1)  # type: ignore[arg-type]
+    with pytest.raises(bd.InputError, match="the maximum of another case"):
+        case.sample(best)
     with pytest.raises(bd.InputError, match="did you mean"):
         bd.nominal("tables_2_4")
-    with pytest.raises(bd.InputError, match="'u' is neither"):
-        bd.respond(MotorShaft(), SHAFT, T, {"u": 5.0}, ["w_1"])
 
 
 def test_a_run_says_what_it_found() -> None:
@@ -145,7 +238,7 @@ def test_figures_and_the_tree_of_arviz() -> None:
     from matplotlib.figure import Figure
 
     assert isinstance(run().plot_corner(), Figure)
-    with pytest.raises(LookupError, match="trace"):
+    with pytest.raises(bd.InputError, match="trace"):
         run().plot("cornor")
     tree = run().to_arviz()
     assert tree["posterior"]["k_s"].shape == run().draws["k_s"].shape
