@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdrill.basics.errors import InputError, Problem, did_you_mean
+from bayesdrill.basics.errors import InputError, Problem
 from bayesdrill.record.experiment import check_time
 from bayesdrill.rig.models import MODELS, Rig
+from bayesdrill.setup.build import lookup
 
 Array = NDArray[np.float64]
 
@@ -46,13 +47,18 @@ def rig(value: Any) -> Rig:
     kinds = tuple(MODELS.values())
     if isinstance(value, kinds):
         return value
-    if isinstance(value, str) and value in MODELS:
-        return MODELS[value]()
     if isinstance(value, str):
-        raise InputError.one("rig", f"'{value}' is not a model{did_you_mean(value, MODELS)}")
+        return known(MODELS, value, "rig", "model")()
     raise InputError.one(
         "rig", f"give a name ({', '.join(MODELS)}) or a model, such as MotorShaft()"
     )
+
+
+def known[T](registry: Mapping[str, T], name: Any, place: str, what: str) -> T:
+    try:
+        return lookup(registry, str(name), what)
+    except ValueError as error:
+        raise InputError.one(place, str(error)) from None
 
 
 def mapping(place: str, value: Any, wanted: str) -> Mapping[str, Any]:
@@ -61,15 +67,11 @@ def mapping(place: str, value: Any, wanted: str) -> Mapping[str, Any]:
     return value
 
 
-def seed(value: Any) -> int:
-    if isinstance(value, bool) or not isinstance(value, int | np.integer) or not 0 <= value < 2**64:
-        raise InputError.one("seed", f"{value!r} is no whole number from 0 on")
-    return int(value)
-
-
-def processes(value: Any) -> int:
-    if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < 1:
-        raise InputError.one("processes", f"{value!r} is no whole number from 1 on")
+def whole(place: str, value: Any, least: int) -> int:
+    """Of 64 bits at most."""
+    counts = isinstance(value, int | np.integer) and not isinstance(value, bool)
+    if not counts or not least <= value < 2**64:
+        raise InputError.one(place, f"{value!r} is no whole number from {least} on")
     return int(value)
 
 

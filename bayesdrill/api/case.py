@@ -79,7 +79,7 @@ class Case:
 
         `processes`, `report`: see `sample`.
         """
-        workers = arguments.processes(processes)
+        workers = arguments.whole("processes", processes, 1)
         return Best(self.job, searching.find_mode(self.job, workers, report or Silent()))
 
     def sample(
@@ -96,9 +96,9 @@ class Case:
         More than one process wants `if __name__ == "__main__":` in a script.  `report`: has `say(text)`
         and `update(fraction, text)`, which are told how far it is.  Raises `InputError`.
         """
-        job, workers = self.job, arguments.processes(processes)
+        job, workers = self.job, arguments.whole("processes", processes, 1)
         if seed is not None:
-            own = {"seed": arguments.seed(seed)}
+            own = {"seed": arguments.whole("seed", seed, 0)}
             job = dataclasses.replace(job, config=job.config.model_copy(update=own))
         told = report or Silent()
         found = searching.find_mode(job, workers, told) if best is None else self._mode(best)

@@ -20,10 +20,7 @@ Array = NDArray[np.float64]
 
 def nominal(table: str = symbols.DEFAULT_NOMINAL) -> dict[str, float]:
     """The paper's values of all parameters, SI; raises `InputError` for a table it has not."""
-    if not isinstance(table, str) or table not in symbols.NOMINAL:
-        hint = did_you_mean(str(table), symbols.NOMINAL)
-        raise InputError.one("nominal", f"'{table}' is not a nominal table{hint}")
-    return dict(symbols.NOMINAL[table].values)
+    return dict(arguments.known(symbols.NOMINAL, table, "nominal", "nominal table").values)
 
 
 def respond(

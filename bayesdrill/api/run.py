@@ -103,7 +103,7 @@ class Run:
         """
         record = None if self.columns is None else in_memory.as_csv(self.columns)
         place = Path(folder).expanduser()
-        pipeline.write(self.job, self.mode, self.sampled, place, record, force=force)
+        pipeline.write(self.job, self._conclusion, place, record, force=force)
         return place
 
     def __str__(self) -> str:

@@ -21,6 +21,7 @@ LOCK = ".lock"
 FIGURES = "figures"
 PIECES = ".pieces"
 REFITS = ".refits"
+RECORD = "record.csv"  # of a case that was made without any file
 CONFIGS = ("config.yaml", "config.resolved.yaml")
 
 
@@ -56,7 +57,7 @@ POSTERIOR = Kind(
     RUN,
     (
         *("chain.h5", "map.json", *CONFIGS, "posterior.nc", "summary.csv", "summary.md"),
-        *("derived.csv", "verdict.csv", "record.csv"),
+        *("derived.csv", "verdict.csv", RECORD),
         *figures("corner", "trace", "fit", "prior_posterior", "ridge", "invariants"),
         *UNFINISHED.files,
     ),

@@ -18,7 +18,7 @@ from bayesdrill.basics.errors import InputError, Interrupted
 from bayesdrill.basics.progress import Reporter
 from bayesdrill.basics.sealed import opened, sealed
 from bayesdrill.commands import searching
-from bayesdrill.commands.concluding import concluded, entries, held, plan, said
+from bayesdrill.commands.concluding import Conclusion, concluded, entries, held, plan, said
 from bayesdrill.commands.identify import preflight
 from bayesdrill.engines import mode
 from bayesdrill.engines.learning.learn import Nowhere
@@ -43,7 +43,6 @@ Array = NDArray[np.float64]
 MAP_FILE = "map.json"
 CONFIG_FILE = "config.yaml"
 RESOLVED_FILE = "config.resolved.yaml"
-RECORD_FILE = "record.csv"  # where a case was made without any file
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -119,7 +118,8 @@ def _run(job: Job, folder: Folder, known: Mode | None, processes: int, report: R
         clock.append(time.perf_counter())
         _finish_chain(job, folder, sampled)
         seconds = {"map": clock[1] - clock[0], "sampling": clock[2] - clock[1]}
-        return _publish(job, folder, found, sampled, scenery, seconds, crew)
+        conclusion = concluded(job, found, sampled, scenery)
+        return _publish(job, folder, conclusion, crew, seconds, clock[-1])
 
 
 def republish(output: Path, processes: int) -> Outcome:
@@ -130,8 +130,7 @@ def republish(output: Path, processes: int) -> Outcome:
         folder.begin()
         posterior = job.problem.posterior
         with Crew(posterior, processes) as crew:
-            scenery = Scenery(posterior.likelihood)
-            return _publish(job, folder, found, sampled, scenery, {}, crew)
+            return _publish(job, folder, concluded(job, found, sampled), crew)
 
 
 def read(output: Path) -> tuple[Job, Mode, Sampled]:
@@ -169,7 +168,7 @@ def _finished(job: Job, folder: Folder) -> tuple[Mode, Sampled]:
 
 
 def write(
-    job: Job, found: Mode, sampled: Sampled, output: Path, record: str | None, *, force: bool
+    job: Job, conclusion: Conclusion, output: Path, record: str | None, *, force: bool
 ) -> Outcome:
     """What was sampled in memory, as `posterior` leaves it; `record`: its text, where it has no file."""
     if (
@@ -183,20 +182,18 @@ def write(
         folder.write_text(CONFIG_FILE, job.source.text)
         source = job.source
         if record is not None:
-            folder.write_text(RECORD_FILE, record)
+            folder.write_text(own_files.RECORD, record)
             source = dataclasses.replace(source, path=output / CONFIG_FILE)
         folder.write_text(RESOLVED_FILE, provenance.resolved(job.config, source, output))
-        folder.write_text(MAP_FILE, sealed(dataclasses.asdict(found)))
-        for ensemble, pieces in enumerate(sampled.pieces):
+        folder.write_text(MAP_FILE, sealed(dataclasses.asdict(conclusion.mode)))
+        for ensemble, pieces in enumerate(conclusion.sampled.pieces):
             first = 0
             for piece in pieces:
                 folder.save(ensemble, first, piece)
                 first += len(piece.z)
-        _finish_chain(job, folder, sampled)
-        posterior = job.problem.posterior
-        with Crew(posterior, 1) as crew:
-            scenery = Scenery(posterior.likelihood)
-            return _publish(job, folder, found, sampled, scenery, {}, crew)
+        _finish_chain(job, folder, conclusion.sampled)
+        with Crew(job.problem.posterior, 1) as crew:
+            return _publish(job, folder, conclusion, crew)
 
 
 def sample_in_memory(job: Job, found: Mode, processes: int, report: Reporter) -> Sampled:
@@ -251,25 +248,16 @@ def _read_mode(path: Path) -> Mode | None:
 def _publish(
     job: Job,
     folder: Folder,
-    found: Mode,
-    sampled: Sampled,
-    scenery: Scenery,
-    seconds: dict[str, float],
+    conclusion: Conclusion,
     crew: Crew,
+    seconds: dict[str, float] | None = None,
+    begun: float = 0.0,
 ) -> Outcome:
-    begun = time.perf_counter()
-    conclusion = concluded(job, found, sampled, scenery)
-    judged = conclusion.judged
+    """`seconds`: what was timed, where it was; the report began at `begun`."""
+    seconds, found, sampled = seconds or {}, conclusion.mode, conclusion.sampled
+    rows, judged = conclusion.rows, conclusion.judged
     missing = publish.everything(
-        job.problem,
-        found,
-        conclusion.left,
-        sampled,
-        conclusion.rows,
-        judged,
-        job.config,
-        folder,
-        crew,
+        job.problem, found, conclusion.left, sampled, rows, judged, job.config, folder, crew
     )
     if seconds:
         seconds["report"] = time.perf_counter() - begun
@@ -279,7 +267,7 @@ def _publish(
         folder=folder.path,
         mode=found,
         sampled=sampled,
-        rows=conclusion.rows,
+        rows=rows,
         verdict=None if judged is None else judged.verdict,
         shown=said(job, conclusion),
         reasons=conclusion.reasons,

@@ -9,7 +9,7 @@ from threadpoolctl import threadpool_limits
 from bayesdrill.basics import seeds
 from bayesdrill.engines.climb import climb
 from bayesdrill.engines.learning.learn import AGAIN, Learnt, Nowhere, learn
-from bayesdrill.engines.learning.settled import bound_to
+from bayesdrill.engines.learning.settled import bound
 from bayesdrill.engines.maxima import NEAR
 from bayesdrill.engines.samplers.ensemble import State
 from bayesdrill.engines.samplers.independence import Proposal
@@ -79,7 +79,7 @@ def begin(posterior: Posterior, proposal: Proposal, n: int, seed: int, ensemble:
     mirrored at its ends, nearer and nearer to the first maximum.
     """
     random = np.random.RandomState(seeds.bits(seed, "start", ensemble))
-    proposal = bound_to(proposal, posterior).widest
+    proposal = bound(proposal, posterior).widest
     mixture = proposal.mixture
     centre, wide = mixture.sheets[0].frame.centre, mixture.widened(START_SPREAD)
     z, log_p = np.empty((n, len(centre))), np.full(n, -np.inf)

@@ -24,7 +24,7 @@ from bayesdrill.engines.convergence import (
     thinned,
 )
 from bayesdrill.engines.learning.learn import Learnt
-from bayesdrill.engines.learning.settled import bound_to
+from bayesdrill.engines.learning.settled import bound
 from bayesdrill.engines.preparation import begin, fits, prepare
 from bayesdrill.engines.samplers.ensemble import Piece, State, advance
 from bayesdrill.engines.samplers.independence import Proposal
@@ -102,7 +102,7 @@ def walk(
     moves: Mapping[str, float],
     proposal: Proposal,
 ) -> Piece:
-    own = bound_to(proposal, posterior)
+    own = bound(proposal, posterior)
     return advance(posterior.evaluate, state, n_steps, moves, own, posterior.supports)
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import io
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future
@@ -66,8 +65,7 @@ def everything(
     for wanted in _figures(problem, mode, sampled, derived, judged, config, sparing):
         with sparing.making(f"figures/{wanted[0]}"):
             tasks.append((wanted[0], crew.submit(draw, *wanted, *place)))
-    # While others draw, the rest, and what it needs (xarray takes half a second to load).
-    importlib.import_module("bayesdrill.results.arviz_tree")
+    # While others draw, the rest.
     folder.write_text("summary.csv", tables.as_csv(rows))
     second = "none"
     with sparing.making("derived.csv"):
@@ -94,6 +92,7 @@ def everything(
 
 
 def arviz_tree(problem: Problem, sampled: Sampled, derived: Derived, config: Config) -> DataTree:
+    # Late: xarray takes half a second to load.
     from bayesdrill.results.arviz_tree import make_tree
 
     return make_tree(

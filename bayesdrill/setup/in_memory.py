@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from bayesdrill.basics.errors import Problem
+from bayesdrill.basics.own_files import RECORD
 from bayesdrill.record.experiment import raise_if_any
 from bayesdrill.record.formats import Table
 from bayesdrill.rig.models import Rig
@@ -21,7 +22,6 @@ from bayesdrill.setup.yaml_source import parse
 
 Array = NDArray[np.float64]
 
-RECORD = "record.csv"  # its name, once a run of it is saved
 PLACE = Path("arrays")  # begins the places of mistakes
 TIME = "t"
 

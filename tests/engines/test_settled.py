@@ -11,7 +11,7 @@ from surfaces import Ridged, corner, ridged
 
 from bayesdrill.engines.learning.learn import Learnt, learn
 from bayesdrill.engines.learning.left_out import Look, look
-from bayesdrill.engines.learning.settled import Settled, bound
+from bayesdrill.engines.learning.settled import Settled, settled
 from bayesdrill.engines.samplers.ensemble import State, advance
 from bayesdrill.engines.samplers.independence import Proposal
 from bayesdrill.engines.samplers.mixture import mixture
@@ -56,13 +56,13 @@ def test_points_are_brought_to_the_ridge(n_loose: int, n_tight: int, far: bool) 
     place = own.place.copy()
     place[0] += 0.8 if far else 10.0 * np.exp(own.ends[1, :n_tight])  # as wide as it gets
     moved = replace(own, place=place, root=0.9 * own.root)
-    settled = Settled(moved, surface.expand)
+    home = Settled(moved, surface.expand)
     psi, e = np.split(own.straighten(found.u)[0], [n_loose], axis=1)
     assert np.median(np.linalg.norm(moved.straighten(found.u)[0][:, n_loose:], axis=1)) > 5.0
-    y, log_volume = settled.straighten(found.u)
+    y, log_volume = home.straighten(found.u)
     assert y[:, :n_loose] == pytest.approx(psi)
     assert np.quantile(np.abs(y[:, n_loose:] - e), 0.9) < 0.3
-    back, again = settled.bend(y)
+    back, again = home.bend(y)
     assert back == pytest.approx(found.u, rel=1e-6, abs=1e-6)
     assert again == pytest.approx(log_volume, abs=1e-6)
 
@@ -109,7 +109,8 @@ def test_walkers_reach_what_the_proposal_leaves_out() -> None:
     u, log_q = piece.draw(2000, surface.inside, np.random.RandomState(2))
     seen = looked(surface, piece, u, normalised(surface.value(u) - log_q))
     assert seen is not None
-    whole = bound(replace(piece, settled=seen.proposal), surface.expand)
+    own = replace(seen.proposal, mixture=settled(seen.proposal.mixture, surface.expand))
+    whole = replace(piece, settled=own)
     start = u[:200]
     state = State(start, surface.value(start), np.random.RandomState(5).get_state())
     evaluate = lambda u: (surface.value(u), 0)  # noqa: E731

@@ -62,18 +62,12 @@ class Settled:
         return ridge.straighten(self, u)
 
 
-def bound_to(proposal: Proposal, posterior: Posterior) -> Proposal:
-    """See `bound`; where nothing is settled, no surface is made."""
-    if proposal.settled is None:
-        return proposal
-    return bound(proposal, PosteriorSurface(posterior).bent)
-
-
-def bound(proposal: Proposal, expand: Expand) -> Proposal:
-    """With the ridges of its `settled` part brought home by `expand`."""
+def bound(proposal: Proposal, posterior: Posterior) -> Proposal:
+    """With the ridges of its `settled` part, where it has one, brought home along the posterior."""
     own = proposal.settled
     if own is None:
         return proposal
+    expand = PosteriorSurface(posterior).bent
     return replace(proposal, settled=replace(own, mixture=settled(own.mixture, expand)))
 
 
