@@ -8,7 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from numpy.typing import ArrayLike
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from bayesdrill.api import arguments
 from bayesdrill.api.run import Best, Run
@@ -21,6 +22,8 @@ from bayesdrill.report import words
 from bayesdrill.rig.models import Rig
 from bayesdrill.setup import in_memory
 from bayesdrill.setup.job import Job, prepare
+
+Array = NDArray[np.float64]
 
 CHANNELS = "a bd.Channel(values, unit, sigma) for each name"
 INPUTS = "a number in SI or a bd.Input(values, unit) for each name"
@@ -54,7 +57,7 @@ class Case:
     """From `load` or `case`.  `columns`: the record, `(T,)` each, where it is in no file."""
 
     job: Job
-    columns: Mapping[str, ArrayLike] | None = None
+    columns: Mapping[str, Array] | None = None
 
     @property
     def unknowns(self) -> tuple[str, ...]:
@@ -159,10 +162,10 @@ def case(
 
 def _columns(
     t: ArrayLike, channels: Mapping[str, Channel], inputs: Mapping[str, Input | float]
-) -> tuple[dict[str, ArrayLike], dict[str, Input]]:
+) -> tuple[dict[str, Array], dict[str, Input]]:
     """All `(T,)` columns, and the inputs that are measured."""
     found: list[Problem] = []
-    every: dict[str, Any] = {in_memory.TIME: arguments.series("t", t, found)}
+    every: dict[str, Array] = {in_memory.TIME: arguments.series("t", t, found)}
     for name, one in arguments.mapping("channels", channels, CHANNELS).items():
         if isinstance(one, Channel):
             every[name] = arguments.series(f"channels.{name}", one.values, found)

@@ -43,9 +43,10 @@ def respond(
     signals = [signals] if isinstance(signals, str) else signals
     times = arguments.times(t, found)
     values = _numbers(own.parameters, parameters, "parameters", found)
-    start = _numbers(
-        own.states, dict.fromkeys(own.states, 0.0) | dict(initial or {}), "initial", found
+    begun = arguments.mapping(
+        "initial", {} if initial is None else initial, "a number for each state"
     )
+    start = _numbers(own.states, dict.fromkeys(own.states, 0.0) | {**begun}, "initial", found)
     idle: dict[str, ArrayLike] = {name: 0.0 for name in own.inputs if name != "v"}
     given: dict[str, Array] = {}
     for name, value in (idle | {**arguments.mapping("inputs", inputs, "their values")}).items():

@@ -9,13 +9,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from bayesdrill.basics.errors import InputError
 from bayesdrill.commands import concluding, pipeline
 from bayesdrill.engines.mode import Mode
 from bayesdrill.engines.sampling import Sampled
-from bayesdrill.insight.derived import derive
 from bayesdrill.insight.verdict import Verdict
 from bayesdrill.report import publish, tables, verdict_words, words
 from bayesdrill.setup import build, in_memory
@@ -56,7 +55,7 @@ class Run:
     job: Job
     mode: Mode
     sampled: Sampled
-    columns: Mapping[str, ArrayLike] | None = None
+    columns: Mapping[str, Array] | None = None
 
     @property
     def converged(self) -> bool:
@@ -77,9 +76,8 @@ class Run:
 
     def to_arviz(self) -> DataTree:
         """The groups of the ArviZ schema: `chain` is an ensemble."""
-        problem = self.job.problem
-        derived = derive(problem, self.sampled.draws)
-        return publish.arviz_tree(problem, self.sampled, derived, self.job.config)
+        judged = self._conclusion.judged
+        return publish.tree(self.job.problem, self.sampled, judged, self.job.config)
 
     def plot(self, name: str) -> Figure:
         """`corner`, `trace`, `prior_posterior`, and where there is a verdict `invariants`, `ridge`.

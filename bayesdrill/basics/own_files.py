@@ -30,7 +30,8 @@ class Kind:
     """What `bayesdrill <job>` writes into its folder; `#` stands for a number.
 
     `mark`: by this file, which is never taken away, the folder is known; `nested`: folders of runs
-    of their own; `again`: what can be done where results exist.
+    of their own; `again`: what can be done where results exist; `kept`: what it writes once and no
+    later run takes away.
     """
 
     job: str
@@ -38,13 +39,14 @@ class Kind:
     files: tuple[str, ...]
     nested: tuple[str, ...] = ()
     again: str = "continue them with --resume, or start over with --force"
+    kept: tuple[str, ...] = ()
 
     @property
     def folders(self) -> tuple[str, ...]:
         return (*{name.split("/")[0]: None for name in self.files if "/" in name}, *self.nested)
 
     def made(self, name: str) -> bool:
-        return any(_pattern(one).fullmatch(name) for one in (self.mark, *self.files))
+        return _among(name, (self.mark, *self.files, *self.kept))
 
 
 def figures(*stems: str) -> tuple[str, ...]:
@@ -57,10 +59,11 @@ POSTERIOR = Kind(
     RUN,
     (
         *("chain.h5", "map.json", *CONFIGS, "posterior.nc", "summary.csv", "summary.md"),
-        *("derived.csv", "verdict.csv", RECORD),
+        *("derived.csv", "verdict.csv"),
         *figures("corner", "trace", "fit", "prior_posterior", "ridge", "invariants"),
         *UNFINISHED.files,
     ),
+    kept=(RECORD,),  # its config may be started over from this very folder
 )
 CALIBRATE = Kind(
     "calibrate",
@@ -95,7 +98,8 @@ def paper(records: Sequence[str]) -> Kind:
 
 def present(folder: Path, kind: Kind) -> list[str]:
     """Files and folders in `folder` that bear a name of this kind, whatever they are."""
-    return [name for name in _names(folder, ("", *kind.folders)) if kind.made(name)]
+    names = _names(folder, ("", *kind.folders))
+    return [name for name in names if kind.made(name) and not _among(name, kind.kept)]
 
 
 def in_the_way(folder: Path, kind: Kind) -> list[Problem]:
@@ -176,6 +180,10 @@ def _names(folder: Path, below: Iterable[str]) -> list[str]:
         if what(folder / name) == "a folder" or (not name and folder.is_dir()):
             found += [f"{name}/{one}" if name else one for one in os.listdir(folder / name)]
     return sorted(found)
+
+
+def _among(name: str, patterns: Iterable[str]) -> bool:
+    return any(_pattern(one).fullmatch(name) for one in patterns)
 
 
 def _finished(name: str) -> str:

@@ -77,21 +77,26 @@ def everything(
     if judged is not None:
         with sparing.making("verdict.csv"):
             folder.write_text("verdict.csv", verdict_words.as_csv(judged.verdict))
-    tree = None
+    whole_tree = None
     with sparing.making("posterior.nc, figures/fit"):
-        tree = arviz_tree(problem, sampled, derived, config)
-    if tree is not None:
+        whole_tree = _tree(problem, sampled, derived, config)
+    if whole_tree is not None:
         with sparing.making("figures/fit"):
-            tasks.append(("fit", crew.submit(draw, *_fit(problem, mode, tree), *place)))
+            tasks.append(("fit", crew.submit(draw, *_fit(problem, mode, whole_tree), *place)))
         with sparing.making("posterior.nc"):
-            _write_tree(tree, folder.place("posterior.nc"))
+            _write_tree(whole_tree, folder.place("posterior.nc"))
     for stem, task in tasks:
         with sparing.making(f"figures/{stem}"):
             task.result()
     return tuple(sparing.missing)
 
 
-def arviz_tree(problem: Problem, sampled: Sampled, derived: Derived, config: Config) -> DataTree:
+def tree(problem: Problem, sampled: Sampled, judged: Judgement | None, config: Config) -> DataTree:
+    """For ArviZ, as `posterior.nc` has it."""
+    return _tree(problem, sampled, _derived(problem, sampled, judged, Sparing()), config)
+
+
+def _tree(problem: Problem, sampled: Sampled, derived: Derived, config: Config) -> DataTree:
     # Late: xarray takes half a second to load.
     from bayesdrill.results.arviz_tree import make_tree
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from bayesdrill.basics.errors import Problem
 from bayesdrill.basics.own_files import RECORD
@@ -26,12 +26,12 @@ PLACE = Path("arrays")  # begins the places of mistakes
 TIME = "t"
 
 
-def job(columns: Mapping[str, ArrayLike], entries: Mapping[str, Any]) -> Job:
+def job(columns: Mapping[str, Array], entries: Mapping[str, Any]) -> Job:
     """Of `columns`, each `(T,)`, time among them as `t`, and `entries` as in YAML.
 
     Raises `InputError` with all that is wrong with either.
     """
-    table = Table(path=Path(RECORD), variables={name: _column(x) for name, x in columns.items()})
+    table = Table(path=Path(RECORD), variables=dict(columns))
     record = {"file": RECORD, **entries.get("record", {})}
     record.setdefault("time", {"column": TIME, "unit": "s"})
     source = parse(PLACE, _as_yaml({**entries, "record": record}))
@@ -39,19 +39,15 @@ def job(columns: Mapping[str, ArrayLike], entries: Mapping[str, Any]) -> Job:
     return assemble(loading.validated(source), source, table)
 
 
-def as_csv(columns: Mapping[str, ArrayLike]) -> str:
+def as_csv(columns: Mapping[str, Array]) -> str:
     """All digits, so that it reads back the same."""
-    lines = zip(*(_column(x).tolist() for x in columns.values()), strict=True)
+    lines = zip(*(values.tolist() for values in columns.values()), strict=True)
     return "\n".join([",".join(columns), *(",".join(map(repr, line)) for line in lines)]) + "\n"
 
 
 def model_entry(rig: Rig) -> dict[str, Any]:
     """As `model:` of a config has it."""
     return {"name": rig.name, **dataclasses.asdict(rig)}
-
-
-def _column(values: ArrayLike) -> Array:
-    return np.array(values, dtype=np.float64).reshape(-1)
 
 
 def _as_yaml(entries: Mapping[str, Any]) -> str:

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import xarray
 from oracles import NOMINAL, by_expm
 
 import bayesdrill as bd
@@ -168,6 +169,7 @@ def test_a_mistake_has_its_name(changes: dict[str, object], message: str) -> Non
         ({"inputs": {"v": 5.0, "u": 1.0}}, "inputs.u: the rig has none"),
         ({"hold": "cubic"}, "hold: 'cubic' is neither"),
         ({"initial": {"w_3": 1.0}}, "initial.w_3: the rig has none"),
+        ({"initial": np.zeros(5)}, "initial: give a number for each state, not ndarray"),
         ({"signals": "w_3"}, "w_3"),
     ],
     ids=lambda x: x if isinstance(x, str) else "",
@@ -220,6 +222,8 @@ def test_a_saved_run_opens_as_it_was(tmp_path: Path) -> None:
     assert np.array_equal(opened.draws["t_f"], run().draws["t_f"])
     assert opened.judge().rows == run().judge().rows
     assert opened.converged == run().converged
+    with xarray.open_datatree(folder / "posterior.nc", engine="h5netcdf") as tree:
+        assert {*tree["derived"].data_vars} == {*run().to_arviz()["derived"].data_vars}
     before = (folder / "summary.csv").read_bytes()
     (folder / "summary.csv").unlink()
     command = [sys.executable, "-m", "bayesdrill", "report", str(folder), "--processes", "1"]
@@ -246,12 +250,12 @@ def test_figures_and_the_tree_of_arviz() -> None:
 
 
 def test_columns_as_text_read_back_the_same(tmp_path: Path) -> None:
-    columns = {"t": [0.0, 0.1, 1 / 3], "w_1": np.float32([1e-9, -2.5, 1e12])}
+    columns = {"t": np.array([0.0, 0.1, 1 / 3]), "w_1": np.array([1e-9, -2.5, 1e12])}
     file = tmp_path / "record.csv"
     file.write_text(in_memory.as_csv(columns))
     table = read(file, CsvOptions())
     for name, values in columns.items():
-        assert np.array_equal(table.variables[name], np.asarray(values, dtype=np.float64))
+        assert np.array_equal(table.variables[name], values)
 
 
 def test_the_package_names_what_it_offers_and_loads_it_late() -> None:

@@ -12,11 +12,11 @@ from systems import listing, results
 
 from bayesdrill.basics import own_files
 from bayesdrill.basics.errors import InputError
-from bayesdrill.basics.own_files import RUN, Kind, whole
+from bayesdrill.basics.own_files import POSTERIOR, RECORD, RUN, Kind, whole
 from bayesdrill.basics.sealed import opened, sealed
 from bayesdrill.results.run_folder import Folder, Mode
 
-KINDS = [own_files.POSTERIOR, own_files.CALIBRATE, own_files.paper(("one", "two"))]
+KINDS = [POSTERIOR, own_files.CALIBRATE, own_files.paper(("one", "two"))]
 # In a results folder of any kind; a trailing slash: an empty folder.
 STRANGERS = [
     *("notes.md", "mydata.csv", "summary.xlsx", "summary.md.bak", "fit.annotated.png"),
@@ -41,6 +41,19 @@ def put(folder: Path, name: str, text: str = "mine") -> None:
         path.mkdir()
     else:
         path.write_text(text)
+
+
+def test_a_record_that_was_saved_with_its_run_outlives_it(tmp_path: Path) -> None:
+    """Its config may be started over from this very folder: the record is in no other place."""
+    out = results(tmp_path / "out", POSTERIOR)
+    with Folder(out, "force", {"seed": "1"}) as folder:
+        folder.begin(status="running")
+        folder.write_text(RECORD, "t,w_1")
+    put(out, ".record.12.aside.csv", "left by a run that was killed")
+    with Folder(out, "force", {"seed": "2"}) as folder:
+        folder.begin(status="running")
+    assert (out / RECORD).read_text() == "t,w_1"
+    assert not (out / ".record.12.aside.csv").exists()
 
 
 @pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.job)
