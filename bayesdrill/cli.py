@@ -233,7 +233,7 @@ def simulate(
         target = output or record
         text = simulating.simulate(read, source, read.seed if seed is None else seed, target)
         simulating.save(text, target, record, force=force)
-        rows = len(text.splitlines()) - 1 - read.record.skip_rows
+        rows = len(text.splitlines()) - 1 - reading.csv_options(read.record).skip_rows
         typer.echo(f"{target}: {rows} samples")
 
 

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
+from types import SimpleNamespace
 
 import numpy as np
 
-from bayesdrill.inference.noise.gaussian import Gaussian
+from bayesdrill.inference.noise.contract import Residuals
+from bayesdrill.inference.noise.white import White
 from bayesdrill.insight.calibration.refit import Study
 
 
@@ -15,7 +17,7 @@ from bayesdrill.insight.calibration.refit import Study
 class Misfit:
     """Gaussian noise whose misfit counts `factor` times: 2 where the 1/2 before it is forgotten."""
 
-    right: Gaussian
+    right: White
     factor: float
 
     def __getattr__(self, name: str) -> object:
@@ -23,15 +25,14 @@ class Misfit:
             raise AttributeError(name)
         return getattr(self.right, name)
 
-    def log_likelihood(self, misfit: np.ndarray, unknown: np.ndarray) -> np.ndarray:
-        return self.right.log_likelihood(self.factor * misfit, unknown)
+    def log_likelihood(self, residuals: Residuals, own: np.ndarray) -> np.ndarray:
+        wrong = SimpleNamespace(squares=self.factor * residuals.squares)
+        return self.right.log_likelihood(wrong, own)
 
 
 def with_misfit(study: Study, factor: float) -> Study:
     """The same study, its records made as before and its posteriors wrong."""
     likelihood = study.posterior.likelihood
     noise = Misfit(likelihood.noise, factor)
-    posterior = dataclasses.replace(
-        study.posterior, likelihood=dataclasses.replace(likelihood, noise=noise)
-    )
+    posterior = dataclasses.replace(study.posterior, likelihood=likelihood.with_alone(noise=noise))
     return dataclasses.replace(study, posterior=posterior)

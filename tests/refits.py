@@ -47,7 +47,7 @@ class Trial:
         likelihood = self.job.problem.posterior.likelihood
         response = likelihood.response.with_record(self.clean + SIGMA * shaped)
         posterior = replace(
-            self.job.problem.posterior, likelihood=replace(likelihood, response=response)
+            self.job.problem.posterior, likelihood=likelihood.with_alone(response=response)
         )
         own = replace(self.job, problem=replace(self.job.problem, posterior=posterior))
         found, sampled = fitted(calibrate.study(own), posterior, seed)

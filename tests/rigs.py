@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from oracles import NOMINAL, ORDER
 
-from bayesdrill.inference.coordinates import Coordinates
+from bayesdrill.basics.symbols import PARAMETERS, own_symbol
 from bayesdrill.inference.likelihood import Likelihood
-from bayesdrill.inference.noise.gaussian import Gaussian
+from bayesdrill.inference.noise.contract import Noisy
+from bayesdrill.inference.noise.white import White
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.priors import Prior, Uniform
-from bayesdrill.inference.unknowns import ParameterSpace
+from bayesdrill.inference.unknowns import ParameterSpace, Transform, Unknown
 from bayesdrill.record.experiment import Channel, Experiment
 from bayesdrill.rig.models.motor_shaft import MotorShaft
 from bayesdrill.rig.response import Response
@@ -80,24 +83,39 @@ def posterior(
         name: Uniform(0.5 * NOMINAL[name], 1.5 * NOMINAL[name]) for name in free
     }
     chosen |= priors or {}
-    start = {name: NOMINAL[name] for name in free}
-    known = {} if sigma is None else {k: float(s) for k, s in enumerate(sigma)}
-    if sigma is None:
-        for channel in record.channels:
-            chosen[f"sigma_{channel.name}"] = Uniform(0.01, 1.0)
-            start[f"sigma_{channel.name}"] = 0.1
-    model = MotorShaft()
+    scatter = White.of(
+        [
+            Noisy(
+                channel=channel,
+                sigma=chosen.pop(f"sigma_{channel.name}", Uniform(0.01, 1.0))
+                if sigma is None
+                else float(sigma[k]),
+                start=0.1,
+            )
+            for k, channel in enumerate(record.channels)
+        ],
+        len(record.t),
+    )
+    transform: Transform | None = None if logs is None else "log" if logs else "plain"
+    unknowns = [unknown(name, prior, transform) for name, prior in chosen.items()]
     space = ParameterSpace(
         model=ORDER,
-        priors=chosen,
+        unknowns=(*unknowns, *(replace(one, transform=transform) for one in scatter.unknowns)),
         fixed={name: NOMINAL[name] for name in ORDER if name not in free},
-        start=start,
     )
-    noise = Gaussian(n_samples=len(record.t), known=known, n_channels=len(record.channels))
+    simulator = response or Response(MotorShaft(), record)
     return Posterior(
         space=space,
-        likelihood=Likelihood(response or Response(model, record), noise, space),
-        coordinates=Coordinates(
-            tuple(prior.in_logs if logs is None else logs for prior in chosen.values())
-        ),
+        likelihood=Likelihood.of(space, (simulator, scatter)),
+        coordinates=space.coordinates(),
     )
+
+
+def unknown(name: str, prior: Prior, transform: Transform | None = None) -> Unknown:
+    """A parameter of the rig, or else a quantity."""
+    if name in PARAMETERS:
+        symbol, start = PARAMETERS[name], NOMINAL[name]
+        return Unknown(symbol=symbol, role="rig", prior=prior, start=start, transform=transform)
+    begin = float(prior.quantile(np.array([0.5]))[0])
+    symbol = own_symbol(name, "1", None, name)
+    return Unknown(symbol=symbol, role="quantity", prior=prior, start=begin, transform=transform)

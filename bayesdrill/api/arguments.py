@@ -9,9 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayesdrill.basics.errors import InputError, Problem
+from bayesdrill.basics.registry import lookup
 from bayesdrill.record.experiment import check_time
-from bayesdrill.rig.models import MODELS, Rig
-from bayesdrill.setup.build import lookup
+from bayesdrill.rig.models import MODELS
+from bayesdrill.rig.models.linear import Model
 
 Array = NDArray[np.float64]
 
@@ -42,9 +43,9 @@ def series(place: str, values: Any, found: list[Problem]) -> Array:
     return np.zeros(0)
 
 
-def rig(value: Any) -> Rig:
+def rig(value: Any) -> Model:
     """A model, or that of its name as it is by default."""
-    kinds = tuple(MODELS.values())
+    kinds = tuple(MODELS.usable().values())
     if isinstance(value, kinds):
         return value
     if isinstance(value, str):

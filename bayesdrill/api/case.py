@@ -19,7 +19,7 @@ from bayesdrill.commands import identify, pipeline, searching
 from bayesdrill.engines.mode import Mode
 from bayesdrill.record.experiment import raise_if_any
 from bayesdrill.report import words
-from bayesdrill.rig.models import Rig
+from bayesdrill.rig.models.linear import Model
 from bayesdrill.setup import in_memory
 from bayesdrill.setup.job import Job, prepare
 
@@ -129,7 +129,7 @@ def case(
     inputs: Mapping[str, Input | float],
     parameters: Mapping[str, Any],
     *,
-    rig: str | Rig = "motor_shaft",
+    rig: str | Model = "motor_shaft",
     nominal: Any = None,
     seed: int = 0,
     name: str = "case",

@@ -12,7 +12,8 @@ from bayesdrill.basics import symbols
 from bayesdrill.basics.errors import InputError, Problem, did_you_mean
 from bayesdrill.basics.expressions import linear_combination
 from bayesdrill.record.experiment import Channel, Experiment, frozen, raise_if_any
-from bayesdrill.rig.models import Rig
+from bayesdrill.rig import vocabulary
+from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.response import Response
 
 Array = NDArray[np.float64]
@@ -24,7 +25,7 @@ def nominal(table: str = symbols.DEFAULT_NOMINAL) -> dict[str, float]:
 
 
 def respond(
-    rig: str | Rig,
+    rig: str | Model,
     parameters: Mapping[str, float],
     t: ArrayLike,
     inputs: Mapping[str, ArrayLike],
@@ -99,10 +100,10 @@ def _check_names(
     found += [Problem(f"{place}.{name}", "is missing") for name in names if name not in values]
 
 
-def _channel(name: str, rig: Rig) -> Channel:
+def _channel(name: str, rig: Model) -> Channel:
     try:
         weights = linear_combination(name, rig.states)
     except ValueError as error:
         raise InputError.one("signals", str(error)) from None
-    unit = symbols.STATES[next(iter(weights))].unit
+    unit = vocabulary.STATES[next(iter(weights))].unit
     return Channel(name=name, weights=weights, unit=unit, latex=name, latex_unit=unit)

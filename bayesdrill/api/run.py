@@ -11,12 +11,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from bayesdrill.api import arguments
 from bayesdrill.basics.errors import InputError
 from bayesdrill.commands import concluding, pipeline
 from bayesdrill.engines.mode import Mode
 from bayesdrill.engines.sampling import Sampled
 from bayesdrill.insight.verdict import Verdict
-from bayesdrill.report import publish, tables, verdict_words, words
+from bayesdrill.report import tables, verdict_words, words
+from bayesdrill.report.figures import FIGURES
+from bayesdrill.report.view import View
 from bayesdrill.setup import build, in_memory
 from bayesdrill.setup.job import Job
 
@@ -76,20 +79,23 @@ class Run:
 
     def to_arviz(self) -> DataTree:
         """The groups of the ArviZ schema: `chain` is an ensemble."""
-        judged = self._conclusion.judged
-        return publish.tree(self.job.problem, self.sampled, judged, self.job.config)
+        return self._view.tree
 
     def plot(self, name: str) -> Figure:
-        """`corner`, `trace`, `prior_posterior`, and where there is a verdict `invariants`, `ridge`.
+        """`corner`, `trace`, `prior_posterior`, `fit`, and with a verdict `invariants` and `ridge`.
 
         In no window: `figure.savefig(...)`, or the last line of a cell.  Raises `InputError` where
         this run has no such figure.
         """
-        problem, config, judged = self.job.problem, self.job.config, self._conclusion.judged
-        try:
-            return publish.figure(problem, self.mode, self.sampled, judged, config, name)
-        except LookupError as error:
-            raise InputError.one("plot", str(error.args[0])) from None
+        drawing = arguments.known(FIGURES, name, "plot", "figure")(self._view)
+        if drawing is None:
+            raise InputError.one("plot", f"there is nothing to draw in a figure {name} of this run")
+        return drawing.figure(*drawing.arguments)
+
+    @cached_property
+    def _view(self) -> View:
+        judged = self._conclusion.judged
+        return View(self.job.problem, self.mode, self.sampled, judged, self.job.config)
 
     def plot_corner(self) -> Figure:
         return self.plot("corner")

@@ -54,17 +54,23 @@ def figures(*stems: str) -> tuple[str, ...]:
 
 
 UNFINISHED = Kind("posterior", RUN, (f"{PIECES}/ensemble_#_#.npz",))
-POSTERIOR = Kind(
-    "posterior",
-    RUN,
-    (
-        *("chain.h5", "map.json", *CONFIGS, "posterior.nc", "summary.csv", "summary.md"),
-        *("derived.csv", "verdict.csv"),
-        *figures("corner", "trace", "fit", "prior_posterior", "ridge", "invariants"),
-        *UNFINISHED.files,
-    ),
-    kept=(RECORD,),  # its config may be started over from this very folder
-)
+
+
+def posterior(drawn: Iterable[str]) -> Kind:
+    """Of the main job, with the figures `drawn`."""
+    tables = ("summary.csv", "summary.md", "derived.csv", "verdict.csv")
+    return Kind(
+        UNFINISHED.job,
+        RUN,
+        (
+            *("chain.h5", "map.json", *CONFIGS, "posterior.nc", *tables),
+            *figures(*drawn),
+            *UNFINISHED.files,
+        ),
+        kept=(RECORD,),  # its config may be started over from this very folder
+    )
+
+
 CALIBRATE = Kind(
     "calibrate",
     RUN,

@@ -16,7 +16,7 @@ Purpose = Literal[
     "learn",
     "calibrate",
     "identify",
-    "reproduce",
+    "study",
     "around",
     "starts",
     "scout",

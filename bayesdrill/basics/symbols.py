@@ -10,17 +10,22 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
+from typing import Literal
 
 
 @dataclass(frozen=True, slots=True)
 class Symbol:
-    """`unit` is SI, in the notation that pint reads; `latex_unit` is what a figure shows."""
+    """`unit` is SI, in the notation that pint reads; `latex_unit` is what a figure shows.
+
+    `held`: what a parameter may be held at; whoever is unknown is positive.
+    """
 
     name: str
     unit: str
     latex: str
     latex_unit: str
     meaning: str
+    held: Literal["positive", "not negative", "any"] = "positive"
 
     @property
     def plain_unit(self) -> str:
@@ -70,14 +75,19 @@ def _table(*rows: Symbol) -> Mapping[str, Symbol]:
 
 PARAMETERS = _table(
     Symbol("j_m", "kg*m**2", "j_m", r"kg\,m^2", "moment of inertia of the motor"),
-    Symbol("c_m", "N*m*s/rad", "c_m", r"N\,m\,s/rad", "internal damping of the motor"),
+    # A motor may have no damping or friction; one that turns backwards, friction of the other sign.
+    Symbol(
+        "c_m", "N*m*s/rad", "c_m", r"N\,m\,s/rad", "internal damping of the motor", "not negative"
+    ),
     Symbol("k_e", "V*s/rad", "k_e", r"V\,s/rad", "voltage constant of the motor"),
     Symbol("k_T", "N*m/A", "k_T", r"N\,m/A", "torque constant of the motor"),
     Symbol("r_m", "ohm", "r_m", r"\Omega", "internal resistance of the motor"),
     Symbol("l_m", "H", "l_m", r"H", "internal inductance of the motor"),
     Symbol("k_s", "N*m/rad", "k_s", r"N\,m/rad", "torsional stiffness of the shaft"),
     Symbol("j_1", "kg*m**2", "j_1", r"kg\,m^2", "moment of inertia of rotor 1"),
-    Symbol("t_f", "N*m", "t_f", r"N\,m", "torque of the motor's internal friction (not a time)"),
+    Symbol(
+        "t_f", "N*m", "t_f", r"N\,m", "torque of the motor's internal friction (not a time)", "any"
+    ),
 )
 
 STATES = _table(

@@ -22,7 +22,6 @@ from bayesdrill.basics.progress import Reporter
 from bayesdrill.basics.sealed import opened, sealed
 from bayesdrill.commands import concluding
 from bayesdrill.commands.pipeline import CONFIG_FILE, RESOLVED_FILE
-from bayesdrill.engines import mode
 from bayesdrill.engines.convergence import Targets
 from bayesdrill.engines.workers import ctrl_c_waits
 from bayesdrill.insight.calibration.refit import Refit, Study, packed, work
@@ -60,17 +59,11 @@ def study(job: Job) -> Study:
     own = job.config.calibration
     targets = Targets(r_hat=job.config.sampler.r_hat, n_tau=own.n_tau, ess=own.ess)
     plan = concluding.plan(job.config)
-    optimiser, evaluations = (
-        build.optimiser(job.config, job.problem.names),
-        job.config.map.evaluations,
-    )
-    if job.config.map.method == "nelder_mead":
-        optimiser, evaluations = mode.roughly(len(job.problem.names), evaluations)
     return Study(
         posterior=job.problem.posterior,
-        optimiser=optimiser,
+        optimiser=build.optimiser(job.config),
         starts=own.starts,
-        evaluations=evaluations,
+        evaluations=job.config.map.evaluations,
         plan=dataclasses.replace(plan, targets=targets, max_steps=own.max_steps),
         draws=own.draws,
         seed=job.config.seed,

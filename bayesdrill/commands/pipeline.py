@@ -30,6 +30,8 @@ from bayesdrill.insight.diagnostics import Row
 from bayesdrill.insight.identifiability.scenes import Scenery
 from bayesdrill.insight.verdict import Verdict
 from bayesdrill.report import publish, words
+from bayesdrill.report.figures import POSTERIOR
+from bayesdrill.report.view import View
 from bayesdrill.results import provenance, run_folder
 from bayesdrill.results.chain_files import COMPUTED_AGAIN
 from bayesdrill.results.run_folder import Folder
@@ -71,7 +73,7 @@ def posterior(
     was killed; what was sampled is saved.
     """
     marks = provenance.fingerprint(job.config, job.problem)
-    with Folder(output, how, marks) as folder:
+    with Folder(output, how, marks, POSTERIOR) as folder:
         known = _taken_up(job, folder) if how == "resume" else None
         report.say(f"{words.opening(job.problem)}\n{words.size(job.problem, job.config)}")
         seed, versions = job.config.seed, software.versions()
@@ -125,7 +127,7 @@ def _run(job: Job, folder: Folder, known: Mode | None, processes: int, report: R
 def republish(output: Path, processes: int) -> Outcome:
     """Tables and figures again, from the chain that `output` holds."""
     job, marks = _made(output)
-    with Folder(output, "report", marks) as folder:
+    with Folder(output, "report", marks, POSTERIOR) as folder:
         found, sampled = _finished(job, folder)
         folder.begin()
         posterior = job.problem.posterior
@@ -136,7 +138,7 @@ def republish(output: Path, processes: int) -> Outcome:
 def read(output: Path) -> tuple[Job, Mode, Sampled]:
     """The run that `output` holds; nothing is written."""
     job, marks = _made(output)
-    with Folder(output, "report", marks) as folder:
+    with Folder(output, "report", marks, POSTERIOR) as folder:
         return job, *_finished(job, folder)
 
 
@@ -145,7 +147,7 @@ def _made(output: Path) -> tuple[Job, dict[str, str]]:
     run = run_folder.read_run(output)
     if run is None:
         raise InputError.one(str(output), "no results here; give the folder of a finished run")
-    if run.get("job") != own_files.POSTERIOR.job:
+    if run.get("job") != POSTERIOR.job:
         message = (
             f"results of `bayesdrill {run.get('job')}`, which makes its tables and figures itself"
         )
@@ -177,7 +179,7 @@ def write(
     ):
         raise InputError.one(str(output), "holds the record of this run; give another folder")
     marks = provenance.fingerprint(job.config, job.problem)
-    with Folder(output, "force" if force else "fresh", marks) as folder:
+    with Folder(output, "force" if force else "fresh", marks, POSTERIOR) as folder:
         folder.begin(status="running", seed=job.config.seed, versions=software.versions())
         folder.write_text(CONFIG_FILE, job.source.text)
         source = job.source
@@ -256,9 +258,8 @@ def _publish(
     """`seconds`: what was timed, where it was; the report began at `begun`."""
     seconds, found, sampled = seconds or {}, conclusion.mode, conclusion.sampled
     rows, judged = conclusion.rows, conclusion.judged
-    missing = publish.everything(
-        job.problem, found, conclusion.left, sampled, rows, judged, job.config, folder, crew
-    )
+    view = View(job.problem, found, sampled, judged, job.config)
+    missing = publish.everything(view, rows, conclusion.left, folder, crew)
     if seconds:
         seconds["report"] = time.perf_counter() - begun
         folder.write_run(seconds={name: round(value, 3) for name, value in seconds.items()})

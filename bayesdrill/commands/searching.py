@@ -12,7 +12,6 @@ from bayesdrill.basics import seeds
 from bayesdrill.basics.progress import Reporter
 from bayesdrill.engines import maxima, mode
 from bayesdrill.engines.mode import Mode, Search
-from bayesdrill.engines.optimisers.contract import Optimiser
 from bayesdrill.engines.workers import Crew
 from bayesdrill.report import words
 from bayesdrill.setup import build
@@ -38,15 +37,12 @@ class Hunt:
 def begin(job: Job, crew: Crew) -> Hunt:
     settings, target = job.config.map, job.problem.posterior
     points = mode.starts(target, settings.starts, seeds.stream(job.config.seed, "map"))
-    optimiser: Optimiser = build.optimiser(job.config, job.problem.names)
-    # The paper's ways are kept as they are: they are there to be seen.
-    polish = settings.method == "nelder_mead"
-    evaluations = settings.evaluations
-    if polish:
-        optimiser, evaluations = mode.roughly(len(job.problem.names), evaluations)
-    searches = [crew.submit(mode.search, optimiser, evaluations, point, polish) for point in points]
-    draws = target.space.draw(mode.SCOUTS, seeds.stream(job.config.seed, "scout"))
-    scouts = [crew.submit(mode.scouts, some) for some in np.array_split(draws, 2)] if polish else []
+    optimiser, most = build.optimiser(job.config), settings.evaluations
+    searches = [crew.submit(mode.search, optimiser, most, point) for point in points]
+    scouts = []
+    if optimiser.polished:
+        draws = target.space.draw(mode.SCOUTS, seeds.stream(job.config.seed, "scout"))
+        scouts = [crew.submit(mode.scouts, some) for some in np.array_split(draws, 2)]
     return Hunt(searches, scouts)
 
 

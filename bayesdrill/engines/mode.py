@@ -9,14 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bayesdrill.engines import aliases, maxima
 from bayesdrill.engines.climb import climb, gain_left
-from bayesdrill.engines.optimisers import nelder_mead
 from bayesdrill.engines.optimisers.contract import Optimiser, Task
 from bayesdrill.inference import laplace
 from bayesdrill.inference.posterior import Posterior
@@ -30,8 +28,6 @@ ROUNDING = 1e-12  # of the log posterior: nor can two searches agree better than
 SAME_PLACE = 0.01  # ... and the same place, when no unknown differs by more than 1 %
 CANDIDATES = 4096  # prior draws of which a search starts at the best
 SCOUTS = 24  # plain draws from the prior that are sent uphill without a simplex
-SIMPLEX = 200  # evaluations of a simplex for each unknown; more do not help it far from the top
-ROUGHLY = 1.0  # of the log posterior: how near a simplex has to come, where slopes do the rest
 POLISH, EXACT = 40, 8  # steps of Gauss and Newton, and of Newton, at the end of a search
 
 
@@ -132,18 +128,11 @@ def task(posterior: Posterior) -> Task:
     )
 
 
-def roughly(unknowns: int, evaluations: int) -> tuple[Optimiser, int]:
-    """Nelder and Mead as far as they are good for, where a search is polished."""
-    return partial(nelder_mead.maximise, enough=ROUGHLY), min(evaluations, SIMPLEX * unknowns)
-
-
-def search(
-    posterior: Posterior, optimiser: Optimiser, evaluations: int, start: Array, polish: bool = True
-) -> Search:
-    """One search from the physical point `start (D,)`, and with `polish` on to the very maximum."""
+def search(posterior: Posterior, optimiser: Optimiser, evaluations: int, start: Array) -> Search:
+    """One search from the physical point `start (D,)`; polished, it ends at the very maximum."""
     found = optimiser(task(posterior), start, evaluations)
     theta, value, settled = found.theta, found.value, found.settled
-    if polish:
+    if optimiser.polished:
         surface = PosteriorSurface(posterior, physical=True)
         # A simplex may go on for ever towards an end that has none.
         u = np.clip(posterior.coordinates.from_physical(theta[None]), surface.low, surface.high)

@@ -1,7 +1,8 @@
-"""Coordinates in which the sampler walks: the log of each unknown, or the unknown itself.
+"""Coordinates in which the sampler walks: the log of each unknown, the unknown itself, or a logit.
 
 Rigs are made of products and ratios, so that logs are the natural scale.  They are none for an
-unknown whose prior reaches down to zero: all of its lower end would lie in an endless tail.
+unknown whose prior reaches down to zero: all of its lower end would lie in an endless tail.  What
+lies between two ends, such as a correlation, goes by its logit between them.
 """
 
 from __future__ import annotations
@@ -10,34 +11,63 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import expit, log_expit, logit
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
 class Coordinates:
-    """`logs`: for each of the D unknowns, whether its log is its coordinate.
+    """`logs`: for each of the D unknowns, whether its log is its coordinate; `between`: columns whose
+    logit between `low` and `high` is, as `(column, low, high)`: these alone need not be positive.
 
     `z` and `theta` are `(W, D)`; the Jacobian is log |d theta / d z|, `(W,)`.
     """
 
     logs: tuple[bool, ...]
+    between: tuple[tuple[int, float, float], ...] = ()
 
     def from_physical(self, theta: Array) -> Array:
         z = theta.copy()
         with np.errstate(divide="ignore", invalid="ignore"):
             z[:, self.logs] = np.log(theta[:, self.logs])
+        for column, low, high in self.between:
+            z[:, column] = logit((theta[:, column] - low) / (high - low))
         return z
 
     def to_physical(self, z: Array) -> Array:
         theta = z.copy()
         with np.errstate(over="ignore"):
             theta[:, self.logs] = np.exp(z[:, self.logs])
+        for column, low, high in self.between:
+            theta[:, column] = low + (high - low) * expit(z[:, column])
         return theta
 
     def with_jacobian(self, z: Array) -> tuple[Array, Array]:
-        return self.to_physical(z), np.ascontiguousarray(z[:, self.logs]).sum(axis=-1)
+        jacobian = np.ascontiguousarray(z[:, self.logs]).sum(axis=-1)
+        for column, low, high in self.between:
+            jacobian += np.log(high - low) + log_expit(z[:, column]) + log_expit(-z[:, column])
+        return self.to_physical(z), jacobian
 
     def slopes(self, theta: Array) -> Array:
         """d unknown / d its coordinate, `(W, D)`."""
-        return np.where(self.logs, theta, 1.0)
+        out = np.where(self.logs, theta, 1.0)
+        for column, low, high in self.between:
+            out[:, column] = (theta[:, column] - low) * (high - theta[:, column]) / (high - low)
+        return out
+
+    def jacobian_bends(self, z: Array) -> tuple[Array, Array]:
+        """First and minus second derivatives of the Jacobian by each coordinate: `(W, D)` each."""
+        slope = np.tile(np.array(self.logs, dtype=np.float64), (len(z), 1))
+        curvature = np.zeros_like(slope)
+        for column, *_ in self.between:
+            share = expit(z[:, column])
+            slope[:, column], curvature[:, column] = 1.0 - 2.0 * share, 2.0 * share * (1.0 - share)
+        return slope, curvature
+
+    def natural(self, theta: Array) -> Array:
+        """d unknown / d its natural scale `(W, D)`: its log where it is positive, or else itself."""
+        out = theta.copy()
+        for column, *_ in self.between:
+            out[:, column] = 1.0
+        return out

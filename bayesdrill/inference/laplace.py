@@ -10,8 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayesdrill.inference.coordinates import Coordinates
+from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.posterior import Posterior
-from bayesdrill.inference.priors import spread_of_log
+from bayesdrill.inference.priors import spread, spread_of_log
+from bayesdrill.inference.unknowns import Unknown
 
 Array = NDArray[np.float64]
 
@@ -25,7 +27,7 @@ def information_root(posterior: Posterior, theta: Array) -> Array:
     thousand times better than others.  Far from the data the record counts for less: its noise is
     taken to be what is left there.
     """
-    prior_sd = np.array([spread_of_log(prior) for prior in posterior.space.priors.values()])
+    prior_sd = np.array([_spread(unknown) for unknown in posterior.space.unknowns])
     record = _record_rows(posterior, theta) / np.sqrt(excess(posterior, theta))
     return np.asarray(np.linalg.qr(np.vstack([record, np.diag(1.0 / prior_sd)]), mode="r"))
 
@@ -43,29 +45,45 @@ def covariance(posterior: Posterior, theta: Array, information: Array | None = N
 
 def slopes_by_logs(coordinates: Coordinates, theta: Array) -> Array:
     """d coordinate / d log unknown at physical `theta (D,)`: `(D, D)`, a column for each unknown."""
-    up, down = _neighbours(theta)
+    up, down = _neighbours(coordinates, theta)
     return (coordinates.from_physical(up) - coordinates.from_physical(down)).T / (2 * _STEP)
 
 
-def _neighbours(theta: Array) -> tuple[Array, Array]:
+def _neighbours(coordinates: Coordinates, theta: Array) -> tuple[Array, Array]:
+    """A step up and down of each unknown, in its log; of what need not be positive, in itself."""
     shifts = np.exp(_STEP * np.eye(len(theta)))
-    return theta * shifts, theta / shifts
+    up, down = theta * shifts, theta / shifts
+    for column, *_ in coordinates.between:
+        up[column, column], down[column, column] = theta[column] + _STEP, theta[column] - _STEP
+    return up, down
+
+
+def _spread(unknown: Unknown) -> float:
+    return spread_of_log(unknown.prior) if unknown.between is None else spread(unknown.prior)
 
 
 def _record_rows(posterior: Posterior, theta: Array) -> Array:
     """Slopes of all measured numbers over their noise, by the logs of the unknowns: `(n, D)`.
 
-    An unknown sigma has a row of its own: its information is twice the number of samples.
+    Each unknown of a noise has a row of its own.
     """
-    up, down = _neighbours(theta)
-    likelihood = posterior.likelihood
-    noise = likelihood.noise
-    sigma = likelihood.sigmas(theta[None])[0]
-    signals = likelihood.signals(np.concatenate([up, down]))
-    slopes = (signals[: len(theta)] - signals[len(theta) :]) / (2 * _STEP * sigma)
-    rows = np.nan_to_num(slopes.reshape(len(theta), -1), posinf=0.0, neginf=0.0).T
-    levels = np.sqrt(2.0 * noise.n_samples) * np.eye(len(theta))[len(theta) - len(noise.unknown) :]
-    return np.vstack([rows, levels])
+    up, down = _neighbours(posterior.coordinates, theta)
+    full = posterior.space.full(np.concatenate([up, down]))
+    rows, levels = [], []
+    for one in posterior.likelihood.observations:
+        signals = one.response.signals(full)
+        slopes = _whitened(one, signals[: len(theta)] - signals[len(theta) :], theta)
+        rows.append(np.nan_to_num(slopes.reshape(len(theta), -1), posinf=0.0, neginf=0.0).T)
+        levels.append(np.sqrt(one.noise.expected())[:, None] * np.eye(len(theta))[one.own])
+    return np.vstack([*rows, *levels])
+
+
+def _whitened(one: Observation, shifts: Array, theta: Array) -> Array:
+    """`shifts (D, T, K)` of two steps, over the noise at `theta (D,)`."""
+    own = theta[None, one.own]
+    if one.noise.white:
+        return np.asarray(shifts / (2 * _STEP * one.noise.scales(own)[0]))
+    return one.noise.inform(shifts / (2 * _STEP), np.repeat(own, len(shifts), axis=0))
 
 
 def excess(posterior: Posterior, theta: Array) -> float:

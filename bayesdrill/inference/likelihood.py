@@ -1,55 +1,148 @@
-"""What the record says of the unknowns: exact response and noise, put together."""
+"""What records say of the unknowns: simulators and noises, put together."""
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdrill.inference.noise.gaussian import Gaussian
+from bayesdrill.inference.noise.contract import Noise
 from bayesdrill.inference.unknowns import ParameterSpace
-from bayesdrill.rig.response import Response
+from bayesdrill.rig.simulator import Simulator
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
-class Likelihood:
-    """Of unknowns `theta (W, D)`: the model's free parameters, then the unknown sigmas."""
+class Observation:
+    """A record, what simulates it, and how it scatters; `own`: columns of its noise's unknowns."""
 
-    response: Response
-    noise: Gaussian
-    space: ParameterSpace
+    response: Simulator
+    noise: Noise
+    own: slice
 
-    def __call__(self, theta: Array) -> Array:
-        """Log likelihood `(W,)`; NaN where the response overflows."""
-        with np.errstate(all="ignore"):
-            return self.by_channel(theta).sum(axis=-1)
+    def residuals(self, full: Array) -> Left:
+        """At the simulator's parameters `full (W, P)`."""
+        return Left(self.response, full)
 
-    def by_channel(self, theta: Array) -> Array:
-        """`(W, K)`."""
-        misfit = self.response.misfit(self.space.full(theta))
-        return self.noise.log_likelihood(misfit, self.sigma_columns(theta))
+    def by_channel(self, full: Array, theta: Array) -> Array:
+        """Log likelihood `(W, K)`."""
+        return self.noise.log_likelihood(self.residuals(full), theta[:, self.own])
+
+    def scales(self, theta: Array) -> Array:
+        """Standard deviations of single samples `(W, K)`, SI."""
+        return self.noise.scales(theta[:, self.own])
 
     @property
     def numbers(self) -> int:
         """How many were measured."""
-        return self.noise.n_samples * self.noise.n_channels
+        return self.response.experiment.y.size
+
+
+@dataclass(frozen=True)
+class Left:
+    """Measured minus model, `noise.contract.Residuals`: each as it is first asked for."""
+
+    response: Simulator
+    full: Array
+
+    @cached_property
+    def squares(self) -> Array:
+        return self.response.squares(self.full)
+
+    @cached_property
+    def samples(self) -> Array:
+        return np.asarray(self.response.experiment.y - self.response.signals(self.full))
+
+    def weighed(self, weights: Array) -> Array:
+        return self.squares * weights**2
+
+
+@dataclass(frozen=True, slots=True)
+class Likelihood:
+    """Of unknowns `theta (W, D)`: a sum over observations, which share them."""
+
+    observations: tuple[Observation, ...]
+    space: ParameterSpace
+
+    @classmethod
+    def of(cls, space: ParameterSpace, *pairs: tuple[Simulator, Noise]) -> Likelihood:
+        """Of simulators with their noises, whose unknowns stand in `space` in this order."""
+        columns = space.columns("noise")
+        first = columns[0] if columns else len(space.unknowns)
+        made = []
+        for response, noise in pairs:
+            last = first + len(noise.unknowns)
+            made.append(Observation(response, noise, slice(first, last)))
+            first = last
+        return cls(tuple(made), space)
+
+    def __call__(self, theta: Array) -> Array:
+        """Log likelihood `(W,)`; NaN where a response overflows."""
+        with np.errstate(all="ignore"):
+            return self.by_channel(theta).sum(axis=-1)
+
+    def by_channel(self, theta: Array) -> Array:
+        """`(W, K)`, of the channels of all observations."""
+        full = self.space.full(theta)
+        return _joined([one.by_channel(full, theta) for one in self.observations])
+
+    @property
+    def numbers(self) -> int:
+        """How many were measured."""
+        return sum(one.numbers for one in self.observations)
 
     def per_number(self, theta: Array) -> Array:
         """Squared residuals over the noise variance, their mean `(W,)`: 1 where only noise is left."""
-        squares = self.response.misfit(self.space.full(theta))
-        return np.asarray((squares / self.sigmas(theta) ** 2).mean(axis=-1) / self.noise.n_samples)
+        full = self.space.full(theta)
+        left = [self._left(one, full, theta) for one in self.observations]
+        counts = np.array([len(one.response.experiment.t) for one in self.observations])
+        if len(left) == 1:
+            return np.asarray(left[0].mean(axis=-1) / counts[0])
+        return np.asarray(_joined(left).sum(axis=-1) / self.numbers)
 
-    def sigma_columns(self, theta: Array) -> Array:
-        """The unknown sigmas among the unknowns, `(W, n)`."""
-        return theta[:, theta.shape[1] - len(self.noise.unknown) :]
+    def _left(self, one: Observation, full: Array, theta: Array) -> Array:
+        if one.noise.white:
+            return np.asarray(one.response.squares(full) / one.scales(theta) ** 2)
+        own = theta[:, one.own]
+        return np.asarray((one.noise.whiten(one.residuals(full).samples, own) ** 2).sum(axis=1))
+
+    # Of the only observation, where there is no other.
+
+    @property
+    def alone(self) -> Observation:
+        """Raises `ValueError` where there are more."""
+        (one,) = self.observations
+        return one
+
+    @property
+    def response(self) -> Simulator:
+        return self.alone.response
+
+    @property
+    def noise(self) -> Any:
+        return self.alone.noise
+
+    def with_alone(self, **changes: Any) -> Likelihood:
+        """With another `response` or `noise`."""
+        return dataclasses.replace(self, observations=(dataclasses.replace(self.alone, **changes),))
+
+    def own(self, theta: Array) -> Array:
+        """The noise's unknowns among `theta`, `(W, n)`."""
+        return theta[:, self.alone.own]
 
     def sigmas(self, theta: Array) -> Array:
         """Of every channel, known or not: `(W, K)`, SI."""
-        return self.noise.sigmas(self.sigma_columns(theta))
+        return self.alone.scales(theta)
 
     def signals(self, theta: Array) -> Array:
         """The channels without noise, `(W, T, K)`."""
         return self.response.signals(self.space.full(theta))
+
+
+def _joined(parts: list[Array]) -> Array:
+    return parts[0] if len(parts) == 1 else np.concatenate(parts, axis=-1)

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtri, ndtri
 
-from bayesdrill.inference.likelihood import Likelihood
+from bayesdrill.inference.likelihood import Likelihood, Observation
 
 Array = NDArray[np.float64]
 
@@ -86,17 +86,23 @@ def like_noise(found: Sequence[Left]) -> bool:
 
 def left(likelihood: Likelihood, theta: Array) -> tuple[Left, ...]:
     """At the unknowns `theta (D,)`; an unknown sigma fits the size, unless its prior keeps it off."""
-    noise, row, experiment = likelihood.noise, theta[None], likelihood.response.experiment
-    sigmas = likelihood.sigmas(row)[0]
-    residuals = (experiment.y - likelihood.signals(row)[0]) / sigmas
+    full, row = likelihood.space.full(theta[None]), theta[None]
+    return tuple(found for one in likelihood.observations for found in _of(one, full, row))
+
+
+def _of(one: Observation, full: Array, theta: Array) -> list[Left]:
+    experiment = one.response.experiment
+    remains = one.residuals(full).samples
+    residuals = one.noise.whiten(remains, theta[:, one.own])[0]
     n = len(residuals)
-    found = limits(n, noise.n_channels, len(theta))
+    found = limits(n, one.noise.n_channels, theta.shape[1])
     squares = (residuals**2).sum(axis=0)
     products = (residuals[1:] * residuals[:-1]).sum(axis=0)
     worst = np.abs(residuals).argmax(axis=0)
     rms, spread = np.sqrt(squares / n), experiment.y.std(axis=0)
-    share = np.where(spread > 0, rms * sigmas / np.where(spread > 0, spread, 1.0), math.nan)
-    return tuple(
+    size = np.sqrt(np.mean(remains[0] ** 2, axis=0))
+    share = np.where(spread > 0, size / np.where(spread > 0, spread, 1.0), math.nan)
+    return [
         Left(
             channel=name,
             rms=float(rms[k]),
@@ -107,7 +113,7 @@ def left(likelihood: Likelihood, theta: Array) -> tuple[Left, ...]:
             limits=found,
         )
         for k, name in enumerate(experiment.names)
-    )
+    ]
 
 
 def limits(samples: int, channels: int, unknowns: int) -> Limits:

@@ -14,8 +14,9 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from bayesdrill.inference.likelihood import Left, Observation
 from bayesdrill.inference.posterior import Posterior
-from bayesdrill.inference.priors import Prior
+from bayesdrill.inference.unknowns import Unknown
 
 Array = NDArray[np.float64]
 
@@ -75,6 +76,43 @@ class Surface(Protocol):
         ...
 
 
+@dataclass(frozen=True, slots=True)
+class Fused:
+    """Residuals of which a kernel has told the sums over the noise's scales, `(W, K)`."""
+
+    every: Left
+    over_scales: Array
+
+    @property
+    def squares(self) -> Array:
+        return self.every.squares
+
+    @property
+    def samples(self) -> Array:
+        return self.every.samples
+
+    def weighed(self, _: Array) -> Array:
+        return self.over_scales
+
+
+def slopes(
+    one: Observation, full: Array, along: Array, own: Array
+) -> tuple[Left | Fused, Array, Array]:
+    """Residuals at the parameters `full (W, P)`; slope `(W, q)` and curvature `(W, q, q)` of the log
+    likelihood along `along (W, q, P)`.
+    """
+    left = one.residuals(full)
+    if one.noise.white:
+        squares, slope, curvature = one.response.normal(full, along, 1.0 / one.noise.scales(own))
+        return Fused(left, squares), slope, curvature
+    shifts = one.response.sensitivities(full, along)  # (W, q, T, K)
+    pull = one.noise.pull(left.samples, own)
+    slope = np.einsum("wqtk,wtk->wq", shifts, pull)
+    rows = np.stack([one.noise.inform(shifts[:, q], own) for q in range(along.shape[1])], axis=1)
+    flat = rows.reshape(*rows.shape[:2], -1)
+    return left, slope, flat @ flat.swapaxes(1, 2)
+
+
 class PosteriorSurface:
     """That of a posterior."""
 
@@ -83,11 +121,11 @@ class PosteriorSurface:
         self.posterior = posterior
         self.physical = physical
         self._priors = tuple(posterior.space.priors.values())
-        ends = np.array([_ends(prior) for prior in self._priors]).T
+        ends = np.array([_ends(one) for one in posterior.space.unknowns]).T
         self.low, self.high = posterior.coordinates.from_physical(ends)
         shares = (np.arange(SHARES) + 0.5) / SHARES
         quantiles = np.stack([prior.quantile(shares) for prior in self._priors], axis=-1)
-        usual = posterior.coordinates.from_physical(np.maximum(quantiles, 1e-300))
+        usual = posterior.coordinates.from_physical(_within(posterior, quantiles))
         self.middle, self.spread = usual.mean(axis=0), usual.std(axis=0)
         # What lies at an end must not be rounded beyond it.
         self.low, self.high = self.low + ROUNDED * self.spread, self.high - ROUNDED * self.spread
@@ -119,26 +157,27 @@ class PosteriorSurface:
 
     def _of_record(self, theta: Array, directions: Array) -> tuple[Array, Array]:
         """Slope `(W, q)` and curvature `(W, q, q)` of the log likelihood."""
-        likelihood = self.posterior.likelihood
-        noise, space = likelihood.noise, self.posterior.space
-        m = theta.shape[1] - len(noise.unknown)
-        by_log = self.posterior.coordinates.slopes(theta) / theta  # d log unknown / d coordinate
-        full, scales = space.full(theta), 1.0 / likelihood.sigmas(theta)
+        space, coordinates = self.posterior.space, self.posterior.coordinates
+        # d log unknown / d coordinate, or d unknown / d coordinate where it need not be positive
+        by_log = coordinates.slopes(theta) / coordinates.natural(theta)
+        m = len(space.columns("rig", "quantity"))
+        full, along = space.full(theta), None
         if m:
-            along = space.slopes(theta).swapaxes(1, 2) @ (by_log[:, :m, None] * directions[:m])
-            normal = likelihood.response.normal(full, along.swapaxes(1, 2), scales)
-            squares, slope, curvature = normal
-        else:
-            squares = likelihood.response.misfit(full) * scales**2
-            slope = np.zeros((len(theta), directions.shape[1]))
-            curvature = np.zeros((len(theta), directions.shape[1], directions.shape[1]))
-        if noise.unknown:
-            # Of a log level: what is left over its variance, and twice the number of samples; far
-            # from the level that fits, the larger of the two curvatures keeps a step in bounds.
-            own, levels = squares[:, list(noise.unknown)], by_log[:, m:]
-            slope = slope + _along(levels * (own - noise.n_samples), directions[m:])
-            known = 2.0 * np.maximum(own, noise.n_samples) * levels**2
-            curvature = curvature + _weighted(directions[m:], known)
+            turned = space.slopes(theta).swapaxes(1, 2) @ (by_log[:, :m, None] * directions[:m])
+            along = turned.swapaxes(1, 2)
+        slope = np.zeros((len(theta), directions.shape[1]))
+        curvature = np.zeros((len(theta), directions.shape[1], directions.shape[1]))
+        for one in self.posterior.likelihood.observations:
+            own = theta[:, one.own]
+            shown: Left | Fused = one.residuals(full)
+            if along is not None:
+                shown, pulled, bent = slopes(one, full, along, own)
+                slope, curvature = slope + pulled, curvature + bent
+            if one.noise.unknowns:
+                levels, owned = by_log[:, one.own], directions[one.own]
+                pulled, bent = one.noise.bend(shown, own)
+                slope = slope + _along(levels * pulled, owned)
+                curvature = curvature + _weighted(owned, bent * levels**2)
         return slope, curvature
 
     def _of_prior(self, u: Array) -> tuple[Array, Array]:
@@ -154,7 +193,8 @@ class PosteriorSurface:
             slope = np.nan_to_num((up - down) / (2 * step))
             curvature = np.maximum(np.nan_to_num(-(up - 2 * here + down) / step**2), 0.0)
         if not self.physical:
-            slope += np.array(self.posterior.coordinates.logs)
+            tilt, bend = self.posterior.coordinates.jacobian_bends(u)
+            slope, curvature = slope + tilt, curvature + bend
         return slope, curvature
 
 
@@ -171,8 +211,19 @@ def _weighted(directions: Array, curvature: Array) -> Array:
     return np.asarray((curvature[:, None, :] * directions.T) @ directions)
 
 
-def _ends(prior: Prior) -> tuple[float, float]:
+def _ends(unknown: Unknown) -> tuple[float, float]:
     """Of the support, or of nearly all of it."""
+    prior = unknown.prior
+    if unknown.between is not None:
+        low, high = unknown.between
+        inset = NOTHING * (high - low)
+        return max(prior.low, low + inset), min(prior.high, high - inset)
     low = prior.low if prior.low > 0 else float(prior.quantile(np.array(NOTHING)))
     high = prior.high if np.isfinite(prior.high) else float(prior.quantile(np.array(1 - NOTHING)))
     return low, high
+
+
+def _within(posterior: Posterior, theta: Array) -> Array:
+    """Where coordinates are numbers."""
+    floor = [1e-300 if one.between is None else -np.inf for one in posterior.space.unknowns]
+    return np.maximum(theta, floor)

@@ -2,39 +2,105 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import dataclasses
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bayesdrill.basics.duals import Dual
 from bayesdrill.basics.formulas import Expression
+from bayesdrill.basics.symbols import Symbol
+from bayesdrill.inference.coordinates import Coordinates
 from bayesdrill.inference.priors import Prior, Uniform, draw
 
 Array = NDArray[np.float64]
 
 
+Role = Literal["rig", "quantity", "noise"]
+Transform = Literal["log", "plain"] | tuple[float, float]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Unknown:
+    """As its owner declares it, SI; `start`: where a search for the MAP begins.
+
+    `transform` gives the coordinate in which samplers walk: its log, itself, or the logit between two
+    ends, where it need not be positive; None: log or itself, as the prior has it.
+    """
+
+    symbol: Symbol
+    role: Role
+    prior: Prior
+    start: float
+    transform: Transform | None = None
+
+    @property
+    def name(self) -> str:
+        return self.symbol.name
+
+    @property
+    def between(self) -> tuple[float, float] | None:
+        return self.transform if isinstance(self.transform, tuple) else None
+
+    @property
+    def in_logs(self) -> bool:
+        if self.transform is None:
+            return self.prior.in_logs
+        return self.transform == "log"
+
+
 @dataclass(frozen=True, kw_only=True)
 class ParameterSpace:
-    """The D unknowns: the model's free parameters, quantities, unknown noise levels, in this order.
+    """The D `unknowns`: free parameters of the rig, quantities, then those of the noise.
 
-    `model` lists all P parameters of the model: those not in `priors` have their values in `fixed`,
-    or follow from others by `relations`, in names of `priors` and `fixed`.  `quantities` are the
-    names in `priors` and `fixed` that are no parameters.  `theta` is `(W, D)`, physical, SI.
+    `model` lists all P parameters of the rig: those that are not unknown have their values in `fixed`,
+    or follow from others by `relations`, in names of unknowns and `fixed`.  `theta` is `(W, D)`,
+    physical, SI.
     """
 
     model: tuple[str, ...]
-    priors: Mapping[str, Prior]
+    unknowns: tuple[Unknown, ...]
     fixed: Mapping[str, float]
-    start: Mapping[str, float]
     relations: Mapping[str, Expression] = field(default_factory=dict)
-    quantities: tuple[str, ...] = ()
 
-    @property
+    @cached_property
     def free(self) -> tuple[str, ...]:
-        return tuple(self.priors)
+        return tuple(unknown.name for unknown in self.unknowns)
+
+    @cached_property
+    def priors(self) -> Mapping[str, Prior]:
+        return {unknown.name: unknown.prior for unknown in self.unknowns}
+
+    @cached_property
+    def start(self) -> Mapping[str, float]:
+        return {unknown.name: unknown.start for unknown in self.unknowns}
+
+    def columns(self, *roles: Role) -> list[int]:
+        """Of the unknowns that play one of these roles."""
+        return [k for k, unknown in enumerate(self.unknowns) if unknown.role in roles]
+
+    def with_priors(self, priors: Mapping[str, Prior]) -> ParameterSpace:
+        """With other priors of some."""
+        return self._each(lambda one: {"prior": priors.get(one.name, one.prior)})
+
+    def with_start(self, start: Mapping[str, float]) -> ParameterSpace:
+        """Where searches for the MAP begin elsewhere."""
+        return self._each(lambda one: {"start": start.get(one.name, one.start)})
+
+    def _each(self, changes: Callable[[Unknown], dict[str, Any]]) -> ParameterSpace:
+        changed = tuple(dataclasses.replace(one, **changes(one)) for one in self.unknowns)
+        return dataclasses.replace(self, unknowns=changed)
+
+    def coordinates(self) -> Coordinates:
+        """In which samplers walk."""
+        return Coordinates(
+            tuple(unknown.in_logs for unknown in self.unknowns),
+            tuple((k, *u.between) for k, u in enumerate(self.unknowns) if u.between is not None),
+        )
 
     def full(self, theta: Array) -> Array:
         """`(W, P)` parameters of the model, in its order."""
@@ -53,7 +119,7 @@ class ParameterSpace:
 
     def slopes(self, theta: Array) -> Array:
         """d parameter of the model / d log unknown at `theta (W, D)`, noise left out: `(W, m, P)`."""
-        charted = [name for name in self.free if name in self.model or name in self.quantities]
+        charted = [self.free[k] for k in self.columns("rig", "quantity")]
         duals: dict[str, Dual | float] = dict(self.fixed)
         for row, name in enumerate(charted):
             column_ = theta[:, row, None]
@@ -73,9 +139,9 @@ class ParameterSpace:
     def log_prior(self, theta: Array) -> Array:
         """`(W,)`; -inf outside the support, NaN included."""
         columns, low, high, log_density = self.box
-        boxed = theta[:, columns]
+        boxed, floor = theta[:, columns], self._floor[columns]
         with np.errstate(invalid="ignore"):
-            inside = ((boxed >= low) & (boxed <= high) & (boxed > 0)).all(axis=1)
+            inside = ((boxed >= low) & (boxed <= high) & (boxed > floor)).all(axis=1)
         total = np.where(inside, log_density, -np.inf)
         for column, prior in enumerate(self.priors.values()):
             if not isinstance(prior, Uniform):
@@ -90,6 +156,11 @@ class ParameterSpace:
     def bounding(self) -> tuple[str, ...]:
         """Parameters whose relation may give something else than a positive number."""
         return tuple(name for name, r in self.relations.items() if r.monomial() is None)
+
+    @cached_property
+    def _floor(self) -> Array:
+        """Above which each must be: zero, where its coordinate does not say otherwise."""
+        return np.array([-np.inf if u.between is not None else 0.0 for u in self.unknowns])
 
     @cached_property
     def box(self) -> tuple[list[int], Array, Array, float]:

@@ -17,6 +17,7 @@ from bayesdrill.basics.symbols import Symbol, product_latex
 from bayesdrill.inference.problem import Problem
 from bayesdrill.insight.diagnostics import hdi
 from bayesdrill.record.experiment import usual_inputs
+from bayesdrill.rig import vocabulary
 from bayesdrill.rig.models.linear import Linear, Model, Named, dynamics
 
 Array = NDArray[np.float64]
@@ -133,7 +134,7 @@ def _product_name(exponents: Mapping[str, int]) -> str:
 
 def described(problem: Problem) -> tuple[Symbol, ...]:
     """In the order of the values."""
-    tied = [symbols.PARAMETERS[name] for name in problem.posterior.space.relations]
+    tied = [vocabulary.PARAMETERS[name] for name in problem.posterior.space.relations]
     return (*tied, *symbols.DERIVED.values(), *(own.symbol for own in problem.derived))
 
 
@@ -165,8 +166,10 @@ def _following(problem: Problem, named: Named, n: int) -> dict[str, Array]:
 def _nominal(problem: Problem) -> dict[str, float]:
     """What has no nominal value, such as a quantity with a prior, leaves none to what names it."""
     space = problem.posterior.space
-    named: dict[str, Array | float] = dict.fromkeys((*space.model, *space.quantities), np.nan)
-    held = {name: value for name, value in space.fixed.items() if name in space.quantities}
+    named: dict[str, Array | float] = dict.fromkeys(
+        (*space.model, *space.free, *space.fixed), np.nan
+    )
+    held = {name: value for name, value in space.fixed.items() if name not in space.model}
     named |= {**held, **problem.nominal}
     found = {name: float(x[0]) for name, x in _following(problem, named, 1).items()}
     return {name: problem.nominal.get(name, np.nan) for name in space.relations} | found
@@ -237,7 +240,7 @@ def steady(model: Model, linear: Linear, n: int, inputs: Mapping[str, float]) ->
 
 def _angles(model: Model) -> list[int]:
     """Their places among the states."""
-    return [k for k, name in enumerate(model.states) if symbols.STATES[name].unit == "rad"]
+    return [k for k, name in enumerate(model.states) if vocabulary.STATES[name].unit == "rad"]
 
 
 def _turns(matrix: Array, angles: list[int]) -> bool:

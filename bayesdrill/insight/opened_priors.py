@@ -56,8 +56,7 @@ def open_ends(
     priors = {name: prior for name, prior in wider.items() if prior is not space.priors[name]}
     if not priors:
         return None
-    wide = dataclasses.replace(space, priors={**space.priors, **priors})
-    beyond = dataclasses.replace(posterior, space=wide)
+    beyond = dataclasses.replace(posterior, space=space.with_priors(priors))
     names = tuple(priors)
     try:
         with Crew(beyond, 1) as crew:

@@ -11,10 +11,10 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdrill.basics import symbols
 from bayesdrill.inference.problem import Problem
 from bayesdrill.insight.identifiability.information import Information
 from bayesdrill.insight.identifiability.scenes import Scenery
+from bayesdrill.rig import vocabulary
 from bayesdrill.rig.models.linear import Model, dynamics
 
 Array = NDArray[np.float64]
@@ -127,7 +127,7 @@ def _geometry(values: Mapping[str, float]) -> list[str]:
     for name, value in values.items():
         expected, what = GEOMETRY[name]
         if abs(value / expected - 1) > APPRECIABLE:
-            unit = symbols.PARAMETERS[name].plain_unit
+            unit = vocabulary.PARAMETERS[name].plain_unit
             found.append(
                 f"geometry: {name} = {value:.4g} {unit} is {100 * (value / expected - 1):+.0f} % off "
                 f"what the paper's dimensions give; {what} {expected:.3g} {unit}"

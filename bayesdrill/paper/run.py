@@ -36,6 +36,7 @@ from bayesdrill.paper.studies.findings import Findings, Misfits, Nine
 from bayesdrill.paper.studies.studies import Studies, prepare
 from bayesdrill.paper.studies.truths import truth_of
 from bayesdrill.paper.studies.verification import Verification, verify
+from bayesdrill.report.figures import POSTERIOR
 from bayesdrill.results.run_folder import Folder
 from bayesdrill.rig.models.motor_shaft import MotorShaft
 from bayesdrill.setup.config import Config
@@ -70,7 +71,7 @@ def reproduce(
     studies = prepare(configs)
     names = [nine.config.name for nine in studies.nines]
     for name in names:
-        Folder(output / name, "force", {}).check()  # not after minutes
+        Folder(output / name, "force", {}, POSTERIOR).check()  # not after minutes
     kind = own_files.paper(names)
     with Folder(output, "force" if force else "fresh", {}, kind) as folder:
         folder.begin(status="running", versions=software.versions())

@@ -84,7 +84,7 @@ def _predict(
     pointwise = {name: np.empty(shape, np.float32) for name in names}
     for chain, theta in enumerate(draws):
         signals = likelihood.signals(theta)
-        sigma = likelihood.sigma_columns(theta)
+        sigma = likelihood.own(theta)
         fresh = likelihood.noise.draw(signals, sigma, rng)
         log_p = likelihood.noise.pointwise(problem.experiment.y - signals, sigma)
         for k, name in enumerate(names):

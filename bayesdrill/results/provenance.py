@@ -63,7 +63,7 @@ def _of_experiment(experiment: Experiment) -> dict[str, str]:
 
 def _of_noise(problem: Problem) -> dict[str, str]:
     noise, names = problem.posterior.likelihood.noise, problem.experiment.names
-    return {f"the noise of {names[k]}": repr(sigma) for k, sigma in noise.known.items()}
+    return {f"the noise of {names[k]}": repr(sigma) for k, sigma in noise.held().items()}
 
 
 def resolved(config: Config, source: Source, folder: Path) -> str:

@@ -35,7 +35,7 @@ class Folder:
     path: Path
     mode: Mode
     fingerprint: Mapping[str, Any]
-    kind: Kind = own_files.POSTERIOR
+    kind: Kind
     _lock: FileLock | None = None
     _chains: dict[int, list[Piece]] = field(default_factory=dict)
 

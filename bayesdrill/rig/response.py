@@ -41,7 +41,9 @@ class Response:
         for column, u in enumerate(series):
             self._u[:, column] = np.append(u, u[-1])
         self._kernels: Kernels = kernels or compile_kernels(layout(model, experiment))
-        self._normal: list[tuple[Layout, Kernels]] = []  # made when it is first asked for
+        # Made when they are first asked for.
+        self._normal: list[tuple[Layout, Kernels]] = []
+        self._slopes: list[Response] = []
 
     def __getstate__(self) -> dict[str, Any]:
         return {"model": self.model, "experiment": self.experiment}
@@ -55,7 +57,7 @@ class Response:
             raise ValueError(f"the record has shape {self.experiment.y.shape}, not {y.shape}")
         experiment = dataclasses.replace(self.experiment, y=frozen(y))
         made = Response(self.model, experiment, self._kernels)
-        made._normal = self._normal  # which no record has an influence on
+        made._normal, made._slopes = self._normal, self._slopes  # which no record has a part in
         return made
 
     def with_series(self, series: Mapping[str, Array]) -> Response:
@@ -66,7 +68,7 @@ class Response:
         experiment = dataclasses.replace(self.experiment, series=ordered)
         return Response(self.model, experiment, self._kernels)
 
-    def misfit(self, theta: Array) -> Array:
+    def squares(self, theta: Array) -> Array:
         """Sum of squared residuals of each channel: `(W, P) -> (W, K)`, SI units squared."""
         blocks = _in_lanes(theta)
         out = np.empty((len(blocks), self._y.shape[1], LANES))
@@ -104,6 +106,15 @@ class Response:
         squares, slopes, lower = np.split(rows, [k_count, k_count + q], axis=1)
         products = np.tril(lower.reshape(n, q, q))
         return squares, slopes, products + np.tril(products, -1).swapaxes(1, 2)
+
+    def sensitivities(self, theta: Array, directions: Array) -> Array:
+        """d channel in the `directions (W, q, P)` at `theta (W, P)`: `(W, q, T, K)`."""
+        if not self._slopes:
+            self._slopes.append(slopes_of(self.model, _in_slopes(self.experiment)))
+        n, q, p = directions.shape
+        points = np.repeat(theta, q, axis=0)
+        along = np.concatenate([points, directions.reshape(n * q, p)], axis=1)
+        return self._slopes[0].signals(along).reshape(n, q, *self._y.shape)
 
     def _run(self, name: str, blocks: Array, out: Array) -> None:
         addresses = (a.ctypes.data for a in (blocks, self._y, self._u, out))

@@ -6,64 +6,59 @@ by one to collect all mistakes.  `problem` puts everything together.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
 
 from bayesdrill.basics import symbols, units
+from bayesdrill.basics.entries import made
 from bayesdrill.basics.errors import did_you_mean
 from bayesdrill.basics.expressions import linear_combination
 from bayesdrill.basics.formulas import Expression, resolved
+from bayesdrill.basics.registry import lookup
 from bayesdrill.engines.optimisers import OPTIMISERS
 from bayesdrill.engines.optimisers.contract import Optimiser
-from bayesdrill.engines.optimisers.pairwise import circle
-from bayesdrill.inference.coordinates import Coordinates
 from bayesdrill.inference.likelihood import Likelihood
-from bayesdrill.inference.noise.gaussian import Gaussian
+from bayesdrill.inference.noise import NOISES
+from bayesdrill.inference.noise.contract import Noise, Noisy
+from bayesdrill.inference.noise.mixed import Mixed, Part
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.priors import Prior
 from bayesdrill.inference.problem import Problem
-from bayesdrill.inference.unknowns import ParameterSpace
+from bayesdrill.inference.unknowns import ParameterSpace, Unknown
 from bayesdrill.insight.identifiability.study import Asked, Thresholds
 from bayesdrill.record.experiment import Channel, Experiment
-from bayesdrill.rig.models import MODELS, constants
+from bayesdrill.rig import vocabulary
+from bayesdrill.rig.models import MODELS
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.response import Response
 from bayesdrill.setup import number_entries
 from bayesdrill.setup.config import ChannelSpec, Config, InputColumn
 from bayesdrill.setup.number_objects import formula, prior, quantity, relation, rescaled, start
 
-PAIRWISE = ("pairs", "iterations", "steady")  # entries of `map:` that are for this method only
-
 
 @dataclass(frozen=True, slots=True)
 class Measured:
-    """A channel, how many SI units one unit of its column is, and its sigma: SI or a prior."""
+    """How many SI units one unit of a column is, the kind of its noise, and what that has to know."""
 
-    channel: Channel
     factor: float
-    sigma: float | Prior
-    sigma_start: float
+    kind: str
+    noisy: Noisy
+
+    @property
+    def channel(self) -> Channel:
+        return self.noisy.channel
 
 
 def model(config: Config) -> Model:
     """With the constants that the config gives, as far as the model has them."""
-    kind = lookup(MODELS, config.model.name, "model")
-    given = {name: getattr(config.model, name) for name in constants(kind)}
-    return kind(**{name: value for name, value in given.items() if value is not None})
-
-
-def lookup[T](registry: Mapping[str, T], name: str, what: str) -> T:
-    if name not in registry:
-        raise ValueError(f"'{name}' is not a {what}{did_you_mean(name, registry)}")
-    return registry[name]
+    return made(lookup(MODELS, config.model.name, "model"), config.model)
 
 
 def nominal(config: Config) -> dict[str, float]:
-    """Nominal values of all parameters: those of the table, unless the config says otherwise."""
+    """Nominal values of parameters: those of the table, unless the config says otherwise."""
     table = lookup(symbols.NOMINAL, _table(config), "nominal table")
-    own = {name: getattr(config.nominal, name) for name in symbols.PARAMETERS}
-    return {name: table.values[name] if own[name] is None else own[name] for name in table.values}
+    own = {name: getattr(config.nominal, name) for name in vocabulary.PARAMETERS}
+    return {**table.values, **{name: value for name, value in own.items() if value is not None}}
 
 
 def _table(config: Config) -> str:
@@ -96,8 +91,8 @@ def tolerance(config: Config) -> dict[str, float]:
     """Of nominal values, relative, of all parameters."""
     given = config.nominal.tolerance  # type: ignore[attr-defined]
     if isinstance(given, float):
-        return dict.fromkeys(symbols.PARAMETERS, given)
-    own = {name: getattr(given, name) for name in symbols.PARAMETERS}
+        return dict.fromkeys(vocabulary.PARAMETERS, given)
+    own = {name: getattr(given, name) for name in vocabulary.PARAMETERS}
     return {name: given.default if value is None else value for name, value in own.items()}
 
 
@@ -118,31 +113,9 @@ def compared_with(config: Config) -> str:
     return f"{_table(config)} ({', '.join(own)} as in the config)"
 
 
-def optimiser(config: Config, unknown: Sequence[str]) -> Optimiser:
-    """How the MAP is searched; `unknown` names what there is to search."""
-    own = config.map
-    found = lookup(OPTIMISERS, own.method, "method")
-    if own.method != "pairwise":
-        given = [name for name in PAIRWISE if getattr(own, name) is not None]
-        if given:
-            raise ValueError(f"{own.method} has no `{given[0]}`; remove it, or `method: pairwise`")
-        return found
-    pairs = [(first, second) for first, second in own.pairs or circle(unknown)]
-    for name in (name for pair in pairs for name in pair):
-        if name not in unknown:
-            raise ValueError(f"'{name}' in `pairs:` is not unknown{did_you_mean(name, unknown)}")
-    twice = [first for first, second in pairs if first == second]
-    if twice:
-        raise ValueError(f"`pairs:` has {twice[0]} with itself; name two different unknowns")
-    idle = [name for name in unknown if not any(name in pair for pair in pairs)]
-    if idle:
-        raise ValueError(f"no pair has {', '.join(idle)}, which would stay at the start; add it")
-    return partial(
-        found,
-        pairs=tuple(pairs),
-        iterations=own.iterations or 10,
-        steady=own.steady or 0.01,
-    )
+def optimiser(config: Config) -> Optimiser:
+    """How the MAP is searched."""
+    return made(lookup(OPTIMISERS, config.map.method, "method"), config.map)
 
 
 def si(value: float | number_entries.Quantity, unit: str) -> float:
@@ -168,7 +141,8 @@ def constant_inputs(config: Config) -> dict[str, float]:
 def initial_state(config: Config, model: Model) -> dict[str, float]:
     """SI."""
     return {
-        name: si(getattr(config.initial, name), symbols.STATES[name].unit) for name in model.states
+        name: si(getattr(config.initial, name), vocabulary.STATES[name].unit)
+        for name in model.states
     }
 
 
@@ -183,7 +157,7 @@ def measured(name: str, spec: ChannelSpec, states: tuple[str, ...]) -> Measured:
             "example `measures: theta_1 - theta_2`"
         )
     weights = linear_combination(spec.measures or name, states)
-    found = [symbols.STATES[state] for state in weights]
+    found = [vocabulary.STATES[state] for state in weights]
     if len({symbol.unit for symbol in found}) > 1:
         listed = ", ".join(f"{symbol.name} [{symbol.unit}]" for symbol in found)
         raise ValueError(f"'{spec.measures}' adds different units: {listed}")
@@ -193,21 +167,26 @@ def measured(name: str, spec: ChannelSpec, states: tuple[str, ...]) -> Measured:
     channel = Channel(
         name=name, weights=weights, unit=first.unit, latex=latex, latex_unit=first.latex_unit
     )
+    sigma, begin = _sigma(spec, factor)
+    kind, entries = spec.noise.name, spec.noise.model_dump(exclude={"name"})
+    noisy = Noisy(channel=channel, sigma=sigma, start=begin, entries=entries)
+    return Measured(factor, kind, noisy)
+
+
+def _sigma(spec: ChannelSpec, factor: float) -> tuple[float | Prior, float]:
+    """Of the noise, SI, and where a search begins."""
     if isinstance(spec.sigma, float):
-        return Measured(channel, factor, spec.sigma * factor, spec.sigma * factor)
+        return spec.sigma * factor, spec.sigma * factor
     if spec.sigma.relative:
         raise ValueError("sigma has no nominal value; write its prior in the unit of the column")
-    built = prior(spec.sigma, 1.0)
-    begin = start(spec.sigma, built)
-    scaled = rescaled(spec.sigma, factor)
-    return Measured(channel, factor, prior(scaled, 1.0), begin * factor)
+    begin = start(spec.sigma, prior(spec.sigma, 1.0))
+    return prior(rescaled(spec.sigma, factor), 1.0), begin * factor
 
 
-def space(config: Config, model: Model, channels: list[Measured]) -> ParameterSpace:
-    """The unknowns: free parameters in the model's order, quantities, then unknown sigmas."""
+def space(config: Config, model: Model, noise: Sequence[Unknown]) -> ParameterSpace:
+    """The unknowns: free parameters in the model's order, quantities, then those of the `noise`."""
     table, known = nominal(config), compared(config)
-    priors: dict[str, Prior] = {}
-    starts: dict[str, float] = {}
+    unknowns: list[Unknown] = []
     fixed: dict[str, float] = {}
     relations: dict[str, Expression] = {}
     for name in model.parameters:
@@ -220,27 +199,34 @@ def space(config: Config, model: Model, channels: list[Measured]) -> ParameterSp
         elif isinstance(spec, float | int):
             fixed[name] = float(spec)
         else:
-            priors[name] = prior(spec, table[name])
-            starts[name] = start(spec, priors[name], known.get(name))
-    given = {name: quantity(name, spec) for name, spec in config.quantities.items()}
-    unknown = [(name, q.value, q.start) for name, q in given.items()]
-    unknown += [(f"sigma_{e.channel.name}", e.sigma, e.sigma_start) for e in channels]
-    for name, value, begin in unknown:
-        if not isinstance(value, float):
-            priors[name], starts[name] = value, begin
-        elif name in given:
-            fixed[name] = value
-    relations = resolved(relations)
-    for name in [n for n, r in relations.items() if not set(r.names) & set(priors)]:
+            built = prior(spec, table.get(name))
+            begin = start(spec, built, known.get(name))
+            symbol = vocabulary.PARAMETERS[name]
+            unknowns.append(Unknown(symbol=symbol, role="rig", prior=built, start=begin))
+    for name, given in ((n, quantity(n, spec)) for n, spec in config.quantities.items()):
+        if isinstance(given.value, float):
+            fixed[name] = given.value
+        else:
+            symbol, own = given.symbol, given.value
+            unknowns.append(Unknown(symbol=symbol, role="quantity", prior=own, start=given.start))
+    relations, free = resolved(relations), {unknown.name for unknown in unknowns}
+    for name in [n for n, r in relations.items() if not set(r.names) & free]:
         fixed[name] = float(relations.pop(name).value(fixed))
     return ParameterSpace(
-        model=model.parameters,
-        priors=priors,
-        fixed=fixed,
-        start=starts,
-        relations=relations,
-        quantities=tuple(given),
+        model=model.parameters, unknowns=(*unknowns, *noise), fixed=fixed, relations=relations
     )
+
+
+def noise(channels: Sequence[Measured], n_samples: int) -> Noise:
+    """Of all channels: one of a kind, or a mixture of kinds."""
+    kinds: dict[str, list[int]] = {}
+    for k, one in enumerate(channels):
+        kinds.setdefault(one.kind, []).append(k)
+    parts = [
+        Part(lookup(NOISES, kind, "noise").of([channels[k].noisy for k in own], n_samples), (*own,))
+        for kind, own in kinds.items()
+    ]
+    return parts[0].noise if len(parts) == 1 else Mixed(tuple(parts))
 
 
 def channels(config: Config, model: Model) -> list[Measured]:
@@ -250,32 +236,18 @@ def channels(config: Config, model: Model) -> list[Measured]:
 def problem(config: Config, experiment: Experiment) -> Problem:
     """Everything, for a record already read (`recording.read`)."""
     rig = model(config)
-    entries = channels(config, rig)
-    unknowns = space(config, rig, entries)
-    noise = Gaussian(
-        n_samples=len(experiment.t),
-        known={k: entry.sigma for k, entry in enumerate(entries) if isinstance(entry.sigma, float)},
-        n_channels=len(entries),
-    )
+    scatter = noise(channels(config, rig), len(experiment.t))
+    unknowns = space(config, rig, scatter.unknowns)
     posterior = Posterior(
         space=unknowns,
-        likelihood=Likelihood(Response(rig, experiment), noise, unknowns),
-        coordinates=Coordinates(tuple(prior.in_logs for prior in unknowns.priors.values())),
+        likelihood=Likelihood.of(unknowns, (Response(rig, experiment), scatter)),
+        coordinates=unknowns.coordinates(),
     )
     return Problem(
         posterior=posterior,
-        symbols=tuple(_symbol(name, config, entries) for name in unknowns.free),
+        symbols=tuple(unknown.symbol for unknown in unknowns.unknowns),
         nominal=compared(config),
         published=frozenset(_published(config)),
         tolerance=tolerance(config),
         derived=tuple(formula(config, rig, name) for name in config.derived),
     )
-
-
-def _symbol(name: str, config: Config, entries: list[Measured]) -> symbols.Symbol:
-    if name in symbols.PARAMETERS:
-        return symbols.PARAMETERS[name]
-    if name in config.quantities:
-        return quantity(name, config.quantities[name]).symbol
-    (channel,) = (e.channel for e in entries if f"sigma_{e.channel.name}" == name)
-    return symbols.noise_symbol(channel.name, channel.unit, channel.latex, channel.latex_unit)

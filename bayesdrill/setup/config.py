@@ -7,13 +7,12 @@ entry to be judged (a start inside its prior, symbols of the model, units) is in
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Discriminator, Field, Tag, create_model
 
 from bayesdrill.basics import symbols
-from bayesdrill.setup.number_entries import (
-    HELD,
+from bayesdrill.basics.entries import (
     LARGEST,
     MOST,
     Count,
@@ -21,10 +20,19 @@ from bayesdrill.setup.number_entries import (
     NonNegative,
     Number,
     Positive,
+    Strict,
+    chosen,
+)
+from bayesdrill.engines.optimisers import OPTIMISERS
+from bayesdrill.inference.noise import NOISES
+from bayesdrill.record.formats import FORMATS
+from bayesdrill.rig import vocabulary
+from bayesdrill.rig.models import MODELS
+from bayesdrill.setup.number_entries import (
+    HELD,
     Quantity,
     QuantitySpec,
     SigmaSpec,
-    Strict,
     parameter_spec,
     shape,
 )
@@ -94,6 +102,23 @@ TimeSpec = Annotated[
 ]
 
 
+class NoiseBase(Strict):
+    """How what the rig does not explain is distributed."""
+
+    name: str = Field("white", description="The kind.")
+
+
+if TYPE_CHECKING:
+    NoiseSpec = NoiseBase
+else:
+    _kinds = {name: kind.Entries for name, kind in NOISES.usable().items()}
+    NoiseSpec = chosen("NoiseSpec", NoiseBase, "name", _kinds)
+
+
+def _named_noise(value: Any) -> Any:
+    return {"name": value} if isinstance(value, str) else value
+
+
 class ChannelSpec(Column):
     measures: str | None = Field(
         None,
@@ -102,15 +127,14 @@ class ChannelSpec(Column):
     sigma: SigmaSpec = Field(
         description="Noise standard deviation in the column's unit, or its prior when unknown."
     )
+    noise: Annotated[NoiseSpec, BeforeValidator(_named_noise)] = NoiseSpec()
 
 
-class RecordSpec(Strict):
+class RecordBase(Strict):
+    """Where the numbers are, and what they are."""
+
     file: str = Field(description="Relative to the folder of the config.")
-    format: Literal["csv", "mat"] | None = Field(None, description="Default: by the file's ending.")
-    delimiter: str | None = Field(None, description="CSV; default: found out.")
-    decimal: Literal[".", ","] | None = Field(None, description="CSV; default: found out.")
-    header: bool | None = Field(None, description="CSV; default: found out.")
-    skip_rows: Annotated[int, Field(ge=0, le=MOST)] = 0
+    format: str | None = Field(None, description="Default: by the file's ending.")
     time: TimeSpec
     window: Annotated[list[Number], Field(min_length=2, max_length=2)] | None = Field(
         None, description="Use the samples from the first to the second time [s] only."
@@ -118,23 +142,10 @@ class RecordSpec(Strict):
     channels: Annotated[dict[str, ChannelSpec], Field(min_length=1, max_length=MOST_NAMED)]
 
 
-class ModelSpec(Strict):
+class ModelBase(Strict):
     """A rig and its constants; each model has some of them, with its own defaults."""
 
-    name: str = "motor_shaft"
-    i_m: Positive = Field(0.125, description="Gear reduction factor, at most 1 (8:1 is 0.125).")
-    j_2: NonNegative | None = Field(
-        None, description="two_rotors: inertia at the output of the gearbox [kg m^2]; default 0."
-    )
-    r_s: NonNegative | None = Field(
-        None, description="two_rotors: resistance in series with the motor [ohm]; default 0."
-    )
-    i_n: Positive | None = Field(
-        None, description="as_printed: the undefined factor in A(6,5); default: i_m."
-    )
-    a_51: Literal["j_1", "j_m"] | None = Field(
-        None, description="as_printed: what A(5,1) stands over; default: j_1, as printed."
-    )
+    name: str = Field("motor_shaft", description="The model.")
 
 
 class Inputs(Strict):
@@ -142,18 +153,11 @@ class Inputs(Strict):
     t_1: InputSpec = 0.0
 
 
-class Initial(Strict):
-    """The state at `time`; what is not named is zero."""
-
+class _InitialBase(Strict):
     time: Number | None = Field(
         None,
         description="[s] default: 0 with constant inputs, the first sample with measured ones.",
     )
-    theta_1: Value = 0.0
-    theta_2: Value = 0.0
-    w_1: Value = 0.0
-    w_2: Value = 0.0
-    i: Value = 0.0
 
 
 def _per_symbol(
@@ -165,14 +169,23 @@ def _per_symbol(
             kind(symbol.name) | None,
             Field(None, description=f"{symbol.meaning} [{symbol.unit}]"),
         )
-        for symbol in symbols.PARAMETERS.values()
+        for symbol in vocabulary.PARAMETERS.values()
     }
     model: type[Strict] = create_model(name, __base__=base, __doc__=doc, **fields)
     return model
 
 
+_states: dict[str, Any] = dict.fromkeys(vocabulary.STATES, (Value, 0.0))
+Initial: type[_InitialBase] = create_model(
+    "Initial",
+    __base__=_InitialBase,
+    __doc__="The state at `time`; what is not named is zero.",
+    **_states,
+)
+
+
 def _held(name: str) -> Any:
-    return HELD.get(name, Positive)
+    return HELD[vocabulary.PARAMETERS[name].held]
 
 
 Tolerance = Annotated[float, Field(ge=0, lt=1)]
@@ -233,22 +246,25 @@ def _named_table(value: Any) -> Any:
     return {"table": value} if isinstance(value, str) else value
 
 
-Pair = Annotated[list[str], Field(min_length=2, max_length=2)]
+class MapBase(Strict):
+    """How the maximum of the posterior is searched."""
 
-
-class MapSpec(Strict):
-    method: str = "nelder_mead"
+    method: str = Field("nelder_mead", description="The optimiser.")
     starts: Searches = Field(
         4, description="The first is the configured one, the rest from the prior."
     )
     evaluations: Count = Field(8000, description="The most that one start may spend.")
-    pairs: Annotated[list[Pair], Field(min_length=1, max_length=1000)] | None = Field(
-        None, description="pairwise: unknowns that are searched together, in this order."
-    )
-    iterations: Count | None = Field(None, description="pairwise: of each pair; default: 10.")
-    steady: Positive | None = Field(
-        None, description="pairwise: ends when a cycle lowers the misfit by less; default: 0.01."
-    )
+
+
+if TYPE_CHECKING:
+    RecordSpec = RecordBase
+    ModelSpec = ModelBase
+    MapSpec = MapBase
+else:  # with what the members of the registries bring
+    _options = {name: one.options for name, one in FORMATS.usable().items()}
+    RecordSpec = chosen("RecordSpec", RecordBase, "format", _options)
+    ModelSpec = chosen("ModelSpec", ModelBase, "name", MODELS.usable())
+    MapSpec = chosen("MapSpec", MapBase, "method", OPTIMISERS.usable())
 
 
 class SamplerSpec(Strict):

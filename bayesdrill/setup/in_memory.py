@@ -11,11 +11,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from bayesdrill.basics.entries import entries_of
 from bayesdrill.basics.errors import Problem
 from bayesdrill.basics.own_files import RECORD
 from bayesdrill.record.experiment import raise_if_any
 from bayesdrill.record.formats import Table
-from bayesdrill.rig.models import Rig
+from bayesdrill.rig.models.linear import Model
 from bayesdrill.setup import loading
 from bayesdrill.setup.job import Job, assemble
 from bayesdrill.setup.yaml_source import parse
@@ -45,9 +46,9 @@ def as_csv(columns: Mapping[str, Array]) -> str:
     return "\n".join([",".join(columns), *(",".join(map(repr, line)) for line in lines)]) + "\n"
 
 
-def model_entry(rig: Rig) -> dict[str, Any]:
+def model_entry(rig: Model) -> dict[str, Any]:
     """As `model:` of a config has it."""
-    return {"name": rig.name, **dataclasses.asdict(rig)}
+    return {"name": rig.name, **{entry: getattr(rig, entry) for entry in entries_of(type(rig))}}
 
 
 def _as_yaml(entries: Mapping[str, Any]) -> str:

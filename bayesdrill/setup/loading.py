@@ -11,11 +11,11 @@ from typing import Any
 
 from pydantic import BaseModel, ValidationError
 
+from bayesdrill.basics.entries import SMALLEST
 from bayesdrill.basics.errors import InputError, Problem, did_you_mean
 from bayesdrill.inference.priors import PRIORS
 from bayesdrill.setup import consistency
 from bayesdrill.setup.config import Config
-from bayesdrill.setup.number_entries import SMALLEST
 from bayesdrill.setup.yaml_source import Place, Source, read
 
 # What a config cannot do without.  Of an entry that is missing or spoilt nothing more is said, but
@@ -158,6 +158,8 @@ def _message(error: dict[str, Any], place: Place) -> str:
             return f"{_shown(value)} is not text; put it in quotes if it is meant"
         case "model_type" | "model_attributes_type" | "dict_type":
             return f"{_shown(value)} stands where `key: value` entries are wanted, indented below"
+        case "value_error":
+            return str(context["error"])
         case "string_pattern_mismatch":
             return f"{_shown(value)} may only have letters, digits, `_`, `-` and `.`"
     text = str(error["msg"]).replace("Input should", "it should")

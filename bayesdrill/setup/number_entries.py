@@ -6,22 +6,16 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag
+from pydantic import BaseModel, Discriminator, Field, Tag
 
-
-class Strict(BaseModel):
-    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
-
-
-# Of any number in a config.  No rig has others, and their squares and ratios stay finite.
-SMALLEST, LARGEST = 1e-30, 1e30
-MOST = 1_000_000  # of anything that is counted
-
-Number = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
-Positive = Annotated[float, Field(ge=SMALLEST, le=LARGEST)]
-NonNegative = Annotated[float, Field(ge=0, le=LARGEST)]
-Count = Annotated[int, Field(ge=1, le=MOST)]
-Latex = Annotated[str, Field(max_length=200)]  # longer, and matplotlib takes for ever
+from bayesdrill.basics.entries import (
+    SMALLEST,
+    Latex,
+    NonNegative,
+    Number,
+    Positive,
+    Strict,
+)
 
 
 def shape(value: Any) -> str:
@@ -117,9 +111,9 @@ def parameter_spec(number: Any) -> Any:
     ]
 
 
-# What a parameter may be held at: most are positive, but a motor may have no friction or damping, and
-# a motor that turns backwards has friction of the other sign.
-HELD: Mapping[str, Any] = MappingProxyType({"t_f": Number, "c_m": NonNegative})
+HELD: Mapping[str, Any] = MappingProxyType(
+    {"positive": Positive, "not negative": NonNegative, "any": Number}
+)
 SigmaSpec = Annotated[
     Annotated[Positive, Tag("<number>")] | Annotated[PriorSpec, Tag("<mapping>")],
     Discriminator(shape),

@@ -16,6 +16,7 @@ from bayesdrill.basics.errors import did_you_mean
 from bayesdrill.basics.formulas import RESERVED, Expression, expression
 from bayesdrill.inference.priors import PRIORS, Prior
 from bayesdrill.inference.problem import Formula
+from bayesdrill.rig import vocabulary
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.setup import number_entries
 from bayesdrill.setup.config import Config
@@ -35,7 +36,7 @@ _FARTHEST = 5  # sd of a normal between its mean and zero, where it is cut
 _SCALED = ("low", "high", "mean", "sd", "median", "scale")
 
 
-def prior(spec: number_entries.PriorSpec, nominal_value: float) -> Prior:
+def prior(spec: number_entries.PriorSpec, nominal_value: float | None) -> Prior:
     """The prior in SI; `relative` multiplies all but the sd of a log by `nominal_value`."""
     values = spec.model_dump(exclude={"prior", "relative", "start", "unit", "latex"})
     if "low" in values and not values["low"] < values["high"]:
@@ -47,6 +48,8 @@ def prior(spec: number_entries.PriorSpec, nominal_value: float) -> Prior:
             f"mean {values['mean']:g} lies more than {_FARTHEST} sd below zero, so that nothing of the "
             "prior is left; all unknowns are positive"
         )
+    if spec.relative and nominal_value is None:
+        raise ValueError("there is no nominal value to be relative to; leave out `relative:`")
     if spec.relative:
         values = {k: v * nominal_value if k in _SCALED else v for k, v in values.items()}
     built = PRIORS[spec.prior](**values)
@@ -115,7 +118,7 @@ def _check_name(name: str) -> None:
     """Whether a config may give this name to a thing of its own."""
     if not name.isidentifier() or keyword.iskeyword(name):
         raise ValueError(f"'{name}' cannot be a name; use letters, digits and `_`")
-    known = (symbols.PARAMETERS, symbols.STATES, symbols.INPUTS, symbols.DERIVED)
+    known = (vocabulary.PARAMETERS, vocabulary.STATES, symbols.INPUTS, symbols.DERIVED)
     if name in {*RESERVED, *symbols.AXES}.union(*known) or name.startswith("sigma_"):
         raise ValueError(f"{name} has a meaning of its own here; choose another name")
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayesdrill.basics import sizes, symbols, units
+from bayesdrill.basics.entries import made
 from bayesdrill.basics.errors import InputError, Problem
 from bayesdrill.record.experiment import (
     Experiment,
@@ -33,14 +34,9 @@ def path_of(config: Config, source: Source) -> Path:
     return source.path.parent / config.record.file
 
 
-def options(record: RecordSpec) -> CsvOptions:
+def csv_options(record: RecordSpec) -> CsvOptions:
     """How a text file is written, as far as the config says so."""
-    return CsvOptions(
-        delimiter=record.delimiter,
-        decimal=record.decimal,
-        header=record.header,
-        skip_rows=record.skip_rows,
-    )
+    return made(CsvOptions, record)
 
 
 def read(config: Config, source: Source, table: Table | None = None) -> Experiment:
@@ -82,7 +78,8 @@ class _Reader:
             sizes.check_record(len(time), len(columns))
         except ValueError as error:
             raise InputError([self._source.problem(("record", "file"), str(error))]) from None
-        n_unknown = len(build.space(config, model, measured).free)
+        noise = build.noise(measured, len(time))
+        n_unknown = len(build.space(config, model, noise.unknowns).free)
         shortened_by = "file" if config.record.window is None else "window"
         raise_if_any(
             check_length(self._label(("record", shortened_by)), len(time), len(columns), n_unknown)
@@ -107,8 +104,8 @@ class _Reader:
         except ValueError as error:
             raise InputError([self._source.problem(("record", "file"), str(error))]) from None
         try:
-            kind = record.format or format_of(self._path)
-            return FORMATS[kind](self._path, options(record), _wanted(self._config))
+            kind = FORMATS[record.format or format_of(self._path)]
+            return kind.read(self._path, made(kind.options, record), _wanted(self._config))
         except InputError as error:
             label = self._label(("record", "file"))
             raise InputError([Problem(label, str(problem)) for problem in error.problems]) from None

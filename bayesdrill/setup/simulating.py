@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 from typing import Any
 
@@ -33,10 +34,10 @@ def simulate(config: Config, source: Source, seed: int, target: Path | None = No
     measured = build.channels(config, rig)
     values = truth(config, rig)
     signals = Response(rig, experiment).signals(np.array([[values[p] for p in rig.parameters]]))[0]
-    sigmas = np.array([_sigma(config, source, entry) for entry in measured])
-    noise = seeds.stream(seed, "record").standard_normal(signals.shape)
-    factors = np.array([entry.factor for entry in measured])
-    y = (signals + sigmas * noise) / factors
+    noise = build.noise([_known(config, source, entry) for entry in measured], len(signals))
+    own = np.array([[unknown.start for unknown in noise.unknowns]])
+    noisy = noise.draw(signals[None], own, seeds.stream(seed, "record"))[0]
+    y = noisy / np.array([entry.factor for entry in measured])
     return writing.as_text(config, source, experiment, y)
 
 
@@ -104,9 +105,10 @@ def truth(config: Config, rig: Model) -> dict[str, float]:
     return values
 
 
-def _sigma(config: Config, source: Source, entry: build.Measured) -> float:
-    if isinstance(entry.sigma, float):
-        return entry.sigma
+def _known(config: Config, source: Source, entry: build.Measured) -> build.Measured:
+    """With the sigma of `simulation:`, where the noise is unknown."""
+    if isinstance(entry.noisy.sigma, float):
+        return entry
     simulation: Any = config.simulation
     name = entry.channel.name
     if simulation is None or name not in simulation.sigma:
@@ -114,4 +116,5 @@ def _sigma(config: Config, source: Source, entry: build.Measured) -> float:
             f"the noise of this channel is unknown; add `simulation: {{sigma: {{{name}: ...}}}}`"
         )
         raise InputError([source.problem(("record", "channels", name, "sigma"), message)])
-    return float(simulation.sigma[name]) * entry.factor
+    sigma = float(simulation.sigma[name]) * entry.factor
+    return dataclasses.replace(entry, noisy=dataclasses.replace(entry.noisy, sigma=sigma))

@@ -41,11 +41,11 @@ def check_form(config: Config, source: Source, target: Path | None) -> None:
     record, place, wrong = config.record, ("record", "file"), ""
     try:
         kind = record.format or format_of(target or reading.path_of(config, source))
-        check_options(Path(), reading.options(record))
+        check_options(Path(), reading.csv_options(record))
         wrong = "" if kind == "csv" else "a simulated record is text; name a .csv file"
     except InputError as error:
         wrong = error.problems[0].message
-    if not wrong and record.header is False:
+    if not wrong and reading.csv_options(record).header is False:
         place, wrong = ("record", "header"), "a simulated record has a header; remove this entry"
     if wrong:
         raise InputError([source.problem(place, wrong)])
@@ -54,7 +54,7 @@ def check_form(config: Config, source: Source, target: Path | None) -> None:
 def as_text(config: Config, source: Source, experiment: Experiment, y: Array) -> str:
     """Channels `y (T, K)` in the units of their columns, with time and inputs of `experiment`."""
     columns = _columns(config, source, experiment, y)
-    record = config.record
+    record = reading.csv_options(config.record)
     mark = record.delimiter or (";" if record.decimal == "," else ",")
     head, body = io.StringIO(), io.StringIO()
     csv.writer(head, delimiter=mark, lineterminator="\n").writerow([c.name for c in columns])
@@ -96,7 +96,7 @@ def _check_read_back(config: Config, source: Source, text: str, columns: list[_C
     """Names and marks that a reader takes for something else."""
     path = reading.path_of(config, source)
     try:
-        table = text_table(path, text, reading.options(config.record))
+        table = text_table(path, text, reading.csv_options(config.record))
         for column in columns:
             found = table.pick(column.name)
             if not np.allclose(found, column.values, rtol=0, atol=SAME * np.ptp(column.values)):

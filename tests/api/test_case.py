@@ -242,7 +242,8 @@ def test_figures_and_the_tree_of_arviz() -> None:
     from matplotlib.figure import Figure
 
     assert isinstance(run().plot_corner(), Figure)
-    with pytest.raises(bd.InputError, match="trace"):
+    assert isinstance(run().plot("fit"), Figure)
+    with pytest.raises(bd.InputError, match="did you mean corner"):
         run().plot("cornor")
     tree = run().to_arviz()
     assert tree["posterior"]["k_s"].shape == run().draws["k_s"].shape

@@ -12,8 +12,9 @@ from systems import listing, results
 
 from bayesdrill.basics import own_files
 from bayesdrill.basics.errors import InputError
-from bayesdrill.basics.own_files import POSTERIOR, RECORD, RUN, Kind, whole
+from bayesdrill.basics.own_files import RECORD, RUN, Kind, whole
 from bayesdrill.basics.sealed import opened, sealed
+from bayesdrill.report.figures import POSTERIOR
 from bayesdrill.results.run_folder import Folder, Mode
 
 KINDS = [POSTERIOR, own_files.CALIBRATE, own_files.paper(("one", "two"))]
@@ -46,11 +47,11 @@ def put(folder: Path, name: str, text: str = "mine") -> None:
 def test_a_record_that_was_saved_with_its_run_outlives_it(tmp_path: Path) -> None:
     """Its config may be started over from this very folder: the record is in no other place."""
     out = results(tmp_path / "out", POSTERIOR)
-    with Folder(out, "force", {"seed": "1"}) as folder:
+    with Folder(out, "force", {"seed": "1"}, POSTERIOR) as folder:
         folder.begin(status="running")
         folder.write_text(RECORD, "t,w_1")
     put(out, ".record.12.aside.csv", "left by a run that was killed")
-    with Folder(out, "force", {"seed": "2"}) as folder:
+    with Folder(out, "force", {"seed": "2"}, POSTERIOR) as folder:
         folder.begin(status="running")
     assert (out / RECORD).read_text() == "t,w_1"
     assert not (out / ".record.12.aside.csv").exists()
@@ -79,7 +80,7 @@ def test_force_takes_what_such_a_run_writes_and_nothing_else(kind: Kind, tmp_pat
 
 def test_run_json_is_there_all_the_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Mutant killed: run.json removed while the folder is cleared, in which a kill may fall."""
-    out = results(tmp_path / "out", own_files.POSTERIOR)
+    out = results(tmp_path / "out", POSTERIOR)
     seen = []
     write = Folder.write_text
 
@@ -88,7 +89,7 @@ def test_run_json_is_there_all_the_time(tmp_path: Path, monkeypatch: pytest.Monk
         write(folder, name, text)
 
     monkeypatch.setattr(Folder, "write_text", seeing)
-    with Folder(out, "force", {"seed": "2"}) as folder:
+    with Folder(out, "force", {"seed": "2"}, POSTERIOR) as folder:
         folder.begin(status="running")
     assert seen == [[".lock", RUN]]
 
@@ -96,7 +97,7 @@ def test_run_json_is_there_all_the_time(tmp_path: Path, monkeypatch: pytest.Monk
 MODES: list[Mode] = ["fresh", "resume", "force", "report"]
 
 
-def refused(folder: Path, mode: Mode, kind: Kind = own_files.POSTERIOR) -> str:
+def refused(folder: Path, mode: Mode, kind: Kind = POSTERIOR) -> str:
     """What is said; nothing below the parent of `folder` may change."""
     before = listing(folder.parent)
     with pytest.raises(InputError) as caught, Folder(folder, mode, {}, kind):
@@ -173,7 +174,7 @@ def test_what_no_run_can_have_made_is_named_first(
     name: str, spoil: Callable[[Path], None], what: str, mode: Mode, tmp_path: Path
 ) -> None:
     """Mutants killed: links are followed; a chain is gone before the run fails."""
-    out = results(tmp_path / "results" / "out", own_files.POSTERIOR)
+    out = results(tmp_path / "results" / "out", POSTERIOR)
     spoil(out / name)
     said = refused(out, mode)
     assert f"{name}: {what}, " in said
@@ -187,9 +188,9 @@ def test_hidden_files_of_others_that_bear_our_names_are_left_alone(tmp_path: Pat
 
 def test_a_folder_behind_a_link_is_a_folder(tmp_path: Path) -> None:
     """As one whose results lie on another disk; the user named it."""
-    results(tmp_path / "disk", own_files.POSTERIOR)
+    results(tmp_path / "disk", POSTERIOR)
     (tmp_path / "out").symlink_to("disk")
-    with Folder(tmp_path / "out", "force", {}) as folder:
+    with Folder(tmp_path / "out", "force", {}, POSTERIOR) as folder:
         folder.begin(status="running")
     assert set(listing(tmp_path / "disk")) == {".lock", RUN}
 
@@ -206,7 +207,7 @@ def test_a_file_is_replaced_and_nothing_else(spoil: Callable[[Path], None], tmp_
 
 
 def test_a_file_that_would_not_be_known_again_is_not_written(tmp_path: Path) -> None:
-    with Folder(tmp_path / "out", "fresh", {}) as folder, pytest.raises(KeyError):
+    with Folder(tmp_path / "out", "fresh", {}, POSTERIOR) as folder, pytest.raises(KeyError):
         folder.write_text("summary.txt", "")
 
 

@@ -99,7 +99,7 @@ def test_an_alias_outside_the_priors_is_not_looked_for() -> None:
     """Nor one of a rig that does not swing."""
     target = aliased(("k_s",), 0.26)
     narrow = dataclasses.replace(
-        target, space=dataclasses.replace(target.space, priors={"k_s": Uniform(0.25, 0.27)})
+        target, space=target.space.with_priors({"k_s": Uniform(0.25, 0.27)})
     )
     assert aliases.starts(narrow, at(narrow, 0.26)).shape == (0, 1)
     still = aliased(("r_m", "t_f"), 0.26)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ import scipy.stats
 from oracles import NOMINAL, ORDER
 from rigs import measured, posterior, vector
 
-from bayesdrill.inference.noise.gaussian import Gaussian
+from bayesdrill.inference.noise.white import White
 from bayesdrill.inference.priors import Uniform
 
 SIGMA = np.array([0.1, 0.07, 0.2, 0.15])
@@ -43,23 +44,24 @@ def test_unknown_sigma_per_channel() -> None:
 
 
 def test_noise_density_integrates_to_one() -> None:
-    noise = Gaussian(n_samples=1, known={0: 0.3}, n_channels=1)
+    noise = White(n_samples=1, known={0: 0.3}, n_channels=1)
     x = np.linspace(-4, 4, 4001)
-    density = np.exp(noise.log_likelihood(x[:, None] ** 2, np.empty((len(x), 0))))[:, 0]
+    left = SimpleNamespace(squares=x[:, None] ** 2)
+    density = np.exp(noise.log_likelihood(left, np.empty((len(x), 0))))[:, 0]
     assert np.trapezoid(density, x) == pytest.approx(1.0, abs=1e-9)
 
 
 def test_pointwise_terms_sum_to_the_likelihood() -> None:
     target = posterior(RECORD, None)
     theta = np.hstack([points(3), np.full((3, 4), 0.2)])
-    sigma = target.likelihood.sigma_columns(theta)
+    sigma = target.likelihood.own(theta)
     residuals = RECORD.y - target.likelihood.signals(theta)
     pointwise = target.likelihood.noise.pointwise(residuals, sigma)
     assert np.allclose(pointwise.sum(axis=1), target.likelihood.by_channel(theta), rtol=1e-10)
 
 
 def test_predictive_noise_has_the_sigma_of_its_channel() -> None:
-    noise = Gaussian(n_samples=1, known={0: 0.5, 2: 2.0}, n_channels=3)
+    noise = White(n_samples=1, known={0: 0.5, 2: 2.0}, n_channels=3)
     drawn = noise.draw(np.zeros((4000, 10, 3)), np.full((4000, 1), 0.1), np.random.default_rng(2))
     assert drawn.std(axis=(0, 1)) == pytest.approx([0.5, 0.1, 2.0], rel=0.02)
 

@@ -30,7 +30,7 @@ def rig() -> Likelihood:
 
 def with_residuals(rig: Likelihood, residuals: Array) -> Likelihood:
     y = rig.signals(AT[None])[0] + residuals
-    return replace(rig, response=rig.response.with_record(y))
+    return rig.with_alone(response=rig.response.with_record(y))
 
 
 def white(seed: int) -> Array:

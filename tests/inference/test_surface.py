@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable
 
 import numpy as np
 import pytest
 from compiled import MEASURED, SIGMA, response, seen
 from oracles import NOMINAL, ORDER
-from rigs import vector
+from rigs import unknown, vector
 
 from bayesdrill.basics.formulas import expression
-from bayesdrill.inference.coordinates import Coordinates
+from bayesdrill.inference.likelihood import Likelihood
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.priors import HalfNormal, LogNormal, Prior, TruncatedNormal, Uniform
 from bayesdrill.inference.surface import Expansion, PosteriorSurface, joined
@@ -28,25 +27,22 @@ FAMILIES: dict[str, Prior] = {
 def tied() -> Posterior:
     """One parameter the same as another, and one a sum of two quantities' reciprocals."""
     target = seen("step", None, priors=FAMILIES)
-    priors = {n: p for n, p in target.space.priors.items() if n not in ("k_T", "k_s")}
-    at = 1 + list(priors).index("t_f")
-    items = list(priors.items())
-    items[at:at] = [(name, Uniform(0.3, 0.9)) for name in ("k_a", "k_b")]
+    unknowns = [one for one in target.space.unknowns if one.name not in ("k_T", "k_s")]
+    at = 1 + [one.name for one in unknowns].index("t_f")
+    unknowns[at:at] = [unknown(name, Uniform(0.3, 0.9)) for name in ("k_a", "k_b")]
     known = (*ORDER, "k_a", "k_b")
     space = ParameterSpace(
         model=ORDER,
-        priors=dict(items),
+        unknowns=tuple(unknowns),
         fixed={},
-        start={},
         relations={
             "k_T": expression("k_e", known),
             "k_s": expression("1/(1/k_a + 1/k_b)", known),
         },
-        quantities=("k_a", "k_b"),
     )
-    likelihood = dataclasses.replace(target.likelihood, space=space)
-    logs = Coordinates(tuple(prior.in_logs for _, prior in items))
-    return Posterior(space=space, likelihood=likelihood, coordinates=logs)
+    old = target.likelihood.alone
+    likelihood = Likelihood.of(space, (old.response, old.noise))
+    return Posterior(space=space, likelihood=likelihood, coordinates=space.coordinates())
 
 
 TARGETS: dict[str, Callable[[], Posterior]] = {

@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 import shutil
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -15,10 +14,10 @@ import scipy.optimize
 from oracles import NOMINAL, ORDER, by_expm, skewed
 from rigs import experiment, measured, posterior, vector
 
-from bayesdrill.engines.optimisers import pairwise
 from bayesdrill.engines.workers import Crew
 from bayesdrill.inference.priors import Uniform
 from bayesdrill.insight import plausibility
+from bayesdrill.paper.searches.pairwise import Pairwise
 from bayesdrill.paper.studies import (
     bounds,
     causes,
@@ -185,9 +184,9 @@ def test_misfit_is_the_papers() -> None:
 def test_path_of_the_heuristic_begins_and_ends_at_its_misfits() -> None:
     target = posterior(measured(SIGMA, n=60), SIGMA, free=("k_e", "k_s", "j_1"))
     names = target.space.free
-    own = partial(pairwise.maximise, pairs=pairwise.circle(names), iterations=10, steady=0.01)
+    own = Pairwise()
     start = {name: 1.15 * NOMINAL[name] for name in names}
-    target = replace(target, space=replace(target.space, start=start))
+    target = replace(target, space=target.space.with_start(start))
     with Crew(target, 1) as crew:
         found = heuristic.run(crew, target, own, 5000, 3, 5)
     assert found.misfits[0] == pytest.approx(misfit.per_number(target, found.guess))

@@ -13,13 +13,13 @@ from oracles import NOMINAL, ORDER, by_expm, matrices, skewed
 from rigs import STATES, experiment, measured, posterior, vector
 
 from bayesdrill.engines.convergence import Targets
-from bayesdrill.engines.optimisers import fminsearch
 from bayesdrill.engines.optimisers.contract import Optimum, Task
 from bayesdrill.engines.sampling import Plan
 from bayesdrill.engines.workers import Crew
 from bayesdrill.inference.coordinates import Coordinates
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.priors import Uniform
+from bayesdrill.paper.searches.fminsearch import Fminsearch
 from bayesdrill.paper.studies import (
     bounds,
     causes,
@@ -61,7 +61,7 @@ def target(
     low, high = wide
     priors = {name: Uniform(low * NOMINAL[name], high * NOMINAL[name]) for name in names}
     found = posterior(measured(sigma, n=n), sigma, free=names, priors=priors)
-    return replace(found, space=replace(found.space, start=start))
+    return replace(found, space=found.space.with_start(start))
 
 
 # The printed matrix and the integrator
@@ -186,7 +186,7 @@ def test_the_heuristic_ends_lower_in_the_misfit_that_it_searches() -> None:
     names = ("k_e", "t_f")
     rig = target(names, np.full(4, 0.002), 101, at(names, 1.1, 0.9))
     with Crew(rig, 1) as crew:
-        found = heuristic.run(crew, rig, fminsearch.maximise, 400, 1, 5)
+        found = heuristic.run(crew, rig, Fminsearch(), 400, 1, 5)
     own = [stepped.per_number(rig.likelihood, x) for x in (found.stepped, found.estimate)]
     exact = [misfit.per_number(rig, x) for x in (found.stepped, found.estimate)]
     assert found.stepped_misfit == pytest.approx(own[0])
@@ -202,9 +202,9 @@ def test_with_a_measured_voltage_the_heuristic_has_no_end_by_the_integrator() ->
     own = replace(
         likelihood.response.experiment, constant={"t_1": 0.0}, series={"v": np.full(41, 8.0)}
     )
-    driven = replace(likelihood, response=Response(MotorShaft(), own))
+    driven = likelihood.with_alone(response=Response(MotorShaft(), own))
     with Crew(measured := replace(rig, likelihood=driven), 1) as crew:
-        found = heuristic.run(crew, measured, fminsearch.maximise, 60, 1, 5)
+        found = heuristic.run(crew, measured, Fminsearch(), 60, 1, 5)
     assert (found.stepped, found.stepped_misfit) == (None, None)
     assert found.misfits[-1] < found.misfits[0]
 
@@ -355,7 +355,7 @@ def test_ends_of_searches_are_told_apart_by_their_misfits(
     else:
         assert not any(end.reached or end.best for end in far)
         assert min(end.misfit for end in far) > high
-    first = fminsearch.maximise(
+    first = Fminsearch()(
         misfit.task(rig), rig.space.vector(rig.space.start), simultaneous.EVALUATIONS
     )
     assert ends[0].misfit == pytest.approx(misfit.per_number(rig, first.theta))
@@ -522,7 +522,7 @@ def test_fminsearch_gives_up_where_matlab_documents_it(n: int) -> None:
         coordinates=Coordinates((False,) * n),
         covariance=lambda theta: np.eye(n),
     )
-    found = fminsearch.maximise(endless, np.ones(n), 100_000)
+    found = Fminsearch()(endless, np.ones(n), 100_000)
     assert not found.settled
     assert max(found.evaluations, len(found.history)) == 200 * n
-    assert fminsearch.maximise(endless, np.ones(n), 50).evaluations == 50
+    assert Fminsearch()(endless, np.ones(n), 50).evaluations == 50

@@ -8,9 +8,9 @@ import scipy.interpolate
 from oracles import NOMINAL, skewed
 from rigs import STATES, experiment, vector
 
+from bayesdrill.paper.as_printed import AsPrinted
 from bayesdrill.paper.studies import trapezoid
 from bayesdrill.paper.studies.trapezoid import SIX_STATES, Solution, integrate, six_states
-from bayesdrill.rig.models.as_printed import AsPrinted
 from bayesdrill.rig.models.motor_shaft import MotorShaft
 from bayesdrill.rig.response import Response
 

@@ -243,7 +243,7 @@ def test_what_cannot_be_picked(column, variable, said: str, write) -> None:
 def test_formats_by_ending(tmp_path: Path) -> None:
     assert [format_of(Path(n)) for n in ("a.csv", "a.TXT", "a.tsv", "a.dat")] == ["csv"] * 4
     assert format_of(Path("a.MAT")) == "mat"
-    assert set(FORMATS) == {"csv", "mat"}
+    assert {"csv", "mat"} <= set(FORMATS)
     for name, said in [("a.xlsx", ".csv, .txt, .tsv, .dat, .mat"), ("a", "no ending")]:
         with pytest.raises(InputError, match=said):
             format_of(tmp_path / name)

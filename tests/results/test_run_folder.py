@@ -10,6 +10,7 @@ import pytest
 from bayesdrill.basics import seeds
 from bayesdrill.basics.errors import InputError
 from bayesdrill.engines.samplers.ensemble import Piece, State
+from bayesdrill.report.figures import POSTERIOR
 from bayesdrill.results.run_folder import Folder, read_chain
 
 
@@ -40,7 +41,7 @@ def damages(content: bytes, rng: np.random.Generator) -> list[bytes]:
 
 def test_a_damaged_chain_is_named_or_harmless(piece: Piece, tmp_path: Path) -> None:
     """Mutant killed: a chain that is believed whatever its checksum."""
-    with Folder(tmp_path / "out", "fresh", {}) as folder:
+    with Folder(tmp_path / "out", "fresh", {}, POSTERIOR) as folder:
         folder.save(0, 0, piece)
         folder.finish_chain([[piece]], {})
     path = tmp_path / "out" / "chain.h5"
@@ -62,7 +63,7 @@ def test_a_damaged_chain_is_named_or_harmless(piece: Piece, tmp_path: Path) -> N
 
 @pytest.mark.filterwarnings("ignore::ResourceWarning")
 def test_a_damaged_piece_is_named_or_harmless(piece: Piece, tmp_path: Path) -> None:
-    with Folder(tmp_path / "out", "fresh", {}) as folder:
+    with Folder(tmp_path / "out", "fresh", {}, POSTERIOR) as folder:
         folder.save(0, 0, piece)
         (path,) = (tmp_path / "out" / ".pieces").iterdir()
         content = path.read_bytes()
@@ -82,7 +83,7 @@ def test_a_damaged_piece_is_named_or_harmless(piece: Piece, tmp_path: Path) -> N
 
 def test_pieces_after_a_gap_wait_until_it_is_filled(piece: Piece, tmp_path: Path) -> None:
     """Mutant killed: a piece taken for the continuation of what is not there."""
-    with Folder(tmp_path / "out", "fresh", {}) as folder:
+    with Folder(tmp_path / "out", "fresh", {}, POSTERIOR) as folder:
         folder.save(0, 0, piece)
         folder.save(0, 80, piece)
         assert len(folder.pieces(0)) == 1
@@ -91,7 +92,7 @@ def test_pieces_after_a_gap_wait_until_it_is_filled(piece: Piece, tmp_path: Path
 
 
 def test_a_file_of_others_among_the_pieces_is_none(piece: Piece, tmp_path: Path) -> None:
-    with Folder(tmp_path / "out", "fresh", {}) as folder:
+    with Folder(tmp_path / "out", "fresh", {}, POSTERIOR) as folder:
         folder.save(0, 0, piece)
         (folder.path / ".pieces" / "ensemble_0_copy.npz").write_bytes(b"")
         (folder.path / ".pieces" / "ensemble_0_40.npz").write_bytes(b"")

@@ -12,9 +12,9 @@ from rigs import STATES, experiment, vector
 
 from bayesdrill.basics.errors import InputError
 from bayesdrill.insight import derived
+from bayesdrill.paper.as_printed import AsPrinted
 from bayesdrill.paper.studies.trapezoid import six_states
 from bayesdrill.rig.models import MODELS
-from bayesdrill.rig.models.as_printed import AsPrinted
 from bayesdrill.rig.models.linear import Linear, Model
 from bayesdrill.rig.models.motor_shaft import MotorShaft
 from bayesdrill.rig.models.two_rotors import TwoRotors

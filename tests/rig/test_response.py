@@ -199,7 +199,7 @@ def test_misfit_is_the_sum_of_squared_residuals() -> None:
     response = Response(MotorShaft(), record)
     theta = batch(21)
     residuals = record.y - response.signals(theta)
-    assert np.allclose(response.misfit(theta), (residuals**2).sum(axis=1), rtol=1e-12)
+    assert np.allclose(response.squares(theta), (residuals**2).sum(axis=1), rtol=1e-12)
     states = Response(MotorShaft(), experiment(123)).signals(theta)
     combined = np.stack(
         [states[..., 0] - states[..., 1], 8 * states[..., 3], states[..., 4]], axis=-1
@@ -210,9 +210,9 @@ def test_misfit_is_the_sum_of_squared_residuals() -> None:
 def test_a_walker_does_not_depend_on_its_neighbours() -> None:
     response = Response(MotorShaft(), experiment(100))
     theta = batch(37)
-    together = response.misfit(theta)
+    together = response.squares(theta)
     for n in (1, 7, 8, 9):
-        assert np.array_equal(response.misfit(theta[5 : 5 + n]), together[5 : 5 + n])
+        assert np.array_equal(response.squares(theta[5 : 5 + n]), together[5 : 5 + n])
 
 
 def test_an_overflowing_walker_leaves_its_neighbours_alone() -> None:
@@ -221,7 +221,7 @@ def test_an_overflowing_walker_leaves_its_neighbours_alone() -> None:
     sick = theta.copy()
     sick[2, ORDER.index("l_m")] = 0.0
     sick[5, ORDER.index("j_m")] = 1e-300
-    found, true = response.misfit(sick), response.misfit(theta)
+    found, true = response.squares(sick), response.squares(theta)
     healthy = [0, 1, 3, 4, 6, 7]
     assert not np.isfinite(found[[2, 5]]).any()
     assert np.array_equal(found[healthy], true[healthy])
@@ -231,7 +231,7 @@ def test_inputs_are_not_changed_and_pickles_answer_alike() -> None:
     response = Response(MotorShaft(), experiment(50))
     theta = batch(9)
     before = theta.copy()
-    first = response.misfit(theta)
+    first = response.squares(theta)
     assert np.array_equal(theta, before)
     again = pickle.loads(pickle.dumps(response))
-    assert np.array_equal(again.misfit(theta), first)
+    assert np.array_equal(again.squares(theta), first)

@@ -619,7 +619,7 @@ NAMES = [
         "pairs for another method",
         ("map: {", "map: {pairs: [[k_s, j_1]], "),
         at="map:",
-        says=("map.pairs: nelder_mead has no `pairs`", "`method: pairwise`"),
+        says=("map.pairs: the method nelder_mead has no pairs", "method: pairwise"),
     ),
     case(
         "a pair of what is not unknown",

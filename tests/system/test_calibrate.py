@@ -132,8 +132,8 @@ def test_another_record_shares_the_compiled_code(study: Study) -> None:
     other = response.with_record(y)
     assert other._kernels is response._kernels
     anew = Response(response.model, dataclasses.replace(response.experiment, y=y))
-    assert np.array_equal(other.misfit(theta), anew.misfit(theta))
-    assert not np.array_equal(other.misfit(theta), response.misfit(theta))
+    assert np.array_equal(other.squares(theta), anew.squares(theta))
+    assert not np.array_equal(other.squares(theta), response.squares(theta))
     with pytest.raises(ValueError, match="shape"):
         response.with_record(y[:-1])
 

@@ -23,8 +23,8 @@ import systems
 import xarray
 from emcee.backends import HDFBackend
 
-from bayesdrill.basics import own_files
 from bayesdrill.basics.sealed import opened, sealed
+from bayesdrill.report.figures import POSTERIOR
 from bayesdrill.results.chain_files import seal
 from bayesdrill.results.run_folder import Folder
 
@@ -149,7 +149,7 @@ def test_what_the_fit_leaves_is_said_everywhere(done: Done) -> None:
 def test_a_run_leaves_a_complete_folder_and_nothing_else(done: Done) -> None:
     assert done.ran.status == 0, done.ran.text
     assert set(systems.listing(done.folder)) == FILES
-    assert {name for name in FILES if not own_files.POSTERIOR.made(name)} == {".lock", "figures"}
+    assert {name for name in FILES if not POSTERIOR.made(name)} == {".lock", "figures"}
     assert (done.folder / "config.yaml").read_bytes() == done.config.read_bytes()
     for name in FIGURES:
         magic = b"%PDF" if name.endswith("pdf") else b"\x89PNG"
@@ -222,7 +222,8 @@ BROKEN = {
     "figures/trace": "report.trace_plot.trace_figure",
     "derived.csv": "report.derived_words.as_csv",
     "verdict.csv": "report.verdict_words.as_csv",
-    "posterior.nc, figures/fit": "results.arviz_tree.make_tree",
+    "posterior.nc": "results.arviz_tree.make_tree",
+    "figures/fit": "results.arviz_tree.make_tree",
 }
 
 
@@ -698,7 +699,7 @@ def test_force_killed_as_it_cleared_leaves_a_folder_that_is_still_its_own(
         if count == 100:  # all is taken away, and the new run.json is not there yet
             monkeypatch.setattr(Folder, "write_text", killed)
         with pytest.raises(SystemExit):
-            Folder(copy.folder, "force", {}).__enter__().begin()
+            Folder(copy.folder, "force", {}, POSTERIOR).__enter__().begin()
         monkeypatch.undo()
         assert (copy.folder / "run.json").exists()
         assert_refused(posterior(copy.config, copy.folder), "--resume", "--force")

@@ -11,6 +11,7 @@ from systems import ROOT, cli, listing
 
 from bayesdrill.basics import own_files
 from bayesdrill.basics.errors import InputError
+from bayesdrill.report.figures import POSTERIOR
 from bayesdrill.setup import simulating
 
 
@@ -50,7 +51,7 @@ def test_a_folder_is_known_by_more_than_the_name_of_a_file_in_it(
 @pytest.mark.parametrize("option", ["", "--force", "--resume"])
 def test_a_calibration_and_a_posterior_do_not_mix(option: str, tmp_path: Path) -> None:
     config = systems.small(tmp_path / "rig")
-    for command, kind in (("posterior", own_files.CALIBRATE), ("calibrate", own_files.POSTERIOR)):
+    for command, kind in (("posterior", own_files.CALIBRATE), ("calibrate", POSTERIOR)):
         folder = systems.results(tmp_path / kind.job, kind)
         says = f"these are results of `bayesdrill {kind.job}`; give another --output"
         refused(command, config, "-o", folder, *option.split(), below=tmp_path, says=says)
@@ -62,7 +63,7 @@ def test_a_calibration_and_a_posterior_do_not_mix(option: str, tmp_path: Path) -
     [
         (None, ["notes.md", "mydata.csv", "figures/photo.jpg"], "holds other files (figures)"),
         (None, ["run.json", "notes.md"], "run.json: is damaged, or not of this bayesdrill"),
-        (own_files.POSTERIOR, [], "results of `bayesdrill posterior`"),
+        (POSTERIOR, [], "results of `bayesdrill posterior`"),
     ],
     ids=["notes", "run.json", "posterior"],
 )

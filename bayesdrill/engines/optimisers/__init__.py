@@ -1,17 +1,9 @@
-"""The registry of optimisers: to add one, write its file and one line here."""
+"""The registry of optimisers: one file and one line here, or an entry point `bayesdrill.optimiser`."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from types import MappingProxyType
+from bayesdrill.basics.registry import Registry
+from bayesdrill.engines.optimisers.contract import Optimiser
+from bayesdrill.engines.optimisers.nelder_mead import NelderMead
 
-from bayesdrill.engines.optimisers import fminsearch, nelder_mead, pairwise
-from bayesdrill.engines.optimisers.contract import Optimum
-
-OPTIMISERS: Mapping[str, Callable[..., Optimum]] = MappingProxyType(
-    {
-        "nelder_mead": nelder_mead.maximise,
-        "fminsearch": fminsearch.maximise,
-        "pairwise": pairwise.maximise,
-    }
-)
+OPTIMISERS: Registry[type[Optimiser]] = Registry("optimiser", {"nelder_mead": NelderMead})

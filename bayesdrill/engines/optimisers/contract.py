@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -49,6 +49,18 @@ class Optimum:
 
 
 class Optimiser(Protocol):
+    """A frozen dataclass whose annotated fields are its entries of `map:`.
+
+    `polished`: whether slopes go the rest of the way, and scouts look for maxima elsewhere.
+    """
+
+    @property
+    def polished(self) -> bool: ...
+
+    def check(self, unknown: Sequence[str]) -> None:
+        """Raises `ValueError` where it cannot search these unknowns."""
+        ...
+
     def __call__(self, task: Task, start: Array, evaluations: int) -> Optimum:
         """Search from the physical point `start (D,)`, with `evaluations` at most."""
         ...

@@ -8,6 +8,9 @@ tolerances are in units of the step.
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -19,16 +22,40 @@ from bayesdrill.inference import laplace
 
 Array = NDArray[np.float64]
 
-LOG_TOLERANCE = 1e-3  # of the log density: what a restart must gain to be followed by another
+SIMPLEX = 200.0  # evaluations of a simplex for each unknown; more do not help it far from the top
+ROUGHLY = 1.0  # of the log density: how near a simplex has to come, where slopes do the rest
+LOG_TOLERANCE = (
+    1e-3  # ... and where they do not: what a restart must gain to be followed by another
+)
 MOST_STEP = 0.3  # of a standard deviation, in a log: where the record says little it is long
 FAR = 100.0  # of the log density: a run that gained more was far from the optimum ...
 TENTH = 0.1  # ... and there first steps of the simplex are this, in a log of each unknown
 
 
-def maximise(
-    task: Task, start: Array, evaluations: int, *, enough: float = LOG_TOLERANCE
-) -> Optimum:
-    """See `optimisers.contract.Optimiser`; a restart that gains less than `enough` is the last."""
+@dataclass(frozen=True, slots=True)
+class NelderMead:
+    """A restart that gains less than `enough` of the log density is the last; `per_unknown` evaluations
+    at most.
+
+    By default as far as it is good for, where slopes go the rest of the way.
+    """
+
+    enough: float = ROUGHLY
+    per_unknown: float = SIMPLEX
+    polished: bool = True
+
+    def check(self, unknown: Sequence[str]) -> None:
+        """It searches whatever is unknown."""
+
+    def __call__(self, task: Task, start: Array, evaluations: int) -> Optimum:
+        most = min(evaluations, self.per_unknown * len(task.names))
+        return _maximise(task, start, int(most), self.enough)
+
+
+THOROUGH = NelderMead(enough=LOG_TOLERANCE, per_unknown=math.inf)
+
+
+def _maximise(task: Task, start: Array, evaluations: int, enough: float) -> Optimum:
     physical = task.coordinates.to_physical
     z, spent = task.coordinates.from_physical(start[None])[0], 0
     history: list[float] = []

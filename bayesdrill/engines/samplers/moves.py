@@ -10,12 +10,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from types import MappingProxyType
 from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from bayesdrill.basics.registry import Registry
 from bayesdrill.engines.samplers import local
 from bayesdrill.engines.samplers.independence import Proposal, Remembered
 from bayesdrill.engines.samplers.mixture import Inside
@@ -143,7 +143,7 @@ def stretch(walkers: Array, others: Array, random: Random) -> tuple[Array, Array
 Make = Callable[[Proposal | None, Inside], Move | None]
 
 
-def _halves(proposal: Callable[[Array, Array, Random], tuple[Array, Array]]) -> Make:
+def halves(proposal: Callable[[Array, Array, Random], tuple[Array, Array]]) -> Make:
     """Along the first ridge, where one has been learnt."""
     return lambda learnt, _: Halves(proposal, learnt.mixture.sheets[0] if learnt else None)
 
@@ -156,12 +156,13 @@ def _independent(learnt: Proposal | None, inside: Inside) -> Move | None:
     return Independent(learnt, inside, remembered)
 
 
-MOVES: Mapping[str, Make] = MappingProxyType(
+MOVES: Registry[Make] = Registry(
+    "move",
     {
-        "differential_evolution": _halves(differential_evolution),
-        "stretch": _halves(stretch),
+        "differential_evolution": halves(differential_evolution),
+        "stretch": halves(stretch),
         "independence": _independent,
-    }
+    },
 )
 
 

@@ -122,8 +122,8 @@ def _simulated(posterior: Posterior, rng: np.random.Generator) -> tuple[Array, P
     else:
         message = f"the model has no finite response at {TRIES} draws from the priors; narrow them"
         raise InputError.one("parameters", message)
-    y = likelihood.noise.draw(signals, likelihood.sigma_columns(theta), rng)[0]
-    made = dataclasses.replace(likelihood, response=likelihood.response.with_record(y))
+    y = likelihood.noise.draw(signals, likelihood.own(theta), rng)[0]
+    made = likelihood.with_alone(response=likelihood.response.with_record(y))
     return theta[0], dataclasses.replace(posterior, likelihood=made)
 
 
@@ -160,9 +160,9 @@ def _best(study: Study, posterior: Posterior, seed: int) -> mode.Search:
 
 def _explained(posterior: Posterior, theta: Array) -> bool:
     """Whether the noise, where all of it is known, explains what `theta (D,)` leaves."""
-    noise = posterior.likelihood.noise
-    n = noise.n_samples * noise.n_channels
-    return not noise.unknown and laplace.excess(posterior, theta) <= 1.0 + np.sqrt(2.0 / n)
+    likelihood = posterior.likelihood
+    known = not any(one.noise.unknowns for one in likelihood.observations)
+    return known and laplace.excess(posterior, theta) <= 1.0 + np.sqrt(2.0 / likelihood.numbers)
 
 
 def _ranks(

@@ -132,8 +132,9 @@ class Fitter:
         return np.column_stack([parameters, np.tile(self._noise, (len(parameters), 1))])
 
     def _residuals(self, logs: Array) -> Array:
-        signals = self._likelihood.signals(self._with_noise(np.exp(logs)[None]))[0]
-        residuals = (signals - self._likelihood.response.experiment.y) / self._scene.sigma
+        signals = self._likelihood.signals(self._with_noise(np.exp(logs)[None]))
+        off, noise = signals - self._likelihood.response.experiment.y, self._likelihood.noise
+        residuals = noise.inform(off, self._noise[None])[0]
         return np.asarray(np.nan_to_num(residuals, nan=1e6, posinf=1e6, neginf=-1e6)).ravel()
 
     def _jacobian(self, logs: Array) -> Array:
@@ -143,9 +144,9 @@ class Fitter:
 
     def _learn_noise(self) -> None:
         """Unknown noise levels, from what the best fit leaves."""
-        residuals = self._residuals(self.best.logs).reshape(-1, len(self._scene.sigma))
-        size = np.sqrt(np.mean(residuals**2, axis=0)) * self._scene.sigma
-        self._noise = size[list(self._likelihood.noise.unknown)]
+        theta = self._with_noise(np.exp(self.best.logs)[None])
+        left = self._likelihood.response.experiment.y - self._likelihood.signals(theta)[0]
+        self._noise = self._likelihood.noise.fitted(left, self._noise)
         self._scene = self._scenery.as_it_is(self._with_noise(np.exp(self.best.logs)[None])[0])
 
 

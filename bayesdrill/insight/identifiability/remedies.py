@@ -14,11 +14,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdrill.basics.symbols import STATES
 from bayesdrill.insight.identifiability import information
 from bayesdrill.insight.identifiability.information import Information
 from bayesdrill.insight.identifiability.scenes import Scene, Scenery
 from bayesdrill.insight.identifiability.structure import Exponents
+from bayesdrill.rig.vocabulary import STATES
 
 Array = NDArray[np.float64]
 

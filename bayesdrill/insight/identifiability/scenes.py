@@ -7,13 +7,15 @@ model (`models.tangent`) with all states for channels and all inputs sampled ser
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bayesdrill.inference.likelihood import Likelihood
+from bayesdrill.inference.noise.contract import Noise
 from bayesdrill.record.experiment import Channel
 from bayesdrill.rig.models.tangent import DOT
 from bayesdrill.rig.response import slopes_of
@@ -23,11 +25,20 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Scene:
-    """`weights (K, X)`: channels as sums of states; `sigma (K,)`; `push`: added to inputs `(T,)`."""
+    """`weights (K, X)`: channels as sums of states; `sigma (K,)`; `push`: added to inputs `(T,)`.
+
+    `inform`: of the noise of the record's own channels, where that is not white: see `Noise`.
+    """
 
     weights: Array
     sigma: Array
+    inform: Callable[[Array], Array] | None = None
     push: Mapping[str, Array] = field(default_factory=dict)
+
+
+def _informed(noise: Noise, own: Array, shifts: Array) -> Array:
+    """`shifts (m, T, K)` of the signals, over the noise."""
+    return noise.inform(shifts, np.repeat(own, len(shifts), axis=0))
 
 
 class Scenery:
@@ -58,8 +69,8 @@ class Scenery:
     @property
     def unknowns(self) -> tuple[str, ...]:
         """Those that are not noise levels, of which sensitivities are taken."""
-        free = self.likelihood.space.free
-        return free[: len(free) - len(self.likelihood.noise.unknown)]
+        space = self.likelihood.space
+        return tuple(space.free[k] for k in space.columns("rig", "quantity"))
 
     def usual_input(self, name: str) -> float:
         """The mean of an input over the record."""
@@ -70,8 +81,11 @@ class Scenery:
         """The experiment of the record itself; unknown sigmas are those of `theta (D,)`."""
         experiment = self.likelihood.response.experiment
         weights = [[c.weights.get(name, 0.0) for name in self.states] for c in experiment.channels]
-        sigma = self.likelihood.sigmas(theta[None])[0]
-        return Scene(weights=np.array(weights), sigma=sigma)
+        sigma, noise = self.likelihood.sigmas(theta[None])[0], self.likelihood.noise
+        if noise.white:
+            return Scene(weights=np.array(weights), sigma=sigma)
+        inform = partial(_informed, noise, self.likelihood.own(theta[None]))
+        return Scene(weights=np.array(weights), sigma=sigma, inform=inform)
 
     def sensitivities(self, theta: Array, scene: Scene) -> Array:
         """d channel / d log unknown over sigma at `theta (D,)`: `(T K, m)`.
@@ -80,6 +94,9 @@ class Scenery:
         """
         slopes = self._run(theta, scene)[:, :, : len(self.states)]
         measured = slopes @ (scene.weights / scene.sigma[:, None]).T
+        if scene.inform is not None:
+            own = len(self.likelihood.response.experiment.channels)
+            measured[:, :, :own] = scene.inform(slopes @ scene.weights[:own].T)
         return np.asarray(measured.reshape(len(measured), -1).T)
 
     def states_over_time(self, theta: Array, scene: Scene) -> Array:

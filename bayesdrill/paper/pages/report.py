@@ -10,13 +10,14 @@ import numpy as np
 import bayesdrill
 from bayesdrill.basics import symbols
 from bayesdrill.basics.own_files import FIGURES
-from bayesdrill.engines.optimisers.pairwise import ORDER, circle
 from bayesdrill.engines.workers import Crew
 from bayesdrill.paper.pages.cells import Table
 from bayesdrill.paper.pages.tables import in_words, tables
+from bayesdrill.paper.searches.pairwise import ORDER, circle
 from bayesdrill.paper.studies import printed
 from bayesdrill.paper.studies.findings import Findings
 from bayesdrill.report.publish import draw
+from bayesdrill.report.view import Drawing
 from bayesdrill.results.run_folder import Folder
 
 if TYPE_CHECKING:
@@ -32,7 +33,7 @@ def write(found: Findings, folder: Folder, crew: Crew) -> None:
     note = {"Title": "paper", "Creator": f"bayesdrill {bayesdrill.__version__}"}
     wanted = _figures(found)
     tasks = [
-        crew.submit(draw, stem, figure, arguments, figures, note)
+        crew.submit(draw, stem, Drawing(figure, arguments), figures, note)
         for stem, _, figure, arguments in wanted
     ]
     made = tables(found)

@@ -52,11 +52,8 @@ def lengths(
     for duration, rate in grid:
         experiment = regular(likelihood.response.experiment, duration, rate)
         response = Response(likelihood.response.model, experiment)
-        longer = dataclasses.replace(
-            likelihood,
-            response=response,
-            noise=dataclasses.replace(likelihood.noise, n_samples=len(experiment.t)),
-        )
+        noise = likelihood.noise.for_length(len(experiment.t))
+        longer = likelihood.with_alone(response=response, noise=noise)
         found.append(Length(duration=duration, rate=rate, bounds=at_sigma_1(longer, truth)))
     return tuple(found)
 

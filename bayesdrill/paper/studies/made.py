@@ -15,7 +15,7 @@ Array = NDArray[np.float64]
 
 def record(posterior: Posterior, truth: Array, seed: int, index: int) -> Posterior:
     """With record `index` of the rig `truth (D,)`: its noise is the same for every sigma but in size."""
-    rng = seeds.stream(seed, "reproduce", index)
+    rng = seeds.stream(seed, "study", index)
     y = posterior.likelihood.signals(truth[None])
     return of(posterior, posterior.likelihood.noise.draw(y, np.empty((1, 0)), rng)[0])
 
@@ -30,11 +30,11 @@ def with_sigma(posterior: Posterior, sigma: float) -> Posterior:
     likelihood = posterior.likelihood
     known = dict.fromkeys(range(likelihood.noise.n_channels), sigma)
     noise = dataclasses.replace(likelihood.noise, known=known)
-    return dataclasses.replace(posterior, likelihood=dataclasses.replace(likelihood, noise=noise))
+    return dataclasses.replace(posterior, likelihood=likelihood.with_alone(noise=noise))
 
 
 def of(posterior: Posterior, y: Array) -> Posterior:
     """With the record `y (T, K)`."""
     likelihood = posterior.likelihood
-    own = dataclasses.replace(likelihood, response=likelihood.response.with_record(y))
+    own = likelihood.with_alone(response=likelihood.response.with_record(y))
     return dataclasses.replace(posterior, likelihood=own)

@@ -10,15 +10,16 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from bayesdrill.engines import mode
-from bayesdrill.engines.optimisers import fminsearch, nelder_mead
 from bayesdrill.engines.optimisers.contract import Optimiser, Task
+from bayesdrill.engines.optimisers.nelder_mead import THOROUGH
 from bayesdrill.inference.posterior import Posterior
+from bayesdrill.paper.searches.fminsearch import Fminsearch
 
 Array = NDArray[np.float64]
 
 WAYS: Mapping[str, Optimiser] = {
-    "fminsearch": fminsearch.maximise,
-    "scaled": nelder_mead.maximise,
+    "fminsearch": Fminsearch(),
+    "scaled": THOROUGH,
 }
 SHARE = 0.95  # of records have a misfit within `expected` at their truth
 

@@ -27,7 +27,7 @@ def signals(likelihood: Likelihood, theta: Array) -> Array:
 
 def per_number(likelihood: Likelihood, theta: Array) -> float:
     """As `Likelihood.per_number`, at one point `(D,)`; for known noise."""
-    sigma = likelihood.noise.sigmas(np.empty((1, 0)))
+    sigma = likelihood.noise.scales(np.empty((1, 0)))
     off = signals(likelihood, theta) - likelihood.response.experiment.y
     return float(np.mean((off / sigma) ** 2))
 

@@ -51,7 +51,7 @@ def _of_noise(jobs: Sequence[Job]) -> list[Problem]:
             "the paper's misfit needs known noise; give each sigma as a number",
         )
         for own in jobs
-        if own.problem.posterior.likelihood.noise.unknown
+        if own.problem.posterior.likelihood.noise.unknowns
     ]
 
 
@@ -85,4 +85,6 @@ def _of_nines(nines: Sequence[Job]) -> list[Problem]:
 def _pairwise(nine: Job) -> Optimiser:
     own = nine.config.map.model_copy(update={"method": "pairwise"})
     repeated = nine.config.model_copy(update={"map": own})
-    return build.optimiser(repeated, nine.problem.names)
+    found = build.optimiser(repeated)
+    found.check(nine.problem.names)
+    return found

@@ -17,14 +17,15 @@ from numpy.typing import NDArray
 
 from bayesdrill.basics.progress import Silent
 from bayesdrill.engines import mode
-from bayesdrill.engines.optimisers import fminsearch, nelder_mead
 from bayesdrill.engines.optimisers.contract import Task
+from bayesdrill.engines.optimisers.nelder_mead import THOROUGH
 from bayesdrill.engines.sampling import Plan, sample
 from bayesdrill.engines.shelf import Memory
 from bayesdrill.engines.workers import Crew
 from bayesdrill.inference import laplace
 from bayesdrill.inference.coordinates import Coordinates
 from bayesdrill.inference.posterior import Posterior
+from bayesdrill.paper.searches.fminsearch import Fminsearch
 from bayesdrill.paper.studies import made, stepped
 from bayesdrill.paper.studies.bounds import bounds
 from bayesdrill.paper.studies.misfit import WAYS
@@ -189,7 +190,7 @@ def _posterior(
 ) -> tuple[Array, Array, bool]:
     """Mean and standard deviation `(D,)` from record 0, and whether the ensembles converged."""
     target = made.record(made.with_sigma(posterior, sigma), truth, plan.seed, 0)
-    found = mode.search(target, nelder_mead.maximise, EVALUATIONS, truth)
+    found = mode.search(target, THOROUGH, EVALUATIONS, truth)
     with Crew(target, 1) as alone:
         start = target.space.vector(found.end)
         sampled = sample(alone, target, start[None], plan, Memory(), Silent())
@@ -218,4 +219,4 @@ def _by_trapezoid(
         y = target.likelihood.response.experiment.y - exact.likelihood.response.experiment.y
         target = made.of(target, y + stepped.signals(target.likelihood, truth))
     task = stepped.task(_free(target), target.likelihood)
-    return fminsearch.maximise(task, start, EVALUATIONS).theta
+    return Fminsearch()(task, start, EVALUATIONS).theta

@@ -1,12 +1,14 @@
-"""The file formats of measured records: one reader per format, found by the ending of the file."""
+"""Formats of measured records: one file and one line here, or an entry point `bayesdrill.format`."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection
+from dataclasses import dataclass
 from pathlib import Path
-from types import MappingProxyType
+from typing import Any
 
 from bayesdrill.basics.errors import InputError, did_you_mean
+from bayesdrill.basics.registry import Registry
 from bayesdrill.record.formats import csv, matlab
 from bayesdrill.record.formats.csv import check_options
 from bayesdrill.record.formats.csv import table as text_table
@@ -15,8 +17,9 @@ from bayesdrill.record.formats.table import Table, variable_name
 
 __all__ = [
     "FORMATS",
-    "SUFFIXES",
     "CsvOptions",
+    "Format",
+    "NoOptions",
     "Table",
     "check_options",
     "format_of",
@@ -28,33 +31,49 @@ __all__ = [
 Wanted = Collection[str] | None  # variables that will be picked, by name; None: any of them
 
 
+@dataclass(frozen=True, slots=True)
+class NoOptions:
+    """Of a format that says by itself how it is written."""
+
+
+@dataclass(frozen=True, slots=True)
+class Format:
+    """`suffixes`: endings of its files, in small letters; `options`: a dataclass, whose annotated fields
+    are entries of `record:`; `read(path, options, wanted)` raises `InputError`.
+    """
+
+    suffixes: tuple[str, ...]
+    read: Callable[[Path, Any, Wanted], Table]
+    options: type = NoOptions
+
+
 def _read_csv(path: Path, options: CsvOptions, _: Wanted) -> Table:
     return csv.read(path, options)
 
 
-def _read_matlab(path: Path, _: CsvOptions, wanted: Wanted) -> Table:
+def _read_matlab(path: Path, _: NoOptions, wanted: Wanted) -> Table:
     return matlab.read(path, wanted)
 
 
-FORMATS: Mapping[str, Callable[[Path, CsvOptions, Wanted], Table]] = MappingProxyType(
-    {"csv": _read_csv, "mat": _read_matlab}
-)
-
-SUFFIXES: Mapping[str, str] = MappingProxyType(
-    {".csv": "csv", ".txt": "csv", ".tsv": "csv", ".dat": "csv", ".mat": "mat"}
+FORMATS: Registry[Format] = Registry(
+    "format",
+    {
+        "csv": Format((".csv", ".txt", ".tsv", ".dat"), _read_csv, CsvOptions),
+        "mat": Format((".mat",), _read_matlab),
+    },
 )
 
 
 def format_of(path: Path) -> str:
     """The key of FORMATS for a file, by its ending. Raises InputError for an unknown ending."""
+    endings = {ending: name for name, one in FORMATS.usable().items() for ending in one.suffixes}
     suffix = path.suffix.lower()
-    if suffix in SUFFIXES:
-        return SUFFIXES[suffix]
+    if suffix in endings:
+        return endings[suffix]
     ending = f"the ending {suffix!r} is unknown" if suffix else "the file name has no ending"
-    guess = did_you_mean(suffix, SUFFIXES) if suffix else ""
+    guess = did_you_mean(suffix, endings) if suffix else ""
     hint = guess if guess.startswith("; did") else ""
     raise InputError.one(
         str(path),
-        f"{ending}{hint}; read are {', '.join(SUFFIXES)}, or say the format: "
-        f"{' or '.join(FORMATS)}",
+        f"{ending}{hint}; read are {', '.join(endings)}, or say the format: {' or '.join(FORMATS)}",
     )

@@ -7,7 +7,11 @@ import re
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Annotated, Literal
 
+from pydantic import Field
+
+from bayesdrill.basics.entries import MOST
 from bayesdrill.record.formats.text import Lines, split, to_number
 
 
@@ -19,10 +23,10 @@ class CsvOptions:
     `skip_rows` counts lines of the file, blank ones and comments too.
     """
 
-    delimiter: str | None = None
-    decimal: str | None = None
-    header: bool | None = None
-    skip_rows: int = 0
+    delimiter: Annotated[str, Field(description="Default: found out")] | None = None
+    decimal: Annotated[Literal[".", ","], Field(description="Default: found out")] | None = None
+    header: Annotated[bool, Field(description="Default: found out")] | None = None
+    skip_rows: Annotated[int, Field(ge=0, le=MOST, description="Lines before the table")] = 0
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,25 +1,12 @@
-"""The registry of models: to add one, write its file and one line here.
-
-The fields of a model are the constants that `model:` in a config may give (`config.ModelSpec`).
-"""
+"""The registry of rigs: one file and one line here, or an entry point `bayesdrill.rig`."""
 
 from __future__ import annotations
 
-import dataclasses
-from collections.abc import Mapping
-from types import MappingProxyType
-
-from bayesdrill.rig.models.as_printed import AsPrinted
+from bayesdrill.basics.registry import Registry
+from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.models.motor_shaft import MotorShaft
 from bayesdrill.rig.models.two_rotors import TwoRotors
 
-Rig = MotorShaft | TwoRotors | AsPrinted
-Kind = type[MotorShaft] | type[TwoRotors] | type[AsPrinted]
-
-MODELS: Mapping[str, Kind] = MappingProxyType(
-    {"motor_shaft": MotorShaft, "two_rotors": TwoRotors, "as_printed": AsPrinted}
+MODELS: Registry[type[Model]] = Registry(
+    "rig", {"motor_shaft": MotorShaft, "two_rotors": TwoRotors}
 )
-
-
-def constants(kind: Kind) -> tuple[str, ...]:
-    return tuple(field.name for field in dataclasses.fields(kind))

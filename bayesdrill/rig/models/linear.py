@@ -9,6 +9,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from bayesdrill.basics.symbols import Symbol
+
 Array = NDArray[np.float64]
 Named = Mapping[str, Array | float]
 
@@ -36,7 +38,13 @@ def dynamics(linear: Linear, states: tuple[str, ...], n: int) -> Array:
 
 
 class Model(Protocol):
-    """A rig. All parameters are positive; names are those of `symbols`."""
+    """A rig: a frozen dataclass whose annotated fields are its constants, entries of `model:`.
+
+    Names are those of `basics.symbols`, or of `declares`: symbols of parameters and states of its own.
+    """
+
+    @property
+    def declares(self) -> tuple[Symbol, ...]: ...
 
     @property
     def name(self) -> str: ...

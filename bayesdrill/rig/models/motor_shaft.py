@@ -18,20 +18,41 @@ constant sign (one-way rotation), `t_1` the load torque on rotor 1.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
+from pydantic import AfterValidator, Field
+
+from bayesdrill.basics.entries import Positive
+from bayesdrill.basics.symbols import Symbol
 from bayesdrill.rig.models.linear import Linear, Named
 
 PARAMETERS = ("j_m", "c_m", "k_e", "k_T", "r_m", "l_m", "k_s", "j_1", "t_f")
+
+
+def _slows(i_m: float) -> float:
+    if i_m > 1:
+        raise ValueError(
+            f"{i_m:g} would make the shaft turn {i_m:g} times as fast as the motor; is a reduction of "
+            f"{i_m:g}:1 meant? Then write {1 / i_m:.6g}"
+        )
+    return i_m
+
+
+Gear = Annotated[
+    Positive,
+    AfterValidator(_slows),
+    Field(description="Gear reduction factor, at most 1 (8:1 is 0.125)."),
+]
 
 
 @dataclass(frozen=True, slots=True)
 class MotorShaft:
     """`i_m` is the gear reduction factor: theta_2 = i_m theta_3, with theta_3 the motor's angle."""
 
-    i_m: float = 1 / 8
+    i_m: Gear = 1 / 8
 
     name: ClassVar[str] = "motor_shaft"
+    declares: ClassVar[tuple[Symbol, ...]] = ()
     parameters: ClassVar[tuple[str, ...]] = PARAMETERS
     states: ClassVar[tuple[str, ...]] = ("theta_1", "theta_2", "w_1", "w_2", "i")
     inputs: ClassVar[tuple[str, ...]] = ("v", "t_1")

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from bayesdrill.basics.duals import Dual, dual
+from bayesdrill.basics.symbols import Symbol
 from bayesdrill.rig.models.linear import Linear, Model, Named
 
 DOT = "_dot"
@@ -26,6 +27,10 @@ class Tangent:
     @property
     def name(self) -> str:
         return f"tangent of {self.rig.name}"
+
+    @property
+    def declares(self) -> tuple[Symbol, ...]:
+        return ()
 
     @property
     def parameters(self) -> tuple[str, ...]:

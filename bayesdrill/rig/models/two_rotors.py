@@ -16,21 +16,30 @@ both scales of a `motor_shaft` stay open, though they are no common factors here
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
+from pydantic import Field
+
+from bayesdrill.basics.entries import NonNegative
+from bayesdrill.basics.symbols import Symbol
 from bayesdrill.rig.models.linear import Linear, Named
-from bayesdrill.rig.models.motor_shaft import PARAMETERS, MotorShaft
+from bayesdrill.rig.models.motor_shaft import PARAMETERS, Gear, MotorShaft
 
 
 @dataclass(frozen=True, slots=True)
 class TwoRotors:
     """`i_m` as in `MotorShaft`; `j_2` [kg m^2] and `r_s` [ohm] may be zero."""
 
-    i_m: float = 1 / 8
-    j_2: float = 0.0
-    r_s: float = 0.0
+    i_m: Gear = 1 / 8
+    j_2: Annotated[
+        NonNegative, Field(description="Inertia at the output of the gearbox [kg m^2].")
+    ] = 0.0
+    r_s: Annotated[NonNegative, Field(description="Resistance in series with the motor [ohm].")] = (
+        0.0
+    )
 
     name: ClassVar[str] = "two_rotors"
+    declares: ClassVar[tuple[Symbol, ...]] = ()
     parameters: ClassVar[tuple[str, ...]] = PARAMETERS
     states: ClassVar[tuple[str, ...]] = MotorShaft.states
     inputs: ClassVar[tuple[str, ...]] = MotorShaft.inputs

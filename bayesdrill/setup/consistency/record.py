@@ -3,7 +3,12 @@
 from __future__ import annotations
 
 from bayesdrill.basics import symbols, units
+from bayesdrill.basics.entries import strange
 from bayesdrill.basics.expressions import linear_combination
+from bayesdrill.basics.registry import lookup
+from bayesdrill.inference.noise import NOISES
+from bayesdrill.record.formats import FORMATS
+from bayesdrill.rig import vocabulary
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.setup import build, number_entries
 from bayesdrill.setup.config import ChannelSpec, Column, Config, InputColumn, TimeColumn
@@ -25,14 +30,22 @@ def _check_measured(found: Collector, place: Place, spec: ChannelSpec, model: Mo
     if spec.measures is not None:
         text, at = spec.measures, (*place, "measures")
         combines = found.run(at, linear_combination, text, model.states) or {}
-    states = [symbols.STATES[state] for state in combines if state in model.states]
+    states = [vocabulary.STATES[state] for state in combines if state in model.states]
     if states:
         found.run((*place, "unit"), units.factor, spec.unit, states[0].unit)
+    kind = found.run((*place, "noise"), lookup, NOISES, spec.noise.name, "noise")
+    if kind is not None:
+        kinds = {name: one.Entries for name, one in NOISES.usable().items()}
+        vain = strange(("name", "noise"), kinds, kind.Entries, spec.noise)
+        for entry, message in vain.items():
+            found.add((*place, "noise", entry), message)
     known = spec.model_copy(update={"sigma": 1.0})
     if len(found.problems) == before:
         found.run(place, build.measured, place[-1], known, model.states)
     if len(found.problems) == before:
-        found.run((*place, "sigma"), build.measured, place[-1], spec, model.states)
+        one = found.run((*place, "sigma"), build.measured, place[-1], spec, model.states)
+        if one is not None:
+            found.run((*place, "noise"), build.noise, [one], 1)
 
 
 def _check_address(found: Collector, place: Place, spec: Column) -> None:
@@ -45,6 +58,8 @@ def check_record(found: Collector, config: Config) -> None:
     if isinstance(time, TimeColumn):
         found.run(("record", "time", "unit"), units.factor, time.unit, "s")
         _check_address(found, ("record", "time"), time)
+    if config.record.format is not None:
+        found.run(("record", "format"), lookup, FORMATS, config.record.format, "format")
     window = config.record.window
     if window is not None and not window[0] < window[1]:
         found.add(("record", "window"), f"{window[0]:g} s is not before {window[1]:g} s")
@@ -73,7 +88,7 @@ def check_inputs(found: Collector, config: Config) -> None:
 def check_states(found: Collector, config: Config, model: Model) -> None:
     for name in model.states:
         value = getattr(config.initial, name)
-        _check_quantity(found, ("initial", name), value, symbols.STATES[name].unit)
+        _check_quantity(found, ("initial", name), value, vocabulary.STATES[name].unit)
 
 
 def _check_quantity(

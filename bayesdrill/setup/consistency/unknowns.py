@@ -6,10 +6,12 @@ from collections.abc import Iterable, Mapping
 
 import numpy as np
 
-from bayesdrill.basics import symbols, typesetting
+from bayesdrill.basics import typesetting
+from bayesdrill.basics.entries import LARGEST, SMALLEST, strange
 from bayesdrill.basics.formulas import Expression, RelationError
 from bayesdrill.inference.unknowns import ParameterSpace
-from bayesdrill.rig.models import MODELS, constants
+from bayesdrill.rig import vocabulary
+from bayesdrill.rig.models import MODELS
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.setup import build, number_entries, number_objects
 from bayesdrill.setup.config import Config
@@ -20,43 +22,38 @@ _TRIED = 4096  # draws from the priors, at which formulas are tried
 
 
 def check_model(found: Collector, config: Config, model: Model) -> None:
-    """Constants of another model would be given in vain; a gear that speeds up is one upside down."""
-    i_m = config.model.i_m
-    if i_m > 1:
-        found.add(
-            ("model", "i_m"),
-            f"{i_m:g} would make the shaft turn {i_m:g} times as fast as the motor; is a reduction of "
-            f"{i_m:g}:1 meant? Then write {1 / i_m:.6g}",
-        )
-    for name, value in config.model:
-        having = [other for other, kind in MODELS.items() if name in (*constants(kind), "name")]
-        if value is not None and model.name not in having:
-            found.add(
-                ("model", name),
-                f"the model {model.name} has no {name}; remove it, or name: {' or '.join(having)}",
-            )
+    """Constants of another model would be given in vain."""
+    vain = strange(("name", "model"), MODELS.usable(), type(model), config.model)
+    for entry, message in vain.items():
+        found.add(("model", entry), message)
 
 
 def check_parameters(
     found: Collector, config: Config, model: Model, nominal: dict[str, float]
 ) -> None:
-    for name in symbols.PARAMETERS:
+    for name in vocabulary.PARAMETERS:
         spec = getattr(config.parameters, name)
         place: Place = ("parameters", name)
         if spec is None:
             if name in model.parameters:
                 found.add(
                     place,
-                    f"missing; to hold it write `{name}: nominal` ({nominal[name]:g}) or a number",
+                    f"missing; to hold it write {_usual(name, nominal)}a number",
                 )
         elif name not in model.parameters:
             found.add(place, f"the model {model.name} has no such parameter; remove it")
+        elif spec == "nominal" and name not in nominal:
+            found.add(place, f"no table has {name}; give a number, or `nominal: {{{name}: ...}}`")
         elif isinstance(spec, number_entries.PriorBase):
-            built = found.run(place, number_objects.prior, spec, nominal[name])
+            built = found.run(place, number_objects.prior, spec, nominal.get(name))
             if built is not None:
                 found.run(
                     place, number_objects.start, spec, built, build.compared(config).get(name)
                 )
+
+
+def _usual(name: str, nominal: Mapping[str, float]) -> str:
+    return f"`{name}: nominal` ({nominal[name]:g}) or " if name in nominal else ""
 
 
 def check_relations(found: Collector, config: Config, model: Model) -> None:
@@ -102,7 +99,7 @@ def _check_values(
     named = space.named(theta)
     for name, relation in related.items():
         values = np.broadcast_to(named[name], len(theta))
-        good = (values >= number_entries.SMALLEST) & (values <= number_entries.LARGEST)
+        good = (values >= SMALLEST) & (values <= LARGEST)
         if not good.all():
             k = int(np.argmin(good))
             found.add(
@@ -130,10 +127,11 @@ def free(config: Config, model: Model) -> list[str]:
     return free_parameters(config, model.parameters) + free_quantities(config)
 
 
-def sigmas(config: Config) -> list[str]:
-    """Unknown noise levels."""
-    return [
-        f"sigma_{name}"
-        for name, channel in config.record.channels.items()
-        if isinstance(channel.sigma, number_entries.PriorBase)
-    ]
+def scatter(config: Config, model: Model) -> list[str]:
+    """Unknowns of the noise."""
+    try:
+        noise = build.noise(build.channels(config, model), n_samples=1)
+    except ValueError:  # said of the channel
+        channels = config.record.channels.items()
+        return [f"sigma_{n}" for n, c in channels if isinstance(c.sigma, number_entries.PriorBase)]
+    return [unknown.name for unknown in noise.unknowns]

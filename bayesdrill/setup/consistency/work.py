@@ -5,28 +5,37 @@ from __future__ import annotations
 from typing import Any
 
 from bayesdrill.basics import sizes, symbols
+from bayesdrill.basics.entries import entries_of, strange
+from bayesdrill.basics.registry import lookup
 from bayesdrill.engines.optimisers import OPTIMISERS
-from bayesdrill.engines.samplers.moves import MOVES
+from bayesdrill.engines.samplers.ensemble import everywhere
+from bayesdrill.engines.samplers.moves import MOVES, mixture
+from bayesdrill.rig import vocabulary
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.setup import build, number_entries, number_objects
 from bayesdrill.setup.config import Config
 from bayesdrill.setup.consistency.collector import Collector
-from bayesdrill.setup.consistency.unknowns import free, free_parameters, free_quantities, sigmas
+from bayesdrill.setup.consistency.unknowns import free, free_parameters, free_quantities, scatter
 from bayesdrill.setup.yaml_source import Place
 
 
 def check_map(found: Collector, config: Config, model: Model) -> None:
-    if found.run(("map", "method"), build.lookup, OPTIMISERS, config.map.method, "method") is None:
+    own = config.map
+    kind = found.run(("map", "method"), lookup, OPTIMISERS, own.method, "method")
+    if kind is None:
         return
-    given = next((name for name in build.PAIRWISE if getattr(config.map, name) is not None), None)
-    unknown = [*free(config, model), *sigmas(config)]
-    found.run(("map", given or "method"), build.optimiser, config, unknown)
+    vain = strange(("method", "method"), OPTIMISERS.usable(), kind, own)
+    for entry, message in vain.items():
+        found.add(("map", entry), message)
+    given = [entry for entry in entries_of(kind) if getattr(own, entry) is not None]
+    unknown = [*free(config, model), *scatter(config, model)]
+    found.run(("map", *(given or ["method"])[:1]), build.optimiser(config).check, unknown)
 
 
 def check_counts(found: Collector, config: Config, model: Model) -> None:
     """Unknowns against walkers, and moves."""
     unknown = free(config, model)
-    n_unknown = len(unknown) + len(sigmas(config))
+    n_unknown = len(unknown) + len(scatter(config, model))
     sampler = config.sampler
     if n_unknown == 0:
         found.add(("parameters",), "nothing is unknown; give at least one parameter a prior")
@@ -40,11 +49,13 @@ def check_counts(found: Collector, config: Config, model: Model) -> None:
         arguments = (sampler.ensembles, sampler.walkers, n_unknown)
         found.run(("sampler", "walkers"), sizes.check_chain, *arguments)
     for name in sampler.moves:
-        found.run(("sampler", "moves", name), build.lookup, MOVES, name, "move")
-    if sum(weight for name, weight in sampler.moves.items() if name != "independence") <= 0:
+        found.run(("sampler", "moves", name), lookup, MOVES, name, "move")
+    known = {name: weight for name, weight in sampler.moves.items() if name in MOVES}
+    if not mixture(known, None, everywhere):
+        waiting = [name for name in MOVES.usable() if not mixture({name: 1.0}, None, everywhere)]
         message = (
-            "no move but independence has a share, and that never leaves a place that its proposal "
-            "has missed; give another move one"
+            f"no move but {' or '.join(waiting)} has a share, and that never leaves a place that its "
+            "proposal has missed; give another move one"
         )
         found.add(("sampler", "moves"), message)
 
@@ -92,7 +103,7 @@ def check_output(found: Collector, config: Config, model: Model) -> None:
         )
         or number_objects.is_formula(getattr(config.parameters, name))
     ]
-    shown += [*free_quantities(config), *sigmas(config), *symbols.DERIVED, *config.derived]
+    shown += [*free_quantities(config), *scatter(config, model), *symbols.DERIVED, *config.derived]
     for k, name in enumerate(config.output.corner or ()):
         message = f"{name} is neither unknown nor derived"
         found.expect(("output", "corner", k), name, shown, message)
@@ -100,7 +111,7 @@ def check_output(found: Collector, config: Config, model: Model) -> None:
 
 def check_identify(found: Collector, config: Config) -> None:
     own = config.identify
-    unknown = free_parameters(config, symbols.PARAMETERS)
+    unknown = free_parameters(config, vocabulary.PARAMETERS)
     for k, name in enumerate(own.of_interest):
         message = f"{name} is no unknown parameter"
         found.expect(("identify", "of_interest", k), name, unknown, message)

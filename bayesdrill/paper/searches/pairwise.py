@@ -9,17 +9,23 @@ depend on its start: use it to repeat the paper, not to find the MAP.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import partial
+from typing import Annotated, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field
 
+from bayesdrill.basics.entries import Count, Positive
+from bayesdrill.basics.errors import did_you_mean
 from bayesdrill.engines.optimisers.contract import Optimum, Task
-from bayesdrill.engines.optimisers.fminsearch import TOLERANCE, misfit
 from bayesdrill.engines.optimisers.simplex import Run, descend
+from bayesdrill.paper.searches.fminsearch import TOLERANCE, misfit
 
 Array = NDArray[np.float64]
-Pairs = tuple[tuple[str, str], ...]
+Pairs = Sequence[Sequence[str]]
+_Pair = Annotated[list[str], Field(min_length=2, max_length=2)]
 
 ORDER = ("t_f", "j_m", "c_m", "k_e", "k_T", "r_m", "l_m", "k_s", "j_1")  # the paper's
 
@@ -35,19 +41,51 @@ def circle(names: Sequence[str]) -> Pairs:
     ]
 
 
-def maximise(
-    task: Task,
-    start: Array,
-    evaluations: int,
-    *,
-    pairs: Pairs,
-    iterations: int,
-    steady: float,
-) -> Optimum:
-    """See `optimisers.contract.Optimiser`.
+@dataclass(frozen=True, slots=True)
+class Pairwise:
+    """`iterations` of each pair; a cycle that lowers the misfit by less than `steady` is the last."""
 
-    `iterations` of each pair; a cycle that lowers the misfit by less than `steady` is the last.
-    """
+    pairs: (
+        Annotated[
+            list[_Pair],
+            Field(
+                min_length=1,
+                max_length=1000,
+                description="Unknowns that are searched together, in this order.",
+            ),
+        ]
+        | None
+    ) = None
+    iterations: Annotated[Count, Field(description="Of each pair.")] = 10
+    steady: Annotated[
+        Positive, Field(description="Ends when a cycle lowers the misfit by less.")
+    ] = 0.01
+
+    polished: ClassVar[bool] = False
+
+    def check(self, unknown: Sequence[str]) -> None:
+        pairs = self.pairs or circle(unknown)
+        for name in (name for pair in pairs for name in pair):
+            if name not in unknown:
+                hint = did_you_mean(name, unknown)
+                raise ValueError(f"'{name}' in `pairs:` is not unknown{hint}")
+        twice = [first for first, second in pairs if first == second]
+        if twice:
+            raise ValueError(f"`pairs:` has {twice[0]} with itself; name two different unknowns")
+        idle = [name for name in unknown if not any(name in pair for pair in pairs)]
+        if idle:
+            raise ValueError(
+                f"no pair has {', '.join(idle)}, which would stay at the start; add it"
+            )
+
+    def __call__(self, task: Task, start: Array, evaluations: int) -> Optimum:
+        pairs = self.pairs or circle(task.names)
+        return _maximise(task, start, evaluations, pairs, self.iterations, self.steady)
+
+
+def _maximise(
+    task: Task, start: Array, evaluations: int, pairs: Pairs, iterations: int, steady: float
+) -> Optimum:
     theta, spent, settled = start.copy(), 0, False
     columns = [[task.names.index(name) for name in pair] for pair in pairs]
     history: list[float] = []

@@ -26,21 +26,28 @@ Speeds in rad/s at the nominal values and 8 V, from rest:
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
+from pydantic import Field
+
+from bayesdrill.basics.entries import Positive
+from bayesdrill.basics.symbols import Symbol
 from bayesdrill.rig.models.linear import Linear, Named
-from bayesdrill.rig.models.motor_shaft import PARAMETERS, MotorShaft
+from bayesdrill.rig.models.motor_shaft import PARAMETERS, Gear, MotorShaft
 
 
 @dataclass(frozen=True, slots=True)
 class AsPrinted:
     """`i_n` None: read as `i_m`; 1/i_m is right.  `a_51`: what A(5,1) stands over; j_m is right."""
 
-    i_m: float = 1 / 8
-    i_n: float | None = None
-    a_51: Literal["j_1", "j_m"] = "j_1"
+    i_m: Gear = 1 / 8
+    i_n: Annotated[
+        Positive | None, Field(description="The undefined factor in A(6,5); without it: i_m.")
+    ] = None
+    a_51: Annotated[Literal["j_1", "j_m"], Field(description="What A(5,1) stands over.")] = "j_1"
 
     name: ClassVar[str] = "as_printed"
+    declares: ClassVar[tuple[Symbol, ...]] = ()
     parameters: ClassVar[tuple[str, ...]] = PARAMETERS
     states: ClassVar[tuple[str, ...]] = MotorShaft.states
     inputs: ClassVar[tuple[str, ...]] = MotorShaft.inputs

@@ -7,6 +7,10 @@ finer than what a record says of a resistance.  Kept to show what follows from t
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import ClassVar
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -19,8 +23,20 @@ TOLERANCE = 1e-4  # TolX and TolFun
 PER_UNKNOWN = 200  # MaxIter and MaxFunEvals, times the number of unknowns
 
 
-def maximise(task: Task, start: Array, evaluations: int) -> Optimum:
-    """See `optimisers.contract.Optimiser`."""
+@dataclass(frozen=True, slots=True)
+class Fminsearch:
+    """As it stops by default: it is there to be seen, and not polished."""
+
+    polished: ClassVar[bool] = False
+
+    def check(self, unknown: Sequence[str]) -> None:
+        """It searches whatever is unknown."""
+
+    def __call__(self, task: Task, start: Array, evaluations: int) -> Optimum:
+        return _maximise(task, start, evaluations)
+
+
+def _maximise(task: Task, start: Array, evaluations: int) -> Optimum:
     most = PER_UNKNOWN * len(start)
     run = descend(
         lambda theta: misfit(task, theta),

@@ -1,0 +1,106 @@
+"""What may stand in a config: numbers with their bounds, and the entries that a chosen member brings.
+
+A member of a registry (a rig, a noise, a way to search) is a dataclass, and each of its fields that
+is `Annotated` is an entry of the config: `i_m: Positive = 0.125`.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import types
+import typing
+from collections.abc import Mapping
+from typing import Annotated, Any
+
+from pydantic import BaseModel, ConfigDict, Field, create_model
+from pydantic.fields import FieldInfo
+
+
+class Strict(BaseModel):
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
+
+
+# Of any number in a config.  No rig has others, and their squares and ratios stay finite.
+SMALLEST, LARGEST = 1e-30, 1e30
+MOST = 1_000_000  # of anything that is counted
+
+Number = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
+Positive = Annotated[float, Field(ge=SMALLEST, le=LARGEST)]
+NonNegative = Annotated[float, Field(ge=0, le=LARGEST)]
+Count = Annotated[int, Field(ge=1, le=MOST)]
+Latex = Annotated[str, Field(max_length=200)]  # longer, and matplotlib takes for ever
+
+
+def entries_of(kind: type) -> dict[str, Any]:
+    """What may stand at each entry of a member, as pydantic takes it."""
+    hints = typing.get_type_hints(kind, include_extras=True)
+    names = [field.name for field in dataclasses.fields(kind)]
+    return {name: hints[name] for name in names if _annotated(hints[name])}
+
+
+def _annotated(hint: Any) -> bool:
+    """Or, where it may be left out, without that."""
+    return typing.get_origin(hint) is Annotated or any(map(_annotated, _choices(hint)))
+
+
+def _choices(hint: Any) -> tuple[Any, ...]:
+    union = typing.get_origin(hint) in (typing.Union, types.UnionType)
+    return typing.get_args(hint) if union else ()
+
+
+def _about(hint: Any) -> str:
+    told = [
+        one.description for one in getattr(hint, "__metadata__", ()) if isinstance(one, FieldInfo)
+    ]
+    inner = [_about(one) for one in _choices(hint)]
+    return next((text for text in (*reversed(told), *inner) if text), "").rstrip(".")
+
+
+def chosen[B: Strict](name: str, base: type[B], key: str, members: Mapping[str, type]) -> type[B]:
+    """`base`, whose entry `key` names a member, and the entries of all members, each optional."""
+    own = base.model_fields[key]
+    named = Field(own.default, description=own.description, json_schema_extra={"enum": [*members]})
+    fields: dict[str, Any] = {key: (own.annotation, named)}
+    for entry, having in who_has(members).items():
+        kind = members[having[0]]
+        hint, usual = entries_of(kind)[entry], _default(kind, entry)
+        default_ = "" if usual is None else f"; default: {usual}"
+        said = f"{', '.join(having)}: {_about(hint)}{default_}."
+        fields[entry] = (hint | None, Field(None, description=said))
+    return create_model(name, __base__=base, __doc__=base.__doc__, **fields)
+
+
+def who_has(members: Mapping[str, type]) -> dict[str, list[str]]:
+    """Names of the members that have each entry."""
+    found: dict[str, list[str]] = {}
+    for name, kind in members.items():
+        for entry in entries_of(kind):
+            found.setdefault(entry, []).append(name)
+    return found
+
+
+def made[T](kind: type[T], section: Strict) -> T:
+    """The member with what its section gives; else its defaults."""
+    given = {entry: getattr(section, entry) for entry in entries_of(kind)}
+    return kind(**{entry: value for entry, value in given.items() if value is not None})
+
+
+def strange(
+    choice: tuple[str, str], members: Mapping[str, type], kind: type, section: Strict
+) -> dict[str, str]:
+    """Entries that are given and mean nothing to `kind`, and what to do about each.
+
+    `choice`: the entry that names a member, and what a member is called.
+    """
+    (key, what), own = choice, entries_of(kind)
+    name = getattr(section, key)
+    return {
+        entry: f"the {what} {name} has no {entry}; remove it, or {key}: {' or '.join(having)}"
+        for entry, having in who_has(members).items()
+        if entry not in own and getattr(section, entry) is not None
+    }
+
+
+def _default(kind: type, entry: str) -> Any:
+    (field,) = (one for one in dataclasses.fields(kind) if one.name == entry)
+    return None if field.default is dataclasses.MISSING else field.default

@@ -1,0 +1,128 @@
+"""Channels of one record with noise of different kinds, each kind by itself."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayesdrill.inference.noise.contract import Noise, Residuals
+from bayesdrill.inference.unknowns import Unknown
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """`columns`: which channels of all."""
+
+    noise: Noise
+    columns: tuple[int, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class _Some:
+    """Residuals of some channels."""
+
+    every: Residuals
+    columns: list[int]
+
+    @property
+    def squares(self) -> Array:
+        return self.every.squares[..., self.columns]
+
+    @property
+    def samples(self) -> Array:
+        return self.every.samples[..., self.columns]
+
+    def weighed(self, weights: Array) -> Array:
+        return self.squares * weights**2
+
+
+@dataclass(frozen=True, slots=True)
+class Mixed:
+    """Its unknowns are those of the parts, one part after the other."""
+
+    parts: tuple[Part, ...]
+
+    white: ClassVar[bool] = False
+
+    @property
+    def unknowns(self) -> tuple[Unknown, ...]:
+        return tuple(unknown for part in self.parts for unknown in part.noise.unknowns)
+
+    @property
+    def n_channels(self) -> int:
+        return sum(part.noise.n_channels for part in self.parts)
+
+    def for_length(self, n_samples: int) -> Mixed:
+        return Mixed(
+            tuple(
+                dataclasses.replace(part, noise=part.noise.for_length(n_samples))
+                for part in self.parts
+            )
+        )
+
+    def held(self) -> Mapping[int, object]:
+        return {p.columns[k]: what for p in self.parts for k, what in p.noise.held().items()}
+
+    def log_likelihood(self, residuals: Residuals, own: Array) -> Array:
+        return self._each(
+            lambda noise, columns, own: noise.log_likelihood(_Some(residuals, columns), own), own
+        )
+
+    def pointwise(self, samples: Array, own: Array) -> Array:
+        return self._each(lambda n, columns, own: n.pointwise(samples[..., columns], own), own)
+
+    def scales(self, own: Array) -> Array:
+        return self._each(lambda n, _, own: n.scales(own), own)
+
+    def whiten(self, samples: Array, own: Array) -> Array:
+        return self._each(lambda n, columns, own: n.whiten(samples[..., columns], own), own)
+
+    def inform(self, shifts: Array, own: Array) -> Array:
+        return self._each(lambda n, columns, own: n.inform(shifts[..., columns], own), own)
+
+    def pull(self, samples: Array, own: Array) -> Array:
+        return self._each(lambda n, columns, own: n.pull(samples[..., columns], own), own)
+
+    def draw(self, signals: Array, own: Array, rng: np.random.Generator) -> Array:
+        return self._each(lambda n, columns, own: n.draw(signals[..., columns], own, rng), own)
+
+    def bend(self, residuals: Residuals, own: Array) -> tuple[Array, Array]:
+        found = [
+            part.noise.bend(_Some(residuals, list(part.columns)), some)
+            for part, some in self._split(own)
+        ]
+        slopes, curvatures = zip(*found, strict=True)
+        return np.concatenate(slopes, axis=-1), np.concatenate(curvatures, axis=-1)
+
+    def expected(self) -> Array:
+        return np.concatenate([part.noise.expected() for part in self.parts])
+
+    def fitted(self, samples: Array, own: Array) -> Array:
+        return np.concatenate(
+            [p.noise.fitted(samples[:, list(p.columns)], some) for p, some in self._split(own)]
+        )
+
+    def _split(self, own: Array) -> Iterator[tuple[Part, Array]]:
+        first = 0
+        for part in self.parts:
+            n = len(part.noise.unknowns)
+            yield part, own[..., first : first + n]
+            first += n
+
+    def _each(self, what: Callable[[Noise, list[int], Array], Array], own: Array) -> Array:
+        """Of every part, its channels in their places."""
+        found = [
+            (part.columns, what(part.noise, list(part.columns), some))
+            for part, some in self._split(own)
+        ]
+        out = np.empty((*found[0][1].shape[:-1], self.n_channels))
+        for columns, values in found:
+            out[..., list(columns)] = values
+        return out

@@ -1,0 +1,109 @@
+"""Independent Gaussian noise, one standard deviation per channel, known or unknown."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayesdrill.basics.symbols import noise_symbol
+from bayesdrill.inference.noise.contract import Noisy, Residuals
+from bayesdrill.inference.unknowns import Unknown
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class NoEntries:
+    """Of a noise that `sigma:` says all of."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class White:
+    """`known`: sigma of channels (by index) that are given; the rest come as unknowns.
+
+    Normalised: `-T/2 log(2 pi sigma^2) - SS / (2 sigma^2)` per channel, with SS the misfit.
+    """
+
+    n_samples: int
+    known: Mapping[int, float]
+    n_channels: int
+    unknowns: tuple[Unknown, ...] = ()
+
+    white: ClassVar[bool] = True
+    Entries: ClassVar[type] = NoEntries
+
+    @classmethod
+    def of(cls, channels: Sequence[Noisy], n_samples: int) -> White:
+        known = {k: c.sigma for k, c in enumerate(channels) if isinstance(c.sigma, float)}
+        unknowns = tuple(level(c) for c in channels if not isinstance(c.sigma, float))
+        return cls(n_samples=n_samples, known=known, n_channels=len(channels), unknowns=unknowns)
+
+    @property
+    def unknown(self) -> tuple[int, ...]:
+        return tuple(k for k in range(self.n_channels) if k not in self.known)
+
+    def for_length(self, n_samples: int) -> White:
+        return dataclasses.replace(self, n_samples=n_samples)
+
+    def held(self) -> Mapping[int, object]:
+        return self.known
+
+    def scales(self, own: Array) -> Array:
+        out = np.empty((len(own), self.n_channels))
+        for k, sigma in self.known.items():
+            out[:, k] = sigma
+        for column, k in enumerate(self.unknown):
+            out[:, k] = own[:, column]
+        return out
+
+    def log_likelihood(self, residuals: Residuals, own: Array) -> Array:
+        sigma = self.scales(own)
+        constant = -0.5 * self.n_samples * math.log(2 * math.pi)
+        return constant - self.n_samples * np.log(sigma) - 0.5 * residuals.squares / sigma**2
+
+    def pointwise(self, samples: Array, own: Array) -> Array:
+        sigma = self.scales(own)[:, None, :]
+        return -0.5 * math.log(2 * math.pi) - np.log(sigma) - 0.5 * (samples / sigma) ** 2
+
+    def whiten(self, samples: Array, own: Array) -> Array:
+        return samples / self.scales(own)[:, None, :]
+
+    def inform(self, shifts: Array, own: Array) -> Array:
+        return shifts / self.scales(own)[:, None, :]
+
+    def pull(self, samples: Array, own: Array) -> Array:
+        return samples / self.scales(own)[:, None, :] ** 2
+
+    def bend(self, residuals: Residuals, own: Array) -> tuple[Array, Array]:
+        """Far from the level that fits, the larger of the two curvatures keeps a step in bounds."""
+        if not self.unknown:
+            return np.zeros_like(own), np.zeros_like(own)
+        left = residuals.weighed(1.0 / self.scales(own))[:, list(self.unknown)]
+        return left - self.n_samples, 2.0 * np.maximum(left, self.n_samples)
+
+    def expected(self) -> Array:
+        return np.full(len(self.unknown), 2.0 * self.n_samples)
+
+    def fitted(self, samples: Array, own: Array) -> Array:
+        return np.sqrt(np.mean(samples**2, axis=0))[list(self.unknown)]
+
+    def draw(self, signals: Array, own: Array, rng: np.random.Generator) -> Array:
+        return signals + self.scales(own)[:, None, :] * rng.standard_normal(signals.shape)
+
+
+def level(noisy: Noisy) -> Unknown:
+    """The unknown standard deviation of a channel's noise, `sigma_<channel>`."""
+    channel = noisy.channel
+    assert not isinstance(noisy.sigma, float)
+    return Unknown(
+        symbol=noise_symbol(channel.name, channel.unit, channel.latex, channel.latex_unit),
+        role="noise",
+        prior=noisy.sigma,
+        start=noisy.start,
+    )

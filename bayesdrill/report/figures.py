@@ -1,0 +1,94 @@
+"""The registry of a run's figures: one file and one line here, or an entry point `bayesdrill.figure`.
+
+A recipe says of a finished run what is to be drawn, or None where there is nothing.  Recipes load what
+draws when they are asked: matplotlib takes a second, and drawing longer than all tables together.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from bayesdrill.basics import own_files
+from bayesdrill.basics.registry import Registry
+from bayesdrill.report import derived_words
+from bayesdrill.report.view import Drawing, View
+
+Recipe = Callable[[View], Drawing | None]
+
+
+def _corner(run: View) -> Drawing:
+    from bayesdrill.report.corner_plot import corner_figure
+
+    names, at_map = run.config.output.corner, run.best[None]
+    shown = derived_words.shown(run.problem, names, run.sampled.draws, run.derived, at_map)
+    priors = run.problem.posterior.space.priors
+    return Drawing(corner_figure, (shown.draws, shown.symbols, shown.nominal, shown.mode, priors))
+
+
+def _invariants(run: View) -> Drawing | None:
+    from bayesdrill.report.invariants_plot import invariants_figure
+
+    if run.judged is None or not run.judged.verdict.products:
+        return None
+    verdict, symbols = run.judged.verdict, run.problem.symbols
+    return Drawing(invariants_figure, (verdict, run.draws, run.best, symbols))
+
+
+def _ridge(run: View) -> Drawing | None:
+    """Where there is a symmetry."""
+    from bayesdrill.report.ridge_plot import ridge_figure, strongest_pair
+
+    judged, problem = run.judged, run.problem
+    pair = None if judged is None else strongest_pair(run.draws, judged.study.structure)
+    if pair is None:
+        return None
+    priors, nominal = problem.posterior.space.priors, problem.nominal
+    given = (run.draws, pair, problem.symbols, priors, nominal, run.mode.values)
+    return Drawing(ridge_figure, given)
+
+
+def _trace(run: View) -> Drawing:
+    from bayesdrill.report.trace_plot import trace_figure
+
+    sampled, problem = run.sampled, run.problem
+    burn_in, nominal = sampled.convergence.burn_in, problem.nominal
+    given = (sampled.theta, problem.symbols, burn_in, nominal, run.mode.values)
+    return Drawing(trace_figure, given)
+
+
+def _prior_posterior(run: View) -> Drawing:
+    from bayesdrill.report.prior_posterior_plot import prior_posterior_figure
+
+    problem = run.problem
+    priors, nominal = problem.posterior.space.priors, problem.nominal
+    given = (run.draws, problem.symbols, priors, nominal, run.mode.values)
+    return Drawing(prior_posterior_figure, given)
+
+
+def _fit(run: View) -> Drawing:
+    from bayesdrill.report.fit_plot import fit_figure
+
+    experiment, likelihood = run.problem.experiment, run.problem.posterior.likelihood
+    group = run.tree["posterior_predictive"]
+    predictive = np.stack([np.asarray(group[name]) for name in experiment.names], axis=-1)
+    predictive = predictive.reshape(-1, *predictive.shape[2:]).astype(np.float64)
+    at_map = run.best[None]
+    signals, sigmas = likelihood.signals(at_map)[0], likelihood.sigmas(at_map)[0]
+    return Drawing(fit_figure, (experiment, signals, predictive, sigmas))
+
+
+FIGURES: Registry[Recipe] = Registry(
+    "figure",
+    {
+        "corner": _corner,
+        "invariants": _invariants,
+        "ridge": _ridge,
+        "trace": _trace,
+        "prior_posterior": _prior_posterior,
+        "fit": _fit,  # last: its draws take a while
+    },
+)
+
+POSTERIOR = own_files.posterior(FIGURES)

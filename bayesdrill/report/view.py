@@ -1,0 +1,102 @@
+"""A finished run as tables and figures look at it; each thing is made once, when asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import bayesdrill
+from bayesdrill.basics import seeds
+from bayesdrill.engines.mode import Mode
+from bayesdrill.engines.sampling import Sampled
+from bayesdrill.inference.problem import Problem
+from bayesdrill.insight.derived import Derived, derive, with_products
+from bayesdrill.insight.verdict import Judgement
+from bayesdrill.report import words
+from bayesdrill.report.sparing import Sparing
+from bayesdrill.setup.config import Config
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    from xarray import DataTree
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Drawing:
+    """A figure to be drawn, perhaps by another process: what draws it, and what it is given."""
+
+    figure: Callable[..., Figure]
+    arguments: tuple[Any, ...]
+
+
+@dataclass(frozen=True)
+class View:
+    """`judged`: None where there is no table.  `sparing` is told of derived quantities that fail."""
+
+    problem: Problem
+    mode: Mode
+    sampled: Sampled
+    judged: Judgement | None
+    config: Config
+    sparing: Sparing = field(default_factory=Sparing)
+
+    @cached_property
+    def draws(self) -> Array:
+        """`(N, D)`, of all ensembles."""
+        return self.sampled.draws.reshape(-1, self.sampled.draws.shape[-1])
+
+    @cached_property
+    def best(self) -> Array:
+        """The MAP `(D,)`."""
+        return self.problem.posterior.space.vector(self.mode.values)
+
+    @cached_property
+    def derived(self) -> Derived:
+        """Nothing where they cannot be made."""
+        problem, draws, judged = self.problem, self.sampled.draws, self.judged
+        with self.sparing.making("derived quantities"):
+            derived = derive(problem, draws)
+            if judged is None:
+                return derived
+            products = [quantity.exponents for quantity in judged.verdict.products]
+            return with_products(derived, problem, draws, products)
+        return Derived(symbols=(), values=np.empty((*draws.shape[:2], 0)), nominal={})
+
+    @cached_property
+    def tree(self) -> DataTree:
+        """For ArviZ."""
+        # Late: xarray takes half a second to load.
+        from bayesdrill.results.arviz_tree import make_tree
+
+        return make_tree(
+            self.problem,
+            self.sampled,
+            words.predictive_draws(self.problem, self.config),
+            seeds.stream(self.config.seed, "predictive"),
+            seeds.stream(self.config.seed, "prior"),
+            self._attributes(),
+            self.derived,
+        )
+
+    def _attributes(self) -> dict[str, object]:
+        c = self.sampled.convergence
+        return {
+            "name": self.config.name,
+            "creation_library": "bayesdrill",
+            "creation_library_version": bayesdrill.__version__,
+            "inference_library": "emcee",
+            "chain_is": "an independent ensemble",
+            "steps": c.steps,
+            "burn_in": c.burn_in,
+            "thin": c.thin,
+            "converged": int(c.converged),
+            "seed": self.config.seed,
+            "sample_dims": ["chain", "draw"],
+        }

@@ -1,0 +1,52 @@
+"""The contract of a simulator: what the channels of one experiment do at given parameters of a rig."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Protocol, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayesdrill.record.experiment import Experiment
+from bayesdrill.rig.models.linear import Model
+
+Array = NDArray[np.float64]
+
+
+class Simulator(Protocol):
+    """Parameters are `full (W, P)`, columns in the order of `model.parameters`, SI; all is batch-first,
+    and a walker whose numbers overflow gets NaN in its own row alone.
+    """
+
+    @property
+    def model(self) -> Model: ...
+
+    @property
+    def experiment(self) -> Experiment: ...
+
+    def signals(self, full: Array) -> Array:
+        """The channels without noise, `(W, T, K)`."""
+        ...
+
+    def squares(self, full: Array) -> Array:
+        """Sums of squared residuals `(W, K)`, without a sample kept."""
+        ...
+
+    def sensitivities(self, full: Array, along: Array) -> Array:
+        """d signal along q directions `(W, q, P)` in the space of parameters: `(W, q, T, K)`."""
+        ...
+
+    def normal(self, full: Array, along: Array, scales: Array) -> tuple[Array, Array, Array]:
+        """As sums, all times `scales (W, K)`: squares of residuals `(W, K)`, their products with
+        sensitivities `(W, q)`, and those of sensitivities with each other `(W, q, q)`.
+        """
+        ...
+
+    def with_record(self, y: Array) -> Self:
+        """The same experiment with another record `(T, K)`."""
+        ...
+
+    def with_series(self, series: Mapping[str, Array]) -> Self:
+        """The same experiment under other measured inputs."""
+        ...

@@ -1,0 +1,25 @@
+"""The symbols of all rigs there are: the paper's, and what other rigs declare of their own."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import MappingProxyType
+
+from bayesdrill.basics import symbols
+from bayesdrill.basics.symbols import Symbol
+from bayesdrill.rig.models import MODELS
+
+
+def _all(of: str, known: Mapping[str, Symbol]) -> Mapping[str, Symbol]:
+    """Those of `known` first: a rig cannot give another meaning to what has one."""
+    own = {
+        symbol.name: symbol
+        for rig in MODELS.usable().values()
+        for symbol in getattr(rig, "declares", ())
+        if symbol.name in getattr(rig, of)
+    }
+    return MappingProxyType({**known, **{n: s for n, s in own.items() if n not in known}})
+
+
+PARAMETERS = _all("parameters", symbols.PARAMETERS)
+STATES = _all("states", symbols.STATES)
