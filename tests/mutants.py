@@ -721,8 +721,8 @@ MUTANTS = [
     Mutant(
         "sigma's prior left in the unit of the column",
         "setup/build.py",
-        "scaled = rescaled(spec.sigma, factor)",
-        "scaled = spec.sigma",
+        "prior(rescaled(spec.sigma, factor), 1.0), begin",
+        "prior(spec.sigma, 1.0), begin",
         "tests/setup/test_reading.py::test_sigma_and_its_prior_are_in_the_columns_unit",
     ),
     Mutant(

@@ -74,7 +74,9 @@ def _record_rows(posterior: Posterior, theta: Array) -> Array:
         signals = one.response.signals(full)
         slopes = _whitened(one, signals[: len(theta)] - signals[len(theta) :], theta)
         rows.append(np.nan_to_num(slopes.reshape(len(theta), -1), posinf=0.0, neginf=0.0).T)
-        levels.append(np.sqrt(one.noise.expected())[:, None] * np.eye(len(theta))[one.own])
+        levels.append(
+            np.sqrt(one.noise.expected(theta[one.own]))[:, None] * np.eye(len(theta))[one.own]
+        )
     return np.vstack([*rows, *levels])
 
 

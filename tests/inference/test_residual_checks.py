@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -74,7 +73,7 @@ def test_sizes_and_correlations_are_those_of_the_channel(rig: Likelihood) -> Non
 def test_a_channel_that_does_nothing_has_no_share(rig: Likelihood) -> None:
     flat = rig.response.experiment.y.copy()
     flat[:, 0] = 3.0
-    found = left(replace(rig, response=rig.response.with_record(flat)), AT)
+    found = left(rig.with_alone(response=rig.response.with_record(flat)), AT)
     assert np.isnan(found[0].share)
     assert "theta_1" not in words.sentences(found).splitlines()[0]
     assert words.as_data(found)[0]["rms_over_spread"] is None
@@ -108,7 +107,7 @@ def test_what_the_model_misses_is_told_with_unknown_noise_too() -> None:
     size = np.sqrt(np.mean(residuals**2, axis=0))
     theta = np.array([*AT, *size])
     y = rig.signals(theta[None])[0] + residuals
-    found = left(replace(rig, response=rig.response.with_record(y)), theta)
+    found = left(rig.with_alone(response=rig.response.with_record(y)), theta)
     assert [one.correlated for one in found] == [False, False, False, True]
     assert not any(one.large or one.small or one.far for one in found)
     text = words.sentences(found)
@@ -119,7 +118,7 @@ def test_what_the_model_misses_is_told_with_unknown_noise_too() -> None:
 def test_an_unknown_sigma_that_its_prior_keeps_off_is_told() -> None:
     rig = posterior(measured(SIGMA, n=N), None, free=FREE).likelihood
     y = rig.signals(np.array([*AT, *SIGMA])[None])[0] + white(4)
-    own = replace(rig, response=rig.response.with_record(y))
+    own = rig.with_alone(response=rig.response.with_record(y))
     found = left(own, np.array([*AT, SIGMA[0] / 3, *SIGMA[1:]]))
     assert [one.large for one in found] == [True, False, False, False]
 

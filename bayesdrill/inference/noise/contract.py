@@ -98,8 +98,8 @@ class Noise(Protocol):
         """
         ...
 
-    def expected(self) -> Array:
-        """The curvature `(n,)` that is expected where the noise is as said."""
+    def expected(self, own: Array) -> Array:
+        """The curvature `(n,)` that is expected where the noise is as said, at `own (n,)`."""
         ...
 
     def fitted(self, samples: Array, own: Array) -> Array:

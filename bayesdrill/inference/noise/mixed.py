@@ -101,8 +101,8 @@ class Mixed:
         slopes, curvatures = zip(*found, strict=True)
         return np.concatenate(slopes, axis=-1), np.concatenate(curvatures, axis=-1)
 
-    def expected(self) -> Array:
-        return np.concatenate([part.noise.expected() for part in self.parts])
+    def expected(self, own: Array) -> Array:
+        return np.concatenate([part.noise.expected(some) for part, some in self._split(own)])
 
     def fitted(self, samples: Array, own: Array) -> Array:
         return np.concatenate(

@@ -87,7 +87,7 @@ class White:
         left = residuals.weighed(1.0 / self.scales(own))[:, list(self.unknown)]
         return left - self.n_samples, 2.0 * np.maximum(left, self.n_samples)
 
-    def expected(self) -> Array:
+    def expected(self, own: Array) -> Array:
         return np.full(len(self.unknown), 2.0 * self.n_samples)
 
     def fitted(self, samples: Array, own: Array) -> Array:

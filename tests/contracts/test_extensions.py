@@ -1,0 +1,138 @@
+"""A rig, a noise, a move, a format, a figure and an optimiser, each by one file and one line.
+
+`tests/toys` is a package as others would install it: six files, and an entry point for each.
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from bayesdrill.basics.registry import Registry, lookup
+from bayesdrill.rig.models import MODELS
+
+ROOT = Path(__file__).parents[2]
+TOYS = ROOT / "tests" / "toys"
+ENVIRONMENT = {**os.environ, "PYTHONPATH": str(TOYS), "MPLBACKEND": "agg"}
+
+CONFIG = """\
+name: toys
+seed: 3
+model: {name: toy_damped, i_m: 0.1}
+record:
+  file: FILE
+  time: {column: t, unit: s}
+  channels:
+    w_1: {column: w_1, unit: rad/s, sigma: 0.2, noise: {name: toy_memory, correlation: 0.4}}
+    w_2: {column: w_2, unit: rad/s, sigma: 0.1, noise: toy_memory}
+inputs: {v: 8.0}
+nominal: {table: tables_2_3, c_s: 0.004}
+parameters:
+  j_m: nominal
+  c_m: nominal
+  k_e: {prior: uniform, low: 0.5, high: 1.5, relative: true}
+  k_T: nominal
+  r_m: nominal
+  l_m: nominal
+  k_s: nominal
+  j_1: nominal
+  t_f: nominal
+  c_s: {prior: log_uniform, low: 0.1, high: 10, relative: true}
+map: {method: toy_compass, shortest: 1.0e-3}
+sampler: {ensembles: 4, walkers: 32, ess: 400, moves: {toy_walk: 0.1, independence: 0.9}}
+simulation: {duration: 4.0, rate: 50}
+"""
+
+
+def bayesdrill(*arguments: str | Path, cwd: Path) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "bayesdrill", *map(str, arguments)]
+    environment = {**ENVIRONMENT, "PYTHONPATH": f"{TOYS}{os.pathsep}{ROOT}"}
+    return subprocess.run(command, cwd=cwd, env=environment, capture_output=True, text=True)
+
+
+def test_each_toy_is_one_file_and_one_line() -> None:
+    lines = (TOYS / "toys-1.0.dist-info" / "entry_points.txt").read_text().splitlines()
+    brought = [line.split(" = ")[1].split(":")[0] for line in lines if " = " in line]
+    assert sorted(f"{module}.py" for module in brought) == sorted(p.name for p in TOYS.glob("*.py"))
+
+
+def test_the_toys_pass_the_contracts() -> None:
+    command = [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", "-k", "toy_", "-v"]
+    command += ["-m", "not slow", "tests/contracts", "--ignore", str(Path(__file__))]
+    done = subprocess.run(command, cwd=ROOT, env=ENVIRONMENT, capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout
+    passed = set(re.findall(r"toy_[a-z]+(?=[^.\w])", done.stdout))
+    assert passed == {
+        "toy_damped",
+        "toy_memory",
+        "toy_walk",
+        "toy_json",
+        "toy_order",
+        "toy_compass",
+    }
+
+
+def test_a_run_with_nothing_but_toys(tmp_path: Path) -> None:
+    """From a simulated record to the report; and a mistake in what a toy brings is told as any other."""
+    text = (tmp_path / "text.yaml", tmp_path / "json.yaml")
+    text[0].write_text(CONFIG.replace("FILE", "record.csv"))
+    done = bayesdrill("simulate", text[0], cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    with (tmp_path / "record.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    columns = {name: [float(row[name]) for row in rows] for name in rows[0]}
+    (tmp_path / "record.json").write_text(json.dumps({"run": columns}))
+    text[1].write_text(CONFIG.replace("file: FILE", "file: record.json\n  inside: run"))
+    done = bayesdrill("posterior", text[1], "--output", "out", "--processes", "1", cwd=tmp_path)
+    assert done.returncode == 0, done.stdout + done.stderr
+    rows = list(csv.DictReader((tmp_path / "out" / "summary.csv").read_text().splitlines()))
+    found = {row["name"]: row for row in rows}
+    assert list(found) == ["k_e", "c_s", "rho_w_2"]
+    assert abs(float(found["c_s"]["mean"]) - 0.004) < 5 * float(found["c_s"]["sd"])
+    assert abs(float(found["rho_w_2"]["mean"]) - 0.1) < 5 * float(found["rho_w_2"]["sd"])
+    assert (tmp_path / "out" / "figures" / "toy_order.png").stat().st_size > 1000
+    text[1].write_text(text[1].read_text().replace("correlation: 0.4", "correlation: 1.4"))
+    done = bayesdrill("check", text[1], cwd=tmp_path)
+    assert done.returncode == 2
+    assert "record.channels.w_1.noise.correlation: 1.4" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_without_them_their_names_are_unknown(tmp_path: Path) -> None:
+    assert "toy_damped" not in MODELS
+    with pytest.raises(ValueError, match="'motor_shft' is not a model; did you mean motor_shaft"):
+        lookup(MODELS, "motor_shft", "model")
+
+
+def test_what_cannot_be_loaded_is_named_and_takes_no_other_with_it(tmp_path: Path) -> None:
+    """A package that is broken, in the way of nobody who does not ask for it."""
+    info = tmp_path / "broken-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: broken\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text("[bayesdrill.rig]\nodd = nowhere.at_all:Rig\n")
+    code = (
+        "from bayesdrill.rig.models import MODELS\n"
+        "from bayesdrill.basics.registry import lookup\n"
+        "assert 'odd' in MODELS and 'odd' not in MODELS.usable() and 'motor_shaft' in MODELS.usable()\n"
+        "try:\n    lookup(MODELS, 'odd', 'model')\nexcept ValueError as error:\n    print(error)\n"
+    )
+    environment = {**os.environ, "PYTHONPATH": f"{tmp_path}{os.pathsep}{ROOT}"}
+    done = subprocess.run(
+        [sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True
+    )
+    assert "odd is brought by broken, and cannot be loaded from nowhere.at_all:Rig" in done.stdout
+
+
+def test_own_members_come_first() -> None:
+    registry = Registry("nothing that anyone brings", {"one": 1, "two": 2})
+    assert dict(registry) == registry.usable() == {"one": 1, "two": 2}
+    assert len(registry) == 2
+    with pytest.raises(KeyError):
+        registry["three"]

@@ -1,0 +1,71 @@
+"""What holds of every optimiser: it climbs, counts what it spends, and gives the best it has seen.
+
+Where it is polished, slopes go the rest of the way: so it has to come near, no more.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from bayesdrill.basics.entries import entries_of, made
+from bayesdrill.engines.optimisers import OPTIMISERS
+from bayesdrill.engines.optimisers.contract import Task
+from bayesdrill.inference.coordinates import Coordinates
+from bayesdrill.setup.config import MapSpec
+
+TOP, SD = np.array([6.0, 0.02]), np.array([0.5, 0.003])  # unequal, off the origin
+START = np.array([3.5, 0.035])
+
+
+def hill(x: np.ndarray) -> np.ndarray:
+    """Skewed, and nothing below zero."""
+    a, b = ((x - TOP) / SD).T
+    value = -0.5 * (a**2 + (b - 0.3 * a) ** 2)
+    return np.where((x > 0).all(axis=1), value, -np.inf)
+
+
+def searched(name: str, evaluations: int) -> tuple[object, list[float]]:
+    seen: list[float] = []
+
+    def density(x: np.ndarray) -> np.ndarray:
+        values = hill(x)
+        seen.extend(map(float, values))
+        return values
+
+    task = Task(
+        names=("a", "b"),
+        density=density,
+        coordinates=Coordinates((True, False)),
+        covariance=lambda theta: np.diag([0.1, 0.003]) ** 2,
+    )
+    start = START.copy()
+    found = OPTIMISERS[name]()(task, start, evaluations)
+    assert np.array_equal(start, START)  # untouched
+    return found, seen
+
+
+@pytest.mark.parametrize("name", OPTIMISERS)
+def test_it_comes_near_the_top(name: str) -> None:
+    found, seen = searched(name, 4000)
+    assert found.settled
+    assert found.value == max(seen) == hill(found.theta[None])[0]
+    assert found.value > (-1.0 if OPTIMISERS[name]().polished else -0.01)
+
+
+@pytest.mark.parametrize("name", OPTIMISERS)
+@pytest.mark.parametrize("most", [1, 7, 30])
+def test_what_it_may_spend_is_all_it_spends(name: str, most: int) -> None:
+    found, seen = searched(name, most)
+    assert found.evaluations == len(seen) <= most
+    assert found.value == max(seen)
+    assert list(found.history) == sorted(found.history)
+    assert not found.settled
+
+
+@pytest.mark.parametrize("name", OPTIMISERS)
+def test_a_config_gives_it_its_entries(name: str) -> None:
+    kind = OPTIMISERS[name]
+    assert {*entries_of(kind)} <= {*MapSpec.model_fields}
+    assert made(kind, MapSpec(method=name)) == kind()
+    kind().check(("a", "b"))

@@ -1,0 +1,31 @@
+"""The paper's rig with a shaft that damps, by `c_s`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from bayesdrill.basics.symbols import Symbol
+from bayesdrill.rig.models.linear import Linear, Named
+from bayesdrill.rig.models.motor_shaft import PARAMETERS, Gear, MotorShaft
+
+
+@dataclass(frozen=True, slots=True)
+class Damped:
+    i_m: Gear = 1 / 8
+
+    name: ClassVar[str] = "toy_damped"
+    declares: ClassVar[tuple[Symbol, ...]] = (
+        Symbol("c_s", "N*m*s/rad", "c_s", r"N\,m\,s/rad", "damping of the shaft", "not negative"),
+    )
+    parameters: ClassVar[tuple[str, ...]] = (*PARAMETERS, "c_s")
+    states: ClassVar[tuple[str, ...]] = MotorShaft.states
+    inputs: ClassVar[tuple[str, ...]] = MotorShaft.inputs
+
+    def linear(self, p: Named) -> Linear:
+        plain = MotorShaft(self.i_m).linear(p)
+        a, c_s = dict(plain.A), p["c_s"]
+        a["w_1", "w_1"], a["w_1", "w_2"] = -c_s / p["j_1"], c_s / p["j_1"]
+        a["w_2", "w_1"] = self.i_m**2 * c_s / p["j_m"]
+        a["w_2", "w_2"] = a["w_2", "w_2"] - self.i_m**2 * c_s / p["j_m"]
+        return Linear(A=a, B=plain.B, c=plain.c)
