@@ -17,10 +17,12 @@ from bayesdrill.commands import concluding, pipeline
 from bayesdrill.engines.mode import Mode
 from bayesdrill.engines.sampling import Sampled
 from bayesdrill.insight.verdict import Verdict
-from bayesdrill.report import tables, verdict_words, words
+from bayesdrill.report import tables, words
 from bayesdrill.report.figures import FIGURES
+from bayesdrill.report.run_report import sections
+from bayesdrill.report.sections import as_markdown, as_text
 from bayesdrill.report.view import View
-from bayesdrill.setup import build, in_memory
+from bayesdrill.setup import in_memory
 from bayesdrill.setup.job import Job
 
 if TYPE_CHECKING:
@@ -71,10 +73,10 @@ class Run:
 
     def judge(self) -> Judged:
         """What fit and draws say of the nominal table."""
-        return Judged(self.job, self._conclusion)
+        return Judged(self._view)
 
     @cached_property
-    def _conclusion(self) -> concluding.Conclusion:
+    def _view(self) -> View:
         return concluding.concluded(self.job, self.mode, self.sampled)
 
     def to_arviz(self) -> DataTree:
@@ -92,11 +94,6 @@ class Run:
             raise InputError.one("plot", f"there is nothing to draw in a figure {name} of this run")
         return drawing.figure(*drawing.arguments)
 
-    @cached_property
-    def _view(self) -> View:
-        judged = self._conclusion.judged
-        return View(self.job.problem, self.mode, self.sampled, judged, self.job.config)
-
     def plot_corner(self) -> Figure:
         return self.plot("corner")
 
@@ -107,7 +104,7 @@ class Run:
         """
         record = None if self.columns is None else in_memory.as_csv(self.columns)
         place = Path(folder).expanduser()
-        pipeline.write(self.job, self._conclusion, place, record, force=force)
+        pipeline.write(self.job, self._view, place, record, force=force)
         return place
 
     def __str__(self) -> str:
@@ -123,33 +120,28 @@ class Run:
 class Judged:
     """`verdict`: None where no unknown has a nominal value to be compared with."""
 
-    job: Job
-    conclusion: concluding.Conclusion
+    view: View
 
     @property
     def verdict(self) -> Verdict | None:
-        judgement = self.conclusion.judged
+        judgement = self.view.judged
         return None if judgement is None else judgement.verdict
 
     @property
     def rows(self) -> list[dict[str, Any]]:
         """A record for each unknown, for a table of any kind."""
-        return [tables.as_record(row) for row in self.conclusion.rows]
+        return [tables.as_record(row) for row in self.view.rows]
 
     @property
     def text(self) -> str:
-        return "\n\n".join(concluding.said(self.job, self.conclusion))
+        return "\n\n".join(as_text(sections(self.view)))
 
     def __str__(self) -> str:
         return self.text
 
     def _repr_markdown_(self) -> str:
-        parts = [tables.as_markdown(self.conclusion.rows)]
-        if self.verdict is not None:
-            table = build.compared_with(self.job.config)
-            converged = self.conclusion.sampled.convergence.converged
-            parts.append(verdict_words.sentences(self.verdict, table, converged=converged))
-        return "\n\n".join(parts)
+        brief = [section for section in sections(self.view) if section.brief]
+        return as_markdown(self.view.config.name, brief)
 
     __repr__ = __str__
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -13,13 +12,11 @@ from bayesdrill.engines.convergence import Targets
 from bayesdrill.engines.mode import Mode
 from bayesdrill.engines.sampling import Plan, Sampled
 from bayesdrill.inference.problem import Problem
-from bayesdrill.inference.residual_checks import Left
 from bayesdrill.insight import plausibility
 from bayesdrill.insight.conclusions import conclude
-from bayesdrill.insight.diagnostics import Row
 from bayesdrill.insight.identifiability.scenes import Scenery
-from bayesdrill.insight.verdict import Judgement
-from bayesdrill.report import residual_words, tables, verdict_words, words
+from bayesdrill.report import residual_words, tables, verdict_words
+from bayesdrill.report.view import View
 from bayesdrill.setup import build
 from bayesdrill.setup.config import Config
 from bayesdrill.setup.job import Job
@@ -27,26 +24,7 @@ from bayesdrill.setup.job import Job
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Conclusion:
-    """`rows`: of the unknowns; `left`: what the best fit leaves of each channel; `notes`: sentences."""
-
-    mode: Mode
-    sampled: Sampled
-    rows: tuple[Row, ...]
-    left: tuple[Left, ...]
-    judged: Judgement | None
-    notes: tuple[str, ...]
-
-    @property
-    def reasons(self) -> tuple[str, ...]:
-        """Why the result must not be believed: it did not converge, or does not fit."""
-        return (*self.sampled.convergence.reasons, *residual_words.reasons(self.left))
-
-
-def concluded(
-    job: Job, found: Mode, sampled: Sampled, scenery: Scenery | None = None
-) -> Conclusion:
+def concluded(job: Job, found: Mode, sampled: Sampled, scenery: Scenery | None = None) -> View:
     """`scenery`: of the job's likelihood, where there is one already."""
     problem = job.problem
     scenery = scenery or Scenery(problem.posterior.likelihood)
@@ -54,7 +32,16 @@ def concluded(
     at = problem.posterior.space.vector(found.values)
     course = (f"note: {one}" for one in plausibility.of_course(scenery, at))
     notes = (*tables.notes(rows), *course)
-    return Conclusion(mode=found, sampled=sampled, rows=rows, left=left, judged=judged, notes=notes)
+    return View(
+        problem=problem,
+        config=job.config,
+        mode=found,
+        sampled=sampled,
+        rows=rows,
+        left=left,
+        judged=judged,
+        notes=notes,
+    )
 
 
 def plan(config: Config) -> Plan:
@@ -69,31 +56,10 @@ def plan(config: Config) -> Plan:
     )
 
 
-def said(job: Job, found: Conclusion) -> tuple[str, ...]:
-    """Table and verdict for a terminal, in paragraphs."""
-    c, table = found.sampled.convergence, build.compared_with(job.config)
-    doubts = residual_words.reasons(found.left)
-    said_first = [
-        words.maxima(found.mode, found.sampled),
-        words.unbelievable(doubts, converged=c.converged),
-    ]
-    shown = [
-        *(text for text in said_first if text),
-        residual_words.sentences(found.left),
-        tables.as_text(found.rows),
-        tables.in_words(found.rows, found.notes),
-    ]
-    if found.judged is not None:
-        verdict = found.judged.verdict
-        sentences = verdict_words.sentences(verdict, table, converged=c.converged)
-        shown += [verdict_words.as_text(verdict), sentences]
-    return tuple(shown)
-
-
-def entries(job: Job, found: Conclusion) -> dict[str, Any]:
+def entries(found: View) -> dict[str, Any]:
     """Of `run.json`."""
     sampled, c = found.sampled, found.sampled.convergence
-    table = build.compared_with(job.config)
+    table = build.compared_with(found.config)
     return {
         "converged": c.converged,
         "reasons": list(found.reasons),
@@ -107,12 +73,14 @@ def entries(job: Job, found: Conclusion) -> dict[str, Any]:
         "burn_in_rule": c.burn_in_rule,
         "thin": c.thin,
         "n_tau": round(c.n_tau, 2),
-        "tau": {name: round(float(x), 2) for name, x in zip(job.problem.names, c.tau, strict=True)},
+        "tau": {
+            name: round(float(x), 2) for name, x in zip(found.problem.names, c.tau, strict=True)
+        },
         "r_hat": round(float(np.max(c.r_hat)), 5),
         "ess_bulk": round(float(np.min(c.ess_bulk)), 1),
         "acceptance": [round(float(x), 4) for x in sampled.acceptance],
         "failures": sampled.failures,
-        **_learnt(job.problem, found.mode, sampled),
+        **_learnt(found.problem, found.mode, sampled),
     }
 
 

@@ -18,7 +18,7 @@ from bayesdrill.basics.errors import InputError, Interrupted
 from bayesdrill.basics.progress import Reporter
 from bayesdrill.basics.sealed import opened, sealed
 from bayesdrill.commands import searching
-from bayesdrill.commands.concluding import Conclusion, concluded, entries, held, plan, said
+from bayesdrill.commands.concluding import concluded, entries, held, plan
 from bayesdrill.commands.identify import preflight
 from bayesdrill.engines import mode
 from bayesdrill.engines.learning.learn import Nowhere
@@ -31,6 +31,8 @@ from bayesdrill.insight.identifiability.scenes import Scenery
 from bayesdrill.insight.verdict import Verdict
 from bayesdrill.report import publish, words
 from bayesdrill.report.figures import POSTERIOR
+from bayesdrill.report.run_report import sections
+from bayesdrill.report.sections import as_text
 from bayesdrill.report.view import View
 from bayesdrill.results import provenance, run_folder
 from bayesdrill.results.chain_files import COMPUTED_AGAIN
@@ -120,8 +122,8 @@ def _run(job: Job, folder: Folder, known: Mode | None, processes: int, report: R
         clock.append(time.perf_counter())
         _finish_chain(job, folder, sampled)
         seconds = {"map": clock[1] - clock[0], "sampling": clock[2] - clock[1]}
-        conclusion = concluded(job, found, sampled, scenery)
-        return _publish(job, folder, conclusion, crew, seconds, clock[-1])
+        view = concluded(job, found, sampled, scenery)
+        return _publish(job, folder, view, crew, seconds, clock[-1])
 
 
 def republish(output: Path, processes: int) -> Outcome:
@@ -169,9 +171,7 @@ def _finished(job: Job, folder: Folder) -> tuple[Mode, Sampled]:
     return found, sampled
 
 
-def write(
-    job: Job, conclusion: Conclusion, output: Path, record: str | None, *, force: bool
-) -> Outcome:
+def write(job: Job, view: View, output: Path, record: str | None, *, force: bool) -> Outcome:
     """What was sampled in memory, as `posterior` leaves it; `record`: its text, where it has no file."""
     if (
         record is None
@@ -187,15 +187,15 @@ def write(
             folder.write_text(own_files.RECORD, record)
             source = dataclasses.replace(source, path=output / CONFIG_FILE)
         folder.write_text(RESOLVED_FILE, provenance.resolved(job.config, source, output))
-        folder.write_text(MAP_FILE, sealed(dataclasses.asdict(conclusion.mode)))
-        for ensemble, pieces in enumerate(conclusion.sampled.pieces):
+        folder.write_text(MAP_FILE, sealed(dataclasses.asdict(view.mode)))
+        for ensemble, pieces in enumerate(view.sampled.pieces):
             first = 0
             for piece in pieces:
                 folder.save(ensemble, first, piece)
                 first += len(piece.z)
-        _finish_chain(job, folder, conclusion.sampled)
+        _finish_chain(job, folder, view.sampled)
         with Crew(job.problem.posterior, 1) as crew:
-            return _publish(job, folder, conclusion, crew)
+            return _publish(job, folder, view, crew)
 
 
 def sample_in_memory(job: Job, found: Mode, processes: int, report: Reporter) -> Sampled:
@@ -250,28 +250,26 @@ def _read_mode(path: Path) -> Mode | None:
 def _publish(
     job: Job,
     folder: Folder,
-    conclusion: Conclusion,
+    view: View,
     crew: Crew,
     seconds: dict[str, float] | None = None,
     begun: float = 0.0,
 ) -> Outcome:
     """`seconds`: what was timed, where it was; the report began at `begun`."""
-    seconds, found, sampled = seconds or {}, conclusion.mode, conclusion.sampled
-    rows, judged = conclusion.rows, conclusion.judged
-    view = View(job.problem, found, sampled, judged, job.config)
-    missing = publish.everything(view, rows, conclusion.left, folder, crew)
+    seconds, judged = seconds or {}, view.judged
+    missing = publish.everything(view, folder, crew)
     if seconds:
         seconds["report"] = time.perf_counter() - begun
         folder.write_run(seconds={name: round(value, 3) for name, value in seconds.items()})
-    folder.write_run(status="finished", missing=missing, **entries(job, conclusion))
+    folder.write_run(status="finished", missing=missing, **entries(view))
     return Outcome(
         folder=folder.path,
-        mode=found,
-        sampled=sampled,
-        rows=rows,
+        mode=view.mode,
+        sampled=view.sampled,
+        rows=view.rows,
         verdict=None if judged is None else judged.verdict,
-        shown=said(job, conclusion),
-        reasons=conclusion.reasons,
+        shown=as_text(sections(view)),
+        reasons=view.reasons,
         missing=missing,
         seconds=seconds,
     )

@@ -12,7 +12,7 @@ from bayesdrill.insight.calibration.verdict import (
     Quantity,
     Verdict,
 )
-from bayesdrill.report.tables import markdown
+from bayesdrill.report.sections import markdown
 from bayesdrill.setup.config import Config
 
 MOST_NAMED = 20  # refits that did not converge

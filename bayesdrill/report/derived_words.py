@@ -13,7 +13,8 @@ from bayesdrill.basics.symbols import Symbol, plain
 from bayesdrill.inference.problem import Problem
 from bayesdrill.insight.derived import Derived, Row, at
 from bayesdrill.insight.diagnostics import HDI_PROBABILITY
-from bayesdrill.report.tables import markdown, records_as_csv
+from bayesdrill.report.sections import Table
+from bayesdrill.report.tables import records_as_csv
 
 Array = NDArray[np.float64]
 
@@ -36,8 +37,8 @@ def as_csv(rows: Sequence[Row]) -> str:
     return records_as_csv(Row, rows, {})
 
 
-def as_markdown(rows: Sequence[Row], derived: Derived) -> str:
-    """A table for the summary."""
+def table(rows: Sequence[Row], derived: Derived) -> Table:
+    """Of what follows, with its meanings."""
     meanings = {symbol.name: symbol.meaning for symbol in derived.symbols}
     lines = []
     for row in rows:
@@ -55,7 +56,7 @@ def as_markdown(rows: Sequence[Row], derived: Derived) -> str:
             meanings[row.name] + part,
         )
         lines.append(cells)
-    return markdown(_HEADERS, lines).rstrip()
+    return Table(_HEADERS, tuple(lines), frozenset((_HEADERS[0], _HEADERS[1], _HEADERS[-1])))
 
 
 def shown(

@@ -10,7 +10,7 @@ from bayesdrill.insight.identifiability.profile import Profile
 from bayesdrill.insight.identifiability.remedies import Remedy
 from bayesdrill.insight.identifiability.structure import Exponents
 from bayesdrill.insight.identifiability.study import Known, Study
-from bayesdrill.report.tables import aligned
+from bayesdrill.report.sections import aligned
 
 MOST_REMEDIES = 8
 WELL = 0.5  # sd of the log, from the record alone, above which an unknown is not known well

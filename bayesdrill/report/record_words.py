@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from bayesdrill.basics import symbols, units
 from bayesdrill.inference.problem import Problem
-from bayesdrill.report.tables import aligned
+from bayesdrill.report.sections import aligned
 from bayesdrill.setup import build
 from bayesdrill.setup.config import Column, Config, TimeColumn
 

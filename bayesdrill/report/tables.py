@@ -5,13 +5,14 @@ from __future__ import annotations
 import csv
 import dataclasses
 import io
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from bayesdrill.basics.symbols import plain
 from bayesdrill.engines.mode import Mode
 from bayesdrill.inference.problem import Problem
 from bayesdrill.insight.diagnostics import HDI_PROBABILITY, MEANING, Row
+from bayesdrill.report.sections import Table, aligned
 
 _HDI = f"{100 * HDI_PROBABILITY:.0f} % HDI"
 
@@ -71,23 +72,9 @@ def as_record(row: Row) -> dict[str, Any]:
     return {names.get(name, name): value for name, value in dataclasses.asdict(row).items()}
 
 
-def as_markdown(rows: Sequence[Row]) -> str:
-    return markdown(HEADERS, map(cells, rows))
-
-
-def markdown(heads: Sequence[str], lines: Iterable[Sequence[str]]) -> str:
-    """A table in Markdown, its last line ended."""
-    bar = "|" + " --- |" * len(heads)
-    return "\n".join([_line(heads), bar, *map(_line, lines)]) + "\n"
-
-
-def _line(cells: Sequence[str]) -> str:
-    return "| " + " | ".join(cells) + " |"
-
-
-def as_text(rows: Sequence[Row]) -> str:
-    """Aligned columns for a wide terminal."""
-    return aligned([HEADERS, *map(cells, rows)], left={0, 1, len(HEADERS) - 1})
+def of_rows(rows: Sequence[Row]) -> Table:
+    left = frozenset((HEADERS[0], HEADERS[1], HEADERS[-1]))
+    return Table(HEADERS, tuple(map(cells, rows)), left)
 
 
 def mode_as_text(problem: Problem, mode: Mode) -> str:
@@ -102,17 +89,6 @@ def mode_as_text(problem: Problem, mode: Mode) -> str:
         )
         lines.append((symbol.name, symbol.plain_unit, shown[0], f"{value:.6g}", shown[1]))
     return aligned(lines, left={0, 1})
-
-
-def aligned(table: Sequence[tuple[str, ...]], left: set[int]) -> str:
-    widths = [max(len(line[k]) for line in table) for k in range(len(table[0]))]
-    return "\n".join(
-        "  ".join(
-            cell.ljust(width) if k in left else cell.rjust(width)
-            for k, (cell, width) in enumerate(zip(line, widths, strict=True))
-        ).rstrip()
-        for line in table
-    )
 
 
 def in_words(rows: Sequence[Row], said: Sequence[str]) -> str:

@@ -10,7 +10,7 @@ from typing import Any
 from bayesdrill.insight.diagnostics import HDI_PROBABILITY
 from bayesdrill.insight.verdict import FALSE_ALARM, Quantity, Verdict
 from bayesdrill.report.identify_words import product
-from bayesdrill.report.tables import aligned, markdown
+from bayesdrill.report.sections import Table
 
 _HDI = f"{100 * HDI_PROBABILITY:.0f} % HDI"
 SHORT = ("", "nominal", "mean", "dev. %", "tension", "beyond tol.", "bits", "verdict")
@@ -133,14 +133,10 @@ def rows(found: Verdict) -> tuple[Quantity, ...]:
     return (*found.products, *(q for q in found.parameters if q.exponents not in shown))
 
 
-def as_text(found: Verdict) -> str:
-    """Aligned columns; tolerances only where there are any."""
-    return aligned(_table(found, SHORT), left={0, len(_heads(found, SHORT)) - 1})
-
-
-def as_markdown(found: Verdict) -> str:
+def table(found: Verdict) -> Table:
+    """Tolerances only where there are any."""
     heads, *lines = _table(found, FULL)
-    return markdown(heads, lines)
+    return Table(heads, tuple(lines), frozenset((FULL[0], FULL[-1])), brief=SHORT)
 
 
 def as_csv(found: Verdict) -> str:

@@ -15,9 +15,11 @@ from bayesdrill.basics import seeds
 from bayesdrill.engines.mode import Mode
 from bayesdrill.engines.sampling import Sampled
 from bayesdrill.inference.problem import Problem
+from bayesdrill.inference.residual_checks import Left
 from bayesdrill.insight.derived import Derived, derive, with_products
+from bayesdrill.insight.diagnostics import Row
 from bayesdrill.insight.verdict import Judgement
-from bayesdrill.report import words
+from bayesdrill.report import residual_words, words
 from bayesdrill.report.sparing import Sparing
 from bayesdrill.setup.config import Config
 
@@ -38,14 +40,24 @@ class Drawing:
 
 @dataclass(frozen=True)
 class View:
-    """`judged`: None where there is no table.  `sparing` is told of derived quantities that fail."""
+    """`rows`: of the unknowns; `left`: what the best fit leaves of each channel; `judged`: None where
+    there is no table; `notes`: sentences.  `sparing` is told of derived quantities that fail.
+    """
 
     problem: Problem
+    config: Config
     mode: Mode
     sampled: Sampled
+    rows: tuple[Row, ...]
+    left: tuple[Left, ...]
     judged: Judgement | None
-    config: Config
+    notes: tuple[str, ...]
     sparing: Sparing = field(default_factory=Sparing)
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """Why the result must not be believed: it did not converge, or does not fit."""
+        return (*self.sampled.convergence.reasons, *residual_words.reasons(self.left))
 
     @cached_property
     def draws(self) -> Array:
