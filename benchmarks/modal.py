@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,6 +39,8 @@ class Modal:
     i_m: float
     v: float
     names: tuple[str, ...]
+
+    between: ClassVar[tuple[tuple[int, float, float], ...]] = ()
 
     def from_physical(self, theta: Array) -> Array:
         p = dict(zip(self.names, theta.T, strict=True))
@@ -85,7 +87,10 @@ class Modal:
 
 
 def of(job: Job) -> Modal:
-    model, constant = job.config.model, job.problem.experiment.constant
+    model, constant = (
+        job.problem.posterior.likelihood.response.model,
+        job.problem.experiment.constant,
+    )
     if model.name != "motor_shaft" or len(job.problem.names) != 9 or "v" not in constant:
         raise ValueError("written for the nine parameters of a motor_shaft and a constant supply")
     return Modal(model.i_m, constant["v"], job.problem.names)

@@ -6,6 +6,7 @@ import dataclasses
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 import pytest
@@ -35,6 +36,8 @@ class ByRatios:
 
     v: float = 8.0
     i_m: float = 1 / 8
+
+    between: ClassVar[tuple[tuple[int, float, float], ...]] = ()
 
     def from_physical(self, theta: np.ndarray) -> np.ndarray:
         j_m, c_m, k_e, k_t, r_m, l_m, k_s, j_1, t_f = theta.T
