@@ -43,7 +43,7 @@ parameters:
   t_f: nominal
 map: {starts: 1, evaluations: 500}
 sampler: {walkers: 8, r_hat: 1.2, n_tau: 5, ess: 100, max_steps: 500}
-output: {predictive_draws: 10}
+output: {predictive_draws: 10, figures: []}
 simulation: {duration: 5, rate: 20}
 """
 

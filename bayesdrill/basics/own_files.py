@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from bayesdrill.basics.errors import InputError, Problem
+from bayesdrill.basics.registry import Registry
 
 RUN = "run.json"  # says whose a folder is
 LOCK = ".lock"
@@ -56,15 +57,22 @@ def figures(*stems: str) -> tuple[str, ...]:
 UNFINISHED = Kind("posterior", RUN, (f"{PIECES}/ensemble_#_#.npz",))
 
 
-def posterior(drawn: Iterable[str]) -> Kind:
-    """Of the main job, with the figures `drawn`."""
+# Of a run, by name; `report.figures` says what each shows.
+RUN_FIGURES: Registry[None] = Registry(
+    "figure",
+    dict.fromkeys(("corner", "invariants", "ridge", "trace", "prior_posterior", "fit")),
+)
+
+
+def posterior() -> Kind:
+    """Of the main job."""
     tables = ("summary.csv", "summary.md", "derived.csv", "verdict.csv")
     return Kind(
         UNFINISHED.job,
         RUN,
         (
             *("chain.h5", "map.json", *CONFIGS, "posterior.nc", *tables),
-            *figures(*drawn),
+            *figures(*RUN_FIGURES),
             *UNFINISHED.files,
         ),
         kept=(RECORD,),  # its config may be started over from this very folder

@@ -91,4 +91,4 @@ FIGURES: Registry[Recipe] = Registry(
     },
 )
 
-POSTERIOR = own_files.posterior(FIGURES)
+POSTERIOR = own_files.posterior()

@@ -39,7 +39,8 @@ def everything(view: View, folder: Folder, crew: Crew) -> tuple[str, ...]:
     place = (*_place(folder, view.config), words.warning(view.sampled, view.left))
     sparing, following = view.sparing, None
     tasks: list[tuple[str, Future[None]]] = []
-    for name in FIGURES:
+    wanted = view.config.output.figures
+    for name in FIGURES if wanted is None else [name for name in FIGURES if name in wanted]:
         with sparing.making(f"figures/{name}"):
             drawing = FIGURES[name](view)
             if drawing is not None:

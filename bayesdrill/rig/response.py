@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -154,7 +155,12 @@ def layout(model: Model, experiment: Experiment) -> Layout:
         n_states=len(model.states),
         n_series=len(experiment.series),
         first_order=experiment.first_order and bool(experiment.series),
-        entries=lambda parameters: _entries(model, experiment, parameters),
+        entries=Matrix(
+            model,
+            tuple(experiment.series),
+            tuple(experiment.constant.items()),
+            experiment.first_order,
+        ),
         dt=experiment.dt,
         lead=float(experiment.t[0] - experiment.t_start),
         x0=tuple(float(experiment.start.get(name, 0.0)) for name in model.states),
@@ -165,22 +171,28 @@ def layout(model: Model, experiment: Experiment) -> Layout:
     )
 
 
-def _entries(
-    model: Model, experiment: Experiment, parameters: Sequence[Any]
-) -> list[tuple[int, int, Any]]:
-    """(row, column, value) of the augmented matrix, see `Layout`."""
-    linear = model.linear(dict(zip(model.parameters, parameters, strict=True)))
-    series = list(experiment.series)
-    index = {name: k for k, name in enumerate(model.states)}
-    x, s = len(index), len(series)
-    entries = [(index[row], index[column], value) for (row, column), value in linear.A.items()]
-    entries += [(index[row], x, value) for row, value in linear.c.items()]
-    for (row, name), value in linear.B.items():
-        if name in series:
-            entries.append((index[row], x + 1 + series.index(name), value))
-        if experiment.constant.get(name, 0.0) != 0.0:
-            entries.append((index[row], x, value * experiment.constant[name]))
-    if experiment.first_order:
-        # A held input rises by its increment over one step.
-        entries += [(x + 1 + k, x + 1 + s + k, 1.0) for k in range(s)]
-    return entries
+@dataclass(frozen=True, slots=True)
+class Matrix:
+    """Entries of the augmented matrix, see `Layout`, of a rig with these inputs."""
+
+    model: Model
+    series: tuple[str, ...]
+    constant: tuple[tuple[str, float], ...]
+    first_order: bool
+
+    def __call__(self, parameters: Sequence[Any]) -> list[tuple[int, int, Any]]:
+        """(row, column, value)."""
+        linear = self.model.linear(dict(zip(self.model.parameters, parameters, strict=True)))
+        constant, index = dict(self.constant), {n: k for k, n in enumerate(self.model.states)}
+        x, s = len(index), len(self.series)
+        entries = [(index[row], index[column], value) for (row, column), value in linear.A.items()]
+        entries += [(index[row], x, value) for row, value in linear.c.items()]
+        for (row, name), value in linear.B.items():
+            if name in self.series:
+                entries.append((index[row], x + 1 + self.series.index(name), value))
+            if constant.get(name, 0.0) != 0.0:
+                entries.append((index[row], x, value * constant[name]))
+        if self.first_order:
+            # A held input rises by its increment over one step.
+            entries += [(x + 1 + k, x + 1 + s + k, 1.0) for k in range(s)]
+        return entries

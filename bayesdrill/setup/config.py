@@ -315,6 +315,9 @@ class OutputSpec(Strict):
     predictive_draws: Annotated[int, Field(ge=10, le=MOST)] = Field(
         125, description="Per ensemble, with pointwise log likelihood and predictive samples."
     )
+    figures: Annotated[list[str], Field(max_length=MOST_NAMED)] | None = Field(
+        None, description="Which are drawn, by name; default: all that there are."
+    )
     corner: Annotated[list[str], Field(min_length=1, max_length=MOST_NAMED)] | None = Field(
         None,
         description="Unknowns and derived quantities of the corner plot; default: all unknowns.",

@@ -10,8 +10,9 @@ about 0.2 s; no compiler has to be installed and nothing is cached on disk.
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import llvmlite.binding as llvm
@@ -40,7 +41,9 @@ class Kernels:
     engine: Any  # owns the machine code
 
 
-def compile_kernels(layout: Layout, names: Sequence[str] = ("misfit", "signals")) -> Kernels:
+@lru_cache(maxsize=64)
+def compile_kernels(layout: Layout, names: tuple[str, ...] = ("misfit", "signals")) -> Kernels:
+    """Once for the same layout: several records of one rig share what is compiled."""
     module = ir.Module("bayesdrill")
     step = emit_exponential(module, layout, "step", layout.dt)
     lead = emit_exponential(module, layout, "lead", layout.lead) if layout.lead > 0.0 else None

@@ -6,6 +6,7 @@ from typing import Any
 
 from bayesdrill.basics import sizes, symbols
 from bayesdrill.basics.entries import entries_of, strange
+from bayesdrill.basics.own_files import RUN_FIGURES
 from bayesdrill.basics.registry import lookup
 from bayesdrill.engines.optimisers import OPTIMISERS
 from bayesdrill.engines.samplers.ensemble import everywhere
@@ -104,6 +105,8 @@ def check_output(found: Collector, config: Config, model: Model) -> None:
         or number_objects.is_formula(getattr(config.parameters, name))
     ]
     shown += [*free_quantities(config), *scatter(config, model), *symbols.DERIVED, *config.derived]
+    for k, name in enumerate(config.output.figures or ()):
+        found.run(("output", "figures", k), lookup, RUN_FIGURES, name, "figure of a run")
     for k, name in enumerate(config.output.corner or ()):
         message = f"{name} is neither unknown nor derived"
         found.expect(("output", "corner", k), name, shown, message)
