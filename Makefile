@@ -35,7 +35,7 @@ paper: $(READY)
 	@$(BIN)/bayesdrill paper --force
 
 test: $(READY)
-	@$(BIN)/python -m pytest -m "not slow" -n 2 --dist loadfile
+	@$(BIN)/python -m pytest -m "not slow" -n 2 --dist loadfile --no-loadscope-reorder
 
 test-slow: $(READY)
 	@$(BIN)/python -m pytest -m slow

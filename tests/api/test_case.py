@@ -45,7 +45,7 @@ def two(**entries: object) -> bd.Case:
         parameters=dict.fromkeys(NOMINAL, "nominal") | {"k_s": BOX, "t_f": BOX},
         rig=bd.MotorShaft(i_m=1 / 8),
         nominal="tables_2_3",
-        **{"seed": 4, "sampler": FAST} | entries,  # type: ignore[arg-type]
+        **{"seed": 4, "sampler": FAST, "output": {"figures": ["corner"]}} | entries,  # type: ignore[arg-type]
     )
 
 
