@@ -121,11 +121,27 @@ def endless(tmp_path_factory: pytest.TempPathFactory) -> Done:
     return fresh(tmp_path_factory.mktemp("endless"), ENDLESS, ALL_FIGURES)
 
 
+@pytest.fixture(scope="module")
+def plain(tmp_path_factory: pytest.TempPathFactory) -> Done:
+    """The same run, without figures."""
+    return fresh(tmp_path_factory.mktemp("plain"))
+
+
+def copied(found: Done, folder: Path) -> Done:
+    shutil.copytree(found.config.parent, folder)
+    return Done(folder / "small.yaml", folder / "out", found.ran)
+
+
 @pytest.fixture
-def copy(done: Done, tmp_path: Path) -> Done:
-    """The converged run, to be changed."""
-    shutil.copytree(done.config.parent, tmp_path / "copy")
-    return Done(tmp_path / "copy" / "small.yaml", tmp_path / "copy" / "out", done.ran)
+def copy(plain: Done, tmp_path: Path) -> Done:
+    """The converged run without figures, to be changed."""
+    return copied(plain, tmp_path / "copy")
+
+
+@pytest.fixture
+def drawn(done: Done, tmp_path: Path) -> Done:
+    """The converged run with its figures, to be changed."""
+    return copied(done, tmp_path / "drawn")
 
 
 def change(path: Path, old: str, new: str) -> None:
@@ -204,18 +220,18 @@ def test_the_summary_has_a_row_for_every_unknown(done: Done) -> None:
     assert "converged: all targets are met" in (done.folder / "summary.md").read_text()
 
 
-def test_report_makes_the_same_tables_again(copy: Done) -> None:
-    before = systems.listing(copy.folder)
+def test_report_makes_the_same_tables_again(drawn: Done) -> None:
+    before = systems.listing(drawn.folder)
     for name in ("summary.csv", "summary.md", "posterior.nc"):
-        (copy.folder / name).unlink()
-    shutil.rmtree(copy.folder / "figures")
-    ran = systems.cli("report", copy.folder, "--processes", "1")
+        (drawn.folder / name).unlink()
+    shutil.rmtree(drawn.folder / "figures")
+    ran = systems.cli("report", drawn.folder, "--processes", "1")
     assert ran.status == 0, ran.text
-    after = systems.listing(copy.folder)
+    after = systems.listing(drawn.folder)
     assert set(after) == FILES
     for name in ("summary.csv", "summary.md", "chain.h5", "config.yaml", "map.json"):
         assert after[name] == before[name], name
-    assert ran.out.splitlines()[-1].startswith(f"results: {copy.folder}/")
+    assert ran.out.splitlines()[-1].startswith(f"results: {drawn.folder}/")
 
 
 BROKEN = {
@@ -229,10 +245,10 @@ BROKEN = {
 
 
 def test_tables_and_figures_that_fail_are_named_and_take_no_other_with_them(
-    copy: Done, monkeypatch: pytest.MonkeyPatch
+    drawn: Done, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     for name in FIGURES | {"summary.md", "derived.csv", "verdict.csv", "posterior.nc"}:
-        (copy.folder / name).unlink()
+        (drawn.folder / name).unlink()
 
     def fail(*_: object) -> None:
         raise ValueError("cannot do this\nnor that")
@@ -240,20 +256,20 @@ def test_tables_and_figures_that_fail_are_named_and_take_no_other_with_them(
     with monkeypatch.context() as patch:
         for place in BROKEN.values():
             patch.setattr(f"bayesdrill.{place}", fail)
-        ran = systems.cli("report", copy.folder, "--processes", "1")
+        ran = systems.cli("report", drawn.folder, "--processes", "1")
     assert ran.status == 2, ran.text
     *named, way_out = ran.err.splitlines()
     why = "(ValueError: cannot do this)"
     assert sorted(named) == sorted(f"could not be made: {what} {why}" for what in BROKEN)
-    assert f"`bayesdrill report {copy.folder}` makes it" in way_out
+    assert f"`bayesdrill report {drawn.folder}` makes it" in way_out
     assert "converged: all targets are met" in ran.out
     failed = {"derived.csv", "verdict.csv", "posterior.nc"}
     failed |= {name for name in FIGURES if re.search("corner|trace|fit", name)}
-    assert set(systems.listing(copy.folder)) == FILES - failed
-    assert sorted(run_of(copy.folder)["missing"]) == sorted(f"{what} {why}" for what in BROKEN)
-    assert systems.cli("report", copy.folder, "--processes", "1").status == 0
-    assert set(systems.listing(copy.folder)) == FILES
-    assert run_of(copy.folder)["missing"] == []
+    assert set(systems.listing(drawn.folder)) == FILES - failed
+    assert sorted(run_of(drawn.folder)["missing"]) == sorted(f"{what} {why}" for what in BROKEN)
+    assert systems.cli("report", drawn.folder, "--processes", "1").status == 0
+    assert set(systems.listing(drawn.folder)) == FILES
+    assert run_of(drawn.folder)["missing"] == []
 
 
 @pytest.mark.slow
@@ -282,7 +298,7 @@ def test_another_seed_makes_another_chain(done: Done, copy: Done) -> None:
     change(copy.config, "seed: 7", "seed: 8")
     ran = posterior(copy.config, copy.folder, "--force")
     assert ran.status in (0, 3), ran.text
-    assert set(systems.listing(copy.folder)) == FILES
+    assert set(systems.listing(copy.folder)) == FILES - FIGURES
     first, second = chains(done.folder), chains(copy.folder)
     assert not np.array_equal(first["z 0"], second["z 0"][: len(first["z 0"])])
     assert run_of(copy.folder)["seed"] == 8
@@ -297,13 +313,13 @@ def test_ensembles_differ_from_each_other(done: Done) -> None:
 def test_force_starts_over(done: Done, copy: Done) -> None:
     (copy.folder / "summary.csv").write_text("old")
     assert posterior(copy.config, copy.folder, "--force").status == 0
-    assert set(systems.listing(copy.folder)) == FILES
+    assert set(systems.listing(copy.folder)) == FILES - FIGURES
     assert_same_chains(done.folder, copy.folder)
 
 
 def test_a_finished_run_resumed_changes_nothing(done: Done, copy: Done) -> None:
     assert posterior(copy.config, copy.folder, "--resume").status == 0
-    assert set(systems.listing(copy.folder)) == FILES
+    assert set(systems.listing(copy.folder)) == FILES - FIGURES
     assert_same_chains(done.folder, copy.folder)
 
 
@@ -311,7 +327,7 @@ def test_a_finished_run_is_extended(done: Done, copy: Done, endless: Done) -> No
     change(copy.config, *ENDLESS)
     ran = posterior(copy.config, copy.folder, "--resume")
     assert ran.status == 3, ran.text
-    assert set(systems.listing(copy.folder)) == FILES
+    assert set(systems.listing(copy.folder)) == FILES - FIGURES
     short, long = chains(done.folder), chains(copy.folder)
     for k in range(4):
         assert long[f"z {k}"].shape == (700, 8, 2)
