@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import systems
 import xarray
 from oracles import NOMINAL, by_expm
 
@@ -226,8 +227,7 @@ def test_a_saved_run_opens_as_it_was(tmp_path: Path) -> None:
         assert {*tree["derived"].data_vars} == {*run().to_arviz()["derived"].data_vars}
     before = (folder / "summary.csv").read_bytes()
     (folder / "summary.csv").unlink()
-    command = [sys.executable, "-m", "bayesdrill", "report", str(folder), "--processes", "1"]
-    subprocess.run(command, check=True, capture_output=True)
+    assert systems.cli("report", folder, "--processes", "1").status == 0
     assert (folder / "summary.csv").read_bytes() == before
     with pytest.raises(bd.InputError, match="results exist already"):
         run().save(folder)

@@ -67,7 +67,7 @@ def test_a_current_that_is_far_faster_than_all_else_costs_no_digits(l_m: float) 
 def test_measured_inputs_against_radau(first_order: bool) -> None:
     """Mutant killed: increments of a first-order hold taken from the wrong sample."""
     rng = np.random.default_rng(11)
-    n, dt = 50, 0.013
+    n, dt = 20, 0.013
     v, load = 6 + rng.standard_normal(n), 0.05 * rng.standard_normal(n)
     record = experiment(
         n, dt, first=2.0, t_start=2.0, constant={}, series={"v": v, "t_1": load},

@@ -39,7 +39,13 @@ def tree(tmp_path_factory: pytest.TempPathFactory) -> Path:
 # What is held in the copy, so that few unknowns are left; the record of the second has another k_T.
 HELD = {
     "nominal_step": dict.fromkeys(("j_m", "c_m", "k_T", "r_m", "l_m", "t_f"), "nominal"),
-    "example_rig": {"j_m": "nominal", "c_m": "nominal", "l_m": "nominal", "k_T": "0.1"},
+    "example_rig": {
+        "j_m": "nominal",
+        "c_m": "nominal",
+        "l_m": "nominal",
+        "k_T": "0.1",
+        "k_e": "nominal",
+    },
 }
 LIGHT = """
 output: {figures: [corner], predictive_draws: 10}

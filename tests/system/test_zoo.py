@@ -258,7 +258,13 @@ def test_options_of_the_command_line() -> None:
 QUICK = [row for row in ROWS if row.name in ("free_swing", "aliased_1", "wrong_noise")]
 
 
-@pytest.mark.parametrize("row", QUICK, ids=ids(QUICK))
+@pytest.mark.parametrize(
+    "row",
+    [
+        pytest.param(r, id=r.name, marks=[pytest.mark.slow] * (r.name == "free_swing"))
+        for r in QUICK
+    ],
+)
 def test_a_quick_row_does_what_it_should(row: Row, tmp_path: Path) -> None:
     """One run at lower targets, whose means its own weights confirm."""
     short = dataclasses.replace(row, config=changed(row.config, SHORT))
