@@ -8,7 +8,9 @@
     run.judge(); run.plot_corner(); run.to_arviz()
     run.save("results/mine"); bd.open("results/mine")
 
-All that is returned is a frozen record and prints itself in words; nothing but `save` writes.
+With files and folders, as the command line: `bd.simulate`, `case.run`, `bd.publish`, `bd.calibration`.
+All that is returned is a frozen record and prints itself in words; nothing else writes than these and
+`save`.
 """
 
 from __future__ import annotations
@@ -22,6 +24,10 @@ if TYPE_CHECKING:
     from bayesdrill.api.case import Input as Input
     from bayesdrill.api.case import case as case
     from bayesdrill.api.case import load as load
+    from bayesdrill.api.files import calibration as calibration
+    from bayesdrill.api.files import publish as publish
+    from bayesdrill.api.files import schema as schema
+    from bayesdrill.api.files import simulate as simulate
     from bayesdrill.api.rig import nominal as nominal
     from bayesdrill.api.rig import respond as respond
     from bayesdrill.api.run import Best as Best
@@ -29,6 +35,8 @@ if TYPE_CHECKING:
     from bayesdrill.api.run import Run as Run
     from bayesdrill.api.run import open as open
     from bayesdrill.basics.errors import InputError as InputError
+    from bayesdrill.commands.identify import Findings as Findings
+    from bayesdrill.insight.verdict import Verdict as Verdict
     from bayesdrill.rig.models.motor_shaft import MotorShaft as MotorShaft
     from bayesdrill.rig.models.two_rotors import TwoRotors as TwoRotors
 
@@ -41,6 +49,10 @@ _PLACES = {
     "Input": "api.case",
     "case": "api.case",
     "load": "api.case",
+    "calibration": "api.files",
+    "publish": "api.files",
+    "schema": "api.files",
+    "simulate": "api.files",
     "nominal": "api.rig",
     "respond": "api.rig",
     "Best": "api.run",
@@ -48,9 +60,13 @@ _PLACES = {
     "Run": "api.run",
     "open": "api.run",
     "InputError": "basics.errors",
+    "Findings": "commands.identify",
+    "Verdict": "insight.verdict",
     "MotorShaft": "rig.models.motor_shaft",
     "TwoRotors": "rig.models.two_rotors",
 }
+
+__all__ = ["__version__", *_PLACES]
 
 
 def __getattr__(name: str) -> Any:
@@ -60,4 +76,4 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return [*_PLACES, "__version__"]
+    return [*__all__]

@@ -5,19 +5,16 @@
 
 from __future__ import annotations
 
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from bayesdrill import __version__
-from bayesdrill.commands.guard import INPUT_WRONG, NOT_CONVERGED, guarded, saved_in
+from bayesdrill.guard import INPUT_WRONG, NOT_CONVERGED, guarded, saved_in
 
 if TYPE_CHECKING:
-    from bayesdrill.commands.calibrate import Outcome as Calibrated
     from bayesdrill.commands.pipeline import Outcome
-    from bayesdrill.results.run_folder import Mode
 
 app = typer.Typer(
     add_completion=False,
@@ -57,16 +54,9 @@ def top(
 def check(config: ConfigPath) -> None:
     """Validate config and record and say what would run; samples nothing, writes nothing."""
     with guarded():
-        from bayesdrill.commands.identify import preflight
-        from bayesdrill.insight.identifiability.scenes import Scenery
-        from bayesdrill.report import record_words, words
-        from bayesdrill.setup.job import prepare
+        from bayesdrill.api.case import load
 
-        job = prepare(config)
-        typer.echo(words.opening(job.problem))
-        typer.echo(record_words.columns(job.problem, job.config))
-        typer.echo(words.preview(job.problem, job.config))
-        typer.echo(preflight(job, Scenery(job.problem.posterior.likelihood)))
+        typer.echo(load(config).preview())
 
 
 @app.command(epilog="Example: bayesdrill identify configs/nominal_step.yaml --profile k_s")
@@ -93,48 +83,31 @@ def identify(
 ) -> None:
     """Say what this record can and cannot determine, and what would help; samples nothing."""
     with guarded():
+        from bayesdrill.api.case import load
         from bayesdrill.basics.progress import reporter
-        from bayesdrill.commands import identify as job_
-        from bayesdrill.engines.workers import available
-        from bayesdrill.setup.job import prepare
 
-        job = prepare(config)
+        case = load(config)
         if output is not None:
-            job_.check_place(output, force=force)
-        space = job.problem.posterior.space
+            case.check_place(output, force=force)
         with reporter() as report:
-            at, values = "the start", space.start
-            if at_map:
-                from bayesdrill.commands import (  # late: it loads all that sampling needs
-                    searching,
-                )
-
-                at = "the MAP"
-                values = searching.find_mode(job, processes or available(), report).values
-            findings = job_.identify(job, space.vector(values), at, profile or [], report)
+            at = case.find_map(processes=processes, report=report) if at_map else None
+            findings = case.identify(profile or [], at=at, report=report)
         typer.echo(findings.text)
         if output is not None:
-            typer.echo("\nwritten: " + job_.publish(job, findings, output, force=force))
+            typer.echo("\nwritten: " + findings.save(output, force=force))
 
 
 @app.command("map", epilog="Example: bayesdrill map configs/nominal_step.yaml")
 def map_(config: ConfigPath, processes: Processes = None) -> None:
     """Search the maximum of the posterior (MAP) and print it; writes nothing."""
     with guarded():
+        from bayesdrill.api.case import load
         from bayesdrill.basics.progress import reporter
-        from bayesdrill.commands import pipeline, searching
-        from bayesdrill.engines.workers import available
-        from bayesdrill.inference import residual_checks
-        from bayesdrill.report import residual_words
-        from bayesdrill.report.tables import mode_as_text
 
-        job = pipeline.prepare(config)
+        case = load(config)
         with reporter() as report:
-            found = searching.find_mode(job, processes or available(), report)
-        target = job.problem.posterior
-        left = residual_checks.left(target.likelihood, target.space.vector(found.values))
-        typer.echo(mode_as_text(job.problem, found))
-        typer.echo(residual_words.sentences(left))
+            best = case.find_map(processes=processes, report=report)
+        typer.echo(best.table)
 
 
 @app.command(epilog="Example: bayesdrill posterior configs/nominal_step.yaml --output results/mine")
@@ -152,15 +125,16 @@ def posterior(
 ) -> None:
     """MAP, sampling, diagnostics, tables and figures: the main job."""
     with guarded():
+        from bayesdrill.api.arguments import mode
+        from bayesdrill.api.case import load
         from bayesdrill.basics.progress import reporter
-        from bayesdrill.commands import pipeline
-        from bayesdrill.engines.workers import available
 
-        how = _mode(resume, force)
-        job = pipeline.prepare(config)
-        folder = output or Path("results") / job.config.name
-        with saved_in(folder), reporter() as report:
-            outcome = pipeline.posterior(job, folder, how, processes or available(), report)
+        mode(resume=resume, force=force)  # before the record is read
+        case = load(config)
+        with saved_in(case.place(output)), reporter() as report:
+            outcome = case.run(
+                output, resume=resume, force=force, processes=processes, report=report
+            )
         _finish(outcome)
 
 
@@ -182,21 +156,25 @@ def calibrate(
 ) -> None:
     """Test the posterior of a config: refit simulated records, and see where the truth ranks."""
     with guarded():
+        from bayesdrill.api.arguments import mode
+        from bayesdrill.api.files import calibration
         from bayesdrill.basics.progress import reporter
-        from bayesdrill.commands import calibrate as calibration
-        from bayesdrill.engines.workers import available
-        from bayesdrill.insight.calibration import executors
 
-        how = _mode(resume, force)
-        job = calibration.prepare(config)
-        folder = output or Path("results") / f"{job.config.name}-calibration"
-        if scheduler is None:
-            where = partial(executors.local, processes or available())
-        else:
-            where = partial(executors.dask, scheduler)
-        with where() as crew, saved_in(folder), reporter() as report:
-            outcome = calibration.calibrate(job, folder, how, crew, report)
-        _finish_calibration(outcome)
+        mode(resume=resume, force=force)
+        case = calibration(config)
+        with saved_in(case.place(output)), reporter() as report:
+            outcome = case.run(
+                output,
+                resume=resume,
+                force=force,
+                processes=processes,
+                scheduler=scheduler,
+                report=report,
+            )
+        typer.echo(outcome.said)
+        typer.echo(f"results: {outcome.folder}/ (summary.md, figures/, ranks.csv)")
+        if not outcome.verdict.calibrated:
+            raise typer.Exit(NOT_CONVERGED)
 
 
 @app.command(epilog="Example: bayesdrill report results/nominal_step")
@@ -206,10 +184,9 @@ def report(
 ) -> None:
     """Make tables and figures again from the stored chain."""
     with guarded():
-        from bayesdrill.commands import pipeline
-        from bayesdrill.engines.workers import available
+        from bayesdrill.api import files
 
-        _finish(pipeline.republish(folder, processes or available()))
+        _finish(files.publish(folder, processes=processes))
 
 
 @app.command(epilog="Example: bayesdrill simulate configs/nominal_step.yaml --output my_record.csv")
@@ -226,15 +203,10 @@ def simulate(
 ) -> None:
     """Make a record from the config: exact response plus noise, as CSV."""
     with guarded():
-        from bayesdrill.setup import loading, reading, simulating
+        from bayesdrill.api import files
 
-        read, source = loading.load(config)
-        record = reading.path_of(read, source)
-        target = output or record
-        text = simulating.simulate(read, source, read.seed if seed is None else seed, target)
-        simulating.save(text, target, record, force=force)
-        rows = len(text.splitlines()) - 1 - reading.csv_options(read.record).skip_rows
-        typer.echo(f"{target}: {rows} samples")
+        made = files.simulate(config, output, seed=seed, force=force)
+        typer.echo(f"{made.path}: {made.samples} samples")
 
 
 @app.command(epilog="Example: bayesdrill paper --output results/paper")
@@ -250,12 +222,12 @@ def paper(
 ) -> None:
     """Repeat the studies of the paper, each beside what a full posterior says of it (minutes)."""
     with guarded():
+        from bayesdrill.api.arguments import workers
         from bayesdrill.basics.progress import reporter
-        from bayesdrill.engines.workers import available
         from bayesdrill.paper.run import reproduce
 
         with saved_in(output, "start over with --force"), reporter() as report:
-            done = reproduce(configs, output, processes or available(), report, force=force)
+            done = reproduce(configs, output, workers(processes), report, force=force)
         typer.echo("\n".join(done.said))
         typer.echo(f"results: {done.folder}/ (report.md, tables, figures/, two posteriors)")
         if not done.converged:
@@ -266,34 +238,13 @@ def paper(
 def schema() -> None:
     """Print the JSON schema of configs, for editors that complete and check them."""
     with guarded():
-        from bayesdrill.setup.schema import as_text
+        from bayesdrill.api import files
 
-        typer.echo(as_text(), nl=False)
-
-
-def _mode(resume: bool, force: bool) -> Mode:
-    from bayesdrill.basics.errors import InputError
-
-    if resume and force:
-        raise InputError.one("", "--resume and --force exclude each other; give one of them")
-    return "resume" if resume else "force" if force else "fresh"
-
-
-def _finish_calibration(outcome: Calibrated) -> None:
-    from bayesdrill.report import calibration_words as words
-
-    typer.echo(words.refits(outcome.verdict, outcome.refits))
-    typer.echo("\n" + words.table(outcome.verdict))
-    typer.echo(words.verdict(outcome.verdict))
-    typer.echo(f"results: {outcome.folder}/ (summary.md, figures/, ranks.csv)")
-    if not outcome.verdict.calibrated:
-        raise typer.Exit(NOT_CONVERGED)
+        typer.echo(files.schema(), nl=False)
 
 
 def _finish(outcome: Outcome) -> None:
-    from bayesdrill.report import words
-
-    typer.echo("\n\n".join((words.convergence(outcome.sampled), *outcome.shown)))
+    typer.echo(outcome.said)
     typer.echo(f"results: {outcome.folder}/ (summary.md, figures/, posterior.nc, chain.h5)")
     for what in outcome.missing:
         typer.echo(f"could not be made: {what}", err=True)

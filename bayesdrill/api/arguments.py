@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bayesdrill.basics.errors import InputError, Problem
 from bayesdrill.basics.registry import lookup
+from bayesdrill.engines.workers import available
 from bayesdrill.record.experiment import check_time
 from bayesdrill.rig.models import MODELS
 from bayesdrill.rig.models.linear import Model
+
+if TYPE_CHECKING:
+    from bayesdrill.results.run_folder import Mode
 
 Array = NDArray[np.float64]
 
@@ -74,6 +78,17 @@ def whole(place: str, value: Any, least: int) -> int:
     if not counts or not least <= value < 2**64:
         raise InputError.one(place, f"{value!r} is no whole number from {least} on")
     return int(value)
+
+
+def mode(*, resume: bool, force: bool) -> Mode:
+    if resume and force:
+        raise InputError.one("", "--resume and --force exclude each other; give one of them")
+    return "resume" if resume else "force" if force else "fresh"
+
+
+def workers(processes: Any) -> int:
+    """None: as many as there are processors."""
+    return available() if processes is None else whole("processes", processes, 1)
 
 
 def number(place: str, value: Any, found: list[Problem], *, positive: bool = False) -> float:

@@ -6,22 +6,26 @@ import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from bayesdrill.api import arguments
-from bayesdrill.api.run import Best, Run
 from bayesdrill.basics.errors import InputError, Problem
 from bayesdrill.basics.progress import Reporter, Silent
-from bayesdrill.commands import identify, pipeline, searching
-from bayesdrill.engines.mode import Mode
+from bayesdrill.commands import identify
+from bayesdrill.insight.identifiability.scenes import Scenery
 from bayesdrill.record.experiment import raise_if_any
-from bayesdrill.report import words
+from bayesdrill.report import record_words, words
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.setup import in_memory
 from bayesdrill.setup.job import Job, prepare
+
+if TYPE_CHECKING:
+    from bayesdrill.api.run import Best, Run
+    from bayesdrill.commands.pipeline import Outcome
+    from bayesdrill.engines.mode import Mode as Maximum
 
 Array = NDArray[np.float64]
 
@@ -68,38 +72,99 @@ class Case:
 
     __repr__ = __str__
 
-    def identify(self, profiles: Sequence[str] = ()) -> identify.Findings:
-        """What the record can show at the start values; `profiles`: names of parameters, or `all`.
+    def preview(self) -> str:
+        """What would run: columns and units, priors, the start, sizes, and what the record can show."""
+        problem, config = self.job.problem, self.job.config
+        first = identify.preflight(self.job, Scenery(problem.posterior.likelihood))
+        columns = [] if self.columns is not None else [record_words.columns(problem, config)]
+        return "\n".join([str(self), *columns, words.preview(problem, config), first])
 
-        Raises `InputError` where no parameter is unknown.
+    def identify(
+        self,
+        profiles: Sequence[str] | str = (),
+        *,
+        at: Best | None = None,
+        report: Reporter | None = None,
+    ) -> identify.Findings:
+        """What the record can show; `profiles`: names of parameters, or `all`.
+
+        At the start values, or `at` the maximum that was found.  Raises `InputError` where no parameter
+        is unknown.
         """
         space = self.job.problem.posterior.space
-        start = space.vector(space.start)
-        return identify.identify(self.job, start, "the start", profiles, Silent())
+        values, where = (space.start, "the start") if at is None else (at.values, "the MAP")
+        names = [profiles] if isinstance(profiles, str) else profiles
+        told = report or Silent()
+        return identify.identify(self.job, space.vector(values), where, names, told)
 
-    def find_map(self, *, processes: int = 1, report: Reporter | None = None) -> Best:
+    @staticmethod
+    def check_place(folder: str | Path, *, force: bool = False) -> None:
+        """Raises `InputError` where findings could not be saved, before minutes of profiles."""
+        identify.check_place(Path(folder).expanduser(), force=force)
+
+    def find_map(self, *, processes: int | None = 1, report: Reporter | None = None) -> Best:
         """The maximum of the posterior, by several searches.
 
         `processes`, `report`: see `sample`.
         """
-        workers = arguments.whole("processes", processes, 1)
+        from bayesdrill.api.run import Best  # late: it loads all that sampling needs
+        from bayesdrill.commands import searching
+
+        workers = arguments.workers(processes)
         return Best(self.job, searching.find_mode(self.job, workers, report or Silent()))
+
+    def run(
+        self,
+        folder: str | Path | None = None,
+        *,
+        resume: bool = False,
+        force: bool = False,
+        processes: int | None = 1,
+        report: Reporter | None = None,
+    ) -> Outcome:
+        """The whole job of a case of a file, as `bayesdrill posterior` does it.
+
+        What is sampled is saved as it is made, so that a run that is stopped can be resumed.
+
+        `folder`: `results/<name>` by default.  `processes`, `report`: see `sample`.  Raises
+        `InputError`, and `Interrupted` when asked to stop.
+        """
+        from bayesdrill.commands import pipeline
+
+        if self.columns is not None:
+            message = (
+                "arrays are in no file yet; give `sample().save(folder)`, then `load` its config"
+            )
+            raise InputError.one("run", message)
+        how = arguments.mode(resume=resume, force=force)
+        place, workers = self.place(folder), arguments.workers(processes)
+        return pipeline.posterior(self.job, place, how, workers, report or Silent())
+
+    def place(self, folder: str | Path | None = None) -> Path:
+        """Where `run` leaves its results."""
+        return (
+            Path("results") / self.job.config.name if folder is None else Path(folder).expanduser()
+        )
 
     def sample(
         self,
         best: Best | None = None,
         *,
         seed: int | None = None,
-        processes: int = 1,
+        processes: int | None = 1,
         report: Reporter | None = None,
     ) -> Run:
         """Ensembles from `best` (searched for where it is not given) until they converge, or not.
 
         `seed` instead of the config's; the same draws for the same seed, however many processes.
-        More than one process wants `if __name__ == "__main__":` in a script.  `report`: has `say(text)`
+        More than one process (None: all there are) wants `if __name__ == "__main__":` in a script.
+        `report`: has `say(text)`
         and `update(fraction, text)`, which are told how far it is.  Raises `InputError`.
         """
-        job, workers = self.job, arguments.whole("processes", processes, 1)
+        from bayesdrill.api.run import Run
+        from bayesdrill.commands import pipeline, searching
+
+        job, workers = self.job, arguments.workers(processes)
         if seed is not None:
             own = {"seed": arguments.whole("seed", seed, 0)}
             job = dataclasses.replace(job, config=job.config.model_copy(update=own))
@@ -108,7 +173,9 @@ class Case:
         sampled = pipeline.sample_in_memory(job, found, workers, told)
         return Run(job, found, sampled, self.columns)
 
-    def _mode(self, best: Best) -> Mode:
+    def _mode(self, best: Best) -> Maximum:
+        from bayesdrill.api.run import Best
+
         if not isinstance(best, Best):
             raise InputError.one("best", f"give what find_map found, not {type(best).__name__}")
         if best.job.problem.posterior is not self.job.problem.posterior:

@@ -16,8 +16,9 @@ from bayesdrill.basics.errors import InputError
 from bayesdrill.commands import concluding, pipeline
 from bayesdrill.engines.mode import Mode
 from bayesdrill.engines.sampling import Sampled
+from bayesdrill.inference import residual_checks
 from bayesdrill.insight.verdict import Verdict
-from bayesdrill.report import tables, words
+from bayesdrill.report import residual_words, tables, words
 from bayesdrill.report.figures import FIGURES
 from bayesdrill.report.run_report import sections
 from bayesdrill.report.sections import as_markdown, as_text
@@ -44,8 +45,16 @@ class Best:
         """SI."""
         return self.mode.values
 
+    @property
+    def table(self) -> str:
+        """Beside the nominal values, and what the fit leaves."""
+        posterior = self.job.problem.posterior
+        left = residual_checks.left(posterior.likelihood, posterior.space.vector(self.values))
+        found = tables.mode_as_text(self.job.problem, self.mode)
+        return f"{found}\n{residual_words.sentences(left)}"
+
     def __str__(self) -> str:
-        return f"{tables.mode_as_text(self.job.problem, self.mode)}\n\n{words.mode(self.mode)}"
+        return f"{self.table}\n\n{words.mode(self.mode)}"
 
     __repr__ = __str__
 

@@ -43,6 +43,12 @@ class Outcome:
     verdict: Verdict
     refits: tuple[Refit, ...]
 
+    @property
+    def said(self) -> str:
+        """For the terminal."""
+        words, found = calibration_words, self.verdict
+        return f"{words.refits(found, self.refits)}\n\n{words.table(found)}\n{words.verdict(found)}"
+
 
 def prepare(path: Path) -> Job:
     """As `job.prepare`, but nothing has to be measured yet where `simulation:` gives times."""

@@ -28,6 +28,9 @@ MARK = "<!-- bayesdrill identify -->"  # begins the text, and so says whose the 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Findings:
+    """`study`: symmetries, bounds, products, remedies; `profiles`: of parameters that were wanted."""
+
+    job: Job
     study: Study
     profiles: tuple[Profile, ...]
 
@@ -37,6 +40,13 @@ class Findings:
         if self.profiles:
             parts.append(words.profiles(self.profiles, self.study))
         return "\n\n".join(parts)
+
+    def save(self, folder: str | Path, *, force: bool = False) -> str:
+        """Text and figures into a folder, which may hold other results; says what is written.
+
+        Raises `InputError` where something is in the way, or text and figures of before and not `force`.
+        """
+        return publish(self.job, self, Path(folder).expanduser(), force=force)
 
     def __str__(self) -> str:
         return self.text
@@ -59,7 +69,7 @@ def identify(job: Job, theta: Array, at: str, wanted: Sequence[str], report: Rep
             report.update(done / len(columns), f"profile of {scenery.unknowns[column]}")
             profiles.append(profile(fitter, scenery.unknowns, column))
         report.update(1.0, "")
-    return Findings(study=found, profiles=tuple(profiles))
+    return Findings(job=job, study=found, profiles=tuple(profiles))
 
 
 def preflight(job: Job, scenery: Scenery) -> str:

@@ -51,7 +51,7 @@ RESOLVED_FILE = "config.resolved.yaml"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Outcome:
-    """`shown`: table and verdict for the terminal, in paragraphs.
+    """`said`: for the terminal.
 
     `reasons`: why the result must not be believed: it did not converge, or does not fit.
     `missing`: tables and figures that could not be made.
@@ -62,7 +62,7 @@ class Outcome:
     sampled: Sampled
     rows: tuple[Row, ...]
     verdict: Verdict | None
-    shown: tuple[str, ...]
+    said: str
     reasons: tuple[str, ...]
     missing: tuple[str, ...]
     seconds: Mapping[str, float]
@@ -268,7 +268,7 @@ def _publish(
         sampled=view.sampled,
         rows=view.rows,
         verdict=None if judged is None else judged.verdict,
-        shown=as_text(sections(view)),
+        said="\n\n".join((words.convergence(view.sampled), *as_text(sections(view)))),
         reasons=view.reasons,
         missing=missing,
         seconds=seconds,

@@ -262,6 +262,7 @@ def test_columns_as_text_read_back_the_same(tmp_path: Path) -> None:
 def test_the_package_names_what_it_offers_and_loads_it_late() -> None:
     assert {"load", "case", "open", "respond", "MotorShaft"} <= set(dir(bd))
     assert all(getattr(bd, name) is not None for name in dir(bd))
+    assert not [name for name in dir(bd) if (ROOT / "bayesdrill" / name).exists()]  # of a folder
     with pytest.raises(AttributeError, match="it has"):
         bd.posterior  # noqa: B018
     code = "import sys, bayesdrill; print('numpy' in sys.modules)"
@@ -275,3 +276,49 @@ def test_the_notebook_runs(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -
         runpy.run_path(str(ROOT / "docs" / "notebook.py"))
     assert (tmp_path / "nb.png").exists()
     assert "verdict: " in capsys.readouterr().out
+
+
+def test_what_the_command_line_does_with_files_python_does(tmp_path: Path) -> None:
+    """The same words, the same folders, the same refusals."""
+    config = systems.small(tmp_path / "rig")
+    case = bd.load(config)
+    checked = systems.cli("check", config)
+    assert checked.out == f"{case.preview()}\n"
+    best = case.find_map()
+    assert systems.cli("map", config, "--processes", "1").out == f"{best.table}\n"
+    assert systems.cli("identify", config).out == f"{case.identify()}\n"
+    found = case.identify("k_e", at=best)
+    assert (found.study.at, [one.name for one in found.profiles]) == ("the MAP", ["k_e"])
+    assert found.save(tmp_path / "identify").startswith(str(tmp_path / "identify"))
+    with pytest.raises(bd.InputError, match="exists already"):
+        case.check_place(tmp_path / "identify")
+    outcome = case.run(tmp_path / "out")
+    assert (
+        f"{outcome.said}\nresults: {tmp_path / 'out'}/"
+        in systems.cli("report", tmp_path / "out").out
+    )
+    assert bd.publish(tmp_path / "out").rows == outcome.rows
+    with pytest.raises(bd.InputError, match="results exist already"):
+        case.run(tmp_path / "out")
+    with pytest.raises(bd.InputError, match="exclude each other"):
+        case.run(tmp_path / "out", resume=True, force=True)
+    with pytest.raises(bd.InputError, match="arrays are in no file"):
+        two().run(tmp_path / "arrays")
+    assert case.place() == Path("results/small")
+
+
+def test_records_and_calibrations_of_a_config(tmp_path: Path) -> None:
+    config = systems.small(
+        tmp_path / "rig", ("output:", "calibration: {refits: 10, draws: 19, ess: 19}\noutput:")
+    )
+    made = bd.simulate(config, tmp_path / "record.csv", seed=4)
+    assert made.samples == 101 == len(made.path.read_text().splitlines()) - 1
+    with pytest.raises(bd.InputError, match="seed: -1"):
+        bd.simulate(config, tmp_path / "record.csv", seed=-1, force=True)
+    (tmp_path / "rig" / "small.csv").unlink()  # nothing has to be measured yet
+    calibration = bd.calibration(config)
+    outcome = calibration.run(tmp_path / "calibrated")
+    assert len(outcome.refits) == 10
+    assert "refits" in outcome.said
+    assert calibration.place() == Path("results/small-calibration")
+    assert '"motor_shaft"' in bd.schema()

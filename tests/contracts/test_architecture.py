@@ -19,6 +19,7 @@ PACKAGE = ROOT / "bayesdrill"
 # From the ground up: a folder imports only itself and folders that stand before it.
 FLOORS = (
     "basics",
+    "guard",
     "record",
     "rig",
     "inference",
@@ -78,6 +79,24 @@ def test_every_folder_has_a_floor_and_says_what_it_is_for() -> None:
 def test_a_folder_imports_only_folders_nearer_the_ground(path: Path) -> None:
     own = FLOOR[folder_of(module_of(path))]
     assert not {m for m in imported_modules(path) if FLOOR[folder_of(m)] > own}
+
+
+def test_the_command_line_is_a_user_of_the_api() -> None:
+    """It parses, calls and prints: what it can do, Python can."""
+    allowed = {"basics", "api", "paper", "guard"}
+    text = re.sub(r"if TYPE_CHECKING:\n(    .*\n)+", "", MODULES["cli"].read_text())
+    used = set(re.findall(r"^ *from bayesdrill\.(\w+)", text, re.M))
+    assert "api" in used <= allowed
+
+
+def test_nothing_below_knows_the_paper() -> None:
+    """Its searches and its matrix come in by entry points, as those of other packages do."""
+    below = {m for m in MODULES if FLOOR[folder_of(m)] < FLOOR["paper"]}
+    assert not [
+        m for m in below if any(i.startswith("paper") for i in imported_modules(MODULES[m]))
+    ]
+    for name in ("setup/build.py", "setup/config.py", "basics/seeds.py"):
+        assert not re.search("pairwise|fminsearch|as_printed", (PACKAGE / name).read_text())
 
 
 def test_no_module_imports_itself_by_a_way_round() -> None:

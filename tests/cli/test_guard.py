@@ -15,9 +15,9 @@ import typer
 from systems import STOPPING
 
 from bayesdrill.basics.errors import InputError
-from bayesdrill.commands.guard import INPUT_WRONG, INTERRUPTED, guarded, saved_in
 from bayesdrill.engines import workers
 from bayesdrill.engines.workers import Crew
+from bayesdrill.guard import INPUT_WRONG, INTERRUPTED, guarded, saved_in
 
 
 def test_a_worker_that_is_killed_ends_in_a_message(capsys: pytest.CaptureFixture[str]) -> None:

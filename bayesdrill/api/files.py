@@ -1,0 +1,106 @@
+"""What is done with configs and folders as a whole: simulated, calibrated, reported again."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from bayesdrill.api import arguments
+from bayesdrill.basics.progress import Reporter, Silent
+
+if TYPE_CHECKING:
+    from bayesdrill.commands.calibrate import Outcome as Calibrated
+    from bayesdrill.commands.pipeline import Outcome
+    from bayesdrill.setup.job import Job
+
+
+@dataclass(frozen=True, slots=True)
+class Simulated:
+    path: Path
+    samples: int
+
+
+def simulate(
+    config: str | Path,
+    output: str | Path | None = None,
+    *,
+    seed: int | None = None,
+    force: bool = False,
+) -> Simulated:
+    """A record of the rig of a config, as CSV: exact response, and noise with a seed.
+
+    `output`: the record that the config names, by default; `seed`: the config's.  Raises `InputError`.
+    """
+    from bayesdrill.setup import loading, reading, simulating
+
+    read, source = loading.load(Path(config).expanduser())
+    record = reading.path_of(read, source)
+    target = record if output is None else Path(output).expanduser()
+    own = read.seed if seed is None else arguments.whole("seed", seed, 0)
+    text = simulating.simulate(read, source, own, target)
+    simulating.save(text, target, record, force=force)
+    skipped = reading.csv_options(read.record).skip_rows
+    return Simulated(target, len(text.splitlines()) - 1 - skipped)
+
+
+def publish(folder: str | Path, *, processes: int | None = 1) -> Outcome:
+    """Tables and figures again, from the chain in a folder; raises `InputError` where there is none."""
+    from bayesdrill.commands import pipeline
+
+    return pipeline.republish(Path(folder).expanduser(), arguments.workers(processes))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Calibration:
+    """Refits of simulated records, which say whether a posterior is as wide as it claims."""
+
+    job: Job
+
+    def place(self, folder: str | Path | None = None) -> Path:
+        """Where `run` leaves its results."""
+        usual = Path("results") / f"{self.job.config.name}-calibration"
+        return usual if folder is None else Path(folder).expanduser()
+
+    def run(
+        self,
+        folder: str | Path | None = None,
+        *,
+        resume: bool = False,
+        force: bool = False,
+        processes: int | None = 1,
+        scheduler: str | None = None,
+        report: Reporter | None = None,
+    ) -> Calibrated:
+        """`folder`: `results/<name>-calibration` by default; `scheduler`: address of a Dask cluster.
+
+        Raises `InputError`, and `Interrupted` when asked to stop; refits that are done are kept.
+        """
+        from bayesdrill.commands import calibrate
+        from bayesdrill.insight.calibration import executors
+
+        how, place = arguments.mode(resume=resume, force=force), self.place(folder)
+        if scheduler is None:
+            where = partial(executors.local, arguments.workers(processes))
+        else:
+            where = partial(executors.dask, scheduler)
+        with where() as crew:
+            return calibrate.calibrate(self.job, place, how, crew, report or Silent())
+
+
+def calibration(config: str | Path) -> Calibration:
+    """Of a config, whose record need not be there yet where `simulation:` gives its times.
+
+    Raises `InputError` with all that is wrong with it.
+    """
+    from bayesdrill.commands.calibrate import prepare
+
+    return Calibration(prepare(Path(config).expanduser()))
+
+
+def schema() -> str:
+    """The JSON schema of configs."""
+    from bayesdrill.setup.schema import as_text
+
+    return as_text()
