@@ -15,8 +15,9 @@ All that is returned is a frozen record and prints itself in words; nothing else
 
 from __future__ import annotations
 
-import importlib
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from bayesdrill.basics.late import late
 
 if TYPE_CHECKING:
     from bayesdrill.api.case import Case as Case
@@ -68,11 +69,7 @@ _PLACES = {
 
 __all__ = ["__version__", *_PLACES]
 
-
-def __getattr__(name: str) -> Any:
-    if name not in _PLACES:
-        raise AttributeError(f"bayesdrill has no {name}; it has {', '.join(_PLACES)}")
-    return getattr(importlib.import_module(f"bayesdrill.{_PLACES[name]}"), name)
+__getattr__ = late(__name__, _PLACES)
 
 
 def __dir__() -> list[str]:

@@ -1,1 +1,39 @@
 """Words and tools for every room: errors, symbols, units, formulas, random streams."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from bayesdrill.basics.late import late
+
+if TYPE_CHECKING:
+    from bayesdrill.basics.entries import Count as Count
+    from bayesdrill.basics.entries import Positive as Positive
+    from bayesdrill.basics.errors import InputError as InputError
+    from bayesdrill.basics.errors import Interrupted as Interrupted
+    from bayesdrill.basics.errors import Problem as Problem
+    from bayesdrill.basics.errors import did_you_mean as did_you_mean
+    from bayesdrill.basics.progress import Reporter as Reporter
+    from bayesdrill.basics.progress import Silent as Silent
+    from bayesdrill.basics.symbols import PARAMETERS as PARAMETERS
+    from bayesdrill.basics.symbols import STATES as STATES
+    from bayesdrill.basics.symbols import Symbol as Symbol
+    from bayesdrill.basics.symbols import own_symbol as own_symbol
+
+__getattr__ = late(
+    __name__,
+    {
+        "Count": "entries",
+        "InputError": "errors",
+        "Interrupted": "errors",
+        "PARAMETERS": "symbols",
+        "Positive": "entries",
+        "Problem": "errors",
+        "Reporter": "progress",
+        "STATES": "symbols",
+        "Silent": "progress",
+        "Symbol": "symbols",
+        "did_you_mean": "errors",
+        "own_symbol": "symbols",
+    },
+)

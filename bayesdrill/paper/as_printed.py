@@ -30,10 +30,8 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
-from bayesdrill.basics.entries import Positive
-from bayesdrill.basics.symbols import Symbol
-from bayesdrill.rig.models.linear import Linear, Named
-from bayesdrill.rig.models.motor_shaft import PARAMETERS, Gear, MotorShaft
+from bayesdrill.basics import Positive, Symbol
+from bayesdrill.rig import Gear, Linear, MotorShaft, Named
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +46,7 @@ class AsPrinted:
 
     name: ClassVar[str] = "as_printed"
     declares: ClassVar[tuple[Symbol, ...]] = ()
-    parameters: ClassVar[tuple[str, ...]] = PARAMETERS
+    parameters: ClassVar[tuple[str, ...]] = MotorShaft.parameters
     states: ClassVar[tuple[str, ...]] = MotorShaft.states
     inputs: ClassVar[tuple[str, ...]] = MotorShaft.inputs
 

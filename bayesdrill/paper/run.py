@@ -11,15 +11,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdrill.basics import own_files, software
-from bayesdrill.basics.errors import Interrupted
-from bayesdrill.basics.progress import Reporter, Silent
+from bayesdrill.basics import Interrupted, Reporter, Silent, own_files, software
 from bayesdrill.commands import concluding, pipeline
-from bayesdrill.engines.optimisers.contract import Optimiser
-from bayesdrill.engines.workers import Crew
-from bayesdrill.inference.unknowns import ParameterSpace
-from bayesdrill.insight.identifiability.scenes import Scenery
-from bayesdrill.insight.identifiability.study import study_of
+from bayesdrill.engines import Crew, Optimiser
+from bayesdrill.inference import ParameterSpace
+from bayesdrill.insight import Scenery, study_of
 from bayesdrill.paper.pages import report, tables
 from bayesdrill.paper.studies import (
     bounds,
@@ -36,12 +32,10 @@ from bayesdrill.paper.studies.findings import Findings, Misfits, Nine
 from bayesdrill.paper.studies.studies import Studies, prepare
 from bayesdrill.paper.studies.truths import truth_of
 from bayesdrill.paper.studies.verification import Verification, verify
-from bayesdrill.report.figures import POSTERIOR
-from bayesdrill.results.run_folder import Folder
-from bayesdrill.rig.models.motor_shaft import MotorShaft
-from bayesdrill.setup.config import Config
-from bayesdrill.setup.job import Job
-from bayesdrill.setup.yaml_source import Source
+from bayesdrill.report import POSTERIOR
+from bayesdrill.results import Folder
+from bayesdrill.rig import MotorShaft
+from bayesdrill.setup import Config, Job, Source
 
 Array = NDArray[np.float64]
 

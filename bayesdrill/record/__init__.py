@@ -1,1 +1,21 @@
 """What was measured: files of every format, and the experiment that they make."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from bayesdrill.basics.late import late
+
+if TYPE_CHECKING:
+    from bayesdrill.record.experiment import Experiment as Experiment
+    from bayesdrill.record.experiment import regular as regular
+    from bayesdrill.record.experiment import usual_inputs as usual_inputs
+
+__getattr__ = late(
+    __name__,
+    {
+        "Experiment": "experiment",
+        "regular": "experiment",
+        "usual_inputs": "experiment",
+    },
+)

@@ -1,1 +1,29 @@
 """What moves: models of rigs, kernels compiled from them, the exact response."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from bayesdrill.basics.late import late
+
+if TYPE_CHECKING:
+    from bayesdrill.rig.models.linear import Linear as Linear
+    from bayesdrill.rig.models.linear import Model as Model
+    from bayesdrill.rig.models.linear import Named as Named
+    from bayesdrill.rig.models.motor_shaft import Gear as Gear
+    from bayesdrill.rig.models.motor_shaft import MotorShaft as MotorShaft
+    from bayesdrill.rig.models.two_rotors import TwoRotors as TwoRotors
+    from bayesdrill.rig.response import Response as Response
+
+__getattr__ = late(
+    __name__,
+    {
+        "Gear": "models.motor_shaft",
+        "Linear": "models.linear",
+        "Model": "models.linear",
+        "MotorShaft": "models.motor_shaft",
+        "Named": "models.linear",
+        "Response": "response",
+        "TwoRotors": "models.two_rotors",
+    },
+)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import importlib
 import re
 import runpy
 import subprocess
@@ -87,6 +88,30 @@ def test_the_command_line_is_a_user_of_the_api() -> None:
     text = re.sub(r"if TYPE_CHECKING:\n(    .*\n)+", "", MODULES["cli"].read_text())
     used = set(re.findall(r"^ *from bayesdrill\.(\w+)", text, re.M))
     assert "api" in used <= allowed
+
+
+def test_the_paper_uses_what_floors_hand_on_and_nothing_deeper() -> None:
+    """`from bayesdrill.rig import Response`: so rooms can be moved below it, and below others."""
+    for module, path in MODULES.items():
+        if folder_of(module) == "paper":
+            for node in ast.walk(ast.parse(path.read_text())):
+                if isinstance(node, ast.ImportFrom) and (node.module or "").startswith(
+                    "bayesdrill."
+                ):
+                    parts = (node.module or "").split(".")
+                    assert parts[1] == "paper" or len(parts) == 2, f"{module}: {node.module}"
+
+
+@pytest.mark.parametrize("folder", [f for f in FLOORS if (PACKAGE / f).is_dir()])
+def test_what_a_floor_hands_on_is_there(folder: str) -> None:
+    text = (PACKAGE / folder / "__init__.py").read_text()
+    names = re.findall(r"^        \"(\w+)\": \"[\w.]+\",$", text, re.M)
+    floor = importlib.import_module(f"bayesdrill.{folder}")
+    assert all(getattr(floor, name) is not None for name in names)
+    assert len(names) == len(re.findall(r"^    from bayesdrill\.", text, re.M))
+    if names:
+        with pytest.raises(AttributeError, match="it has"):
+            floor.nothing_of_this_name  # noqa: B018
 
 
 def test_nothing_below_knows_the_paper() -> None:

@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from bayesdrill.report.sections import markdown
-from bayesdrill.report.tables import records_as_csv
+from bayesdrill.report import markdown, records_as_csv
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

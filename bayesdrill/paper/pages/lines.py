@@ -7,12 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bayesdrill.insight.diagnostics import hdi
+from bayesdrill.insight import hdi
 from bayesdrill.paper.studies import printed
 from bayesdrill.paper.studies.bounds import Length
 from bayesdrill.paper.studies.findings import Findings, Nine
 from bayesdrill.paper.studies.verification import Verification
-from bayesdrill.report.identify_words import product
+from bayesdrill.report import product
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

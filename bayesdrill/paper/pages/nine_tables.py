@@ -10,8 +10,7 @@ from bayesdrill.paper.studies import causes, simultaneous
 from bayesdrill.paper.studies.causes import Cause
 from bayesdrill.paper.studies.control import Control
 from bayesdrill.paper.studies.findings import Findings, Misfits, Nine
-from bayesdrill.report.sections import markdown
-from bayesdrill.report.tables import records_as_csv
+from bayesdrill.report import markdown, records_as_csv
 
 
 def tables(found: Findings) -> tuple[Table, ...]:

@@ -11,15 +11,12 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
-from bayesdrill.basics.symbols import PARAMETERS, STATES
+from bayesdrill.basics import PARAMETERS, STATES
 from bayesdrill.paper.studies import printed as paper
 from bayesdrill.paper.studies.forward import Reading
 from bayesdrill.paper.studies.verification import Verification
-from bayesdrill.record.experiment import Experiment
-from bayesdrill.report import style
-from bayesdrill.report.fit_plot import LINE, TIME, extremes
-from bayesdrill.report.log_axes import set_decades, usable
-from bayesdrill.report.pages import Page
+from bayesdrill.record import Experiment
+from bayesdrill.report import LINE, TIME, Page, extremes, set_decades, style, usable
 
 Array = NDArray[np.float64]
 Look = Mapping[str, Any]

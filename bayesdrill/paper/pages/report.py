@@ -8,17 +8,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 import bayesdrill
-from bayesdrill.basics import symbols
-from bayesdrill.basics.own_files import FIGURES
-from bayesdrill.engines.workers import Crew
+from bayesdrill.basics import own_files, symbols
+from bayesdrill.engines import Crew
 from bayesdrill.paper.pages.cells import Table
 from bayesdrill.paper.pages.tables import in_words, tables
 from bayesdrill.paper.searches.pairwise import ORDER, circle
 from bayesdrill.paper.studies import printed
 from bayesdrill.paper.studies.findings import Findings
-from bayesdrill.report.publish import draw
-from bayesdrill.report.view import Drawing
-from bayesdrill.results.run_folder import Folder
+from bayesdrill.report import Drawing, draw
+from bayesdrill.results import Folder
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -28,7 +26,7 @@ ITERATIONS = 10  # of each pair, in the paper
 
 
 def write(found: Findings, folder: Folder, crew: Crew) -> None:
-    figures = folder.path / FIGURES
+    figures = folder.path / own_files.FIGURES
     figures.mkdir(exist_ok=True)
     note = {"Title": "paper", "Creator": f"bayesdrill {bayesdrill.__version__}"}
     wanted = _figures(found)
@@ -65,7 +63,7 @@ def _figures(found: Findings) -> list[Wanted]:
     from bayesdrill.paper.pages import plots as plots
     from bayesdrill.paper.pages import search_plots as search
     from bayesdrill.paper.pages.table_plot import table_3_figure
-    from bayesdrill.report.schematics import heuristic_figure, rig_figure
+    from bayesdrill.report import heuristic_figure, rig_figure
 
     heuristics = [(nine.name, nine.heuristic) for nine in found.nines]
     latex = [

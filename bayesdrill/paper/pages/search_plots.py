@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 
 from bayesdrill.paper.studies.heuristic import Heuristic
 from bayesdrill.paper.studies.simultaneous import End
-from bayesdrill.report import style
-from bayesdrill.report.log_axes import set_decades, set_factors, usable
+from bayesdrill.report import set_decades, set_factors, style, usable
 
 Array = NDArray[np.float64]
 Look = Mapping[str, Any]

@@ -11,11 +11,10 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
-from bayesdrill.basics.symbols import PARAMETERS, own_symbol
-from bayesdrill.insight.diagnostics import HDI_PROBABILITY, hdi
+from bayesdrill.basics import PARAMETERS, own_symbol
+from bayesdrill.insight import HDI_PROBABILITY, hdi
 from bayesdrill.paper.pages.search_plots import LEFT, RIGHT
-from bayesdrill.report import style
-from bayesdrill.report.log_axes import set_factors
+from bayesdrill.report import set_factors, style
 
 Array = NDArray[np.float64]
 Look = Mapping[str, Any]

@@ -14,8 +14,7 @@ from bayesdrill.paper.studies.forward import FOLLOWED, Error, Reading
 from bayesdrill.paper.studies.printed import Inconsistency, Nominal
 from bayesdrill.paper.studies.shaft import Tone
 from bayesdrill.paper.studies.verification import Verification
-from bayesdrill.report.sections import markdown
-from bayesdrill.report.tables import records_as_csv
+from bayesdrill.report import markdown, records_as_csv
 
 ATTAINED = printed.TWO_PARAMETERS[1.0]["c_m"].deviation
 

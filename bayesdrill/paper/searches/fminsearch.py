@@ -14,8 +14,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdrill.engines.optimisers.contract import Optimum, Task
-from bayesdrill.engines.optimisers.simplex import descend
+from bayesdrill.engines import Optimum, Task, descend
 
 Array = NDArray[np.float64]
 

@@ -17,10 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from bayesdrill.basics.entries import Count, Positive
-from bayesdrill.basics.errors import did_you_mean
-from bayesdrill.engines.optimisers.contract import Optimum, Task
-from bayesdrill.engines.optimisers.simplex import Run, descend
+from bayesdrill.basics import Count, Positive, did_you_mean
+from bayesdrill.engines import Optimum, Run, Task, descend
 from bayesdrill.paper.searches.fminsearch import TOLERANCE, misfit
 
 Array = NDArray[np.float64]

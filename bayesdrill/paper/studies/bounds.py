@@ -10,12 +10,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdrill.inference.likelihood import Likelihood
-from bayesdrill.insight.identifiability.information import from_sensitivities
-from bayesdrill.insight.identifiability.scenes import Scenery
+from bayesdrill.inference import Likelihood
+from bayesdrill.insight import Scenery, from_sensitivities
 from bayesdrill.paper.studies import printed
-from bayesdrill.record.experiment import regular
-from bayesdrill.rig.response import Response
+from bayesdrill.record import regular
+from bayesdrill.rig import Response
 
 Array = NDArray[np.float64]
 

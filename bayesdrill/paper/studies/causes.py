@@ -14,16 +14,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdrill.inference.posterior import Posterior
-from bayesdrill.insight import derived
-from bayesdrill.insight.diagnostics import hdi
-from bayesdrill.insight.identifiability.information import from_sensitivities
-from bayesdrill.insight.identifiability.scenes import Scenery
+from bayesdrill.inference import Posterior
+from bayesdrill.insight import Scenery, derived, from_sensitivities, hdi
 from bayesdrill.paper.studies import printed
-from bayesdrill.record.experiment import usual_inputs
-from bayesdrill.rig.models.linear import Model, Named
-from bayesdrill.rig.models.motor_shaft import MotorShaft
-from bayesdrill.rig.models.two_rotors import TwoRotors
+from bayesdrill.record import usual_inputs
+from bayesdrill.rig import Model, MotorShaft, Named, TwoRotors
 
 Array = NDArray[np.float64]
 

@@ -8,9 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdrill.engines.optimisers.contract import Optimiser
-from bayesdrill.engines.workers import Crew
-from bayesdrill.inference.posterior import Posterior
+from bayesdrill.engines import Crew, Optimiser
+from bayesdrill.inference import Posterior
 from bayesdrill.paper.studies import made, misfit
 
 Array = NDArray[np.float64]

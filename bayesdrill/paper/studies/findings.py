@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdrill.insight.verdict import Verdict
+from bayesdrill.insight import Verdict
 from bayesdrill.paper.studies.bounds import Implied, Length
 from bayesdrill.paper.studies.causes import Cause
 from bayesdrill.paper.studies.control import Control
@@ -16,7 +16,7 @@ from bayesdrill.paper.studies.heuristic import Heuristic
 from bayesdrill.paper.studies.shaft import Tone
 from bayesdrill.paper.studies.simultaneous import End
 from bayesdrill.paper.studies.verification import Verification
-from bayesdrill.record.experiment import Experiment
+from bayesdrill.record import Experiment
 
 Array = NDArray[np.float64]
 

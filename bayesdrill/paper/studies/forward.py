@@ -11,10 +11,8 @@ from numpy.typing import NDArray
 from bayesdrill.insight import derived
 from bayesdrill.paper.as_printed import AsPrinted
 from bayesdrill.paper.studies import trapezoid
-from bayesdrill.record.experiment import Experiment, regular
-from bayesdrill.rig.models.linear import Model
-from bayesdrill.rig.models.motor_shaft import MotorShaft
-from bayesdrill.rig.response import Response
+from bayesdrill.record import Experiment, regular
+from bayesdrill.rig import Model, MotorShaft, Response
 
 Array = NDArray[np.float64]
 

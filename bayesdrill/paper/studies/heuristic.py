@@ -8,9 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayesdrill.basics import seeds
-from bayesdrill.engines.optimisers.contract import Optimiser, Optimum
-from bayesdrill.engines.workers import Crew
-from bayesdrill.inference.posterior import Posterior
+from bayesdrill.engines import Crew, Optimiser, Optimum
+from bayesdrill.inference import Posterior
 from bayesdrill.paper.studies import misfit, stepped
 
 Array = NDArray[np.float64]

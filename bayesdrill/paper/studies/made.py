@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayesdrill.basics import seeds
-from bayesdrill.inference.posterior import Posterior
+from bayesdrill.inference import Posterior
 
 Array = NDArray[np.float64]
 

@@ -9,10 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from bayesdrill.engines import mode
-from bayesdrill.engines.optimisers.contract import Optimiser, Task
-from bayesdrill.engines.optimisers.nelder_mead import THOROUGH
-from bayesdrill.inference.posterior import Posterior
+from bayesdrill.engines import THOROUGH, Optimiser, Task, mode
+from bayesdrill.inference import Posterior
 from bayesdrill.paper.searches.fminsearch import Fminsearch
 
 Array = NDArray[np.float64]

@@ -14,10 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayesdrill.basics import seeds
-from bayesdrill.engines.optimisers.contract import Optimum
-from bayesdrill.engines.workers import Crew
-from bayesdrill.inference.posterior import Posterior
-from bayesdrill.insight.identifiability.structure import Exponents
+from bayesdrill.engines import Crew, Optimum
+from bayesdrill.inference import Posterior
+from bayesdrill.insight import Exponents
 from bayesdrill.paper.studies import misfit
 
 Array = NDArray[np.float64]

@@ -7,8 +7,8 @@ import dataclasses
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdrill.engines.optimisers.contract import Task
-from bayesdrill.inference.likelihood import Likelihood
+from bayesdrill.engines import Task
+from bayesdrill.inference import Likelihood
 from bayesdrill.paper.studies import forward
 
 Array = NDArray[np.float64]

@@ -6,14 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from bayesdrill.basics.errors import InputError, Problem
-from bayesdrill.basics.own_files import FIGURES
-from bayesdrill.engines.optimisers.contract import Optimiser
+from bayesdrill.basics import InputError, Problem, own_files
+from bayesdrill.engines import Optimiser
 from bayesdrill.paper.studies import printed
-from bayesdrill.setup import build, job, loading
-from bayesdrill.setup.config import Config
-from bayesdrill.setup.job import Job
-from bayesdrill.setup.yaml_source import Source
+from bayesdrill.setup import Config, Job, Source, build, job, loading
 
 TWO = "two_parameters.yaml"
 NINES = ("estimates.yaml", "measured.yaml")
@@ -69,7 +65,7 @@ def _of_two(two: Job) -> list[Problem]:
 
 
 def _of_nines(nines: Sequence[Job]) -> list[Problem]:
-    taken, problems = {FIGURES}, []
+    taken, problems = {own_files.FIGURES}, []
     for nine in nines:
         if len(set(nine.problem.names) & set(printed.NINE_PARAMETERS)) < 2:
             message = "the heuristic needs two unknown parameters or more; give a prior to more"

@@ -27,8 +27,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
-from bayesdrill.rig.models.linear import Array, Model, Named
+from bayesdrill.rig import Model, Named
+
+Array = NDArray[np.float64]
 
 SIX_STATES = ("theta_1", "theta_2", "q", "w_1", "w_2", "i")
 

@@ -9,12 +9,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from bayesdrill.rig.models.linear import Model
-from bayesdrill.rig.models.motor_shaft import MotorShaft
-from bayesdrill.rig.models.two_rotors import TwoRotors
-from bayesdrill.setup import build, reading, simulating
-from bayesdrill.setup.config import Config
-from bayesdrill.setup.yaml_source import Source
+from bayesdrill.rig import Model, MotorShaft, TwoRotors
+from bayesdrill.setup import Config, Source, build, reading, simulating
 
 SAME = 1e-6  # relative, and absolute: records hold nine digits
 

@@ -15,16 +15,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdrill.basics.progress import Silent
-from bayesdrill.engines import mode
-from bayesdrill.engines.optimisers.contract import Task
-from bayesdrill.engines.optimisers.nelder_mead import THOROUGH
-from bayesdrill.engines.sampling import Plan, sample
-from bayesdrill.engines.shelf import Memory
-from bayesdrill.engines.workers import Crew
-from bayesdrill.inference import laplace
-from bayesdrill.inference.coordinates import Coordinates
-from bayesdrill.inference.posterior import Posterior
+from bayesdrill.basics import Silent
+from bayesdrill.engines import THOROUGH, Crew, Memory, Plan, Task, mode, sample
+from bayesdrill.inference import Coordinates, Posterior, laplace
 from bayesdrill.paper.searches.fminsearch import Fminsearch
 from bayesdrill.paper.studies import made, stepped
 from bayesdrill.paper.studies.bounds import bounds
