@@ -63,7 +63,8 @@ def _of_experiment(experiment: Experiment) -> dict[str, str]:
 
 def _of_noise(problem: Problem) -> dict[str, str]:
     noise, names = problem.posterior.likelihood.noise, problem.experiment.names
-    return {f"the noise of {names[k]}": repr(sigma) for k, sigma in noise.held().items()}
+    kind = {} if noise.white else {"the kind of noise": _short(repr(noise))}
+    return kind | {f"the noise of {names[k]}": repr(sigma) for k, sigma in noise.held().items()}
 
 
 def resolved(config: Config, source: Source, folder: Path) -> str:

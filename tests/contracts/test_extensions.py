@@ -101,7 +101,14 @@ def test_a_run_with_nothing_but_toys(tmp_path: Path) -> None:
     assert abs(float(found["c_s"]["mean"]) - 0.004) < 5 * float(found["c_s"]["sd"])
     assert abs(float(found["rho_w_2"]["mean"]) - 0.1) < 5 * float(found["rho_w_2"]["sd"])
     assert (tmp_path / "out" / "figures" / "toy_order.png").stat().st_size > 1000
-    text[1].write_text(text[1].read_text().replace("correlation: 0.4", "correlation: 1.4"))
+    white = (
+        text[1].read_text().replace("noise: {name: toy_memory, correlation: 0.4}", "noise: white")
+    )
+    text[1].write_text(white)
+    done = bayesdrill("posterior", text[1], "--output", "out", "--resume", cwd=tmp_path)
+    assert done.returncode == 2
+    assert "cannot resume: the kind of noise" in done.stderr
+    text[1].write_text(white.replace("noise: white", "noise: {name: toy_memory, correlation: 1.4}"))
     done = bayesdrill("check", text[1], cwd=tmp_path)
     assert done.returncode == 2
     assert "record.channels.w_1.noise.correlation: 1.4" in done.stderr
