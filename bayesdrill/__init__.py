@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from bayesdrill.api.files import publish as publish
     from bayesdrill.api.files import schema as schema
     from bayesdrill.api.files import simulate as simulate
+    from bayesdrill.api.files import verify as verify
     from bayesdrill.api.rig import nominal as nominal
     from bayesdrill.api.rig import respond as respond
     from bayesdrill.api.run import Best as Best
@@ -54,6 +55,7 @@ _PLACES = {
     "publish": "api.files",
     "schema": "api.files",
     "simulate": "api.files",
+    "verify": "api.files",
     "nominal": "api.rig",
     "respond": "api.rig",
     "Best": "api.run",

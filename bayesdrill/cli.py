@@ -189,6 +189,20 @@ def report(
         _finish(files.publish(folder, processes=processes))
 
 
+@app.command(epilog="Example: bayesdrill verify results/nominal_step")
+def verify(
+    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="Folder of a finished run.")],
+) -> None:
+    """Say whether config, record, tables and figures of a run still belong together."""
+    with guarded():
+        from bayesdrill.api import files
+
+        found = files.verify(folder)
+        typer.echo(found.said, err=not found.together)
+        if not found.together:
+            raise typer.Exit(INPUT_WRONG)
+
+
 @app.command(epilog="Example: bayesdrill simulate configs/nominal_step.yaml --output my_record.csv")
 def simulate(
     config: ConfigPath,

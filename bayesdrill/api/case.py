@@ -92,7 +92,9 @@ class Case:
         is unknown.
         """
         space = self.job.problem.posterior.space
-        values, where = (space.start, "the start") if at is None else (at.values, "the MAP")
+        values, where = space.start, "the start"
+        if at is not None:
+            values, where = self._mode(at).values, "the MAP"
         names = [profiles] if isinstance(profiles, str) else profiles
         told = report or Silent()
         return identify.identify(self.job, space.vector(values), where, names, told)
@@ -158,8 +160,8 @@ class Case:
 
         `seed` instead of the config's; the same draws for the same seed, however many processes.
         More than one process (None: all there are) wants `if __name__ == "__main__":` in a script.
-        `report`: has `say(text)`
-        and `update(fraction, text)`, which are told how far it is.  Raises `InputError`.
+        `report`: has `say(text)` and `update(fraction, text)`, which are told how far it is.  Raises
+        `InputError`.
         """
         from bayesdrill.api.run import Run
         from bayesdrill.commands import pipeline, searching

@@ -13,6 +13,7 @@ from bayesdrill.basics.progress import Reporter, Silent
 if TYPE_CHECKING:
     from bayesdrill.commands.calibrate import Outcome as Calibrated
     from bayesdrill.commands.pipeline import Outcome
+    from bayesdrill.commands.verify import Verified
     from bayesdrill.setup.job import Job
 
 
@@ -50,6 +51,16 @@ def publish(folder: str | Path, *, processes: int | None = 1) -> Outcome:
     from bayesdrill.commands import pipeline
 
     return pipeline.republish(Path(folder).expanduser(), arguments.workers(processes))
+
+
+def verify(folder: str | Path) -> Verified:
+    """Whether config, record, tables and figures of a run still belong together.
+
+    The tables are computed again from the chain.  Raises `InputError` where there is no finished run.
+    """
+    from bayesdrill.commands import verify as verifying
+
+    return verifying.verify(Path(folder).expanduser())
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -6,6 +6,7 @@ another name, nothing through a link, no folder that holds something of others.
 
 from __future__ import annotations
 
+import hashlib
 import os
 import re
 import stat
@@ -151,6 +152,12 @@ def tidy(folder: Path, kind: Kind) -> None:
     for name in _names(folder, ("", *kind.folders)):
         if (of := _finished(name)) and kind.made(of) and what(folder / name) == "a file":
             (folder / name).unlink()
+
+
+def digest(path: Path) -> str:
+    """Of what a file holds."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()[:16]
 
 
 @contextmanager

@@ -261,7 +261,8 @@ def _publish(
     if seconds:
         seconds["report"] = time.perf_counter() - begun
         folder.write_run(seconds={name: round(value, 3) for name, value in seconds.items()})
-    folder.write_run(status="finished", missing=missing, **entries(view))
+    files = {name: own_files.digest(folder.path / name) for name in folder.made()}
+    folder.write_run(status="finished", missing=missing, files=files, **entries(view))
     return Outcome(
         folder=folder.path,
         mode=view.mode,

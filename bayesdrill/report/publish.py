@@ -23,7 +23,6 @@ from bayesdrill.report.run_report import sections
 from bayesdrill.report.sections import as_markdown
 from bayesdrill.report.view import Drawing, View
 from bayesdrill.results.run_folder import Folder
-from bayesdrill.setup.config import Config
 
 if TYPE_CHECKING:
     from xarray import DataTree
@@ -36,7 +35,7 @@ def everything(view: View, folder: Folder, crew: Crew) -> tuple[str, ...]:
 
     Raises `OSError` when the disk is full; files already there stay whole.
     """
-    place = (*_place(folder, view.config), words.warning(view.sampled, view.left))
+    place = (*_place(folder, view), words.warning(view.sampled, view.left))
     sparing, following = view.sparing, None
     tasks: list[tuple[str, Future[None]]] = []
     wanted = view.config.output.figures
@@ -65,6 +64,15 @@ def everything(view: View, folder: Folder, crew: Crew) -> tuple[str, ...]:
     return tuple(sparing.missing)
 
 
+def tables_of(view: View) -> dict[str, str]:
+    """The tables that follow from a chain, by their files."""
+    made = {"summary.csv": tables.as_csv(view.rows)}
+    made["derived.csv"] = derived_words.as_csv(summarise(view.derived))
+    if view.judged is not None:
+        made["verdict.csv"] = verdict_words.as_csv(view.judged.verdict)
+    return made
+
+
 def _write_tree(tree: DataTree, path: Path) -> None:
     image = io.BytesIO()  # in memory: see pieces.chain_image
     tree.to_netcdf(image, engine="h5netcdf")
@@ -72,11 +80,12 @@ def _write_tree(tree: DataTree, path: Path) -> None:
         aside.write_bytes(image.getvalue())
 
 
-def _place(folder: Folder, config: Config) -> tuple[Path, dict[str, str]]:
+def _place(folder: Folder, view: View) -> tuple[Path, dict[str, str]]:
     """Where figures go, and the note in each."""
     figures = folder.path / FOLDER
     figures.mkdir(exist_ok=True)
-    return figures, {"Title": config.name, "Creator": f"bayesdrill {bayesdrill.__version__}"}
+    creator = f"bayesdrill {bayesdrill.__version__}"
+    return figures, {"Title": view.config.name, "Creator": creator, **view.marks}
 
 
 def draw(
@@ -89,4 +98,5 @@ def draw(
 ) -> None:
     from bayesdrill.report.style import save
 
-    save(drawing.figure(*drawing.arguments), folder, stem, note, warning)
+    own = {**note, "Title": f"{note['Title']}: {stem}"}
+    save(drawing.figure(*drawing.arguments), folder, stem, own, warning)

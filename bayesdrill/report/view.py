@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -21,6 +21,7 @@ from bayesdrill.insight.diagnostics import Row
 from bayesdrill.insight.verdict import Judgement
 from bayesdrill.report import residual_words, words
 from bayesdrill.report.sparing import Sparing
+from bayesdrill.results import provenance
 from bayesdrill.setup.config import Config
 
 if TYPE_CHECKING:
@@ -58,6 +59,13 @@ class View:
     def reasons(self) -> tuple[str, ...]:
         """Why the result must not be believed: it did not converge, or does not fit."""
         return (*self.sampled.convergence.reasons, *residual_words.reasons(self.left))
+
+    @cached_property
+    def marks(self) -> Mapping[str, str]:
+        """For the inside of figures and tree."""
+        c = self.sampled.convergence
+        burn_in = f"{c.burn_in} of {c.steps} steps"
+        return provenance.marks(self.config, self.problem, burn_in)
 
     @cached_property
     def draws(self) -> Array:
@@ -111,4 +119,5 @@ class View:
             "converged": int(c.converged),
             "seed": self.config.seed,
             "sample_dims": ["chain", "draw"],
+            **{name.lower().replace("-", "_"): value for name, value in self.marks.items()},
         }

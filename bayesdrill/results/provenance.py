@@ -18,6 +18,8 @@ from bayesdrill.setup import reading
 from bayesdrill.setup.config import Config
 from bayesdrill.setup.yaml_source import Source
 
+RUN_MARK = "Run"  # by which a file says whose it is
+
 
 def fingerprint(config: Config, problem: Problem) -> dict[str, str]:
     """What decides the chain, by names and values that a user knows from the config."""
@@ -38,6 +40,18 @@ def fingerprint(config: Config, problem: Problem) -> dict[str, str]:
         "the seed": str(config.seed),
         f"{VERSION_OF}bayesdrill": bayesdrill.__version__,
         **{f"{VERSION_OF}{name}": version(name) for name in DECISIVE},
+    }
+
+
+def marks(config: Config, problem: Problem, burn_in: str) -> dict[str, str]:
+    """What figures and tree carry inside, so that each says by itself which run it is of."""
+    every = fingerprint(config, problem)
+    return {
+        RUN_MARK: _short("\n".join(f"{name}: {value}" for name, value in sorted(every.items()))),
+        "Record": every["the record"],
+        "Seed": str(config.seed),
+        "Burn-in": burn_in,
+        "Versions": ", ".join(f"{name} {number}" for name, number in versions().items()),
     }
 
 

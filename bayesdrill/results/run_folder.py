@@ -117,6 +117,10 @@ class Folder:
             raise KeyError(name)
         return self.path / name
 
+    def made(self) -> list[str]:
+        """Files of this run that nothing changes any more, until it is reported again."""
+        return [name for name in own_files.present(self.path, self.kind) if name != self.kind.mark]
+
     def write_text(self, name: str, text: str) -> None:
         with whole(self.place(name)) as path:
             path.write_text(text, encoding="utf-8")

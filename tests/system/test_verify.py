@@ -1,0 +1,157 @@
+"""What `bayesdrill verify` catches: tables, figures, configs and records that do not belong together."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+import systems
+
+import bayesdrill as bd
+from bayesdrill.basics.sealed import opened, sealed
+
+DRAWN = ("figures: []", "figures: [corner, trace]")
+
+
+@pytest.fixture(scope="module")
+def done(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A rig with two runs of it, by two seeds."""
+    place = tmp_path_factory.mktemp("rig")
+    for name, seed in (("out", "seed: 7"), ("other", "seed: 8")):
+        config = systems.small(place, DRAWN, ("seed: 7", seed), name=f"{name}.yaml")
+        ran = systems.cli("posterior", config, "-o", place / name, "--processes", "1")
+        assert ran.status == 0, ran.text
+    return place
+
+
+@pytest.fixture
+def rig(done: Path, tmp_path: Path) -> Path:
+    shutil.copytree(done, tmp_path / "rig")
+    return tmp_path / "rig"
+
+
+def text(path: Path, old: str, new: str) -> None:
+    content = path.read_text()
+    assert old in content
+    path.write_text(content.replace(old, new, 1))
+
+
+def forged(folder: Path) -> None:
+    """The digests of what is there now: somebody has taken pains."""
+    run = opened((folder / "run.json").read_bytes())
+    from bayesdrill.basics.own_files import digest
+
+    run["files"] = {name: digest(folder / name) for name in run["files"]}
+    (folder / "run.json").write_text(sealed(run))
+
+
+def edited_table(rig: Path) -> None:
+    lines = (rig / "out" / "summary.csv").read_text().splitlines()
+    cells = lines[1].split(",")
+    cells[4] = repr(1.001 * float(cells[4]))
+    (rig / "out" / "summary.csv").write_text(
+        "\n".join([lines[0], ",".join(cells), *lines[2:]]) + "\n"
+    )
+
+
+def edited_verdict(rig: Path) -> None:
+    text(rig / "out" / "verdict.csv", "agrees", "disagrees")
+
+
+def figure_of_another_run(rig: Path) -> None:
+    shutil.copy(rig / "other" / "figures" / "corner.png", rig / "out" / "figures" / "corner.png")
+
+
+def figure_of_another_name(rig: Path) -> None:
+    shutil.copy(rig / "out" / "figures" / "trace.pdf", rig / "out" / "figures" / "corner.pdf")
+
+
+def changed_config(rig: Path) -> None:
+    text(rig / "out" / "config.yaml", "high: 1.5", "high: 1.6")
+
+
+def changed_both_configs(rig: Path) -> None:
+    changed_config(rig)
+    text(rig / "out" / "config.resolved.yaml", "high: 1.5", "high: 1.6")
+
+
+def another_record(rig: Path) -> None:
+    lines = (rig / "small.csv").read_text().splitlines()
+    lines[50] = lines[49]
+    t = (rig / "small.csv").read_text().splitlines()[50].split(",")[0]
+    lines[50] = ",".join([t, *lines[49].split(",")[1:]])
+    (rig / "small.csv").write_text("\n".join(lines) + "\n")
+
+
+def another_chain(rig: Path) -> None:
+    shutil.copy(rig / "other" / "chain.h5", rig / "out" / "chain.h5")
+
+
+def missing(rig: Path) -> None:
+    (rig / "out" / "figures" / "trace.png").unlink()
+
+
+CASES: list[tuple[Callable[[Path], None], bool, str]] = [
+    (edited_table, False, "summary.csv: was changed after this run had written it"),
+    (edited_table, True, "summary.csv: does not follow from the chain"),
+    (edited_verdict, True, "verdict.csv: does not follow from the chain"),
+    (figure_of_another_run, False, "corner.png: was changed"),
+    (figure_of_another_run, True, "corner.png: is a figure of another run"),
+    (figure_of_another_name, True, "corner.pdf: is another figure than its name says"),
+    (changed_config, False, "config.yaml: was changed"),
+    (changed_config, True, "config.yaml: is not the config of this run"),
+    (changed_both_configs, True, "the prior of k_e was Uniform"),
+    (another_record, False, "the record was 101 samples"),
+    (another_record, True, "the record was 101 samples"),
+    (another_chain, False, "chain.h5: was changed"),
+    (another_chain, True, "summary.csv: does not follow from the chain"),
+    (missing, False, "trace.png: is missing"),
+]
+
+
+@pytest.mark.parametrize(
+    ("change", "pains", "says"), CASES, ids=[f"{c.__name__}{' forged' * p}" for c, p, _ in CASES]
+)
+def test_what_does_not_belong_is_named(
+    change: Callable[[Path], None], pains: bool, says: str, rig: Path
+) -> None:
+    change(rig)
+    if pains:
+        forged(rig / "out")
+    before = systems.listing(rig)
+    ran = systems.cli("verify", rig / "out")
+    assert ran.status == 2
+    assert says in ran.err, ran.err
+    assert "Traceback" not in ran.text
+    assert systems.listing(rig) == before
+
+
+def test_what_belongs_together_is_said_so(rig: Path) -> None:
+    """After a report too, in another place, and of a case that was saved from memory."""
+    ran = systems.cli("verify", rig / "out")
+    assert (ran.status, ran.err) == (0, "")
+    assert "belong together" in ran.out
+    (rig / "out" / "figures" / "trace.png").unlink()
+    assert systems.cli("report", rig / "out", "--processes", "1").status == 0
+    assert bd.verify(rig / "out").together
+    bd.open(rig / "out").save(rig / "saved")
+    assert bd.verify(rig / "saved").together
+    with pytest.raises(bd.InputError, match="no results"):
+        bd.verify(rig)
+
+
+def test_figures_and_tree_say_which_run_they_are_of(done: Path) -> None:
+    import xarray
+
+    run = json.loads((done / "out" / "run.json").read_text())
+    with xarray.open_datatree(done / "out" / "posterior.nc", engine="h5netcdf") as tree:
+        marks = {name: tree.attrs[name] for name in ("run", "record", "burn_in", "versions")}
+    for name in ("corner.png", "corner.pdf", "trace.png"):
+        content = (done / "out" / "figures" / name).read_bytes()
+        assert marks["run"].encode() in content
+        assert marks["record"].split("(")[1].strip(")").encode() in content
+        assert run["versions"]["emcee"].encode() in content
+    assert marks["burn_in"] == f"{run['burn_in']} of {run['steps']} steps"
