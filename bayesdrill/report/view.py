@@ -108,6 +108,7 @@ class View:
     def _attributes(self) -> dict[str, object]:
         c = self.sampled.convergence
         return {
+            **{name.lower(): value for name, value in self.marks.items()},
             "name": self.config.name,
             "creation_library": "bayesdrill",
             "creation_library_version": bayesdrill.__version__,
@@ -119,5 +120,4 @@ class View:
             "converged": int(c.converged),
             "seed": self.config.seed,
             "sample_dims": ["chain", "draw"],
-            **{name.lower().replace("-", "_"): value for name, value in self.marks.items()},
         }

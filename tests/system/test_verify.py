@@ -148,10 +148,10 @@ def test_figures_and_tree_say_which_run_they_are_of(done: Path) -> None:
 
     run = json.loads((done / "out" / "run.json").read_text())
     with xarray.open_datatree(done / "out" / "posterior.nc", engine="h5netcdf") as tree:
-        marks = {name: tree.attrs[name] for name in ("run", "record", "burn_in", "versions")}
+        marks = {name: tree.attrs[name] for name in ("run", "record", "burn-in", "versions")}
     for name in ("corner.png", "corner.pdf", "trace.png"):
         content = (done / "out" / "figures" / name).read_bytes()
         assert marks["run"].encode() in content
         assert marks["record"].split("(")[1].strip(")").encode() in content
         assert run["versions"]["emcee"].encode() in content
-    assert marks["burn_in"] == f"{run['burn_in']} of {run['steps']} steps"
+    assert marks["burn-in"] == f"{run['burn_in']} of {run['steps']} steps"
