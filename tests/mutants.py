@@ -31,6 +31,72 @@ class Mutant:
 
 MUTANTS = [
     Mutant(
+        "a bend of the logit's Jacobian forgotten",
+        "inference/coordinates.py",
+        "1.0 - 2.0 * share, 2.0 * share",
+        "1.0, 2.0 * share",
+        "tests/inference/test_coordinates.py::"
+        "test_slopes_and_jacobian_between_two_ends_are_differences",
+    ),
+    Mutant(
+        "the width between two ends forgotten",
+        "inference/coordinates.py",
+        "jacobian += np.log(high - low) + log_expit",
+        "jacobian += log_expit",
+        "tests/inference/test_coordinates.py::"
+        "test_slopes_and_jacobian_between_two_ends_are_differences",
+    ),
+    Mutant(
+        "channels of mixed noise in the order of their kinds",
+        "inference/noise/mixed.py",
+        "out[..., list(columns)] = values",
+        "out[..., [len(found) - 1 - k for k in columns]] = values",
+        "tests/contracts/test_noises.py::test_slopes_are_those_of_the_density",
+    ),
+    Mutant(
+        "a pull over the scale and not its square",
+        "inference/noise/white.py",
+        "return samples / self.scales(own)[:, None, :] ** 2",
+        "return samples / self.scales(own)[:, None, :]",
+        "tests/contracts/test_noises.py::test_slopes_are_those_of_the_density",
+    ),
+    Mutant(
+        "the noise of a second record takes the unknowns of the first",
+        "inference/likelihood.py",
+        "            first = last\n",
+        "",
+        "tests/contracts/test_noises.py::test_two_records_say_together_what_each_says",
+    ),
+    Mutant(
+        "an entry of another member given in vain",
+        "basics/entries.py",
+        "if entry not in own and getattr(section, entry) is not None",
+        "if entry in own and getattr(section, entry) is not None and False",
+        "tests/rig/test_models.py::test_a_constant_of_another_model_is_an_error_with_its_line",
+    ),
+    Mutant(
+        "an edited table belongs to its run",
+        "commands/verify.py",
+        "elif own_files.digest(folder / name) != digest:",
+        "elif False:",
+        "tests/system/test_verify.py::test_what_does_not_belong_is_named",
+    ),
+    Mutant(
+        "a figure of any run belongs",
+        "commands/verify.py",
+        "if mark.encode() not in content:",
+        "if False:",
+        "tests/system/test_verify.py::test_what_does_not_belong_is_named",
+    ),
+    Mutant(
+        "a rig with a state of another is one",
+        "rig/models/trial.py",
+        '    if strange:\n        raise ValueError(f"`linear` names',
+        '    if False:\n        raise ValueError(f"`linear` names',
+        "tests/contracts/test_extensions.py::"
+        "test_a_rig_that_is_none_is_named_and_takes_no_other_with_it",
+    ),
+    Mutant(
         "no Jacobian of the logs",
         "inference/coordinates.py",
         "np.ascontiguousarray(z[:, self.logs]).sum(axis=-1)",

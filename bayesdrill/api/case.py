@@ -38,13 +38,15 @@ PRIORS = "a prior, a number or 'nominal' for each name"
 class Channel:
     """`values (T,)` in `unit`; `sigma`: their noise in that unit, or its prior as in a config.
 
-    `measures`: a sum of states, such as `theta_1 - theta_2`, where the name is not that of one.
+    `measures`: a sum of states, such as `theta_1 - theta_2`, where the name is not that of one; `noise`:
+    its kind and entries, as in a config, where it is not white.
     """
 
     values: ArrayLike
     unit: str
     sigma: float | Mapping[str, Any]
     measures: str | None = None
+    noise: str | Mapping[str, Any] | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -207,11 +209,13 @@ def case(
     """Of arrays, without any file: times `t (T,)` in s, in equal steps, and entries as in a config
     (docs/config.md).
 
-    `inputs`: a number in SI or a measured `Input` for each; `parameters`: a prior, a number or
-    `"nominal"` for each; `rig`: a name, or a model such as `MotorShaft(i_m=1 / 8)`; `entries`: further
-    sections, such as `sampler={"ess": 1000}`.  The rig is at rest at 0 s, with measured inputs at the
-    first sample, unless `initial={"w_1": ...}` says otherwise.  Raises `InputError` with all that is
-    wrong.
+    `inputs`: a number in SI or a measured `Input` for each; `parameters`: for each a number, `"nominal"`
+    or a prior, such as `{"prior": "uniform", "low": 0.5, "high": 1.5, "relative": True}`; `nominal`: a
+    table or values of your own (`{"k_s": 0.27}`); without it a parameter that relies on a table takes
+    `tables_2_3`, and is compared with it; `rig`: a name, or a model such as `MotorShaft(i_m=1 / 8)`;
+    `entries`: further sections, such as `sampler={"ess": 1000}`.  The rig is at rest at 0 s, with
+    measured inputs at the first sample, unless `initial={"w_1": ...}` says otherwise.  Raises
+    `InputError` with all that is wrong.
     """
     columns, measured = _columns(t, channels, inputs)
     for taken in {"model", "record"} & {*entries}:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -19,7 +20,7 @@ from bayesdrill.engines.sampling import Sampled
 from bayesdrill.inference import residual_checks
 from bayesdrill.insight.verdict import Verdict
 from bayesdrill.report import residual_words, tables, words
-from bayesdrill.report.figures import FIGURES
+from bayesdrill.report.figures import FIGURES, drawing
 from bayesdrill.report.run_report import sections
 from bayesdrill.report.sections import as_markdown, as_text
 from bayesdrill.report.view import View
@@ -98,10 +99,11 @@ class Run:
         In no window: `figure.savefig(...)`, or the last line of a cell.  Raises `InputError` where
         this run has no such figure.
         """
-        drawing = arguments.known(FIGURES, name, "plot", "figure")(self._view)
-        if drawing is None:
+        arguments.known(FIGURES, name, "plot", "figure")
+        found = drawing(name, self._view)
+        if found is None:
             raise InputError.one("plot", f"there is nothing to draw in a figure {name} of this run")
-        return drawing.figure(*drawing.arguments)
+        return found.figure(*found.arguments)
 
     def plot_corner(self) -> Figure:
         return self.plot("corner")
@@ -109,11 +111,15 @@ class Run:
     def save(self, folder: str | Path, *, force: bool = False) -> Path:
         """As `bayesdrill posterior` leaves it: tables, figures, chain and config.
 
-        Raises `InputError` where something else is there, or results and not `force`.
+        Raises `InputError` where something else is there, or results and not `force`; warns of what
+        could not be made.
         """
         record = None if self.columns is None else in_memory.as_csv(self.columns)
         place = Path(folder).expanduser()
-        pipeline.write(self.job, self._view, place, record, force=force)
+        done = pipeline.write(self.job, self._view, place, record, force=force)
+        if done.missing:
+            said = f"could not be made: {'; '.join(done.missing)}; all else is in {place}"
+            warnings.warn(said, stacklevel=2)
         return place
 
     def __str__(self) -> str:

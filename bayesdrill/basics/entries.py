@@ -32,7 +32,9 @@ Latex = Annotated[str, Field(max_length=200)]  # longer, and matplotlib takes fo
 
 
 def entries_of(kind: type) -> dict[str, Any]:
-    """What may stand at each entry of a member, as pydantic takes it."""
+    """What may stand at each entry of a member, as pydantic takes it; raises `ValueError`."""
+    if not dataclasses.is_dataclass(kind):
+        raise ValueError(f"{getattr(kind, '__name__', kind)} is no dataclass")
     hints = typing.get_type_hints(kind, include_extras=True)
     names = [field.name for field in dataclasses.fields(kind)]
     return {name: hints[name] for name in names if _annotated(hints[name])}

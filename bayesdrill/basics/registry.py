@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from functools import cached_property
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any
@@ -17,9 +17,14 @@ class Registry[T](Mapping[str, T]):
     be; one with the name of an own member is never asked for.
     """
 
-    def __init__(self, what: str, own: Mapping[str, T]) -> None:
+    def __init__(
+        self, what: str, own: Mapping[str, T], judge: Callable[[str, Any], None] | None = None
+    ) -> None:
+        """`judge(name, member)` raises `ValueError` where what another package brings is none."""
         self.what = what
         self._own = dict(own)
+        self._judge = judge
+        self._loaded: dict[str, T] = {}
 
     @cached_property
     def _brought(self) -> dict[str, EntryPoint]:
@@ -29,8 +34,24 @@ class Registry[T](Mapping[str, T]):
     def __getitem__(self, name: str) -> T:
         if name in self._own:
             return self._own[name]
-        found: T = _loaded(self._brought[name])
-        return found
+        if name not in self._loaded:
+            self._loaded[name] = self._load(self._brought[name])
+        return self._loaded[name]
+
+    def _load(self, one: EntryPoint) -> T:
+        try:
+            member: T = one.load()
+            if self._judge is not None:
+                self._judge(one.name, member)
+        except Exception as error:  # whatever the code of others does
+            package = one.dist.name if one.dist else "an installed package"
+            plain = isinstance(error, ValueError)
+            why = str(error) if plain else f"{type(error).__name__}: {error}"
+            raise ValueError(
+                f"{one.name} is brought by {package}, and cannot be used from {one.value} ({why}); "
+                "mend or remove that package"
+            ) from None
+        return member
 
     def __iter__(self) -> Iterator[str]:
         return iter({**self._own, **self._brought})
@@ -57,14 +78,3 @@ def lookup[T](members: Mapping[str, T], name: str, what: str) -> T:
     if name not in members:
         raise ValueError(f"'{name}' is not a {what}{did_you_mean(name, members)}")
     return members[name]
-
-
-def _loaded(one: EntryPoint) -> Any:
-    try:
-        return one.load()
-    except Exception as error:  # whatever the code of others does
-        package = one.dist.name if one.dist else "an installed package"
-        raise ValueError(
-            f"{one.name} is brought by {package}, and cannot be loaded from {one.value} "
-            f"({type(error).__name__}: {error}); mend or remove that package"
-        ) from None

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from bayesdrill.engines.optimisers.nelder_mead import THOROUGH as THOROUGH
     from bayesdrill.engines.optimisers.simplex import Run as Run
     from bayesdrill.engines.optimisers.simplex import descend as descend
+    from bayesdrill.engines.samplers.moves import halves as halves
     from bayesdrill.engines.sampling import Plan as Plan
     from bayesdrill.engines.sampling import sample as sample
     from bayesdrill.engines.shelf import Memory as Memory
@@ -30,6 +31,7 @@ __getattr__ = late(
         "THOROUGH": "optimisers.nelder_mead",
         "Task": "optimisers.contract",
         "descend": "optimisers.simplex",
+        "halves": "samplers.moves",
         "sample": "sampling",
     },
 )

@@ -9,15 +9,27 @@ from bayesdrill.basics.late import late
 if TYPE_CHECKING:
     from bayesdrill.inference.coordinates import Coordinates as Coordinates
     from bayesdrill.inference.likelihood import Likelihood as Likelihood
+    from bayesdrill.inference.noise.contract import Noise as Noise
+    from bayesdrill.inference.noise.contract import Noisy as Noisy
+    from bayesdrill.inference.noise.contract import Residuals as Residuals
+    from bayesdrill.inference.noise.white import White as White
     from bayesdrill.inference.posterior import Posterior as Posterior
+    from bayesdrill.inference.priors import Uniform as Uniform
     from bayesdrill.inference.unknowns import ParameterSpace as ParameterSpace
+    from bayesdrill.inference.unknowns import Unknown as Unknown
 
 __getattr__ = late(
     __name__,
     {
         "Coordinates": "coordinates",
         "Likelihood": "likelihood",
+        "Noise": "noise.contract",
+        "Noisy": "noise.contract",
         "ParameterSpace": "unknowns",
         "Posterior": "posterior",
+        "Residuals": "noise.contract",
+        "Uniform": "priors",
+        "Unknown": "unknowns",
+        "White": "noise.white",
     },
 )

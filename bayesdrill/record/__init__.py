@@ -10,11 +10,17 @@ if TYPE_CHECKING:
     from bayesdrill.record.experiment import Experiment as Experiment
     from bayesdrill.record.experiment import regular as regular
     from bayesdrill.record.experiment import usual_inputs as usual_inputs
+    from bayesdrill.record.formats import Format as Format
+    from bayesdrill.record.formats import Table as Table
+    from bayesdrill.record.formats import Wanted as Wanted
 
 __getattr__ = late(
     __name__,
     {
         "Experiment": "experiment",
+        "Format": "formats",
+        "Table": "formats",
+        "Wanted": "formats",
         "regular": "experiment",
         "usual_inputs": "experiment",
     },

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from bayesdrill.report.sections import markdown as markdown
     from bayesdrill.report.tables import records_as_csv as records_as_csv
     from bayesdrill.report.view import Drawing as Drawing
+    from bayesdrill.report.view import View as View
 
 __getattr__ = late(
     __name__,
@@ -31,6 +32,7 @@ __getattr__ = late(
         "POSTERIOR": "figures",
         "Page": "pages",
         "TIME": "fit_plot",
+        "View": "view",
         "draw": "publish",
         "extremes": "fit_plot",
         "heuristic_figure": "schematics",

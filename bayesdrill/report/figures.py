@@ -18,6 +18,14 @@ from bayesdrill.report.view import Drawing, View
 Recipe = Callable[[View], Drawing | None]
 
 
+def drawing(name: str, run: View) -> Drawing | None:
+    """What is to be drawn in a figure of this run; raises `TypeError` for a recipe that is none."""
+    found = FIGURES[name](run)
+    if found is not None and not isinstance(found, Drawing):
+        raise TypeError(f"a recipe gives a Drawing or None, not {type(found).__name__}")
+    return found
+
+
 def _corner(run: View) -> Drawing:
     from bayesdrill.report.corner_plot import corner_figure
 

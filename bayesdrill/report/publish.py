@@ -18,7 +18,7 @@ from bayesdrill.engines.workers import Crew
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.insight.derived import summarise
 from bayesdrill.report import derived_words, tables, verdict_words, words
-from bayesdrill.report.figures import FIGURES
+from bayesdrill.report.figures import FIGURES, drawing
 from bayesdrill.report.run_report import sections
 from bayesdrill.report.sections import as_markdown
 from bayesdrill.report.view import Drawing, View
@@ -41,9 +41,9 @@ def everything(view: View, folder: Folder, crew: Crew) -> tuple[str, ...]:
     wanted = view.config.output.figures
     for name in FIGURES if wanted is None else [name for name in FIGURES if name in wanted]:
         with sparing.making(f"figures/{name}"):
-            drawing = FIGURES[name](view)
-            if drawing is not None:
-                tasks.append((name, crew.submit(draw, name, drawing, *place)))
+            found = drawing(name, view)
+            if found is not None:
+                tasks.append((name, crew.submit(draw, name, found, *place)))
     # While others draw, the rest.
     folder.write_text("summary.csv", tables.as_csv(view.rows))
     with sparing.making("derived.csv"):
@@ -91,7 +91,7 @@ def _place(folder: Folder, view: View) -> tuple[Path, dict[str, str]]:
 def draw(
     _: Posterior,
     stem: str,
-    drawing: Drawing,
+    what: Drawing,
     folder: Path,
     note: Mapping[str, str],
     warning: str = "",
@@ -99,4 +99,4 @@ def draw(
     from bayesdrill.report.style import save
 
     own = {**note, "Title": f"{note['Title']}: {stem}"}
-    save(drawing.figure(*drawing.arguments), folder, stem, own, warning)
+    save(what.figure(*what.arguments), folder, stem, own, warning)

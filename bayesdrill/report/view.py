@@ -36,7 +36,7 @@ class Drawing:
     """A figure to be drawn, perhaps by another process: what draws it, and what it is given."""
 
     figure: Callable[..., Figure]
-    arguments: tuple[Any, ...]
+    arguments: tuple[Any, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -49,7 +49,10 @@ def prior(spec: number_entries.PriorSpec, nominal_value: float | None) -> Prior:
             "prior is left; all unknowns are positive"
         )
     if spec.relative and nominal_value is None:
-        raise ValueError("there is no nominal value to be relative to; leave out `relative:`")
+        raise ValueError(
+            "there is no nominal value to be relative to; give one in `nominal:`, or leave out "
+            "`relative:`"
+        )
     if spec.relative:
         values = {k: v * nominal_value if k in _SCALED else v for k, v in values.items()}
     built = PRIORS[spec.prior](**values)

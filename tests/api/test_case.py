@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import re
 import runpy
 import subprocess
@@ -322,3 +323,27 @@ def test_records_and_calibrations_of_a_config(tmp_path: Path) -> None:
     assert "refits" in outcome.said
     assert calibration.place() == Path("results/small-calibration")
     assert '"motor_shaft"' in bd.schema()
+
+
+def test_the_noise_of_a_channel_is_told_as_in_a_config() -> None:
+    channel = noisy("w_1", 1.0, 0.1)
+    with pytest.raises(bd.InputError, match="'whit' is not a noise; did you mean white"):
+        bd.case(
+            T,
+            channels={"w_1": dataclasses.replace(channel, noise="whit")},
+            inputs={"v": 5.0},
+            parameters=dict.fromkeys(NOMINAL, "nominal") | {"k_s": BOX},
+        )
+
+
+def test_a_figure_that_fails_is_told_when_a_run_is_saved(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*_: object) -> None:
+        raise ValueError("cannot do this")
+
+    with monkeypatch.context() as patch:
+        patch.setattr("bayesdrill.report.derived_words.shown", fail)
+        with pytest.warns(UserWarning, match=r"figures/corner \(ValueError: cannot do this\)"):
+            folder = run().save(tmp_path / "mine")
+    assert (folder / "summary.csv").exists()

@@ -121,14 +121,70 @@ def test_without_them_their_names_are_unknown(tmp_path: Path) -> None:
         lookup(MODELS, "motor_shft", "model")
 
 
-def test_what_cannot_be_loaded_is_named_and_takes_no_other_with_it(tmp_path: Path) -> None:
+BROKEN = """
+import dataclasses, math
+from typing import ClassVar
+from bayesdrill.basics.symbols import Symbol
+from bayesdrill.rig.models.motor_shaft import PARAMETERS, MotorShaft
+
+class NoDataclass:
+    name = "odd"
+
+@dataclasses.dataclass(frozen=True)
+class Base:
+    name: ClassVar[str] = "odd"
+    declares: ClassVar[tuple] = ()
+    parameters: ClassVar[tuple] = PARAMETERS
+    states: ClassVar[tuple] = MotorShaft.states
+    inputs: ClassVar[tuple] = MotorShaft.inputs
+    def linear(self, p):
+        return MotorShaft().linear(p)
+
+class OtherName(Base):
+    name = "even"
+
+class NoSymbol(Base):
+    parameters = (*PARAMETERS, "c_x")
+
+class OtherUnit(Base):
+    declares = (Symbol("j_1", "m", "j_1", "m", "a length"),)
+
+class Exponential(Base):
+    def linear(self, p):
+        math.exp(p["j_1"])
+
+class OtherState(Base):
+    def linear(self, p):
+        found = MotorShaft().linear(p)
+        return dataclasses.replace(found, A={**found.A, ("w_3", "w_1"): 1.0})
+"""
+
+
+@pytest.mark.parametrize(
+    ("value", "says"),
+    [
+        ("nowhere.at_all:Rig", "ModuleNotFoundError: No module named 'nowhere'"),
+        ("broken_rigs:NoDataclass", "a rig is a frozen dataclass"),
+        ("broken_rigs:OtherName", "its name is 'even', and its entry point's 'odd'"),
+        ("broken_rigs:NoSymbol", "no symbol is declared of c_x"),
+        ("broken_rigs:OtherUnit", "it declares j_1 in m; that is kg*m**2"),
+        ("broken_rigs:Exponential", "more than + - * / and whole powers"),
+        ("broken_rigs:OtherState", "`linear` names w_3, no state or input of it"),
+    ],
+    ids=lambda x: x.split(":")[-1] if ":" in x and " " not in x else "",
+)
+def test_a_rig_that_is_none_is_named_and_takes_no_other_with_it(
+    value: str, says: str, tmp_path: Path
+) -> None:
     """A package that is broken, in the way of nobody who does not ask for it."""
     info = tmp_path / "broken-1.0.dist-info"
     info.mkdir()
+    (tmp_path / "broken_rigs.py").write_text(BROKEN)
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: broken\nVersion: 1.0\n")
-    (info / "entry_points.txt").write_text("[bayesdrill.rig]\nodd = nowhere.at_all:Rig\n")
+    (info / "entry_points.txt").write_text(f"[bayesdrill.rig]\nodd = {value}\n")
     code = (
         "from bayesdrill.rig.models import MODELS\n"
+        "from bayesdrill.rig import vocabulary\n"
         "from bayesdrill.basics.registry import lookup\n"
         "assert 'odd' in MODELS and 'odd' not in MODELS.usable() and 'motor_shaft' in MODELS.usable()\n"
         "try:\n    lookup(MODELS, 'odd', 'model')\nexcept ValueError as error:\n    print(error)\n"
@@ -137,7 +193,22 @@ def test_what_cannot_be_loaded_is_named_and_takes_no_other_with_it(tmp_path: Pat
     done = subprocess.run(
         [sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True
     )
-    assert "odd is brought by broken, and cannot be loaded from nowhere.at_all:Rig" in done.stdout
+    assert f"odd is brought by broken, and cannot be used from {value} (" in done.stdout
+    assert says in done.stdout
+
+
+@pytest.mark.parametrize("what", ["noise", "format", "optimiser"])
+def test_what_is_no_member_of_its_kind_is_left_out(what: str, tmp_path: Path) -> None:
+    info = tmp_path / "broken-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: broken\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text(f"[bayesdrill.{what}]\nodd = fractions:Fraction\n")
+    code = "from bayesdrill.setup import config, loading; import bayesdrill as bd; bd.schema()"
+    environment = {**os.environ, "PYTHONPATH": f"{tmp_path}{os.pathsep}{ROOT}"}
+    done = subprocess.run(
+        [sys.executable, "-c", code], env=environment, capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
 
 
 def test_own_members_come_first() -> None:

@@ -156,3 +156,48 @@ def test_the_same_density_in_any_coordinates() -> None:
     theta = vector(NOMINAL) * np.random.default_rng(3).uniform(0.9, 1.1, (5, 9))
     apart = one(one.coordinates.from_physical(theta)) - two(two.coordinates.from_physical(theta))
     assert apart == pytest.approx(np.log(theta).sum(axis=1), rel=1e-9)
+
+
+BETWEEN = Coordinates((True, False, False), ((1, -0.9, 0.99), (2, 2.0, 5.0)))
+
+
+def between(n: int = 30) -> np.ndarray:
+    """A positive number, a correlation that may be negative, and something far off the origin."""
+    rng = np.random.default_rng(8)
+    return np.stack(
+        [np.exp(rng.normal(size=n)), rng.uniform(-0.89, 0.98, n), rng.uniform(2.01, 4.99, n)],
+        axis=-1,
+    )
+
+
+def test_what_lies_between_two_ends_goes_by_its_logit_and_back() -> None:
+    """Mutants killed: the ends of another column, a width forgotten."""
+    theta = between()
+    z = BETWEEN.from_physical(theta)
+    assert BETWEEN.to_physical(z) == pytest.approx(theta, rel=1e-12)
+    assert z[:, 1] == pytest.approx(np.log((theta[:, 1] + 0.9) / (0.99 - theta[:, 1])), rel=1e-9)
+    far = np.array([[0.0, 400.0, -400.0]])
+    assert BETWEEN.to_physical(far)[0] == pytest.approx([1.0, 0.99, 2.0])
+    assert np.isfinite(BETWEEN.with_jacobian(far)[1]).all()
+
+
+def test_slopes_and_jacobian_between_two_ends_are_differences() -> None:
+    theta = between()
+    z, step = BETWEEN.from_physical(theta), 1e-6
+    moved = BETWEEN.to_physical(z + step) - BETWEEN.to_physical(z - step)
+    assert BETWEEN.slopes(theta) == pytest.approx(moved / (2 * step), rel=1e-7)
+    same, jacobian = BETWEEN.with_jacobian(z)
+    assert same == pytest.approx(theta)
+    assert jacobian == pytest.approx(np.log(BETWEEN.slopes(theta)).sum(axis=1), rel=1e-9)
+    slope, curvature = BETWEEN.jacobian_bends(z)
+    for column in range(3):
+        shift = 1e-4 * np.eye(3)[column]
+        up, here, down = (BETWEEN.with_jacobian(z + k * shift)[1] for k in (1, 0, -1))
+        assert slope[:, column] == pytest.approx((up - down) / 2e-4, abs=1e-6)
+        assert curvature[:, column] == pytest.approx(-(up - 2 * here + down) / 1e-8, abs=1e-5)
+
+
+def test_the_natural_scale_of_what_may_be_negative_is_itself() -> None:
+    theta = between(3)
+    assert np.array_equal(BETWEEN.natural(theta)[:, 0], theta[:, 0])
+    assert (BETWEEN.natural(theta)[:, 1:] == 1.0).all()

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdrill.report.view import Drawing, View
+from bayesdrill.report import Drawing, View
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -10,8 +10,8 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from bayesdrill.basics.errors import InputError
-from bayesdrill.record.formats import Format, Table, Wanted
+from bayesdrill.basics import InputError
+from bayesdrill.record import Format, Table, Wanted
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,11 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from bayesdrill.basics.symbols import Symbol
-from bayesdrill.inference.noise.contract import Noisy, Residuals
-from bayesdrill.inference.noise.white import White
-from bayesdrill.inference.priors import Uniform
-from bayesdrill.inference.unknowns import Unknown
+from bayesdrill.basics import Symbol
+from bayesdrill.inference import Noisy, Residuals, Uniform, Unknown, White
 
 Array = NDArray[np.float64]
 MOST = 0.99

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from bayesdrill.engines.optimisers.contract import Optimum, Task
+from bayesdrill.engines import Optimum, Task
 from bayesdrill.inference import laplace
 
 Array = NDArray[np.float64]

@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from bayesdrill.basics.symbols import Symbol
-from bayesdrill.rig.models.linear import Linear, Named
-from bayesdrill.rig.models.motor_shaft import PARAMETERS, Gear, MotorShaft
+from bayesdrill.basics import Symbol
+from bayesdrill.rig import Gear, Linear, MotorShaft, Named
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,7 +17,7 @@ class Damped:
     declares: ClassVar[tuple[Symbol, ...]] = (
         Symbol("c_s", "N*m*s/rad", "c_s", r"N\,m\,s/rad", "damping of the shaft", "not negative"),
     )
-    parameters: ClassVar[tuple[str, ...]] = (*PARAMETERS, "c_s")
+    parameters: ClassVar[tuple[str, ...]] = (*MotorShaft.parameters, "c_s")
     states: ClassVar[tuple[str, ...]] = MotorShaft.states
     inputs: ClassVar[tuple[str, ...]] = MotorShaft.inputs
 

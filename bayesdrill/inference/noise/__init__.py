@@ -2,8 +2,21 @@
 
 from __future__ import annotations
 
+from typing import Any
+
+from bayesdrill.basics.entries import entries_of
 from bayesdrill.basics.registry import Registry
 from bayesdrill.inference.noise.contract import Kind
 from bayesdrill.inference.noise.white import White
 
-NOISES: Registry[Kind] = Registry("noise", {"white": White})
+
+def _is_noise(_: str, member: Any) -> None:
+    missing = [one for one in ("of", "Entries") if not hasattr(member, one)]
+    if missing:
+        raise ValueError(
+            f"it has no {', '.join(missing)}; see `bayesdrill.inference.noise.contract`"
+        )
+    entries_of(member.Entries)
+
+
+NOISES: Registry[Kind] = Registry("noise", {"white": White}, judge=_is_noise)

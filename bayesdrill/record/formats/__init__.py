@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from bayesdrill.basics.entries import entries_of
 from bayesdrill.basics.errors import InputError, did_you_mean
 from bayesdrill.basics.registry import Registry
 from bayesdrill.record.formats import csv, matlab
@@ -55,12 +56,19 @@ def _read_matlab(path: Path, _: NoOptions, wanted: Wanted) -> Table:
     return matlab.read(path, wanted)
 
 
+def _is_format(_: str, member: Any) -> None:
+    if not isinstance(member, Format):
+        raise ValueError(f"a format is a `Format`, not {type(member).__name__}")
+    entries_of(member.options)
+
+
 FORMATS: Registry[Format] = Registry(
     "format",
     {
         "csv": Format((".csv", ".txt", ".tsv", ".dat"), _read_csv, CsvOptions),
         "mat": Format((".mat",), _read_matlab),
     },
+    judge=_is_format,
 )
 
 

@@ -59,5 +59,8 @@ class Model(Protocol):
     def inputs(self) -> tuple[str, ...]: ...
 
     def linear(self, p: Named) -> Linear:
-        """The dynamics at parameters `p` (each a number or an array of one batch shape)."""
+        """The dynamics at parameters `p`: numbers, arrays of one batch shape, numbers with slopes, or
+        registers of a kernel: so they can be added, multiplied, divided and raised to whole powers,
+        and nothing else.
+        """
         ...

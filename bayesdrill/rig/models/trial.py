@@ -1,0 +1,76 @@
+"""Whether a rig of another package is one: said as it is loaded, not as it first moves."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+from bayesdrill.basics import symbols
+from bayesdrill.basics.entries import entries_of
+
+WANTED = ("name", "parameters", "states", "inputs", "declares", "linear")
+
+
+def tried(name: str, rig: Any) -> None:
+    """Raises `ValueError` with what is missing or cannot be."""
+    if not (isinstance(rig, type) and dataclasses.is_dataclass(rig)):
+        raise ValueError("a rig is a frozen dataclass")
+    missing = [one for one in WANTED if not hasattr(rig, one)]
+    if missing:
+        raise ValueError(f"it has no {', '.join(missing)}")
+    named: Any = rig
+    if named.name != name:
+        raise ValueError(f"its name is '{named.name}', and its entry point's '{name}'")
+    entries_of(rig)
+    _known(named)
+    _moves(named)
+
+
+def _known(rig: Any) -> None:
+    """Names have symbols, and none a second meaning."""
+    own = {one.name: one for one in rig.declares}
+    house = {**symbols.PARAMETERS, **symbols.STATES}
+    for name in own:
+        if name in house and own[name].unit != house[name].unit:
+            raise ValueError(f"it declares {name} in {own[name].unit}; that is {house[name].unit}")
+    strange = [n for n in (*rig.parameters, *rig.states) if n not in {**own, **house}]
+    if strange:
+        raise ValueError(f"no symbol is declared of {', '.join(strange)}")
+    strange = [name for name in rig.inputs if name not in symbols.INPUTS]
+    if strange:
+        raise ValueError(f"no rig has the input {', '.join(strange)}")
+
+
+class _Number:
+    """It can what a register of a kernel can, and no more."""
+
+    def _with(self, other: Any) -> _Number:
+        if not isinstance(other, _Number | int | float):
+            raise TypeError(f"{type(other).__name__} is no number")
+        return self
+
+    __add__ = __radd__ = __sub__ = __rsub__ = __mul__ = __rmul__ = _with
+    __truediv__ = __rtruediv__ = _with
+
+    def __neg__(self) -> _Number:
+        return self
+
+    def __pow__(self, power: int) -> _Number:
+        if not isinstance(power, int) or power < 1:
+            raise TypeError("only whole powers from 1 on are known")
+        return self
+
+
+def _moves(rig: Any) -> None:
+    try:
+        linear = rig().linear({name: _Number() for name in rig.parameters})
+    except Exception as error:
+        wanted = (
+            "`linear` wants a parameter that is not there, or more than + - * / and whole powers"
+        )
+        raise ValueError(f"{wanted} ({type(error).__name__}: {error})") from None
+    rows = {row for row, _ in (*linear.A, *linear.B)} | {*linear.c}
+    strange = {*rows, *(column for _, column in linear.A)} - {*rig.states}
+    strange |= {name for _, name in linear.B} - {*rig.inputs}
+    if strange:
+        raise ValueError(f"`linear` names {', '.join(sorted(strange))}, no state or input of it")
