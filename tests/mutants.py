@@ -31,6 +31,22 @@ class Mutant:
 
 MUTANTS = [
     Mutant(
+        "contours of noise",
+        "report/contours.py",
+        "FLAT * math.sqrt(height / kernel)",
+        "0.0 * math.sqrt(height / kernel)",
+        "tests/report/test_figures.py::"
+        "test_a_flat_density_has_no_contour_and_a_box_is_full_to_its_ends",
+    ),
+    Mutant(
+        "bins that reach beyond the end of a prior",
+        "report/corner_plot.py",
+        "first = max(column.scale.low, column.ends[0])",
+        "first = column.scale.low",
+        "tests/report/test_figures.py::"
+        "test_a_flat_density_has_no_contour_and_a_box_is_full_to_its_ends",
+    ),
+    Mutant(
         "a bend of the logit's Jacobian forgotten",
         "inference/coordinates.py",
         "1.0 - 2.0 * share, 2.0 * share",
@@ -93,8 +109,7 @@ MUTANTS = [
         "rig/models/trial.py",
         '    if strange:\n        raise ValueError(f"`linear` names',
         '    if False:\n        raise ValueError(f"`linear` names',
-        "tests/contracts/test_extensions.py::"
-        "test_a_rig_that_is_none_is_named_and_takes_no_other_with_it",
+        "tests/contracts/test_extensions.py::test_what_is_none_is_named_and_takes_no_other_with_it",
     ),
     Mutant(
         "no Jacobian of the logs",

@@ -14,22 +14,18 @@ from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
-from matplotlib.transforms import Affine2D
 from numpy.typing import NDArray
 
 from bayesdrill.basics.symbols import Symbol
 from bayesdrill.inference.priors import Prior
 from bayesdrill.insight.diagnostics import HDI_PROBABILITY, hdi
 from bayesdrill.report import style
+from bayesdrill.report.contours import BINS, CENTRAL, INNER, LEVELS, OUTER, central, contours
 
 Array = NDArray[np.float64]
 
-LEVELS = tuple(1.0 - math.exp(-0.5 * sigma**2) for sigma in (1.0, 2.0))  # 39.3 %, 86.5 %
 
 POINTS = 2000  # drawn in a panel; contours and histograms count all draws
-BINS = 52  # across the draws of one unknown and a margin for the smoothing
-SMOOTHING = 7.8  # of the contours, bins for one draw: N**(-1/6) of it for N draws (Scott's rule)
-CENTRAL = 0.999  # share of the draws inside an axis
 REACH = 1.0  # the axis grows by this share of its width at most to show the nominal value
 
 # The page, in inches and points; a corner of nine is printed at two thirds of its size.
@@ -39,9 +35,6 @@ LEGEND_WIDTH = 1.9
 GAP = 0.06  # between panels, in panels
 TICK_SIZE, LABEL_SIZE = 8.5, 10.0
 CLEAR, LETTER = 0.1, 0.055  # of an axis: without ticks at its ends, needed by a letter of a tick
-
-CONTOUR = {"colors": style.BLACK, "linewidths": 0.7}
-INNER, OUTER = "0.68", "0.85"  # greys between the contours
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,6 +49,7 @@ class Column:
     away: int  # ... -1 below and 1 above it
     mode: float | None
     prior: tuple[Array, Array] | None  # places and densities
+    ends: tuple[float, float]  # of the prior, or infinite
 
 
 def corner_figure(
@@ -79,7 +73,7 @@ def corner_figure(
         for i, row in enumerate(columns):
             _marginal(panels[i, i], row, len(draws))
             for j, column in enumerate(columns[:i]):
-                _contours(panels[i, j], column.x, row.x)
+                contours(panels[i, j], (column.x, row.x), (column.ends, row.ends))
                 _marks(panels[i, j], column, row)
         _arrange(figure, panels, columns)
         _points(figure, panels, columns)
@@ -92,8 +86,9 @@ def _column(
 ) -> Column:
     low, high = _ends(x, nominal, mode)
     scale = style.scale(low, high)
-    density = None
+    density, ends = None, (-math.inf, math.inf)
     if prior is not None:
+        ends = (float(scale(np.array(prior.low))), float(scale(np.array(prior.high))))
         places = np.linspace(low, high, 401)
         density = (scale(places), np.exp(prior.logpdf(places)) * 10.0**scale.power)
     near, far = (float(end) for end in scale(np.array(hdi(x))))
@@ -107,6 +102,7 @@ def _column(
         away=away,
         mode=None if mode is None else float(scale(mode)),
         prior=density,
+        ends=ends,
     )
 
 
@@ -126,18 +122,22 @@ def _panels_size(n: int) -> float:
 
 
 def _histograms(figure: Figure, columns: Sequence[Column]) -> None:
-    """Panels and histograms of all draws, by `corner`."""
+    """Panels by `corner`, and histograms of all draws, whose bins end where the priors do."""
     draws = np.stack([column.x for column in columns], axis=-1)
     corner.corner(
         draws,
         fig=figure,
         range=[(column.scale.low, column.scale.high) for column in columns],
-        bins=[_bins(column) for column in columns],
         plot_datapoints=False,
         plot_density=False,
         plot_contours=False,
-        hist_kwargs={"color": style.BLACK, "linewidth": 0.8},
+        hist_kwargs={"linewidth": 0.0},
     )
+    for panel, column in zip(figure.axes[:: len(columns) + 1], columns, strict=True):
+        edges = _edges(column)
+        counts, _ = np.histogram(column.x, edges)
+        panel.stairs(counts, edges, color=style.BLACK, linewidth=0.8)
+        panel.set_ylim(0, 1.1 * max(1.0, float(counts.max())))
 
 
 def _points(figure: Figure, panels: NDArray[np.object_], columns: Sequence[Column]) -> None:
@@ -156,46 +156,14 @@ def _points(figure: Figure, panels: NDArray[np.object_], columns: Sequence[Colum
         figure.add_artist(Line2D(x, y, transform=figure.transFigure, **style.DOTS))
 
 
-def _contours(panel: Axes, x: Array, y: Array) -> None:
-    """Filled contours by `corner`, from bins sheared along the regression of y on x.
-
-    Upright bins would show a nearly perfect correlation as a ridge as wide as the bins.
-    """
-    slope = float(np.cov(x, y)[0, 1] / max(np.var(x), 1e-300))
-    shear = Affine2D(np.array([[1.0, 0.0, 0.0], [slope, 1.0, 0.0], [0.0, 0.0, 1.0]]))
-    transform = shear + panel.transData
-    across = y - slope * x
-    corner.hist2d(
-        x,
-        across,
-        ax=panel,
-        range=[_central(x), _central(across)],
-        bins=BINS,
-        smooth=SMOOTHING * len(x) ** (-1 / 6),
-        levels=LEVELS,
-        plot_datapoints=False,
-        plot_density=False,
-        no_fill_contours=True,
-        fill_contours=True,
-        contour_kwargs={**CONTOUR, "transform": transform},
-        contourf_kwargs={"colors": [(1, 1, 1, 0), OUTER, INNER], "transform": transform},
-        quiet=True,
-    )
-
-
-def _central(x: Array) -> tuple[float, float]:
-    """Where nearly all of the draws are, and more than the smoothing reaches."""
-    low, high = np.quantile(x, [0.5 - CENTRAL / 2, 0.5 + CENTRAL / 2])
-    margin = 0.15 * float(high - low) or 1e-9
-    return float(low) - margin, float(high) + margin
-
-
-def _bins(column: Column) -> int:
-    """As many as give `BINS`, or fewer for few draws, across the draws on a wider axis."""
-    low, high = _central(column.x)
+def _edges(column: Column) -> Array:
+    """Of bins, as many as give `BINS`, or fewer for few draws, across the draws."""
+    low, high = central(column.x)
     across = min(float(BINS), 2.2 * math.cbrt(len(column.x)))
-    wider = (column.scale.high - column.scale.low) / (high - low)
-    return max(1, min(round(across * wider), 4 * BINS))
+    first = max(column.scale.low, column.ends[0])
+    last = min(column.scale.high, column.ends[1])
+    n = round(across * (last - first) / (high - low))
+    return np.linspace(first, last, max(1, min(n, 4 * BINS)) + 1)
 
 
 def _marginal(panel: Axes, column: Column, n_draws: int) -> None:
@@ -204,7 +172,7 @@ def _marginal(panel: Axes, column: Column, n_draws: int) -> None:
     top = panel.get_ylim()[1]
     if column.prior is not None:
         places, density = column.prior
-        bin_width = (column.scale.high - column.scale.low) / _bins(column)
+        bin_width = float(np.diff(_edges(column)[:2])[0])
         height = density * n_draws * bin_width
         panel.plot(places, height, **style.PRIOR_LINE)
         top = max(top, 1.1 * float(height.max()))
@@ -306,6 +274,8 @@ def _handles(columns: Sequence[Column]) -> list[Line2D | Patch]:
             text = rf"{100 * level:.1f} % of the draws (${sds}\sigma$ in two dimensions)"
             handles.append(Patch(facecolor=grey, edgecolor="black", linewidth=0.7, label=text))
     notes = [f"titles: median and {credible} interval"]
+    if len(columns) > 1:
+        notes.append("no contour where the density is flat")
     if any(column.scale.origin for column in columns):
         notes.append(r"$\delta$: the difference that the axis shows")
     return handles + [Line2D([], [], linestyle="none", label=note) for note in notes]

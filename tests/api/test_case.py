@@ -308,10 +308,11 @@ def test_what_the_command_line_does_with_files_python_does(tmp_path: Path) -> No
     assert case.place() == Path("results/small")
 
 
+SHORT = "{refits: 10, draws: 19, ess: 19, n_tau: 1, starts: 1, max_steps: 100}"
+
+
 def test_records_and_calibrations_of_a_config(tmp_path: Path) -> None:
-    config = systems.small(
-        tmp_path / "rig", ("output:", "calibration: {refits: 10, draws: 19, ess: 19}\noutput:")
-    )
+    config = systems.small(tmp_path / "rig", ("output:", f"calibration: {SHORT}\noutput:"))
     made = bd.simulate(config, tmp_path / "record.csv", seed=4)
     assert made.samples == 101 == len(made.path.read_text().splitlines()) - 1
     with pytest.raises(bd.InputError, match="seed: -1"):

@@ -143,72 +143,83 @@ class Base:
 class OtherName(Base):
     name = "even"
 
+class Right(Base):
+    name = "right"
+
 class NoSymbol(Base):
+    name = "no_symbol"
     parameters = (*PARAMETERS, "c_x")
 
 class OtherUnit(Base):
+    name = "other_unit"
     declares = (Symbol("j_1", "m", "j_1", "m", "a length"),)
 
 class Exponential(Base):
+    name = "exponential"
     def linear(self, p):
         math.exp(p["j_1"])
 
 class OtherState(Base):
+    name = "other_state"
     def linear(self, p):
         found = MotorShaft().linear(p)
         return dataclasses.replace(found, A={**found.A, ("w_3", "w_1"): 1.0})
 """
 
 
-@pytest.mark.parametrize(
-    ("value", "says"),
-    [
-        ("nowhere.at_all:Rig", "ModuleNotFoundError: No module named 'nowhere'"),
-        ("broken_rigs:NoDataclass", "a rig is a frozen dataclass"),
-        ("broken_rigs:OtherName", "its name is 'even', and its entry point's 'odd'"),
-        ("broken_rigs:NoSymbol", "no symbol is declared of c_x"),
-        ("broken_rigs:OtherUnit", "it declares j_1 in m; that is kg*m**2"),
-        ("broken_rigs:Exponential", "more than + - * / and whole powers"),
-        ("broken_rigs:OtherState", "`linear` names w_3, no state or input of it"),
-    ],
-    ids=lambda x: x.split(":")[-1] if ":" in x and " " not in x else "",
-)
-def test_a_rig_that_is_none_is_named_and_takes_no_other_with_it(
-    value: str, says: str, tmp_path: Path
-) -> None:
-    """A package that is broken, in the way of nobody who does not ask for it."""
+RIGS = {
+    "nowhere": ("nowhere.at_all:Rig", "ModuleNotFoundError: No module named 'nowhere'"),
+    "no_dataclass": ("broken_rigs:NoDataclass", "a rig is a frozen dataclass"),
+    "other_name": (
+        "broken_rigs:OtherName",
+        "its name is 'even', and its entry point's 'other_name'",
+    ),
+    "no_symbol": ("broken_rigs:NoSymbol", "no symbol is declared of c_x"),
+    "other_unit": ("broken_rigs:OtherUnit", "it declares j_1 in m; that is kg*m**2"),
+    "exponential": ("broken_rigs:Exponential", "more than + - * / and whole powers"),
+    "other_state": ("broken_rigs:OtherState", "`linear` names w_3, no state or input of it"),
+}
+OTHERS = ("noise", "format", "optimiser")
+ASK = """
+import json
+from bayesdrill.basics.registry import lookup
+from bayesdrill.rig.models import MODELS
+from bayesdrill.setup import schema
+
+said = {}
+for name in MODELS:
+    try:
+        lookup(MODELS, name, "model")
+    except ValueError as error:
+        said[name] = str(error)
+schema.as_text()
+print(json.dumps({"said": said, "usable": list(MODELS.usable())}))
+"""
+
+
+def test_what_is_none_is_named_and_takes_no_other_with_it(tmp_path: Path) -> None:
+    """A package that is broken in all its parts, in the way of nobody who does not ask for one."""
     info = tmp_path / "broken-1.0.dist-info"
     info.mkdir()
     (tmp_path / "broken_rigs.py").write_text(BROKEN)
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: broken\nVersion: 1.0\n")
-    (info / "entry_points.txt").write_text(f"[bayesdrill.rig]\nodd = {value}\n")
-    code = (
-        "from bayesdrill.rig.models import MODELS\n"
-        "from bayesdrill.rig import vocabulary\n"
-        "from bayesdrill.basics.registry import lookup\n"
-        "assert 'odd' in MODELS and 'odd' not in MODELS.usable() and 'motor_shaft' in MODELS.usable()\n"
-        "try:\n    lookup(MODELS, 'odd', 'model')\nexcept ValueError as error:\n    print(error)\n"
-    )
+    lines = [f"{name} = {value}" for name, (value, _) in RIGS.items()]
+    lines = ["[bayesdrill.rig]", "right = broken_rigs:Right", *lines]
+    for what in OTHERS:
+        lines += [f"[bayesdrill.{what}]", "odd = fractions:Fraction"]
+    (info / "entry_points.txt").write_text("\n".join(lines) + "\n")
     environment = {**os.environ, "PYTHONPATH": f"{tmp_path}{os.pathsep}{ROOT}"}
-    done = subprocess.run(
-        [sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True
-    )
-    assert f"odd is brought by broken, and cannot be used from {value} (" in done.stdout
-    assert says in done.stdout
-
-
-@pytest.mark.parametrize("what", ["noise", "format", "optimiser"])
-def test_what_is_no_member_of_its_kind_is_left_out(what: str, tmp_path: Path) -> None:
-    info = tmp_path / "broken-1.0.dist-info"
-    info.mkdir()
-    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: broken\nVersion: 1.0\n")
-    (info / "entry_points.txt").write_text(f"[bayesdrill.{what}]\nodd = fractions:Fraction\n")
-    code = "from bayesdrill.setup import config, loading; import bayesdrill as bd; bd.schema()"
-    environment = {**os.environ, "PYTHONPATH": f"{tmp_path}{os.pathsep}{ROOT}"}
-    done = subprocess.run(
-        [sys.executable, "-c", code], env=environment, capture_output=True, text=True
-    )
+    command = [sys.executable, "-c", ASK]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
+    told = json.loads(done.stdout)
+    assert {"right", "motor_shaft"} <= {*told["usable"]}
+    assert {*told["said"]} == {*RIGS}
+    assert not {*RIGS} & {*told["usable"]}
+    for name, (value, says) in RIGS.items():
+        start = f"{name} is brought by broken, and cannot be used from {value} ("
+        assert told["said"][name].startswith(start)
+        assert says in told["said"][name]
 
 
 def test_own_members_come_first() -> None:

@@ -13,6 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.patches import StepPatch
 from numpy.typing import NDArray
 from pictures import (
     SYMBOLS,
@@ -26,6 +27,7 @@ from pictures import (
 from PIL import Image
 
 from bayesdrill.basics.symbols import PARAMETERS, Symbol
+from bayesdrill.inference.priors import Uniform
 from bayesdrill.record.experiment import Channel, Experiment
 from bayesdrill.report import style
 from bayesdrill.report.corner_plot import corner_figure
@@ -187,6 +189,27 @@ def test_contours_of_nearly_perfect_correlation_are_narrow() -> None:
     across = vertices[:, 1] - slope * vertices[:, 0] - start
     assert np.abs(across).max() < 4 * np.std(y - slope * x - start)
     assert np.ptp(vertices[:, 0]) > 2 * np.std(x)
+
+
+def test_a_flat_density_has_no_contour_and_a_box_is_full_to_its_ends() -> None:
+    """Mutants killed: islands of noise; bins and smoothing that reach beyond the end of a prior."""
+    rng = np.random.default_rng(5)
+    pair, n = (SYMBOLS[0], SYMBOLS[6]), 12_000
+    low, high = (np.array([TABLE[s.name] for s in pair]) * share for share in (0.5, 1.5))
+    priors = {s.name: Uniform(a, b) for s, a, b in zip(pair, low, high, strict=True)}
+    for flat in (True, False):
+        share = rng.uniform(size=(n, 2)) if flat else rng.beta(4, 4, (n, 2))
+        figure = corner_figure(low + (high - low) * share, pair, TABLE, {}, priors)
+        panels = np.array(figure.axes).reshape(2, 2)
+        lines = [c for c in panels[1, 0].collections if not c.filled and len(c.get_paths()) > 1]
+        assert bool(lines) != flat
+        (steps,) = (p for p in panels[0, 0].patches if isinstance(p, StepPatch))
+        counts, edges, _ = steps.get_data()
+        assert counts.sum() == n
+        assert si(panels[1, 0].get_xlabel(), edges[0]) >= low[0] * (1 - 1e-9)
+        assert si(panels[1, 0].get_xlabel(), edges[-1]) <= high[0] * (1 + 1e-9)
+        if flat:
+            assert counts[[0, -1]].min() > 0.7 * np.median(counts)
 
 
 def test_far_nominal_value_is_pointed_at_and_a_missing_one_is_not() -> None:

@@ -1,0 +1,100 @@
+"""Contours of two unknowns: of as many draws as they say, and none that noise alone would draw."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import corner
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.transforms import Affine2D
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter
+
+from bayesdrill.report import style
+
+Array = NDArray[np.float64]
+Ends = tuple[float, float]
+
+LEVELS = tuple(1.0 - math.exp(-0.5 * sigma**2) for sigma in (1.0, 2.0))  # 39.3 %, 86.5 %
+
+BINS = 52  # across the draws of one unknown and a margin for the smoothing
+CENTRAL = 0.999  # share of the draws inside an axis
+SLANTED = 0.9  # correlation from which on bins are sheared, and reflect at ends no more
+BROADER = 1.3  # than Scott's rule, which is for bells: a box has no top
+FLAT = 7.0  # sds of the noise of a density that its top must stand above a contour
+
+CONTOUR = {"colors": style.BLACK, "linewidths": 0.7}
+INNER, OUTER = "0.68", "0.85"  # greys between the contours
+
+
+def contours(panel: Axes, xy: tuple[Array, Array], ends: tuple[Ends, Ends]) -> None:
+    """Filled contours by `corner`, of a smoothed density that is reflected at priors' ends.
+
+    Where the two are nearly one line, bins are sheared along the regression of y on x: upright ones
+    would show a ridge as wide as the bins.  A contour that noise alone would draw, because the density
+    is flat there, is left out.  `xy`: draws `(N,)` each; `ends`: of their priors.
+    """
+    x, y = xy
+    correlation = float(np.corrcoef(x, y)[0, 1]) if np.ptp(x) > 0 and np.ptp(y) > 0 else 0.0
+    slanted = abs(correlation) > SLANTED
+    slope = float(np.cov(x, y)[0, 1] / max(np.var(x), 1e-300)) if slanted else 0.0
+    shear = Affine2D(np.array([[1.0, 0.0, 0.0], [slope, 1.0, 0.0], [0.0, 0.0, 1.0]]))
+    transform = shear + panel.transData
+    across = y - slope * x
+    ranges = [central(x, ends[0]), central(across, None if slanted else ends[1])]
+    smooth = [_bandwidth(values, span) for values, span in zip((x, across), ranges, strict=True)]
+    levels = _seen(x, across, ranges, smooth)
+    if not levels:
+        (left, right), (low, high) = ranges
+        panel.fill([left, right, right, left], [low, low, high, high], color=OUTER, linewidth=0)
+        return
+    fills = dict(zip(LEVELS, (INNER, OUTER), strict=True))
+    corner.hist2d(
+        x,
+        across,
+        ax=panel,
+        range=ranges,
+        bins=BINS,
+        smooth=smooth,
+        levels=levels,
+        plot_datapoints=False,
+        plot_density=False,
+        no_fill_contours=True,
+        fill_contours=True,
+        contour_kwargs={**CONTOUR, "transform": transform},
+        contourf_kwargs={
+            "colors": [(1, 1, 1, 0), *(fills[level] for level in reversed(levels))],
+            "transform": transform,
+        },
+        quiet=True,
+    )
+
+
+def _bandwidth(x: Array, ends: Ends) -> float:
+    """In bins."""
+    return float(BROADER * np.std(x) * len(x) ** (-1 / 6) / (ends[1] - ends[0]) * BINS) or 1.0
+
+
+def _seen(x: Array, y: Array, ranges: Sequence[Ends], smooth: Sequence[float]) -> tuple[float, ...]:
+    """Of `LEVELS`, those whose contour lies clearly below the top of the density."""
+    counts, _, _ = np.histogram2d(x, y, BINS, ranges)
+    density = gaussian_filter(counts, smooth)
+    ordered = np.sort(density, axis=None)[::-1]
+    held = np.cumsum(ordered) / ordered.sum()
+    kernel = 4.0 * math.pi * smooth[0] * smooth[1]  # bins that one of them is a mean over
+    found = []
+    for level in LEVELS:
+        height = ordered[np.searchsorted(held, level)]
+        if ordered[0] - height > FLAT * math.sqrt(height / kernel):
+            found.append(level)
+    return tuple(found)
+
+
+def central(x: Array, ends: Ends | None = None) -> Ends:
+    """Where nearly all of the draws are, and more than the smoothing reaches, but inside `ends`."""
+    low, high = np.quantile(x, [0.5 - CENTRAL / 2, 0.5 + CENTRAL / 2])
+    margin = 0.15 * float(high - low) or 1e-9
+    first, last = ends or (-math.inf, math.inf)
+    return max(float(low) - margin, first), min(float(high) + margin, last)
