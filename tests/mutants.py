@@ -33,8 +33,8 @@ MUTANTS = [
     Mutant(
         "contours of noise",
         "report/contours.py",
-        "FLAT * math.sqrt(height / kernel)",
-        "0.0 * math.sqrt(height / kernel)",
+        "np.median(slope[near]) > STEEP * noise",
+        "np.median(slope[near]) > 0.0",
         "tests/report/test_figures.py::"
         "test_a_flat_density_has_no_contour_and_a_box_is_full_to_its_ends",
     ),

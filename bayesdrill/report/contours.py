@@ -23,7 +23,9 @@ BINS = 52  # across the draws of one unknown and a margin for the smoothing
 CENTRAL = 0.999  # share of the draws inside an axis
 SLANTED = 0.9  # correlation from which on bins are sheared, and reflect at ends no more
 BROADER = 1.3  # than Scott's rule, which is for bells: a box has no top
-FLAT = 7.0  # sds of the noise of a density that its top must stand above a contour
+STEEP = (
+    2.0  # sds of its noise that a density falls across a bandwidth at a contour; 0.8 of noise alone
+)
 
 CONTOUR = {"colors": style.BLACK, "linewidths": 0.7}
 INNER, OUTER = "0.68", "0.85"  # greys between the contours
@@ -78,16 +80,19 @@ def _bandwidth(x: Array, ends: Ends) -> float:
 
 
 def _seen(x: Array, y: Array, ranges: Sequence[Ends], smooth: Sequence[float]) -> tuple[float, ...]:
-    """Of `LEVELS`, those whose contour lies clearly below the top of the density."""
+    """Of `LEVELS`, those whose contour lies where the density falls by more than its noise."""
     counts, _, _ = np.histogram2d(x, y, BINS, ranges)
     density = gaussian_filter(counts, smooth)
     ordered = np.sort(density, axis=None)[::-1]
     held = np.cumsum(ordered) / ordered.sum()
+    slope = np.hypot(*np.gradient(density)) * math.sqrt(smooth[0] * smooth[1])
     kernel = 4.0 * math.pi * smooth[0] * smooth[1]  # bins that one of them is a mean over
     found = []
     for level in LEVELS:
         height = ordered[np.searchsorted(held, level)]
-        if ordered[0] - height > FLAT * math.sqrt(height / kernel):
+        noise = math.sqrt(height / kernel)
+        near = np.abs(density - height) <= max(2.0 * noise, np.abs(density - height).min())
+        if np.median(slope[near]) > STEEP * noise:
             found.append(level)
     return tuple(found)
 
