@@ -103,7 +103,9 @@ def fit_case(n_channels: int, n_samples: int) -> tuple[Figure, Experiment, Array
 # Overlaps
 
 
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize(
+    "name", [pytest.param(n, marks=[pytest.mark.slow] * (n == "13")) for n in CASES]
+)
 def test_no_texts_of_a_corner_overlap(name: str) -> None:
     assert list(clashes(corner_case(name)[0])) == []
 
