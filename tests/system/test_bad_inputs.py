@@ -1220,7 +1220,8 @@ def test_a_mistake_is_named_with_its_place_and_a_way_out(
     monkeypatch.chdir(tmp_path)
     before = systems.listing(tmp_path)
     place = label(tmp_path, case.at)
-    for command in ("check", "posterior"):
+    # Both begin with `bd.load`; that they say the same is seen of every tenth.
+    for command in ("check", "posterior")[CASES.index(case) % 10 > 0 :]:
         ran = systems.cli(command, "small.yaml")
         assert_a_message(ran)
         assert ran.err.startswith(place), ran.err
