@@ -39,13 +39,7 @@ def tree(tmp_path_factory: pytest.TempPathFactory) -> Path:
 # What is held in the copy, so that few unknowns are left; the record of the second has another k_T.
 HELD = {
     "nominal_step": dict.fromkeys(("j_m", "c_m", "k_T", "r_m", "l_m", "t_f"), "nominal"),
-    "example_rig": {
-        "j_m": "nominal",
-        "c_m": "nominal",
-        "l_m": "nominal",
-        "k_T": "0.1",
-        "k_e": "nominal",
-    },
+    "example_rig": dict.fromkeys(("j_m", "c_m", "l_m", "k_e", "t_f"), "nominal") | {"k_T": "0.1"},
 }
 LIGHT = """
 output: {figures: [], predictive_draws: 10}
