@@ -31,6 +31,11 @@ Count = Annotated[int, Field(ge=1, le=MOST)]
 Latex = Annotated[str, Field(max_length=200)]  # longer, and matplotlib takes for ever
 
 
+@dataclasses.dataclass(frozen=True, slots=True)
+class NoEntries:
+    """Of a member that has nothing to be told."""
+
+
 def entries_of(kind: type) -> dict[str, Any]:
     """What may stand at each entry of a member, as pydantic takes it; raises `ValueError`."""
     if not dataclasses.is_dataclass(kind):

@@ -65,21 +65,17 @@ RUN_FIGURES: Registry[None] = Registry(
 )
 
 
-def posterior() -> Kind:
-    """Of the main job."""
-    tables = ("summary.csv", "summary.md", "derived.csv", "verdict.csv")
-    return Kind(
-        UNFINISHED.job,
-        RUN,
-        (
-            *("chain.h5", "map.json", *CONFIGS, "posterior.nc", *tables),
-            *figures(*RUN_FIGURES),
-            *UNFINISHED.files,
-        ),
-        kept=(RECORD,),  # its config may be started over from this very folder
-    )
-
-
+POSTERIOR = Kind(
+    "posterior",
+    RUN,
+    (
+        *("chain.h5", "map.json", *CONFIGS, "posterior.nc", "summary.csv", "summary.md"),
+        *("derived.csv", "verdict.csv"),
+        *figures(*RUN_FIGURES),
+        *UNFINISHED.files,
+    ),
+    kept=(RECORD,),  # its config may be started over from this very folder
+)
 CALIBRATE = Kind(
     "calibrate",
     RUN,

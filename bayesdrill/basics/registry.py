@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Iterator, Mapping
-from functools import cached_property
-from importlib.metadata import EntryPoint, entry_points
+from functools import cache, cached_property
+from importlib.metadata import EntryPoint, EntryPoints, entry_points
 from typing import Any
 
 from bayesdrill.basics.errors import did_you_mean
@@ -28,8 +29,9 @@ class Registry[T](Mapping[str, T]):
 
     @cached_property
     def _brought(self) -> dict[str, EntryPoint]:
-        found = entry_points(group=f"bayesdrill.{self.what}")
-        return {one.name: one for one in sorted(found, key=lambda one: one.name)}
+        found = _every_entry_point().select(group=f"bayesdrill.{self.what}")
+        every = {one.name: one for one in sorted(found, key=lambda one: one.name)}
+        return {name: one for name, one in every.items() if name not in self._own}
 
     def __getitem__(self, name: str) -> T:
         if name in self._own:
@@ -54,10 +56,10 @@ class Registry[T](Mapping[str, T]):
         return member
 
     def __iter__(self) -> Iterator[str]:
-        return iter({**self._own, **self._brought})
+        return itertools.chain(self._own, self._brought)
 
     def __len__(self) -> int:
-        return len({**self._own, **self._brought})
+        return len(self._own) + len(self._brought)
 
     def __contains__(self, name: object) -> bool:
         return name in self._own or name in self._brought
@@ -71,6 +73,12 @@ class Registry[T](Mapping[str, T]):
             except ValueError:
                 continue
         return found
+
+
+@cache
+def _every_entry_point() -> EntryPoints:
+    """Of all packages: to look for them takes some milliseconds."""
+    return entry_points()
 
 
 def lookup[T](members: Mapping[str, T], name: str, what: str) -> T:

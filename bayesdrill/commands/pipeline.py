@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from bayesdrill.basics import own_files, software
 from bayesdrill.basics.errors import InputError, Interrupted
+from bayesdrill.basics.own_files import POSTERIOR
 from bayesdrill.basics.progress import Reporter
 from bayesdrill.basics.sealed import opened, sealed
 from bayesdrill.commands import searching
@@ -30,7 +31,6 @@ from bayesdrill.insight.diagnostics import Row
 from bayesdrill.insight.identifiability.scenes import Scenery
 from bayesdrill.insight.verdict import Verdict
 from bayesdrill.report import publish, words
-from bayesdrill.report.figures import POSTERIOR
 from bayesdrill.report.run_report import sections
 from bayesdrill.report.sections import as_text
 from bayesdrill.report.view import View

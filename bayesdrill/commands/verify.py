@@ -12,10 +12,10 @@ from typing import Any
 
 from bayesdrill.basics import own_files
 from bayesdrill.basics.errors import InputError, Problem
+from bayesdrill.basics.own_files import POSTERIOR
 from bayesdrill.commands import pipeline
 from bayesdrill.commands.concluding import concluded
 from bayesdrill.report import publish
-from bayesdrill.report.figures import POSTERIOR
 from bayesdrill.report.view import View
 from bayesdrill.results import provenance, run_folder
 from bayesdrill.setup import loading, yaml_source
@@ -114,8 +114,8 @@ def _viewed(folder: Path) -> View:
 
 
 def _tables(folder: Path, view: View) -> Iterator[Problem]:
-    for name, text in publish.tables_of(view).items():
-        path = folder / name
+    for name, table in publish.TABLES.items():
+        path, text = folder / name, table(view) or ""
         if path.exists() and not _same(path.read_text(encoding="utf-8"), text):
             yield Problem(str(path), "does not follow from the chain")
 

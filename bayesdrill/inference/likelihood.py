@@ -25,9 +25,9 @@ class Observation:
     noise: Noise
     own: slice
 
-    def residuals(self, full: Array) -> Left:
+    def residuals(self, full: Array) -> Remains:
         """At the simulator's parameters `full (W, P)`."""
-        return Left(self.response, full)
+        return Remains(self.response, full)
 
     def by_channel(self, full: Array, theta: Array) -> Array:
         """Log likelihood `(W, K)`."""
@@ -37,6 +37,13 @@ class Observation:
         """Standard deviations of single samples `(W, K)`, SI."""
         return self.noise.scales(theta[:, self.own])
 
+    def left(self, full: Array, theta: Array) -> Array:
+        """Sums of squares `(W, K)` of what is left, over the noise."""
+        if self.noise.white:
+            return np.asarray(self.response.squares(full) / self.scales(theta) ** 2)
+        samples = self.noise.whiten(self.residuals(full).samples, theta[:, self.own])
+        return np.asarray((samples**2).sum(axis=1))
+
     @property
     def numbers(self) -> int:
         """How many were measured."""
@@ -44,7 +51,7 @@ class Observation:
 
 
 @dataclass(frozen=True)
-class Left:
+class Remains:
     """Measured minus model, `noise.contract.Residuals`: each as it is first asked for."""
 
     response: Simulator
@@ -99,17 +106,8 @@ class Likelihood:
     def per_number(self, theta: Array) -> Array:
         """Squared residuals over the noise variance, their mean `(W,)`: 1 where only noise is left."""
         full = self.space.full(theta)
-        left = [self._left(one, full, theta) for one in self.observations]
-        counts = np.array([len(one.response.experiment.t) for one in self.observations])
-        if len(left) == 1:
-            return np.asarray(left[0].mean(axis=-1) / counts[0])
-        return np.asarray(_joined(left).sum(axis=-1) / self.numbers)
-
-    def _left(self, one: Observation, full: Array, theta: Array) -> Array:
-        if one.noise.white:
-            return np.asarray(one.response.squares(full) / one.scales(theta) ** 2)
-        own = theta[:, one.own]
-        return np.asarray((one.noise.whiten(one.residuals(full).samples, own) ** 2).sum(axis=1))
+        left = _joined([one.left(full, theta) for one in self.observations])
+        return np.asarray(left.sum(axis=-1) / self.numbers)
 
     # Of the only observation, where there is no other.
 

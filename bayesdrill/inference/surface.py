@@ -14,7 +14,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdrill.inference.likelihood import Left, Observation
+from bayesdrill.inference.likelihood import Observation, Remains
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.unknowns import Unknown
 
@@ -80,7 +80,7 @@ class Surface(Protocol):
 class Fused:
     """Residuals of which a kernel has told the sums over the noise's scales, `(W, K)`."""
 
-    every: Left
+    every: Remains
     over_scales: Array
 
     @property
@@ -97,7 +97,7 @@ class Fused:
 
 def slopes(
     one: Observation, full: Array, along: Array, own: Array
-) -> tuple[Left | Fused, Array, Array]:
+) -> tuple[Remains | Fused, Array, Array]:
     """Residuals at the parameters `full (W, P)`; slope `(W, q)` and curvature `(W, q, q)` of the log
     likelihood along `along (W, q, P)`.
     """
@@ -169,7 +169,7 @@ class PosteriorSurface:
         curvature = np.zeros((len(theta), directions.shape[1], directions.shape[1]))
         for one in self.posterior.likelihood.observations:
             own = theta[:, one.own]
-            shown: Left | Fused = one.residuals(full)
+            shown: Remains | Fused = one.residuals(full)
             if along is not None:
                 shown, pulled, bent = slopes(one, full, along, own)
                 slope, curvature = slope + pulled, curvature + bent

@@ -139,7 +139,7 @@ class ParameterSpace:
     def log_prior(self, theta: Array) -> Array:
         """`(W,)`; -inf outside the support, NaN included."""
         columns, low, high, log_density = self.box
-        boxed, floor = theta[:, columns], self._floor[columns]
+        boxed, floor = theta[:, columns], self._floor
         with np.errstate(invalid="ignore"):
             inside = ((boxed >= low) & (boxed <= high) & (boxed > floor)).all(axis=1)
         total = np.where(inside, log_density, -np.inf)
@@ -159,8 +159,9 @@ class ParameterSpace:
 
     @cached_property
     def _floor(self) -> Array:
-        """Above which each must be: zero, where its coordinate does not say otherwise."""
-        return np.array([-np.inf if u.between is not None else 0.0 for u in self.unknowns])
+        """Above which each of the box must be: zero, where its coordinate does not say otherwise."""
+        free = [self.unknowns[column].between is not None for column in self.box[0]]
+        return np.where(free, -np.inf, 0.0)
 
     @cached_property
     def box(self) -> tuple[list[int], Array, Array, float]:

@@ -32,7 +32,6 @@ from bayesdrill.paper.studies.findings import Findings, Misfits, Nine
 from bayesdrill.paper.studies.studies import Studies, prepare
 from bayesdrill.paper.studies.truths import truth_of
 from bayesdrill.paper.studies.verification import Verification, verify
-from bayesdrill.report import POSTERIOR
 from bayesdrill.results import Folder
 from bayesdrill.rig import MotorShaft
 from bayesdrill.setup import Config, Job, Source
@@ -65,7 +64,7 @@ def reproduce(
     studies = prepare(configs)
     names = [nine.config.name for nine in studies.nines]
     for name in names:
-        Folder(output / name, "force", {}, POSTERIOR).check()  # not after minutes
+        Folder(output / name, "force", {}, own_files.POSTERIOR).check()  # not after minutes
     kind = own_files.paper(names)
     with Folder(output, "force" if force else "fresh", {}, kind) as folder:
         folder.begin(status="running", versions=software.versions())

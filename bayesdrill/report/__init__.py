@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 from bayesdrill.basics.late import late
 
 if TYPE_CHECKING:
-    from bayesdrill.report.figures import POSTERIOR as POSTERIOR
     from bayesdrill.report.fit_plot import LINE as LINE
     from bayesdrill.report.fit_plot import TIME as TIME
     from bayesdrill.report.fit_plot import extremes as extremes
@@ -29,7 +28,6 @@ __getattr__ = late(
     {
         "Drawing": "view",
         "LINE": "fit_plot",
-        "POSTERIOR": "figures",
         "Page": "pages",
         "TIME": "fit_plot",
         "View": "view",

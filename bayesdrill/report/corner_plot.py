@@ -1,4 +1,4 @@
-"""The joint posterior: all marginals of one and of two unknowns, drawn by `corner`."""
+"""The joint posterior: all marginals of one and of two unknowns."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-import corner
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
@@ -68,9 +67,9 @@ def corner_figure(
         size = _panels_size(len(columns))
         extra = LEGEND_WIDTH if len(columns) == 1 else 0.0
         figure = Figure(figsize=(LEFT + size + RIGHT + extra, BOTTOM + size + TOP))
-        _histograms(figure, columns)
-        panels = np.array(figure.axes).reshape(len(columns), len(columns))
+        panels = _panels(figure, len(columns))
         for i, row in enumerate(columns):
+            _histogram(panels[i, i], row)
             _marginal(panels[i, i], row, len(draws))
             for j, column in enumerate(columns[:i]):
                 contours(panels[i, j], (column.x, row.x), (column.ends, row.ends))
@@ -121,23 +120,21 @@ def _panels_size(n: int) -> float:
     return panel * (n + GAP * (n - 1))
 
 
-def _histograms(figure: Figure, columns: Sequence[Column]) -> None:
-    """Panels by `corner`, and histograms of all draws, whose bins end where the priors do."""
-    draws = np.stack([column.x for column in columns], axis=-1)
-    corner.corner(
-        draws,
-        fig=figure,
-        range=[(column.scale.low, column.scale.high) for column in columns],
-        plot_datapoints=False,
-        plot_density=False,
-        plot_contours=False,
-        hist_kwargs={"linewidth": 0.0},
-    )
-    for panel, column in zip(figure.axes[:: len(columns) + 1], columns, strict=True):
-        edges = _edges(column)
-        counts, _ = np.histogram(column.x, edges)
-        panel.stairs(counts, edges, color=style.BLACK, linewidth=0.8)
-        panel.set_ylim(0, 1.1 * max(1.0, float(counts.max())))
+def _panels(figure: Figure, n: int) -> NDArray[np.object_]:
+    """`(n, n)`; those above the diagonal stay empty."""
+    panels = figure.subplots(n, n, squeeze=False)
+    for above in panels[np.triu_indices(n, 1)]:
+        above.set_axis_off()
+    return panels
+
+
+def _histogram(panel: Axes, column: Column) -> None:
+    """Of all draws, with bins that end where the prior does."""
+    edges = _edges(column)
+    counts, _ = np.histogram(column.x, edges)
+    panel.stairs(counts, edges, color=style.BLACK, linewidth=0.8)
+    panel.set_ylim(0, 1.1 * max(1.0, float(counts.max())))
+    panel.set_yticks([])
 
 
 def _points(figure: Figure, panels: NDArray[np.object_], columns: Sequence[Column]) -> None:

@@ -10,7 +10,6 @@ from collections.abc import Callable
 
 import numpy as np
 
-from bayesdrill.basics import own_files
 from bayesdrill.basics.registry import Registry
 from bayesdrill.report import derived_words
 from bayesdrill.report.view import Drawing, View
@@ -98,5 +97,3 @@ FIGURES: Registry[Recipe] = Registry(
         "fit": _fit,  # last: its draws take a while
     },
 )
-
-POSTERIOR = own_files.posterior()

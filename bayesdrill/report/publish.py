@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from concurrent.futures import Future
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,7 +17,6 @@ from bayesdrill.basics.own_files import FIGURES as FOLDER
 from bayesdrill.basics.own_files import whole
 from bayesdrill.engines.workers import Crew
 from bayesdrill.inference.posterior import Posterior
-from bayesdrill.insight.derived import summarise
 from bayesdrill.report import derived_words, tables, verdict_words, words
 from bayesdrill.report.figures import FIGURES, drawing
 from bayesdrill.report.run_report import sections
@@ -30,13 +30,27 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 
+def _verdict(view: View) -> str | None:
+    return None if view.judged is None else verdict_words.as_csv(view.judged.verdict)
+
+
+# What follows from a chain alone; None where a run has no such table.
+TABLES: Mapping[str, Callable[[View], str | None]] = MappingProxyType(
+    {
+        "summary.csv": lambda view: tables.as_csv(view.rows),
+        "derived.csv": lambda view: derived_words.as_csv(view.following),
+        "verdict.csv": _verdict,
+    }
+)
+
+
 def everything(view: View, folder: Folder, crew: Crew) -> tuple[str, ...]:
     """What could not be made, and why; all else is written.
 
     Raises `OSError` when the disk is full; files already there stay whole.
     """
     place = (*_place(folder, view), words.warning(view.sampled, view.left))
-    sparing, following = view.sparing, None
+    sparing = view.sparing
     tasks: list[tuple[str, Future[None]]] = []
     wanted = view.config.output.figures
     for name in FIGURES if wanted is None else [name for name in FIGURES if name in wanted]:
@@ -45,32 +59,19 @@ def everything(view: View, folder: Folder, crew: Crew) -> tuple[str, ...]:
             if found is not None:
                 tasks.append((name, crew.submit(draw, name, found, *place)))
     # While others draw, the rest.
-    folder.write_text("summary.csv", tables.as_csv(view.rows))
-    with sparing.making("derived.csv"):
-        rows = summarise(view.derived)
-        folder.write_text("derived.csv", derived_words.as_csv(rows))
-        following = rows
+    for name, table in TABLES.items():
+        with sparing.making(name):
+            text = table(view)
+            if text is not None:
+                folder.write_text(name, text)
     with sparing.making("summary.md"):
-        page = as_markdown(view.config.name, sections(view, following))
-        folder.write_text("summary.md", page)
-    if view.judged is not None:
-        with sparing.making("verdict.csv"):
-            folder.write_text("verdict.csv", verdict_words.as_csv(view.judged.verdict))
+        folder.write_text("summary.md", as_markdown(view.config.name, sections(view)))
     with sparing.making("posterior.nc"):
         _write_tree(view.tree, folder.place("posterior.nc"))
     for stem, task in tasks:
         with sparing.making(f"figures/{stem}"):
             task.result()
     return tuple(sparing.missing)
-
-
-def tables_of(view: View) -> dict[str, str]:
-    """The tables that follow from a chain, by their files."""
-    made = {"summary.csv": tables.as_csv(view.rows)}
-    made["derived.csv"] = derived_words.as_csv(summarise(view.derived))
-    if view.judged is not None:
-        made["verdict.csv"] = verdict_words.as_csv(view.judged.verdict)
-    return made
 
 
 def _write_tree(tree: DataTree, path: Path) -> None:

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 
-from bayesdrill.insight.derived import Row
 from bayesdrill.insight.verdict import Judgement
 from bayesdrill.report import (
     derived_words,
@@ -21,8 +20,8 @@ from bayesdrill.setup.build import compared_with
 FOUND = "nothing found: energy, poles and sampling are as in a real rig"
 
 
-def sections(run: View, following: Sequence[Row] | None = None) -> tuple[Section, ...]:
-    """`following`: rows of what is derived, where these could be made."""
+def sections(run: View) -> tuple[Section, ...]:
+    """Of which a terminal shows the brief ones."""
     c, table = run.sampled.convergence, compared_with(run.config)
     doubts = words.unbelievable(residual_words.reasons(run.left), converged=c.converged)
     first = (words.maxima(run.mode, run.sampled), doubts, residual_words.sentences(run.left))
@@ -34,15 +33,16 @@ def sections(run: View, following: Sequence[Row] | None = None) -> tuple[Section
     return (
         Section("", tuple(Sentences(text) for text in first if text)),
         Section("", (tables.of_rows(run.rows), Note(read), said)),
-        Section("What follows from these", (_following(run, following),), brief=False),
+        Section("What follows from these", (_following(run),), brief=False),
         *(_judged(run.judged, table, converged=c.converged) if run.judged is not None else ()),
         Section("Maximum of the posterior (MAP)", (Sentences(words.mode(run.mode)),), brief=False),
         Section("Convergence", (Sentences(words.convergence(run.sampled)),), brief=False),
     )
 
 
-def _following(run: View, rows: Sequence[Row] | None) -> Table | Note:
-    return Note("none") if rows is None else derived_words.table(rows, run.derived)
+def _following(run: View) -> Table | Note:
+    rows = run.following
+    return derived_words.table(rows, run.derived) if rows else Note("none")
 
 
 def _judged(judged: Judgement, table: str, *, converged: bool) -> Iterator[Section]:

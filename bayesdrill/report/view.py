@@ -16,7 +16,8 @@ from bayesdrill.engines.mode import Mode
 from bayesdrill.engines.sampling import Sampled
 from bayesdrill.inference.problem import Problem
 from bayesdrill.inference.residual_checks import Left
-from bayesdrill.insight.derived import Derived, derive, with_products
+from bayesdrill.insight.derived import Derived, derive, summarise, with_products
+from bayesdrill.insight.derived import Row as Following
 from bayesdrill.insight.diagnostics import Row
 from bayesdrill.insight.verdict import Judgement
 from bayesdrill.report import residual_words, words
@@ -88,6 +89,13 @@ class View:
             products = [quantity.exponents for quantity in judged.verdict.products]
             return with_products(derived, problem, draws, products)
         return Derived(symbols=(), values=np.empty((*draws.shape[:2], 0)), nominal={})
+
+    @cached_property
+    def following(self) -> tuple[Following, ...]:
+        """A row for each derived quantity; none where they cannot be made."""
+        with self.sparing.making("derived quantities"):
+            return summarise(self.derived)
+        return ()
 
     @cached_property
     def tree(self) -> DataTree:

@@ -12,9 +12,8 @@ from systems import listing, results
 
 from bayesdrill.basics import own_files
 from bayesdrill.basics.errors import InputError
-from bayesdrill.basics.own_files import RECORD, RUN, Kind, whole
+from bayesdrill.basics.own_files import POSTERIOR, RECORD, RUN, Kind, whole
 from bayesdrill.basics.sealed import opened, sealed
-from bayesdrill.report.figures import POSTERIOR
 from bayesdrill.results.run_folder import Folder, Mode
 
 KINDS = [POSTERIOR, own_files.CALIBRATE, own_files.paper(("one", "two"))]

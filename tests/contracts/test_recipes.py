@@ -11,7 +11,8 @@ from oracles import NOMINAL
 
 import bayesdrill as bd
 from bayesdrill.basics import own_files
-from bayesdrill.report.figures import FIGURES, POSTERIOR
+from bayesdrill.basics.own_files import POSTERIOR
+from bayesdrill.report.figures import FIGURES
 
 T = np.linspace(0.0, 4.0, 161)
 BOX = {"prior": "uniform", "low": 0.5, "high": 1.5, "relative": True}

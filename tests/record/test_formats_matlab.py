@@ -10,8 +10,9 @@ import pytest
 import scipy.io
 import scipy.io.matlab
 
+from bayesdrill.basics.entries import NoEntries
 from bayesdrill.basics.errors import InputError
-from bayesdrill.record.formats import FORMATS, NoOptions, Table
+from bayesdrill.record.formats import FORMATS, Table
 from bayesdrill.record.formats.matlab import read
 
 T = np.array([10.0, 10.5, 11.25, 12.0])
@@ -89,7 +90,7 @@ def write_v73(path: Path) -> None:
 def table(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Table:
     path = tmp_path_factory.mktemp("mat") / "run.mat"
     {"v5": write_v5, "v73": write_v73}[request.param](path)
-    return FORMATS["mat"].read(path, NoOptions(), None)
+    return FORMATS["mat"].read(path, NoEntries(), None)
 
 
 @pytest.mark.parametrize(

@@ -9,8 +9,8 @@ import pytest
 
 from bayesdrill.basics import seeds
 from bayesdrill.basics.errors import InputError
+from bayesdrill.basics.own_files import POSTERIOR
 from bayesdrill.engines.samplers.ensemble import Piece, State
-from bayesdrill.report.figures import POSTERIOR
 from bayesdrill.results.run_folder import Folder, read_chain
 
 

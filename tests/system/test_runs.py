@@ -23,8 +23,8 @@ import systems
 import xarray
 from emcee.backends import HDFBackend
 
+from bayesdrill.basics.own_files import POSTERIOR
 from bayesdrill.basics.sealed import opened, sealed
-from bayesdrill.report.figures import POSTERIOR
 from bayesdrill.results.chain_files import seal
 from bayesdrill.results.run_folder import Folder
 

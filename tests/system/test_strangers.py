@@ -11,7 +11,7 @@ from systems import ROOT, cli, listing
 
 from bayesdrill.basics import own_files
 from bayesdrill.basics.errors import InputError
-from bayesdrill.report.figures import POSTERIOR
+from bayesdrill.basics.own_files import POSTERIOR
 from bayesdrill.setup import simulating
 
 

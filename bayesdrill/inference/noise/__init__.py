@@ -6,7 +6,7 @@ from typing import Any
 
 from bayesdrill.basics.entries import entries_of
 from bayesdrill.basics.registry import Registry
-from bayesdrill.inference.noise.contract import Kind
+from bayesdrill.inference.noise.contract import NoiseKind
 from bayesdrill.inference.noise.white import White
 
 
@@ -19,4 +19,4 @@ def _is_noise(_: str, member: Any) -> None:
     entries_of(member.Entries)
 
 
-NOISES: Registry[Kind] = Registry("noise", {"white": White}, judge=_is_noise)
+NOISES: Registry[NoiseKind] = Registry("noise", {"white": White}, judge=_is_noise)

@@ -111,7 +111,7 @@ class Noise(Protocol):
         ...
 
 
-class Kind(Protocol):
+class NoiseKind(Protocol):
     """A member of the registry: annotated fields of its dataclass `Entries` are entries of a channel's
     `noise:`; `of` makes the noise of all channels that name it, and raises `ValueError`.
     """

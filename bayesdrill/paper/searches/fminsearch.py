@@ -32,26 +32,22 @@ class Fminsearch:
         """It searches whatever is unknown."""
 
     def __call__(self, task: Task, start: Array, evaluations: int) -> Optimum:
-        return _maximise(task, start, evaluations)
-
-
-def _maximise(task: Task, start: Array, evaluations: int) -> Optimum:
-    most = PER_UNKNOWN * len(start)
-    run = descend(
-        lambda theta: misfit(task, theta),
-        start,
-        xatol=TOLERANCE,
-        fatol=TOLERANCE,
-        maxiter=most,
-        maxfev=min(most, evaluations),
-    )
-    return Optimum(
-        theta=run.x,
-        value=-0.5 * run.lowest,
-        evaluations=run.evaluations,
-        settled=run.stopped,
-        history=tuple(-0.5 * low for low in run.history),
-    )
+        most = PER_UNKNOWN * len(start)
+        run = descend(
+            lambda theta: misfit(task, theta),
+            start,
+            xatol=TOLERANCE,
+            fatol=TOLERANCE,
+            maxiter=most,
+            maxfev=min(most, evaluations),
+        )
+        return Optimum(
+            theta=run.x,
+            value=-0.5 * run.lowest,
+            evaluations=run.evaluations,
+            settled=run.stopped,
+            history=tuple(-0.5 * low for low in run.history),
+        )
 
 
 def misfit(task: Task, theta: Array) -> float:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from bayesdrill.basics.entries import entries_of
+from bayesdrill.basics.entries import NoEntries, entries_of
 from bayesdrill.basics.errors import InputError, did_you_mean
 from bayesdrill.basics.registry import Registry
 from bayesdrill.record.formats import csv, matlab
@@ -20,7 +20,6 @@ __all__ = [
     "FORMATS",
     "CsvOptions",
     "Format",
-    "NoOptions",
     "Table",
     "check_options",
     "format_of",
@@ -33,11 +32,6 @@ Wanted = Collection[str] | None  # variables that will be picked, by name; None:
 
 
 @dataclass(frozen=True, slots=True)
-class NoOptions:
-    """Of a format that says by itself how it is written."""
-
-
-@dataclass(frozen=True, slots=True)
 class Format:
     """`suffixes`: endings of its files, in small letters; `options`: a dataclass, whose annotated fields
     are entries of `record:`; `read(path, options, wanted)` raises `InputError`.
@@ -45,14 +39,14 @@ class Format:
 
     suffixes: tuple[str, ...]
     read: Callable[[Path, Any, Wanted], Table]
-    options: type = NoOptions
+    options: type = NoEntries
 
 
 def _read_csv(path: Path, options: CsvOptions, _: Wanted) -> Table:
     return csv.read(path, options)
 
 
-def _read_matlab(path: Path, _: NoOptions, wanted: Wanted) -> Table:
+def _read_matlab(path: Path, _: NoEntries, wanted: Wanted) -> Table:
     return matlab.read(path, wanted)
 
 
