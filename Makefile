@@ -8,8 +8,10 @@ BIN := .venv/bin
 READY := .venv/.ready
 BENCH := .venv-bench/bin
 BENCH_READY := .venv-bench/.ready
+BROWSER := .venv-browser/bin
+BROWSER_READY := .venv-browser/.ready
 
-.PHONY: help posterior paper test test-slow check format bench bench-growth zoo mutants attack schema clean
+.PHONY: help posterior paper test test-slow check format bench bench-growth zoo mutants attack pages schema clean
 
 help:
 	@echo "make posterior [CONFIG=configs/mine.yaml] [ARGS=--resume|--force]"
@@ -24,8 +26,9 @@ help:
 	@echo "make zoo         run records of many kinds and judge each (half an hour); ARGS=--list names them"
 	@echo "make mutants     break the code in named ways and see the tests fail"
 	@echo "make attack      malformed configs, records and results, SECONDS=60 of each of seven kinds"
+	@echo "make pages       look at reports in a headless Chromium, which has to be on PATH (a minute, in .venv-browser)"
 	@echo "make schema      write configs/schema.json anew"
-	@echo "make clean       remove .venv, .venv-bench and caches; results stay"
+	@echo "make clean       remove .venv, .venv-bench, .venv-browser and caches; results stay"
 
 posterior: $(READY)
 	@$(BIN)/bayesdrill posterior $(CONFIG) $(ARGS)
@@ -66,11 +69,14 @@ mutants: $(READY)
 attack: $(READY)
 	@BAYESDRILL_ATTACK=$(SECONDS) $(BIN)/python -m pytest -m slow -q -s tests/system/test_attacks.py
 
+pages: $(BROWSER_READY)
+	@$(BROWSER)/python -m pytest -m slow -q tests/browser
+
 schema: $(READY)
 	@$(BIN)/bayesdrill schema > configs/schema.json
 
 clean:
-	rm -rf .venv .venv-bench .mypy_cache .pytest_cache .ruff_cache .hypothesis
+	rm -rf .venv .venv-bench .venv-browser .mypy_cache .pytest_cache .ruff_cache .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
 $(READY): requirements.lock pyproject.toml
@@ -89,3 +95,10 @@ $(BENCH_READY): requirements.lock benchmarks/requirements.lock pyproject.toml
 	@$(BENCH)/python -m pip install -qq --disable-pip-version-check -r requirements.lock -r benchmarks/requirements.lock
 	@$(BENCH)/python -m pip install -qq --disable-pip-version-check --no-deps --editable .
 	@touch $(BENCH_READY)
+
+$(BROWSER_READY): requirements.lock tests/browser/requirements.lock pyproject.toml
+	@echo "setting up .venv-browser (once, about a minute)"
+	@python3 -m venv .venv-browser
+	@$(BROWSER)/python -m pip install -qq --disable-pip-version-check -r requirements.lock -r tests/browser/requirements.lock
+	@$(BROWSER)/python -m pip install -qq --disable-pip-version-check --no-deps --editable .
+	@touch $(BROWSER_READY)

@@ -172,7 +172,7 @@ def calibrate(
                 report=report,
             )
         typer.echo(outcome.said)
-        typer.echo(f"results: {outcome.folder}/ (summary.md, figures/, ranks.csv)")
+        typer.echo(f"results: {outcome.folder}/ (report.html, summary.md, figures/, ranks.csv)")
         if not outcome.verdict.calibrated:
             raise typer.Exit(NOT_CONVERGED)
 
@@ -259,7 +259,9 @@ def schema() -> None:
 
 def _finish(outcome: Outcome) -> None:
     typer.echo(outcome.said)
-    typer.echo(f"results: {outcome.folder}/ (summary.md, figures/, posterior.nc, chain.h5)")
+    typer.echo(
+        f"results: {outcome.folder}/ (report.html, summary.md, figures/, posterior.nc, chain.h5)"
+    )
     for what in outcome.missing:
         typer.echo(f"could not be made: {what}", err=True)
     if outcome.missing:

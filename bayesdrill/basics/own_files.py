@@ -24,7 +24,8 @@ FIGURES = "figures"
 PIECES = ".pieces"
 REFITS = ".refits"
 RECORD = "record.csv"  # of a case that was made without any file
-CONFIGS = ("config.yaml", "config.resolved.yaml")
+CONFIG_FILE, RESOLVED_FILE = "config.yaml", "config.resolved.yaml"
+CONFIGS = (CONFIG_FILE, RESOLVED_FILE)
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,7 +71,7 @@ POSTERIOR = Kind(
     RUN,
     (
         *("chain.h5", "map.json", *CONFIGS, "posterior.nc", "summary.csv", "summary.md"),
-        *("derived.csv", "verdict.csv"),
+        *("derived.csv", "verdict.csv", "table.tex", "report.html"),
         *figures(*RUN_FIGURES),
         *UNFINISHED.files,
     ),
@@ -79,7 +80,10 @@ POSTERIOR = Kind(
 CALIBRATE = Kind(
     "calibrate",
     RUN,
-    (*CONFIGS, "ranks.csv", "summary.md", *figures("calibration"), f"{REFITS}/#.json"),
+    (
+        *(*CONFIGS, "ranks.csv", "summary.md", "report.html"),
+        *(*figures("calibration"), f"{REFITS}/#.json"),
+    ),
 )
 IDENTIFY = Kind("identify", "identify.md", figures("spectrum", "profiles"))
 
@@ -100,7 +104,7 @@ def paper(records: Sequence[str]) -> Kind:
         RUN,
         (
             *(f"{stem}.{end}" for stem in tables for end in ("csv", "md")),
-            *("report.md", *figures(*drawn)),
+            *("report.md", "report.html", *figures(*drawn)),
         ),
         nested=tuple(records),
         again="make them anew with --force, or give another --output",

@@ -17,17 +17,17 @@ import numpy as np
 import bayesdrill
 from bayesdrill.basics import own_files, software
 from bayesdrill.basics.errors import InputError, Interrupted
-from bayesdrill.basics.own_files import FIGURES, REFITS, whole
+from bayesdrill.basics.own_files import CONFIG_FILE, FIGURES, REFITS, RESOLVED_FILE, whole
 from bayesdrill.basics.progress import Reporter
 from bayesdrill.basics.sealed import opened, sealed
 from bayesdrill.commands import concluding
-from bayesdrill.commands.pipeline import CONFIG_FILE, RESOLVED_FILE
 from bayesdrill.engines.convergence import Targets
 from bayesdrill.engines.workers import ctrl_c_waits
 from bayesdrill.insight.calibration.refit import Refit, Study, packed, work
 from bayesdrill.insight.calibration.verdict import Verdict, judge
 from bayesdrill.record.experiment import Experiment
 from bayesdrill.report import calibration_words
+from bayesdrill.report.sections import Section, as_markdown, markdown
 from bayesdrill.results import provenance, run_folder
 from bayesdrill.results.chain_files import COMPUTED_AGAIN
 from bayesdrill.results.run_folder import Folder
@@ -47,7 +47,8 @@ class Outcome:
     def said(self) -> str:
         """For the terminal."""
         words, found = calibration_words, self.verdict
-        return f"{words.refits(found, self.refits)}\n\n{words.table(found)}\n{words.verdict(found)}"
+        table = markdown(words.table(found))
+        return f"{words.refits(found, self.refits)}\n\n{table}\n{words.verdict(found)}"
 
 
 def prepare(path: Path) -> Job:
@@ -206,8 +207,8 @@ def _publish(job: Job, folder: Folder, refits: Sequence[Refit]) -> Verdict:
     names = study(job).names
     verdict = judge(names, refits, job.config.calibration.draws)
     folder.write_text(RANKS, as_csv(names, refits))
-    folder.write_text("summary.md", calibration_words.summary(job.config.name, verdict, refits))
     _draw(job, folder, verdict)
+    _pages(job, folder, calibration_words.sections(verdict, refits))
     folder.write_run(
         status="finished",
         calibrated=verdict.calibrated,
@@ -216,6 +217,16 @@ def _publish(job: Job, folder: Folder, refits: Sequence[Refit]) -> Verdict:
         seconds_of_a_refit=round(float(np.mean([refit.seconds for refit in refits])), 3),
     )
     return verdict
+
+
+def _pages(job: Job, folder: Folder, said: Sequence[Section]) -> None:
+    # Late: templates are for this page alone.
+    from bayesdrill.report.html import as_html
+
+    title = f"Calibration of {job.config.name}"
+    folder.write_text("summary.md", as_markdown(title, said))
+    page = as_html(title, "calibration", said, folder.path / FIGURES, job.problem.symbols)
+    folder.write_text("report.html", page)
 
 
 def _draw(job: Job, folder: Folder, verdict: Verdict) -> None:

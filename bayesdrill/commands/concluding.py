@@ -24,7 +24,13 @@ from bayesdrill.setup.job import Job
 Array = NDArray[np.float64]
 
 
-def concluded(job: Job, found: Mode, sampled: Sampled, scenery: Scenery | None = None) -> View:
+def concluded(
+    job: Job,
+    found: Mode,
+    sampled: Sampled,
+    scenery: Scenery | None = None,
+    seconds: Mapping[str, float] | None = None,
+) -> View:
     """`scenery`: of the job's likelihood, where there is one already."""
     problem = job.problem
     scenery = scenery or Scenery(problem.posterior.likelihood)
@@ -41,6 +47,7 @@ def concluded(job: Job, found: Mode, sampled: Sampled, scenery: Scenery | None =
         left=left,
         judged=judged,
         notes=notes,
+        seconds=seconds or {},
     )
 
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from bayesdrill.basics import own_files, software
 from bayesdrill.basics.errors import InputError, Interrupted
-from bayesdrill.basics.own_files import POSTERIOR
+from bayesdrill.basics.own_files import CONFIG_FILE, POSTERIOR, RESOLVED_FILE
 from bayesdrill.basics.progress import Reporter
 from bayesdrill.basics.sealed import opened, sealed
 from bayesdrill.commands import searching
@@ -45,8 +45,6 @@ from bayesdrill.setup.job import prepare as prepare
 Array = NDArray[np.float64]
 
 MAP_FILE = "map.json"
-CONFIG_FILE = "config.yaml"
-RESOLVED_FILE = "config.resolved.yaml"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -122,8 +120,8 @@ def _run(job: Job, folder: Folder, known: Mode | None, processes: int, report: R
         clock.append(time.perf_counter())
         _finish_chain(job, folder, sampled)
         seconds = {"map": clock[1] - clock[0], "sampling": clock[2] - clock[1]}
-        view = concluded(job, found, sampled, scenery)
-        return _publish(job, folder, view, crew, seconds, clock[-1])
+        view = concluded(job, found, sampled, scenery, seconds)
+        return _publish(job, folder, view, crew, clock[-1])
 
 
 def republish(output: Path, processes: int) -> Outcome:
@@ -134,7 +132,9 @@ def republish(output: Path, processes: int) -> Outcome:
         folder.begin()
         posterior = job.problem.posterior
         with Crew(posterior, processes) as crew:
-            return _publish(job, folder, concluded(job, found, sampled), crew)
+            seconds = dict((run_folder.read_run(output) or {}).get("seconds", {}))
+            seconds.pop("report", None)  # is being made again
+            return _publish(job, folder, concluded(job, found, sampled, seconds=seconds), crew)
 
 
 def read(output: Path) -> tuple[Job, Mode, Sampled]:
@@ -252,13 +252,12 @@ def _publish(
     folder: Folder,
     view: View,
     crew: Crew,
-    seconds: dict[str, float] | None = None,
-    begun: float = 0.0,
+    begun: float | None = None,
 ) -> Outcome:
-    """`seconds`: what was timed, where it was; the report began at `begun`."""
-    seconds, judged = seconds or {}, view.judged
+    """`begun`: when the report began, of a run that is timed."""
+    seconds, judged = dict(view.seconds), view.judged
     missing = publish.everything(view, folder, crew)
-    if seconds:
+    if begun is not None:
         seconds["report"] = time.perf_counter() - begun
         folder.write_run(seconds={name: round(value, 3) for name, value in seconds.items()})
     files = {name: own_files.digest(folder.path / name) for name in folder.made()}

@@ -89,11 +89,11 @@ def _changed(folder: Path, files: Mapping[str, str]) -> Iterator[Problem]:
 def _configs(folder: Path) -> Iterator[Problem]:
     """The config as given says what the one with all defaults does."""
     given, resolved = (
-        _settings(folder / name) for name in (pipeline.CONFIG_FILE, pipeline.RESOLVED_FILE)
+        _settings(folder / name) for name in (own_files.CONFIG_FILE, own_files.RESOLVED_FILE)
     )
     if None not in (given, resolved) and given != resolved:
-        place = str(folder / pipeline.CONFIG_FILE)
-        yield Problem(place, f"is not the config of this run, which is {pipeline.RESOLVED_FILE}")
+        place = str(folder / own_files.CONFIG_FILE)
+        yield Problem(place, f"is not the config of this run, which is {own_files.RESOLVED_FILE}")
 
 
 def _settings(path: Path) -> dict[str, Any] | None:

@@ -12,7 +12,16 @@ from bayesdrill.insight.calibration.verdict import (
     Quantity,
     Verdict,
 )
-from bayesdrill.report.sections import markdown
+from bayesdrill.report.sections import (
+    Mark,
+    Marks,
+    Note,
+    Picture,
+    Section,
+    Sentences,
+    Table,
+    Tone,
+)
 from bayesdrill.setup.config import Config
 
 MOST_NAMED = 20  # refits that did not converge
@@ -62,36 +71,51 @@ def refits(found: Verdict, every: Sequence[Refit]) -> str:
     )
 
 
-def summary(name: str, found: Verdict, every: Sequence[Refit]) -> str:
-    """`summary.md`."""
+def sections(found: Verdict, every: Sequence[Refit]) -> tuple[Section, ...]:
+    """The verdict first."""
     says = verdict(found)
-    paragraphs = [
-        f"# Calibration of {name}",
-        f"{says[0].upper()}{says[1:]}.",
-        rule(found),
-        table(found).rstrip(),
-        f"Ranks are among {found.n_draws} draws. `departure / band` is the farthest departure of their "
-        "distribution from uniform, above 1 outside of what chance allows; the same for intervals in "
-        "brackets. Exact values: `ranks.csv`.",
-        "## Refits",
-        "\n".join(f"- {line.strip()}" for line in refits(found, every).splitlines()),
-    ]
-    return "\n\n".join(paragraphs) + "\n"
+    tone: Tone = "bad" if found.faults else "doubt" if found.doubts else "good"
+    return (
+        Section(
+            "Verdict",
+            (
+                Marks((Mark(says.split(":")[0], tone),)),
+                Sentences(f"{says[0].upper()}{says[1:]}."),
+                Note(rule(found)),
+            ),
+        ),
+        Section(
+            "Ranks",
+            (
+                table(found),
+                Note(
+                    f"Ranks are among {found.n_draws} draws. `departure / band` is the farthest "
+                    "departure of their distribution from uniform, above 1 outside of what chance "
+                    "allows; the same for intervals in brackets. Exact values: `ranks.csv`."
+                ),
+                Picture(
+                    "calibration", "Ranks of the truths among the draws, with what chance allows."
+                ),
+            ),
+        ),
+        Section("Refits", (Sentences(refits(found, every)),)),
+    )
 
 
-def table(found: Verdict) -> str:
-    """Markdown; the shares of truths in credible intervals with what chance allows."""
+def table(found: Verdict) -> Table:
+    """The shares of truths in credible intervals with what chance allows."""
     shares = found.quantities[0].intervals
-    heads = [
+    heads = (
         "",
         "departure / band",
         "ranks",
         *(f"in {100 * each.share:.3g} % interval" for each in shares),
-    ]
-    return markdown(heads, (_cells(q, found, len(shares)) for q in found.quantities))
+    )
+    lines = tuple(_cells(q, found, len(shares)) for q in found.quantities)
+    return Table(heads, lines, frozenset(("", "ranks")))
 
 
-def _cells(quantity: Quantity, found: Verdict, n_intervals: int) -> list[str]:
+def _cells(quantity: Quantity, found: Verdict, n_intervals: int) -> tuple[str, ...]:
     n = max(found.band.n, 1)
     word = "as by chance" if quantity.holds else quantity.shape or "leave the band"
     if not found.band.n:
@@ -101,9 +125,9 @@ def _cells(quantity: Quantity, found: Verdict, n_intervals: int) -> list[str]:
         + ("" if i.holds else " **outside**")
         for i in quantity.intervals
     ]
-    return [
+    return (
         quantity.name,
         f"{quantity.reach:.2f}",
         word,
         *(covered or [""] * n_intervals),
-    ]
+    )

@@ -14,6 +14,17 @@ from bayesdrill.basics.registry import Registry
 from bayesdrill.report import derived_words
 from bayesdrill.report.view import Drawing, View
 
+CORNER = (
+    "The posterior of each parameter and each pair (corner plot), beside nominal values and MAP."
+)
+INVARIANTS = "The products of parameters that such a record can show (corner plot)."
+RIDGE = (
+    "The ridge: parameters that no such record can tell apart, and the line along which they go."
+)
+TRACE = "What the walkers of each ensemble did, step by step."
+PRIOR_POSTERIOR = "Prior against posterior of each parameter: what the record has added."
+FIT = "Record, model at the MAP and posterior predictive band; beside them what is left, and the noise."
+
 Recipe = Callable[[View], Drawing | None]
 
 
@@ -31,7 +42,8 @@ def _corner(run: View) -> Drawing:
     names, at_map = run.config.output.corner, run.best[None]
     shown = derived_words.shown(run.problem, names, run.sampled.draws, run.derived, at_map)
     priors = run.problem.posterior.space.priors
-    return Drawing(corner_figure, (shown.draws, shown.symbols, shown.nominal, shown.mode, priors))
+    given = (shown.draws, shown.symbols, shown.nominal, shown.mode, priors)
+    return Drawing(corner_figure, given, says=CORNER)
 
 
 def _invariants(run: View) -> Drawing | None:
@@ -40,7 +52,7 @@ def _invariants(run: View) -> Drawing | None:
     if run.judged is None or not run.judged.verdict.products:
         return None
     verdict, symbols = run.judged.verdict, run.problem.symbols
-    return Drawing(invariants_figure, (verdict, run.draws, run.best, symbols))
+    return Drawing(invariants_figure, (verdict, run.draws, run.best, symbols), says=INVARIANTS)
 
 
 def _ridge(run: View) -> Drawing | None:
@@ -53,7 +65,7 @@ def _ridge(run: View) -> Drawing | None:
         return None
     priors, nominal = problem.posterior.space.priors, problem.nominal
     given = (run.draws, pair, problem.symbols, priors, nominal, run.mode.values)
-    return Drawing(ridge_figure, given)
+    return Drawing(ridge_figure, given, says=RIDGE)
 
 
 def _trace(run: View) -> Drawing:
@@ -62,7 +74,7 @@ def _trace(run: View) -> Drawing:
     sampled, problem = run.sampled, run.problem
     burn_in, nominal = sampled.convergence.burn_in, problem.nominal
     given = (sampled.theta, problem.symbols, burn_in, nominal, run.mode.values)
-    return Drawing(trace_figure, given)
+    return Drawing(trace_figure, given, says=TRACE)
 
 
 def _prior_posterior(run: View) -> Drawing:
@@ -71,7 +83,7 @@ def _prior_posterior(run: View) -> Drawing:
     problem = run.problem
     priors, nominal = problem.posterior.space.priors, problem.nominal
     given = (run.draws, problem.symbols, priors, nominal, run.mode.values)
-    return Drawing(prior_posterior_figure, given)
+    return Drawing(prior_posterior_figure, given, says=PRIOR_POSTERIOR)
 
 
 def _fit(run: View) -> Drawing:
@@ -83,7 +95,7 @@ def _fit(run: View) -> Drawing:
     predictive = predictive.reshape(-1, *predictive.shape[2:]).astype(np.float64)
     at_map = run.best[None]
     signals, sigmas = likelihood.signals(at_map)[0], likelihood.sigmas(at_map)[0]
-    return Drawing(fit_figure, (experiment, signals, predictive, sigmas))
+    return Drawing(fit_figure, (experiment, signals, predictive, sigmas), says=FIT)
 
 
 FIGURES: Registry[Recipe] = Registry(

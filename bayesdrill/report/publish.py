@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future
 from pathlib import Path
 from types import MappingProxyType
@@ -17,10 +17,17 @@ from bayesdrill.basics.own_files import FIGURES as FOLDER
 from bayesdrill.basics.own_files import whole
 from bayesdrill.engines.workers import Crew
 from bayesdrill.inference.posterior import Posterior
-from bayesdrill.report import derived_words, tables, verdict_words, words
+from bayesdrill.report import (
+    derived_words,
+    latex,
+    provenance_words,
+    tables,
+    verdict_words,
+    words,
+)
 from bayesdrill.report.figures import FIGURES, drawing
 from bayesdrill.report.run_report import sections
-from bayesdrill.report.sections import as_markdown
+from bayesdrill.report.sections import Picture, as_markdown
 from bayesdrill.report.view import Drawing, View
 from bayesdrill.results.run_folder import Folder
 
@@ -40,6 +47,7 @@ TABLES: Mapping[str, Callable[[View], str | None]] = MappingProxyType(
         "summary.csv": lambda view: tables.as_csv(view.rows),
         "derived.csv": lambda view: derived_words.as_csv(view.following),
         "verdict.csv": _verdict,
+        "table.tex": lambda view: latex.table(view.rows, view.problem.symbols),
     }
 )
 
@@ -51,27 +59,42 @@ def everything(view: View, folder: Folder, crew: Crew) -> tuple[str, ...]:
     """
     place = (*_place(folder, view), words.warning(view.sampled, view.left))
     sparing = view.sparing
-    tasks: list[tuple[str, Future[None]]] = []
+    tasks: list[tuple[str, str, Future[None]]] = []
     wanted = view.config.output.figures
     for name in FIGURES if wanted is None else [name for name in FIGURES if name in wanted]:
         with sparing.making(f"figures/{name}"):
             found = drawing(name, view)
             if found is not None:
-                tasks.append((name, crew.submit(draw, name, found, *place)))
+                tasks.append((name, found.says, crew.submit(draw, name, found, *place)))
     # While others draw, the rest.
     for name, table in TABLES.items():
         with sparing.making(name):
             text = table(view)
             if text is not None:
                 folder.write_text(name, text)
-    with sparing.making("summary.md"):
-        folder.write_text("summary.md", as_markdown(view.config.name, sections(view)))
     with sparing.making("posterior.nc"):
         _write_tree(view.tree, folder.place("posterior.nc"))
-    for stem, task in tasks:
+    pictures = []
+    for stem, says, task in tasks:
         with sparing.making(f"figures/{stem}"):
             task.result()
+            pictures.append(Picture(stem, says or stem))
+    _pages(view, pictures, folder)
     return tuple(sparing.missing)
+
+
+def _pages(view: View, pictures: Sequence[Picture], folder: Folder) -> None:
+    """The report for eyes: as Markdown, and as one page of HTML with its pictures inside."""
+    with view.sparing.making("summary.md"):
+        folder.write_text("summary.md", as_markdown(view.config.name, sections(view, pictures)))
+    with view.sparing.making("report.html"):
+        # Late: templates are for this page alone.
+        from bayesdrill.report.html import as_html
+
+        said = (*sections(view, pictures), provenance_words.section(view, folder.path))
+        figures = folder.path / FOLDER
+        text = as_html(view.config.name, "posterior", said, figures, view.problem.symbols)
+        folder.write_text("report.html", text)
 
 
 def _write_tree(tree: DataTree, path: Path) -> None:

@@ -2,42 +2,81 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 from bayesdrill.insight.verdict import Judgement
 from bayesdrill.report import (
     derived_words,
     identify_words,
+    marks,
     residual_words,
     tables,
     verdict_words,
     words,
 )
-from bayesdrill.report.sections import Note, Plain, Section, Sentences, Table
+from bayesdrill.report.bars import bars
+from bayesdrill.report.sections import (
+    Block,
+    Marks,
+    Note,
+    Picture,
+    Plain,
+    Section,
+    Sentences,
+    Table,
+)
 from bayesdrill.report.view import View
 from bayesdrill.setup.build import compared_with
 
 FOUND = "nothing found: energy, poles and sampling are as in a real rig"
 
 
-def sections(run: View) -> tuple[Section, ...]:
-    """Of which a terminal shows the brief ones."""
-    c, table = run.sampled.convergence, compared_with(run.config)
-    doubts = words.unbelievable(residual_words.reasons(run.left), converged=c.converged)
-    first = (words.maxima(run.mode, run.sampled), doubts, residual_words.sentences(run.left))
-    read = (
-        f"`dev. %` is the deviation of the posterior mean from the nominal value ({table}); "
-        "`shrinkage` is one minus the ratio of the posterior's to the prior's standard deviation."
-    )
-    said = Sentences(tables.in_words(run.rows, run.notes))
+def sections(run: View, pictures: Sequence[Picture] = ()) -> tuple[Section, ...]:
+    """Of which a terminal shows the brief ones, the last first."""
+    judged = run.judged
+    shown = (Section("Figures", tuple(pictures), brief=False),) if pictures else ()
     return (
-        Section("", tuple(Sentences(text) for text in first if text)),
-        Section("", (tables.of_rows(run.rows), Note(read), said)),
+        Section("Verdict", tuple(_verdict(run))),
+        Section("Fit", tuple(_fit(run))),
+        Section("Parameters", _parameters(run)),
+        *shown,
+        *(_judged(judged) if judged is not None else ()),
         Section("What follows from these", (_following(run),), brief=False),
-        *(_judged(run.judged, table, converged=c.converged) if run.judged is not None else ()),
         Section("Maximum of the posterior (MAP)", (Sentences(words.mode(run.mode)),), brief=False),
-        Section("Convergence", (Sentences(words.convergence(run.sampled)),), brief=False),
+        Section(
+            "Convergence",
+            (Sentences(words.convergence(run.sampled)), Note(words.DIAGNOSTICS)),
+            brief=False,
+        ),
     )
+
+
+def _verdict(run: View) -> Iterator[Block]:
+    """The whole in a line, then whether it may be believed."""
+    c, table = run.sampled.convergence, compared_with(run.config)
+    yield Marks(tuple(marks.of_run(run)))
+    if doubts := words.unbelievable(residual_words.reasons(run.left), converged=c.converged):
+        yield Sentences(doubts)
+    if run.judged is not None:
+        said = verdict_words.sentences(run.judged.verdict, table, converged=c.converged)
+        yield Sentences(said)
+
+
+def _fit(run: View) -> Iterator[Block]:
+    if several := words.maxima(run.mode, run.sampled):
+        yield Sentences(several)
+    yield Sentences(residual_words.sentences(run.left))
+
+
+def _parameters(run: View) -> tuple[Block, ...]:
+    read = (
+        "`dev. %` is the deviation of the posterior mean from the nominal value "
+        f"({compared_with(run.config)}); `shrinkage` is one minus the ratio of the posterior's to the "
+        "prior's standard deviation."
+    )
+    drawn = bars(run.rows, run.problem.posterior.space.priors)
+    said = Sentences(tables.in_words(run.rows, run.notes))
+    return tables.of_rows(run.rows, drawn), Note(read), said
 
 
 def _following(run: View) -> Table | Note:
@@ -45,17 +84,14 @@ def _following(run: View) -> Table | Note:
     return derived_words.table(rows, run.derived) if rows else Note("none")
 
 
-def _judged(judged: Judgement, table: str, *, converged: bool) -> Iterator[Section]:
+def _judged(judged: Judgement) -> Iterator[Section]:
     verdict, study = judged.verdict, judged.study
-    yield Section(
-        "Verdict",
-        (
-            Sentences(verdict_words.sentences(verdict, table, converged=converged)),
-            Note(verdict_words.rule(verdict)),
-            verdict_words.table(verdict),
-            Note(verdict_words.EXPLAINED),
-        ),
+    against = (
+        Note(verdict_words.rule(verdict)),
+        verdict_words.table(verdict),
+        Note(verdict_words.EXPLAINED),
     )
+    yield Section("Against the nominal table", against)
     shown = f"{identify_words.structure(study)}\n\n{identify_words.knowledge(study)}"
     yield Section("What this record can show, at the MAP", (Plain(shown),), brief=False)
     physical = Sentences("\n".join(judged.findings) or FOUND)

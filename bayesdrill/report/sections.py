@@ -1,9 +1,10 @@
-"""A report as a list of sections with their data; a terminal and Markdown show the same list."""
+"""A report as a list of sections with their data: terminal, Markdown and HTML show the same list."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Literal
 
 
 @dataclass(frozen=True, slots=True)
@@ -11,6 +12,14 @@ class Sentences:
     """A line for each; lines that begin with blanks go on with the one before."""
 
     text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Item:
+    """A sentence, and those that go on with it."""
+
+    text: str
+    more: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,28 +31,71 @@ class Note:
 
 @dataclass(frozen=True, slots=True)
 class Plain:
-    """Text whose columns are aligned already: for a page, not for a terminal."""
+    """Text whose columns are aligned already: for a page, not for a terminal.
+
+    `folded`: under these words, where a page can fold it away.
+    """
 
     text: str
+    folded: str = ""
+
+
+Tone = Literal["good", "doubt", "bad"]
+
+
+@dataclass(frozen=True, slots=True)
+class Mark:
+    """Of a run, at a glance."""
+
+    text: str
+    tone: Tone
+
+
+@dataclass(frozen=True, slots=True)
+class Marks:
+    """For a page, not for a terminal."""
+
+    items: tuple[Mark, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Picture:
+    """A figure of the same folder, by the stem of its files; `says`: what is seen in it."""
+
+    stem: str
+    says: str
+
+
+@dataclass(frozen=True, slots=True)
+class Bar:
+    """An interval and two values, as shares (0 to 1) of the range that is drawn."""
+
+    low: float
+    high: float
+    nominal: float | None
+    best: float
 
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """`left`: heads of columns that begin at the left; `brief`: what a terminal shows, or else all."""
+    """`left`: heads of columns that begin at the left; `brief`: what a terminal shows, or else all;
+    `bars`: of each line, where a page can draw them, or none at all.
+    """
 
     heads: tuple[str, ...]
     lines: tuple[tuple[str, ...], ...]
     left: frozenset[str]
     brief: tuple[str, ...] | None = None
+    bars: tuple[Bar, ...] = ()
 
     def only(self, heads: Sequence[str]) -> Table:
         """Those columns that there are, in this order."""
         kept = [self.heads.index(head) for head in heads if head in self.heads]
         lines = tuple(tuple(line[k] for k in kept) for line in self.lines)
-        return Table(tuple(self.heads[k] for k in kept), lines, self.left)
+        return replace(self, heads=tuple(self.heads[k] for k in kept), lines=lines)
 
 
-Block = Sentences | Note | Plain | Table
+Block = Sentences | Note | Plain | Marks | Picture | Table
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,8 +108,8 @@ class Section:
 
 
 def as_text(sections: Sequence[Section]) -> tuple[str, ...]:
-    """Paragraphs for a terminal, where tables stand first: what is read there is the end."""
-    shown = [section for section in sections if section.brief]
+    """Paragraphs for a terminal: what a page begins with stands last, where it is read."""
+    shown = [section for section in reversed(sections) if section.brief]
     return tuple(text for section in shown for text in _paragraphs(section))
 
 
@@ -82,20 +134,41 @@ def as_markdown(title: str, sections: Sequence[Section]) -> str:
 def _in_markdown(block: Block) -> str:
     match block:
         case Sentences(text):
-            lines = text.splitlines()
-            return "\n".join(f"- {line.strip().removeprefix('- ')}" for line in lines)
-        case Table(heads, lines):
-            return markdown(heads, lines).rstrip()
+            return "\n".join(_bullets(items(text)))
+        case Table():
+            return markdown(block).rstrip()
         case Plain(text):
             return f"```text\n{text}\n```"
         case Note(text):
             return text
+        case Marks(every):
+            return ", ".join(f"**{mark.text}**" for mark in every)
+        case Picture(stem, says):
+            return f"![{says}](figures/{stem}.png)"
 
 
-def markdown(heads: Sequence[str], lines: Iterable[Sequence[str]]) -> str:
-    """A table in Markdown, its last line ended."""
-    bar = "|" + " --- |" * len(heads)
-    return "\n".join([_line(heads), bar, *map(_line, lines)]) + "\n"
+def items(text: str) -> list[Item]:
+    """Of sentences: lines, where those that begin with blanks go on with the one before."""
+    found: list[Item] = []
+    for line in text.splitlines():
+        own = line.strip().removeprefix("- ")
+        if line.startswith(" ") and found:
+            found[-1] = replace(found[-1], more=(*found[-1].more, own))
+        else:
+            found.append(Item(own))
+    return found
+
+
+def _bullets(found: Iterable[Item]) -> Iterator[str]:
+    for item in found:
+        yield f"- {item.text}"
+        yield from (f"  - {more}" for more in item.more)
+
+
+def markdown(table: Table) -> str:
+    """Its last line ended."""
+    bar = "|" + " --- |" * len(table.heads)
+    return "\n".join([_line(table.heads), bar, *map(_line, table.lines)]) + "\n"
 
 
 def _line(cells: Sequence[str]) -> str:

@@ -12,7 +12,7 @@ from bayesdrill.basics.symbols import plain
 from bayesdrill.engines.mode import Mode
 from bayesdrill.inference.problem import Problem
 from bayesdrill.insight.diagnostics import HDI_PROBABILITY, MEANING, Row
-from bayesdrill.report.sections import Table, aligned
+from bayesdrill.report.sections import Bar, Table, aligned
 
 _HDI = f"{100 * HDI_PROBABILITY:.0f} % HDI"
 
@@ -72,9 +72,9 @@ def as_record(row: Row) -> dict[str, Any]:
     return {names.get(name, name): value for name, value in dataclasses.asdict(row).items()}
 
 
-def of_rows(rows: Sequence[Row]) -> Table:
+def of_rows(rows: Sequence[Row], bars: tuple[Bar, ...] = ()) -> Table:
     left = frozenset((HEADERS[0], HEADERS[1], HEADERS[-1]))
-    return Table(HEADERS, tuple(map(cells, rows)), left)
+    return Table(HEADERS, tuple(map(cells, rows)), left, bars=bars)
 
 
 def mode_as_text(problem: Problem, mode: Mode) -> str:

@@ -34,16 +34,21 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class Drawing:
-    """A figure to be drawn, perhaps by another process: what draws it, and what it is given."""
+    """A figure to be drawn, perhaps by another process: what draws it, and what it is given.
+
+    `says`: what is seen in it, for its caption and for those who do not see it.
+    """
 
     figure: Callable[..., Figure]
     arguments: tuple[Any, ...] = ()
+    says: str = ""
 
 
 @dataclass(frozen=True)
 class View:
     """`rows`: of the unknowns; `left`: what the best fit leaves of each channel; `judged`: None where
-    there is no table; `notes`: sentences.  `sparing` is told of derived quantities that fail.
+    there is no table; `notes`: sentences; `seconds`: how long the parts of the run took, where that is
+    known.  `sparing` is told of derived quantities that fail.
     """
 
     problem: Problem
@@ -54,6 +59,7 @@ class View:
     left: tuple[Left, ...]
     judged: Judgement | None
     notes: tuple[str, ...]
+    seconds: Mapping[str, float] = field(default_factory=dict)
     sparing: Sparing = field(default_factory=Sparing)
 
     @property

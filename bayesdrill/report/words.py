@@ -124,6 +124,13 @@ def unbelievable(reasons: Sequence[str], *, converged: bool) -> str:
     return "\n".join([*lines, *(f"  - {reason}" for reason in reasons)])
 
 
+DIAGNOSTICS = (
+    "R-hat compares the independent ensembles with each other: 1 where they have forgotten where they "
+    "started. Autocorrelation times say how many steps one fresh draw costs, effective draws how many "
+    "fresh ones there are: a mean is known to the sd over their square root. Acceptance is the share "
+    "of proposed steps that were taken."
+)
+
 MOST_NAMED = 4  # unknowns, of a maximum elsewhere
 
 

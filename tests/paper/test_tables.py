@@ -315,7 +315,7 @@ def test_every_table_has_a_cell_below_each_head_and_a_caption() -> None:
 def test_every_file_is_one_that_a_later_force_knows() -> None:
     drawn = [stem for stem, *_ in report._figures(findings())]
     written = {f"{stem}.{end}" for stem in tables() for end in ("csv", "md")}
-    assert {*written, "report.md", *own_files.figures(*drawn)} == set(
+    assert {*written, "report.md", "report.html", *own_files.figures(*drawn)} == set(
         own_files.paper(("one", "two")).files
     )
 

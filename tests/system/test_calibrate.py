@@ -39,7 +39,8 @@ TINY = (
     ),
 )
 FILES = {
-    *(".lock", "config.resolved.yaml", "config.yaml", "ranks.csv", "run.json", "summary.md"),
+    *(".lock", "config.resolved.yaml", "config.yaml", "ranks.csv", "run.json"),
+    *("summary.md", "report.html"),
     *("figures", "figures/calibration.pdf", "figures/calibration.png", ".refits"),
     *(f".refits/{k:06d}.json" for k in range(10)),
 }

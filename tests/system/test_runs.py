@@ -44,9 +44,11 @@ FILES = {
     "derived.csv",
     "map.json",
     "posterior.nc",
+    "report.html",
     "run.json",
     "summary.csv",
     "summary.md",
+    "table.tex",
     "verdict.csv",
     "figures",
     *FIGURES,
@@ -222,14 +224,15 @@ def test_the_summary_has_a_row_for_every_unknown(done: Done) -> None:
 
 def test_report_makes_the_same_tables_again(drawn: Done) -> None:
     before = systems.listing(drawn.folder)
-    for name in ("summary.csv", "summary.md", "posterior.nc"):
+    for name in ("summary.csv", "summary.md", "report.html", "table.tex", "posterior.nc"):
         (drawn.folder / name).unlink()
     shutil.rmtree(drawn.folder / "figures")
     ran = systems.cli("report", drawn.folder, "--processes", "1")
     assert ran.status == 0, ran.text
     after = systems.listing(drawn.folder)
     assert set(after) == FILES
-    for name in ("summary.csv", "summary.md", "chain.h5", "config.yaml", "map.json"):
+    kept = ("chain.h5", "config.yaml", "map.json")
+    for name in ("summary.csv", "summary.md", "report.html", "table.tex", *kept):
         assert after[name] == before[name], name
     assert ran.out.splitlines()[-1].startswith(f"results: {drawn.folder}/")
 

@@ -1,10 +1,11 @@
-"""A table of the paper's studies: its records as CSV, and their cells as Markdown."""
+"""A table of the paper's studies: its records as CSV, and their cells for pages."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
+from bayesdrill.report import Table as Grid
 from bayesdrill.report import markdown, records_as_csv
 
 
@@ -16,7 +17,12 @@ class Table:
     title: str
     says: str
     csv: str
-    markdown: str
+    grids: tuple[Grid, ...]
+
+    @property
+    def markdown(self) -> str:
+        """Grids below each other."""
+        return "\n".join(map(markdown, self.grids))
 
 
 def table[T](
@@ -34,8 +40,12 @@ def table[T](
         title=title,
         says=says,
         csv=records_as_csv(kind, rows, {}, leave),
-        markdown=markdown(heads, map(cells, rows)),
+        grids=(grid(heads, map(cells, rows)),),
     )
+
+
+def grid(heads: Sequence[str], lines: Iterable[Sequence[str]]) -> Grid:
+    return Grid(tuple(heads), tuple(map(tuple, lines)), frozenset(heads[:1]))
 
 
 def percent(x: float) -> str:

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from bayesdrill.paper.pages.cells import Table, digits, percent, table
+from bayesdrill.paper.pages.cells import Table, digits, grid, percent, table
 from bayesdrill.paper.pages.lines import Line3, Said, Way, lines_3, said, ways
 from bayesdrill.paper.studies import causes, simultaneous
 from bayesdrill.paper.studies.causes import Cause
 from bayesdrill.paper.studies.control import Control
 from bayesdrill.paper.studies.findings import Findings, Misfits, Nine
-from bayesdrill.report import markdown, records_as_csv
+from bayesdrill.report import records_as_csv
 
 
 def tables(found: Findings) -> tuple[Table, ...]:
@@ -80,9 +80,11 @@ def _control(lines: Sequence[Control]) -> Table:
         "rad/s), searched from its true values: largest distance of an estimate from them, in per cent. "
         "0: it never moved.",
         csv=records_as_csv(Control, lines, {}),
-        markdown=markdown(
-            ("", *(f"noise {sigma:g}" for sigma in sigmas)),
-            ((name, *(percent(cells[name, sigma]) for sigma in sigmas)) for name in parameters),
+        grids=(
+            grid(
+                ("", *(f"noise {sigma:g}" for sigma in sigmas)),
+                ((name, *(percent(cells[name, sigma]) for sigma in sigmas)) for name in parameters),
+            ),
         ),
     )
 
@@ -90,7 +92,7 @@ def _control(lines: Sequence[Control]) -> Table:
 def _table_3(nine: Nine) -> Table:
     """In Markdown two tables: the paper's layout, and what is true."""
     lines = lines_3(nine)
-    layout = markdown(
+    layout = grid(
         ("", "guess", "paper", "dev. %", "heuristic", "dev. %", "ode23t", "dev. %"),
         (
             (
@@ -101,7 +103,7 @@ def _table_3(nine: Nine) -> Table:
             for n in lines
         ),
     )
-    judged = markdown(
+    judged = grid(
         (
             *("", "truth", "heuristic off %", "ode23t off %", "other starts %", "posterior"),
             *("94 % HDI", "the table"),
@@ -125,20 +127,20 @@ def _table_3(nine: Nine) -> Table:
         "from other starts, over the guess; and the posterior: median, 94 % HDI of the logarithm, and "
         "what the record says of the nominal value.",
         csv=records_as_csv(Line3, lines, {}),
-        markdown=f"{layout}\n{judged}",
+        grids=(layout, judged),
     )
 
 
 def _causes(nine: Nine) -> Table:
     """In Markdown two tables: what could be behind Table 3, and what this record shows."""
-    behind = markdown(
+    behind = grid(
         ("", "Table 3", "with digits", "j_2", "r_s", "j_2 and r_s", "k_T = k_e"),
         (
             (c.quantity, *digits(c.table_3, c.table_3_digits, c.j_2, c.r_s, c.both, c.k_T))
             for c in nine.causes
         ),
     )
-    shown = markdown(
+    shown = grid(
         ("", "heuristic", "posterior", "94 % HDI", "alone %"),
         (
             (
@@ -159,7 +161,7 @@ def _causes(nine: Nine) -> Table:
         "`alone`: the Cramer-Rao bound of the standard deviation without any prior, in per cent. Empty "
         "where the config gives the quantity.",
         csv=records_as_csv(Cause, nine.causes, {}),
-        markdown=f"{behind}\n{shown}",
+        grids=(behind, shown),
     )
 
 

@@ -15,12 +15,22 @@ from bayesdrill.paper.pages.tables import in_words, tables
 from bayesdrill.paper.searches.pairwise import ORDER, circle
 from bayesdrill.paper.studies import printed
 from bayesdrill.paper.studies.findings import Findings
-from bayesdrill.report import Drawing, draw
+from bayesdrill.report import (
+    Drawing,
+    Note,
+    Picture,
+    Section,
+    Sentences,
+    as_html,
+    as_markdown,
+    draw,
+)
 from bayesdrill.results import Folder
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+TITLE = "The paper, repeated"
 Wanted = tuple[str, str, Callable[..., "Figure"], tuple[Any, ...]]
 ITERATIONS = 10  # of each pair, in the paper
 
@@ -40,18 +50,22 @@ def write(found: Findings, folder: Folder, crew: Crew) -> None:
         folder.write_text(f"{table.stem}.md", f"{table.says}\n\n{table.markdown}")
     for task in tasks:
         task.result()
-    figures_say = {stem: says for stem, says, *_ in wanted}
-    folder.write_text("report.md", report(in_words(found), made, figures_say))
+    said = sections(in_words(found), made, {stem: says for stem, says, *_ in wanted})
+    folder.write_text("report.md", as_markdown(TITLE, said))
+    folder.write_text("report.html", as_html(TITLE, "the paper", said, figures))
 
 
-def report(first: Sequence[str], made: Sequence[Table], figures: Mapping[str, str]) -> str:
+def sections(
+    first: Sequence[str], made: Sequence[Table], figures: Mapping[str, str]
+) -> tuple[Section, ...]:
     """`first`: what is said before all tables."""
-    parts = ["# The paper, repeated", "\n".join(f"- {line}" for line in first)]
-    for table in made:
-        parts += [f"## {table.title}", table.says, table.markdown.rstrip()]
-    parts.append("## Figures")
-    parts += [f"![{says}](figures/{stem}.png)\n\n{says}" for stem, says in figures.items()]
-    return "\n\n".join(parts) + "\n"
+    tables = (Section(table.title, (Note(table.says), *table.grids)) for table in made)
+    pictures = tuple(Picture(stem, says) for stem, says in figures.items())
+    return (
+        Section("What comes out", (Sentences("\n".join(first)),)),
+        *tables,
+        Section("Figures", pictures),
+    )
 
 
 def _paper(name: str) -> float:

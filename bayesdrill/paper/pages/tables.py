@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from bayesdrill.paper.pages import nine_tables
-from bayesdrill.paper.pages.cells import Table, digits, percent, table
+from bayesdrill.paper.pages.cells import Table, digits, grid, percent, table
 from bayesdrill.paper.pages.lines import Line2, LineLength, lengths, lines_2, lines_3
 from bayesdrill.paper.studies import printed
 from bayesdrill.paper.studies.bounds import Implied, Length
@@ -14,7 +14,7 @@ from bayesdrill.paper.studies.forward import FOLLOWED, Error, Reading
 from bayesdrill.paper.studies.printed import Inconsistency, Nominal
 from bayesdrill.paper.studies.shaft import Tone
 from bayesdrill.paper.studies.verification import Verification
-from bayesdrill.report import markdown, records_as_csv
+from bayesdrill.report import records_as_csv
 
 ATTAINED = printed.TWO_PARAMETERS[1.0]["c_m"].deviation
 
@@ -88,7 +88,7 @@ def _integrator(errors: Sequence[Error]) -> Table:
 def _table_2(found: Verification) -> Table:
     """In Markdown two tables: the paper's layout, and what an estimate can attain."""
     lines = lines_2(found)
-    layout = markdown(
+    layout = grid(
         ("sigma_n", "", *(head for name in found.names for head in (name, "dev. %"))),
         (
             (
@@ -99,7 +99,7 @@ def _table_2(found: Verification) -> Table:
             for by in ("paper", "fminsearch", "scaled")
         ),
     )
-    attained = markdown(
+    attained = grid(
         (
             *("sigma_n", "", "Cramer-Rao %", "spread fminsearch %", "spread scaled %"),
             *("posterior sd %", "weights only %", "weights only, ode23t %"),
@@ -124,7 +124,7 @@ def _table_2(found: Verification) -> Table:
         "standard deviation of the posterior of one; and deviations where sigma is but a weight and the "
         "record has no noise, and with the paper's integrator (of an exact record, of its own).",
         csv=records_as_csv(Line2, lines, {}),
-        markdown=f"{layout}\n{attained}",
+        grids=(layout, attained),
     )
 
 

@@ -1,0 +1,58 @@
+"""Where a run comes from: config, record, seed, software, times."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+from bayesdrill.basics import own_files
+from bayesdrill.basics.own_files import CONFIG_FILE, RESOLVED_FILE
+from bayesdrill.report.sections import Note, Plain, Section, Table
+from bayesdrill.report.view import View
+from bayesdrill.results import provenance
+from bayesdrill.results.run_folder import CHAIN
+
+CHECKED = (
+    "`bayesdrill verify` computes the tables again from the chain and says whether config, record, "
+    "chain, tables and figures of a folder still belong together."
+)
+
+
+def section(run: View, folder: Path) -> Section:
+    """`folder`: of the run, which holds config and chain."""
+    lines = (*_lines(run), ("files", ", ".join(_digests(folder))))
+    table = Table(("", ""), lines, frozenset(("",)))
+    return Section("Provenance", (table, *_config(folder), Note(CHECKED)), brief=False)
+
+
+def _lines(run: View) -> Iterator[tuple[str, str]]:
+    config, marks = run.config, run.marks
+    c, sampler = run.sampled.convergence, config.sampler
+    experiment = run.problem.experiment
+    length = experiment.t[-1] - experiment.t[0]
+    yield "config", config.name
+    yield "run", f"{marks[provenance.RUN_MARK]}, a digest of all that decides the chain"
+    yield "record", f"`{Path(config.record.file).name}`: {marks['Record']} over {length:g} s"
+    yield "channels", ", ".join(experiment.names)
+    yield "model", config.model.name
+    yield "seed", marks["Seed"]
+    yield (
+        "sampler",
+        f"{sampler.ensembles} ensembles of {sampler.walkers} walkers; burn-in {c.burn_in} of {c.steps} "
+        f"steps, then one of {c.thin}",
+    )
+    yield "versions", marks["Versions"]
+    if run.seconds:
+        yield "seconds", ", ".join(f"{name} {value:.1f}" for name, value in run.seconds.items())
+
+
+def _digests(folder: Path) -> Iterator[str]:
+    for name in (CONFIG_FILE, RESOLVED_FILE, CHAIN):
+        if (folder / name).exists():
+            yield f"`{name}` {own_files.digest(folder / name)}"
+
+
+def _config(folder: Path) -> Iterator[Plain]:
+    path = folder / RESOLVED_FILE
+    if path.exists():
+        yield Plain(path.read_text(encoding="utf-8"), folded="The config, with every default")

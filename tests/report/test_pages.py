@@ -1,0 +1,283 @@
+"""The report for eyes: one page that needs nothing beside it, with every cell and sentence on it."""
+
+from __future__ import annotations
+
+import base64
+import dataclasses
+import re
+from functools import cache
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+from oracles import NOMINAL
+from PIL import Image
+
+import bayesdrill as bd
+from bayesdrill.basics.symbols import PARAMETERS, Symbol
+from bayesdrill.inference.priors import LogUniform, Uniform
+from bayesdrill.insight.diagnostics import Row
+from bayesdrill.report import latex, provenance_words
+from bayesdrill.report.bars import bars
+from bayesdrill.report.html import as_html
+from bayesdrill.report.run_report import sections
+from bayesdrill.report.sections import (
+    Bar,
+    Mark,
+    Marks,
+    Note,
+    Picture,
+    Plain,
+    Section,
+    Sentences,
+    Table,
+    as_markdown,
+    as_text,
+)
+from bayesdrill.report.typeset import Typesetter, printed
+
+ALONE = frozenset(("meta", "img", "rect", "line", "br"))  # elements without an end
+
+T = np.linspace(0.0, 4.0, 161)
+
+
+@cache
+def run() -> bd.Run:
+    """Of a rig whose record says nothing of `c_m`, and whose voltage constant is not the table's."""
+    truth = {**NOMINAL, "k_e": 0.055}
+    exact = bd.respond("motor_shaft", truth, T, {"v": 6.0}, "w_2")["w_2"]
+    noise = 0.1 * np.random.default_rng(6).standard_normal(len(T))
+    box = {"prior": "uniform", "low": 0.5, "high": 1.5, "relative": True}
+    case = bd.case(
+        T,
+        channels={"w_2": bd.Channel(exact + noise, "rad/s", 0.1)},
+        inputs={"v": 6.0},
+        parameters=dict.fromkeys(NOMINAL, "nominal") | dict.fromkeys(("k_e", "c_m"), box),
+        sampler={"ensembles": 4, "walkers": 32, "ess": 400},
+        seed=3,
+    )
+    return case.sample()
+
+
+class Page(HTMLParser):
+    """Elements in their order; raises where they do not nest."""
+
+    def __init__(self, html: str) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.found: list[tuple[str, dict[str, str]]] = []
+        self.grids: list[list[list[str]]] = []
+        self.text = ""
+        self.feed(html)
+        self.close()
+        assert not self.open
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.found.append((tag, {name: value or "" for name, value in attrs}))
+        if tag not in ALONE:
+            self.open.append(tag)
+        if tag == "table":
+            self.grids.append([])
+        if tag == "tr":
+            self.grids[-1].append([])
+        if tag in ("td", "th"):
+            self.grids[-1][-1].append("")
+
+    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.found.append((tag, {name: value or "" for name, value in attrs}))
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        if {"td", "th"} & set(self.open):
+            self.grids[-1][-1][-1] += data.strip("\n")
+        if not {"style", "script"} & set(self.open):
+            self.text += data
+
+    def all(self, tag: str) -> list[dict[str, str]]:
+        return [attributes for name, attributes in self.found if name == tag]
+
+
+def page(*said: Section, figures: Path = Path(), symbols: tuple[Symbol, ...] = ()) -> Page:
+    return Page(as_html("a title", "a kind", said, figures, symbols))
+
+
+@pytest.fixture(scope="module")
+def saved(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return run().save(tmp_path_factory.mktemp("pages") / "mine")
+
+
+def test_a_run_leaves_a_page_that_needs_nothing_beside_it(saved: Path) -> None:
+    """Mutants killed: a picture by its path, a font or a script from elsewhere, two places of a name."""
+    html = (saved / "report.html").read_text(encoding="utf-8")
+    found = Page(html)
+    assert not re.search(
+        r"https?:|//[a-z]|url\((?!data:)|@import", re.sub(r'"data:[^"]*"', "", html)
+    )
+    (policy,) = (m["content"] for m in found.all("meta") if "http-equiv" in m)
+    assert policy.startswith("default-src 'none'")
+    places = [attributes["id"] for _, attributes in found.found if "id" in attributes]
+    assert len(places) == len(set(places))
+    links = [a["href"] for a in found.all("a")]
+    assert links
+    assert {link.removeprefix("#") for link in links} <= set(places)
+    pictures = [i for i in found.all("img") if "src" in i]
+    drawn = sorted(path.stem for path in (saved / "figures").glob("*.png"))
+    assert len(pictures) == len(drawn) >= 4
+    inside = [base64.b64decode(i["src"].split(",")[1]) for i in pictures]
+    assert sorted(inside) == sorted((saved / f"figures/{stem}.png").read_bytes() for stem in drawn)
+    for image, data in zip(pictures, inside, strict=True):
+        path = next(p for p in (saved / "figures").glob("*.png") if p.read_bytes() == data)
+        with Image.open(path) as opened:
+            assert (int(image["width"]), int(image["height"])) == opened.size
+        assert len(image["alt"]) > 20
+
+
+def test_what_matters_most_comes_first_and_ends_a_terminal(saved: Path) -> None:
+    html = (saved / "report.html").read_text(encoding="utf-8")
+    titles = re.findall(r"<h2>(.*?)</h2>", html)
+    first = ["Verdict", "Fit", "Parameters", "Figures", "Against the nominal table"]
+    assert titles[: len(first)] == first
+    assert titles[-1] == "Provenance"
+    said = run().judge().text
+    assert said.splitlines()[-1].startswith(("verdict:", "not determined"))
+    assert said.index("the record says") < said.index("fit: ") < said.index("verdict: ")
+
+
+def test_terminal_markdown_and_page_show_the_same_list(saved: Path) -> None:
+    """Mutant killed: a table made anew for one of the three, with cells of its own."""
+    html = Page((saved / "report.html").read_text(encoding="utf-8"))
+    markdown = (saved / "summary.md").read_text(encoding="utf-8")
+    view = run()._view
+    flat = re.sub(r"\s+", " ", html.text)
+    for section in sections(view):
+        for block in section.blocks:
+            if isinstance(block, Table):
+                shown = next(
+                    grid for grid in html.grids if len(grid) == len(block.lines) + 1
+                    and [row[-1] for row in grid[1:]] == [line[-1] for line in block.lines]
+                )  # fmt: skip
+                for line, row in zip(block.lines, shown[1:], strict=True):
+                    cells = [row[0], *row[2:]] if block.bars else row
+                    assert cells[1:] == [cell.replace("^", "") for cell in line[1:]]
+                    assert "| " + " | ".join(line) + " |" in markdown
+            if isinstance(block, Plain):
+                assert block.text in markdown
+                assert block.text in html.text
+            if isinstance(block, Note):
+                words = re.sub(r"[`*]", "", block.text)
+                assert words[:60] in flat
+
+
+def test_the_marks_say_what_the_verdict_says() -> None:
+    view = run()._view
+    blocks = [block for section in sections(view) for block in section.blocks]
+    (marks,) = (block for block in blocks if isinstance(block, Marks))
+    assert {mark.text: mark.tone for mark in marks.items} == {
+        "converged": "good",
+        "fits: noise is left": "good",
+        "disagrees with tables_2_3": "doubt",
+    }
+    convergence = dataclasses.replace(view.sampled.convergence, reasons=("too short",))
+    sampled = dataclasses.replace(view.sampled, convergence=convergence)
+    html = page(*sections(dataclasses.replace(view, sampled=sampled)))
+    assert "not converged" in html.text
+    assert "disagrees with" not in html.text
+
+
+def test_texts_of_users_stay_texts() -> None:
+    """Mutant killed: no escaping, by which a name of a column would be read as HTML."""
+    evil = '<script>alert("x")</script> & `<b>`'
+    table = Table(("", evil), ((evil, evil),), frozenset())
+    said = Section(
+        evil,
+        (Sentences(evil), Note(evil), Plain(evil, folded=evil), table, Marks((Mark(evil, "bad"),))),
+    )
+    html = page(said)
+    assert len(html.all("script")) == 1
+    assert not html.all("b")
+    assert html.text.count('alert("x")') >= 8
+
+
+def test_names_are_printed_with_their_index_and_kept_in_code() -> None:
+    own = (Symbol("sigma_w_2", "rad/s", r"\sigma_{\dot\theta_2}", "rad/s", "noise"),)
+    typeset = Typesetter(printed(own)).prose
+    assert str(typeset("k_T/(r_m k_s)")) == (
+        "<var>k<sub>T</sub></var>/(<var>r<sub>m</sub></var> <var>k<sub>s</sub></var>)"
+    )
+    assert str(typeset("theta_1 in kg m^2")) == "<var>&theta;<sub>1</sub></var> in kg m<sup>2</sup>"
+    assert "<sub>&theta;&#775;<sub>2</sub></sub>" in str(typeset("sigma_w_2"))
+    for name in ("k_s_over_j_1", "tables_2_3", "mean_k_s", "k_s.csv", "k_s2"):
+        assert "<var>" not in str(typeset(name)), name
+    assert str(typeset("`k_s` is *weak*, **k_s**")) == (
+        "<code>k_s</code> is <em>weak</em>, <strong><var>k<sub>s</sub></var></strong>"
+    )
+    assert str(typeset("5 * k_s * 2")).count("em>") == 0
+    assert all(PARAMETERS[name].name in printed() for name in PARAMETERS)
+
+
+def test_a_picture_without_its_file_is_left_out(tmp_path: Path) -> None:
+    assert not page(Section("s", (Picture("none", "nothing"),)), figures=tmp_path).all("figure")
+
+
+def test_sentences_that_go_on_are_bullets_below() -> None:
+    text = "fit: first\n  - more\n  and more\nsecond"
+    html = page(Section("Fit", (Sentences(text),)))
+    assert len(html.all("li")) == 1 + 4  # of the contents, and ...
+    assert "First" in html.text
+    assert as_markdown("t", [Section("", (Sentences(text),))]).endswith(
+        "- fit: first\n  - more\n  - and more\n- second\n"
+    )
+    sections = [Section("", (Sentences("page's first"),)), Section("", (Sentences("last"),))]
+    assert as_text(sections) == ("last", "page's first")
+
+
+ROW = Row(
+    name="k_s", unit="N*m/rad", nominal=0.26, map=0.31, mean=0.3, sd=0.0123, hdi_low=0.28,
+    hdi_high=0.32, deviation=0.15, r_hat=1.0, ess_bulk=1.0, ess_tail=1.0, shrinkage=0.5,
+    word="weak", pressed_against=None,
+)  # fmt: skip
+
+
+def test_bars_stand_on_the_range_of_the_prior_in_logs_where_it_has_decades() -> None:
+    (plain,) = bars([ROW], {"k_s": Uniform(0.2, 0.4)})
+    assert plain.low == pytest.approx((0.28 - 0.2) / 0.2, abs=2e-3)
+    assert plain.nominal == pytest.approx((0.26 - 0.2) / 0.2, abs=2e-3)
+    (logs,) = bars([ROW], {"k_s": LogUniform(0.01, 10.0)})
+    assert logs.high == pytest.approx(np.log(32) / np.log(1000), abs=2e-3)
+    far = dataclasses.replace(ROW, nominal=2.0)
+    (wide,) = bars([far], {"k_s": Uniform(0.2, 0.4)})
+    assert wide == Bar(wide.low, wide.high, 1.0, wide.best)
+    assert max(wide.low, wide.high, wide.best) < 0.1
+
+
+@pytest.mark.parametrize(
+    ("scale", "sd"), [(1.0, 0.0123), (1e-4, 0.00123), (3e5, 0.1), (1.0, 2.5e-6), (-2e-7, 0.02)]
+)
+def test_the_latex_table_has_the_numbers_to_two_digits_of_the_sd(scale: float, sd: float) -> None:
+    """Mutants killed: a power of ten lost, one column in the place of another."""
+    names = ("nominal", "map", "mean", "hdi_low", "hdi_high")
+    values = {name: getattr(ROW, name) * scale for name in names} | {"sd": sd * abs(scale)}
+    if scale < 0:
+        values["hdi_low"], values["hdi_high"] = values["hdi_high"], values["hdi_low"]
+    text = latex.table([dataclasses.replace(ROW, **values)], [PARAMETERS["k_s"]])
+    (line,) = (line for line in text.splitlines() if line.startswith("$k_s$"))
+    power = re.search(r"10\^\{(-?\d+)\}", line)
+    ten = 10.0 ** int(power[1]) if power else 1.0
+    found = [
+        float(x) for x in re.findall(r"(?<=[{ ])-?\d+(?:\.\d+)?(?=[} ])", line.split("&", 2)[2])
+    ]
+    shown = dict(zip(("nominal", "map", "mean", "sd", "hdi_low", "hdi_high"), found, strict=True))
+    for name, value in shown.items():
+        assert value * ten == pytest.approx(values[name], abs=0.0501 * values["sd"]), name
+    assert r"\mathrm{N\,m/rad}" in line
+    assert line.endswith(r"& weak \\")
+    assert text.count("\n") == 8
+
+
+def test_provenance_names_seed_versions_record_and_digests(saved: Path) -> None:
+    said = as_markdown("t", [provenance_words.section(run()._view, saved)])
+    for word in ("| seed | 3 |", "numpy 2", "161 samples", "`chain.h5` ", "sampler:"):
+        assert word in said, word
