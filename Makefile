@@ -11,12 +11,13 @@ BENCH_READY := .venv-bench/.ready
 BROWSER := .venv-browser/bin
 BROWSER_READY := .venv-browser/.ready
 
-.PHONY: help posterior paper test test-slow check format bench bench-growth zoo mutants attack pages schema clean
+.PHONY: help posterior paper test test-slow check format bench bench-growth zoo mutants attack pages results schema clean
 
 help:
 	@echo "make posterior [CONFIG=configs/mine.yaml] [ARGS=--resume|--force]"
 	@echo "                 the main job: a config in, results/<name>/ out"
 	@echo "make paper       the studies of the paper, repeated: results/paper/ (2 to 3 minutes)"
+	@echo "make results     what results/published holds, made anew from every config (5 minutes)"
 	@echo "make test        the tests, under 5 minutes"
 	@echo "make test-slow   longer proofs"
 	@echo "make check       format, lint, types and tests"
@@ -36,6 +37,11 @@ posterior: $(READY)
 # What is there comes from the same configs, so it is made anew.
 paper: $(READY)
 	@$(BIN)/bayesdrill paper --force
+
+results: $(READY)
+	@set -e; for config in configs/*.yaml; do $(BIN)/bayesdrill posterior $$config --force; done
+	@$(BIN)/bayesdrill paper --force
+	@$(BIN)/python docs/results.py
 
 test: $(READY)
 	@$(BIN)/python -m pytest -m "not slow" -n 2 --dist loadfile --no-loadscope-reorder
