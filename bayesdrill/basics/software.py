@@ -14,3 +14,7 @@ PACKAGES = (*DECISIVE, "arviz-stats", "arviz-base", "h5py")
 
 def versions() -> dict[str, str]:
     return {"bayesdrill": bayesdrill.__version__, **{name: version(name) for name in PACKAGES}}
+
+
+def in_words() -> str:
+    return ", ".join(f"{name} {number}" for name, number in versions().items())

@@ -26,7 +26,7 @@ from bayesdrill.engines.workers import ctrl_c_waits
 from bayesdrill.insight.calibration.refit import Refit, Study, packed, work
 from bayesdrill.insight.calibration.verdict import Verdict, judge
 from bayesdrill.record.experiment import Experiment
-from bayesdrill.report import calibration_words
+from bayesdrill.report import calibration_words, provenance_words
 from bayesdrill.report.sections import Section, as_markdown, markdown
 from bayesdrill.results import provenance, run_folder
 from bayesdrill.results.chain_files import COMPUTED_AGAIN
@@ -225,7 +225,10 @@ def _pages(job: Job, folder: Folder, said: Sequence[Section]) -> None:
 
     title = f"Calibration of {job.config.name}"
     folder.write_text("summary.md", as_markdown(title, said))
-    page = as_html(title, "calibration", said, folder.path / FIGURES, job.problem.symbols)
+    config = job.config
+    lines = (("config", config.name), ("seed", str(config.seed)), ("versions", software.in_words()))
+    every = (*said, provenance_words.made_of(lines, folder.path))
+    page = as_html(title, "calibration", every, folder.path / FIGURES, job.problem.symbols)
     folder.write_text("report.html", page)
 
 

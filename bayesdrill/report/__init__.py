@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from bayesdrill.report.log_axes import set_factors as set_factors
     from bayesdrill.report.log_axes import usable as usable
     from bayesdrill.report.pages import Page as Page
+    from bayesdrill.report.provenance_words import made_of as made_of
     from bayesdrill.report.publish import draw as draw
     from bayesdrill.report.schematics import heuristic_figure as heuristic_figure
     from bayesdrill.report.schematics import rig_figure as rig_figure
@@ -48,6 +49,7 @@ __getattr__ = late(
         "draw": "publish",
         "extremes": "fit_plot",
         "heuristic_figure": "schematics",
+        "made_of": "provenance_words",
         "markdown": "sections",
         "product": "identify_words",
         "records_as_csv": "tables",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 from bayesdrill.basics import own_files
@@ -20,9 +21,15 @@ CHECKED = (
 
 def section(run: View, folder: Path) -> Section:
     """`folder`: of the run, which holds config and chain."""
-    lines = (*_lines(run), ("files", ", ".join(_digests(folder))))
-    table = Table(("", ""), lines, frozenset(("",)))
-    return Section("Provenance", (table, *_config(folder), Note(CHECKED)), brief=False)
+    made = made_of(tuple(_lines(run)), folder)
+    return replace(made, blocks=(*made.blocks, Note(CHECKED)))
+
+
+def made_of(lines: tuple[tuple[str, str], ...], folder: Path) -> Section:
+    """What is known, and digests of what it was made of, where these are in `folder`."""
+    digests = tuple(("files", found) for found in (", ".join(_digests(folder)),) if found)
+    table = Table(("", ""), (*lines, *digests), frozenset(("",)))
+    return Section("Provenance", (table, *_config(folder)), brief=False)
 
 
 def _lines(run: View) -> Iterator[tuple[str, str]]:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import bayesdrill
-from bayesdrill.basics.software import DECISIVE, versions
+from bayesdrill.basics.software import DECISIVE, in_words, versions
 from bayesdrill.inference.problem import Problem
 from bayesdrill.record.experiment import Experiment
 from bayesdrill.results.run_folder import VERSION_OF
@@ -51,7 +51,7 @@ def marks(config: Config, problem: Problem, burn_in: str) -> dict[str, str]:
         "Record": every["the record"],
         "Seed": str(config.seed),
         "Burn-in": burn_in,
-        "Versions": ", ".join(f"{name} {number}" for name, number in versions().items()),
+        "Versions": in_words(),
     }
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 import bayesdrill
-from bayesdrill.basics import own_files, symbols
+from bayesdrill.basics import own_files, software, symbols
 from bayesdrill.engines import Crew
 from bayesdrill.paper.pages.cells import Table
 from bayesdrill.paper.pages.tables import in_words, tables
@@ -24,6 +24,7 @@ from bayesdrill.report import (
     as_html,
     as_markdown,
     draw,
+    made_of,
 )
 from bayesdrill.results import Folder
 
@@ -52,7 +53,8 @@ def write(found: Findings, folder: Folder, crew: Crew) -> None:
         task.result()
     said = sections(in_words(found), made, {stem: says for stem, says, *_ in wanted})
     folder.write_text("report.md", as_markdown(TITLE, said))
-    folder.write_text("report.html", as_html(TITLE, "the paper", said, figures))
+    every = (*said, made_of((("versions", software.in_words()),), folder.path))
+    folder.write_text("report.html", as_html(TITLE, "the paper", every, figures))
 
 
 def sections(
