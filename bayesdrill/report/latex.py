@@ -9,7 +9,7 @@ from bayesdrill.basics.symbols import Symbol
 from bayesdrill.insight.diagnostics import HDI_PROBABILITY, Row
 
 _HEADS = (
-    *("", "unit", "nominal", "MAP", r"mean $\pm$ sd"),
+    *("", "unit", "nominal", "MAP", "mean (sd)"),
     rf"{100 * HDI_PROBABILITY:.0f}\,\% HDI",
     "the record says",
 )
