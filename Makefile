@@ -9,7 +9,7 @@ READY := .venv/.ready
 BENCH := .venv-bench/bin
 BENCH_READY := .venv-bench/.ready
 
-.PHONY: help posterior paper test test-slow check format bench bench-growth zoo mutants attack schema clean
+.PHONY: help posterior paper test test-slow check format bench bench-growth zoo mutants attack schema citation dist clean
 
 help:
 	@echo "make posterior [CONFIG=configs/mine.yaml] [ARGS=--resume|--force]"
@@ -25,6 +25,8 @@ help:
 	@echo "make mutants     break the code in named ways and see the tests fail"
 	@echo "make attack      malformed configs, records and results, SECONDS=60 of each of seven kinds"
 	@echo "make schema      write configs/schema.json anew"
+	@echo "make citation    write CITATION.cff anew"
+	@echo "make dist        the files of a release: dist/"
 	@echo "make clean       remove .venv, .venv-bench and caches; results stay"
 
 posterior: $(READY)
@@ -68,6 +70,17 @@ attack: $(READY)
 
 schema: $(READY)
 	@$(BIN)/bayesdrill schema > configs/schema.json
+
+citation: $(READY)
+	@$(BIN)/bayesdrill cite --format cff > CITATION.cff
+
+# What is not committed would be in the files too.
+dist: $(READY)
+	@test ! -e .git || test -z "$$(git status --porcelain)" || \
+	  { echo "not committed, see git status; commit it, or put it elsewhere"; exit 1; }
+	@rm -f dist/bayesdrill-*
+	@$(BIN)/python -m build --no-isolation --outdir dist
+	@ls -l dist
 
 clean:
 	rm -rf .venv .venv-bench .mypy_cache .pytest_cache .ruff_cache .hypothesis
