@@ -26,9 +26,9 @@ if TYPE_CHECKING:
     from bayesdrill.api.case import Input as Input
     from bayesdrill.api.case import case as case
     from bayesdrill.api.case import load as load
+    from bayesdrill.api.citation import citation as citation
+    from bayesdrill.api.example import example as example
     from bayesdrill.api.files import calibration as calibration
-    from bayesdrill.api.files import citation as citation
-    from bayesdrill.api.files import example as example
     from bayesdrill.api.files import publish as publish
     from bayesdrill.api.files import schema as schema
     from bayesdrill.api.files import simulate as simulate
@@ -55,8 +55,8 @@ _PLACES = {
     "case": "api.case",
     "load": "api.case",
     "calibration": "api.files",
-    "citation": "api.files",
-    "example": "api.files",
+    "citation": "api.citation",
+    "example": "api.example",
     "publish": "api.files",
     "schema": "api.files",
     "simulate": "api.files",

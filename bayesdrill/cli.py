@@ -31,6 +31,12 @@ Processes = Annotated[
 ]
 
 
+class CitationForm(StrEnum):
+    text = "text"
+    bibtex = "bibtex"
+    cff = "cff"
+
+
 def _tell_version(wanted: bool) -> None:
     """Eager, so that `--version` needs no command."""
     if wanted:
@@ -58,9 +64,9 @@ def example(
 ) -> None:
     """Write the bundled configs and records into a folder, to begin with."""
     with guarded():
-        from bayesdrill.api import files
+        from bayesdrill.api.example import example as write
 
-        typer.echo(files.example(folder))
+        typer.echo(write(folder))
 
 
 @app.command(epilog="Example: bayesdrill check configs/nominal_step.yaml")
@@ -270,25 +276,21 @@ def schema() -> None:
         typer.echo(files.schema(), nl=False)
 
 
-class CitationForm(StrEnum):
-    text = "text"
-    bibtex = "bibtex"
-    cff = "cff"
-
-
 @app.command(epilog="Example: bayesdrill cite results/nominal_step --format bibtex")
 def cite(
     folder: Annotated[
         Path | None,
         typer.Argument(metavar="FOLDER", help="Of a run; default: what is installed."),
     ] = None,
-    form: Annotated[CitationForm, typer.Option("--format", help="How.")] = CitationForm.text,
+    form: Annotated[
+        CitationForm, typer.Option("--format", help="To read, for BibTeX, or as CITATION.cff.")
+    ] = CitationForm.text,
 ) -> None:
     """Say how to cite bayesdrill and what a run stands on."""
     with guarded():
-        from bayesdrill.api import files
+        from bayesdrill.api.citation import citation
 
-        typer.echo(getattr(files.citation(folder), form.value).rstrip("\n"))
+        typer.echo(getattr(citation(folder), form.value).rstrip("\n"))
 
 
 def _finish(outcome: Outcome) -> None:

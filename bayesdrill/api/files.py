@@ -1,19 +1,16 @@
-"""What is done with configs and folders as a whole: simulated, calibrated, reported again, cited."""
+"""What is done with configs and folders as a whole: simulated, calibrated, reported again."""
 
 from __future__ import annotations
 
-import shlex
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bayesdrill.api import arguments
-from bayesdrill.basics.errors import InputError
 from bayesdrill.basics.progress import Reporter, Silent
 
 if TYPE_CHECKING:
-    from bayesdrill.basics.citation import Citation
     from bayesdrill.commands.calibrate import Outcome as Calibrated
     from bayesdrill.commands.pipeline import Outcome
     from bayesdrill.commands.verify import Verified
@@ -24,33 +21,6 @@ if TYPE_CHECKING:
 class Simulated:
     path: Path
     samples: int
-
-
-@dataclass(frozen=True, slots=True)
-class Example:
-    """What `example` wrote, and what to try with it."""
-
-    folder: Path
-    files: tuple[Path, ...]
-
-    def __str__(self) -> str:
-        return (
-            f"{self.folder}/: configs with their records, to run and to copy; try\n"
-            f"  bayesdrill check {shlex.quote(str(self.files[0]))}"
-        )
-
-    __repr__ = __str__
-
-
-def example(folder: str | Path = "configs") -> Example:
-    """Writes the bundled configs and records into a folder, and overwrites nothing.
-
-    Raises `InputError` with each of them that is there already.
-    """
-    from bayesdrill.setup import examples
-
-    place = Path(folder).expanduser()
-    return Example(place, examples.write(place))
 
 
 def simulate(
@@ -145,21 +115,3 @@ def schema() -> str:
     from bayesdrill.setup.schema import as_text
 
     return as_text()
-
-
-def citation(folder: str | Path | None = None) -> Citation:
-    """How to cite what is installed, or what the run in `folder` was made with.
-
-    Raises `InputError` where no run has been.
-    """
-    from bayesdrill.basics import citation as citing
-
-    if folder is None:
-        return citing.citation()
-    from bayesdrill.results.run_folder import read_run
-
-    place = Path(folder).expanduser()
-    made_with = (read_run(place) or {}).get("versions")
-    if not isinstance(made_with, dict):
-        raise InputError.one(str(place), "no finished run is here; give the folder of one, or none")
-    return citing.citation(made_with)
