@@ -11,7 +11,7 @@ FROM python:3.13-slim
 COPY --from=build /source/requirements.lock /wheel/
 COPY --from=build /wheel /wheel
 RUN pip install --no-cache-dir --constraint /wheel/requirements.lock /wheel/*.whl
-RUN useradd --create-home bayesdrill
+RUN useradd --create-home bayesdrill && install --directory --owner bayesdrill /data
 # Whatever user is given, figures need a folder for fonts.
 ENV MPLCONFIGDIR=/tmp/matplotlib
 USER bayesdrill

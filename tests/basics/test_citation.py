@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import tomllib
 from pathlib import Path
 
 import arviz_base
@@ -97,7 +98,9 @@ def test_the_file_has_what_its_format_requires() -> None:
     assert (data["cff-version"], data["type"]) == ("1.2.0", "software")
     assert data["version"] == bayesdrill.__version__
     assert re.fullmatch(r"\d{4}-\d\d-\d\d", data["date-released"])
-    assert f'license = "{data["license"]}"' in (ROOT / "pyproject.toml").read_text()
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    assert (data["license"], data["authors"]) == (project["license"], project["authors"])
+    assert data["abstract"].rstrip(".") == project["description"]
     for reference in data["references"]:
         assert {"type", "title", "authors"} <= set(reference)
         assert reference["type"] in ("article", "conference-paper")
