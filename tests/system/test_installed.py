@@ -92,7 +92,7 @@ def instructions() -> list[tuple[str, str]]:
     return [tuple(line.split(" ", 1)) for line in lines if line and not line.startswith("#")]
 
 
-def test_the_image_is_of_what_it_is_given_and_of_no_user_of_power() -> None:
+def test_the_image_is_of_what_it_is_given_and_not_of_root() -> None:
     """No Docker is asked: instructions that are known, files that are there and not ignored."""
     found = instructions()
     known = {"FROM", "WORKDIR", "COPY", "RUN", "ENV", "USER", "ENTRYPOINT", "CMD"}
