@@ -11,7 +11,7 @@ BENCH_READY := .venv-bench/.ready
 BROWSER := .venv-browser/bin
 BROWSER_READY := .venv-browser/.ready
 
-.PHONY: help posterior paper test test-slow check format bench bench-growth zoo mutants attack pages results schema clean
+.PHONY: help posterior paper test test-slow check format bench bench-growth zoo mutants attack pages results schema citation dist clean
 
 help:
 	@echo "make posterior [CONFIG=configs/mine.yaml] [ARGS=--resume|--force]"
@@ -29,6 +29,8 @@ help:
 	@echo "make attack      malformed configs, records and results, SECONDS=60 of each of seven kinds"
 	@echo "make pages       look at reports in a headless Chromium, which has to be on PATH (a minute, in .venv-browser)"
 	@echo "make schema      write configs/schema.json anew"
+	@echo "make citation    write CITATION.cff anew"
+	@echo "make dist        the files of a release: dist/"
 	@echo "make clean       remove .venv, .venv-bench, .venv-browser and caches; results stay"
 
 posterior: $(READY)
@@ -80,6 +82,17 @@ pages: $(BROWSER_READY)
 
 schema: $(READY)
 	@$(BIN)/bayesdrill schema > configs/schema.json
+
+citation: $(READY)
+	@$(BIN)/bayesdrill cite --format cff > CITATION.cff
+
+# What is not committed would be in the files too.
+dist: $(READY)
+	@test ! -e .git || test -z "$$(git status --porcelain)" || \
+	  { echo "not committed, see git status; commit it, or put it elsewhere"; exit 1; }
+	@rm -f dist/bayesdrill-*
+	@$(BIN)/python -m build --no-isolation --outdir dist
+	@ls -l dist
 
 clean:
 	rm -rf .venv .venv-bench .venv-browser .mypy_cache .pytest_cache .ruff_cache .hypothesis

@@ -8,7 +8,8 @@
     run.judge(); run.plot_corner(); run.to_arviz()
     run.save("results/mine"); bd.open("results/mine")
 
-With files and folders, as the command line: `bd.simulate`, `case.run`, `bd.publish`, `bd.calibration`.
+With files and folders, as the command line: `bd.example`, `bd.simulate`, `case.run`, `bd.publish`,
+`bd.calibration`, `bd.citation`.
 All that is returned is a frozen record and prints itself in words; nothing else writes than these and
 `save`.
 """
@@ -25,6 +26,8 @@ if TYPE_CHECKING:
     from bayesdrill.api.case import Input as Input
     from bayesdrill.api.case import case as case
     from bayesdrill.api.case import load as load
+    from bayesdrill.api.citation import citation as citation
+    from bayesdrill.api.example import example as example
     from bayesdrill.api.files import calibration as calibration
     from bayesdrill.api.files import publish as publish
     from bayesdrill.api.files import schema as schema
@@ -52,6 +55,8 @@ _PLACES = {
     "case": "api.case",
     "load": "api.case",
     "calibration": "api.files",
+    "citation": "api.citation",
+    "example": "api.example",
     "publish": "api.files",
     "schema": "api.files",
     "simulate": "api.files",

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -17,7 +18,6 @@ if TYPE_CHECKING:
     from bayesdrill.commands.pipeline import Outcome
 
 app = typer.Typer(
-    add_completion=False,
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
@@ -29,6 +29,12 @@ Force = Annotated[bool, typer.Option("--force", help="Discard what is there and 
 Processes = Annotated[
     int | None, typer.Option(min=1, max=256, help="Processes; the result does not depend on it.")
 ]
+
+
+class CitationForm(StrEnum):
+    text = "text"
+    bibtex = "bibtex"
+    cff = "cff"
 
 
 def _tell_version(wanted: bool) -> None:
@@ -48,6 +54,19 @@ def top(
     ] = False,
 ) -> None:
     pass
+
+
+@app.command(epilog="Example: bayesdrill example my_rig")
+def example(
+    folder: Annotated[
+        Path, typer.Argument(metavar="FOLDER", help="Nothing in it is overwritten.")
+    ] = Path("configs"),
+) -> None:
+    """Write the bundled configs and records into a folder, to begin with."""
+    with guarded():
+        from bayesdrill.api.example import example as write
+
+        typer.echo(write(folder))
 
 
 @app.command(epilog="Example: bayesdrill check configs/nominal_step.yaml")
@@ -226,7 +245,7 @@ def simulate(
 @app.command(epilog="Example: bayesdrill paper --output results/paper")
 def paper(
     configs: Annotated[
-        Path, typer.Argument(metavar="[FOLDER]", help="With the configs of the studies.")
+        Path, typer.Argument(metavar="FOLDER", help="With the configs of the studies.")
     ] = Path("configs/paper"),
     output: Annotated[
         Path, typer.Option("--output", "-o", help="Folder for tables and figures.")
@@ -257,6 +276,23 @@ def schema() -> None:
         typer.echo(files.schema(), nl=False)
 
 
+@app.command(epilog="Example: bayesdrill cite results/nominal_step --format bibtex")
+def cite(
+    folder: Annotated[
+        Path | None,
+        typer.Argument(metavar="FOLDER", help="Of a run; default: what is installed."),
+    ] = None,
+    form: Annotated[
+        CitationForm, typer.Option("--format", help="To read, for BibTeX, or as CITATION.cff.")
+    ] = CitationForm.text,
+) -> None:
+    """Say how to cite bayesdrill and what a run stands on."""
+    with guarded():
+        from bayesdrill.api.citation import citation
+
+        typer.echo(getattr(citation(folder), form.value).rstrip("\n"))
+
+
 def _finish(outcome: Outcome) -> None:
     typer.echo(outcome.said)
     typer.echo(
@@ -274,4 +310,8 @@ def _finish(outcome: Outcome) -> None:
 
 
 def main() -> None:
-    app()
+    command = typer.main.get_command(app)
+    for option in command.params:
+        if option.name == "show_completion":
+            option.hidden = True  # type: ignore[attr-defined]
+    command()

@@ -31,6 +31,27 @@ class Mutant:
 
 MUTANTS = [
     Mutant(
+        "examples written through a link that leads nowhere",
+        "setup/examples.py",
+        "for path in paths if own_files.what(path)",
+        "for path in paths if path.exists()",
+        "tests/cli/test_example.py::test_nothing_is_overwritten_and_nothing_written_beside_it",
+    ),
+    Mutant(
+        "a run cited with what is installed today",
+        "basics/citation.py",
+        "{**software.versions(), **(versions or {})}",
+        "{**(versions or {}), **software.versions()}",
+        "tests/basics/test_citation.py::test_a_run_is_cited_with_the_versions_that_made_it",
+    ),
+    Mutant(
+        "an accent lost in BibTeX",
+        "basics/bibliography.py",
+        "if mark else letter)",
+        "if not mark else base)",
+        "tests/basics/test_citation.py::test_entries_are_plain_and_whole",
+    ),
+    Mutant(
         "contours of noise",
         "report/contours.py",
         "np.median(slope[near]) > STEEP * noise",

@@ -47,7 +47,8 @@ def read(path: Path) -> Source:
         with path.open("rb") as file:  # of a device there may be no end
             raw = file.read(MOST_BYTES + 1)
     except FileNotFoundError:
-        raise InputError.one(str(path), "there is no such file; check the path") from None
+        message = "there is no such file; check the path (`bayesdrill example` writes some to copy)"
+        raise InputError.one(str(path), message) from None
     except IsADirectoryError:
         raise InputError.one(str(path), "this is a folder; name the .yaml file in it") from None
     except (OSError, ValueError) as error:  # ValueError: a NUL in the path

@@ -29,7 +29,10 @@ class Studies:
 def prepare(configs: Path) -> Studies:
     """Raises `InputError` with all that would stop them later."""
     if not configs.is_dir():
-        message = f"no such folder; give the one that holds {', '.join((TWO, *NINES))}"
+        message = (
+            f"no such folder; give the one that holds {', '.join((TWO, *NINES))}, "
+            "or have it written by `bayesdrill example`"
+        )
         raise InputError.one(str(configs), message)
     two, *nines = (job.prepare(configs / name) for name in (TWO, *NINES))
     makers = tuple(loading.load(configs / name) for name in MAKERS)

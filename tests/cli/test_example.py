@@ -1,0 +1,98 @@
+"""What a newcomer without a checkout gets, and how a result is cited."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+import systems
+
+import bayesdrill as bd
+from bayesdrill.basics.citation import citation
+from bayesdrill.basics.sealed import sealed
+from bayesdrill.setup import examples
+
+CONFIGS = systems.ROOT / "configs"
+
+
+def test_the_examples_are_those_of_the_checkout_and_run(tmp_path: Path) -> None:
+    folder = tmp_path / "my rig"
+    made = systems.cli("example", folder)
+    assert made.status == 0
+    there = {path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()}
+    assert there == {*examples.FILES}
+    assert all((folder / name).read_bytes() == (CONFIGS / name).read_bytes() for name in there)
+    assert f"'{folder}/nominal_step.yaml'" in made.out  # as a shell takes it
+    assert systems.cli("check", folder / "nominal_step.yaml").status == 0
+
+
+def test_every_config_of_the_checkout_is_an_example() -> None:
+    """Whoever adds one adds it to the list."""
+    named = {CONFIGS / "schema.json", *CONFIGS.glob("example_*.yaml")}
+    named |= {*(CONFIGS / "paper").glob("*.yaml"), *(CONFIGS / "paper" / "records").glob("*.csv")}
+    assert {path.relative_to(CONFIGS).as_posix() for path in named} <= {*examples.FILES}
+
+
+def test_nothing_is_overwritten_and_nothing_written_beside_it(tmp_path: Path) -> None:
+    (tmp_path / "records").mkdir()
+    (tmp_path / "notes.txt").write_text("mine")
+    (tmp_path / "example_rig.yaml").write_text("mine")
+    (tmp_path / "records" / "nominal_step.csv").symlink_to("nowhere")
+    before = systems.listing(tmp_path)
+    refused = systems.cli("example", tmp_path)
+    assert refused.status == 2
+    assert len(refused.err.splitlines()) == 2  # each of them, and a way out
+    assert "example_rig.yaml: is there already; move it" in refused.err
+    assert systems.listing(tmp_path) == before
+
+
+def test_other_files_of_the_folder_stay(tmp_path: Path) -> None:
+    (tmp_path / "notes.txt").write_text("mine")
+    made = bd.example(tmp_path)
+    assert len(made.files) == len(examples.FILES)
+    assert (tmp_path / "notes.txt").read_text() == "mine"
+    assert "bayesdrill check" in repr(made)
+
+
+@pytest.mark.parametrize("name", ["", "records", "paper"])
+def test_what_is_no_folder_is_not_written_through(name: str, tmp_path: Path) -> None:
+    folder, elsewhere = tmp_path / "here", tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    if name:
+        folder.mkdir()
+        (folder / name).symlink_to(elsewhere)
+    else:
+        folder.write_text("a file")
+    refused = systems.cli("example", folder)
+    assert refused.status == 2
+    assert "is no folder" in refused.err
+    assert not [*elsewhere.iterdir()]
+
+
+def test_a_package_without_its_examples_says_so(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(examples, "PACKAGE", tmp_path / "bayesdrill")
+    with pytest.raises(bd.InputError, match="install bayesdrill again"):
+        bd.example(tmp_path / "here")
+    assert not [*tmp_path.iterdir()]
+
+
+@pytest.mark.parametrize("form", ["text", "bibtex", "cff"])
+def test_what_is_installed_is_cited(form: str) -> None:
+    said = systems.cli("cite", "--format", form)
+    assert (said.status, said.out.strip()) == (0, getattr(citation(), form).strip())
+
+
+def test_a_run_is_cited_with_its_own_versions(tmp_path: Path) -> None:
+    (tmp_path / "run.json").write_text(sealed({"versions": {"emcee": "3.0.2"}}))
+    assert "emcee 3.0.2 " in systems.cli("cite", tmp_path).out
+
+
+@pytest.mark.parametrize("entries", [None, {}, {"versions": "3"}])
+def test_a_folder_without_a_finished_run_is_not_cited(entries: dict | None, tmp_path: Path) -> None:
+    if entries is not None:
+        (tmp_path / "run.json").write_text(sealed(entries))
+    said = systems.cli("cite", tmp_path)
+    assert (said.status, said.out) == (2, "")
+    assert "no finished run is here" in said.err
