@@ -227,7 +227,7 @@ def _pages(job: Job, folder: Folder, said: Sequence[Section]) -> None:
     folder.write_text("summary.md", as_markdown(title, said))
     config = job.config
     lines = (("config", config.name), ("seed", str(config.seed)), ("versions", software.in_words()))
-    every = (*said, provenance_words.made_of(lines, folder.path))
+    every = (*said, provenance_words.made_of(lines, folder.path), provenance_words.cite())
     page = as_html(title, "calibration", every, folder.path / FIGURES, job.problem.symbols)
     folder.write_text("report.html", page)
 

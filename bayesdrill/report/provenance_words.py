@@ -7,8 +7,9 @@ from dataclasses import replace
 from pathlib import Path
 
 from bayesdrill.basics import own_files
+from bayesdrill.basics.citation import citation
 from bayesdrill.basics.own_files import CONFIG_FILE, RESOLVED_FILE
-from bayesdrill.report.sections import Note, Plain, Section, Table
+from bayesdrill.report.sections import Note, Plain, Section, Sentences, Table
 from bayesdrill.report.view import View
 from bayesdrill.results import provenance
 from bayesdrill.results.run_folder import CHAIN
@@ -23,6 +24,16 @@ def section(run: View, folder: Path) -> Section:
     """`folder`: of the run, which holds config and chain."""
     made = made_of(tuple(_lines(run)), folder)
     return replace(made, blocks=(*made.blocks, Note(CHECKED)))
+
+
+def cite() -> Section:
+    """How to cite what a report was made with."""
+    found = citation()
+    return Section(
+        "How to cite",
+        (Sentences(found.text.replace("\n\n", "\n")), Plain(found.bibtex, folded="BibTeX")),
+        brief=False,
+    )
 
 
 def made_of(lines: tuple[tuple[str, str], ...], folder: Path) -> Section:

@@ -91,7 +91,8 @@ def _pages(view: View, pictures: Sequence[Picture], folder: Folder) -> None:
         # Late: templates are for this page alone.
         from bayesdrill.report.html import as_html
 
-        said = (*sections(view, pictures), provenance_words.section(view, folder.path))
+        made_of = provenance_words.section(view, folder.path)
+        said = (*sections(view, pictures), made_of, provenance_words.cite())
         figures = folder.path / FOLDER
         text = as_html(view.config.name, "posterior", said, figures, view.problem.symbols)
         folder.write_text("report.html", text)
