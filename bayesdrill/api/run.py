@@ -99,11 +99,13 @@ class Run:
         In no window: `figure.savefig(...)`, or the last line of a cell.  Raises `InputError` where
         this run has no such figure.
         """
+        from bayesdrill.report.warning_strip import warned  # late: matplotlib takes a second
+
         arguments.known(FIGURES, name, "plot", "figure")
         found = drawing(name, self._view)
         if found is None:
             raise InputError.one("plot", f"there is nothing to draw in a figure {name} of this run")
-        return found.figure(*found.arguments)
+        return warned(found.drawn(), self._view.warning)
 
     def plot_corner(self) -> Figure:
         return self.plot("corner")

@@ -52,8 +52,17 @@ class Kind:
         return _among(name, (self.mark, *self.files, *self.kept))
 
 
-def figures(*stems: str) -> tuple[str, ...]:
-    return tuple(f"{FIGURES}/{stem}.{end}" for stem in stems for end in ("pdf", "png"))
+FORMATS = ("pdf", "png", "svg")  # of figures
+USUAL = FORMATS[:2]
+
+
+def figures(*stems: str, formats: Iterable[str] = USUAL) -> tuple[str, ...]:
+    return tuple(f"{FIGURES}/{stem}.{end}" for stem in stems for end in formats)
+
+
+def shown(formats: Iterable[str]) -> str:
+    """Of these, the one that a page can show best."""
+    return min(formats, key=("png", "svg", "pdf").index)
 
 
 UNFINISHED = Kind("posterior", RUN, (f"{PIECES}/ensemble_#_#.npz",))
@@ -72,7 +81,7 @@ POSTERIOR = Kind(
     (
         *("chain.h5", "map.json", *CONFIGS, "posterior.nc", "summary.csv", "summary.md"),
         *("derived.csv", "verdict.csv", "table.tex", "report.html"),
-        *figures(*RUN_FIGURES),
+        *figures(*RUN_FIGURES, formats=FORMATS),
         *UNFINISHED.files,
     ),
     kept=(RECORD,),  # its config may be started over from this very folder

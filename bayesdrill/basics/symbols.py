@@ -165,15 +165,23 @@ def own_symbol(name: str, unit: str, latex: str | None, meaning: str) -> Symbol:
     if index:
         plain = index.replace("_", ",")
         shown += rf"_{{{plain}}}" if len(plain) == 1 else rf"_{{\mathrm{{{plain}}}}}"
-    return Symbol(name, unit, latex or shown, _latex_unit(unit), meaning)
+    return Symbol(name, unit, latex or shown, latex_unit(unit), meaning)
 
 
-def _latex_unit(unit: str) -> str:
+def latex_unit(unit: str) -> str:
+    r"""Of a unit as pint reads it, without dollars: `mN*m` is `mN\,m`, `%` is `\%`."""
     if unit in ("1", ""):
         return ""
-    plain_text = unit.replace(" ", "").replace("_", r"\_")
-    powers = re.sub(r"\*\*(-?[\d.]+)", r"^{\1}", plain_text)
-    return powers.replace("*", r"\,").replace("ohm", r"\Omega")
+    parts = re.split(
+        r"(?:\*\*|\^)\s*\(?\s*(-?[\d.]+)\s*\)?", unit.strip()
+    )  # names and powers, in turn
+    shown = [
+        re.sub(r"\s*\*\s*|(?<=\w)\s+(?=\w)", r"\\,", re.sub(r"([%#&_$])", r"\\\1", part))
+        for part in parts[::2]
+    ]
+    powers = [f"^{{{power}}}" for power in parts[1::2]]
+    joined = "".join(a + b for a, b in zip(shown, [*powers, ""], strict=True))
+    return re.sub(r"\bohms?\b", r"\\Omega", joined).replace(" ", "")
 
 
 def noise_symbol(channel: str, unit: str, latex: str, latex_unit: str) -> Symbol:

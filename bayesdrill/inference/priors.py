@@ -190,6 +190,40 @@ class HalfNormal:
         return f"half-normal, scale {self.scale:.6g}"
 
 
+@dataclass(frozen=True, slots=True)
+class InUnits:
+    """`si`, of a quantity that is written in a unit of `factor` SI."""
+
+    si: Prior
+    factor: float
+
+    @property
+    def low(self) -> float:
+        return self.si.low / self.factor
+
+    @property
+    def high(self) -> float:
+        return self.si.high / self.factor
+
+    @property
+    def in_logs(self) -> bool:
+        return self.si.in_logs
+
+    def logpdf(self, x: Array) -> Array:
+        return self.si.logpdf(np.asarray(x) * self.factor) + math.log(self.factor)
+
+    def quantile(self, u: Array) -> Array:
+        return self.si.quantile(u) / self.factor
+
+    def describe(self) -> str:
+        return f"{self.si.describe()}, in SI"
+
+
+def flat_in_logs(prior: Prior | None) -> bool:
+    """Whether it says of the log what a uniform prior says of a quantity itself."""
+    return isinstance(prior.si if isinstance(prior, InUnits) else prior, LogUniform)
+
+
 def normal(mean: float, sd: float) -> TruncatedNormal:
     """A normal prior of a positive quantity: cut at zero and renormalised."""
     return TruncatedNormal(mean, sd)

@@ -8,8 +8,8 @@ from bayesdrill.basics.late import late
 
 if TYPE_CHECKING:
     from bayesdrill.report.fit_plot import LINE as LINE
-    from bayesdrill.report.fit_plot import TIME as TIME
     from bayesdrill.report.fit_plot import extremes as extremes
+    from bayesdrill.report.fitted import TIME as TIME
     from bayesdrill.report.html import as_html as as_html
     from bayesdrill.report.identify_words import product as product
     from bayesdrill.report.log_axes import set_decades as set_decades
@@ -41,7 +41,7 @@ __getattr__ = late(
         "Picture": "sections",
         "Section": "sections",
         "Sentences": "sections",
-        "TIME": "fit_plot",
+        "TIME": "fitted",
         "Table": "sections",
         "View": "view",
         "as_html": "html",

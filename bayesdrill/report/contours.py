@@ -27,16 +27,18 @@ STEEP = (
     2.0  # sds of its noise that a density falls across a bandwidth at a contour; 0.8 of noise alone
 )
 
-CONTOUR = {"colors": style.BLACK, "linewidths": 0.7}
+CONTOUR = {"colors": style.BLACK}
 INNER, OUTER = "0.68", "0.85"  # greys between the contours
 
 
-def contours(panel: Axes, xy: tuple[Array, Array], ends: tuple[Ends, Ends]) -> None:
+def contours(
+    panel: Axes, xy: tuple[Array, Array], ends: tuple[Ends, Ends], fine: float = 1.0
+) -> None:
     """Filled contours by `corner`, of a smoothed density that is reflected at priors' ends.
 
     Where the two are nearly one line, bins are sheared along the regression of y on x: upright ones
     would show a ridge as wide as the bins.  A contour that noise alone would draw, because the density
-    is flat there, is left out.  `xy`: draws `(N,)` each; `ends`: of their priors.
+    is flat there, is left out.  `xy`: draws `(N,)` each; `ends`: of their priors; `fine`: of lines.
     """
     x, y = xy
     correlation = float(np.corrcoef(x, y)[0, 1]) if np.ptp(x) > 0 and np.ptp(y) > 0 else 0.0
@@ -65,7 +67,7 @@ def contours(panel: Axes, xy: tuple[Array, Array], ends: tuple[Ends, Ends]) -> N
         plot_density=False,
         no_fill_contours=True,
         fill_contours=True,
-        contour_kwargs={**CONTOUR, "transform": transform},
+        contour_kwargs={**CONTOUR, "linewidths": 0.7 * fine, "transform": transform},
         contourf_kwargs={
             "colors": [(1, 1, 1, 0), *(fills[level] for level in reversed(levels))],
             "transform": transform,

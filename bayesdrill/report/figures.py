@@ -8,9 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-import numpy as np
-
 from bayesdrill.basics.registry import Registry
+from bayesdrill.inference.priors import flat_in_logs
 from bayesdrill.report import derived_words
 from bayesdrill.report.view import Drawing, View
 
@@ -39,10 +38,13 @@ def drawing(name: str, run: View) -> Drawing | None:
 def _corner(run: View) -> Drawing:
     from bayesdrill.report.corner_plot import corner_figure
 
-    names, at_map = run.config.output.corner, run.best[None]
+    own, at_map = run.units, run.best[None]
+    names = run.config.output.corner or run.config.output.parameters
     shown = derived_words.shown(run.problem, names, run.sampled.draws, run.derived, at_map)
-    priors = run.problem.posterior.space.priors
-    given = (shown.draws, shown.symbols, shown.nominal, shown.mode, priors)
+    draws = shown.draws / own.factors(shown.symbols)
+    nominal, mode = own.values(shown.nominal), own.values(shown.mode)
+    priors = own.priors(run.problem.posterior.space.priors)
+    given = (draws, own.symbols(shown.symbols), nominal, mode, priors, run.width)
     return Drawing(corner_figure, given, says=CORNER)
 
 
@@ -52,50 +54,50 @@ def _invariants(run: View) -> Drawing | None:
     if run.judged is None or not run.judged.verdict.products:
         return None
     verdict, symbols = run.judged.verdict, run.problem.symbols
-    return Drawing(invariants_figure, (verdict, run.draws, run.best, symbols), says=INVARIANTS)
+    return Drawing(
+        invariants_figure, (verdict, run.draws, run.best, symbols, run.width), says=INVARIANTS
+    )
 
 
 def _ridge(run: View) -> Drawing | None:
     """Where there is a symmetry."""
     from bayesdrill.report.ridge_plot import ridge_figure, strongest_pair
 
-    judged, problem = run.judged, run.problem
+    judged, shown = run.judged, run.shown()
     pair = None if judged is None else strongest_pair(run.draws, judged.study.structure)
     if pair is None:
         return None
-    priors, nominal = problem.posterior.space.priors, problem.nominal
-    given = (run.draws, pair, problem.symbols, priors, nominal, run.mode.values)
+    given = (shown.of(run.draws), pair, shown.symbols, shown.priors, shown.nominal, shown.mode)
     return Drawing(ridge_figure, given, says=RIDGE)
 
 
 def _trace(run: View) -> Drawing:
     from bayesdrill.report.trace_plot import trace_figure
 
-    sampled, problem = run.sampled, run.problem
-    burn_in, nominal = sampled.convergence.burn_in, problem.nominal
-    given = (sampled.theta, problem.symbols, burn_in, nominal, run.mode.values)
-    return Drawing(trace_figure, given, says=TRACE)
+    shown, sampled = run.shown(run.config.output.parameters), run.sampled
+    logs = [name for name, prior in shown.priors.items() if flat_in_logs(prior)]
+    values = (shown.nominal, shown.mode, logs, run.width)
+    burn_in = sampled.convergence.burn_in
+    return Drawing(
+        trace_figure, (shown.of(sampled.theta), shown.symbols, burn_in, *values), says=TRACE
+    )
 
 
 def _prior_posterior(run: View) -> Drawing:
     from bayesdrill.report.prior_posterior_plot import prior_posterior_figure
 
-    problem = run.problem
-    priors, nominal = problem.posterior.space.priors, problem.nominal
-    given = (run.draws, problem.symbols, priors, nominal, run.mode.values)
-    return Drawing(prior_posterior_figure, given, says=PRIOR_POSTERIOR)
+    shown = run.shown(run.config.output.parameters)
+    values = (shown.priors, shown.nominal, shown.mode, run.width)
+    return Drawing(
+        prior_posterior_figure, (shown.of(run.draws), shown.symbols, *values), says=PRIOR_POSTERIOR
+    )
 
 
 def _fit(run: View) -> Drawing:
     from bayesdrill.report.fit_plot import fit_figure
+    from bayesdrill.report.fitted import fitted
 
-    experiment, likelihood = run.problem.experiment, run.problem.posterior.likelihood
-    group = run.tree["posterior_predictive"]
-    predictive = np.stack([np.asarray(group[name]) for name in experiment.names], axis=-1)
-    predictive = predictive.reshape(-1, *predictive.shape[2:]).astype(np.float64)
-    at_map = run.best[None]
-    signals, sigmas = likelihood.signals(at_map)[0], likelihood.sigmas(at_map)[0]
-    return Drawing(fit_figure, (experiment, signals, predictive, sigmas), says=FIT)
+    return Drawing(fit_figure, (fitted(run), run.width), says=FIT)
 
 
 FIGURES: Registry[Recipe] = Registry(

@@ -1,8 +1,7 @@
-"""The record against the model: what was measured, the model at the MAP, and what is left."""
+"""The record against the model: inputs, what was measured, the model at the MAP, and what is left."""
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from typing import Any
 
@@ -16,8 +15,9 @@ from scipy.special import ndtri
 
 from bayesdrill.basics.symbols import Symbol
 from bayesdrill.insight.diagnostics import HDI_PROBABILITY
-from bayesdrill.record.experiment import Channel, Experiment
-from bayesdrill.report import style
+from bayesdrill.report import fit_page, residual_words, round_numbers, style
+from bayesdrill.report.fit_page import FitPage
+from bayesdrill.report.fitted import Course, Fit, Signal
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -29,39 +29,35 @@ SHARE = f"{100 * HDI_PROBABILITY:.0f} %"
 TAILS = (0.5 - HDI_PROBABILITY / 2, 0.5 + HDI_PROBABILITY / 2)
 SIGMAS = float(ndtri(TAILS[1]))  # 1.88: half the width of the band of the noise
 
-TIME = Symbol("t", "s", "t", "s", "time")
 
-# Inches.
-ROW, LEFT, RIGHT, BOTTOM, GAP_X, GAP_Y, TOP = 1.45, 0.84, 0.12, 0.42, 0.9, 0.12, 0.48
-FIT_SHARE = 0.6  # of the width, for the signals; the rest is for the residuals
+def fit_figure(fit: Fit, width: float = style.DOUBLE) -> Figure:
+    """Inputs above; for each channel its signals, and beside them (below, in one column) residuals."""
+    t = fit.t
+    time = style.scale(float(t[0]), float(t[-1]), margin=0.01)
+    with style.styled(width):
+        page = fit_page.build(
+            len(fit.signals), len(fit.courses), width, constant=bool(fit.constant)
+        )
+        for panel, course in zip(page.courses, fit.courses, strict=True):
+            _course(panel, course, time, t)
+        for signal, (left, right) in zip(fit.signals, page.rows, strict=True):
+            drawn = extremes(signal.model, LINE)
+            band = np.quantile(signal.predictive[:, drawn], TAILS, axis=0)
+            _signals(left, signal, time, t, drawn, band)
+            _residuals(right, signal, time, t)
+        _times(page, time, fit.time)
+        _legends(page, fit, beside=width >= style.DOUBLE)
+    return page.figure
 
 
-def fit_figure(
-    experiment: Experiment, mode_signals: Array, predictive: Array, mode_sigma: Array
-) -> Figure:
-    """A row for each channel, all SI: signals beside residuals.
-
-    mode_signals : (T, K) at the MAP; predictive : (N, T, K) with noise; mode_sigma : (K,).
-    """
-    t = experiment.t
-    margin = 0.01 * float(t[-1] - t[0])
-    time = style.scale(float(t[0]) - margin, float(t[-1]) + margin)
-    with style.styled():
-        figure, rows = _page(len(experiment.channels))
-        for k, (channel, (left, right)) in enumerate(zip(experiment.channels, rows, strict=True)):
-            y, model = experiment.y[:, k], mode_signals[:, k]
-            drawn = extremes(model, LINE)
-            band = np.quantile(predictive[:, drawn, k], TAILS, axis=0)
-            _signals(left, channel, time, (t, y, model), drawn, band)
-            _residuals(right, channel, time, t, y - model, float(mode_sigma[k]))
-            for panel in (left, right):
-                panel.set_xlim(time.low, time.high)
-                most = 5 if panel is left else 4
-                style.set_ticks(panel.xaxis, *style.ticks(time.low, time.high, most))
-        for panel in rows[-1]:
-            panel.set_xlabel(time.label(TIME))
-        _legends(figure, rows[0])
-    return figure
+def _times(page: FitPage, time: style.Scale, label: Symbol) -> None:
+    first = page.rows[0][0]
+    for panel in page.panels:
+        panel.set_xlim(time.low, time.high)
+        broad = panel.get_position().width >= first.get_position().width
+        style.set_ticks(panel.xaxis, *time.ticks(5 if broad else 4))
+        if panel.xaxis.get_tick_params()["labelbottom"]:
+            panel.set_xlabel(time.label(label))
 
 
 def extremes(y: Array, most: int) -> Indices:
@@ -76,22 +72,11 @@ def extremes(y: Array, most: int) -> Indices:
     return np.unique(np.concatenate([[0, n - 1], np.minimum(kept, n - 1).ravel()]))
 
 
-def _page(n: int) -> tuple[Figure, list[tuple[Axes, Axes]]]:
-    """Two panels a channel, times at the foot only, room for the legends above."""
-    width, height = style.DOUBLE, BOTTOM + n * ROW + (n - 1) * GAP_Y + TOP
-    figure = Figure(figsize=(width, height))
-    free = width - LEFT - RIGHT - GAP_X
-    rows = []
-    for k in range(n):
-        y = height - TOP - ROW - k * (ROW + GAP_Y)
-        left = figure.add_axes((LEFT / width, y / height, FIT_SHARE * free / width, ROW / height))
-        x = LEFT + FIT_SHARE * free + GAP_X
-        share = (1 - FIT_SHARE) * free / width
-        right = figure.add_axes((x / width, y / height, share, ROW / height))
-        for panel in (left, right):
-            panel.tick_params(labelbottom=k == n - 1)
-        rows.append((left, right))
-    return figure, rows
+def corners(u: Array, most: int) -> Indices:
+    """Where stairs through `u` begin, rise and end; of too many, the `extremes`."""
+    changes = np.flatnonzero(np.diff(u)) + 1
+    found = np.unique(np.concatenate([[0, len(u) - 1], changes]))
+    return found if len(found) <= most else extremes(u, most)
 
 
 DOT: dict[str, Any] = {**style.DOTS, "color": "0.45", "alpha": 0.8, "zorder": 1}
@@ -105,32 +90,35 @@ def _size(n: int) -> dict[str, float]:
     return {"markersize": min(3.0, max(1.0, 40 / math.sqrt(n)))}
 
 
+def _course(panel: Axes, course: Course, time: style.Scale, t: Array) -> None:
+    """As the model takes it between samples."""
+    u = course.values
+    drawn = (extremes if course.straight else corners)(u, LINE)
+    scale = _numbers(panel, course.label, float(u.min()), float(u.max()), 3)
+    style_of = "default" if course.straight else "steps-post"
+    panel.plot(time(t[drawn]), scale(u[drawn]), drawstyle=style_of, **MODEL)
+
+
 def _signals(
-    panel: Axes,
-    channel: Channel,
-    time: style.Scale,
-    columns: tuple[Array, Array, Array],
-    drawn: Indices,
-    band: Array,
+    panel: Axes, signal: Signal, time: style.Scale, t: Array, drawn: Indices, band: Array
 ) -> None:
-    """Times, measured and modelled `(T,)`; `band` `(2, len(drawn))` around the model."""
-    t, y, model = columns
+    """`band` `(2, len(drawn))` around the model."""
+    y, model = signal.y, signal.model
     low = min(float(y.min()), float(model.min()), float(band.min()))
     high = max(float(y.max()), float(model.max()), float(band.max()))
-    scale = _numbers(panel, channel, low, high)
+    scale = _numbers(panel, signal.label, low, high)
     panel.fill_between(time(t[drawn]), *scale(band), zorder=0, **BAND)
     dots = style.thin(len(t), DOTS)
     panel.plot(time(t[dots]), scale(y[dots]), **(DOT | _size(len(dots))))
     panel.plot(time(t[drawn]), scale(model[drawn]), zorder=2, **MODEL)
 
 
-def _residuals(
-    panel: Axes, channel: Channel, time: style.Scale, t: Array, rest: Array, sigma: float
-) -> None:
-    """Measured minus MAP `(T,)`, and the band of the noise."""
-    residual = dataclasses.replace(channel, latex=rf"\mathrm{{residual\ of}}\ {channel.latex}")
+def _residuals(panel: Axes, signal: Signal, time: style.Scale, t: Array) -> None:
+    """Measured minus MAP, the band of the noise, and how much of the channel this is."""
+    rest, sigma = signal.y - signal.model, signal.sigma
+    label = Symbol("rest", "", r"\mathrm{residual}", signal.label.latex_unit, "")
     far = max(float(np.abs(rest).max()), SIGMAS * sigma)
-    scale = _numbers(panel, residual, -far, far)
+    scale = _numbers(panel, label, -far, far)
     ends = scale(np.array([-1.0, 1.0]) * SIGMAS * sigma)
     panel.axhspan(*ends, zorder=0, **BAND)
     for end in ends:
@@ -138,36 +126,75 @@ def _residuals(
     dots = style.thin(len(t), DOTS)
     panel.plot(time(t[dots]), scale(rest[dots]), **(DOT | _size(len(dots))))
     panel.axhline(float(scale(0.0)), zorder=2, **MODEL)
+    if not math.isnan(signal.share):
+        panel.annotate(
+            f"left: {residual_words.percent(signal.share)}",
+            (1.0, 0.5),
+            (4, 0),
+            xycoords="axes fraction",
+            textcoords="offset points",
+            rotation=90,
+            ha="left",
+            va="center",
+            size=style.letters("legend.fontsize"),
+        )
 
 
-def _numbers(panel: Axes, what: style.Labelled, low: float, high: float) -> style.Scale:
-    margin = 0.06 * (high - low)
-    scale = style.scale(low - margin, high + margin)
+def _numbers(
+    panel: Axes, what: style.Labelled, low: float, high: float, most: int = 4
+) -> style.Scale:
+    scale = style.scale(low, high, margin=0.06)
     panel.set_ylim(scale.low, scale.high)
-    style.set_ticks(panel.yaxis, *style.ticks(scale.low, scale.high, 4))
+    style.set_ticks(panel.yaxis, *scale.ticks(most))
     style.side_label(panel, scale.label(what, "\n"))
     return scale
 
 
-def _legends(figure: Figure, panels: tuple[Axes, Axes]) -> None:
-    """Above each column, what is shown in it."""
+HELD = "input, held from each sample to the next"
+STRAIGHT = "input, straight from each sample to the next"
+LEFT = "left: rms over the channel's spread"
+
+
+def _legends(page: FitPage, fit: Fit, *, beside: bool) -> None:
+    """Above each kind of panel, what is shown in it; what is constant, in a line."""
     dot = Line2D([], [], **{**DOT, "markersize": 3, "rasterized": False})
     line, band = Line2D([], [], **MODEL), Patch(**BAND)
     edged = Patch(facecolor=BAND["color"], edgecolor=style.BLACK, linewidth=0.6, linestyle="--")
-    left = {"measured": dot, "model at the MAP": line, f"{SHARE} posterior predictive": band}
-    noise = rf"{SHARE} of the noise ($\pm${SIGMAS:.2f} $\sigma$ at the MAP)"
-    right = {"measured minus model at the MAP": dot, noise: edged}
-    for panel, entries, columns in zip(panels, (left, right), (3, 1), strict=True):
-        panel.legend(
-            list(entries.values()),
-            list(entries),
-            loc="lower left",
-            bbox_to_anchor=(0.0, 1.02),
-            ncols=columns,
-            borderaxespad=0.0,
-            borderpad=0.2,
-            handlelength=1.6,
-            handletextpad=0.5,
-            columnspacing=1.0,
-            labelspacing=0.2,
-        )
+    at_map = " at the MAP" if beside else ""
+    noise = rf"{SHARE} of the noise ($\pm${SIGMAS:.2f} $\sigma${at_map})"
+    signals = {"measured": dot, "model at the MAP": line, f"{SHARE} posterior predictive": band}
+    rest = {noise: edged, LEFT: Line2D([], [], linestyle="none")}
+    left, right = page.rows[0]
+    if beside:
+        _legend(left, signals, 3)
+        _legend(right, {"measured minus model at the MAP": dot, **rest}, 1)
+    else:
+        _legend(left, signals | rest, 2, 0.02 - page.left / left.get_position().width)
+    if fit.courses:
+        _legend(page.courses[0], {STRAIGHT if fit.courses[0].straight else HELD: line}, 1)
+    if fit.constant:
+        said = ", ".join(map(_said, *zip(*fit.constant, strict=True)))
+        size = style.letters("legend.fontsize")
+        page.figure.text(page.left, page.said, f"constant input: {said}", va="top", size=size)
+
+
+def _said(label: Symbol, value: float) -> str:
+    number = round_numbers.latex(float(f"{value:.5g}"))
+    unit = rf"\,\mathrm{{{label.latex_unit}}}" if label.latex_unit else ""
+    return f"${label.latex} = {number}{unit}$"
+
+
+def _legend(panel: Axes, entries: dict[str, Any], columns: int, x: float = 0.0) -> None:
+    panel.legend(
+        list(entries.values()),
+        list(entries),
+        loc="lower left",
+        bbox_to_anchor=(x, 1.0),
+        ncols=columns,
+        borderaxespad=0.1,
+        borderpad=0.2,
+        handlelength=1.6,
+        handletextpad=0.5,
+        columnspacing=1.0,
+        labelspacing=0.2,
+    )

@@ -15,8 +15,10 @@ import bayesdrill
 from bayesdrill.basics.symbols import Symbol
 from bayesdrill.report.sections import Picture, Section, items
 from bayesdrill.report.typeset import Typesetter, printed
+from bayesdrill.report.widths import DPI
 
 _PNG_SIZE = slice(16, 24)  # of a file: width and height, big endian
+_SVG_SIZE = re.compile(rb'<svg[^>]*\bwidth="([\d.]+)pt" height="([\d.]+)pt"')
 _WORDS = frozenset(("verdict", "the record says"))  # heads of columns whose cells are coloured
 
 
@@ -36,8 +38,8 @@ def as_html(
     figures: Path,
     symbols: Sequence[Symbol] = (),
 ) -> str:
-    """`what`: the kind of report; `figures`: where the PNG of pictures are; those without one are
-    left out.
+    """`what`: the kind of report; `figures`: where the PNG or SVG of pictures are; those without
+    either are left out.
     """
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("bayesdrill.report", "page"),
@@ -56,7 +58,10 @@ def as_html(
         "kind": lambda block: type(block).__name__,
     }
     environment.filters |= helpers
-    shown = {picture.stem: _embedded(figures, picture.stem) for picture in _pictures(sections)}
+    shown = {
+        picture.stem: _embedded(figures / f"{picture.stem}.{picture.ending}")
+        for picture in _pictures(sections)
+    }
     return environment.get_template("report.html.j2").render(
         title=title,
         what=what,
@@ -72,15 +77,25 @@ def _pictures(sections: Sequence[Section]) -> Iterator[Picture]:
         yield from (block for block in section.blocks if isinstance(block, Picture))
 
 
-def _embedded(figures: Path, stem: str) -> Shown | None:
-    path = figures / f"{stem}.png"
-    if not path.exists():
+def _embedded(path: Path) -> Shown | None:
+    kinds = {".png": ("png", _size_of_png), ".svg": ("svg+xml", _size_of_svg)}
+    if path.suffix not in kinds or not path.exists():
         return None
+    kind, size = kinds[path.suffix]
     data = path.read_bytes()
+    url = f"data:image/{kind};base64,{base64.b64encode(data).decode()}"
+    return Shown(url, *size(data))
+
+
+def _size_of_png(data: bytes) -> tuple[int, int]:
     size = data[_PNG_SIZE]
-    width, height = (int.from_bytes(size[k : k + 4]) for k in (0, 4))
-    url = f"data:image/png;base64,{base64.b64encode(data).decode()}"
-    return Shown(url, width, height)
+    return int.from_bytes(size[:4]), int.from_bytes(size[4:8])
+
+
+def _size_of_svg(data: bytes) -> tuple[int, int]:
+    """As many pixels as a PNG of the same figure has by default."""
+    width, height = (float(points) for points in _SVG_SIZE.findall(data)[0])
+    return round(width / 72 * DPI), round(height / 72 * DPI)
 
 
 def after(text: str, known: str) -> str:

@@ -13,12 +13,17 @@ from bayesdrill.insight.identifiability.structure import Exponents
 from bayesdrill.insight.verdict import Verdict
 from bayesdrill.report.corner_plot import corner_figure
 from bayesdrill.report.identify_words import product
+from bayesdrill.report.widths import DOUBLE
 
 Array = NDArray[np.float64]
 
 
 def invariants_figure(
-    found: Verdict, draws: Array, mode: Array, symbols: Sequence[Symbol]
+    found: Verdict,
+    draws: Array,
+    mode: Array,
+    symbols: Sequence[Symbol],
+    width: float = DOUBLE,
 ) -> Figure:
     """Of SI draws `(N, D)` and the MAP `(D,)`; determined products, or all where none is.
 
@@ -38,6 +43,7 @@ def invariants_figure(
         {symbol.name: 0.0 for symbol in shown},
         {symbol.name: float(x) for symbol, x in zip(shown, at, strict=True)},
         {},
+        width,
     )
 
 

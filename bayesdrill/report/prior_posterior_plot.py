@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 
@@ -13,7 +14,7 @@ from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
 from bayesdrill.basics.symbols import Symbol
-from bayesdrill.inference.priors import Prior
+from bayesdrill.inference.priors import Prior, flat_in_logs
 from bayesdrill.report import style
 from bayesdrill.report.pages import Page
 
@@ -30,6 +31,9 @@ PAGE = Page(
     top=0.36,
     bottom=0.5,
 )
+SMALL = dataclasses.replace(
+    PAGE, columns=2, width=style.SINGLE, row=0.66, gap_x=0.16, gap_y=0.43, top=0.42, bottom=0.44
+)
 TAIL = 0.001  # of a prior without an end: where its axis ends
 BINS = 60
 HEAD = 1.12  # of the highest density: where a panel ends
@@ -41,10 +45,15 @@ def prior_posterior_figure(
     priors: Mapping[str, Prior],
     nominal: Mapping[str, float],
     mode: Mapping[str, float],
+    width: float = style.DOUBLE,
 ) -> Figure:
-    """Of SI draws `(N, D)`, over the range of each prior."""
-    with style.styled():
-        figure, panels = PAGE.build(len(symbols))
+    """Of draws `(N, D)` in the units of the symbols, over the range of each prior.
+
+    The axis is logarithmic where a prior is flat in the log.
+    """
+    page = PAGE if width >= style.DOUBLE and len(symbols) > 1 else SMALL
+    with style.styled(page.width):
+        figure, panels = page.build(len(symbols))
         sides = set()
         for panel, x, symbol in zip(panels, draws.T, symbols, strict=True):
             scale = _scale(priors[symbol.name], x)
@@ -54,7 +63,7 @@ def prior_posterior_figure(
             _frame(panel, scale, symbol)
             if known is not None:
                 sides.add(scale.side(known))
-        _legend(figure, sides)
+        _legend(figure, sides, page)
     return figure
 
 
@@ -63,8 +72,7 @@ def _scale(prior: Prior, x: Array) -> style.Scale:
     low, high = (float(q) for q in prior.quantile(np.array([TAIL, 1 - TAIL])))
     low = prior.low if math.isfinite(prior.low) and prior.low > 0 else min(low, float(x.min()))
     high = prior.high if math.isfinite(prior.high) else max(high, float(x.max()))
-    margin = 0.04 * (high - low)
-    return style.scale(low - margin, high + margin)
+    return style.scale(low, high, log=flat_in_logs(prior), margin=0.04)
 
 
 def _densities(panel: Axes, scale: style.Scale, x: Array, prior: Prior) -> None:
@@ -77,8 +85,7 @@ def _densities(panel: Axes, scale: style.Scale, x: Array, prior: Prior) -> None:
     panel.stairs(heights, edges, fill=True, color=style.LIGHT, zorder=1)
     panel.stairs(heights, edges, color=style.BLACK, linewidth=0.7, zorder=2)
     places = np.linspace(scale.low, scale.high, 801)
-    si = scale.origin + places * 10.0**scale.power
-    density = np.exp(prior.logpdf(si)) * 10.0**scale.power
+    density = scale.density(prior, places)
     panel.plot(places, density, zorder=3, **{**style.PRIOR_LINE, "color": style.DARK})
     sure = density[np.isfinite(density)]
     # A density may grow without bound towards zero; the panel ends at what nearly all of it is below.
@@ -99,12 +106,12 @@ def _values(panel: Axes, scale: style.Scale, nominal: float | None, mode: float 
 
 def _frame(panel: Axes, scale: style.Scale, symbol: Symbol) -> None:
     panel.set_xlim(scale.low, scale.high)
-    style.set_ticks(panel.xaxis, *style.ticks(scale.low, scale.high, 4))
+    style.set_numbers(panel.xaxis, scale, 4)
     style.set_ticks(panel.yaxis, np.array([]), None)
     panel.set_xlabel(scale.label(symbol), labelpad=2)
 
 
-def _legend(figure: Figure, sides: set[int]) -> None:
+def _legend(figure: Figure, sides: set[int], page: Page) -> None:
     handles: list[Line2D | Patch] = [
         Line2D([], [], label="prior", **{**style.PRIOR_LINE, "color": style.DARK}),
         Patch(facecolor=style.LIGHT, edgecolor=style.BLACK, linewidth=0.7, label="posterior"),
@@ -114,8 +121,9 @@ def _legend(figure: Figure, sides: set[int]) -> None:
     figure.legend(
         handles=handles,
         loc="upper center",
-        ncols=len(handles),
+        ncols=len(handles) if page is PAGE or len(handles) <= 4 else 3,
         borderaxespad=0.3,
         handlelength=2.4,
-        columnspacing=1.6,
+        columnspacing=1.6 if page is PAGE else 1.2,
+        labelspacing=0.3,
     )

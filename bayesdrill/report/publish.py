@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import bayesdrill
+from bayesdrill.basics import own_files
 from bayesdrill.basics.own_files import FIGURES as FOLDER
 from bayesdrill.basics.own_files import whole
 from bayesdrill.engines.workers import Crew
@@ -23,12 +24,12 @@ from bayesdrill.report import (
     provenance_words,
     tables,
     verdict_words,
-    words,
 )
 from bayesdrill.report.figures import FIGURES, drawing
 from bayesdrill.report.run_report import sections
 from bayesdrill.report.sections import Picture, as_markdown
 from bayesdrill.report.view import Drawing, View
+from bayesdrill.report.widths import DPI
 from bayesdrill.results.run_folder import Folder
 
 if TYPE_CHECKING:
@@ -57,11 +58,15 @@ def everything(view: View, folder: Folder, crew: Crew) -> tuple[str, ...]:
 
     Raises `OSError` when the disk is full; files already there stay whole.
     """
-    place = (*_place(folder, view), words.warning(view.sampled, view.left))
-    sparing = view.sparing
+    output, sparing = view.config.output, view.sparing
+    place = (*_place(folder, view), view.warning, tuple(output.formats), output.dpi)
     tasks: list[tuple[str, str, Future[None]]] = []
-    wanted = view.config.output.figures
-    for name in FIGURES if wanted is None else [name for name in FIGURES if name in wanted]:
+    wanted = [name for name in FIGURES if output.figures is None or name in output.figures]
+    folder.take_away(
+        set(own_files.figures(*FIGURES, formats=own_files.FORMATS))
+        - set(own_files.figures(*wanted, formats=output.formats))
+    )
+    for name in wanted:
         with sparing.making(f"figures/{name}"):
             found = drawing(name, view)
             if found is not None:
@@ -78,7 +83,7 @@ def everything(view: View, folder: Folder, crew: Crew) -> tuple[str, ...]:
     for stem, says, task in tasks:
         with sparing.making(f"figures/{stem}"):
             task.result()
-            pictures.append(Picture(stem, says or stem))
+            pictures.append(Picture(stem, says or stem, own_files.shown(output.formats)))
     _pages(view, pictures, folder)
     return tuple(sparing.missing)
 
@@ -120,8 +125,11 @@ def draw(
     folder: Path,
     note: Mapping[str, str],
     warning: str = "",
+    formats: tuple[str, ...] = own_files.USUAL,
+    dpi: int = DPI,
 ) -> None:
     from bayesdrill.report.style import save
+    from bayesdrill.report.warning_strip import warned
 
     own = {**note, "Title": f"{note['Title']}: {stem}"}
-    save(what.figure(*what.arguments), folder, stem, own, warning)
+    save(warned(what.drawn(), warning), folder, stem, own, formats=formats, dpi=dpi)

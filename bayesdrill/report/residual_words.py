@@ -93,8 +93,13 @@ def _each(found: Sequence[Left], what: str) -> str:
 def _shares(found: Sequence[Left]) -> str:
     """In per cent, of channels that have a spread."""
     seen = [one for one in found if not math.isnan(one.share)]
-    each = [f"{100 * one.share:.2g} % ({one.channel})" for one in seen]
+    each = [f"{percent(one.share)} ({one.channel})" for one in seen]
     return ", ".join(each) or "nothing to speak of"
+
+
+def percent(share: float) -> str:
+    """Of a channel's spread about its mean."""
+    return f"{100 * share:.2g} %"
 
 
 def _range(found: Sequence[Left]) -> str:

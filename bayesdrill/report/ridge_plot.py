@@ -14,7 +14,7 @@ from matplotlib.patches import Patch, Rectangle
 from numpy.typing import NDArray
 
 from bayesdrill.basics.symbols import Symbol
-from bayesdrill.inference.priors import Prior
+from bayesdrill.inference.priors import Prior, flat_in_logs
 from bayesdrill.insight.identifiability.structure import Structure
 from bayesdrill.report import style
 
@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 LEFT, BOTTOM, RIGHT, TOP = 0.62, 0.5, 0.14, 0.74  # inches
 SIZE = 2.6
 POINTS = 3000
-REACH = 8.0  # the line is drawn over this factor, and cut by the axes
+REACH, CORNERS = 1e4, 4001  # the line is drawn over this factor, and cut by the axes
 BAND: dict[str, Any] = {"color": style.LIGHT, "linewidth": 6.0, "solid_capstyle": "butt"}
 DOTS: dict[str, Any] = {**style.DOTS, "markersize": 1.8, "alpha": 0.6, "zorder": 3}
 TAIL = 0.001
@@ -64,14 +64,15 @@ def ridge_figure(
     nominal: Mapping[str, float],
     mode: Mapping[str, float],
 ) -> Figure:
-    """Of SI draws `(N, D)`; the exact line passes through the MAP."""
+    """Of draws `(N, D)` in the units of the symbols; the exact line passes through the MAP."""
     shown = [symbols[k] for k in pair.columns]
     ends = [
         _ends(priors[symbol.name], draws[:, k])
         for symbol, k in zip(shown, pair.columns, strict=True)
     ]
     scales = [
-        style.scale(low - 0.12 * (high - low), high + 0.12 * (high - low)) for low, high in ends
+        style.scale(*end, log=flat_in_logs(priors[symbol.name]), margin=0.12)
+        for symbol, end in zip(shown, ends, strict=True)
     ]
     with style.styled():
         width, height = LEFT + SIZE + RIGHT, BOTTOM + SIZE + TOP
@@ -80,7 +81,7 @@ def ridge_figure(
         (x0, x1), (y0, y1) = (scale(np.array(end)) for scale, end in zip(scales, ends, strict=True))
         box = Rectangle((x0, y0), x1 - x0, y1 - y0, fill=False, zorder=1, **_box())
         panel.add_patch(box)
-        factor = np.geomspace(1 / REACH, REACH, 401)
+        factor = np.geomspace(1 / REACH, REACH, CORNERS)
         line = [
             scale(mode[symbol.name] * factor**power)
             for scale, symbol, power in zip(scales, shown, pair.exponents, strict=True)
@@ -97,8 +98,8 @@ def ridge_figure(
         panel.plot([at[0]], [at[1]], zorder=5, **style.CROSS)
         panel.set_xlim(scales[0].low, scales[0].high)
         panel.set_ylim(scales[1].low, scales[1].high)
-        style.set_ticks(panel.xaxis, *style.ticks(scales[0].low, scales[0].high, 4))
-        style.set_ticks(panel.yaxis, *style.ticks(scales[1].low, scales[1].high, 4))
+        style.set_numbers(panel.xaxis, scales[0], 4)
+        style.set_numbers(panel.yaxis, scales[1], 4)
         panel.set_xlabel(scales[0].label(shown[0]))
         style.side_label(panel, scales[1].label(shown[1]))
         _legend(figure, marked=marked)

@@ -60,10 +60,13 @@ class Marks:
 
 @dataclass(frozen=True, slots=True)
 class Picture:
-    """A figure of the same folder, by the stem of its files; `says`: what is seen in it."""
+    """A figure of the same folder, by the stem of its files; `says`: what is seen in it; `ending`: of
+    the file for a page.
+    """
 
     stem: str
     says: str
+    ending: str = "png"
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,8 +146,9 @@ def _in_markdown(block: Block) -> str:
             return text
         case Marks(every):
             return ", ".join(f"**{mark.text}**" for mark in every)
-        case Picture(stem, says):
-            return f"![{says}](figures/{stem}.png)"
+        case Picture(stem, says, ending):
+            picture = "" if ending == "pdf" else "!"  # which no page shows
+            return f"{picture}[{says}](figures/{stem}.{ending})"
 
 
 def items(text: str) -> list[Item]:

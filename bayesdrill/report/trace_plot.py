@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -25,12 +25,28 @@ QUANTILES = (0.05, 0.5, 0.95)  # of the walkers
 EXCURSION = 1.0  # how far burn-in may stretch an axis, in widths of what comes after it
 REACH = 0.5  # and how far the nominal value may
 
-# Inches.
+# Inches, of two columns and of one.
 ROW, LEFT, RIGHT, BOTTOM, GAP_X, GAP_Y = 1.25, 0.84, 0.12, 0.42, 0.9, 0.12
+SMALL_ROW, SMALL_LEFT, SMALL_GAP_X = 0.82, 0.68, 0.72
 LEGEND_LINE, LEGEND_MARGIN = 0.165, 0.16
 
-GREYS = ("0.0", "0.5", "0.28", "0.66")  # of the ensembles, with ...
-DASHES: tuple[Any, ...] = ("-", (0, (4, 1)), (0, (1, 1)))  # ... the next dashes after each round
+# Of the ensembles: greys, widths and dashes, each apart from the next in print.
+LOOKS: tuple[tuple[str, float, Any], ...] = (
+    ("0.0", 0.9, "-"),
+    ("0.5", 1.5, "-"),
+    ("0.0", 0.9, (0, (5, 2))),
+    ("0.35", 1.3, (0, (1, 1.3))),
+    ("0.0", 0.9, (0, (6, 1.5, 1, 1.5))),
+    ("0.5", 1.5, (0, (5, 2))),
+)
+STRETCHES = 45  # over which a median is averaged: in a jagged line no dashes are seen
+MARKS = 4  # numbers in a panel, of the ensembles on their medians
+MARK: dict[str, Any] = {
+    "linestyle": "none",
+    "marker": "o",
+    "markersize": 6.5,
+    "markeredgewidth": 0.5,
+}
 
 
 BURN_IN: dict[str, Any] = {
@@ -48,56 +64,68 @@ def trace_figure(
     burn_in: int,
     nominal: Mapping[str, float],
     mode: Mapping[str, float],
+    logs: Collection[str] = (),
+    width: float = style.DOUBLE,
 ) -> Figure:
-    """Medians and 5 to 95 % bands over the walkers of SI chains `(E, S, W, D)`, by step."""
+    """Medians and 5 to 95 % bands over the walkers of chains `(E, S, W, D)`, by step, in the units of
+    the symbols; the axes of the unknowns in `logs` are logarithmic.
+    """
     n_ensembles, n_steps = theta.shape[:2]
     steps = style.thin(n_steps, STEPS)
     bands = np.quantile(theta[:, steps], QUANTILES, axis=2)  # (3, E, steps, D)
     kept = steps >= min(burn_in, steps[-1])
     known = [nominal.get(symbol.name) for symbol in symbols]
-    scales = [_scale(bands[..., d], kept, value) for d, value in enumerate(known)]
+    scales = [
+        _scale(bands[..., d], kept, value, log=symbol.name in logs)
+        for d, (symbol, value) in enumerate(zip(symbols, known, strict=True))
+    ]
     sides = {s.side(value) for s, value in zip(scales, known, strict=True) if value is not None}
-    with style.styled():
+    with style.styled(width):
         handles = _handles(n_ensembles, burn_in, sides)
-        figure, panels = _page(len(symbols), len(handles))
+        figure, panels = _page(len(symbols), len(handles), width)
         for d, (panel, symbol) in enumerate(zip(panels, symbols, strict=True)):
             if burn_in > 0:
                 panel.axvspan(0, burn_in, zorder=0, **BURN_IN)
             _ensembles(panel, steps, scales[d](bands[..., d]))
             _values(panel, scales[d], known[d], mode.get(symbol.name))
             _numbers(panel, scales[d], symbol, n_steps)
-        _legend(figure, handles, len(symbols))
+        _legend(figure, handles, len(symbols), width)
     return figure
 
 
-def _scale(bands: Array, kept: NDArray[np.bool_], nominal: float | None) -> style.Scale:
+def _scale(
+    bands: Array, kept: NDArray[np.bool_], nominal: float | None, *, log: bool
+) -> style.Scale:
     """An axis for bands `(3, E, steps)`: all after burn-in, and of burn-in what is not too far."""
-    after = bands[..., kept]
+    to, back = (np.log, np.exp) if log else (np.asarray, np.asarray)
+    every, after = to(bands), to(bands[..., kept])
     low, high = float(after.min()), float(after.max())
     width = high - low
-    low = max(float(bands.min()), low - EXCURSION * width)
-    high = min(float(bands.max()), high + EXCURSION * width)
-    low, high = style.reaching(low, high, nominal, REACH)
-    margin = 0.06 * (high - low)
-    return style.scale(low - margin, high + margin)
+    low = max(float(every.min()), low - EXCURSION * width)
+    high = min(float(every.max()), high + EXCURSION * width)
+    ends = style.reaching(float(back(low)), float(back(high)), nominal, REACH, log=log)
+    return style.scale(*ends, log=log, margin=0.06)
 
 
-def _columns(n: int) -> int:
+def _columns(n: int, width: float) -> int:
+    if width < style.DOUBLE:
+        return 1 if n <= 2 else 2
     return 1 if n == 1 else 2 if n in (2, 4) else 3
 
 
-def _page(n: int, n_handles: int) -> tuple[Figure, list[Axes]]:
+def _page(n: int, n_handles: int, width: float) -> tuple[Figure, list[Axes]]:
     """Panels in rows, steps at the foot of each column, room for the legend above."""
-    columns = _columns(n)
+    columns, small = _columns(n, width), width < style.DOUBLE
+    line = LEGEND_LINE * (style.SMALL if small else 1.0)
     page = Page(
         columns=columns,
-        width=style.DOUBLE if n > 1 else 1.3 * style.SINGLE,
-        row=ROW,
-        left=LEFT,
+        width=width if n > 1 or small else 1.3 * style.SINGLE,
+        row=SMALL_ROW if small else ROW,
+        left=SMALL_LEFT if small else LEFT,
         right=RIGHT,
-        gap_x=GAP_X,
+        gap_x=SMALL_GAP_X if small else GAP_X,
         gap_y=GAP_Y,
-        top=LEGEND_MARGIN + LEGEND_LINE * math.ceil(n_handles / _legend_columns(n)),
+        top=LEGEND_MARGIN + line * math.ceil(n_handles / _legend_columns(n, width)),
         bottom=BOTTOM,
     )
     figure, panels = page.build(n)
@@ -110,21 +138,35 @@ def _page(n: int, n_handles: int) -> tuple[Figure, list[Axes]]:
 
 
 def _line(ensemble: int) -> dict[str, Any]:
-    rounds, grey = divmod(ensemble, len(GREYS))
-    return {
-        "color": GREYS[grey],
-        "linestyle": DASHES[rounds % len(DASHES)],
-        "linewidth": 0.6,
-    }
+    colour, width, dashes = LOOKS[ensemble % len(LOOKS)]
+    return {"color": colour, "linestyle": dashes, "linewidth": width}
 
 
 def _ensembles(panel: Axes, steps: NDArray[np.intp], bands: Array) -> None:
     """Bands `(3, E, steps)` in the numbers of the axis."""
+    n = bands.shape[1]
+    starts = np.unique(np.linspace(0, len(steps), STRETCHES, endpoint=False).astype(np.intp))
+    lengths = np.diff(np.append(starts, len(steps)))
+    middle = np.add.reduceat(steps, starts) / lengths
     for ensemble, (low, median, high) in enumerate(bands.swapaxes(0, 1)):
         look = _line(ensemble)
-        alpha = BANDS / bands.shape[1]
+        alpha = BANDS / n
         panel.fill_between(steps, low, high, color=style.BLACK, alpha=alpha, linewidth=0, zorder=1)
-        panel.plot(steps, median, zorder=2.9 - float(look["color"]), **look)
+        course = np.add.reduceat(median, starts) / lengths
+        panel.plot(middle, course, zorder=2, **look)
+        if n <= 2 * MARKS:
+            _number(panel, ensemble, n, middle, course)
+
+
+def _number(panel: Axes, ensemble: int, n: int, x: Array, y: Array) -> None:
+    """Of the ensemble, on its median, and beside those of the others."""
+    each = max(1, MARKS // n)
+    places = (np.arange(each) + (ensemble + 0.5) / n) / each * len(x)
+    at = np.unique(places.astype(np.intp))
+    edge = LOOKS[ensemble % len(LOOKS)][0]
+    panel.plot(x[at], y[at], zorder=4, color="white", markeredgecolor=edge, **MARK)
+    figure = {**MARK, "marker": f"${ensemble + 1}$", "markersize": 3.6, "markeredgewidth": 0.0}
+    panel.plot(x[at], y[at], zorder=5, color=style.BLACK, **figure)
 
 
 def _values(panel: Axes, scale: style.Scale, nominal: float | None, mode: float | None) -> None:
@@ -143,7 +185,7 @@ def _numbers(panel: Axes, scale: style.Scale, symbol: Symbol, n_steps: int) -> N
     panel.set_ylim(scale.low, scale.high)
     panel.xaxis.set_major_locator(MaxNLocator(3, integer=True, prune="upper"))
     panel.xaxis.set_major_formatter(lambda step, _: f"{step:.0f}")
-    style.set_ticks(panel.yaxis, *style.ticks(scale.low, scale.high, 4))
+    style.set_numbers(panel.yaxis, scale, 4)
     style.side_label(panel, scale.label(symbol, "\n"))
 
 
@@ -158,17 +200,17 @@ def _handles(n_ensembles: int, burn_in: int, sides: set[int]) -> list[Line2D | P
     return handles
 
 
-def _legend_columns(n: int) -> int:
-    return 2 if n == 1 else 3
+def _legend_columns(n: int, width: float) -> int:
+    return 2 if n == 1 or width < style.DOUBLE else 3
 
 
-def _legend(figure: Figure, handles: list[Line2D | Patch], n: int) -> None:
+def _legend(figure: Figure, handles: list[Line2D | Patch], n: int, width: float) -> None:
     figure.legend(
         handles=handles,
         loc="upper center",
-        ncols=_legend_columns(n),
+        ncols=_legend_columns(n, width),
         borderaxespad=0.3,
         labelspacing=0.3,
         columnspacing=2.0,
-        handlelength=2.4,
+        handlelength=2.8,
     )

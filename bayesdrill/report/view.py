@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -21,7 +21,9 @@ from bayesdrill.insight.derived import Row as Following
 from bayesdrill.insight.diagnostics import Row
 from bayesdrill.insight.verdict import Judgement
 from bayesdrill.report import residual_words, words
+from bayesdrill.report.own_units import OwnUnits, Shown
 from bayesdrill.report.sparing import Sparing
+from bayesdrill.report.widths import WIDTHS
 from bayesdrill.results import provenance
 from bayesdrill.setup.config import Config
 
@@ -43,6 +45,9 @@ class Drawing:
     arguments: tuple[Any, ...] = ()
     says: str = ""
 
+    def drawn(self) -> Figure:
+        return self.figure(*self.arguments)
+
 
 @dataclass(frozen=True)
 class View:
@@ -61,6 +66,11 @@ class View:
     notes: tuple[str, ...]
     seconds: Mapping[str, float] = field(default_factory=dict)
     sparing: Sparing = field(default_factory=Sparing)
+
+    @property
+    def warning(self) -> str:
+        """What every figure must carry; empty where there is nothing to warn of."""
+        return words.warning(self.sampled, self.left)
 
     @property
     def reasons(self) -> tuple[str, ...]:
@@ -83,6 +93,31 @@ class View:
     def best(self) -> Array:
         """The MAP `(D,)`."""
         return self.problem.posterior.space.vector(self.mode.values)
+
+    @property
+    def width(self) -> float:
+        """Of figures, inches."""
+        return WIDTHS[self.config.output.size]
+
+    @cached_property
+    def units(self) -> OwnUnits:
+        """In which figures show unknowns."""
+        return OwnUnits.of(self.config, self.problem.experiment.channels)
+
+    def shown(self, names: Sequence[str] | None = None) -> Shown:
+        """For figures: the unknowns of these names, or all where none is among them."""
+        problem, own = self.problem, self.units
+        every = range(len(problem.symbols))
+        chosen = [k for k in every if names is not None and problem.names[k] in names] or every
+        picked = [problem.symbols[k] for k in chosen]
+        return Shown(
+            columns=tuple(chosen),
+            factors=own.factors(picked),
+            symbols=own.symbols(picked),
+            priors=own.priors(problem.posterior.space.priors),
+            nominal=own.values(problem.nominal),
+            mode=own.values(self.mode.values),
+        )
 
     @cached_property
     def derived(self) -> Derived:

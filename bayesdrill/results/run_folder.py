@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
@@ -120,6 +120,11 @@ class Folder:
     def made(self) -> list[str]:
         """Files of this run that nothing changes any more, until it is reported again."""
         return [name for name in own_files.present(self.path, self.kind) if name != self.kind.mark]
+
+    def take_away(self, names: Collection[str]) -> None:
+        """What an earlier report of this run has written, and this one will not."""
+        for name in set(self.made()) & set(names):
+            self.place(name).unlink()
 
     def write_text(self, name: str, text: str) -> None:
         with whole(self.place(name)) as path:

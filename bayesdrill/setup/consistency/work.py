@@ -95,7 +95,7 @@ def check_simulation(found: Collector, config: Config) -> None:
 
 
 def check_output(found: Collector, config: Config, model: Model) -> None:
-    """Names that a corner plot can show: unknowns, what is tied, what is derived."""
+    """Names that figures can show: unknowns, and in a corner plot what is tied or derived."""
     shown = [
         name
         for name in model.parameters
@@ -107,6 +107,9 @@ def check_output(found: Collector, config: Config, model: Model) -> None:
     shown += [*free_quantities(config), *scatter(config, model), *symbols.DERIVED, *config.derived]
     for k, name in enumerate(config.output.figures or ()):
         found.run(("output", "figures", k), lookup, RUN_FIGURES, name, "figure of a run")
+    unknown = [*free(config, model), *scatter(config, model)]
+    for k, name in enumerate(config.output.parameters or ()):
+        found.expect(("output", "parameters", k), name, unknown, f"{name} is no unknown")
     for k, name in enumerate(config.output.corner or ()):
         message = f"{name} is neither unknown nor derived"
         found.expect(("output", "corner", k), name, shown, message)
