@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import re
 from collections.abc import Iterator
 
 import numpy as np
@@ -75,7 +76,7 @@ def overlap(a: Bbox, b: Bbox) -> bool:
 
 
 def clashes(figure: Figure) -> Iterator[str]:
-    """Pairs of texts that overlap, and texts that leave the page."""
+    """Pairs of texts that overlap, texts that leave the page, and words of the page on a panel."""
     page = figure.bbox.padded(0.5)
     every: list[Text] = []
     for panel in figure.axes:
@@ -89,7 +90,14 @@ def clashes(figure: Figure) -> Iterator[str]:
     every += [
         text for legend in legends if legend is not None for text in shown(legend.get_texts())
     ]
+    every += [text for panel in figure.axes for text in shown(panel.texts) if panel.axison]
+    every += shown(figure.texts)
     boxes = [(text.get_text(), box(text)) for text in every]
+    words = [text for legend in figure.legends for text in shown(legend.get_texts())]
+    for text in (*words, *shown(figure.texts)):
+        for panel in figure.axes:
+            if panel.axison and overlap(box(text), panel.get_window_extent()):
+                yield f"{text.get_text()} on a panel"
     for (text, a), (other, b) in itertools.combinations(boxes, 2):
         if overlap(a, b):
             yield f"{text} on {other}"
@@ -112,3 +120,12 @@ def marked(panel: Axes, marker: str, *, filled: bool | None = None) -> list[Line
 def within(panel: Axes, y: Array) -> bool:
     low, high = panel.get_ylim()
     return bool(low <= y.min() and y.max() <= high)
+
+
+def si(label: str, u: float) -> float:
+    """What a reader of the axis makes of the number u on it: only the label is known."""
+    quantity, inside = label.replace("\n", " ").split(" [")
+    power = re.match(r"\$10\^\{(-?\d+)\}", inside)
+    origin = re.search(r" - ([\d.]+)(?:\{\\cdot\}10\^\{(-?\d+)\})?\$", quantity)
+    start = float(f"{origin[1]}e{origin[2] or 0}") if origin else 0.0
+    return start + u * 10.0 ** (int(power[1]) if power else 0)

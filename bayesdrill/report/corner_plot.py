@@ -30,6 +30,7 @@ Array = NDArray[np.float64]
 POINTS = 2000  # drawn in a panel; contours and histograms count all draws
 REACH = 1.0  # the axis grows by this share of its width at most to show the nominal value
 CLEAR = 0.1  # of an axis, without ticks at its ends
+SMALLEST = 5.2  # letters of ticks, points
 
 
 @dataclass(frozen=True, slots=True)
@@ -253,7 +254,7 @@ def _numbers(axis: Axis, column: Column, page: CornerPage, *, outer: bool) -> No
     axis.set_minor_locator(FixedLocator(small))
     axis.set_minor_formatter(NullFormatter())
     if outer:
-        axis.set_tick_params(labelsize=0.85 * page.letters, pad=0.4 * page.letters)
+        axis.set_tick_params(labelsize=max(0.85 * page.letters, SMALLEST), pad=0.4 * page.letters)
         for text in axis.get_ticklabels():
             text.set(rotation=45, ha="right", va="center_baseline", rotation_mode="anchor")
         label = column.scale.label(column.symbol, "\n")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import re
 from functools import cache
 from pathlib import Path
 
@@ -23,16 +22,15 @@ from pictures import (
     mode_of,
     posterior,
     prior_of,
+    si,
 )
 from PIL import Image
 
+from bayesdrill.basics.own_files import FORMATS
 from bayesdrill.basics.symbols import PARAMETERS, Symbol
 from bayesdrill.inference.priors import Uniform
-from bayesdrill.record.experiment import Channel, Experiment
 from bayesdrill.report import style
 from bayesdrill.report.corner_plot import corner_figure
-from bayesdrill.report.fit_plot import extremes, fit_figure
-from bayesdrill.report.trace_plot import trace_figure
 
 Array = NDArray[np.float64]
 
@@ -58,48 +56,6 @@ def corner_case(name: str) -> tuple[Figure, tuple[Symbol, ...], dict[str, float]
     return drawn(figure), symbols, mode
 
 
-def trace_case(width: float | None = None, burn_in: int = 70) -> Figure:
-    theta = posterior(3 * 500 * 12, width)[:, :9].reshape(3, 500, 12, 9)
-    mode = mode_of(theta.reshape(-1, 9), SYMBOLS[:9])
-    return drawn(trace_figure(theta, SYMBOLS[:9], burn_in, TABLE, mode))
-
-
-CHANNELS = (
-    ("w_1", r"\dot\theta_1", "rad/s", 30.0),
-    ("i", r"\dot q", "A", 1.9),
-    ("s", r"\theta_1 - \theta_2", "rad", 2e-3),
-    ("theta_1", r"\theta_1", "rad", 4e3),
-    ("far", r"\dot\theta_2", "rad/s", 1e-5),
-    ("w_2", r"\dot\theta_2", "rad/s", 1e5),
-)
-
-
-def fit_case(n_channels: int, n_samples: int) -> tuple[Figure, Experiment, Array, Array]:
-    """The figure, and what it shows: experiment, signals at the mode, sigma."""
-    rng = np.random.default_rng(7)
-    t = 0.1 + np.arange(n_samples) * 5.0 / n_samples
-    size = np.array([channel[-1] for channel in CHANNELS[:n_channels]])
-    wave = 1 - np.exp(-t / 0.8) * np.cos(10 * t)
-    model = wave[:, None] * size + np.where(size == 1e-5, 250.0, 0.0)
-    sigma = 0.03 * size
-    y = model + sigma * rng.standard_normal(model.shape)
-    predictive = model + sigma * rng.standard_normal((8, *model.shape))
-    experiment = Experiment(
-        t=t,
-        y=y,
-        channels=tuple(
-            Channel(name=name, weights={}, unit=unit, latex=latex, latex_unit=unit)
-            for name, latex, unit, _ in CHANNELS[:n_channels]
-        ),
-        constant={},
-        series={},
-        first_order=False,
-        start={},
-        t_start=0.0,
-    )
-    return drawn(fit_figure(experiment, model, predictive, sigma)), experiment, model, sigma
-
-
 # Overlaps
 
 
@@ -110,26 +66,7 @@ def test_no_texts_of_a_corner_overlap(name: str) -> None:
     assert list(clashes(corner_case(name)[0])) == []
 
 
-@pytest.mark.parametrize("width", [None, 1e-5])
-def test_no_texts_of_a_trace_overlap(width: float | None) -> None:
-    assert list(clashes(trace_case(width))) == []
-
-
-@pytest.mark.parametrize(("n_channels", "n_samples"), [(1, 20), (3, 700), (6, 100_000)])
-def test_no_texts_of_a_fit_overlap(n_channels: int, n_samples: int) -> None:
-    assert list(clashes(fit_case(n_channels, n_samples)[0])) == []
-
-
 # Places
-
-
-def si(label: str, u: float) -> float:
-    """What a reader of the axis makes of the number u on it: only the label is known."""
-    quantity, inside = label.replace("\n", " ").split(" [")
-    power = re.match(r"\$10\^\{(-?\d+)\}", inside)
-    origin = re.search(r" - ([\d.]+)(?:\{\\cdot\}10\^\{(-?\d+)\})?\$", quantity)
-    start = float(f"{origin[1]}e{origin[2] or 0}") if origin else 0.0
-    return start + u * 10.0 ** (int(power[1]) if power else 0)
 
 
 def line(panel: Axes, colour: object, dashes: object, *, upright: bool) -> float | None:
@@ -233,64 +170,6 @@ def test_corner_legend_names_contours_and_interval() -> None:
         assert part in texts
 
 
-def test_trace_shows_medians_and_says_burn_in_once() -> None:
-    figure = trace_case(burn_in=70)
-    theta = posterior(3 * 500 * 12)[:, :9].reshape(3, 500, 12, 9)
-    panel = figure.axes[4]
-    medians = [c for c in panel.get_lines() if len(c.get_xdata()) > 2]
-    assert len(medians) == 3
-    for ensemble, median in enumerate(medians):
-        steps = np.asarray(median.get_xdata(), dtype=int)
-        assert len(steps) <= 400
-        assert steps[[0, -1]].tolist() == [0, 499]
-        got = [si(panel.get_ylabel(), u) for u in median.get_ydata()]
-        np.testing.assert_allclose(got, np.median(theta[ensemble, steps, :, 4], axis=1))
-    (legend,) = figure.legends
-    texts = [text.get_text() for text in legend.get_texts()]
-    assert texts.count("burn-in: 70 steps dropped") == 1
-    looks = {(c.get_color(), str(c.get_linestyle())) for c in medians}
-    assert len(looks) == 3
-
-
-def test_fit_shows_samples_model_and_residuals() -> None:
-    figure, experiment, model, sigma = fit_case(2, 200)
-    left, right = figure.axes[2:]
-    dots, solid = left.get_lines()
-    shown_y = [si(left.get_ylabel(), u) for u in dots.get_ydata()]
-    np.testing.assert_allclose(shown_y, experiment.y[:, 1])
-    shown_model = [si(left.get_ylabel(), u) for u in solid.get_ydata()]
-    np.testing.assert_allclose(shown_model, model[:, 1])
-    times = [si(left.get_xlabel(), u) for u in dots.get_xdata()]
-    np.testing.assert_allclose(times, experiment.t)
-    (rest,) = (c for c in right.get_lines() if c.get_marker() == "o")
-    residuals = [si(right.get_ylabel(), u) for u in rest.get_ydata()]
-    np.testing.assert_allclose(residuals, experiment.y[:, 1] - model[:, 1])
-    edges = sorted(
-        si(right.get_ylabel(), c.get_ydata()[0]) for c in right.get_lines() if c.is_dashed()
-    )
-    np.testing.assert_allclose(edges, np.array([-1, 1]) * 1.8808 * sigma[1], rtol=1e-4)
-
-
-def test_fit_band_is_the_quantiles_of_the_predictive() -> None:
-    _, experiment, model, sigma = fit_case(1, 50)
-    predictive = model + np.linspace(-1, 1, 101)[:, None, None]
-    (left, _) = fit_figure(experiment, model, predictive, sigma).axes
-    (band,) = left.collections
-    vertices = band.get_paths()[0].vertices
-    at = np.isclose(vertices[:, 0], experiment.t[20])
-    heights = [vertices[at, 1].min() - model[20, 0], vertices[at, 1].max() - model[20, 0]]
-    np.testing.assert_allclose(heights, [-0.94, 0.94], atol=1e-9)
-
-
-@given(st.integers(3, 5000), st.integers(10, 300))
-def test_extremes_keep_ends_and_peaks(n: int, most: int) -> None:
-    y = np.random.default_rng(n).standard_normal(n)
-    kept = extremes(y, most)
-    assert len(kept) <= most
-    assert len(np.unique(kept)) == len(kept)
-    assert {0, n - 1, int(y.argmin()), int(y.argmax())} <= set(kept.tolist())
-
-
 # Numbers on axes
 
 
@@ -330,14 +209,18 @@ def test_files_are_whole_described_and_the_same_each_time(tmp_path: Path) -> Non
     note = {"Title": "a rig", "Creator": "bayesdrill 1", "Seed": "12"}
     for name in ("first", "second"):
         (tmp_path / name).mkdir()
-        written = style.save(figure, tmp_path / name, "corner", note)
-        assert written == [tmp_path / name / "corner.pdf", tmp_path / name / "corner.png"]
+        written = style.save(figure, tmp_path / name, "corner", note, formats=FORMATS)
+        assert written == [tmp_path / name / f"corner.{kind}" for kind in FORMATS]
         assert sorted((tmp_path / name).iterdir()) == sorted(written)
-    for kind in ("pdf", "png"):
+    for kind in FORMATS:
         one, two = (
             (tmp_path / name / f"corner.{kind}").read_bytes() for name in ("first", "second")
         )
         assert one == two
+    svg = (tmp_path / "first" / "corner.svg").read_text()
+    assert "<dc:title>a rig</dc:title>" in svg
+    assert "Seed: 12" in svg
+    assert "<dc:date>" not in svg
     pdf = (tmp_path / "first" / "corner.pdf").read_bytes()
     assert b"(a rig)" in pdf
     assert b"Seed: 12" in pdf
@@ -345,6 +228,14 @@ def test_files_are_whole_described_and_the_same_each_time(tmp_path: Path) -> Non
     with Image.open(tmp_path / "first" / "corner.png") as image:
         assert image.text["Seed"] == "12"
         assert image.size[0] == pytest.approx(figure.get_figwidth() * 220, abs=1)
+
+
+def test_only_the_formats_that_are_asked_for_and_as_fine_as_asked(tmp_path: Path) -> None:
+    figure = Figure(figsize=(2, 1))
+    assert [path.name for path in style.save(figure, tmp_path, "a", {})] == ["a.pdf", "a.png"]
+    (only,) = style.save(figure, tmp_path, "b", {}, formats=["png"], dpi=100)
+    with Image.open(only) as image:
+        assert image.size == (200, 100)
 
 
 def test_nothing_is_left_where_drawing_fails(tmp_path: Path) -> None:
