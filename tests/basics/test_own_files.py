@@ -28,7 +28,7 @@ STRANGERS = [
         "one/posterior.nc",
     ),
     *("figures.zip", ".notes.12.aside.md", ".summary.twelve.aside.csv", "sub/.run.12.aside.json"),
-    *("figures/photo.jpg", "figures/corner.svg", "figures/corner.png.orig"),
+    *("figures/photo.jpg", "figures/corner.eps", "figures/corner.png.orig"),
     *("figures/old/corner.png", "figures/.photo.12.aside.jpg", ".pieces/mine.npz"),
     *(".pieces/ensemble_x_1.npz", ".refits/mine.json", ".refits/1.json.bak"),
 ]

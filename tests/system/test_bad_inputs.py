@@ -288,6 +288,36 @@ KEYS = [
         says=("output.predictive", "did you mean predictive_draws?"),
     ),
     case(
+        "unknown size of figures",
+        ("predictive_draws", "size: triple, predictive_draws"),
+        at="output:",
+        says=("output.size", "'triple' is not possible; known: single, double"),
+    ),
+    case(
+        "unknown format of figures",
+        ("predictive_draws", "formats: [pdf, jpg], predictive_draws"),
+        at="output:",
+        says=("output.formats.1", "'jpg' is not possible"),
+    ),
+    case(
+        "no format of figures",
+        ("predictive_draws", "formats: [], predictive_draws"),
+        at="output:",
+        says=("output.formats",),
+    ),
+    case(
+        "pixels that nobody sees",
+        ("predictive_draws", "dpi: 5, predictive_draws"),
+        at="output:",
+        says=("output.dpi", "50"),
+    ),
+    case(
+        "a figure of what is no unknown",
+        ("predictive_draws", "parameters: [k_a], predictive_draws"),
+        at="output:",
+        says=("output.parameters.0", "k_a is no unknown"),
+    ),
+    case(
         "unknown key of simulation",
         ("duration: 5", "durations: 5"),
         at="simulation:",

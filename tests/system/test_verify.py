@@ -155,3 +155,24 @@ def test_figures_and_tree_say_which_run_they_are_of(done: Path) -> None:
         assert marks["record"].split("(")[1].strip(")").encode() in content
         assert run["versions"]["emcee"].encode() in content
     assert marks["burn-in"] == f"{run['burn_in']} of {run['steps']} steps"
+
+
+def test_formats_of_figures_are_known_to_all_that_lists_files(rig: Path) -> None:
+    """Mutants killed: an svg that verify or --force does not know; a stale figure that stays."""
+    config = rig / "out.yaml"
+    text(config, DRAWN[1], "figures: [corner, trace], formats: [svg, png], size: single, dpi: 100")
+    ran = systems.cli("posterior", config, "-o", rig / "out", "--processes", "1", "--resume")
+    assert ran.status == 0, ran.text
+    figures = rig / "out" / "figures"
+    names = {f"{stem}.{end}" for stem in ("corner", "trace") for end in ("svg", "png")}
+    assert {path.name for path in figures.iterdir()} == names
+    assert bd.verify(rig / "out").together
+    shutil.copy(figures / "trace.svg", figures / "corner.svg")
+    forged(rig / "out")
+    (problem,) = bd.verify(rig / "out").problems
+    assert "corner.svg: is another figure than its name says" in str(problem)
+    (figures / "mine.svg").write_text("kept")
+    text(config, "[corner, trace], formats: [svg, png]", "[]")
+    ran = systems.cli("posterior", config, "-o", rig / "out", "--processes", "1", "--force")
+    assert ran.status == 0, ran.text
+    assert [path.name for path in figures.iterdir()] == ["mine.svg"]
