@@ -11,14 +11,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from oracles import NOMINAL
 from PIL import Image
 
 import bayesdrill as bd
+from bayesdrill.basics import own_files
 from bayesdrill.basics.symbols import PARAMETERS, Symbol
 from bayesdrill.inference.priors import LogUniform, Uniform
 from bayesdrill.insight.diagnostics import Row
-from bayesdrill.report import latex, provenance_words
+from bayesdrill.report import latex, provenance_words, style
 from bayesdrill.report.bars import bars
 from bayesdrill.report.html import as_html
 from bayesdrill.report.run_report import sections
@@ -220,6 +222,24 @@ def test_names_are_printed_with_their_index_and_kept_in_code() -> None:
 
 def test_a_picture_without_its_file_is_left_out(tmp_path: Path) -> None:
     assert not page(Section("s", (Picture("none", "nothing"),)), figures=tmp_path).all("figure")
+
+
+@pytest.mark.parametrize("formats", [("pdf", "png"), ("svg",), ("pdf", "svg"), ("pdf",)])
+def test_a_page_shows_the_format_that_it_can(formats: tuple[str, ...], tmp_path: Path) -> None:
+    """Mutants killed: a page without figures where there is no PNG; a PDF as a picture."""
+    style.save(Figure(figsize=(3.4, 1.7)), tmp_path, "fit", {}, formats=formats)
+    one = Picture("fit", "a fit", own_files.shown(formats))
+    (text,) = as_markdown("t", [Section("", (one,))]).splitlines()[-1:]
+    html = page(Section("s", (one,)), figures=tmp_path)
+    if formats == ("pdf",):
+        assert text == "[a fit](figures/fit.pdf)"
+        assert not html.all("figure")
+        return
+    kind = "png" if "png" in formats else "svg"
+    assert text == f"![a fit](figures/fit.{kind})"
+    image, _ = html.all("img")  # and the one that is enlarged
+    assert image["src"].startswith(f"data:image/{kind}")
+    assert int(image["width"]) == pytest.approx(2 * int(image["height"]), abs=2)
 
 
 def test_sentences_that_go_on_are_bullets_below() -> None:
