@@ -59,10 +59,14 @@ def figures(*stems: str) -> tuple[str, ...]:
 UNFINISHED = Kind("posterior", RUN, (f"{PIECES}/ensemble_#_#.npz",))
 
 
-# Of a run, by name; `report.figures` says what each shows.
+# Of a run, by name; `report.figures` says what each shows.  Those on request are drawn where a config
+# names them.
+ON_REQUEST = ("rank", "autocorrelation", "predictive_check")
 RUN_FIGURES: Registry[None] = Registry(
     "figure",
-    dict.fromkeys(("corner", "invariants", "ridge", "trace", "prior_posterior", "fit")),
+    dict.fromkeys(
+        ("corner", "invariants", "ridge", "trace", "prior_posterior", "fit", *ON_REQUEST)
+    ),
 )
 
 

@@ -6,12 +6,14 @@ draws when they are asked: matplotlib takes a second, and drawing longer than al
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 
 import numpy as np
 
+from bayesdrill.basics import seeds
+from bayesdrill.basics.own_files import ON_REQUEST
 from bayesdrill.basics.registry import Registry
-from bayesdrill.report import derived_words
+from bayesdrill.report import derived_words, words
 from bayesdrill.report.view import Drawing, View
 
 CORNER = (
@@ -98,6 +100,34 @@ def _fit(run: View) -> Drawing:
     return Drawing(fit_figure, (experiment, signals, predictive, sigmas), says=FIT)
 
 
+def _rank(run: View) -> Drawing:
+    from bayesdrill.insight.ensemble_ranks import independent, ranks
+    from bayesdrill.report.rank_plot import rank_figure
+
+    c = run.sampled.convergence
+    draws = independent(run.sampled.theta, c.burn_in, float(c.tau.max()))
+    found = ranks(draws, seeds.stream(run.config.seed, "rank"))
+    return Drawing(rank_figure, (found, run.problem.symbols))
+
+
+def _autocorrelation(run: View) -> Drawing:
+    from bayesdrill.report.autocorrelation_plot import autocorrelation_figure
+
+    kept = run.sampled.theta[:, run.sampled.convergence.burn_in :]
+    return Drawing(autocorrelation_figure, (kept, run.problem.symbols))
+
+
+def _predictive_check(run: View) -> Drawing:
+    from bayesdrill.insight.predictive import checks
+    from bayesdrill.report.predictive_plot import predictive_figure
+
+    draws = run.sampled.draws
+    each = words.predictive_draws(run.problem, run.config)
+    chosen = np.unique(np.linspace(0, draws.shape[1] - 1, each).astype(int))
+    theta = draws[:, chosen].reshape(-1, draws.shape[-1])
+    return Drawing(predictive_figure, (checks(run.problem.posterior.likelihood, theta),))
+
+
 FIGURES: Registry[Recipe] = Registry(
     "figure",
     {
@@ -106,6 +136,16 @@ FIGURES: Registry[Recipe] = Registry(
         "ridge": _ridge,
         "trace": _trace,
         "prior_posterior": _prior_posterior,
-        "fit": _fit,  # last: its draws take a while
+        "fit": _fit,  # last of those usually drawn: its draws take a while
+        "rank": _rank,
+        "autocorrelation": _autocorrelation,
+        "predictive_check": _predictive_check,
     },
 )
+
+
+def drawn(wanted: Collection[str] | None) -> list[str]:
+    """Names of the figures that a config asks for; None: all but those on request."""
+    if wanted is None:
+        return [name for name in FIGURES if name not in ON_REQUEST]
+    return [name for name in FIGURES if name in wanted]
