@@ -198,14 +198,36 @@ def calibrate(
 
 @app.command(epilog="Example: bayesdrill report results/nominal_step")
 def report(
-    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="Folder of a finished run.")],
+    folders: Annotated[
+        list[Path], typer.Argument(metavar="FOLDER...", help="Of finished runs, one or several.")
+    ],
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", help="Of several; default: results/<name>-<name>."),
+    ] = None,
+    force: Annotated[bool, typer.Option("--force", help="Overwrite an overlay of before.")] = False,
     processes: Processes = None,
 ) -> None:
-    """Make tables and figures again from the stored chain."""
+    """Make tables and figures again from a stored chain; of several runs, lay them over each other."""
     with guarded():
         from bayesdrill.api import files
 
-        _finish(files.publish(folder, processes=processes))
+        if len(folders) > 1:
+            _lay_over(folders, output, force=force)
+            return
+        files.no_overlay(output, force=force)
+        _finish(files.publish(folders[0], processes=processes))
+
+
+def _lay_over(folders: list[Path], output: Path | None, *, force: bool) -> None:
+    from bayesdrill.api.overlay import overlay
+
+    found = overlay(folders)
+    place = found.save(output, force=force)
+    typer.echo(found.text)
+    typer.echo(f"results: {place}/ (overlay.md, overlay.csv, figures/)")
+    if found.reasons:
+        raise typer.Exit(NOT_CONVERGED)
 
 
 @app.command(epilog="Example: bayesdrill verify results/nominal_step")

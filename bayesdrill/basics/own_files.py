@@ -89,6 +89,19 @@ CALIBRATE = Kind(
         *(*figures("calibration"), f"{REFITS}/#.json"),
     ),
 )
+OVERLAY = Kind(
+    "report",
+    RUN,
+    ("overlay.csv", "overlay.md", *figures("corner", "intervals")),
+    again="make them anew with --force, or give another --output",
+)
+MAP = Kind(
+    "map",
+    RUN,
+    ("map.json", "map.md", "prediction.csv", *CONFIGS, *figures("fit")),
+    again="make them anew with --force, or give another --output",
+    kept=(RECORD,),
+)
 IDENTIFY = Kind("identify", "identify.md", figures("spectrum", "profiles"))
 
 
