@@ -117,16 +117,32 @@ def identify(
 
 
 @app.command("map", epilog="Example: bayesdrill map configs/nominal_step.yaml")
-def map_(config: ConfigPath, processes: Processes = None) -> None:
-    """Search the maximum of the posterior (MAP) and print it; writes nothing."""
+def map_(
+    config: ConfigPath,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "--output", "-o", help="Folder for values, prediction and fit; default: none."
+        ),
+    ] = None,
+    force: Annotated[bool, typer.Option("--force", help="Overwrite a MAP of before.")] = False,
+    processes: Processes = None,
+) -> None:
+    """Search the maximum of the posterior (MAP) and print it; writes what it predicts if asked to."""
     with guarded():
         from bayesdrill.api.case import load
+        from bayesdrill.api.run import Best
         from bayesdrill.basics.progress import reporter
 
         case = load(config)
+        if output is not None:
+            Best.check_place(output, force=force)
         with reporter() as report:
             best = case.find_map(processes=processes, report=report)
         typer.echo(best.table)
+        if output is not None:
+            place = best.save(output, force=force)
+            typer.echo(f"results: {place}/ (map.md, prediction.csv, figures/fit)")
 
 
 @app.command(epilog="Example: bayesdrill posterior configs/nominal_step.yaml --output results/mine")

@@ -98,7 +98,7 @@ OVERLAY = Kind(
 MAP = Kind(
     "map",
     RUN,
-    ("map.json", "map.md", "prediction.csv", *CONFIGS, *figures("fit")),
+    ("map.json", "map.md", "map.csv", "prediction.csv", *CONFIGS, *figures("fit")),
     again="make them anew with --force, or give another --output",
     kept=(RECORD,),
 )

@@ -9,10 +9,12 @@ from __future__ import annotations
 from collections.abc import Callable, Collection
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bayesdrill.basics import seeds
 from bayesdrill.basics.own_files import ON_REQUEST
 from bayesdrill.basics.registry import Registry
+from bayesdrill.inference.problem import Problem
 from bayesdrill.report import derived_words, words
 from bayesdrill.report.view import Drawing, View
 
@@ -26,6 +28,9 @@ RIDGE = (
 TRACE = "What the walkers of each ensemble did, step by step."
 PRIOR_POSTERIOR = "Prior against posterior of each parameter: what the record has added."
 FIT = "Record, model at the MAP and posterior predictive band; beside them what is left, and the noise."
+FIT_ALONE = "Record and model at the MAP; beside them what is left, and the noise."
+
+Array = NDArray[np.float64]
 
 Recipe = Callable[[View], Drawing | None]
 
@@ -89,15 +94,21 @@ def _prior_posterior(run: View) -> Drawing:
 
 
 def _fit(run: View) -> Drawing:
-    from bayesdrill.report.fit_plot import fit_figure
-
-    experiment, likelihood = run.problem.experiment, run.problem.posterior.likelihood
+    experiment = run.problem.experiment
     group = run.tree["posterior_predictive"]
     predictive = np.stack([np.asarray(group[name]) for name in experiment.names], axis=-1)
     predictive = predictive.reshape(-1, *predictive.shape[2:]).astype(np.float64)
-    at_map = run.best[None]
+    return fit_alone(run.problem, run.best, predictive)
+
+
+def fit_alone(problem: Problem, best: Array, predictive: Array | None = None) -> Drawing:
+    """Of the MAP `(D,)`, with or without what draws predict `(N, T, K)`."""
+    from bayesdrill.report.fit_plot import fit_figure
+
+    likelihood, at_map = problem.posterior.likelihood, best[None]
     signals, sigmas = likelihood.signals(at_map)[0], likelihood.sigmas(at_map)[0]
-    return Drawing(fit_figure, (experiment, signals, predictive, sigmas), says=FIT)
+    given = (problem.experiment, signals, predictive, sigmas)
+    return Drawing(fit_figure, given, says=FIT if predictive is not None else FIT_ALONE)
 
 
 def _rank(run: View) -> Drawing:

@@ -19,6 +19,7 @@ from bayesdrill.setup.config import Config
 from bayesdrill.setup.yaml_source import Source
 
 RUN_MARK = "Run"  # by which a file says whose it is
+BURN_IN_MARK = "Burn-in"
 
 
 def fingerprint(config: Config, problem: Problem) -> dict[str, str]:
@@ -66,7 +67,7 @@ def marks(config: Config, problem: Problem, burn_in: str) -> dict[str, str]:
         RUN_MARK: _short("\n".join(f"{name}: {value}" for name, value in sorted(every.items()))),
         "Record": every["the record"],
         "Seed": str(config.seed),
-        "Burn-in": burn_in,
+        BURN_IN_MARK: burn_in,
         "Versions": in_words(),
     }
 
