@@ -236,10 +236,11 @@ def report(
 
 
 def _lay_over(folders: list[Path], output: Path | None, *, force: bool) -> None:
-    from bayesdrill.api.overlay import overlay
+    from bayesdrill.api.overlay import check_place, overlay
 
+    place = check_place(folders, output, force=force)
     found = overlay(folders)
-    place = found.save(output, force=force)
+    found.save(place, force=force)
     typer.echo(found.text)
     typer.echo(f"results: {place}/ (overlay.md, overlay.csv, figures/)")
     if found.reasons:

@@ -50,7 +50,7 @@ class Overlay:
 
     def place(self, folder: str | Path | None = None) -> Path:
         """Where `save` leaves its results: `results/<name>-<name>` by default."""
-        usual = overlaying.usual_place(self.report)
+        usual = overlaying.usual_place([layer.name for layer in self.report.layers])
         return usual if folder is None else Path(folder).expanduser()
 
     def save(self, folder: str | Path | None = None, *, force: bool = False) -> Path:
@@ -95,6 +95,19 @@ def overlay(runs: Sequence[single.Run | str | Path], names: Sequence[str] | None
         for name, one in zip(own, opened, strict=True)
     ]
     return Overlay(OverlayReport(tuple(layers)), tuple(places))
+
+
+def check_place(
+    folders: Sequence[str | Path], output: str | Path | None = None, *, force: bool = False
+) -> Path:
+    """Where the overlay of these would be saved; raises `InputError` where it cannot be."""
+    overlaying.check_number(len(folders))
+    places = [Path(folder).expanduser() for folder in folders]
+    names = overlaying.distinct([place.resolve().name for place in places])
+    usual = overlaying.usual_place(names)
+    target = usual if output is None else Path(output).expanduser()
+    overlaying.check_place(target, places, force=force)
+    return target
 
 
 def _opened(one: single.Run | str | Path) -> single.Run:

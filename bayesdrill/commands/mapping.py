@@ -7,6 +7,7 @@ from pathlib import Path
 
 import bayesdrill
 from bayesdrill.basics import own_files, software
+from bayesdrill.basics.errors import InputError
 from bayesdrill.basics.own_files import MAP
 from bayesdrill.basics.sealed import sealed
 from bayesdrill.commands import pipeline
@@ -45,6 +46,17 @@ def save(job: Job, found: Mode, output: Path, record: str | None, *, force: bool
         files = {name: own_files.digest(output / name) for name in folder.made()}
         fit = residual_words.as_data(said.left)
         folder.write_run(status="finished", fit=fit, files=files)
+
+
+def read(output: Path) -> tuple[Job, Mode]:
+    """What `save` left; raises `InputError` where config or record are not those of it."""
+    job = pipeline.prepare(output / pipeline.RESOLVED_FILE)
+    marks = provenance.fingerprint(job.config, job.problem)
+    with Folder(output, "report", marks, MAP) as folder:
+        found = pipeline.read_mode(folder.path / pipeline.MAP_FILE)
+    if found is None:
+        raise InputError.one(str(output / pipeline.MAP_FILE), "is not there; map it again")
+    return job, found
 
 
 def mark(job: Job) -> dict[str, str]:

@@ -23,6 +23,7 @@ from bayesdrill.setup.job import Job
 
 FEWEST, MOST = 2, len(LOOKS)  # that can be told apart in grey
 LONGEST = 100  # letters of a folder's name
+TITLE = "overlay"  # inside of figures, where a file's format may write letters of a name otherwise
 
 
 def check_number(n: int) -> None:
@@ -59,8 +60,15 @@ def distinct(names: Sequence[str]) -> list[str]:
     return found
 
 
-def usual_place(report: OverlayReport) -> Path:
-    return Path("results") / "-".join(layer.name for layer in report.layers)[:LONGEST]
+def usual_place(names: Sequence[str]) -> Path:
+    return Path("results") / "-".join(names)[:LONGEST]
+
+
+def check_place(output: Path, runs: Sequence[Path | None], *, force: bool) -> None:
+    """Raises `InputError` where `publish` would, before runs are read."""
+    if output.resolve() in [run.resolve() for run in runs if run is not None]:
+        raise InputError.one(str(output), "is one of these runs; give another --output")
+    Folder(output, "force" if force else "fresh", {}, OVERLAY).check()
 
 
 def publish(
@@ -69,8 +77,7 @@ def publish(
     """Table, page and figures; `runs`: where each run is, None where it is in no folder."""
     from bayesdrill.report import style  # late: matplotlib takes a second to load
 
-    if output.resolve() in [run.resolve() for run in runs if run is not None]:
-        raise InputError.one(str(output), "is one of these runs; give another --output")
+    check_place(output, runs, force=force)
     with Folder(output, "force" if force else "fresh", {}, OVERLAY) as folder:
         folder.begin(status="running", versions=software.versions())
         for name, text in report.texts.items():
@@ -79,7 +86,7 @@ def publish(
         figures.mkdir(exist_ok=True)
         note = _note(report)
         for name, drawing in report.figures.items():
-            own = {**note, "Title": f"{report.title}: {name}"}
+            own = {**note, "Title": f"{TITLE}: {name}"}
             style.save(drawing.figure(*drawing.arguments), figures, name, own)
         files = {name: own_files.digest(output / name) for name in folder.made()}
         told = [_told(*pair, output) for pair in zip(report.layers, runs, strict=True)]
