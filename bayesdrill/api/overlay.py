@@ -83,8 +83,8 @@ def overlay(runs: Sequence[single.Run | str | Path], names: Sequence[str] | None
     overlaying.check_number(len(every))
     if names is not None and len(names) != len(every):
         raise InputError.one("names", f"{len(names)} names of {len(every)} runs")
-    places = [None if isinstance(one, single.Run) else Path(one).expanduser() for one in every]
     opened = [_opened(one) for one in every]
+    places = [None if isinstance(one, single.Run) else Path(one).expanduser() for one in every]
     usual = [
         one.job.config.name if place is None else place.resolve().name
         for one, place in zip(opened, places, strict=True)
