@@ -142,7 +142,7 @@ def map_(
         typer.echo(best.table)
         if output is not None:
             place = best.save(output, force=force)
-            typer.echo(f"results: {place}/ (map.md, prediction.csv, figures/fit)")
+            typer.echo(f"results: {place}/ (report.html, map.md, prediction.csv, figures/fit)")
 
 
 @app.command(epilog="Example: bayesdrill posterior configs/nominal_step.yaml --output results/mine")
@@ -242,7 +242,7 @@ def _lay_over(folders: list[Path], output: Path | None, *, force: bool) -> None:
     found = overlay(folders)
     found.save(place, force=force)
     typer.echo(found.text)
-    typer.echo(f"results: {place}/ (overlay.md, overlay.csv, figures/)")
+    typer.echo(f"results: {place}/ (report.html, overlay.md, overlay.csv, figures/)")
     if found.reasons:
         raise typer.Exit(NOT_CONVERGED)
 

@@ -92,13 +92,17 @@ CALIBRATE = Kind(
 OVERLAY = Kind(
     "report",
     RUN,
-    ("overlay.csv", "overlay.md", *figures("corner", "intervals")),
+    ("overlay.csv", "overlay.md", "report.html", *figures("corner", "intervals")),
     again="make them anew with --force, or give another --output",
 )
 MAP = Kind(
     "map",
     RUN,
-    ("map.json", "map.md", "map.csv", "prediction.csv", *CONFIGS, *figures("fit")),
+    (
+        *("map.json", "map.md", "map.csv", "prediction.csv", "report.html"),
+        *CONFIGS,
+        *figures("fit"),
+    ),
     again="make them anew with --force, or give another --output",
     kept=(RECORD,),
 )

@@ -43,6 +43,7 @@ def save(job: Job, found: Mode, output: Path, record: str | None, *, force: bool
         creator = f"bayesdrill {bayesdrill.__version__}"
         note = {"Title": job.config.name, "Creator": creator, **mark(job)}
         publish.draw(job.problem.posterior, FIGURE, said.figure, place, note, said.warning)
+        folder.write_text("report.html", said.page(output))
         files = {name: own_files.digest(output / name) for name in folder.made()}
         fit = residual_words.as_data(said.left)
         folder.write_run(status="finished", fit=fit, files=files)
@@ -50,7 +51,7 @@ def save(job: Job, found: Mode, output: Path, record: str | None, *, force: bool
 
 def read(output: Path) -> tuple[Job, Mode]:
     """What `save` left; raises `InputError` where config or record are not those of it."""
-    job = pipeline.prepare(output / pipeline.RESOLVED_FILE)
+    job = pipeline.prepare(output / own_files.RESOLVED_FILE)
     marks = provenance.fingerprint(job.config, job.problem)
     with Folder(output, "report", marks, MAP) as folder:
         found = pipeline.read_mode(folder.path / pipeline.MAP_FILE)

@@ -88,6 +88,7 @@ def publish(
         for name, drawing in report.figures.items():
             own = {**note, "Title": f"{TITLE}: {name}"}
             style.save(drawing.figure(*drawing.arguments), figures, name, own)
+        folder.write_text("report.html", report.page(figures))
         files = {name: own_files.digest(output / name) for name in folder.made()}
         told = [_told(*pair, output) for pair in zip(report.layers, runs, strict=True)]
         folder.write_run(status="finished", runs=told, reasons=list(report.reasons), files=files)

@@ -29,6 +29,9 @@ TRACE = "What the walkers of each ensemble did, step by step."
 PRIOR_POSTERIOR = "Prior against posterior of each parameter: what the record has added."
 FIT = "Record, model at the MAP and posterior predictive band; beside them what is left, and the noise."
 FIT_ALONE = "Record and model at the MAP; beside them what is left, and the noise."
+RANK = "Whether the ensembles see the same: ranks of the draws of each among those of all."
+AUTOCORRELATION = "How long the walkers remember: autocorrelation, its time and its window."
+PREDICTIVE_CHECK = "Whether the record is as the posterior predicts it, channel by channel."
 
 Array = NDArray[np.float64]
 
@@ -118,14 +121,14 @@ def _rank(run: View) -> Drawing:
     c = run.sampled.convergence
     draws = independent(run.sampled.theta, c.burn_in, float(c.tau.max()))
     found = ranks(draws, seeds.stream(run.config.seed, "rank"))
-    return Drawing(rank_figure, (found, run.problem.symbols))
+    return Drawing(rank_figure, (found, run.problem.symbols), says=RANK)
 
 
 def _autocorrelation(run: View) -> Drawing:
     from bayesdrill.report.autocorrelation_plot import autocorrelation_figure
 
     kept = run.sampled.theta[:, run.sampled.convergence.burn_in :]
-    return Drawing(autocorrelation_figure, (kept, run.problem.symbols))
+    return Drawing(autocorrelation_figure, (kept, run.problem.symbols), says=AUTOCORRELATION)
 
 
 def _predictive_check(run: View) -> Drawing:
@@ -136,7 +139,8 @@ def _predictive_check(run: View) -> Drawing:
     each = words.predictive_draws(run.problem, run.config)
     chosen = np.unique(np.linspace(0, draws.shape[1] - 1, each).astype(int))
     theta = draws[:, chosen].reshape(-1, draws.shape[-1])
-    return Drawing(predictive_figure, (checks(run.problem.posterior.likelihood, theta),))
+    found = checks(run.problem.posterior.likelihood, theta)
+    return Drawing(predictive_figure, (found,), says=PREDICTIVE_CHECK)
 
 
 FIGURES: Registry[Recipe] = Registry(

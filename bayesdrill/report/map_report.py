@@ -5,17 +5,27 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from bayesdrill.basics import own_files
 from bayesdrill.engines.mode import Mode
 from bayesdrill.inference import residual_checks
 from bayesdrill.inference.problem import Problem
 from bayesdrill.inference.residual_checks import Left
-from bayesdrill.report import figures, prediction, residual_words, tables, words
-from bayesdrill.report.sections import Note, Section, Sentences, as_markdown, as_text
+from bayesdrill.report import (
+    figures,
+    prediction,
+    provenance_words,
+    residual_words,
+    tables,
+    words,
+)
+from bayesdrill.report.sections import Note, Picture, Section, Sentences, as_markdown, as_text
 from bayesdrill.report.view import Drawing
+from bayesdrill.results import provenance
 from bayesdrill.setup import build
 from bayesdrill.setup.config import Config
 
@@ -53,6 +63,7 @@ class MapReport:
         searches = Sentences(words.mode(self.mode))
         return (
             Section("", (tables.of_mode(self.problem, self.mode), Note(read), fit)),
+            Section("Figures", (Picture(FIGURE, self.figure.says),), brief=False),
             Section("Maximum of the posterior (MAP)", (searches,), brief=False),
         )
 
@@ -73,6 +84,24 @@ class MapReport:
             TABLE: tables.mode_as_csv(self.problem, self.mode),
             PREDICTION: prediction.as_csv(self.problem, self.config, self.best),
         }
+
+    def page(self, folder: Path) -> str:
+        """HTML, with the picture and the config that stand in `folder`."""
+        # Late: templates are for this page alone.
+        from bayesdrill.report.html import as_html
+
+        config = self.config
+        marks = provenance.marks(config, self.problem, "")
+        lines = (
+            ("config", config.name),
+            ("record", f"`{Path(config.record.file).name}`: {marks['Record']}"),
+            ("model", config.model.name),
+            ("seed", marks["Seed"]),
+            ("versions", marks["Versions"]),
+        )
+        every = (*self.sections, provenance_words.made_of(lines, folder))
+        figures = folder / own_files.FIGURES
+        return as_html(config.name, "maximum", every, figures, self.problem.symbols)
 
     @property
     def figure(self) -> Drawing:

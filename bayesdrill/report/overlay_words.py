@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 from bayesdrill.basics.symbols import plain
 from bayesdrill.insight.diagnostics import HDI_PROBABILITY
 from bayesdrill.insight.overlay import Layer, Place, Row, differing
-from bayesdrill.report.sections import Note, Section, Sentences, Table
+from bayesdrill.report.sections import Note, Picture, Section, Sentences, Table
 
 LONGEST = 60  # letters of a setting
 SAID = 3  # unknowns that are farthest apart
@@ -27,8 +27,11 @@ COLUMNS = (
 )
 
 
-def sections(layers: Sequence[Layer], rows: Sequence[Row]) -> tuple[Section, ...]:
+def sections(
+    layers: Sequence[Layer], rows: Sequence[Row], pictures: Sequence[Picture] = ()
+) -> tuple[Section, ...]:
     """In the order in which they are read."""
+    shown = (Section("Figures", tuple(pictures), brief=False),) if pictures else ()
     differs = differing(layers)
     doubts = [_doubt(layer) for layer in layers if layer.warning]
     first = Sentences("\n".join([f"{len(layers)} runs: {_names(layers)}", *doubts]))
@@ -36,6 +39,7 @@ def sections(layers: Sequence[Layer], rows: Sequence[Row]) -> tuple[Section, ...
     return (
         Section("", (first,)),
         Section("", (_table(layers, rows), Note(READ), said)),
+        *shown,
         Section("What differs between the runs", (_settings(layers, differs),), brief=False),
     )
 

@@ -25,6 +25,7 @@ T = np.linspace(0.0, 4.0, 161)
 BOX = {"prior": "uniform", "low": 0.5, "high": 1.5, "relative": True}
 FILES = {
     *("config.yaml", "config.resolved.yaml", "map.json", "map.csv", "map.md", "prediction.csv"),
+    "report.html",
     *("run.json", "figures", "figures/fit.pdf", "figures/fit.png", ".lock"),
 }
 
