@@ -48,15 +48,15 @@ def settings(config: Config, problem: Problem) -> dict[str, str]:
     """What a reader compares of two runs: as the fingerprint, with all that is said of a parameter under
     its own name, and without what only finds the posterior.
     """
-    space = problem.posterior.space
+    space, every = problem.posterior.space, fingerprint(config, problem)
     return {
         **_of_experiment(problem.experiment),
-        "the model": repr(problem.posterior.likelihood.response.model),
+        "the model": every["the model"],
         **{name: prior.describe() for name, prior in space.priors.items()},
         **{name: f"held at {value:.6g}" for name, value in space.fixed.items()},
         **{name: r.text for name, r in space.relations.items()},
         **_of_noise(problem),
-        "the seed": str(config.seed),
+        "the seed": every["the seed"],
     }
 
 
