@@ -50,6 +50,8 @@ MUTANTS = [
         "if mark else letter)",
         "if not mark else base)",
         "tests/basics/test_citation.py::test_entries_are_plain_and_whole",
+    ),
+    Mutant(
         "ranks that are not those of all draws",
         "insight/ensemble_ranks.py",
         "draws[..., d], axis=None)",
