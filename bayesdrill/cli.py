@@ -117,16 +117,32 @@ def identify(
 
 
 @app.command("map", epilog="Example: bayesdrill map configs/nominal_step.yaml")
-def map_(config: ConfigPath, processes: Processes = None) -> None:
-    """Search the maximum of the posterior (MAP) and print it; writes nothing."""
+def map_(
+    config: ConfigPath,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "--output", "-o", help="Folder for values, prediction and fit; default: none."
+        ),
+    ] = None,
+    force: Annotated[bool, typer.Option("--force", help="Overwrite a MAP of before.")] = False,
+    processes: Processes = None,
+) -> None:
+    """Search the maximum of the posterior (MAP) and print it; writes what it predicts if asked to."""
     with guarded():
         from bayesdrill.api.case import load
+        from bayesdrill.api.run import Best
         from bayesdrill.basics.progress import reporter
 
         case = load(config)
+        if output is not None:
+            Best.check_place(output, force=force)
         with reporter() as report:
             best = case.find_map(processes=processes, report=report)
         typer.echo(best.table)
+        if output is not None:
+            place = best.save(output, force=force)
+            typer.echo(f"results: {place}/ (report.html, map.md, prediction.csv, figures/fit)")
 
 
 @app.command(epilog="Example: bayesdrill posterior configs/nominal_step.yaml --output results/mine")
@@ -198,14 +214,37 @@ def calibrate(
 
 @app.command(epilog="Example: bayesdrill report results/nominal_step")
 def report(
-    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="Folder of a finished run.")],
+    folders: Annotated[
+        list[Path], typer.Argument(metavar="FOLDER...", help="Of finished runs, one or several.")
+    ],
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", help="Of several; default: results/<name>-<name>."),
+    ] = None,
+    force: Annotated[bool, typer.Option("--force", help="Overwrite an overlay of before.")] = False,
     processes: Processes = None,
 ) -> None:
-    """Make tables and figures again from the stored chain."""
+    """Make tables and figures again from a stored chain; of several runs, lay them over each other."""
     with guarded():
         from bayesdrill.api import files
 
-        _finish(files.publish(folder, processes=processes))
+        if len(folders) > 1:
+            _lay_over(folders, output, force=force)
+            return
+        files.no_overlay(output, force=force)
+        _finish(files.publish(folders[0], processes=processes))
+
+
+def _lay_over(folders: list[Path], output: Path | None, *, force: bool) -> None:
+    from bayesdrill.api.overlay import check_place, overlay
+
+    place = check_place(folders, output, force=force)
+    found = overlay(folders)
+    found.save(place, force=force)
+    typer.echo(found.text)
+    typer.echo(f"results: {place}/ (report.html, overlay.md, overlay.csv, figures/)")
+    if found.reasons:
+        raise typer.Exit(NOT_CONVERGED)
 
 
 @app.command(epilog="Example: bayesdrill verify results/nominal_step")

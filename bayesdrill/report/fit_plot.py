@@ -37,11 +37,12 @@ FIT_SHARE = 0.6  # of the width, for the signals; the rest is for the residuals
 
 
 def fit_figure(
-    experiment: Experiment, mode_signals: Array, predictive: Array, mode_sigma: Array
+    experiment: Experiment, mode_signals: Array, predictive: Array | None, mode_sigma: Array
 ) -> Figure:
     """A row for each channel, all SI: signals beside residuals.
 
-    mode_signals : (T, K) at the MAP; predictive : (N, T, K) with noise; mode_sigma : (K,).
+    mode_signals : (T, K) at the MAP; predictive : (N, T, K) with noise, None where there are no draws;
+    mode_sigma : (K,).
     """
     t = experiment.t
     margin = 0.01 * float(t[-1] - t[0])
@@ -51,7 +52,10 @@ def fit_figure(
         for k, (channel, (left, right)) in enumerate(zip(experiment.channels, rows, strict=True)):
             y, model = experiment.y[:, k], mode_signals[:, k]
             drawn = extremes(model, LINE)
-            band = np.quantile(predictive[:, drawn, k], TAILS, axis=0)
+            if predictive is None:
+                band = model[drawn] + SIGMAS * mode_sigma[k] * np.array([[-1.0], [1.0]])
+            else:
+                band = np.quantile(predictive[:, drawn, k], TAILS, axis=0)
             _signals(left, channel, time, (t, y, model), drawn, band)
             _residuals(right, channel, time, t, y - model, float(mode_sigma[k]))
             for panel in (left, right):
@@ -60,7 +64,7 @@ def fit_figure(
                 style.set_ticks(panel.xaxis, *style.ticks(time.low, time.high, most))
         for panel in rows[-1]:
             panel.set_xlabel(time.label(TIME))
-        _legends(figure, rows[0])
+        _legends(rows[0], "posterior predictive" if predictive is not None else "of the noise")
     return figure
 
 
@@ -149,12 +153,12 @@ def _numbers(panel: Axes, what: style.Labelled, low: float, high: float) -> styl
     return scale
 
 
-def _legends(figure: Figure, panels: tuple[Axes, Axes]) -> None:
-    """Above each column, what is shown in it."""
+def _legends(panels: tuple[Axes, Axes], what: str) -> None:
+    """Above each column, what is shown in it; `what` the band of the signals is."""
     dot = Line2D([], [], **{**DOT, "markersize": 3, "rasterized": False})
     line, band = Line2D([], [], **MODEL), Patch(**BAND)
     edged = Patch(facecolor=BAND["color"], edgecolor=style.BLACK, linewidth=0.6, linestyle="--")
-    left = {"measured": dot, "model at the MAP": line, f"{SHARE} posterior predictive": band}
+    left = {"measured": dot, "model at the MAP": line, f"{SHARE} {what}": band}
     noise = rf"{SHARE} of the noise ($\pm${SIGMAS:.2f} $\sigma$ at the MAP)"
     right = {"measured minus model at the MAP": dot, noise: edged}
     for panel, entries, columns in zip(panels, (left, right), (3, 1), strict=True):

@@ -25,7 +25,7 @@ from bayesdrill.report import (
     verdict_words,
     words,
 )
-from bayesdrill.report.figures import FIGURES, drawing
+from bayesdrill.report.figures import drawing, drawn
 from bayesdrill.report.run_report import sections
 from bayesdrill.report.sections import Picture, as_markdown
 from bayesdrill.report.view import Drawing, View
@@ -60,8 +60,7 @@ def everything(view: View, folder: Folder, crew: Crew) -> tuple[str, ...]:
     place = (*_place(folder, view), words.warning(view.sampled, view.left))
     sparing = view.sparing
     tasks: list[tuple[str, str, Future[None]]] = []
-    wanted = view.config.output.figures
-    for name in FIGURES if wanted is None else [name for name in FIGURES if name in wanted]:
+    for name in drawn(view.config.output.figures):
         with sparing.making(f"figures/{name}"):
             found = drawing(name, view)
             if found is not None:
