@@ -91,7 +91,7 @@ def _pages(view: View, pictures: Sequence[Picture], folder: Folder) -> None:
         from bayesdrill.report.html import as_html
 
         made_of = provenance_words.section(view, folder.path)
-        said = (*sections(view, pictures), made_of, provenance_words.cite())
+        said = (*sections(view, pictures), made_of, provenance_words.cite(folder.path))
         figures = folder.path / FOLDER
         text = as_html(view.config.name, "posterior", said, figures, view.problem.symbols)
         folder.write_text("report.html", text)
