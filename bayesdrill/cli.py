@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -23,6 +23,11 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
     help="What a record says about the nine parameters of a torsional drilling rig.",
 )
+
+
+def _output(what: str) -> Any:
+    return typer.Option("--output", "-o", help=what)
+
 
 ConfigPath = Annotated[Path, typer.Argument(metavar="CONFIG", help="Experiment config (YAML).")]
 Force = Annotated[bool, typer.Option("--force", help="Discard what is there and start over.")]
@@ -92,8 +97,7 @@ def identify(
         typer.Option("--at-map", help="At the MAP, which is searched first; default: the start."),
     ] = False,
     output: Annotated[
-        Path | None,
-        typer.Option("--output", "-o", help="Folder for text and figures; default: print only."),
+        Path | None, _output("Folder for text and figures; default: print only.")
     ] = None,
     force: Annotated[
         bool, typer.Option("--force", help="Overwrite text and figures of an `identify` before.")
@@ -120,12 +124,9 @@ def identify(
 def map_(
     config: ConfigPath,
     output: Annotated[
-        Path | None,
-        typer.Option(
-            "--output", "-o", help="Folder for values, prediction and fit; default: none."
-        ),
+        Path | None, _output("Folder for values, prediction and fit; default: none.")
     ] = None,
-    force: Annotated[bool, typer.Option("--force", help="Overwrite a MAP of before.")] = False,
+    force: Force = False,
     processes: Processes = None,
 ) -> None:
     """Search the maximum of the posterior (MAP) and print it; writes what it predicts if asked to."""
@@ -148,9 +149,7 @@ def map_(
 @app.command(epilog="Example: bayesdrill posterior configs/nominal_step.yaml --output results/mine")
 def posterior(
     config: ConfigPath,
-    output: Annotated[
-        Path | None, typer.Option("--output", "-o", help="Default: results/<name>.")
-    ] = None,
+    output: Annotated[Path | None, _output("Default: results/<name>.")] = None,
     resume: Annotated[
         bool,
         typer.Option("--resume", help="Continue an interrupted run, or extend a finished one."),
@@ -176,9 +175,7 @@ def posterior(
 @app.command(epilog="Example: bayesdrill calibrate configs/nominal_step.yaml")
 def calibrate(
     config: ConfigPath,
-    output: Annotated[
-        Path | None, typer.Option("--output", "-o", help="Default: results/<name>-calibration.")
-    ] = None,
+    output: Annotated[Path | None, _output("Default: results/<name>-calibration.")] = None,
     resume: Annotated[
         bool, typer.Option("--resume", help="Go on with an interrupted calibration, or extend one.")
     ] = False,
@@ -217,11 +214,8 @@ def report(
     folders: Annotated[
         list[Path], typer.Argument(metavar="FOLDER...", help="Of finished runs, one or several.")
     ],
-    output: Annotated[
-        Path | None,
-        typer.Option("--output", "-o", help="Of several; default: results/<name>-<name>."),
-    ] = None,
-    force: Annotated[bool, typer.Option("--force", help="Overwrite an overlay of before.")] = False,
+    output: Annotated[Path | None, _output("Of several; default: results/<name>-<name>.")] = None,
+    force: Force = False,
     processes: Processes = None,
 ) -> None:
     """Make tables and figures again from a stored chain; of several runs, lay them over each other."""
@@ -264,10 +258,7 @@ def verify(
 @app.command(epilog="Example: bayesdrill simulate configs/nominal_step.yaml --output my_record.csv")
 def simulate(
     config: ConfigPath,
-    output: Annotated[
-        Path | None,
-        typer.Option("--output", "-o", help="Default: the record that the config names."),
-    ] = None,
+    output: Annotated[Path | None, _output("Default: the record that the config names.")] = None,
     seed: Annotated[int | None, typer.Option(min=0, help="Default: the config's.")] = None,
     force: Annotated[
         bool, typer.Option("--force", help="Overwrite another simulated record.")
