@@ -7,6 +7,7 @@
     run = case.sample(case.find_map(), seed=1)
     run.judge(); run.plot_corner(); run.to_arviz()
     run.save("results/mine"); bd.open("results/mine")
+    bd.overlay(["results/mine", run])               # several runs side by side
 
 With files and folders, as the command line: `bd.example`, `bd.simulate`, `case.run`, `bd.publish`,
 `bd.calibration`, `bd.citation`.
@@ -33,6 +34,8 @@ if TYPE_CHECKING:
     from bayesdrill.api.files import schema as schema
     from bayesdrill.api.files import simulate as simulate
     from bayesdrill.api.files import verify as verify
+    from bayesdrill.api.overlay import Overlay as Overlay
+    from bayesdrill.api.overlay import overlay as overlay
     from bayesdrill.api.rig import nominal as nominal
     from bayesdrill.api.rig import respond as respond
     from bayesdrill.api.run import Best as Best
@@ -61,6 +64,8 @@ _PLACES = {
     "schema": "api.files",
     "simulate": "api.files",
     "verify": "api.files",
+    "Overlay": "api.overlay",
+    "overlay": "api.overlay",
     "nominal": "api.rig",
     "respond": "api.rig",
     "Best": "api.run",

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -23,6 +23,11 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
     help="What a record says about the nine parameters of a torsional drilling rig.",
 )
+
+
+def _output(what: str) -> Any:
+    return typer.Option("--output", "-o", help=what)
+
 
 ConfigPath = Annotated[Path, typer.Argument(metavar="CONFIG", help="Experiment config (YAML).")]
 Force = Annotated[bool, typer.Option("--force", help="Discard what is there and start over.")]
@@ -92,8 +97,7 @@ def identify(
         typer.Option("--at-map", help="At the MAP, which is searched first; default: the start."),
     ] = False,
     output: Annotated[
-        Path | None,
-        typer.Option("--output", "-o", help="Folder for text and figures; default: print only."),
+        Path | None, _output("Folder for text and figures; default: print only.")
     ] = None,
     force: Annotated[
         bool, typer.Option("--force", help="Overwrite text and figures of an `identify` before.")
@@ -117,24 +121,35 @@ def identify(
 
 
 @app.command("map", epilog="Example: bayesdrill map configs/nominal_step.yaml")
-def map_(config: ConfigPath, processes: Processes = None) -> None:
-    """Search the maximum of the posterior (MAP) and print it; writes nothing."""
+def map_(
+    config: ConfigPath,
+    output: Annotated[
+        Path | None, _output("Folder for values, prediction and fit; default: none.")
+    ] = None,
+    force: Force = False,
+    processes: Processes = None,
+) -> None:
+    """Search the maximum of the posterior (MAP) and print it; writes what it predicts if asked to."""
     with guarded():
         from bayesdrill.api.case import load
+        from bayesdrill.api.run import Best
         from bayesdrill.basics.progress import reporter
 
         case = load(config)
+        if output is not None:
+            Best.check_place(output, force=force)
         with reporter() as report:
             best = case.find_map(processes=processes, report=report)
         typer.echo(best.table)
+        if output is not None:
+            place = best.save(output, force=force)
+            typer.echo(f"results: {place}/ (report.html, map.md, prediction.csv, figures/fit)")
 
 
 @app.command(epilog="Example: bayesdrill posterior configs/nominal_step.yaml --output results/mine")
 def posterior(
     config: ConfigPath,
-    output: Annotated[
-        Path | None, typer.Option("--output", "-o", help="Default: results/<name>.")
-    ] = None,
+    output: Annotated[Path | None, _output("Default: results/<name>.")] = None,
     resume: Annotated[
         bool,
         typer.Option("--resume", help="Continue an interrupted run, or extend a finished one."),
@@ -160,9 +175,7 @@ def posterior(
 @app.command(epilog="Example: bayesdrill calibrate configs/nominal_step.yaml")
 def calibrate(
     config: ConfigPath,
-    output: Annotated[
-        Path | None, typer.Option("--output", "-o", help="Default: results/<name>-calibration.")
-    ] = None,
+    output: Annotated[Path | None, _output("Default: results/<name>-calibration.")] = None,
     resume: Annotated[
         bool, typer.Option("--resume", help="Go on with an interrupted calibration, or extend one.")
     ] = False,
@@ -198,14 +211,34 @@ def calibrate(
 
 @app.command(epilog="Example: bayesdrill report results/nominal_step")
 def report(
-    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="Folder of a finished run.")],
+    folders: Annotated[
+        list[Path], typer.Argument(metavar="FOLDER...", help="Of finished runs, one or several.")
+    ],
+    output: Annotated[Path | None, _output("Of several; default: results/<name>-<name>.")] = None,
+    force: Force = False,
     processes: Processes = None,
 ) -> None:
-    """Make tables and figures again from the stored chain."""
+    """Make tables and figures again from a stored chain; of several runs, lay them over each other."""
     with guarded():
         from bayesdrill.api import files
 
-        _finish(files.publish(folder, processes=processes))
+        if len(folders) > 1:
+            _lay_over(folders, output, force=force)
+            return
+        files.no_overlay(output, force=force)
+        _finish(files.publish(folders[0], processes=processes))
+
+
+def _lay_over(folders: list[Path], output: Path | None, *, force: bool) -> None:
+    from bayesdrill.api.overlay import check_place, overlay
+
+    place = check_place(folders, output, force=force)
+    found = overlay(folders)
+    found.save(place, force=force)
+    typer.echo(found.text)
+    typer.echo(f"results: {place}/ (report.html, overlay.md, overlay.csv, figures/)")
+    if found.reasons:
+        raise typer.Exit(NOT_CONVERGED)
 
 
 @app.command(epilog="Example: bayesdrill verify results/nominal_step")
@@ -225,10 +258,7 @@ def verify(
 @app.command(epilog="Example: bayesdrill simulate configs/nominal_step.yaml --output my_record.csv")
 def simulate(
     config: ConfigPath,
-    output: Annotated[
-        Path | None,
-        typer.Option("--output", "-o", help="Default: the record that the config names."),
-    ] = None,
+    output: Annotated[Path | None, _output("Default: the record that the config names.")] = None,
     seed: Annotated[int | None, typer.Option(min=0, help="Default: the config's.")] = None,
     force: Annotated[
         bool, typer.Option("--force", help="Overwrite another simulated record.")

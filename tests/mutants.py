@@ -52,6 +52,50 @@ MUTANTS = [
         "tests/basics/test_citation.py::test_entries_are_plain_and_whole",
     ),
     Mutant(
+        "ranks that are not those of all draws",
+        "insight/ensemble_ranks.py",
+        "draws[..., d], axis=None)",
+        "draws[..., d], axis=-1)",
+        "tests/insight/test_ensemble_ranks.py::"
+        "test_an_ensemble_that_is_elsewhere_leaves_the_band_and_is_named",
+    ),
+    Mutant(
+        "a band of ranks for one ensemble alone",
+        "insight/ensemble_ranks.py",
+        "away.max(axis=(1, 2))",
+        "away[:, :, 0].max(axis=1)",
+        "tests/insight/test_ensemble_ranks.py::"
+        "test_ensembles_alike_leave_the_band_as_often_as_is_said",
+    ),
+    Mutant(
+        "a sample that helps to predict itself",
+        "insight/predictive.py",
+        "np.exp(log_p.min(axis=0) - log_p)",
+        "np.ones_like(log_p)",
+        "tests/insight/test_predictive.py::test_each_sample_is_predicted_without_itself",
+    ),
+    Mutant(
+        "runs apart by the sd of a difference",
+        "insight/overlay.py",
+        "math.sqrt(0.5 * (one.sd**2 + other.sd**2))",
+        "math.sqrt(one.sd**2 + other.sd**2)",
+        "tests/insight/test_overlay.py::test_a_shift_of_the_draws_is_how_far_they_are_apart",
+    ),
+    Mutant(
+        "a prediction in SI",
+        "report/prediction.py",
+        "signals[:, k] / one.factor",
+        "signals[:, k]",
+        "tests/system/test_map.py::test_the_prediction_is_the_response_in_the_units_of_the_record",
+    ),
+    Mutant(
+        "an overlay of other runs than it says",
+        "commands/verify.py",
+        'if layer.mark != one["run"]:',
+        "if False:",
+        "tests/system/test_overlay.py::test_what_does_not_belong_to_an_overlay_is_named",
+    ),
+    Mutant(
         "contours of noise",
         "report/contours.py",
         "np.median(slope[near]) > STEEP * noise",

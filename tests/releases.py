@@ -36,7 +36,12 @@ def build(folder: Path) -> Dist:
     """As `make dist` does, of a checkout in which work was done."""
     tree = folder / "bayesdrill"
     shutil.copytree(ROOT, tree, ignore=_made)
-    for name in ("results/mine/chain.h5", ".venv/pyvenv.cfg", "bayesdrill/__pycache__/cli.pyc"):
+    for name in (
+        "results/mine/chain.h5",
+        "results/published/run/report.html",
+        ".venv/pyvenv.cfg",
+        "bayesdrill/__pycache__/cli.pyc",
+    ):
         (tree / name).parent.mkdir(parents=True)
         (tree / name).write_text("not to be released")
     command = [sys.executable, "-m", "build", "--no-isolation", "--outdir", "dist"]

@@ -115,7 +115,8 @@ class Case:
         from bayesdrill.commands import searching
 
         workers = arguments.workers(processes)
-        return Best(self.job, searching.find_mode(self.job, workers, report or Silent()))
+        found = searching.find_mode(self.job, workers, report or Silent())
+        return Best(self.job, found, self.columns)
 
     def run(
         self,

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bayesdrill.api import arguments
+from bayesdrill.basics.errors import InputError
 from bayesdrill.basics.progress import Reporter, Silent
 
 if TYPE_CHECKING:
@@ -51,6 +52,14 @@ def publish(folder: str | Path, *, processes: int | None = 1) -> Outcome:
     from bayesdrill.commands import pipeline
 
     return pipeline.republish(Path(folder).expanduser(), arguments.workers(processes))
+
+
+def no_overlay(output: str | Path | None, *, force: bool) -> None:
+    """Raises `InputError` for what only an overlay of several runs is told."""
+    if output is not None or force:
+        option = "--force" if output is None else "--output"
+        message = "goes with several folders; one is written again where it is"
+        raise InputError.one(option, message)
 
 
 def verify(folder: str | Path) -> Verified:

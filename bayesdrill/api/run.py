@@ -14,12 +14,11 @@ from numpy.typing import NDArray
 
 from bayesdrill.api import arguments
 from bayesdrill.basics.errors import InputError
-from bayesdrill.commands import concluding, pipeline
+from bayesdrill.commands import concluding, mapping, pipeline
 from bayesdrill.engines.mode import Mode
 from bayesdrill.engines.sampling import Sampled
-from bayesdrill.inference import residual_checks
 from bayesdrill.insight.verdict import Verdict
-from bayesdrill.report import residual_words, tables, words
+from bayesdrill.report import tables, words
 from bayesdrill.report.figures import FIGURES, drawing
 from bayesdrill.report.run_report import sections
 from bayesdrill.report.sections import as_markdown, as_text
@@ -36,10 +35,14 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Best:
-    """The maximum of the posterior (MAP) that searches found."""
+    """The maximum of the posterior (MAP) that searches found.
+
+    `columns`: the record `(T,)` each, where it is in no file.
+    """
 
     job: Job
     mode: Mode
+    columns: Mapping[str, Array] | None = None
 
     @property
     def values(self) -> Mapping[str, float]:
@@ -49,10 +52,26 @@ class Best:
     @property
     def table(self) -> str:
         """Beside the nominal values, and what the fit leaves."""
-        posterior = self.job.problem.posterior
-        left = residual_checks.left(posterior.likelihood, posterior.space.vector(self.values))
-        found = tables.mode_as_text(self.job.problem, self.mode)
-        return f"{found}\n{residual_words.sentences(left)}"
+        return mapping.report(self.job, self.mode).text
+
+    def plot(self) -> Figure:
+        """The record, the model at the maximum, and what is left."""
+        found = mapping.report(self.job, self.mode).figure
+        return found.figure(*found.arguments)
+
+    @staticmethod
+    def check_place(folder: str | Path, *, force: bool = False) -> None:
+        """Raises `InputError` where a maximum could not be saved, before minutes of searches."""
+        mapping.check_place(Path(folder).expanduser(), force=force)
+
+    def save(self, folder: str | Path, *, force: bool = False) -> Path:
+        """As `bayesdrill map --output` leaves it: values, prediction, fit and config.
+
+        Raises `InputError` where something else is there, or a maximum and not `force`.
+        """
+        place = Path(folder).expanduser()
+        mapping.save(self.job, self.mode, place, _as_record(self.columns), force=force)
+        return place
 
     def __str__(self) -> str:
         return f"{self.table}\n\n{words.mode(self.mode)}"
@@ -116,8 +135,8 @@ class Run:
         Raises `InputError` where something else is there, or results and not `force`; warns of what
         could not be made.
         """
-        record = None if self.columns is None else in_memory.as_csv(self.columns)
         place = Path(folder).expanduser()
+        record = _as_record(self.columns)
         done = pipeline.write(self.job, self._view, place, record, force=force)
         if done.missing:
             said = f"could not be made: {'; '.join(done.missing)}; all else is in {place}"
@@ -161,6 +180,10 @@ class Judged:
         return as_markdown(self.view.config.name, brief)
 
     __repr__ = __str__
+
+
+def _as_record(columns: Mapping[str, Array] | None) -> str | None:
+    return None if columns is None else in_memory.as_csv(columns)
 
 
 def open(folder: str | Path) -> Run:

@@ -68,10 +68,14 @@ def shown(formats: Iterable[str]) -> str:
 UNFINISHED = Kind("posterior", RUN, (f"{PIECES}/ensemble_#_#.npz",))
 
 
-# Of a run, by name; `report.figures` says what each shows.
+# Of a run, by name; `report.figures` says what each shows.  Those on request are drawn where a config
+# names them.
+ON_REQUEST = ("rank", "autocorrelation", "predictive_check")
 RUN_FIGURES: Registry[None] = Registry(
     "figure",
-    dict.fromkeys(("corner", "invariants", "ridge", "trace", "prior_posterior", "fit")),
+    dict.fromkeys(
+        ("corner", "invariants", "ridge", "trace", "prior_posterior", "fit", *ON_REQUEST)
+    ),
 )
 
 
@@ -93,6 +97,23 @@ CALIBRATE = Kind(
         *(*CONFIGS, "ranks.csv", "summary.md", "report.html"),
         *(*figures("calibration"), f"{REFITS}/#.json"),
     ),
+)
+OVERLAY = Kind(
+    "report",
+    RUN,
+    ("overlay.csv", "overlay.md", "report.html", *figures("corner", "intervals")),
+    again="make them anew with --force, or give another --output",
+)
+MAP = Kind(
+    "map",
+    RUN,
+    (
+        *("map.json", "map.md", "map.csv", "prediction.csv", "report.html"),
+        *CONFIGS,
+        *figures("fit"),
+    ),
+    again="make them anew with --force, or give another --output",
+    kept=(RECORD,),
 )
 IDENTIFY = Kind("identify", "identify.md", figures("spectrum", "profiles"))
 

@@ -20,6 +20,7 @@ Purpose = Literal[
     "around",
     "starts",
     "scout",
+    "rank",
 ]
 
 _ORDER: tuple[Purpose, ...] = get_args(Purpose)

@@ -78,8 +78,7 @@ def posterior(
         report.say(f"{words.opening(job.problem)}\n{words.size(job.problem, job.config)}")
         seed, versions = job.config.seed, software.versions()
         folder.begin(status="running", seed=seed, versions=versions)
-        folder.write_text(CONFIG_FILE, job.source.text)
-        folder.write_text(RESOLVED_FILE, provenance.resolved(job.config, job.source, output))
+        write_given(job, folder)
         try:
             return _run(job, folder, known, processes, report)
         except KeyboardInterrupt:
@@ -94,7 +93,7 @@ def posterior(
 def _taken_up(job: Job, folder: Folder) -> Mode | None:
     """What was done is read before anything is written: what cannot go on stays as it is."""
     folder.read_ahead(job.config.sampler.ensembles)
-    return _read_mode(folder.path / MAP_FILE)
+    return read_mode(folder.path / MAP_FILE)
 
 
 def _run(job: Job, folder: Folder, known: Mode | None, processes: int, report: Reporter) -> Outcome:
@@ -164,7 +163,7 @@ def _finished(job: Job, folder: Folder) -> tuple[Mode, Sampled]:
     posterior, path = job.problem.posterior, folder.path
     again = stored(posterior, plan(job.config), folder.pieces, str(path))
     sampled = dataclasses.replace(again, held=held(run_folder.read_run(path) or {}))
-    found = _read_mode(path / MAP_FILE)
+    found = read_mode(path / MAP_FILE)
     if found is None:
         message = "is not there; continue with --resume, which searches the MAP again"
         raise InputError.one(str(path / MAP_FILE), message)
@@ -173,20 +172,11 @@ def _finished(job: Job, folder: Folder) -> tuple[Mode, Sampled]:
 
 def write(job: Job, view: View, output: Path, record: str | None, *, force: bool) -> Outcome:
     """What was sampled in memory, as `posterior` leaves it; `record`: its text, where it has no file."""
-    if (
-        record is None
-        and reading.path_of(job.config, job.source).parent.resolve() == output.resolve()
-    ):
-        raise InputError.one(str(output), "holds the record of this run; give another folder")
+    check_record(job, output, record)
     marks = provenance.fingerprint(job.config, job.problem)
     with Folder(output, "force" if force else "fresh", marks, POSTERIOR) as folder:
         folder.begin(status="running", seed=job.config.seed, versions=software.versions())
-        folder.write_text(CONFIG_FILE, job.source.text)
-        source = job.source
-        if record is not None:
-            folder.write_text(own_files.RECORD, record)
-            source = dataclasses.replace(source, path=output / CONFIG_FILE)
-        folder.write_text(RESOLVED_FILE, provenance.resolved(job.config, source, output))
+        write_given(job, folder, record)
         folder.write_text(MAP_FILE, sealed(dataclasses.asdict(view.mode)))
         for ensemble, pieces in enumerate(view.sampled.pieces):
             first = 0
@@ -196,6 +186,23 @@ def write(job: Job, view: View, output: Path, record: str | None, *, force: bool
         _finish_chain(job, folder, view.sampled)
         with Crew(job.problem.posterior, 1) as crew:
             return _publish(job, folder, view, crew)
+
+
+def check_record(job: Job, output: Path, record: str | None) -> None:
+    """Raises `InputError` where the record itself lies in `output`."""
+    place = reading.path_of(job.config, job.source).parent
+    if record is None and place.resolve() == output.resolve():
+        raise InputError.one(str(output), "holds the record of this run; give another folder")
+
+
+def write_given(job: Job, folder: Folder, record: str | None = None) -> None:
+    """The config, as given and with all defaults; `record`: its text, where it has no file."""
+    folder.write_text(CONFIG_FILE, job.source.text)
+    source = job.source
+    if record is not None:
+        folder.write_text(own_files.RECORD, record)
+        source = dataclasses.replace(source, path=folder.path / CONFIG_FILE)
+    folder.write_text(RESOLVED_FILE, provenance.resolved(job.config, source, folder.path))
 
 
 def sample_in_memory(job: Job, found: Mode, processes: int, report: Reporter) -> Sampled:
@@ -227,8 +234,8 @@ def _load_ahead() -> None:
         importlib.import_module(name)
 
 
-def _read_mode(path: Path) -> Mode | None:
-    """None where no search has ended yet."""
+def read_mode(path: Path) -> Mode | None:
+    """What `map.json` holds; None where no search has ended yet."""
     if not path.exists():
         return None
     try:

@@ -5,18 +5,19 @@ from __future__ import annotations
 import csv
 import io
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 from bayesdrill.basics import own_files
 from bayesdrill.basics.errors import InputError, Problem
-from bayesdrill.basics.own_files import POSTERIOR
-from bayesdrill.commands import pipeline
+from bayesdrill.basics.own_files import MAP, OVERLAY, POSTERIOR, Kind
+from bayesdrill.commands import mapping, overlaying, pipeline
 from bayesdrill.commands.concluding import concluded
-from bayesdrill.report import publish
-from bayesdrill.report.view import View
+from bayesdrill.report import overlay_report, publish
+from bayesdrill.report.overlay_report import OverlayReport
 from bayesdrill.results import provenance, run_folder
 from bayesdrill.setup import loading, yaml_source
 from bayesdrill.setup.config import Config
@@ -26,11 +27,15 @@ SAME = 1e-6  # relative: numbers that other versions of a library round otherwis
 
 @dataclass(frozen=True, slots=True)
 class Verified:
-    """`problems`: each file that does not belong to the run, and why; `checked`: how many do."""
+    """`problems`: each file that does not belong to the run, and why; `checked`: how many do;
+    `what`: which things belong together, and what `follows` from them.
+    """
 
     folder: Path
     checked: int
     problems: tuple[Problem, ...]
+    what: str = "config, record, chain"
+    follows: str = "the tables follow from the chain"
 
     @property
     def together(self) -> bool:
@@ -39,10 +44,8 @@ class Verified:
     @property
     def said(self) -> str:
         if self.together:
-            return (
-                f"{self.folder}: config, record, chain and {self.checked} files belong together; the "
-                "tables follow from the chain"
-            )
+            files = f"{self.what} and {self.checked} files belong together"
+            return f"{self.folder}: {files}; {self.follows}"
         return "\n".join(map(str, self.problems))
 
     def __str__(self) -> str:
@@ -51,30 +54,97 @@ class Verified:
     __repr__ = __str__
 
 
+@dataclass(frozen=True, slots=True)
+class _Way:
+    """How the results of a job are looked at."""
+
+    kind: Kind
+    problems: Callable[[Path, Mapping[str, Any]], Iterator[Problem]]
+    what: str
+    follows: str
+
+
 def verify(folder: Path) -> Verified:
     """Nothing is written.  Raises `InputError` where there is no finished run."""
     run = run_folder.read_run(folder)
-    if run is None or run.get("job") != POSTERIOR.job:
-        raise InputError.one(str(folder), "no results of `bayesdrill posterior` are here")
+    way = None if run is None else _WAYS.get(str(run.get("job")))
+    if run is None or way is None:
+        message = "no results of `bayesdrill posterior`, `map` or an overlay are here"
+        raise InputError.one(str(folder), message)
     files = run.get("files")
     if run.get("status") != "finished" or not isinstance(files, dict):
         message = (
             "this run is not finished, or of an older version; `bayesdrill report` makes it anew"
         )
         raise InputError.one(str(folder), message)
-    problems = [*_changed(folder, files), *_configs(folder)]
+    found = tuple(dict.fromkeys([*_changed(folder, way.kind, files), *way.problems(folder, run)]))
+    checked = len(files) - len({problem.place for problem in found})
+    return Verified(folder, checked, found, way.what, way.follows)
+
+
+def _of_posterior(folder: Path, _: Mapping[str, Any]) -> Iterator[Problem]:
+    yield from _configs(folder)
     try:
-        view = _viewed(folder)
+        view = concluded(*pipeline.read(folder))
     except InputError as error:  # another record, a config of another run, a damaged chain
-        problems += error.problems
-    else:
-        problems += [*_tables(folder, view), *_figures(folder, view)]
-    found = tuple(dict.fromkeys(problems))
-    return Verified(folder, len(files) - len({problem.place for problem in found}), found)
+        yield from error.problems
+        return
+    texts = {name: table(view) or "" for name, table in publish.TABLES.items()}
+    yield from _tables(folder, texts, "the chain")
+    mark = view.marks[provenance.RUN_MARK]
+    yield from _figures(folder, POSTERIOR, mark, view.config.name)
 
 
-def _changed(folder: Path, files: Mapping[str, str]) -> Iterator[Problem]:
-    there = own_files.present(folder, POSTERIOR)
+def _of_map(folder: Path, _: Mapping[str, Any]) -> Iterator[Problem]:
+    yield from _configs(folder)
+    try:
+        job, found = mapping.read(folder)
+    except InputError as error:
+        yield from error.problems
+        return
+    yield from _tables(folder, mapping.report(job, found).numbers, pipeline.MAP_FILE)
+    mark = mapping.mark(job)[provenance.RUN_MARK]
+    yield from _figures(folder, MAP, mark, job.config.name)
+
+
+def _of_overlay(folder: Path, run: Mapping[str, Any]) -> Iterator[Problem]:
+    """Of runs that were only in memory nothing can be computed again."""
+    layers, told = [], run["runs"]
+    for one in told:
+        if one["folder"] is None:
+            continue
+        place = folder / one["folder"]
+        try:
+            layer = overlaying.layer(one["name"], *pipeline.read(place))
+        except InputError as error:
+            yield from error.problems
+            continue
+        if layer.mark != one["run"]:
+            yield Problem(str(place), "is another run than the one that was laid over others")
+        else:
+            layers.append(layer)
+    if len(layers) == len(told):
+        text = OverlayReport(tuple(layers)).texts[overlay_report.TABLE]
+        yield from _tables(folder, {overlay_report.TABLE: text}, "the chains")
+    mark = " ".join(one["run"] for one in told)
+    yield from _figures(folder, OVERLAY, mark, overlaying.TITLE)
+
+
+_WAYS: Mapping[str, _Way] = MappingProxyType(
+    {
+        POSTERIOR.job: _Way(
+            POSTERIOR, _of_posterior, "config, record, chain", "the tables follow from the chain"
+        ),
+        MAP.job: _Way(
+            MAP, _of_map, "config, record, maximum", "table and prediction follow from the maximum"
+        ),
+        OVERLAY.job: _Way(OVERLAY, _of_overlay, "runs", "the table follows from their chains"),
+    }
+)
+
+
+def _changed(folder: Path, kind: Kind, files: Mapping[str, str]) -> Iterator[Problem]:
+    there = own_files.present(folder, kind)
     for name, digest in files.items():
         place = str(folder / name)
         if name not in there:
@@ -82,7 +152,7 @@ def _changed(folder: Path, files: Mapping[str, str]) -> Iterator[Problem]:
         elif own_files.digest(folder / name) != digest:
             yield Problem(place, "was changed after this run had written it")
     for name in there:
-        if name not in files and name != POSTERIOR.mark:
+        if name not in files and name != kind.mark:
             yield Problem(str(folder / name), "was not written by this run")
 
 
@@ -107,17 +177,11 @@ def _settings(path: Path) -> dict[str, Any] | None:
     return settings
 
 
-def _viewed(folder: Path) -> View:
-    """From the chain; raises `InputError` where record or config are not those of the chain."""
-    job, found, sampled = pipeline.read(folder)
-    return concluded(job, found, sampled)
-
-
-def _tables(folder: Path, view: View) -> Iterator[Problem]:
-    for name, table in publish.TABLES.items():
-        path, text = folder / name, table(view) or ""
+def _tables(folder: Path, texts: Mapping[str, str], source: str) -> Iterator[Problem]:
+    for name, text in texts.items():
+        path = folder / name
         if path.exists() and not _same(path.read_text(encoding="utf-8"), text):
-            yield Problem(str(path), "does not follow from the chain")
+            yield Problem(str(path), f"does not follow from {source}")
 
 
 def _same(found: str, expected: str) -> bool:
@@ -136,16 +200,14 @@ def _near(one: str, other: str) -> bool:
         return False
 
 
-def _figures(folder: Path, view: View) -> Iterator[Problem]:
+def _figures(folder: Path, kind: Kind, mark: str, name: str) -> Iterator[Problem]:
     """Each says inside which run it is of, and what it shows."""
-    mark = view.marks[provenance.RUN_MARK]
-    for name in own_files.present(folder, POSTERIOR):
-        path = folder / name
-        if not name.startswith(f"{own_files.FIGURES}/"):
+    for file in own_files.present(folder, kind):
+        path = folder / file
+        if not file.startswith(f"{own_files.FIGURES}/"):
             continue
         content = path.read_bytes()
-        title = f"{view.config.name}: {path.stem}".encode()
         if mark.encode() not in content:
             yield Problem(str(path), "is a figure of another run")
-        elif title not in content:
+        elif f"{name}: {path.stem}".encode() not in content:
             yield Problem(str(path), "is another figure than its name says")

@@ -195,10 +195,17 @@ def futile(trail: Sequence[tuple[int, float]], wanted: float, allowed: int, most
     return ""
 
 
-def autocorrelation_time(chains: Array) -> Array:
-    """Integrated autocorrelation time in steps, `(E, S, W, D) -> (D,)`, at least 1.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Autocorrelation:
+    """`rho (S, D)` by lag in steps; its sum up to the lag `window (D,)` gives `tau (D,)`, at least 1."""
 
-    Autocorrelations are averaged over walkers and ensembles, then summed in Sokal's window
+    rho: Array
+    tau: Array
+    window: NDArray[np.intp]
+
+
+def autocorrelation(chains: Array) -> Autocorrelation:
+    """Of `(E, S, W, D)`, averaged over walkers and ensembles, then summed in Sokal's window
     (Goodman and Weare 2010, as emcee does per ensemble).
     """
     n_steps = chains.shape[1]
@@ -209,11 +216,17 @@ def autocorrelation_time(chains: Array) -> Array:
         power = (spectrum.real**2 + spectrum.imag**2).sum(axis=1)
         total += fft.irfft(power, n=fft.next_fast_len(2 * n_steps, real=True), axis=0)[:n_steps]
     with np.errstate(invalid="ignore", divide="ignore"):
-        rho = total / total[0]
-    tau = 2.0 * np.cumsum(np.nan_to_num(rho, nan=1.0), axis=0) - 1.0
+        rho = np.nan_to_num(total / total[0], nan=1.0)
+    tau = 2.0 * np.cumsum(rho, axis=0) - 1.0
     inside = np.arange(n_steps)[:, None] < WINDOW * tau
     window = np.where(inside.all(axis=0), n_steps - 1, np.argmin(inside, axis=0))
-    return np.asarray(np.maximum(tau[window, np.arange(tau.shape[1])], 1.0))
+    found = np.maximum(tau[window, np.arange(tau.shape[1])], 1.0)
+    return Autocorrelation(rho=rho, tau=np.asarray(found), window=window)
+
+
+def autocorrelation_time(chains: Array) -> Array:
+    """Integrated, in steps: `(E, S, W, D) -> (D,)`."""
+    return autocorrelation(chains).tau
 
 
 def _each(statistic: object, draws: Array, **options: object) -> Array:

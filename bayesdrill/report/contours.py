@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import corner
 import numpy as np
@@ -32,13 +33,18 @@ INNER, OUTER = "0.68", "0.85"  # greys between the contours
 
 
 def contours(
-    panel: Axes, xy: tuple[Array, Array], ends: tuple[Ends, Ends], fine: float = 1.0
+    panel: Axes,
+    xy: tuple[Array, Array],
+    ends: tuple[Ends, Ends],
+    fine: float = 1.0,
+    lines: Mapping[str, Any] | None = None,
 ) -> None:
     """Filled contours by `corner`, of a smoothed density that is reflected at priors' ends.
 
     Where the two are nearly one line, bins are sheared along the regression of y on x: upright ones
     would show a ridge as wide as the bins.  A contour that noise alone would draw, because the density
-    is flat there, is left out.  `xy`: draws `(N,)` each; `ends`: of their priors; `fine`: of lines.
+    is flat there, is left out.  `xy`: draws `(N,)` each; `ends`: of their priors; `fine`: of lines;
+    `lines`: how contours look that are not filled.
     """
     x, y = xy
     correlation = float(np.corrcoef(x, y)[0, 1]) if np.ptp(x) > 0 and np.ptp(y) > 0 else 0.0
@@ -50,9 +56,10 @@ def contours(
     ranges = [central(x, ends[0]), central(across, None if slanted else ends[1])]
     smooth = [_bandwidth(values, span) for values, span in zip((x, across), ranges, strict=True)]
     levels = _seen(x, across, ranges, smooth)
-    if not levels:
+    if not levels and lines is None:
         (left, right), (low, high) = ranges
         panel.fill([left, right, right, left], [low, low, high, high], color=OUTER, linewidth=0)
+    if not levels:
         return
     fills = dict(zip(LEVELS, (INNER, OUTER), strict=True))
     corner.hist2d(
@@ -66,8 +73,8 @@ def contours(
         plot_datapoints=False,
         plot_density=False,
         no_fill_contours=True,
-        fill_contours=True,
-        contour_kwargs={**CONTOUR, "linewidths": 0.7 * fine, "transform": transform},
+        fill_contours=lines is None,
+        contour_kwargs={**(lines or CONTOUR | {"linewidths": 0.7 * fine}), "transform": transform},
         contourf_kwargs={
             "colors": [(1, 1, 1, 0), *(fills[level] for level in reversed(levels))],
             "transform": transform,

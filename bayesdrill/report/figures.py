@@ -6,12 +6,21 @@ draws when they are asked: matplotlib takes a second, and drawing longer than al
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection, Sequence
 
+import numpy as np
+from numpy.typing import NDArray
+
+from bayesdrill.basics import seeds
+from bayesdrill.basics.own_files import ON_REQUEST
 from bayesdrill.basics.registry import Registry
 from bayesdrill.inference.priors import flat_in_logs
-from bayesdrill.report import derived_words
+from bayesdrill.inference.problem import Problem
+from bayesdrill.inference.residual_checks import Left
+from bayesdrill.report import derived_words, words
 from bayesdrill.report.view import Drawing, View
+from bayesdrill.report.widths import WIDTHS
+from bayesdrill.setup.config import Config
 
 CORNER = (
     "The posterior of each parameter and each pair (corner plot), beside nominal values and MAP."
@@ -23,6 +32,12 @@ RIDGE = (
 TRACE = "What the walkers of each ensemble did, step by step."
 PRIOR_POSTERIOR = "Prior against posterior of each parameter: what the record has added."
 FIT = "Record, model at the MAP and posterior predictive band; beside them what is left, and the noise."
+FIT_ALONE = "Record and model at the MAP; beside them what is left, and the noise."
+RANK = "Whether the ensembles see the same: ranks of the draws of each among those of all."
+AUTOCORRELATION = "How long the walkers remember: autocorrelation, its time and its window."
+PREDICTIVE_CHECK = "Whether the record is as the posterior predicts it, channel by channel."
+
+Array = NDArray[np.float64]
 
 Recipe = Callable[[View], Drawing | None]
 
@@ -97,7 +112,48 @@ def _fit(run: View) -> Drawing:
     from bayesdrill.report.fit_plot import fit_figure
     from bayesdrill.report.fitted import fitted
 
-    return Drawing(fit_figure, (fitted(run), run.width), says=FIT)
+    group = run.tree["posterior_predictive"]
+    draws = {name: np.asarray(group[name]) for name in run.problem.experiment.names}
+    fit = fitted(run.problem, run.config, run.best, run.left, draws)
+    return Drawing(fit_figure, (fit, run.width), says=FIT)
+
+
+def fit_alone(problem: Problem, config: Config, best: Array, left: Sequence[Left]) -> Drawing:
+    """Of the MAP `(D,)`, without draws; `left`: what it leaves."""
+    from bayesdrill.report.fit_plot import fit_figure
+    from bayesdrill.report.fitted import fitted
+
+    width = WIDTHS[config.output.size]
+    return Drawing(fit_figure, (fitted(problem, config, best, left), width), says=FIT_ALONE)
+
+
+def _rank(run: View) -> Drawing:
+    from bayesdrill.insight.ensemble_ranks import independent, ranks
+    from bayesdrill.report.rank_plot import rank_figure
+
+    c = run.sampled.convergence
+    draws = independent(run.sampled.theta, c.burn_in, float(c.tau.max()))
+    found = ranks(draws, seeds.stream(run.config.seed, "rank"))
+    return Drawing(rank_figure, (found, run.problem.symbols), says=RANK)
+
+
+def _autocorrelation(run: View) -> Drawing:
+    from bayesdrill.report.autocorrelation_plot import autocorrelation_figure
+
+    kept = run.sampled.theta[:, run.sampled.convergence.burn_in :]
+    return Drawing(autocorrelation_figure, (kept, run.problem.symbols), says=AUTOCORRELATION)
+
+
+def _predictive_check(run: View) -> Drawing:
+    from bayesdrill.insight.predictive import checks
+    from bayesdrill.report.predictive_plot import predictive_figure
+
+    draws = run.sampled.draws
+    each = words.predictive_draws(run.problem, run.config)
+    chosen = np.unique(np.linspace(0, draws.shape[1] - 1, each).astype(int))
+    theta = draws[:, chosen].reshape(-1, draws.shape[-1])
+    found = checks(run.problem.posterior.likelihood, theta)
+    return Drawing(predictive_figure, (found,), says=PREDICTIVE_CHECK)
 
 
 FIGURES: Registry[Recipe] = Registry(
@@ -108,6 +164,16 @@ FIGURES: Registry[Recipe] = Registry(
         "ridge": _ridge,
         "trace": _trace,
         "prior_posterior": _prior_posterior,
-        "fit": _fit,  # last: its draws take a while
+        "fit": _fit,  # last of those usually drawn: its draws take a while
+        "rank": _rank,
+        "autocorrelation": _autocorrelation,
+        "predictive_check": _predictive_check,
     },
 )
+
+
+def drawn(wanted: Collection[str] | None) -> list[str]:
+    """Names of the figures that a config asks for; None: all but those on request."""
+    if wanted is None:
+        return [name for name in FIGURES if name not in ON_REQUEST]
+    return [name for name in FIGURES if name in wanted]

@@ -42,12 +42,19 @@ def fit_figure(fit: Fit, width: float = style.DOUBLE) -> Figure:
             _course(panel, course, time, t)
         for signal, (left, right) in zip(fit.signals, page.rows, strict=True):
             drawn = extremes(signal.model, LINE)
-            band = np.quantile(signal.predictive[:, drawn], TAILS, axis=0)
+            band = _band(signal, drawn)
             _signals(left, signal, time, t, drawn, band)
             _residuals(right, signal, time, t)
         _times(page, time, fit.time)
         _legends(page, fit, beside=width >= style.DOUBLE)
     return page.figure
+
+
+def _band(signal: Signal, drawn: Indices) -> Array:
+    """Of what draws predict; where there are none, of the noise about the model."""
+    if signal.predictive is None:
+        return signal.model[drawn] + SIGMAS * signal.sigma * np.array([[-1.0], [1.0]])
+    return np.asarray(np.quantile(signal.predictive[:, drawn], TAILS, axis=0))
 
 
 def _times(page: FitPage, time: style.Scale, label: Symbol) -> None:
@@ -160,9 +167,10 @@ def _legends(page: FitPage, fit: Fit, *, beside: bool) -> None:
     dot = Line2D([], [], **{**DOT, "markersize": 3, "rasterized": False})
     line, band = Line2D([], [], **MODEL), Patch(**BAND)
     edged = Patch(facecolor=BAND["color"], edgecolor=style.BLACK, linewidth=0.6, linestyle="--")
+    what = "of the noise" if fit.signals[0].predictive is None else "posterior predictive"
     at_map = " at the MAP" if beside else ""
     noise = rf"{SHARE} of the noise ($\pm${SIGMAS:.2f} $\sigma${at_map})"
-    signals = {"measured": dot, "model at the MAP": line, f"{SHARE} posterior predictive": band}
+    signals = {"measured": dot, "model at the MAP": line, f"{SHARE} {what}": band}
     rest = {noise: edged, LEFT: Line2D([], [], linestyle="none")}
     left, right = page.rows[0]
     if beside:

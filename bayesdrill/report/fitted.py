@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,8 +12,10 @@ from numpy.typing import NDArray
 
 from bayesdrill.basics import symbols
 from bayesdrill.basics.symbols import Symbol
+from bayesdrill.inference.problem import Problem
+from bayesdrill.inference.residual_checks import Left
 from bayesdrill.report import own_units
-from bayesdrill.report.view import View
+from bayesdrill.setup.config import Config
 
 Array = NDArray[np.float64]
 
@@ -21,7 +24,8 @@ TIME = Symbol("t", "s", "t", "s", "time")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Signal:
-    """A channel: measured and modelled `(T,)`, `predictive (N, T)` with noise, `sigma` of the noise.
+    """A channel: measured and modelled `(T,)`, `predictive (N, T)` with noise, or None where
+    there are no draws; `sigma` of the noise.
 
     `share`: what the model leaves, of the channel's spread; NaN where it has none.
     """
@@ -29,7 +33,7 @@ class Signal:
     label: Symbol
     y: Array
     model: Array
-    predictive: Array
+    predictive: Array | None
     sigma: float
     share: float = math.nan
 
@@ -54,9 +58,15 @@ class Fit:
     constant: tuple[tuple[Symbol, float], ...] = ()
 
 
-def fitted(run: View) -> Fit:
-    """Of a run; its predictive draws are made, if nothing has asked for them yet."""
-    config, experiment = run.config, run.problem.experiment
+def fitted(
+    problem: Problem,
+    config: Config,
+    best: Array,
+    left: Sequence[Left],
+    predictive: Mapping[str, Array] | None = None,
+) -> Fit:
+    """Of the MAP `(D,)` and what it leaves; `predictive`: `(..., T)` of each channel, SI."""
+    experiment = problem.experiment
     clock = own_units.time(config)
     courses, constant = [], []
     for name, symbol in symbols.INPUTS.items():
@@ -70,27 +80,34 @@ def fitted(run: View) -> Fit:
     return Fit(
         t=experiment.t / clock.factor,
         time=dataclasses.replace(TIME, latex_unit=clock.latex),
-        signals=_signals(run),
+        signals=_signals(problem, config, best, left, predictive or {}),
         courses=tuple(courses),
         constant=tuple(constant),
     )
 
 
-def _signals(run: View) -> tuple[Signal, ...]:
-    experiment, likelihood = run.problem.experiment, run.problem.posterior.likelihood
-    group, at_map = run.tree["posterior_predictive"], run.best[None]
-    models, sigmas = likelihood.signals(at_map)[0], likelihood.sigmas(at_map)[0]
-    shares = {one.channel: one.share for one in run.left}
+def _signals(
+    problem: Problem,
+    config: Config,
+    best: Array,
+    left: Sequence[Left],
+    predictive: Mapping[str, Array],
+) -> tuple[Signal, ...]:
+    experiment, likelihood = problem.experiment, problem.posterior.likelihood
+    models, sigmas = likelihood.signals(best[None])[0], likelihood.sigmas(best[None])[0]
+    shares = {one.channel: one.share for one in left}
     found = []
     for k, channel in enumerate(experiment.channels):
-        unit = own_units.channel(run.config, channel)
-        draws = np.asarray(group[channel.name], dtype=np.float64)
+        unit = own_units.channel(config, channel)
+        draws = predictive.get(channel.name)
         found.append(
             Signal(
                 label=Symbol(channel.name, channel.unit, channel.latex, unit.latex, "channel"),
                 y=experiment.y[:, k] / unit.factor,
                 model=models[:, k] / unit.factor,
-                predictive=draws.reshape(-1, draws.shape[-1]) / unit.factor,
+                predictive=None
+                if draws is None
+                else draws.reshape(-1, draws.shape[-1]).astype(np.float64) / unit.factor,
                 sigma=float(sigmas[k]) / unit.factor,
                 share=shares[channel.name],
             )

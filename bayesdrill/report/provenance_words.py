@@ -12,7 +12,7 @@ from bayesdrill.basics.own_files import CONFIG_FILE, RESOLVED_FILE
 from bayesdrill.report.sections import Note, Plain, Section, Sentences, Table
 from bayesdrill.report.view import View
 from bayesdrill.results import provenance
-from bayesdrill.results.run_folder import CHAIN
+from bayesdrill.results.run_folder import CHAIN, read_run
 
 CHECKED = (
     "`bayesdrill verify` computes the tables again from the chain and says whether config, record, "
@@ -26,9 +26,10 @@ def section(run: View, folder: Path) -> Section:
     return replace(made, blocks=(*made.blocks, Note(CHECKED)))
 
 
-def cite() -> Section:
-    """How to cite what a report was made with."""
-    found = citation()
+def cite(folder: Path | None = None) -> Section:
+    """How to cite what the run in `folder` was made with, or what is installed."""
+    run = {} if folder is None else read_run(folder) or {}
+    found = citation(run.get("versions"))
     return Section(
         "How to cite",
         (Sentences(found.text.replace("\n\n", "\n")), Plain(found.bibtex, folded="BibTeX")),

@@ -25,7 +25,7 @@ from bayesdrill.report import (
     tables,
     verdict_words,
 )
-from bayesdrill.report.figures import FIGURES, drawing
+from bayesdrill.report.figures import FIGURES, drawing, drawn
 from bayesdrill.report.run_report import sections
 from bayesdrill.report.sections import Picture, as_markdown
 from bayesdrill.report.view import Drawing, View
@@ -61,7 +61,7 @@ def everything(view: View, folder: Folder, crew: Crew) -> tuple[str, ...]:
     output, sparing = view.config.output, view.sparing
     place = (*_place(folder, view), view.warning, tuple(output.formats), output.dpi)
     tasks: list[tuple[str, str, Future[None]]] = []
-    wanted = [name for name in FIGURES if output.figures is None or name in output.figures]
+    wanted = drawn(output.figures)
     folder.take_away(
         set(own_files.figures(*FIGURES, formats=own_files.FORMATS))
         - set(own_files.figures(*wanted, formats=output.formats))
@@ -97,7 +97,7 @@ def _pages(view: View, pictures: Sequence[Picture], folder: Folder) -> None:
         from bayesdrill.report.html import as_html
 
         made_of = provenance_words.section(view, folder.path)
-        said = (*sections(view, pictures), made_of, provenance_words.cite())
+        said = (*sections(view, pictures), made_of, provenance_words.cite(folder.path))
         figures = folder.path / FOLDER
         text = as_html(view.config.name, "posterior", said, figures, view.problem.symbols)
         folder.write_text("report.html", text)

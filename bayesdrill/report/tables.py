@@ -6,13 +6,14 @@ import csv
 import dataclasses
 import io
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 from bayesdrill.basics.symbols import plain
 from bayesdrill.engines.mode import Mode
 from bayesdrill.inference.problem import Problem
 from bayesdrill.insight.diagnostics import HDI_PROBABILITY, MEANING, Row
-from bayesdrill.report.sections import Bar, Table, aligned
+from bayesdrill.report.sections import Bar, Table
 
 _HDI = f"{100 * HDI_PROBABILITY:.0f} % HDI"
 
@@ -77,9 +78,9 @@ def of_rows(rows: Sequence[Row], bars: tuple[Bar, ...] = ()) -> Table:
     return Table(HEADERS, tuple(map(cells, rows)), left, bars=bars)
 
 
-def mode_as_text(problem: Problem, mode: Mode) -> str:
+def of_mode(problem: Problem, mode: Mode) -> Table:
     """The MAP beside the nominal values."""
-    lines: list[tuple[str, ...]] = [("", "unit", "nominal", "MAP", "dev. %")]
+    heads, lines = ("", "unit", "nominal", "MAP", "dev. %"), []
     for symbol in problem.symbols:
         value, nominal = mode.values[symbol.name], problem.nominal.get(symbol.name)
         shown = (
@@ -88,7 +89,31 @@ def mode_as_text(problem: Problem, mode: Mode) -> str:
             else (f"{nominal:.4g}", f"{100 * (value / nominal - 1):+.2f}")
         )
         lines.append((symbol.name, symbol.plain_unit, shown[0], f"{value:.6g}", shown[1]))
-    return aligned(lines, left={0, 1})
+    return Table(heads, tuple(lines), frozenset(heads[:2]))
+
+
+def mode_as_csv(problem: Problem, mode: Mode) -> str:
+    """All digits, SI."""
+    rows = [
+        ModeRow(
+            name=symbol.name,
+            unit=symbol.unit,
+            nominal=problem.nominal.get(symbol.name),
+            map=mode.values[symbol.name],
+        )
+        for symbol in problem.symbols
+    ]
+    return records_as_csv(ModeRow, rows, {})
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ModeRow:
+    """A line of `map.csv`."""
+
+    name: str
+    unit: str
+    nominal: float | None
+    map: float
 
 
 def in_words(rows: Sequence[Row], said: Sequence[str]) -> str:

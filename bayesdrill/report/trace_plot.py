@@ -137,7 +137,8 @@ def _page(n: int, n_handles: int, width: float) -> tuple[Figure, list[Axes]]:
     return figure, panels
 
 
-def _line(ensemble: int) -> dict[str, Any]:
+def ensemble_line(ensemble: int) -> dict[str, Any]:
+    """How the lines of an ensemble look."""
     colour, width, dashes = LOOKS[ensemble % len(LOOKS)]
     return {"color": colour, "linestyle": dashes, "linewidth": width}
 
@@ -149,7 +150,7 @@ def _ensembles(panel: Axes, steps: NDArray[np.intp], bands: Array) -> None:
     lengths = np.diff(np.append(starts, len(steps)))
     middle = np.add.reduceat(steps, starts) / lengths
     for ensemble, (low, median, high) in enumerate(bands.swapaxes(0, 1)):
-        look = _line(ensemble)
+        look = ensemble_line(ensemble)
         alpha = BANDS / n
         panel.fill_between(steps, low, high, color=style.BLACK, alpha=alpha, linewidth=0, zorder=1)
         course = np.add.reduceat(median, starts) / lengths
@@ -191,7 +192,8 @@ def _numbers(panel: Axes, scale: style.Scale, symbol: Symbol, n_steps: int) -> N
 
 def _handles(n_ensembles: int, burn_in: int, sides: set[int]) -> list[Line2D | Patch]:
     handles: list[Line2D | Patch] = [
-        Line2D([], [], label=f"ensemble {k + 1}, median", **_line(k)) for k in range(n_ensembles)
+        Line2D([], [], label=f"ensemble {k + 1}, median", **ensemble_line(k))
+        for k in range(n_ensembles)
     ]
     handles.append(Patch(color=style.LIGHT, linewidth=0, label="5 % to 95 % of the walkers"))
     handles.append(Patch(label=f"burn-in: {burn_in} steps dropped", **BURN_IN))

@@ -107,8 +107,11 @@ def maxima(found: Mode, sampled: Sampled) -> str:
 
 def warning(sampled: Sampled, left: Sequence[Left]) -> str:
     """What every figure must carry; empty where there is nothing to warn of."""
-    if not sampled.convergence.converged:
-        return "NOT CONVERGED"
+    return misfit(left) if sampled.convergence.converged else "NOT CONVERGED"
+
+
+def misfit(left: Sequence[Left]) -> str:
+    """The same of a fit alone."""
     if any(one.unbelievable for one in left):
         return "DOES NOT FIT: far more than the noise is left"
     return "" if like_noise(left) else "MORE THAN NOISE IS LEFT by the fit"

@@ -19,6 +19,7 @@ from bayesdrill.setup.config import Config
 from bayesdrill.setup.yaml_source import Source
 
 RUN_MARK = "Run"  # by which a file says whose it is
+BURN_IN_MARK = "Burn-in"
 
 
 def fingerprint(config: Config, problem: Problem) -> dict[str, str]:
@@ -43,6 +44,22 @@ def fingerprint(config: Config, problem: Problem) -> dict[str, str]:
     }
 
 
+def settings(config: Config, problem: Problem) -> dict[str, str]:
+    """What a reader compares of two runs: as the fingerprint, with all that is said of a parameter under
+    its own name, and without what only finds the posterior.
+    """
+    space, every = problem.posterior.space, fingerprint(config, problem)
+    return {
+        **_of_experiment(problem.experiment),
+        "the model": every["the model"],
+        **{name: prior.describe() for name, prior in space.priors.items()},
+        **{name: f"held at {value:.6g}" for name, value in space.fixed.items()},
+        **{name: r.text for name, r in space.relations.items()},
+        **_of_noise(problem),
+        "the seed": every["the seed"],
+    }
+
+
 def marks(config: Config, problem: Problem, burn_in: str) -> dict[str, str]:
     """What figures and tree carry inside, so that each says by itself which run it is of."""
     every = fingerprint(config, problem)
@@ -50,7 +67,7 @@ def marks(config: Config, problem: Problem, burn_in: str) -> dict[str, str]:
         RUN_MARK: _short("\n".join(f"{name}: {value}" for name, value in sorted(every.items()))),
         "Record": every["the record"],
         "Seed": str(config.seed),
-        "Burn-in": burn_in,
+        BURN_IN_MARK: burn_in,
         "Versions": in_words(),
     }
 

@@ -21,7 +21,7 @@ class OutputSpec(Strict):
         125, description="Per ensemble, with pointwise log likelihood and predictive samples."
     )
     figures: Annotated[list[str], Field(max_length=MOST_NAMED)] | None = Field(
-        None, description="Which are drawn, by name; default: all that there are."
+        None, description="Which are drawn, by name; default: all but those on request."
     )
     parameters: Annotated[list[str], Field(min_length=1, max_length=MOST_NAMED)] | None = Field(
         None, description="Unknowns of corner, trace and prior_posterior; default: all."

@@ -16,7 +16,10 @@ from bayesdrill.basics.own_files import POSTERIOR, RECORD, RUN, Kind, whole
 from bayesdrill.basics.sealed import opened, sealed
 from bayesdrill.results.run_folder import Folder, Mode
 
-KINDS = [POSTERIOR, own_files.CALIBRATE, own_files.paper(("one", "two"))]
+KINDS = [
+    *(POSTERIOR, own_files.CALIBRATE, own_files.paper(("one", "two"))),
+    *(own_files.MAP, own_files.OVERLAY),
+]
 # In a results folder of any kind; a trailing slash: an empty folder.
 STRANGERS = [
     *("notes.md", "mydata.csv", "summary.xlsx", "summary.md.bak", "fit.annotated.png"),

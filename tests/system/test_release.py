@@ -52,9 +52,10 @@ def test_the_wheel_holds_the_package_and_its_examples_alone(dist: Dist) -> None:
         names = wheel.namelist()
     about = f"bayesdrill-{bayesdrill.__version__}.dist-info"
     assert {name.split("/")[0] for name in names} == {"bayesdrill", about}
-    modules = {path.relative_to(ROOT).as_posix() for path in (ROOT / "bayesdrill").rglob("*.py")}
+    files = [path for path in (ROOT / "bayesdrill").rglob("*.*") if path.is_file()]
+    own = {path.relative_to(ROOT).as_posix() for path in files if path.suffix != ".pyc"}
     bundled = {f"bayesdrill/examples/{name}" for name in examples.FILES}
-    assert modules | bundled | {"bayesdrill/py.typed"} <= {*names}
+    assert own | bundled | {"bayesdrill/py.typed"} <= {*names}
     assert not [name for name in names if "pycache" in name or "test" in name]
     assert f"{about}/licenses/LICENSE" in names
 
@@ -62,9 +63,7 @@ def test_the_wheel_holds_the_package_and_its_examples_alone(dist: Dist) -> None:
 def test_the_source_holds_what_tests_and_docs_need_and_nothing_that_was_made(dist: Dist) -> None:
     with tarfile.open(dist.sdist) as archive:
         names = [name.split("/", 1)[1] for name in archive.getnames()]
-    assert not [
-        n for n in names if re.match(r"(results/.*\.h5|\.venv|dist|\.git/)|.*__pycache__", n)
-    ]
+    assert not [n for n in names if re.match(r"(results/.+/|\.venv|dist|\.git/)|.*__pycache__", n)]
     needed = {"Makefile", "requirements.lock", "CITATION.cff", "CHANGELOG.md", "docs/release.md"}
     assert needed | {"tests/systems.py", "configs/records/nominal_step.csv"} <= {*names}
 

@@ -1,0 +1,85 @@
+"""Whether the record is as the posterior predicts it: where each sample lies in its own prediction.
+
+The probability integral transform (PIT) of a sample is the share of its prediction below it; where model
+and noise are right they are uniform.  Each is of the posterior without that sample, for a sample that
+helps to predict itself is predicted too well: draws weigh as one over what they give that sample, but
+none more than the root of their number times the mean (Ionides 2008).  Pareto smoothing would refuse
+samples at which all draws agree, such as the first of a rig at rest.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtr
+
+from bayesdrill.inference.likelihood import Likelihood
+from bayesdrill.insight.calibration.bands import Band, ecdf_band
+from bayesdrill.insight.calibration.ranks import shape
+from bayesdrill.record.experiment import Channel
+
+Array = NDArray[np.float64]
+
+BINS = 100
+MOST = 2000  # samples of a channel that are looked at
+FALSE_ALARM = 0.01  # of records of the model, with its noise, leave any band, at most
+SAYS = {
+    "posterior too low": "measured lies above",
+    "posterior too high": "measured lies below",
+    "posterior too narrow": "prediction too narrow",
+    "posterior too wide": "prediction too wide",
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Check:
+    """Of one channel: `pit (T,)`, and the band of their distribution."""
+
+    channel: Channel
+    pit: Array
+    band: Band
+
+    @property
+    def ranks(self) -> NDArray[np.int64]:
+        """In which of `BINS` equal parts of its prediction each sample lies."""
+        return np.minimum((BINS * self.pit).astype(np.int64), BINS - 1)
+
+    @property
+    def holds(self) -> bool:
+        return self.band.holds(self.ranks)
+
+    @property
+    def says(self) -> str:
+        """What is wrong with the prediction; empty where chance explains all."""
+        if self.holds:
+            return ""
+        return SAYS.get(shape(self.ranks, BINS - 1) or "", "not as predicted")
+
+
+def checks(likelihood: Likelihood, theta: Array) -> tuple[Check, ...]:
+    """Of each channel, by draws `theta (N, D)`."""
+    channels = likelihood.response.experiment.channels
+    pit = leave_one_out(likelihood, theta)
+    band = ecdf_band(len(pit), BINS - 1, FALSE_ALARM / len(channels))
+    return tuple(
+        Check(channel=channel, pit=pit[:, k], band=band) for k, channel in enumerate(channels)
+    )
+
+
+def leave_one_out(likelihood: Likelihood, theta: Array) -> Array:
+    """PITs `(T, K)` of at most `MOST` samples, evenly spaced.
+
+    What is left of a sample is whitened, so that each counts on those before it where the noise
+    remembers them.
+    """
+    experiment, own = likelihood.response.experiment, likelihood.own(theta)
+    rest = experiment.y - likelihood.signals(theta)
+    n = len(experiment.t)
+    seen = np.unique(np.linspace(0, n - 1, min(n, MOST)).round().astype(int))
+    below = ndtr(likelihood.noise.whiten(rest, own)[:, seen])
+    log_p = likelihood.noise.pointwise(rest, own)[:, seen]
+    weights = np.exp(log_p.min(axis=0) - log_p)
+    weights = np.minimum(weights, weights.mean(axis=0) * len(theta) ** 0.5)
+    return np.asarray((weights * below).sum(axis=0) / weights.sum(axis=0))

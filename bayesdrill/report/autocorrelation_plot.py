@@ -1,0 +1,98 @@
+"""How long the walkers remember: the autocorrelation of each unknown, its time and its window."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+from matplotlib.ticker import MaxNLocator
+from numpy.typing import NDArray
+
+from bayesdrill.basics.symbols import Symbol
+from bayesdrill.engines.convergence import WINDOW, Autocorrelation, autocorrelation
+from bayesdrill.report import style
+from bayesdrill.report.pages import Page
+from bayesdrill.report.trace_plot import ensemble_line
+
+Array = NDArray[np.float64]
+
+PAGE = Page(
+    columns=3,
+    width=style.DOUBLE,
+    row=1.15,
+    left=0.58,
+    right=0.12,
+    gap_x=0.12,
+    gap_y=0.12,
+    top=0.52,
+    bottom=0.42,
+)
+BEYOND = 2.0  # windows, the longest of which are shown
+TAU: dict[str, Any] = {"color": style.BLACK, "linestyle": (0, (4, 2)), "linewidth": 0.8}
+SUMMED: dict[str, Any] = {"color": style.FAINT, "linewidth": 0}
+
+
+def autocorrelation_figure(theta: Array, symbols: Sequence[Symbol]) -> Figure:
+    """Of chains after burn-in `(E, S, W, D)`: each ensemble, and all of them as `tau` is taken from."""
+    every = autocorrelation(theta)
+    lags = min(theta.shape[1], math.ceil(BEYOND * (int(every.window.max()) + 1)) + 1)
+    each = [autocorrelation(chain[None]).rho[:lags] for chain in theta]
+    low = min(0.0, float(min(rho.min() for rho in each)))
+    with style.styled():
+        figure, panels = PAGE.build(len(symbols))
+        for d, (panel, symbol) in enumerate(zip(panels, symbols, strict=True)):
+            _lines(panel, every, [rho[:, d] for rho in each], d)
+            _frame(panel, (lags, low), d, len(symbols))
+            where: dict[str, Any] = {"transform": panel.transAxes, "ha": "right", "va": "top"}
+            said = rf"${symbol.latex}$: $\tau = {every.tau[d]:.3g}$ steps"
+            panel.text(0.97, 0.93, said, **where)
+        _legend(figure, len(each))
+    return figure
+
+
+def _lines(panel: Axes, every: Autocorrelation, each: Sequence[Array], d: int) -> None:
+    panel.axvspan(0, float(every.window[d]), zorder=0, **SUMMED)
+    panel.axhline(0.0, color=style.MIDDLE, linewidth=0.5, zorder=1)
+    panel.axvline(float(every.tau[d]), zorder=2, **TAU)
+    for k, rho in enumerate(each):
+        panel.plot(np.arange(len(rho)), rho, zorder=3, **ensemble_line(k) | {"linewidth": 0.8})
+
+
+def _frame(panel: Axes, ends: tuple[int, float], k: int, n: int) -> None:
+    columns = min(n, PAGE.columns)
+    lags, low = ends
+    panel.set_xlim(0, max(lags - 1, 1))
+    panel.set_ylim(1.15 * low - 0.06, 1.3)
+    panel.xaxis.set_major_locator(MaxNLocator(4, integer=True, prune="upper"))
+    panel.xaxis.set_major_formatter(lambda step, _: f"{step:.0f}")
+    style.set_ticks(panel.yaxis, np.array([0.0, 0.5, 1.0]), ["0", "0.5", "1"])
+    panel.tick_params(labelleft=k % columns == 0, labelbottom=k + columns >= n)
+    if k + columns >= n:
+        panel.set_xlabel("lag [steps]", labelpad=2)
+    if k % columns == 0:
+        panel.set_ylabel("autocorrelation")
+
+
+def _legend(figure: Figure, n_ensembles: int) -> None:
+    handles: list[Any] = [
+        Line2D([], [], label=f"ensemble {k + 1}", **ensemble_line(k) | {"linewidth": 0.8})
+        for k in range(n_ensembles)
+    ]
+    handles.append(Line2D([], [], label=r"time $\tau$", **TAU))
+    summed = rf"lags summed up for $\tau$ ({WINDOW:g} $\tau$)"
+    handles.append(Patch(label=summed, **SUMMED))
+    figure.legend(
+        handles=handles,
+        loc="upper center",
+        ncols=min(6, len(handles)),
+        borderaxespad=0.3,
+        labelspacing=0.3,
+        columnspacing=1.2,
+        handlelength=1.8,
+    )

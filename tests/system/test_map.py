@@ -1,0 +1,148 @@
+"""A maximum that is kept: what it predicts in the units of the record, its fit, and whose it is."""
+
+from __future__ import annotations
+
+import csv
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+import systems
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+from oracles import NOMINAL, by_expm
+from pictures import clashes, drawn
+
+import bayesdrill as bd
+from bayesdrill.basics.own_files import digest
+from bayesdrill.basics.sealed import opened, sealed
+from bayesdrill.rig.models.motor_shaft import MotorShaft
+
+Array = NDArray[np.float64]
+
+T = np.linspace(0.0, 4.0, 161)
+BOX = {"prior": "uniform", "low": 0.5, "high": 1.5, "relative": True}
+FILES = {
+    *("config.yaml", "config.resolved.yaml", "map.json", "map.csv", "map.md", "prediction.csv"),
+    "report.html",
+    *("run.json", "figures", "figures/fit.pdf", "figures/fit.png", ".lock"),
+}
+
+
+@cache
+def best() -> bd.Best:
+    """Of a twist in degrees and a speed in rpm, at 6000 mV."""
+    signals = ["theta_1 - theta_2", "w_1"]
+    exact = bd.respond(MotorShaft(), NOMINAL, T, {"v": 6.0}, signals)
+    noise = np.random.default_rng(3).standard_normal((2, len(T)))
+    twist = np.degrees(exact[signals[0]]) + noise[0]
+    speed = exact["w_1"] * 30 / np.pi + noise[1]
+    case = bd.case(
+        T,
+        {
+            "twist": bd.Channel(twist, "deg", 1.0, measures=signals[0]),
+            "w_1": bd.Channel(speed, "rpm", 1.0),
+        },
+        {"v": bd.Input(np.full(len(T), 6000.0), "mV")},
+        dict.fromkeys(NOMINAL, "nominal") | {"k_s": BOX, "k_e": BOX},
+        map={"starts": 1},
+    )
+    return case.find_map()
+
+
+def columns(path: Path) -> dict[str, Array]:
+    with path.open(encoding="utf-8") as file:
+        head, *lines = csv.reader(file)
+    return dict(zip(head, np.array(lines, dtype=float).T, strict=True))
+
+
+def test_the_prediction_is_the_response_in_the_units_of_the_record(tmp_path: Path) -> None:
+    """Oracle: the matrix exponential at the values of the maximum."""
+    found = columns(best().save(tmp_path / "out") / "prediction.csv")
+    assert list(found) == [
+        *("t [s]", "twist measured [deg]", "twist predicted [deg]", "w_1 measured [rpm]"),
+        *("w_1 predicted [rpm]", "t_1 [N*m]", "v [mV]"),
+    ]
+    x = by_expm({**NOMINAL, **best().values}, T, np.zeros(5), 6.0, 0.0)
+    assert found["twist predicted [deg]"] == pytest.approx(
+        np.degrees(x[:, 0] - x[:, 1]), rel=1e-7, abs=1e-7
+    )
+    assert found["w_1 predicted [rpm]"] == pytest.approx(x[:, 2] * 30 / np.pi, rel=1e-7, abs=1e-7)
+    assert found["t [s]"] == pytest.approx(T)
+    assert (found["v [mV]"] == 6000.0).all()
+    given = best().columns
+    assert given is not None
+    for name, unit in (("twist", "deg"), ("w_1", "rpm")):
+        assert found[f"{name} measured [{unit}]"] == pytest.approx(given[name], rel=1e-11)
+        left = found[f"{name} measured [{unit}]"] - found[f"{name} predicted [{unit}]"]
+        assert left.std() == pytest.approx(1.0, abs=0.2)
+
+
+def test_a_maximum_of_arrays_is_kept_with_its_record(tmp_path: Path) -> None:
+    out = best().save(tmp_path / "out")
+    assert set(systems.listing(out)) == FILES | {"record.csv"}
+    assert bd.verify(out).together
+    again = bd.load(out / "config.yaml").find_map()
+    assert again.values == pytest.approx(best().values, rel=1e-6)
+    with (out / "map.csv").open(encoding="utf-8") as file:
+        rows = {row["name"]: row for row in csv.DictReader(file)}
+    assert {name: float(row["map"]) for name, row in rows.items()} == dict(best().values)
+    assert float(rows["k_s"]["nominal"]) == NOMINAL["k_s"]
+    assert opened((out / "map.json").read_bytes())["values"] == dict(best().values)
+
+
+def test_the_fit_is_drawn(tmp_path: Path) -> None:
+    figure = best().plot()
+    assert isinstance(figure, Figure)
+    assert list(clashes(drawn(figure))) == []
+    assert any("of the noise" in t.get_text() for t in figure.axes[0].get_legend().get_texts())
+
+
+@pytest.fixture
+def config(tmp_path: Path) -> Path:
+    return systems.small(tmp_path)
+
+
+def test_map_writes_where_it_is_told_and_overwrites_nothing_unasked(config: Path) -> None:
+    place, out = config.parent, config.parent / "out"
+    before = systems.listing(place)
+    assert systems.cli("map", config, "--processes", "1").status == 0
+    assert systems.listing(place) == before  # as it always was
+    ran = systems.cli("map", config, "--output", out, "--processes", "1")
+    assert ran.status == 0, ran.text
+    assert set(systems.listing(out)) == FILES
+    assert f"results: {out}/" in ran.out
+    (out / "notes.md").write_text("mine")
+    before = systems.listing(place)
+    ran = systems.cli("map", config, "--output", out, "--processes", "1")
+    assert ran.status == 2
+    assert "results exist already; make them anew with --force" in ran.err
+    assert "MAP" not in ran.out  # before any search
+    assert systems.cli("map", config, "--output", place).status == 2  # where the record lies
+    assert systems.cli("posterior", config, "--output", out, "--force").status == 2
+    assert systems.listing(place) == before
+    (out / "prediction.csv").write_text("old")
+    ran = systems.cli("map", config, "--output", out, "--force", "--processes", "1")
+    assert ran.status == 0, ran.text
+    assert (out / "notes.md").read_text() == "mine"
+    assert (out / "prediction.csv").read_text().startswith("t [s],theta_1 measured [rad]")
+
+
+def test_what_does_not_belong_to_a_maximum_is_named(config: Path) -> None:
+    out = config.parent / "out"
+    assert systems.cli("map", config, "--output", out, "--processes", "1").status == 0
+    assert "belong together" in systems.cli("verify", out).out
+    text = (out / "prediction.csv").read_text()
+    first, second, rest = text.split("\n", 2)
+    (out / "prediction.csv").write_text("\n".join([first, second.replace("0,", "0.1,", 1), rest]))
+    assert "prediction.csv: was changed" in systems.cli("verify", out).err
+    run = opened((out / "run.json").read_bytes())
+    run["files"] = {name: digest(out / name) for name in run["files"]}
+    (out / "run.json").write_text(sealed(run))
+    assert "prediction.csv: does not follow from map.json" in systems.cli("verify", out).err
+    (out / "prediction.csv").write_text(text)
+    lines = (config.parent / "small.csv").read_text().splitlines()
+    lines[50] = lines[50].rsplit(",", 1)[0] + ",9.9"
+    (config.parent / "small.csv").write_text("\n".join(lines) + "\n")
+    assert "the record was 101 samples" in systems.cli("verify", out).err
