@@ -56,8 +56,10 @@ class Best:
 
     def plot(self) -> Figure:
         """The record, the model at the maximum, and what is left."""
-        found = mapping.report(self.job, self.mode).figure
-        return found.figure(*found.arguments)
+        from bayesdrill.report.warning_strip import warned  # late: matplotlib takes a second
+
+        found = mapping.report(self.job, self.mode)
+        return warned(found.figure.drawn(), found.warning)
 
     @staticmethod
     def check_place(folder: str | Path, *, force: bool = False) -> None:

@@ -96,7 +96,10 @@ def test_the_fit_is_drawn(tmp_path: Path) -> None:
     figure = best().plot()
     assert isinstance(figure, Figure)
     assert list(clashes(drawn(figure))) == []
-    assert any("of the noise" in t.get_text() for t in figure.axes[0].get_legend().get_texts())
+    legends = [legend for panel in figure.axes if (legend := panel.get_legend()) is not None]
+    texts = [text.get_text() for legend in legends for text in legend.get_texts()]
+    assert not any("predictive" in text for text in texts)
+    assert sum("of the noise" in text for text in texts) == 2  # about the model, and about nothing
 
 
 @pytest.fixture
