@@ -38,21 +38,26 @@ TAU: dict[str, Any] = {"color": style.BLACK, "linestyle": (0, (4, 2)), "linewidt
 SUMMED: dict[str, Any] = {"color": style.FAINT, "linewidth": 0}
 
 
-def autocorrelation_figure(theta: Array, symbols: Sequence[Symbol]) -> Figure:
+def autocorrelation_figure(
+    theta: Array, symbols: Sequence[Symbol], width: float = style.DOUBLE
+) -> Figure:
     """Of chains after burn-in `(E, S, W, D)`: each ensemble, and all of them as `tau` is taken from."""
     every = autocorrelation(theta)
     lags = min(theta.shape[1], math.ceil(BEYOND * (int(every.window.max()) + 1)) + 1)
     each = [autocorrelation(chain[None]).rho[:lags] for chain in theta]
     low = min(0.0, float(min(rho.min() for rho in each)))
-    with style.styled():
-        figure, panels = PAGE.build(len(symbols))
+    wide = width >= style.DOUBLE
+    with style.styled(width):
+        handles = _handles(len(each))
+        page = PAGE if wide else PAGE.narrow(width, 2, math.ceil(len(handles) / 2))
+        figure, panels = page.build(len(symbols))
         for d, (panel, symbol) in enumerate(zip(panels, symbols, strict=True)):
             _lines(panel, every, [rho[:, d] for rho in each], d)
-            _frame(panel, (lags, low), d, len(symbols))
+            _frame(panel, (lags, low), (d, len(symbols), page.columns))
             where: dict[str, Any] = {"transform": panel.transAxes, "ha": "right", "va": "top"}
-            said = rf"${symbol.latex}$: $\tau = {every.tau[d]:.3g}$ steps"
+            said = rf"${symbol.latex}$: $\tau = {every.tau[d]:.3g}$" + " steps" * wide
             panel.text(0.97, 0.93, said, **where)
-        _legend(figure, len(each))
+        _legend(figure, handles, 6 if wide else 2)
     return figure
 
 
@@ -64,8 +69,10 @@ def _lines(panel: Axes, every: Autocorrelation, each: Sequence[Array], d: int) -
         panel.plot(np.arange(len(rho)), rho, zorder=3, **ensemble_line(k) | {"linewidth": 0.8})
 
 
-def _frame(panel: Axes, ends: tuple[int, float], k: int, n: int) -> None:
-    columns = min(n, PAGE.columns)
+def _frame(panel: Axes, ends: tuple[int, float], place: tuple[int, int, int]) -> None:
+    """`place`: which panel, of how many, in how many columns."""
+    k, n, columns = place
+    columns = min(n, columns)
     lags, low = ends
     panel.set_xlim(0, max(lags - 1, 1))
     panel.set_ylim(1.15 * low - 0.06, 1.3)
@@ -79,7 +86,7 @@ def _frame(panel: Axes, ends: tuple[int, float], k: int, n: int) -> None:
         panel.set_ylabel("autocorrelation")
 
 
-def _legend(figure: Figure, n_ensembles: int) -> None:
+def _handles(n_ensembles: int) -> list[Any]:
     handles: list[Any] = [
         Line2D([], [], label=f"ensemble {k + 1}", **ensemble_line(k) | {"linewidth": 0.8})
         for k in range(n_ensembles)
@@ -87,10 +94,14 @@ def _legend(figure: Figure, n_ensembles: int) -> None:
     handles.append(Line2D([], [], label=r"time $\tau$", **TAU))
     summed = rf"lags summed up for $\tau$ ({WINDOW:g} $\tau$)"
     handles.append(Patch(label=summed, **SUMMED))
+    return handles
+
+
+def _legend(figure: Figure, handles: Sequence[Any], most: int) -> None:
     figure.legend(
         handles=handles,
         loc="upper center",
-        ncols=min(6, len(handles)),
+        ncols=min(most, len(handles)),
         borderaxespad=0.3,
         labelspacing=0.3,
         columnspacing=1.2,

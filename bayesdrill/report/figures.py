@@ -134,14 +134,16 @@ def _rank(run: View) -> Drawing:
     c = run.sampled.convergence
     draws = independent(run.sampled.theta, c.burn_in, float(c.tau.max()))
     found = ranks(draws, seeds.stream(run.config.seed, "rank"))
-    return Drawing(rank_figure, (found, run.problem.symbols), says=RANK)
+    return Drawing(rank_figure, (found, run.problem.symbols, run.width), says=RANK)
 
 
 def _autocorrelation(run: View) -> Drawing:
     from bayesdrill.report.autocorrelation_plot import autocorrelation_figure
 
     kept = run.sampled.theta[:, run.sampled.convergence.burn_in :]
-    return Drawing(autocorrelation_figure, (kept, run.problem.symbols), says=AUTOCORRELATION)
+    return Drawing(
+        autocorrelation_figure, (kept, run.problem.symbols, run.width), says=AUTOCORRELATION
+    )
 
 
 def _predictive_check(run: View) -> Drawing:
@@ -153,7 +155,7 @@ def _predictive_check(run: View) -> Drawing:
     chosen = np.unique(np.linspace(0, draws.shape[1] - 1, each).astype(int))
     theta = draws[:, chosen].reshape(-1, draws.shape[-1])
     found = checks(run.problem.posterior.likelihood, theta)
-    return Drawing(predictive_figure, (found,), says=PREDICTIVE_CHECK)
+    return Drawing(predictive_figure, (found, run.width), says=PREDICTIVE_CHECK)
 
 
 FIGURES: Registry[Recipe] = Registry(

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+
+# Inches, of a figure in one column.
+NARROW_ROW, NARROW_LEFT, LEGEND_LINE = 0.95, 0.48, 0.135
+NARROW_GAP = 0.8
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -23,6 +27,18 @@ class Page:
     top: float
     bottom: float
     foot: float = 0.0
+
+    def narrow(self, width: float, columns: int, lines: int) -> Page:
+        """For one column of a page of text, below a legend of so many lines."""
+        return replace(
+            self,
+            width=width,
+            columns=columns,
+            row=NARROW_ROW,
+            left=NARROW_LEFT,
+            gap_x=NARROW_GAP * self.gap_x,
+            top=0.16 + LEGEND_LINE * lines,
+        )
 
     def build(self, n: int) -> tuple[Figure, list[Axes]]:
         """A figure and its `n` panels, row by row."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -38,20 +39,23 @@ EXPECTED: dict[str, Any] = {**style.NOMINAL}
 FOUND: dict[str, Any] = {"facecolor": style.LIGHT, "edgecolor": style.BLACK, "linewidth": 0.7}
 
 
-def predictive_figure(checks: Sequence[Check]) -> Figure:
+def predictive_figure(checks: Sequence[Check], width: float = style.DOUBLE) -> Figure:
     """A row for each channel: samples in standard deviations of their prediction, and their PIT."""
     most = max(float(np.abs(_away(one)).max()) for one in checks)
-    with style.styled():
-        figure, panels = PAGE.build(2 * len(checks))
+    wide = width >= style.DOUBLE
+    with style.styled(width):
+        handles = _handles(checks)
+        page = PAGE if wide else PAGE.narrow(width, 2, math.ceil(len(handles) / 2))
+        figure, panels = page.build(2 * len(checks))
         for k, one in enumerate(checks):
             left, right = panels[2 * k : 2 * k + 2]
             _densities(left, one)
             _difference(right, one, most)
             for panel in (left, right):
                 panel.tick_params(labelbottom=k == len(checks) - 1)
-        panels[-2].set_xlabel("measured less predicted, in sds of the prediction")
-        panels[-1].set_xlabel("share of the prediction below (PIT)")
-        _legend(figure, checks)
+        panels[-2].set_xlabel("measured less predicted" + ", in sds of the prediction" * wide)
+        panels[-1].set_xlabel("share of the prediction below (PIT)" if wide else "PIT")
+        _legend(figure, handles, 4 if wide else 2)
     return figure
 
 
@@ -93,13 +97,13 @@ def _difference(panel: Axes, one: Check, most: float) -> None:
             "transform": panel.transAxes,
             "va": "top",
             "ha": "right",
-            "fontsize": 8.0,
+            "fontsize": style.letters("legend.fontsize"),
         }
         panel.text(0.97, 0.93, one.says, **where)
 
 
-def _legend(figure: Figure, checks: Sequence[Check]) -> None:
-    chance = f"{100 * (1 - FALSE_ALARM):g} % of chance, all channels together"
+def _handles(checks: Sequence[Check]) -> list[Any]:
+    chance = f"{100 * (1 - FALSE_ALARM):g} % of chance, together"
     handles: list[Any] = [
         Patch(label="record", **FOUND),
         Line2D([], [], label="as predicted", **EXPECTED),
@@ -109,10 +113,14 @@ def _legend(figure: Figure, checks: Sequence[Check]) -> None:
         handles.append(Line2D([], [], label="record", **INSIDE))
     if not all(one.holds for one in checks):
         handles.append(Line2D([], [], label="record, leaves the band", **OUTSIDE))
+    return handles
+
+
+def _legend(figure: Figure, handles: Sequence[Any], most: int) -> None:
     figure.legend(
         handles=handles,
         loc="upper center",
-        ncols=min(4, len(handles)),
+        ncols=min(most, len(handles)),
         borderaxespad=0.3,
         labelspacing=0.3,
         columnspacing=1.4,

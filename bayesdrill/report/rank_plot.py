@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -34,15 +35,20 @@ OUTSIDE: dict[str, Any] = {"color": style.MAP_COLOUR, "linewidth": 1.8}
 PLACES = np.concatenate([[0.0], SHARES, [1.0]])
 
 
-def rank_figure(ranks: Sequence[Ranks], symbols: Sequence[Symbol]) -> Figure:
+def rank_figure(
+    ranks: Sequence[Ranks], symbols: Sequence[Symbol], width: float = style.DOUBLE
+) -> Figure:
     """How many more of an ensemble's draws than expected are below each share of all, in per cent."""
     most = 100 * max(max(np.abs(one.away).max(), one.room.max()) / one.draws for one in ranks)
-    with style.styled():
-        figure, panels = PAGE.build(len(ranks))
+    wide = width >= style.DOUBLE
+    with style.styled(width):
+        handles = _handles(ranks)
+        page = PAGE if wide else PAGE.narrow(width, 2, math.ceil(len(handles) / 2))
+        figure, panels = page.build(len(ranks))
         for k, (panel, one, symbol) in enumerate(zip(panels, ranks, symbols, strict=True)):
             _lines(panel, one)
-            _frame(panel, symbol, float(most), k, len(ranks))
-        _legend(figure, ranks)
+            _frame(panel, symbol, float(most), (k, len(ranks), page.columns))
+        _legend(figure, handles, 5 if wide else 2)
     return figure
 
 
@@ -56,8 +62,10 @@ def _lines(panel: Axes, one: Ranks) -> None:
         panel.plot(PLACES, line, zorder=2 if holds else 3, **look)
 
 
-def _frame(panel: Axes, symbol: Symbol, most: float, k: int, n: int) -> None:
-    columns = min(n, PAGE.columns)
+def _frame(panel: Axes, symbol: Symbol, most: float, place: tuple[int, int, int]) -> None:
+    """`place`: which panel, of how many, in how many columns."""
+    k, n, columns = place
+    columns = min(n, columns)
     panel.set_xlim(0, 1)
     panel.set_ylim(-1.12 * most, NAMES * most)
     style.set_ticks(panel.xaxis, np.array([0.0, 0.5, 1.0]), ["0", "0.5", "1"])
@@ -65,25 +73,29 @@ def _frame(panel: Axes, symbol: Symbol, most: float, k: int, n: int) -> None:
     panel.tick_params(labelleft=k % columns == 0, labelbottom=k + columns >= n)
     panel.text(0.03, 0.94, f"${symbol.latex}$", transform=panel.transAxes, va="top")
     if k + columns >= n:
-        panel.set_xlabel("rank among all draws, as a share", labelpad=2)
+        panel.set_xlabel("rank, as a share", labelpad=2)
     if k % columns == 0:
         panel.set_ylabel("ECDF difference [%]")
 
 
-def _legend(figure: Figure, ranks: Sequence[Ranks]) -> None:
+def _handles(ranks: Sequence[Ranks]) -> list[Any]:
     holds = np.array([one.holds for one in ranks])  # (D, E)
     handles: list[Any] = [
         Line2D([], [], label=f"ensemble {k + 1}", **ensemble_line(k) | {"linewidth": 0.8})
         for k in range(holds.shape[1])
     ]
-    chance = f"{100 * (1 - FALSE_ALARM):g} % of chance, all panels together"
+    chance = f"{100 * (1 - FALSE_ALARM):g} % of chance, together"
     handles.append(Patch(label=chance, **BAND))
     if not holds.all():
         handles.append(Line2D([], [], label="leaves the band", **OUTSIDE))
+    return handles
+
+
+def _legend(figure: Figure, handles: Sequence[Any], most: int) -> None:
     figure.legend(
         handles=handles,
         loc="upper center",
-        ncols=min(5, len(handles)),
+        ncols=min(most, len(handles)),
         borderaxespad=0.3,
         labelspacing=0.3,
         columnspacing=1.3,

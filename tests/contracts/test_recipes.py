@@ -22,7 +22,7 @@ from bayesdrill.report.figures import FIGURES
 from bayesdrill.report.view import View
 from bayesdrill.report.widths import WIDTHS
 
-OWN = [name for name in FIGURES if not name.startswith("toy_") and name not in own_files.ON_REQUEST]
+OWN = [name for name in FIGURES if not name.startswith("toy_")]
 T = np.linspace(0.0, 4.0, 161)
 BOX = {"prior": "uniform", "low": 0.5, "high": 1.5, "relative": True}
 FAST = {"ensembles": 4, "walkers": 32, "ess": 400}
