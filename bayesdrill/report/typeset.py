@@ -37,7 +37,8 @@ def _letter(latex: str) -> str:
     greek = letter in name2codepoint
     if len(letter) > 1 and not greek:
         return ""
-    index = found["index"] or (found["inside"] and (_letter(found["inside"]) or found["inside"]))
+    inside = (found["inside"] or "").strip("{}")
+    index = found["index"] or _letter(inside) or inside
     if index and "\\" in index:
         return ""
     base = (f"&{letter};" if greek else letter) + (_ABOVE if dotted else "")

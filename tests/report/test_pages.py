@@ -204,13 +204,17 @@ def test_texts_of_users_stay_texts() -> None:
 
 
 def test_names_are_printed_with_their_index_and_kept_in_code() -> None:
-    own = (Symbol("sigma_w_2", "rad/s", r"\sigma_{\dot\theta_2}", "rad/s", "noise"),)
+    own = (
+        Symbol("sigma_w_2", "rad/s", r"\sigma_{\dot\theta_2}", "rad/s", "noise"),
+        Symbol("sigma_twist", "rad", r"\sigma_{\mathrm{twist}}", "rad", "noise"),
+    )
     typeset = Typesetter(printed(own)).prose
     assert str(typeset("k_T/(r_m k_s)")) == (
         "<var>k<sub>T</sub></var>/(<var>r<sub>m</sub></var> <var>k<sub>s</sub></var>)"
     )
     assert str(typeset("theta_1 in kg m^2")) == "<var>&theta;<sub>1</sub></var> in kg m<sup>2</sup>"
     assert "<sub>&theta;&#775;<sub>2</sub></sub>" in str(typeset("sigma_w_2"))
+    assert str(typeset("sigma_twist")) == "<var>&sigma;<sub>twist</sub></var>"
     for name in ("k_s_over_j_1", "tables_2_3", "mean_k_s", "k_s.csv", "k_s2"):
         assert "<var>" not in str(typeset(name)), name
     assert str(typeset("`k_s` is *weak*, **k_s**")) == (
