@@ -7,12 +7,12 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from bayesdrill.inference.priors import Prior
+from bayesdrill.inference.priors import Prior, flat_in_logs
 from bayesdrill.insight.diagnostics import Row
 from bayesdrill.report.sections import Bar
 
 TAIL = 0.001  # of a prior, outside of the range
-DECADES = 1.5  # from which on a range is drawn in logs
+DECADES = 1.5  # from which on a range that is flat in logs is drawn so
 
 
 def bars(rows: Sequence[Row], priors: Mapping[str, Prior]) -> tuple[Bar, ...]:
@@ -24,7 +24,7 @@ def _bar(row: Row, prior: Prior) -> Bar:
     ends = [float(x) for x in prior.quantile(np.array([TAIL, 1 - TAIL]))]
     every = [*shown, *ends, *([] if row.nominal is None else [row.nominal])]
     low, high = min(every), max(every)
-    logs = low > 0 and math.log10(high / low) > DECADES
+    logs = flat_in_logs(prior) and low > 0 and math.log10(high / low) > DECADES
 
     def share(x: float) -> float:
         if logs:
