@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import io
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -186,6 +187,14 @@ class Judged:
 
 def _as_record(columns: Mapping[str, Array] | None) -> str | None:
     return None if columns is None else in_memory.as_csv(columns)
+
+
+def _as_png(figure: Figure) -> bytes:
+    from bayesdrill.report.style import PNG_DPI  # late: it loads matplotlib
+
+    out = io.BytesIO()
+    figure.savefig(out, format="png", dpi=PNG_DPI)
+    return out.getvalue()
 
 
 def open(folder: str | Path) -> Run:
