@@ -5,7 +5,16 @@ Nothing is fetched, neither when it is built nor when it is read; `check_site.py
 
 from __future__ import annotations
 
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
 from bayesdrill import __version__
+
+if TYPE_CHECKING:
+    from sphinx.application import Sphinx
+
+sys.path.insert(0, str(Path(__file__).parent))
 
 project = "bayesdrill"
 version = release = __version__
@@ -24,6 +33,7 @@ nb_execution_raise_on_error = True
 nb_execution_timeout = 300
 nb_execution_show_tb = True
 nb_merge_streams = True
+nb_render_markdown_format = "myst"
 nb_ipywidgets_js: dict[str, dict[str, str]] = {}
 
 # Docstrings are plain text with code in single ticks.
@@ -45,3 +55,13 @@ html_show_sourcelink = False
 html_show_sphinx = False
 html_theme_options = {"navigation_with_keys": True, "top_of_page_buttons": []}
 copybutton_exclude = ".linenos, .gp, .go"
+
+
+def setup(app: Sphinx) -> None:
+    """Pages with marks get what the program says of itself."""
+    import reference
+
+    def fill(_: Sphinx, __: str, source: list[str]) -> None:
+        source[0] = reference.fill(source[0])
+
+    app.connect("source-read", fill)
