@@ -1,4 +1,4 @@
-"""Pages of reference, made of the program itself whenever the site is built, so that they cannot go stale.
+"""Pages of reference, made of the program itself whenever the site is built: they cannot go stale.
 
 `commands()` is read off the command line, `entries()` off the JSON schema of configs.  A page has the
 line `<!-- commands -->` or `<!-- entries -->` where they stand.
@@ -108,7 +108,9 @@ def _section(whole: Schema, place: str, one: Schema) -> Iterator[str]:
     for name, entry in own.items():
         if name == "prior":
             continue
-        what, said = _what(whole, entry), _escaped(entry.get("description", ""))
+        below = not place and "$ref" in entry
+        what = f"[below](#{name})" if below else _what(whole, entry)
+        said = _escaped(entry.get("description", ""))
         default = "required" if name in required else _default(entry)
         rows.setdefault((what, default, said), []).append(f"`{name}`")
     lines = [(", ".join(names), *rest) for rest, names in rows.items()]
