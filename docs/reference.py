@@ -40,16 +40,15 @@ def _command(name: str, one: Any) -> Iterator[str]:
     usage = " ".join(p.metavar or p.name.upper() for p in arguments)
     yield from (f"## {name}", "", said.strip(), "")
     yield from ("```text", f"bayesdrill {name} {usage} [options]".replace("  ", " "), "```", "")
-    rows = [(f"`{p.metavar or p.name.upper()}`", p.help) for p in arguments]
-    rows += [(", ".join(f"`{flag}`" for flag in p.opts) + _value(p), p.help) for p in options]
+    rows = [(f"`{p.metavar or p.name.upper()}`", _escaped(p.help)) for p in arguments]
+    rows += [(_flags(option), _escaped(option.help)) for option in options]
     yield from _table(("", "what"), rows)
     yield from (f"For example `{example.strip()}`.", "")
 
 
-def _value(option: Any) -> str:
-    if getattr(option, "is_flag", False):
-        return ""
-    return f" `{option.metavar or option.name.upper()}`"
+def _flags(option: Any) -> str:
+    flags = ", ".join(f"`{flag}`" for flag in option.opts)
+    return flags if option.is_flag else f"{flags} `{option.metavar or option.name.upper()}`"
 
 
 def entries() -> str:
@@ -108,7 +107,7 @@ def _section(whole: Schema, place: str, one: Schema) -> Iterator[str]:
     for name, entry in own.items():
         if name == "prior":
             continue
-        below = not place and "$ref" in entry
+        below = not place and "additionalProperties" not in entry and any(_refs(entry))
         what = f"[below](#{name})" if below else _what(whole, entry)
         said = _escaped(entry.get("description", ""))
         default = "required" if name in required else _default(entry)

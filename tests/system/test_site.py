@@ -60,20 +60,28 @@ def test_the_toys_are_the_package_that_is_shown() -> None:
     assert said == {f'{name} = "{place}"' for name, place in lines}
 
 
-def test_the_matrices_for_matlab_are_those_of_the_model() -> None:
-    """At values that no other product could imitate; `^` is their power."""
-    function = next(b for b in blocks(DOCS / "matlab.md", "matlab") if "function [A, B, C, D]" in b)
+def test_the_equations_for_matlab_are_those_of_the_model() -> None:
+    """At values that no other product could imitate."""
+    functions = [b for b in blocks(DOCS / "matlab.md", "matlab") if "function [" in b]
+    linear_one, other = (next(b for b in functions if f" = {name}(" in b) for name in RIGS)
     values = {name: 1.1 + 0.3 * k for k, name in enumerate(bd.MotorShaft.parameters)}
     linear = bd.MotorShaft(i_m=1 / 8).linear(values)
     states = bd.MotorShaft.states
-    constant = [linear.c.get(state, 0.0) for state in states]
-    driven = [linear.B.get((state, "v"), 0.0) for state in states]
+    a, constant = dynamics(linear, states, 1)[0], [linear.c.get(state, 0.0) for state in states]
+    driven = np.array([linear.B.get((state, "v"), 0.0) for state in states])
     names = {**values, "i_m": 1 / 8}
-    assert np.allclose(matrix(function, "A", names), dynamics(linear, states, 1)[0])
-    assert np.allclose(matrix(function, "B", names), np.transpose([driven, constant]))
+    assert np.allclose(matrix(linear_one, "A", names), a)
+    assert np.allclose(matrix(linear_one, "B", names), np.transpose([driven, constant]))
+    x, v = np.arange(5.0) ** 2 + 0.7, 3.0
+    names |= {"x": lambda k: x[k - 1], "u": lambda _: v, "twist": x[0] - x[1]}
+    assert np.allclose(matrix(other, "dx", names)[:, 0], a @ x + driven * v + constant)
 
 
-def matrix(function: str, name: str, values: Mapping[str, float]) -> np.ndarray:
+RIGS = ("rig", "rig_nl")
+
+
+def matrix(function: str, name: str, values: Mapping[str, Any]) -> np.ndarray:
+    """As MATLAB reads it; `^` is its power."""
     text = re.search(rf"^{name} = \[(.*?)\];", function, re.MULTILINE | re.DOTALL)[1]
     rows = [row.replace("^", "**").split(",") for row in text.split(";")]
     return np.array([[eval(cell.strip(), {}, dict(values)) for cell in row] for row in rows])
