@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+DPI = 200  # sharp on a screen
+
 
 def for_notebooks(figure: Figure) -> Figure:
     """It shows itself as the last line of a cell."""
@@ -18,8 +20,6 @@ def for_notebooks(figure: Figure) -> Figure:
 
 
 def _as_png(figure: Figure) -> bytes:
-    from bayesdrill.report.style import PNG_DPI  # late: it loads matplotlib
-
     out = io.BytesIO()
-    figure.savefig(out, format="png", dpi=PNG_DPI)
+    figure.savefig(out, format="png", dpi=DPI)
     return out.getvalue()
