@@ -10,14 +10,18 @@ BENCH := .venv-bench/bin
 BENCH_READY := .venv-bench/.ready
 BROWSER := .venv-browser/bin
 BROWSER_READY := .venv-browser/.ready
+DOCS := .venv-docs/bin
+DOCS_READY := .venv-docs/.ready
+SITE := build/docs
 
-.PHONY: help posterior paper test test-slow check format bench bench-growth zoo mutants attack pages results schema citation dist clean
+.PHONY: help posterior paper docs test test-slow check format bench bench-growth zoo mutants attack pages results schema citation dist clean
 
 help:
 	@echo "make posterior [CONFIG=configs/mine.yaml] [ARGS=--resume|--force]"
 	@echo "                 the main job: a config in, results/<name>/ out"
 	@echo "make paper       the studies of the paper, repeated: results/paper/ (2 to 3 minutes)"
 	@echo "make results     what results/published holds, made anew from every config (5 minutes)"
+	@echo "make docs        the site of docs/, its notebooks run: build/docs/index.html (2 minutes, in .venv-docs)"
 	@echo "make test        the tests, under 5 minutes"
 	@echo "make test-slow   longer proofs"
 	@echo "make check       format, lint, types and tests"
@@ -31,7 +35,7 @@ help:
 	@echo "make schema      write configs/schema.json anew"
 	@echo "make citation    write CITATION.cff anew"
 	@echo "make dist        the files of a release: dist/"
-	@echo "make clean       remove .venv, .venv-bench, .venv-browser and caches; results stay"
+	@echo "make clean       remove .venv, .venv-bench, .venv-browser, .venv-docs, build and caches; results stay"
 
 posterior: $(READY)
 	@$(BIN)/bayesdrill posterior $(CONFIG) $(ARGS)
@@ -44,6 +48,13 @@ results: $(READY)
 	@set -e; for config in configs/*.yaml; do $(BIN)/bayesdrill posterior $$config --force; done
 	@$(BIN)/bayesdrill paper --force
 	@$(BIN)/python docs/results.py
+
+# From nothing, so that no page of another state stays; a warning or a dead link is an error.
+docs: $(DOCS_READY)
+	@rm -rf $(SITE) build/doctrees build/jupyter_execute
+	@$(DOCS)/python -m sphinx -q -W --keep-going -j 2 -b html -d build/doctrees docs $(SITE)
+	@$(DOCS)/python docs/check_site.py $(SITE)
+	@echo "site: $(SITE)/index.html"
 
 test: $(READY)
 	@$(BIN)/python -m pytest -m "not slow" -n 2 --dist loadfile --no-loadscope-reorder
@@ -95,7 +106,7 @@ dist: $(READY)
 	@ls -l dist
 
 clean:
-	rm -rf .venv .venv-bench .venv-browser .mypy_cache .pytest_cache .ruff_cache .hypothesis
+	rm -rf .venv .venv-bench .venv-browser .venv-docs build .mypy_cache .pytest_cache .ruff_cache .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
 $(READY): requirements.lock pyproject.toml
@@ -121,3 +132,11 @@ $(BROWSER_READY): requirements.lock tests/browser/requirements.lock pyproject.to
 	@$(BROWSER)/python -m pip install -qq --disable-pip-version-check -r requirements.lock -r tests/browser/requirements.lock
 	@$(BROWSER)/python -m pip install -qq --disable-pip-version-check --no-deps --editable .
 	@touch $(BROWSER_READY)
+
+# What makes the site stays out of .venv as well.
+$(DOCS_READY): requirements.lock docs/requirements.lock pyproject.toml
+	@echo "setting up .venv-docs (once, about a minute)"
+	@python3 -m venv .venv-docs
+	@$(DOCS)/python -m pip install -qq --disable-pip-version-check -r requirements.lock -r docs/requirements.lock
+	@$(DOCS)/python -m pip install -qq --disable-pip-version-check --no-deps --editable .
+	@touch $(DOCS_READY)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from bayesdrill.api import arguments
 from bayesdrill.api import run as single
+from bayesdrill.api.pictures import for_notebooks
 from bayesdrill.basics.errors import InputError
 from bayesdrill.commands import overlaying
 from bayesdrill.insight.overlay import Row
@@ -46,7 +47,7 @@ class Overlay:
     def plot(self, name: str = "corner") -> Figure:
         """`corner`, or `intervals`.  Raises `InputError` where there is no such figure."""
         found = arguments.known(self.report.figures, name, "plot", "figure of these runs")
-        return found.figure(*found.arguments)
+        return for_notebooks(found.drawn())
 
     def place(self, folder: str | Path | None = None) -> Path:
         """Where `save` leaves its results: `results/<name>-<name>` by default."""

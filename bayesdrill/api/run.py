@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayesdrill.api import arguments
+from bayesdrill.api.pictures import for_notebooks
 from bayesdrill.basics.errors import InputError
 from bayesdrill.commands import concluding, mapping, pipeline
 from bayesdrill.engines.mode import Mode
@@ -59,7 +60,7 @@ class Best:
         from bayesdrill.report.warning_strip import warned  # late: matplotlib takes a second
 
         found = mapping.report(self.job, self.mode)
-        return warned(found.figure.drawn(), found.warning)
+        return for_notebooks(warned(found.figure.drawn(), found.warning))
 
     @staticmethod
     def check_place(folder: str | Path, *, force: bool = False) -> None:
@@ -126,7 +127,7 @@ class Run:
         found = drawing(name, self._view)
         if found is None:
             raise InputError.one("plot", f"there is nothing to draw in a figure {name} of this run")
-        return warned(found.drawn(), self._view.warning)
+        return for_notebooks(warned(found.drawn(), self._view.warning))
 
     def plot_corner(self) -> Figure:
         return self.plot("corner")

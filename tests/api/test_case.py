@@ -243,7 +243,9 @@ def test_figures_and_the_tree_of_arviz() -> None:
     from matplotlib.figure import Figure
 
     assert isinstance(run().plot_corner(), Figure)
-    assert isinstance(run().plot("fit"), Figure)
+    figure = run().plot("fit")
+    assert isinstance(figure, Figure)
+    assert figure._repr_png_().startswith(b"\x89PNG")  # what a notebook shows, without pyplot
     with pytest.raises(bd.InputError, match="did you mean corner"):
         run().plot("cornor")
     tree = run().to_arviz()

@@ -11,15 +11,23 @@ from functools import partial
 from pathlib import Path
 
 import pytest
+from documents import (
+    DOCS,
+    DOCUMENTS,
+    NOTEBOOKS,
+    ROOT,
+    anchors,
+    blocks,
+    cells,
+    commands,
+    files,
+    script,
+)
 
 from bayesdrill.setup import loading
 
-ROOT = Path(__file__).parents[2]
-DOCUMENTS = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
-
-
-def blocks(path: Path, language: str) -> list[str]:
-    return re.findall(rf"^```{language}\n(.*?)^```", path.read_text(), re.MULTILINE | re.DOTALL)
+# Slower ones: the same commands for the same configs, or what `test_extensions.py` runs in short.
+LONG = [DOCS / "matlab.md", DOCS / "extending.md"]
 
 
 @pytest.fixture(scope="module")
@@ -27,18 +35,21 @@ def tree(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A copy of the project whose `.venv` is the environment of this test."""
     copy = tmp_path_factory.mktemp("clone") / "bayesdrill"
     ignore = shutil.ignore_patterns(
-        ".venv", ".venv-*", ".git", "nominal_step", "__pycache__", ".*_cache"
+        ".venv", ".venv-*", "build", ".git", "nominal_step", "__pycache__", ".*_cache"
     )
     shutil.copytree(ROOT, copy, ignore=ignore)
     (copy / ".venv").symlink_to(sys.prefix)
     for name, held in HELD.items():
-        lighten(copy / "configs" / f"{name}.yaml", held)
+        config = copy / "configs" / f"{name}.yaml"
+        if config.exists():
+            lighten(config, held)
     return copy
 
 
 # What is held in the copy, so that few unknowns are left; the record of the second has another k_T.
 HELD = {
     "nominal_step": dict.fromkeys(("j_m", "c_m", "k_T", "r_m", "l_m", "t_f"), "nominal"),
+    "my_rig": dict.fromkeys(("j_m", "c_m", "k_T", "r_m", "t_f"), "nominal"),
     "example_rig": dict.fromkeys(("j_m", "c_m", "l_m", "k_e", "t_f"), "nominal") | {"k_T": "0.1"},
 }
 LIGHT = """
@@ -57,6 +68,14 @@ def lighten(config: Path, held: dict[str, str]) -> None:
     config.write_text(text + LIGHT.replace("[]", drawn))
 
 
+def lay_out(page: Path, tree: Path) -> None:
+    """The files that a page shows, where its commands look for them."""
+    for name, text in files(page).items():
+        (tree / name).write_text(text)
+        if (held := HELD.get(Path(name).stem)) is not None:
+            lighten(tree / name, held)
+
+
 def run(command: str, tree: Path) -> subprocess.CompletedProcess[str]:
     """As a newcomer types it, but `make` takes the environment as set up, and the tests that
     `make test` would run (these) are only collected, and not all of them."""
@@ -65,7 +84,7 @@ def run(command: str, tree: Path) -> subprocess.CompletedProcess[str]:
         **os.environ,
         "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}",
         "PYTEST_ADDOPTS": "--collect-only -q tests/basics",
-        "PYTHONPATH": str(tree),
+        "PYTHONPATH": f"{tree}{os.pathsep}{tree / 'tests' / 'toys'}",
     }
     one_core = partial(os.sched_setaffinity, 0, {min(os.sched_getaffinity(0))})
     return subprocess.run(
@@ -82,26 +101,68 @@ def run(command: str, tree: Path) -> subprocess.CompletedProcess[str]:
 
 @pytest.mark.slow
 def test_every_script_runs(tree: Path) -> None:
-    scripts = [block for path in DOCUMENTS for block in blocks(path, "python")]
-    assert any("plot_corner" in script for script in scripts)
-    for script in scripts:
-        done = run(f"python - <<'END'\n{script}END", tree)
-        assert done.returncode == 0, f"{script}\n{done.stdout}\n{done.stderr}"
+    scripts = [text for path in DOCUMENTS if (text := script(path))]
+    assert any("plot_corner" in text for text in scripts)
+    for text in scripts:
+        done = run(f"python - <<'END'\n{text}\nEND", tree)
+        assert done.returncode == 0, f"{text}\n{done.stdout}\n{done.stderr}"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_every_notebook_runs(path: Path) -> None:
+    """As it is; `make docs` draws its pictures."""
+    done = subprocess.run(
+        [sys.executable, "-"],
+        input=cells(path),
+        cwd=path.parent,
+        env={**os.environ, "MPLBACKEND": "agg"},
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=300,
+    )
+    assert done.returncode == 0, done.stderr
+
+
+def test_every_script_and_notebook_is_python() -> None:
+    for path in DOCUMENTS:
+        compile(script(path), path.name, "exec")
+    assert len(NOTEBOOKS) == 3
+    for path in NOTEBOOKS:
+        compile(cells(path), path.name, "exec")
+        assert "assert run.converged" in cells(path), path.name
 
 
 def test_every_command_runs_in_order(tree: Path) -> None:
     """One after the other, as the README has them: later ones need what earlier ones left."""
-    commands = [
-        line for path in DOCUMENTS for block in blocks(path, "sh") for line in block.splitlines()
-    ]
-    assert "make posterior" in commands
-    assert "make test" in commands
-    for command in commands:
+    ran: set[str] = set()
+    for path in DOCUMENTS:
+        if path not in LONG:
+            follow(path, tree, ran)
+    assert {"make posterior", "make test"} <= ran
+    assert (tree / "results" / "nominal_step" / "figures" / "corner.pdf").exists()
+    assert (tree / "results" / "example_rig" / "summary.md").exists()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("path", LONG, ids=lambda path: path.stem)
+def test_commands_of_longer_pages_run(path: Path, tree: Path) -> None:
+    ran: set[str] = set()
+    follow(path, tree, ran)
+    assert len(ran) > 1
+
+
+def follow(path: Path, tree: Path, ran: set[str]) -> None:
+    """What a page says, in its order; what another page said before has been done."""
+    lay_out(path, tree)
+    for command in commands(path):
+        if command in ran:
+            continue
+        ran.add(command)
         done = run(command, tree)
         assert done.returncode == 0, f"{command}\n{done.stdout}\n{done.stderr}"
         assert "Traceback" not in done.stderr
-    assert (tree / "results" / "nominal_step" / "figures" / "corner.pdf").exists()
-    assert (tree / "results" / "example_rig" / "summary.md").exists()
 
 
 def test_commands_named_in_the_text_exist(tree: Path) -> None:
@@ -137,8 +198,11 @@ def test_the_readmes_own_config_is_valid(tree: Path) -> None:
 
 def test_documents_name_files_that_exist() -> None:
     for path in DOCUMENTS:
-        for link in re.findall(r"\]\(([^)#:]+)\)", path.read_text()):
-            assert (path.parent / link).exists(), f"{path.name}: {link}"
+        for link, anchor in re.findall(r"\]\(([^)#:\s]*)(?:#([^)\s]*))?\)", path.read_text()):
+            target = path.parent / link if link else path
+            assert target.exists(), f"{path.name}: {link}"
+            if anchor:
+                assert anchor in anchors(target), f"{path.name}: {link}#{anchor}"
 
 
 def test_no_machine_path_or_registry_host_is_committed() -> None:
@@ -146,7 +210,7 @@ def test_no_machine_path_or_registry_host_is_committed() -> None:
     for path in ROOT.rglob("*"):
         parts = path.relative_to(ROOT).parts
         others = (".venv", ".git", "__pycache__", ".hypothesis")
-        if path.is_file() and parts[0] != "results":
+        if path.is_file() and parts[0] not in ("results", "build"):
             if any(part.startswith(others) or part.endswith("_cache") for part in parts):
                 continue
             text = path.read_bytes().decode("utf-8", "ignore")
