@@ -3,7 +3,8 @@
     python docs/results.py            copies them from the folders that `make results` has just made
     python docs/results.py --check    says what is not of today's configs and records, and exits with 1
 
-Runs write to `results/<name>`, which is no part of the project, so that a run is never in the way.
+Runs write to `results/<name>`, which is no part of the project, so that what is published is in no
+run's way.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ import shutil
 import sys
 from collections.abc import Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
 import bayesdrill as bd
 from bayesdrill.basics import own_files
@@ -20,15 +22,20 @@ from bayesdrill.results import provenance
 from bayesdrill.results.run_folder import VERSION_OF
 
 ROOT = Path(__file__).parent.parent
-RESULTS = ROOT / "results"
-PUBLISHED = RESULTS / "published"
+PAPER = "paper"
 ENDS = (".csv", ".html", ".json", ".md", ".png", ".tex")
 OWN = ("map.json",)  # for --resume, which needs a chain
+DECISIVE = f"{VERSION_OF}bayesdrill"  # of the versions, this one makes results another's
 
 
-def configs() -> Mapping[str, Path]:
+def published(root: Path) -> Path:
+    return root / "results" / "published"
+
+
+def configs(root: Path) -> Mapping[str, bd.Case]:
     """By the names of their runs."""
-    return {bd.load(path).job.config.name: path for path in sorted(ROOT.glob("configs/*.yaml"))}
+    cases = map(bd.load, sorted(root.glob("configs/*.yaml")))
+    return {case.job.config.name: case for case in cases}
 
 
 def files(folder: Path, kind: own_files.Kind) -> Iterator[str]:
@@ -40,53 +47,61 @@ def files(folder: Path, kind: own_files.Kind) -> Iterator[str]:
 
 def publish(source: Path, target: Path, kind: own_files.Kind) -> None:
     """Raises `FileNotFoundError` where there is no finished run."""
-    shutil.rmtree(target, ignore_errors=True)
-    if json.loads((source / own_files.RUN).read_text()).get("status") != "finished":
+    if _run(source).get("status") != "finished":
         raise FileNotFoundError(f"{source} is not finished")
+    shutil.rmtree(target, ignore_errors=True)
     for name in files(source, kind):
         (target / name).parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(source / name, target / name)
 
 
-def stale() -> Iterator[str]:
+def stale(root: Path) -> Iterator[str]:
     """What differs between what is published and what the configs would give, a sentence each."""
-    found = configs()
-    kept = {path.name for path in PUBLISHED.iterdir() if path.is_dir()}
-    for name in sorted({*found, "paper"} - kept):
-        yield f"{name} is not published"
-    for name in sorted(kept - {*found, "paper"}):
-        yield f"{name} has no config any more"
+    found = configs(root)
+    wanted = {*found, PAPER}
+    kept = {path.name for path in published(root).iterdir() if path.is_dir()}
+    yield from (f"{name} is not published" for name in sorted(wanted - kept))
+    yield from (f"{name} has no config any more" for name in sorted(kept - wanted))
     for name in sorted({*found} & kept):
-        yield from _differences(name, found[name])
+        folder = published(root) / name
+        yield from (f"{name}: {what}" for what in _other_run(found[name], _run(folder)))
+        yield from (f"{name}: {what}" for what in _other_files(folder, _run(folder)))
 
 
-def _differences(name: str, config: Path) -> Iterator[str]:
-    run = json.loads((PUBLISHED / name / own_files.RUN).read_text())
-    case = bd.load(config)
+def _run(folder: Path) -> dict[str, Any]:
+    return dict(json.loads((folder / own_files.RUN).read_text(encoding="utf-8")))
+
+
+def _other_run(case: bd.Case, run: Mapping[str, Any]) -> Iterator[str]:
     today = provenance.fingerprint(case.job.config, case.job.problem)
     for key in sorted({*today, *run["fingerprint"]}):
         old, new = run["fingerprint"].get(key), today.get(key)
-        if old != new and (not key.startswith(VERSION_OF) or key == f"{VERSION_OF}bayesdrill"):
-            yield f"{name}: {key} was {old} and is {new}"
-    for file in files(PUBLISHED / name, own_files.POSTERIOR):
-        digest = own_files.digest(PUBLISHED / name / file)
-        if file != own_files.RUN and run["files"].get(file) != digest:
-            yield f"{name}: {file} is not of its run"
-    usual = [file for file in own_files.POSTERIOR.files if "/" not in file]
-    for file in sorted({*run["files"], *usual}):
-        if file.endswith(ENDS) and file not in OWN and not (PUBLISHED / name / file).exists():
-            yield f"{name}: {file} is missing"
+        if old != new and (not key.startswith(VERSION_OF) or key == DECISIVE):
+            yield f"{key} was {old} and is {new}"
+
+
+def _other_files(folder: Path, run: Mapping[str, Any]) -> Iterator[str]:
+    """Edited, or missing among those that a run of today leaves."""
+    here = {*files(folder, own_files.POSTERIOR)}
+    for name in sorted(here - {own_files.RUN}):
+        if run["files"].get(name) != own_files.digest(folder / name):
+            yield f"{name} is not of its run"
+    usual = {name for name in own_files.POSTERIOR.files if "/" not in name}
+    for name in sorted({*run["files"], *usual} - here):
+        if name.endswith(ENDS) and name not in OWN:
+            yield f"{name} is missing"
 
 
 def main() -> int:
     if sys.argv[1:] == ["--check"]:
-        problems = list(stale())
+        problems = list(stale(ROOT))
         print("\n".join(problems) or "what is published is of today's configs and records")
         return int(bool(problems))
-    for name in configs():
-        publish(RESULTS / name, PUBLISHED / name, own_files.POSTERIOR)
-    records = [path.parent.name for path in (RESULTS / "paper").glob("*/run.json")]
-    publish(RESULTS / "paper", PUBLISHED / "paper", own_files.paper(records))
+    results = ROOT / "results"
+    for name in configs(ROOT):
+        publish(results / name, published(ROOT) / name, own_files.POSTERIOR)
+    records = [path.parent.name for path in (results / PAPER).glob("*/run.json")]
+    publish(results / PAPER, published(ROOT) / PAPER, own_files.paper(records))
     return 0
 
 

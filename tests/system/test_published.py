@@ -1,0 +1,73 @@
+"""What is published of the configs is theirs, and whatever is not is found."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import pytest
+
+from docs import results
+
+ROOT = results.ROOT
+
+
+def test_what_is_published_is_of_todays_configs_and_records() -> None:
+    assert list(results.stale(ROOT)) == []
+
+
+@pytest.fixture
+def tree(tmp_path: Path) -> Path:
+    """One config, and what is published of it and of the paper."""
+    (tmp_path / "configs" / "records").mkdir(parents=True)
+    for name in ("nominal_step.yaml", "records/nominal_step.csv"):
+        shutil.copyfile(ROOT / "configs" / name, tmp_path / "configs" / name)
+    for name in ("nominal_step", results.PAPER):
+        shutil.copytree(results.published(ROOT) / name, results.published(tmp_path) / name)
+    assert list(results.stale(tmp_path)) == []
+    return tmp_path
+
+
+def change(path: Path, old: str, new: str) -> None:
+    text = path.read_text(encoding="utf-8")
+    assert old in text
+    path.write_text(text.replace(old, new, 1), encoding="utf-8")
+
+
+def test_another_config_record_table_or_figure_is_found(tree: Path) -> None:
+    """Mutants killed: a comparison that looks at names alone, or at nothing."""
+    config = tree / "configs" / "nominal_step.yaml"
+    mine = results.published(tree) / "nominal_step"
+    change(config, "seed: 2013", "seed: 2014")
+    change(mine / "summary.csv", "determined", "weak")
+    shutil.copyfile(mine / "figures" / "trace.png", mine / "figures" / "fit.png")
+    (mine / "table.tex").unlink()
+    assert list(results.stale(tree)) == [
+        "nominal_step: the seed was 2013 and is 2014",
+        "nominal_step: figures/fit.png is not of its run",
+        "nominal_step: summary.csv is not of its run",
+        "nominal_step: table.tex is missing",
+    ]
+    record = tree / "configs" / "records" / "nominal_step.csv"
+    lines = record.read_text().splitlines()
+    record.write_text("\n".join([*lines[:-1], lines[-1].replace("1", "2")]) + "\n")
+    assert any("the record was" in line for line in results.stale(tree))
+
+
+def test_a_config_without_results_and_results_without_a_config_are_found(tree: Path) -> None:
+    results.published(tree).joinpath("nominal_step").rename(results.published(tree) / "old")
+    assert list(results.stale(tree)) == [
+        "nominal_step is not published",
+        "old has no config any more",
+    ]
+
+
+def test_an_unfinished_run_is_not_published(tmp_path: Path) -> None:
+    folder = tmp_path / "run"
+    folder.mkdir()
+    (folder / "run.json").write_text('{"status": "running"}')
+    kept = tmp_path / "kept"
+    kept.mkdir()
+    with pytest.raises(FileNotFoundError, match="not finished"):
+        results.publish(folder, kept, results.own_files.POSTERIOR)
+    assert kept.exists()
