@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from bayesdrill.basics.symbols import Symbol
 from bayesdrill.engines.convergence import WINDOW, Autocorrelation, autocorrelation
 from bayesdrill.report import style
-from bayesdrill.report.pages import Page
+from bayesdrill.report.pages import Page, legend_above
 from bayesdrill.report.trace_plot import ensemble_line
 
 Array = NDArray[np.float64]
@@ -57,7 +57,7 @@ def autocorrelation_figure(
             where: dict[str, Any] = {"transform": panel.transAxes, "ha": "right", "va": "top"}
             said = rf"${symbol.latex}$: $\tau = {every.tau[d]:.3g}$" + " steps" * wide
             panel.text(0.97, 0.93, said, **where)
-        _legend(figure, handles, 6 if wide else 2)
+        legend_above(figure, handles, 6 if wide else 2)
     return figure
 
 
@@ -95,15 +95,3 @@ def _handles(n_ensembles: int) -> list[Any]:
     summed = rf"lags summed up for $\tau$ ({WINDOW:g} $\tau$)"
     handles.append(Patch(label=summed, **SUMMED))
     return handles
-
-
-def _legend(figure: Figure, handles: Sequence[Any], most: int) -> None:
-    figure.legend(
-        handles=handles,
-        loc="upper center",
-        ncols=min(most, len(handles)),
-        borderaxespad=0.3,
-        labelspacing=0.3,
-        columnspacing=1.2,
-        handlelength=1.8,
-    )

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -56,3 +58,16 @@ class Page:
             room = (x / self.width, y / height, width / self.width, self.row / height)
             panels.append(figure.add_axes(room))
         return figure, panels
+
+
+def legend_above(figure: Figure, handles: Sequence[Any], most: int) -> None:
+    """In at most so many columns."""
+    figure.legend(
+        handles=handles,
+        loc="upper center",
+        ncols=min(most, len(handles)),
+        borderaxespad=0.3,
+        labelspacing=0.3,
+        columnspacing=1.2,
+        handlelength=1.9,
+    )

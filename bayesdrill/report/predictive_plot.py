@@ -16,7 +16,7 @@ from scipy.stats import norm
 
 from bayesdrill.insight.predictive import FALSE_ALARM, Check
 from bayesdrill.report import style
-from bayesdrill.report.pages import Page
+from bayesdrill.report.pages import Page, legend_above
 
 PAGE = Page(
     columns=2,
@@ -55,7 +55,7 @@ def predictive_figure(checks: Sequence[Check], width: float = style.DOUBLE) -> F
                 panel.tick_params(labelbottom=k == len(checks) - 1)
         panels[-2].set_xlabel("measured less predicted" + ", in sds of the prediction" * wide)
         panels[-1].set_xlabel("share of the prediction below (PIT)" if wide else "PIT")
-        _legend(figure, handles, 4 if wide else 2)
+        legend_above(figure, handles, 4 if wide else 2)
     return figure
 
 
@@ -114,15 +114,3 @@ def _handles(checks: Sequence[Check]) -> list[Any]:
     if not all(one.holds for one in checks):
         handles.append(Line2D([], [], label="record, leaves the band", **OUTSIDE))
     return handles
-
-
-def _legend(figure: Figure, handles: Sequence[Any], most: int) -> None:
-    figure.legend(
-        handles=handles,
-        loc="upper center",
-        ncols=min(most, len(handles)),
-        borderaxespad=0.3,
-        labelspacing=0.3,
-        columnspacing=1.4,
-        handlelength=2.0,
-    )

@@ -15,7 +15,7 @@ from matplotlib.patches import Patch
 from bayesdrill.basics.symbols import Symbol
 from bayesdrill.insight.ensemble_ranks import FALSE_ALARM, SHARES, Ranks
 from bayesdrill.report import style
-from bayesdrill.report.pages import Page
+from bayesdrill.report.pages import Page, legend_above
 from bayesdrill.report.trace_plot import ensemble_line
 
 PAGE = Page(
@@ -48,7 +48,7 @@ def rank_figure(
         for k, (panel, one, symbol) in enumerate(zip(panels, ranks, symbols, strict=True)):
             _lines(panel, one)
             _frame(panel, symbol, float(most), (k, len(ranks), page.columns))
-        _legend(figure, handles, 5 if wide else 2)
+        legend_above(figure, handles, 5 if wide else 2)
     return figure
 
 
@@ -89,15 +89,3 @@ def _handles(ranks: Sequence[Ranks]) -> list[Any]:
     if not holds.all():
         handles.append(Line2D([], [], label="leaves the band", **OUTSIDE))
     return handles
-
-
-def _legend(figure: Figure, handles: Sequence[Any], most: int) -> None:
-    figure.legend(
-        handles=handles,
-        loc="upper center",
-        ncols=min(most, len(handles)),
-        borderaxespad=0.3,
-        labelspacing=0.3,
-        columnspacing=1.3,
-        handlelength=2.0,
-    )

@@ -27,7 +27,7 @@ from documents import (
 from bayesdrill.setup import loading
 
 # Slower ones: the same commands for the same configs, or what `test_extensions.py` runs in short.
-LONG = [DOCS / "matlab.md", DOCS / "extending.md"]
+LONG = [DOCS / "matlab.md", DOCS / "extending.md", DOCS / "start.md"]
 
 
 @pytest.fixture(scope="module")
