@@ -37,7 +37,8 @@ def concluded(
     rows, left, judged = conclude(problem, job.asked, found, sampled, scenery, plan(job.config))
     at = problem.posterior.space.vector(found.values)
     course = (f"note: {one}" for one in plausibility.of_course(scenery, at))
-    notes = (*tables.notes(rows), *course)
+    geared = (f"note: {one}" for one in plausibility.of_gear(problem))
+    notes = (*tables.notes(rows), *course, *geared)
     return View(
         problem=problem,
         config=job.config,

@@ -110,7 +110,7 @@ def _run(job: Job, folder: Folder, known: Mode | None, processes: int, report: R
                 crew.submit(loaded)
             _load_ahead()
         if hunt is not None:
-            known = searching.end(crew, hunt, report)
+            known = searching.end(crew, hunt, posterior, report)
             folder.write_text(MAP_FILE, sealed(dataclasses.asdict(known)))
         assert known is not None
         found = known

@@ -13,17 +13,24 @@ from bayesdrill.basics.progress import Reporter
 from bayesdrill.engines import maxima, mode
 from bayesdrill.engines.mode import Mode, Search
 from bayesdrill.engines.workers import Crew
-from bayesdrill.report import words
+from bayesdrill.inference import residual_checks
+from bayesdrill.inference.posterior import Posterior
+from bayesdrill.report import residual_words, words
 from bayesdrill.setup import build
 from bayesdrill.setup.job import Job
 
 Array = NDArray[np.float64]
 
+BAD_FIT = (
+    "     no posterior of such a fit can be believed; Ctrl-C stops it here, and units, inputs, gear and "
+    "columns are what to look at first"
+)
+
 
 def find_mode(job: Job, processes: int, report: Reporter) -> Mode:
     """The MAP alone; nothing is written."""
     with Crew(job.problem.posterior, processes) as crew:
-        return end(crew, begin(job, crew), report)
+        return end(crew, begin(job, crew), job.problem.posterior, report)
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +53,7 @@ def begin(job: Job, crew: Crew) -> Hunt:
     return Hunt(searches, scouts)
 
 
-def end(crew: Crew, hunt: Hunt, report: Reporter) -> Mode:
+def end(crew: Crew, hunt: Hunt, posterior: Posterior, report: Reporter) -> Mode:
     searches = []
     for done, task in enumerate(hunt.searches):
         report.update(done / len(hunt.searches), "searching the MAP")
@@ -55,4 +62,7 @@ def end(crew: Crew, hunt: Hunt, report: Reporter) -> Mode:
     found = crew.submit(mode.summarise, tuple(searches), scouted).result()
     report.update(1.0, "")
     report.say(words.mode(found))
+    left = residual_checks.left(posterior.likelihood, posterior.space.vector(found.values))
+    if any(one.unbelievable for one in left):
+        report.say(f"{residual_words.sentences(left)}\n{BAD_FIT}")
     return found

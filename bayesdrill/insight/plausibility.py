@@ -6,7 +6,7 @@ Findings are sentences with their numbers; none is an error.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,8 @@ APPRECIABLE = 0.05  # relative
 MOST_DRAWS = 2000  # whose poles are looked at
 UNSTABLE = 1e-9  # of the largest pole: a real part above it is no rounding
 FEW = 0.01  # of the draws
+UNHEARD_OF = 1e-6  # of a prior, at each end
+SAME_GEAR = 0.02  # relative: data sheets round
 
 # The paper's Table 1.  It calls 188 mm the radius of rotor 1, but only as a diameter does it give
 # the inertia printed beside it.  The modulus is that of steel; the paper gives none.
@@ -40,6 +42,38 @@ IDEAL = (
     "in SI units the two are equal in an ideal motor, and losses make k_T the smaller one; k_T, k_e, "
     "the supply or the gear reduction is not what it is taken to be"
 )
+
+
+def of_priors(problem: Problem) -> Iterator[str]:
+    """Nominal values that are where a prior has as good as nothing, though it does not exclude them."""
+    for name, prior in problem.posterior.space.priors.items():
+        if (value := problem.nominal.get(name)) is None:
+            continue
+        low, high = (float(x) for x in prior.quantile(np.array([UNHEARD_OF, 1 - UNHEARD_OF])))
+        if not low <= value <= high and prior.low < value < prior.high:
+            yield (
+                f"the prior of {name} goes from {low:.4g} to {high:.4g} with all but "
+                f"{100 * 2 * UNHEARD_OF:g} % of it, and the nominal value {value:.4g} is far outside: "
+                "one of the two, or its unit, is wrong"
+            )
+
+
+def of_gear(problem: Problem) -> Iterator[str]:
+    """Channels that turn neither with the shaft nor, by the gear of the model, with the motor."""
+    i_m = getattr(problem.posterior.likelihood.response.model, "i_m", None)
+    if i_m is None:
+        return
+    for channel in problem.experiment.channels:
+        match dict(channel.weights):
+            case {"w_2": float(times)} | {"theta_2": float(times)} if len(channel.weights) == 1:
+                apart = min(abs(abs(times) * own - 1) for own in (1.0, i_m))
+                if apart > SAME_GEAR:
+                    (state,) = channel.weights
+                    yield (
+                        f"{channel.name} measures {times:g} * {state}, but the motor turns "
+                        f"{1 / i_m:.4g} times as fast as the shaft (model.i_m: {i_m:.4g}); one of the "
+                        "two is not that of this rig"
+                    )
 
 
 def of_nominal(problem: Problem) -> tuple[str, ...]:

@@ -37,7 +37,7 @@ def handles(
         both = {**style.CROSS, "linestyle": style.MAP_LINE["linestyle"]}
         lines.append(Line2D([], [], label="MAP", **both))
     shades: Handles = []
-    notes = [f"titles: median and {credible} interval"]
+    notes = [f"titles: median and {credible} interval, as on the axes"]
     if joint:
         for grey, level, sds in zip((INNER, OUTER), LEVELS, (1, 2), strict=True):
             text = rf"{100 * level:.1f} % of the draws (${sds}\sigma$ in two dimensions)"

@@ -135,7 +135,7 @@ def _residuals(panel: Axes, signal: Signal, time: style.Scale, t: Array) -> None
     panel.axhline(float(scale(0.0)), zorder=2, **MODEL)
     if not math.isnan(signal.share):
         panel.annotate(
-            f"left: {residual_words.percent(signal.share)}",
+            f"unexplained: {residual_words.percent(signal.share)}",
             (1.0, 0.5),
             (4, 0),
             xycoords="axes fraction",
@@ -159,7 +159,7 @@ def _numbers(
 
 HELD = "input, held from each sample to the next"
 STRAIGHT = "input, straight from each sample to the next"
-LEFT = "left: rms over the channel's spread"
+LEFT = "unexplained: rms over spread"
 
 
 def _legends(page: FitPage, fit: Fit, *, beside: bool) -> None:

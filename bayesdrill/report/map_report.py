@@ -95,7 +95,7 @@ class MapReport:
         lines = (
             ("config", config.name),
             ("record", f"`{Path(config.record.file).name}`: {marks['Record']}"),
-            ("model", config.model.name),
+            ("model", words.model(self.problem)),
             ("seed", marks["Seed"]),
             ("versions", marks["Versions"]),
         )

@@ -9,6 +9,7 @@ from pathlib import Path
 from bayesdrill.basics import own_files
 from bayesdrill.basics.citation import citation
 from bayesdrill.basics.own_files import CONFIG_FILE, RESOLVED_FILE
+from bayesdrill.report import words
 from bayesdrill.report.sections import Note, Plain, Section, Sentences, Table
 from bayesdrill.report.view import View
 from bayesdrill.results import provenance
@@ -53,7 +54,7 @@ def _lines(run: View) -> Iterator[tuple[str, str]]:
     yield "run", f"{marks[provenance.RUN_MARK]}, a digest of all that decides the chain"
     yield "record", f"`{Path(config.record.file).name}`: {marks['Record']} over {length:g} s"
     yield "channels", ", ".join(experiment.names)
-    yield "model", config.model.name
+    yield "model", words.model(run.problem)
     yield "seed", marks["Seed"]
     yield (
         "sampler",

@@ -28,9 +28,10 @@ def columns(problem: Problem, config: Config) -> str:
         name = entry.channel.name
         channel = config.record.channels[name]
         lines.append(_line(name, channel.measures or name, channel, values / entry.factor))
+    held = "first" if experiment.first_order else "zero"
     for name, given in build.measured_inputs(config).items():
         factor = units.factor(given.unit, symbols.INPUTS[name].unit)
-        lines.append(_line(name, "input", given, experiment.series[name] / factor))
+        lines.append(_line(name, f"input, hold: {held}", given, experiment.series[name] / factor))
     step, first = experiment.dt, experiment.t[0]
     sampling = f"a sample every {step:.6g} s ({1 / step:.6g} Hz), the first at {first:.6g} s"
     return f"columns ({sampling}):\n{aligned(lines, left={0, 1, 2, 3})}"

@@ -11,7 +11,7 @@ from bayesdrill.inference.residual_checks import Left
 
 def sentences(found: Sequence[Left]) -> str:
     """How much is left; that it looks like the noise, or a line for each way in which it does not."""
-    lines = [f"fit: of what the channels do the MAP leaves {_shares(found)}"]
+    lines = [f"fit: of what each channel does the MAP leaves unexplained {_shares(found)}"]
     if large := _worst(found, "large", "rms"):
         lines.append(
             f"fit: the MAP leaves more than the noise, in sigmas: {_each(large, 'rms')} (noise leaves "

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from bayesdrill.insight.verdict import Judgement
+from bayesdrill.insight.verdict import Judgement, Verdict
 from bayesdrill.report import (
     derived_words,
     identify_words,
@@ -39,8 +39,9 @@ def sections(run: View, pictures: Sequence[Picture] = ()) -> tuple[Section, ...]
         Section("Verdict", tuple(_verdict(run))),
         Section("Fit", tuple(_fit(run))),
         Section("Parameters", _parameters(run)),
+        *((_against(judged.verdict),) if judged is not None else ()),
         *shown,
-        *(_judged(judged) if judged is not None else ()),
+        *(_shown(judged) if judged is not None else ()),
         Section("What follows from these", (_following(run),), brief=False),
         Section("Maximum of the posterior (MAP)", (Sentences(words.mode(run.mode)),), brief=False),
         Section(
@@ -84,14 +85,13 @@ def _following(run: View) -> Table | Note:
     return derived_words.table(rows, run.derived) if rows else Note("none")
 
 
-def _judged(judged: Judgement) -> Iterator[Section]:
-    verdict, study = judged.verdict, judged.study
-    against = (
-        Note(verdict_words.rule(verdict)),
-        verdict_words.table(verdict),
-        Note(verdict_words.EXPLAINED),
-    )
-    yield Section("Against the nominal table", against)
+def _against(verdict: Verdict) -> Section:
+    rule, read = Note(verdict_words.rule(verdict)), Note(verdict_words.EXPLAINED)
+    return Section("Against the nominal table", (verdict_words.table(verdict), rule, read))
+
+
+def _shown(judged: Judgement) -> Iterator[Section]:
+    study = judged.study
     shown = f"{identify_words.structure(study)}\n\n{identify_words.knowledge(study)}"
     yield Section("What this record can show, at the MAP", (Plain(shown),), brief=False)
     physical = Sentences("\n".join(judged.findings) or FOUND)

@@ -40,7 +40,7 @@ def cells(row: Row) -> tuple[str, ...]:
         f"{row.r_hat:.4f}",
         f"{row.ess_bulk:.0f}",
         f"{row.ess_tail:.0f}",
-        f"{100 * row.shrinkage:.0f} %",
+        f"{round(100 * row.shrinkage)} %",
         row.word,
     )
 

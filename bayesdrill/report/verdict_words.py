@@ -58,7 +58,8 @@ def _whole(found: Verdict, table: str) -> str:
     if not judged:
         return f"verdict: this record determines none of {can}; it says nothing of {table}"
     far = found.far
-    together = "" if found.joint is None else f"; together they are {_sigmas(found.joint)} from it"
+    joint = found.joint
+    together = "" if joint is None else f"; taken together they are {_sigmas(joint)} from {table}"
     opening = f"verdict: this record determines {k} of {can}"
     if n == 1:
         opening = "verdict: this record determines the one quantity that is compared"

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import fields
+from typing import Any
 
 from bayesdrill.basics import sizes
 from bayesdrill.engines.convergence import Convergence
@@ -22,10 +24,19 @@ def opening(problem: Problem) -> str:
     tied = ", ".join(f"{name} = {relation.text}" for name, relation in space.relations.items())
     return (
         f"record: {len(experiment.t)} samples of {', '.join(experiment.names)} over {length:g} s\n"
+        f"model: {model(problem)}\n"
         f"unknown: {', '.join(space.free)}"
         + (f"\ntied: {tied}" if tied else "")
         + (f"\nheld: {held}" if held else "")
     )
+
+
+def model(problem: Problem) -> str:
+    """Its name, and what it holds beside parameters: the gear."""
+    rig: Any = problem.posterior.likelihood.response.model
+    held = [f"{one.name} = {getattr(rig, one.name):.6g}" for one in fields(rig)]
+    gear = f"; the motor turns {1 / rig.i_m:.4g} times as fast" if hasattr(rig, "i_m") else ""
+    return f"{rig.name} ({', '.join(held)}{gear})" if held else rig.name
 
 
 def preview(problem: Problem, config: Config) -> str:
@@ -83,9 +94,10 @@ def _misfit(problem: Problem) -> str:
 
 
 def _findings(problem: Problem, config: Config) -> str:
-    """What makes the nominal table doubtful before anything is sampled."""
+    """What makes table, priors or gear doubtful before anything is sampled."""
     found, kind = plausibility.of_nominal(problem), "nominal" if problem.nominal else "start"
-    return "".join(f"\n{kind} values, {finding}" for finding in found)
+    others = (*plausibility.of_priors(problem), *plausibility.of_gear(problem))
+    return "".join(f"\n{one}" for one in (*(f"{kind} values, {each}" for each in found), *others))
 
 
 def maxima(found: Mode, sampled: Sampled) -> str:

@@ -109,7 +109,7 @@ def compared_with(config: Config) -> str:
     if not own:
         return _table(config)
     if len(own) == len(whole):
-        return "the config's own values"
+        return "the config's nominal values"
     return f"{_table(config)} ({', '.join(own)} as in the config)"
 
 

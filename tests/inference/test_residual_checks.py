@@ -65,7 +65,7 @@ def test_sizes_and_correlations_are_those_of_the_channel(rig: Likelihood) -> Non
         spread = rig.response.experiment.y[:, k].std()
         assert one.share == pytest.approx(np.sqrt(np.mean(own**2)) / spread, rel=0.02)
     first, second = words.sentences(found).splitlines()
-    assert first.startswith("fit: of what the channels do the MAP leaves ")
+    assert first.startswith("fit: of what each channel does the MAP leaves unexplained ")
     assert f"{100 * found[1].share:.2g} % ({found[1].channel})" in first
     assert second.startswith("fit: what the MAP leaves looks like the noise (rms ")
 

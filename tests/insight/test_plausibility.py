@@ -9,6 +9,7 @@ import pytest
 from oracles import NOMINAL, ORDER, by_expm
 from rigs import experiment, posterior
 
+import bayesdrill as bd
 from bayesdrill.basics import symbols
 from bayesdrill.inference.problem import Problem
 from bayesdrill.insight import plausibility
@@ -123,3 +124,54 @@ def test_friction_that_drives_is_named_with_its_share_of_the_record() -> None:
     (always,) = of_course(-ahead)
     assert "turn the signs of v and of all channels" in always
     assert of_course(-ahead, t_f=-NOMINAL["t_f"]) == ()
+
+
+def measured(measures: str, i_m: float = 0.125, **priors: object) -> Problem:
+    """Of one channel, and of parameters that are held but for those with `priors`."""
+    t, unit = np.linspace(0.0, 1.0, 21), "deg" if "theta" in measures else "rpm"
+    case = bd.case(
+        t,
+        channels={"motor": bd.Channel(np.sin(t), unit, 1.0, measures=measures)},
+        inputs={"v": 8.0},
+        parameters={**dict.fromkeys(NOMINAL, "nominal"), "k_s": SPRING, **priors},
+        rig=bd.MotorShaft(i_m=i_m),
+        nominal="tables_2_3",
+    )
+    return case.job.problem
+
+
+SPRING = {"prior": "uniform", "low": 0.5, "high": 1.5, "relative": True}
+
+
+@pytest.mark.parametrize(
+    ("measures", "i_m", "said"),
+    [
+        ("8 * w_2", 0.125, False),
+        ("-8 * w_2", 0.125, False),
+        ("8.05 * theta_2", 0.125, False),
+        ("w_2", 0.125, False),
+        ("5 * w_1", 0.125, False),
+        ("theta_1 - theta_2", 0.125, False),
+        ("5 * w_2", 0.2, False),
+        ("5 * w_2", 0.125, True),
+        ("0.125 * theta_2", 0.125, True),
+    ],
+)
+def test_a_channel_of_another_gear_than_the_model_is_named(
+    measures: str, i_m: float, said: bool
+) -> None:
+    """Mutants killed: the factor taken for its inverse; a channel of rotor 1 blamed."""
+    found = list(plausibility.of_gear(measured(measures, i_m)))
+    assert bool(found) is said
+    if said:
+        assert f"model.i_m: {i_m:g}" in found[0]
+        assert found[0].startswith("motor measures ")
+
+
+def test_a_nominal_value_that_a_prior_has_never_heard_of_is_named() -> None:
+    far = {"prior": "normal", "mean": 10 * NOMINAL["j_1"], "sd": 0.2 * NOMINAL["j_1"]}
+    near = {**far, "mean": 1.5 * NOMINAL["j_1"]}
+    (told,) = plausibility.of_priors(measured("w_2", j_1=far))
+    assert told.startswith("the prior of j_1 goes from ")
+    assert "0.0283 is far outside" in told
+    assert list(plausibility.of_priors(measured("w_2", j_1=near))) == []

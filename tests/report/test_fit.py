@@ -106,9 +106,9 @@ def said(figure: Figure) -> list[str]:
 def test_each_channel_says_what_is_left_of_it_and_one_without_spread_nothing() -> None:
     fit = fit_of(2, 200)
     bare = dataclasses.replace(fit.signals[1], share=float("nan"))
-    assert said(fit_figure(fit)) == ["left: 2.1 %"] * 2
+    assert said(fit_figure(fit)) == ["unexplained: 2.1 %"] * 2
     assert said(fit_figure(dataclasses.replace(fit, signals=(fit.signals[0], bare)))) == [
-        "left: 2.1 %"
+        "unexplained: 2.1 %"
     ]
 
 

@@ -140,7 +140,7 @@ def test_a_run_leaves_a_page_that_needs_nothing_beside_it(saved: Path) -> None:
 def test_what_matters_most_comes_first_and_ends_a_terminal(saved: Path) -> None:
     html = (saved / "report.html").read_text(encoding="utf-8")
     titles = re.findall(r"<h2>(.*?)</h2>", html)
-    first = ["Verdict", "Fit", "Parameters", "Figures", "Against the nominal table"]
+    first = ["Verdict", "Fit", "Parameters", "Against the nominal table", "Figures"]
     assert titles[: len(first)] == first
     assert titles[-2:] == ["Provenance", "How to cite"]
     said = run().judge().text

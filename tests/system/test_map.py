@@ -149,3 +149,20 @@ def test_what_does_not_belong_to_a_maximum_is_named(config: Path) -> None:
     lines[50] = lines[50].rsplit(",", 1)[0] + ",9.9"
     (config.parent / "small.csv").write_text("\n".join(lines) + "\n")
     assert "the record was 101 samples" in systems.cli("verify", out).err
+
+
+def test_a_fit_that_no_posterior_can_mend_is_said_before_anything_is_sampled(
+    tmp_path: Path,
+) -> None:
+    """Mutant killed: the MAP is said, and what it leaves only after sampling."""
+    wrong = (
+        "w_1: {column: w_1, unit: rad/s, sigma: 0.05}",
+        "w_1: {column: w_1, unit: rpm, sigma: 0.05}",
+    )
+    for name, changes, said in (("sound", (), False), ("wrong", (wrong,), True)):
+        config = systems.small(tmp_path / name, *changes)
+        ran = systems.cli("map", config)
+        assert ("no posterior of such a fit can be believed" in ran.text) is said
+        if said:
+            before = ran.text[: ran.text.index("no posterior of such a fit")]
+            assert "the MAP leaves more than the noise, in sigmas: " in before

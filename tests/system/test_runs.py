@@ -157,7 +157,7 @@ def change(path: Path, old: str, new: str) -> None:
 
 def test_what_the_fit_leaves_is_said_everywhere(done: Done) -> None:
     lines = [x for x in done.ran.out.splitlines() if x.startswith("fit: ")]
-    assert lines[0].startswith("fit: of what the channels do the MAP leaves ")
+    assert lines[0].startswith("fit: of what each channel does the MAP leaves unexplained ")
     assert lines[1].startswith("fit: what the MAP leaves looks like the noise")
     assert "".join(f"- {line}\n" for line in lines) in (done.folder / "summary.md").read_text()
     data = run_of(done.folder)["fit"]
