@@ -29,7 +29,7 @@ END_MASS = 0.05  # of the prior, at an end of it; half of the draws there is a c
 RISING = 0.25  # of the draws are nearer than half the median where their density is flat
 
 MEANING: dict[Word, str] = {
-    "determined": "the record narrows the prior to less than half",
+    "determined": "the record, with what is believed of the others, narrows the prior to less than half",
     "weak": "the record narrows the prior, but to no less than half",
     "through others": "narrower than the prior only by the priors of others: the record knows ratios",
     "prior only": "the posterior is just the prior: this record does not determine it",
