@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from typing import Any
 
@@ -145,6 +145,19 @@ DIAGNOSTICS = (
     "fresh ones there are: a mean is known to the sd over their square root. Acceptance is the share "
     "of proposed steps that were taken."
 )
+
+
+def leaning(found: Mapping[str, tuple[str, ...]]) -> str:
+    """What is known only with the priors of others; empty where nothing is."""
+    groups: dict[tuple[str, ...], list[str]] = {}
+    for name, others in found.items():
+        groups.setdefault(others, []).append(name)
+    return "\n".join(
+        f"leaning: {', '.join(names)} on the prior of {', '.join(others)} (known only as far as that "
+        "is, of which this record says nothing)"
+        for others, names in groups.items()
+    )
+
 
 MOST_NAMED = 4  # unknowns, of a maximum elsewhere
 
