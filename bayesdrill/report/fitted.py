@@ -20,6 +20,7 @@ from bayesdrill.setup.config import Config
 Array = NDArray[np.float64]
 
 TIME = Symbol("t", "s", "t", "s", "time")
+MANY = 1e4  # of the units of a record: nobody reads so many milliseconds
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -68,6 +69,8 @@ def fitted(
     """Of the MAP `(D,)` and what it leaves; `predictive`: `(..., T)` of each channel, SI."""
     experiment = problem.experiment
     clock = own_units.time(config)
+    if experiment.t[-1] / clock.factor >= MANY:
+        clock = own_units.SECOND
     courses, constant = [], []
     for name, symbol in symbols.INPUTS.items():
         unit = own_units.given(config, name)

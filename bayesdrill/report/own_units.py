@@ -27,6 +27,9 @@ class Unit:
     latex: str
 
 
+SECOND = Unit(1.0, "s")
+
+
 def time(config: Config) -> Unit:
     spec = config.record.time
     return _unit(spec.unit if isinstance(spec, TimeColumn) else "s", "s")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,12 +13,15 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from pictures import clashes, drawn, si
 
+import bayesdrill as bd
 from bayesdrill.basics.symbols import Symbol
+from bayesdrill.inference import residual_checks
 from bayesdrill.report import style
 from bayesdrill.report.fit_plot import corners, extremes, fit_figure
-from bayesdrill.report.fitted import TIME, Course, Fit, Signal
+from bayesdrill.report.fitted import TIME, Course, Fit, Signal, fitted
 
 Array = NDArray[np.float64]
+ROOT = Path(__file__).parent.parent.parent
 
 CHANNELS = (
     ("w_1", r"\dot\theta_1", "rad/s", 30.0),
@@ -156,3 +160,18 @@ def test_corners_of_stairs_are_where_they_rise(n: int, length: int) -> None:
     if len(kept) < 500 and n // length < 400:
         at = np.searchsorted(kept, np.arange(n), side="right") - 1
         np.testing.assert_array_equal(u[kept[at]], u)
+
+
+@pytest.mark.parametrize(("many", "unit", "end"), [(1e4, "ms", 8000.0), (5e3, "s", 8.0)])
+def test_times_of_very_many_units_are_in_seconds(
+    many: float, unit: str, end: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    case = bd.load(ROOT / "configs" / "example_rig.yaml")
+    problem = case.job.problem
+    monkeypatch.setattr("bayesdrill.report.fitted.MANY", many)
+    space, likelihood = problem.posterior.space, problem.posterior.likelihood
+    at = space.vector(space.start)
+    left = residual_checks.left(likelihood, at)
+    fit = fitted(problem, case.job.config, at, left)
+    assert fit.time.latex_unit == unit
+    assert fit.t[-1] == pytest.approx(end)
