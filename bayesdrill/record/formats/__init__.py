@@ -10,7 +10,7 @@ from typing import Any
 from bayesdrill.basics.entries import NoEntries, entries_of
 from bayesdrill.basics.errors import InputError, did_you_mean
 from bayesdrill.basics.registry import Registry
-from bayesdrill.record.formats import csv, matlab
+from bayesdrill.record.formats import csv, hdf5, matlab, npz, parquet
 from bayesdrill.record.formats.csv import check_options
 from bayesdrill.record.formats.csv import table as text_table
 from bayesdrill.record.formats.dialect import CsvOptions
@@ -50,6 +50,18 @@ def _read_matlab(path: Path, _: NoEntries, wanted: Wanted) -> Table:
     return matlab.read(path, wanted)
 
 
+def _read_hdf5(path: Path, _: NoEntries, wanted: Wanted) -> Table:
+    return hdf5.read(path, wanted)
+
+
+def _read_npz(path: Path, _: NoEntries, wanted: Wanted) -> Table:
+    return npz.read(path, wanted)
+
+
+def _read_parquet(path: Path, _: NoEntries, wanted: Wanted) -> Table:
+    return parquet.read(path, wanted)
+
+
 def _is_format(_: str, member: Any) -> None:
     if not isinstance(member, Format):
         raise ValueError(f"a format is a `Format`, not {type(member).__name__}")
@@ -61,6 +73,9 @@ FORMATS: Registry[Format] = Registry(
     {
         "csv": Format((".csv", ".txt", ".tsv", ".dat"), _read_csv, CsvOptions),
         "mat": Format((".mat",), _read_matlab),
+        "hdf5": Format((".h5", ".hdf5"), _read_hdf5),
+        "npz": Format((".npz",), _read_npz),
+        "parquet": Format((".parquet",), _read_parquet),
     },
     judge=_is_format,
 )

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections import Counter
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +11,7 @@ from bayesdrill.basics.errors import InputError, Problem
 from bayesdrill.record.formats import dialect as dialects
 from bayesdrill.record.formats.dialect import CsvOptions, Dialect
 from bayesdrill.record.formats.numbers import parse
-from bayesdrill.record.formats.table import Table
+from bayesdrill.record.formats.table import Table, keys_of
 from bayesdrill.record.formats.text import Lines, decode, lines_of, short, split, to_number
 
 _SAMPLE = 500  # rows at each end of a file
@@ -118,16 +117,7 @@ def _names(
             f"if it is a title, set skip_rows to start at the header below it, "
             f"else check delimiter and decimal",
         )
-    ignored = {}
-    for name, count in Counter(names).items():
-        if count > 1 and name:
-            at = ", ".join(str(i) for i, other in enumerate(names, start=1) if other == name)
-            ignored[name] = f"stands {count} times in the header (columns {at}); give the number"
-    keys = [
-        f"(column {i})" if not name or name in ignored or name.startswith("(column ") else name
-        for i, name in enumerate(names, start=1)
-    ]
-    return keys, ignored
+    return keys_of(names)
 
 
 def _in_comment(lines: Lines, dialect: Dialect, width: int) -> dict[str, str]:

@@ -14,7 +14,11 @@ from bayesdrill.record.formats.table import read_bytes
 _MAGIC = {
     b"PK\x03\x04": "is a spreadsheet or zip archive; export it as CSV",
     b"MATLAB": "is a MATLAB file; give it the ending .mat, or say the format: mat",
-    b"\x89HDF": "is an HDF5 file; give it the ending .mat if MATLAB wrote it",
+    b"\x89HDF": "is an HDF5 file; give it the ending .h5, or .mat if MATLAB wrote it",
+    b"PAR1": "is a Parquet file; give it the ending .parquet, or say the format: parquet",
+    b"\xd0\xcf\x11\xe0": "is a spreadsheet (.xls); export it as CSV",
+    b"\x93NUMPY": "is a NumPy array; save it with numpy.savez('run.npz', t=t, w_1=w_1)",
+    b"\x1f\x8b": "is compressed (gzip); unpack it first: gunzip, or 7-Zip",
 }
 
 
