@@ -11,6 +11,7 @@ from bayesdrill.engines.sampling import Sampled
 from bayesdrill.inference.problem import Problem
 from bayesdrill.inference.residual_checks import Left, like_noise
 from bayesdrill.insight import plausibility
+from bayesdrill.report import record_words
 from bayesdrill.setup.config import Config
 
 
@@ -85,7 +86,14 @@ def _misfit(problem: Problem) -> str:
 def _findings(problem: Problem, config: Config) -> str:
     """What makes the nominal table doubtful before anything is sampled."""
     found, kind = plausibility.of_nominal(problem), "nominal" if problem.nominal else "start"
-    return "".join(f"\n{kind} values, {finding}" for finding in found)
+    suspected = record_words.suspicions(problem, config)
+    return "".join(
+        [
+            "",
+            *(f"\n{kind} values, {one}" for one in found),
+            *(f"\nrecord, {one}" for one in suspected),
+        ]
+    )
 
 
 def maxima(found: Mode, sampled: Sampled) -> str:

@@ -81,6 +81,14 @@ FORMATS: Registry[Format] = Registry(
 )
 
 
+_OTHERS = {
+    **dict.fromkeys((".gz", ".zip", ".bz2", ".xz", ".7z"), "; unpack the file first"),
+    **dict.fromkeys((".xlsx", ".xls", ".ods"), "; export the spreadsheet as CSV"),
+    **dict.fromkeys((".tdms", ".mf4", ".lvm"), "; export the recording as CSV or .mat"),
+    ".npy": "; save it with numpy.savez('run.npz', t=t, w_1=w_1)",
+}
+
+
 def format_of(path: Path) -> str:
     """The key of FORMATS for a file, by its ending. Raises InputError for an unknown ending."""
     endings = {ending: name for name, one in FORMATS.usable().items() for ending in one.suffixes}
@@ -89,7 +97,7 @@ def format_of(path: Path) -> str:
         return endings[suffix]
     ending = f"the ending {suffix!r} is unknown" if suffix else "the file name has no ending"
     guess = did_you_mean(suffix, endings) if suffix else ""
-    hint = guess if guess.startswith("; did") else ""
+    hint = _OTHERS.get(suffix) or (guess if guess.startswith("; did") else "")
     raise InputError.one(
         str(path),
         f"{ending}{hint}; read are {', '.join(endings)}, or say the format: {' or '.join(FORMATS)}",
