@@ -15,7 +15,7 @@ from bayesdrill.inference.problem import Problem
 from bayesdrill.insight import plausibility
 from bayesdrill.insight.conclusions import conclude
 from bayesdrill.insight.identifiability.scenes import Scenery
-from bayesdrill.report import residual_words, tables, verdict_words
+from bayesdrill.report import record_words, residual_words, tables, verdict_words
 from bayesdrill.report.view import View
 from bayesdrill.setup import build
 from bayesdrill.setup.config import Config
@@ -38,7 +38,8 @@ def concluded(
     at = problem.posterior.space.vector(found.values)
     course = (f"note: {one}" for one in plausibility.of_course(scenery, at))
     geared = (f"note: {one}" for one in plausibility.of_gear(problem))
-    notes = (*tables.notes(rows), *course, *geared)
+    read = (f"note: record, {one}" for one in record_words.suspicions(problem, job.config))
+    notes = (*tables.notes(rows), *course, *geared, *read)
     return View(
         problem=problem,
         config=job.config,

@@ -13,6 +13,8 @@ from bayesdrill.basics.errors import InputError, Problem
 
 Array = NDArray[np.float64]
 
+EARLIEST_DAY, LATEST_DAY = 20_000, 800_000  # of the calendars of Excel and MATLAB, in our time
+COARSE = 0.1  # of all steps: more that are zero are no mistake of single rows
 STEP_TOLERANCE = 1e-3  # how far a time step may be from the mean step, relative
 
 
@@ -109,8 +111,8 @@ def check_time(place: str, t: Array, where: Callable[[int], str]) -> list[Proble
         return [
             Problem(
                 place,
-                f"time does not increase, {_rows(back + 1, where)}: {t[first - 1]:g} s is followed by "
-                f"{t[first]:g} s; sort the rows, remove repeated ones, or check the column and unit",
+                f"time does not increase, {_rows(back + 1, where)}: {t[first - 1]:.10g} s is followed "
+                f"by {t[first]:.10g} s; {_why_back(t, steps)}",
             )
         ]
     usual = float(np.median(steps))
@@ -123,10 +125,34 @@ def check_time(place: str, t: Array, where: Callable[[int], str]) -> list[Proble
                 place,
                 f"time steps are not equal: usually {usual:g} s, but {steps[first]:g} s before "
                 f"{where(int(first) + 1)} ({len(uneven)} such steps); resample to equal steps, or cut "
-                "the record at the gap",
+                f"the record at the gap{calendar(t)}",
             )
         ]
     return []
+
+
+def _why_back(t: Array, steps: Array) -> str:
+    back = steps <= 0
+    if np.mean(steps == 0) > COARSE:
+        return (
+            "so many times are repeated that they have too few digits: say time: {rate: ...} instead of "
+            f"the column, or export more digits{calendar(t)}"
+        )
+    if np.all(steps < 0):
+        return "each row is earlier than the one before: turn the rows around, or check the column"
+    if np.sum(back) == 1 and t[np.argmax(back) + 1] <= t[0]:
+        return "a second recording seems to begin there: cut it off, or remove repeated rows"
+    return "sort the rows, remove repeated ones, or check the column and unit"
+
+
+def calendar(t: Array) -> str:
+    """A suspicion of times that should be in seconds; empty where there is none."""
+    if EARLIEST_DAY < t[0] < LATEST_DAY and t[-1] - t[0] < 1:
+        return (
+            f"; numbers like {t[0]:.6g} may be days of a calendar (Excel, MATLAB's datenum): save "
+            "seconds since the start, or give time: {rate: ...}"
+        )
+    return ""
 
 
 def check_length(place: str, n_samples: int, n_channels: int, n_unknown: int) -> list[Problem]:

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from bayesdrill.basics import symbols, units
 from bayesdrill.inference.problem import Problem
+from bayesdrill.insight import suspicions as suspected
 from bayesdrill.report.sections import aligned
 from bayesdrill.setup import build
 from bayesdrill.setup.config import Column, Config, TimeColumn
@@ -35,6 +36,14 @@ def columns(problem: Problem, config: Config) -> str:
     step, first = experiment.dt, experiment.t[0]
     sampling = f"a sample every {step:.6g} s ({1 / step:.6g} Hz), the first at {first:.6g} s"
     return f"columns ({sampling}):\n{aligned(lines, left={0, 1, 2, 3})}"
+
+
+def suspicions(problem: Problem, config: Config) -> tuple[str, ...]:
+    """What a wrong column, unit or counter would look like, and this record does."""
+    measured = build.channels(config, problem.posterior.likelihood.response.model)
+    factors = [entry.factor for entry in measured]
+    alone = suspected.of_record(problem.experiment, factors)
+    return (*alone, *suspected.of_start(problem))
 
 
 def _line(name: str, measures: str, spec: Column, values: Array) -> tuple[str, ...]:

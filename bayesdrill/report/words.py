@@ -13,6 +13,7 @@ from bayesdrill.engines.sampling import Sampled
 from bayesdrill.inference.problem import Problem
 from bayesdrill.inference.residual_checks import Left, like_noise
 from bayesdrill.insight import plausibility
+from bayesdrill.report import record_words
 from bayesdrill.setup.config import Config
 
 
@@ -94,10 +95,15 @@ def _misfit(problem: Problem) -> str:
 
 
 def _findings(problem: Problem, config: Config) -> str:
-    """What makes table, priors or gear doubtful before anything is sampled."""
+    """What makes table, priors, gear or record doubtful before anything is sampled."""
     found, kind = plausibility.of_nominal(problem), "nominal" if problem.nominal else "start"
-    others = (*plausibility.of_priors(problem), *plausibility.of_gear(problem))
-    return "".join(f"\n{one}" for one in (*(f"{kind} values, {each}" for each in found), *others))
+    said = (
+        *(f"{kind} values, {one}" for one in found),
+        *plausibility.of_priors(problem),
+        *plausibility.of_gear(problem),
+        *(f"record, {one}" for one in record_words.suspicions(problem, config)),
+    )
+    return "".join("\n" + one for one in said)
 
 
 def maxima(found: Mode, sampled: Sampled) -> str:

@@ -65,10 +65,12 @@ def _formula_alone(value: Any) -> Any:
 
 
 class Column(Strict):
-    """Where numbers stand: a CSV column or MAT variable by name, or a column number from 1."""
+    """Where numbers stand: a column or variable by name, or a column number from 1."""
 
     column: str | Count | None = None
-    variable: str | None = Field(None, description="MAT variable, dotted for struct fields.")
+    variable: str | None = Field(
+        None, description="Of a file of arrays; dotted for fields, a path in HDF5."
+    )
     unit: str
 
 

@@ -13,6 +13,7 @@ from bayesdrill.basics.entries import made
 from bayesdrill.basics.errors import InputError, Problem
 from bayesdrill.record.experiment import (
     Experiment,
+    calendar,
     check_length,
     check_series,
     check_time,
@@ -199,6 +200,7 @@ class _Reader:
             message = (
                 f"the record begins at {time[0]:.10g} s, and the initial state is at {begin:g} s by "
                 "default; if these are times of a clock, give `initial: {time: ...}`"
+                f"{calendar(time)}"
             )
             raise InputError([self._source.problem(("record", "time"), message)])
         return min(begin, float(time[0]))

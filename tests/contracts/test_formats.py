@@ -6,9 +6,12 @@ import json
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
+import h5py
 import numpy as np
+import pyarrow
 import pytest
 import scipy.io
+from pyarrow import parquet
 
 from bayesdrill.basics.entries import entries_of
 from bayesdrill.basics.errors import InputError
@@ -28,6 +31,20 @@ def as_mat(path: Path, columns: Mapping[str, np.ndarray]) -> None:
     scipy.io.savemat(path, dict(columns))
 
 
+def as_hdf5(path: Path, columns: Mapping[str, np.ndarray]) -> None:
+    with h5py.File(path, "w") as file:
+        for name, values in columns.items():
+            file[name] = values
+
+
+def as_npz(path: Path, columns: Mapping[str, np.ndarray]) -> None:
+    np.savez(path, **columns)
+
+
+def as_parquet(path: Path, columns: Mapping[str, np.ndarray]) -> None:
+    parquet.write_table(pyarrow.table(dict(columns)), path)
+
+
 def as_json(path: Path, columns: Mapping[str, np.ndarray]) -> None:
     path.write_text(json.dumps({name: values.tolist() for name, values in columns.items()}))
 
@@ -36,6 +53,9 @@ def as_json(path: Path, columns: Mapping[str, np.ndarray]) -> None:
 WRITERS: Mapping[str, Callable[[Path, Mapping[str, np.ndarray]], None]] = {
     "csv": as_csv,
     "mat": as_mat,
+    "hdf5": as_hdf5,
+    "npz": as_npz,
+    "parquet": as_parquet,
     "toy_json": as_json,
 }
 

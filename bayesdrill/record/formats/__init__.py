@@ -10,7 +10,7 @@ from typing import Any
 from bayesdrill.basics.entries import NoEntries, entries_of
 from bayesdrill.basics.errors import InputError, did_you_mean
 from bayesdrill.basics.registry import Registry
-from bayesdrill.record.formats import csv, matlab
+from bayesdrill.record.formats import csv, hdf5, matlab, npz, parquet
 from bayesdrill.record.formats.csv import check_options
 from bayesdrill.record.formats.csv import table as text_table
 from bayesdrill.record.formats.dialect import CsvOptions
@@ -50,6 +50,18 @@ def _read_matlab(path: Path, _: NoEntries, wanted: Wanted) -> Table:
     return matlab.read(path, wanted)
 
 
+def _read_hdf5(path: Path, _: NoEntries, wanted: Wanted) -> Table:
+    return hdf5.read(path, wanted)
+
+
+def _read_npz(path: Path, _: NoEntries, wanted: Wanted) -> Table:
+    return npz.read(path, wanted)
+
+
+def _read_parquet(path: Path, _: NoEntries, wanted: Wanted) -> Table:
+    return parquet.read(path, wanted)
+
+
 def _is_format(_: str, member: Any) -> None:
     if not isinstance(member, Format):
         raise ValueError(f"a format is a `Format`, not {type(member).__name__}")
@@ -61,9 +73,20 @@ FORMATS: Registry[Format] = Registry(
     {
         "csv": Format((".csv", ".txt", ".tsv", ".dat"), _read_csv, CsvOptions),
         "mat": Format((".mat",), _read_matlab),
+        "hdf5": Format((".h5", ".hdf5"), _read_hdf5),
+        "npz": Format((".npz",), _read_npz),
+        "parquet": Format((".parquet",), _read_parquet),
     },
     judge=_is_format,
 )
+
+
+_OTHERS = {
+    **dict.fromkeys((".gz", ".zip", ".bz2", ".xz", ".7z"), "; unpack the file first"),
+    **dict.fromkeys((".xlsx", ".xls", ".ods"), "; export the spreadsheet as CSV"),
+    **dict.fromkeys((".tdms", ".mf4", ".lvm"), "; export the recording as CSV or .mat"),
+    ".npy": "; save it with numpy.savez('run.npz', t=t, w_1=w_1)",
+}
 
 
 def format_of(path: Path) -> str:
@@ -74,7 +97,7 @@ def format_of(path: Path) -> str:
         return endings[suffix]
     ending = f"the ending {suffix!r} is unknown" if suffix else "the file name has no ending"
     guess = did_you_mean(suffix, endings) if suffix else ""
-    hint = guess if guess.startswith("; did") else ""
+    hint = _OTHERS.get(suffix) or (guess if guess.startswith("; did") else "")
     raise InputError.one(
         str(path),
         f"{ending}{hint}; read are {', '.join(endings)}, or say the format: {' or '.join(FORMATS)}",

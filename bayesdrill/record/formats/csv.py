@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
 import re
-from collections import Counter
 from pathlib import Path
 
 import numpy as np
@@ -12,10 +12,11 @@ from bayesdrill.basics.errors import InputError, Problem
 from bayesdrill.record.formats import dialect as dialects
 from bayesdrill.record.formats.dialect import CsvOptions, Dialect
 from bayesdrill.record.formats.numbers import parse
-from bayesdrill.record.formats.table import Table
+from bayesdrill.record.formats.table import Table, keys_of
 from bayesdrill.record.formats.text import Lines, decode, lines_of, short, split, to_number
 
 _SAMPLE = 500  # rows at each end of a file
+_ROWS_OF_WORDS = 3  # below the header: units, kinds, descriptions
 
 
 def read(path: Path, options: CsvOptions) -> Table:
@@ -69,23 +70,25 @@ def check_options(path: Path, options: CsvOptions) -> None:
 
 
 def _split_header(lines: Lines, dialect: Dialect, wanted: bool | None) -> tuple[str | None, Lines]:
-    """The header line, if there is one, and the rows after it and after a row of units."""
+    """The header line, if there is one, and the rows after it and after rows of units."""
     if wanted is False:
         return None, lines
     numeric, words = _census(lines.texts[0], dialect)
     if wanted is None and not words:
         return None, lines
     if wanted is None and numeric:
+        if len(lines.texts) > 1 and all(_census(one, dialect)[1] for one in lines.texts):
+            message = "each line begins with a name: the table lies on its side; transpose it"
+            raise InputError.one(lines.place(0), message)
         raise InputError.one(
             lines.place(0),
             f"mixes numbers and text such as {short(words[0])}; "
             f"say header: true if it names the columns, or mend the cell",
         )
-    count = 1
-    if len(lines.texts) > 1:
-        numeric, words = _census(lines.texts[1], dialect)
-        count = 2 if words and not numeric else 1
-    return lines.texts[0], lines.after(count)
+    below = (_census(line, dialect) for line in lines.texts[1 : 1 + _ROWS_OF_WORDS])
+    wordy = itertools.takewhile(lambda found: not found[0] and _are_words(found[1]), below)
+    count = 1 + sum(1 for _ in wordy)
+    return lines.texts[0], lines.after(count if count < len(lines.texts) else min(count, 2))
 
 
 def _census(line: str, dialect: Dialect) -> tuple[int, list[str]]:
@@ -93,6 +96,11 @@ def _census(line: str, dialect: Dialect) -> tuple[int, list[str]]:
     cells = [cell for cell in split(line, dialect.separator) if cell.strip()]
     words = [cell for cell in cells if to_number(cell, dialect.decimal) is None]
     return len(cells) - len(words), words
+
+
+def _are_words(cells: list[str]) -> bool:
+    """Some, and none that would be a number with the other decimal sign."""
+    return bool(cells) and all(to_number(one, sign) is None for one in cells for sign in ".,")
 
 
 def _check_numbers(body: Lines, dialect: Dialect) -> None:
@@ -115,19 +123,30 @@ def _names(
         raise InputError.one(
             lines.place(0),
             f"the header has {len(names)} cells and the rows have {width}; "
-            f"if it is a title, set skip_rows to start at the header below it, "
-            f"else check delimiter and decimal",
+            f"{_why_not(header, lines, dialect, width)}",
         )
-    ignored = {}
-    for name, count in Counter(names).items():
-        if count > 1 and name:
-            at = ", ".join(str(i) for i, other in enumerate(names, start=1) if other == name)
-            ignored[name] = f"stands {count} times in the header (columns {at}); give the number"
-    keys = [
-        f"(column {i})" if not name or name in ignored or name.startswith("(column ") else name
-        for i, name in enumerate(names, start=1)
-    ]
-    return keys, ignored
+    return keys_of(names)
+
+
+def _why_not(header: str, lines: Lines, dialect: Dialect, width: int) -> str:
+    """Of a header of another width than the rows: the likely reason, and what to do."""
+    count = len(_header_cells(header, dialect, width))
+    other = [mark for mark in ",;\t|" if len(split(header, mark)) == width > 1]
+    if other:
+        return f"its names stand between {other[0]!r}, the numbers do not; write both the same way"
+    if dialect.separator == "," and count > 1 and width in (2 * count, 2 * count - 1):
+        return "if the numbers have decimal commas, export them with ; between the columns"
+    if width == count + 1 and count > 1:
+        return "if the first column holds row numbers, give it a name too, or set header: false"
+    below = zip(lines.numbers[1:], lines.texts[1:], strict=True)
+    names = [n for n, text in below if _is_header(text, dialect, width)]
+    start = f"set skip_rows{f': {names[0] - 1}' if names else ''} to start at the header below it"
+    return f"if it is a title, {start}, else check delimiter and decimal"
+
+
+def _is_header(text: str, dialect: Dialect, width: int) -> bool:
+    numeric, words = _census(text, dialect)
+    return not numeric and len(words) == width
 
 
 def _in_comment(lines: Lines, dialect: Dialect, width: int) -> dict[str, str]:
@@ -141,7 +160,7 @@ def _in_comment(lines: Lines, dialect: Dialect, width: int) -> dict[str, str]:
 
 
 def _header_cells(header: str, dialect: Dialect, width: int) -> list[str]:
-    names = [name.strip() for name in split(header, dialect.separator)]
+    names = [_bare(name.strip()) for name in split(header, dialect.separator)]
     if dialect.separator is not None:
         return names[:width] if len(names) == width + 1 and not names[-1] else names
     # `t [s]  w_1 [rpm]`: a blank inside a name is told from one between names by trial.
@@ -151,3 +170,7 @@ def _header_cells(header: str, dialect: Dialect, width: int) -> list[str]:
         if len(guess) == width:
             return [name.strip('"') for name in guess]
     return names
+
+
+def _bare(name: str) -> str:
+    return name[1:-1] if len(name) > 2 and name[0] == name[-1] == "'" else name

@@ -58,7 +58,7 @@ def without_empty_tail(lines: Lines, dialect: Dialect) -> Lines:
 def find(texts: Sequence[str], options: CsvOptions) -> Dialect:
     """The dialect under which most cells of a sample are numbers in rows of equal width."""
     sample = [*texts[:50], *texts[50:][-50:]]
-    candidates = list(_DIALECTS)
+    candidates = [*_DIALECTS, *([Dialect(",", ",")] if _quoted_commas(sample) else [])]
     if options.delimiter is not None:
         separator = None if options.delimiter == " " else options.delimiter
         candidates = [Dialect(separator, "."), Dialect(separator, ",")]
@@ -66,6 +66,12 @@ def find(texts: Sequence[str], options: CsvOptions) -> Dialect:
         separators = dict.fromkeys(one.separator for one in candidates)
         candidates = [Dialect(sep, options.decimal) for sep in separators if sep != options.decimal]
     return max(candidates, key=lambda dialect: _score(sample, dialect))
+
+
+def _quoted_commas(sample: Sequence[str]) -> bool:
+    """Whether `"0,05","1,25"` stands there, unlike `"1,234"`, which may be a thousand."""
+    cells = re.findall(r'"([-+]?\d+,\d+)(?:[eE][-+]?\d+)?"', "\n".join(sample))
+    return not all(re.fullmatch(r"[-+]?[1-9]\d{0,2},\d{3}", cell) for cell in cells)
 
 
 def _score(sample: Sequence[str], dialect: Dialect) -> tuple[float, bool]:

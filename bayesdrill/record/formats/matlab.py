@@ -4,50 +4,14 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from bayesdrill.basics.errors import InputError
-from bayesdrill.record.formats.table import Array, Table, read_bytes
-
-_NUMERIC = "fiub"
-"""numpy dtype kinds of real numbers and logicals."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Found:
-    """What a walk through a file has gathered so far; of `unread` only the names are looked at."""
-
-    variables: dict[str, Array] = field(default_factory=dict)
-    ignored: dict[str, str] = field(default_factory=dict)
-    unread: list[str] = field(default_factory=list)
-    structs: set[int] = field(default_factory=set)  # where they stand in the file
-
-    def add(self, name: str, values: np.ndarray[Any, Any]) -> None:
-        """Keep a real array up to 2-D, `(T, 1)` and `(1, T)` as `(T,)`; note others as ignored."""
-        if values.dtype.kind == "c":
-            self.ignored[name] = "is complex; save its real part"
-        elif values.dtype.kind not in _NUMERIC:
-            self.ignored[name] = "is not a numeric array; save it as a plain array of double"
-        elif values.size == 0:
-            self.ignored[name] = "is empty"
-        elif values.ndim > 2:
-            size = " x ".join(str(n) for n in values.shape)
-            self.ignored[name] = f"has {values.ndim} dimensions ({size}); save a matrix or a vector"
-        else:
-            flat = values.ravel() if 1 in values.shape or values.ndim == 0 else values
-            self.variables[name] = np.ascontiguousarray(flat, dtype=np.float64)
-
-
-class _Damaged(Exception):
-    """A reader could not make sense of the bytes."""
-
-    def __init__(self, cause: Exception) -> None:
-        lines = str(cause).strip().splitlines()
-        super().__init__(lines[0] if lines else type(cause).__name__)
+from bayesdrill.record.formats.arrays import ITSELF, Damaged, Found
+from bayesdrill.record.formats.table import Table, read_bytes
 
 
 def read(path: Path, wanted: Collection[str] | None = None) -> Table:
@@ -61,11 +25,9 @@ def read(path: Path, wanted: Collection[str] | None = None) -> Table:
     try:
         is_hdf5 = head.startswith(b"MATLAB 7.3") or bool(h5py.is_hdf5(path))
         found = _read_v73(path, wanted) if is_hdf5 else _read_v5(path, wanted)
-    except _Damaged as error:
+    except Damaged as error:
         raise InputError.one(str(path), _broken(head, str(error))) from error
-    return Table(
-        path=path, variables=found.variables, ignored=found.ignored, unread=tuple(found.unread)
-    )
+    return found.table(path)
 
 
 def _broken(head: bytes, reason: str) -> str:
@@ -77,10 +39,10 @@ def _broken(head: bytes, reason: str) -> str:
     )
 
 
-def _read_v5(path: Path, wanted: Collection[str] | None) -> _Found:
+def _read_v5(path: Path, wanted: Collection[str] | None) -> Found:
     from scipy.io import loadmat
 
-    found = _Found()
+    found = Found()
     used = None if wanted is None else {name.split(".")[0] for name in wanted}
     with warnings.catch_warnings():
         # scipy warns of objects it cannot name; they are reported below when asked for.
@@ -91,14 +53,14 @@ def _read_v5(path: Path, wanted: Collection[str] | None) -> _Found:
                 content = loadmat(path, mat_dtype=False)
         except Exception as error:
             # scipy meets damaged bytes with a dozen kinds of exception; all mean the same here.
-            raise _Damaged(error) from error
+            raise Damaged(error) from error
     for name, value in content.items():
         if not name.startswith("__"):
             _walk_v5(name, value, found)
     return found
 
 
-def _walk_v5(name: str, value: Any, found: _Found) -> None:
+def _walk_v5(name: str, value: Any, found: Found) -> None:
     from scipy.io.matlab import MatlabFunction, MatlabObject, MatlabOpaque
 
     if isinstance(value, MatlabOpaque):
@@ -125,19 +87,19 @@ def _walk_v5(name: str, value: Any, found: _Found) -> None:
         found.add(name, value)
 
 
-def _read_v73(path: Path, wanted: Collection[str] | None) -> _Found:
+def _read_v73(path: Path, wanted: Collection[str] | None) -> Found:
     import h5py
 
-    found = _Found()
+    found = Found()
     try:
         with h5py.File(path, "r") as file:
             _walk_v73("", file, wanted, found)
     except Exception as error:  # damaged bytes come up as anything here too
-        raise _Damaged(error) from error
+        raise Damaged(error) from error
     return found
 
 
-def _walk_v73(prefix: str, group: Any, wanted: Collection[str] | None, found: _Found) -> None:
+def _walk_v73(prefix: str, group: Any, wanted: Collection[str] | None, found: Found) -> None:
     import h5py
 
     for member in group:
@@ -145,7 +107,7 @@ def _walk_v73(prefix: str, group: Any, wanted: Collection[str] | None, found: _F
             continue
         name = f"{prefix}{member}"
         if not isinstance(group.get(member, getlink=True), h5py.HardLink):
-            found.ignored[name] = f"is a link to elsewhere; {_ITSELF}"
+            found.ignored[name] = f"is a link to elsewhere; {ITSELF}"
             continue
         item = group[member]
         reason = _unfit(name, item)
@@ -163,9 +125,6 @@ def _walk_v73(prefix: str, group: Any, wanted: Collection[str] | None, found: _F
             found.add(name, np.asarray(item[()]).T)
         else:
             found.unread.append(name)
-
-
-_ITSELF = "save the numbers themselves in this file"
 
 
 def _unfit(name: str, item: Any) -> str:
@@ -186,7 +145,7 @@ def _unfit(name: str, item: Any) -> str:
     if kind == "cell":
         return "is a cell array; save cell2mat(...) of it"
     if item.is_virtual or item.external:
-        return f"has its numbers in other files; {_ITSELF}"
+        return f"has its numbers in other files; {ITSELF}"
     if item.dtype.kind == "O":
         return "is part of an array of structs; save a single struct"
     if item.dtype.names == ("real", "imag"):

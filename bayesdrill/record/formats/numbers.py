@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from bayesdrill.basics.errors import InputError, Problem
+from bayesdrill.record.formats.advice import of_cells
 from bayesdrill.record.formats.dialect import Dialect
 from bayesdrill.record.formats.table import Array
 from bayesdrill.record.formats.text import Lines, short, split, to_number
@@ -73,6 +74,7 @@ class _Careful:
 
     def __init__(self, body: Lines, dialect: Dialect, names: Sequence[str]) -> None:
         self._body, self._dialect, self._names = body, dialect, names
+        self._cells: list[str] = []  # the first that are no numbers
         self._ragged = _Faults("rows with a wrong number of cells")
         self._bad = _Faults("cells without a number")
 
@@ -91,6 +93,7 @@ class _Careful:
                         f"column {short(self._names[j])}: {short(cell.strip())} is not a number"
                     )
                     self._bad.add(self._body.place(start + i), message)
+                    self._cells += [cell.strip()] if len(self._cells) < _SHOWN else []
                 else:
                     values[i, j] = value
         return values
@@ -98,11 +101,21 @@ class _Careful:
     def raise_if_faulty(self) -> None:
         path = self._body.path
         problems = [
-            *self._ragged.report(path, "mend the rows, or check delimiter and decimal"),
-            *self._bad.report(path, _cell_advice(self._bad, self._dialect)),
+            *self._ragged.report(
+                path, "mend the rows or remove them, or check delimiter and decimal"
+            ),
+            *self._bad.report(path, self._advice()),
         ]
         if problems:
             raise InputError(problems)
+
+    def _advice(self) -> str:
+        kinds = "; ".join(of_cells(self._cells))
+        said = kinds or _cell_advice(self._bad, self._dialect)
+        places = {problem.place for problem in self._bad.first}
+        if places == {self._body.place(0)} and self._bad.count < _SHOWN:
+            return f"{said}; if that line is not one of the record, remove it"
+        return said
 
 
 def _cell_advice(bad: _Faults, dialect: Dialect) -> str:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -18,24 +19,28 @@ type Array = NDArray[np.float64]
 class Table:
     """The numbers of one file.
 
-    A text file is a set of `(T,)` variables, one per column, in file order; a MATLAB file is a
-    set of `(T,)` or `(T, n)` variables, struct fields under dotted names (`rig.theta`). Both may
-    hold NaN and infinities: `where` names the row of one. `ignored` says why a name that stands
-    in the file cannot be picked; `unread` are names that were not asked for.
+    A table of columns (text, Parquet) is a set of `(T,)` variables, one per column, in file order;
+    a file of arrays (MATLAB, HDF5, NumPy) is a set of `(T,)` or `(T, n)` variables, fields under
+    dotted names (`rig.theta`). All may hold NaN and infinities: `where` names the row of one.
+    `ignored` says why a name that stands in the file cannot be picked; `unread` are names that were
+    not asked for.
     """
 
     path: Path
     variables: Mapping[str, Array]
     lines: NDArray[np.int64] | None = None
-    """`(T,)` line numbers of a text file; None for a MATLAB file."""
+    """`(T,)` numbers of the rows of a table, as `called`; None for a file of arrays."""
+    called: str = "line"
+    columns: tuple[str, ...] = ()
+    """Of a table some of whose columns are no numbers: all of them, in order; else `variables`."""
     ignored: Mapping[str, str] = field(default_factory=dict)
     unread: tuple[str, ...] = ()
 
     def where(self, index: int) -> str:
-        """The place of the sample `index` (0-based): `line 18` of a text, else `sample 18`."""
+        """The place of the sample `index` (0-based): `line 18` of a text, `row`, or `sample`."""
         if self.lines is None:
             return f"sample {index + 1}"
-        return f"line {self.lines[index]}"
+        return f"{self.called} {self.lines[index]}"
 
     def pick(
         self,
@@ -44,36 +49,37 @@ class Table:
         *,
         place: str | None = None,
     ) -> Array:
-        """One column, `(T,)`: a name, a number from 1, or for a MATLAB file a variable's column.
+        """One column, `(T,)`: a name, a number from 1, or in a file of arrays a variable's column.
 
         Raises InputError at `place` (the file when None); the message names the file itself.
         """
         try:
             if self.lines is not None:
-                return self._pick_from_text(column, variable)
-            return self._pick_from_matlab(column, variable)
+                return self._pick_from_table(column, variable)
+            return self._pick_from_arrays(column, variable)
         except LookupError as error:
             raise InputError.one(place or str(self.path), str(error.args[0])) from None
 
-    def _pick_from_text(self, column: str | int | None, variable: str | None) -> Array:
+    def _pick_from_table(self, column: str | int | None, variable: str | None) -> Array:
         file = self.path.name
         if variable is not None:
             raise LookupError(
-                f"{file} is a text file and has no variable {variable!r}; "
+                f"{file} is a table of columns and has no variable {variable!r}; "
                 f"leave the variable out and give the column"
             )
         if column is None:
             raise LookupError(f"no column of {file} is named; give its name or its number from 1")
         if isinstance(column, str):
             return self._named(column, "column")
-        if not 1 <= column <= len(self.variables):
+        columns = self.columns or tuple(self.variables)
+        if not 1 <= column <= len(columns):
             raise LookupError(
                 f"{file} has no column {column}; it has the columns 1 to "
-                f"{len(self.variables)}: {', '.join(self.variables)}"
+                f"{len(columns)}: {', '.join(columns)}"
             )
-        return list(self.variables.values())[column - 1]
+        return self._named(columns[column - 1], "column")
 
-    def _pick_from_matlab(self, column: str | int | None, variable: str | None) -> Array:
+    def _pick_from_arrays(self, column: str | int | None, variable: str | None) -> Array:
         variable = variable_name(column, variable) or self._only_variable()
         if isinstance(column, str):
             column = None
@@ -101,12 +107,12 @@ class Table:
             return self.variables[name]
         if name in self.ignored:
             raise LookupError(f"{kind} {name!r} of {self.path.name} {self.ignored[name]}")
-        fields = [known for known in self._names if known.startswith(f"{name}.")]
-        if fields and kind == "variable":
-            raise LookupError(
-                f"variable {name!r} of {self.path.name} is a struct; name one of its fields: "
-                f"{', '.join(fields)}"
-            )
+        for mark, what in ((".", "a struct; name one of its fields"), ("/", "a group; name one")):
+            inside = [known for known in self._names if known.startswith(f"{name}{mark}")]
+            if inside and kind == "variable":
+                raise LookupError(
+                    f"variable {name!r} of {self.path.name} is {what}: {', '.join(inside)}"
+                )
         if kind == "column" and name.isdecimal() and 1 <= int(name) <= len(self.variables):
             raise LookupError(
                 f"{self.path.name} has no column named {name!r}; "
@@ -129,8 +135,22 @@ class Table:
         return (*self.variables, *self.unread)
 
 
+def keys_of(names: Sequence[str]) -> tuple[list[str], dict[str, str]]:
+    """A unique name per column, and why the names that stand twice cannot be picked."""
+    ignored = {}
+    for name, count in Counter(names).items():
+        if count > 1 and name:
+            at = ", ".join(str(i) for i, other in enumerate(names, start=1) if other == name)
+            ignored[name] = f"stands {count} times in the header (columns {at}); give the number"
+    keys = [
+        f"(column {i})" if not name or name in ignored or name.startswith("(column ") else name
+        for i, name in enumerate(names, start=1)
+    ]
+    return keys, ignored
+
+
 def variable_name(column: str | int | None, variable: str | None) -> str | None:
-    """Of a MATLAB file: a column of an array has no name, so a name can only be a (sub)variable."""
+    """Of a file of arrays: a column of an array has no name, so a name can only be a (sub)variable."""
     if not isinstance(column, str):
         return variable
     return column if variable is None else f"{variable}.{column}"

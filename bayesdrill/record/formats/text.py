@@ -14,8 +14,19 @@ from bayesdrill.record.formats.table import read_bytes
 _MAGIC = {
     b"PK\x03\x04": "is a spreadsheet or zip archive; export it as CSV",
     b"MATLAB": "is a MATLAB file; give it the ending .mat, or say the format: mat",
-    b"\x89HDF": "is an HDF5 file; give it the ending .mat if MATLAB wrote it",
+    b"\x89HDF": "is an HDF5 file; give it the ending .h5, or .mat if MATLAB wrote it",
+    b"PAR1": "is a Parquet file; give it the ending .parquet, or say the format: parquet",
+    b"\xd0\xcf\x11\xe0": "is a spreadsheet (.xls); export it as CSV",
+    b"\x93NUMPY": "is a NumPy array; save it with numpy.savez('run.npz', t=t, w_1=w_1)",
+    b"version https://git-lfs": "is a pointer of Git LFS, not the file; run git lfs pull",
+    b"\x1f\x8b": "is compressed (gzip); unpack it first: gunzip, or 7-Zip",
 }
+
+
+_LINES_OF_TEXT = 2  # after which a file is a text, whatever follows
+
+_MISSING = frozenset({"na", "n/a", "#n/a", "null", "none", "--", "#div/0!", "1.#qnan", "1.#ind"})
+_POWER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)[dD][-+]?\d+")  # of Fortran
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -45,12 +56,26 @@ def decode(path: Path) -> str:
     try:
         if raw.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
             return raw.decode("utf-16")
+        if len(raw) > 2 and not raw[1:400:2].strip(b"\0"):  # without its mark
+            return raw.decode("utf-16-le")
         text = raw.decode("utf-8-sig")
     except UnicodeDecodeError:
         text = raw.decode("latin-1")
-    if re.search(r"[\x00-\x08\x0e-\x19\x1b-\x1f]", text):
-        raise InputError.one(str(path), "is a binary file, not text; export it as CSV in UTF-8")
+    _check_text(path, text)
     return text
+
+
+def _check_text(path: Path, text: str) -> None:
+    odd = re.search(r"[\x00-\x08\x0e-\x19\x1b-\x1f]", text)
+    line = text.count("\n", 0, odd.start()) + 1 if odd else 0
+    if line > _LINES_OF_TEXT:
+        message = "holds bytes that are no text, as where writing was cut; remove them"
+        raise InputError.one(f"{path} line {line}", message)
+    if odd:
+        raise InputError.one(str(path), "is a binary file, not text; export it as CSV in UTF-8")
+    kind = {"<": "a web page or XML", "{": "JSON"}.get(text.lstrip()[:1])
+    if kind:
+        raise InputError.one(str(path), f"is {kind}, not a table; export it as CSV")
 
 
 def lines_of(path: Path, text: str, skip: int) -> Lines:
@@ -85,10 +110,12 @@ def split(line: str, separator: str | None) -> list[str]:
 
 
 def to_number(cell: str, decimal: str) -> float | None:
-    """The number in a cell, NaN for an empty one, None for anything else."""
-    cell = cell.strip()
-    if not cell:
+    """The number in a cell, NaN for an empty one or a word for that, None for anything else."""
+    cell = cell.strip().replace("\u2212", "-")
+    if not cell or cell.lower() in _MISSING:
         return float("nan")
+    if _POWER.fullmatch(cell.replace(decimal, ".")):
+        cell = cell.replace("D", "e").replace("d", "e")
     if decimal == ",":
         if "." in cell:
             return None  # 1.234,5 or 1.5: which of the two marks is the decimal one?

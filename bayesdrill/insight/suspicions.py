@@ -1,0 +1,176 @@
+"""What a record looks like that was read with a wrong column, unit or counter.
+
+Findings are sentences; none is an error, and none is said of what may as well be sound.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from itertools import groupby
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayesdrill.inference.problem import Problem
+from bayesdrill.record.experiment import Channel, Experiment
+
+Array = NDArray[np.float64]
+
+STUCK = 10  # samples at least
+RARE = 0.05  # share of steps that may be zero in a channel that has noise
+BITS = (12, 14, 16, 24, 32)  # of counters
+CALM = 0.4  # of a period: a larger step can only be a counter that ran over, and a smaller one none
+LIKE = 0.98  # R^2, of two columns that are one motion in different units
+FAR = 1.5  # times: no error of a sensor is that large
+FACTORS = (
+    (180 / math.pi, "degrees for radians (57.3)"),
+    (30 / math.pi, "rpm for rad/s (9.55)"),
+    (2 * math.pi, "revolutions for radians (6.28)"),
+    (1000.0, "thousandths for the whole, as mA for A (1000)"),
+    (8.0, "a side of the gear for the other (8)"),
+)  # or the other way round
+NEAR = 0.05  # of a factor between two columns, logarithmic
+NEAR_OF_START = 0.2  # which may itself be off
+
+
+def of_record(experiment: Experiment, factors: Sequence[float]) -> tuple[str, ...]:
+    """Of the columns alone; `factors (K,)`: SI units in one unit of each channel's column."""
+    found = []
+    for channel, values, factor in zip(experiment.channels, experiment.y.T, factors, strict=True):
+        found += _stuck(channel, experiment.t, values)
+        found += _overrun(channel, experiment.t, values, factor)
+    return (*found, *_pairs(experiment))
+
+
+def of_start(problem: Problem) -> tuple[str, ...]:
+    """Channels that are the start's prediction times what a wrong unit would bring."""
+    likelihood, space = problem.posterior.likelihood, problem.posterior.space
+    predicted = likelihood.signals(space.vector(space.start)[None])[0]
+    found = []
+    for channel, y, p in zip(
+        problem.experiment.channels, problem.experiment.y.T, predicted.T, strict=True
+    ):
+        power = float(p @ p)
+        if not (math.isfinite(power) and power > 0):
+            continue
+        times = float(y @ p) / power
+        alike = 1 - float(np.sum((y - times * p) ** 2)) / float(y @ y)
+        named = _named(times, NEAR_OF_START)
+        if alike > LIKE and named:
+            found.append(
+                f"unit: {channel.name} is {times:.3g} times what the start values predict; was it "
+                f"{named}? See its unit, its column and `measures`"
+            )
+    return tuple(found)
+
+
+def _named(times: float, near: float) -> str:
+    """Mistakes that would bring this factor, the nearest first; empty where there is none."""
+    if times == 0 or 1 / FAR < times < FAR:
+        return ""
+    size = abs(math.log(abs(times)))
+    apart = sorted((abs(size - math.log(factor)), said) for factor, said in FACTORS)
+    units = " or ".join(said for off, said in apart if off < near)
+    signs = "a sign" if times < 0 and (units or size < math.log(FAR)) else ""
+    return " and ".join(said for said in (units, signs) if said)
+
+
+def _stuck(channel: Channel, t: Array, y: Array) -> list[str]:
+    """A run of one value in a channel whose noise else makes no two samples the same."""
+    same = np.diff(y) == 0
+    runs, at = [], 0
+    for equal, group in groupby(same.tolist()):
+        count = sum(1 for _ in group)
+        if equal:
+            runs.append((count + 1, at))
+        at += count
+    length, begin = max(runs, default=(0, 0))
+    others = len(same) - length + 1
+    if length < STUCK or begin == 0 or np.sum(same) - length + 1 > RARE * others:
+        return []
+    return [
+        f"stuck: {channel.name} stays at exactly one value for {length} samples, from {t[begin]:.6g} "
+        f"to {t[begin + length - 1]:.6g} s, and elsewhere hardly ever repeats one; a sensor that was "
+        "stuck, cut off or at the end of its range? Cut these samples off (record.window)"
+    ]
+
+
+def _overrun(channel: Channel, t: Array, y: Array, factor: float) -> list[str]:
+    """Jumps by the whole range of a counter, or by one turn, between steps that are small."""
+    steps = np.abs(np.diff(y / factor))
+    turn = 2 * math.pi / factor if channel.unit == "rad" else math.nan
+    periods = [(2.0**bits, f"2^{bits} counts") for bits in BITS] + [(turn, "one turn")]
+    for period, said in periods:
+        jumps = np.abs(steps - period) < CALM * period
+        if np.any(jumps) and np.all(steps[~jumps] < CALM * period) and _goes_on(y, jumps):
+            first = int(np.argmax(jumps))
+            return [
+                f"overflow: {channel.name} jumps by about {period:.6g}, {said}, "
+                f"{int(np.sum(jumps))} times, first at {t[first + 1]:.6g} s; a counter that ran over? "
+                f"Unwrap the column: np.unwrap(x, period={period:.6g})"
+            ]
+    return []
+
+
+def _goes_on(y: Array, jumps: NDArray[np.bool_]) -> bool:
+    """Whether the motion before each jump goes on after it, against it, and nothing takes it back."""
+    steps, at = np.diff(y), np.flatnonzero(jumps)
+    before = steps[np.maximum(at - 1, 0)]
+    spikes = jumps[1:] & jumps[:-1]
+    return not np.any(spikes) and bool(np.mean(np.sign(steps[at]) * np.sign(before)) <= 0)
+
+
+def _pairs(experiment: Experiment) -> list[str]:
+    """An angle and a speed of the same thing: the angle has to grow as the speed says."""
+    found = []
+    of = list(zip(experiment.channels, experiment.y.T, strict=True))
+    for angle, a in of:
+        for speed, w in of:
+            ratio = _ratio(angle, speed)
+            if ratio is not None:
+                found += _pair(angle.name, a, speed.name, w * ratio, experiment.dt)
+    return found
+
+
+def _ratio(angle: Channel, speed: Channel) -> float | None:
+    """How many times the speed's motion the angle's is, if it is the same one."""
+    turned = {name.replace("theta_", "w_"): x for name, x in angle.weights.items() if x}
+    moved = {name: x for name, x in speed.weights.items() if x}
+    if not all(name.startswith("theta_") for name, x in angle.weights.items() if x):
+        return None
+    if not turned or turned.keys() != moved.keys():
+        return None
+    ratios = [turned[name] / moved[name] for name in turned]
+    return ratios[0] if max(ratios) - min(ratios) < 1e-9 * abs(ratios[0]) else None
+
+
+def _pair(angle: str, a: Array, speed: str, w: Array, dt: float) -> list[str]:
+    times, alike = _slope(_summed(w, dt), a)
+    if alike > LIKE and 1 / FAR < times < FAR:
+        return []
+    back, backwards = _slope(_summed(a, dt), w)
+    if backwards > LIKE and abs(back - 1) < 2 * NEAR:
+        return [
+            f"columns: {speed} grows as the sum of {angle} over time would, and not the other way "
+            "round; are the two columns swapped?"
+        ]
+    named = _named(times, NEAR)
+    if alike < LIKE or not named:
+        return []
+    return [
+        f"unit: {angle} grows {times:.3g} times as fast as {speed} says; is one of them {named}? "
+        "See their units, columns and `measures`"
+    ]
+
+
+def _summed(x: Array, dt: float) -> Array:
+    """The integral from the first sample on, `(T,)`."""
+    return np.concatenate([[0.0], np.cumsum((x[1:] + x[:-1]) * dt / 2)])
+
+
+def _slope(x: Array, y: Array) -> tuple[float, float]:
+    """Of a straight line through `y` over `x`, and its R^2."""
+    x, y = x - x.mean(), y - y.mean()
+    across, size = float(x @ y), float(x @ x) * float(y @ y)
+    return (across / float(x @ x), across**2 / size) if size > 0 else (math.nan, 0.0)
