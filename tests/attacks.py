@@ -10,8 +10,10 @@ from typing import Any
 
 import h5py
 import numpy as np
+import pyarrow
 import systems
 from hypothesis import strategies as st
+from pyarrow import parquet
 from scipy.io import savemat
 
 NUMBERS = (
@@ -189,6 +191,20 @@ def mat_file(version: int) -> bytes:
             file[name].attrs["MATLAB_class"] = np.bytes_("double")
     head = b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\x00\x02IM"
     return head.ljust(512, b"\0") + out.getvalue()[512:]
+
+
+def array_file(ending: str) -> bytes:
+    """The small record as h5py, NumPy and pyarrow save it."""
+    out = io.BytesIO()
+    if ending == "h5":
+        with h5py.File(out, "w") as file:
+            for name, values in columns().items():
+                file.create_dataset(name, data=values, compression="gzip")
+    elif ending == "npz":
+        np.savez_compressed(out, **columns())
+    else:
+        parquet.write_table(pyarrow.table(columns()), out)
+    return out.getvalue()
 
 
 def for_mat(text: str) -> str:

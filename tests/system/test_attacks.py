@@ -105,16 +105,18 @@ def test_units_and_formulas(home: Path) -> None:
     attack("units and formulas", falls, unit=attacks.unit(), formula=attacks.formula())
 
 
-@pytest.mark.parametrize("kind", ["csv", "mat 5", "mat 7.3"])
+@pytest.mark.parametrize("kind", ["csv", "mat 5", "mat 7.3", "h5", "npz", "parquet"])
 def test_records(home: Path, kind: str) -> None:
-    name = "small.csv" if kind == "csv" else "small.mat"
-    if kind != "csv":
+    name = f"small.{kind.split()[0]}"
+    if name == "small.mat":
         (home / "small.yaml").write_text(attacks.for_mat(systems.SMALL))
+    else:
+        (home / "small.yaml").write_text(systems.SMALL.replace("small.csv", name))
     content = {
         "csv": attacks.record,
         "mat 5": lambda: attacks.bytes_changed(attacks.mat_file(5)),
         "mat 7.3": lambda: attacks.bytes_changed(attacks.mat_file(7)),
-    }[kind]()
+    }.get(kind, lambda: attacks.bytes_changed(attacks.array_file(kind)))()
 
     def falls(content: bytes) -> None:
         (home / name).write_bytes(content)

@@ -14,6 +14,7 @@ from bayesdrill.record.formats.table import Array, Table
 _NUMERIC = "fiub"
 """numpy dtype kinds of real numbers and logicals."""
 
+MOST_TOLD = 120  # letters of a reader's own words: some quote half of the file
 ITSELF = "save the numbers themselves in this file"
 
 
@@ -68,7 +69,8 @@ class Damaged(Exception):
 
     def __init__(self, cause: Exception) -> None:
         lines = str(cause).strip().splitlines()
-        super().__init__(lines[0] if lines else type(cause).__name__)
+        told = lines[0] if lines else type(cause).__name__
+        super().__init__(told if len(told) <= MOST_TOLD else f"{told[: MOST_TOLD - 3]}...")
 
 
 def too_large(shape: tuple[int, ...], itemsize: int) -> str:
