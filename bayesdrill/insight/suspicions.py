@@ -28,19 +28,23 @@ FACTORS = (
     (30 / math.pi, "rpm for rad/s (9.55)"),
     (2 * math.pi, "revolutions for radians (6.28)"),
     (1000.0, "thousandths for the whole, as mA for A (1000)"),
-    (8.0, "a side of the gear for the other (8)"),
 )  # or the other way round
 NEAR = 0.05  # of a factor between two columns, logarithmic
 NEAR_OF_START = 0.2  # which may itself be off
 
 
-def of_record(experiment: Experiment, factors: Sequence[float]) -> tuple[str, ...]:
-    """Of the columns alone; `factors (K,)`: SI units in one unit of each channel's column."""
+def of_record(
+    experiment: Experiment, factors: Sequence[float], gear: float = 1.0
+) -> tuple[str, ...]:
+    """Of the columns alone; `factors (K,)`: SI units in one unit of each channel's column.
+
+    `gear`: how many times as fast the motor turns, or the other way round.
+    """
     found = []
     for channel, values, factor in zip(experiment.channels, experiment.y.T, factors, strict=True):
         found += _stuck(channel, experiment.t, values)
         found += _overrun(channel, experiment.t, values, factor)
-    return (*found, *_pairs(experiment))
+    return (*found, *_pairs(experiment, gear))
 
 
 def of_start(problem: Problem) -> tuple[str, ...]:
@@ -56,7 +60,7 @@ def of_start(problem: Problem) -> tuple[str, ...]:
             continue
         times = float(y @ p) / power
         alike = 1 - float(np.sum((y - times * p) ** 2)) / float(y @ y)
-        named = _named(times, NEAR_OF_START)
+        named = _named(times, NEAR_OF_START, gear_of(problem))
         if alike > LIKE and named:
             found.append(
                 f"unit: {channel.name} is {times:.3g} times what the start values predict; was it "
@@ -65,12 +69,20 @@ def of_start(problem: Problem) -> tuple[str, ...]:
     return tuple(found)
 
 
-def _named(times: float, near: float) -> str:
+def gear_of(problem: Problem) -> float:
+    """1 for a rig without one."""
+    return float(getattr(problem.posterior.likelihood.response.model, "i_m", 1.0))
+
+
+def _named(times: float, near: float, gear: float) -> str:
     """Mistakes that would bring this factor, the nearest first; empty where there is none."""
     if times == 0 or 1 / FAR < times < FAR:
         return ""
     size = abs(math.log(abs(times)))
-    apart = sorted((abs(size - math.log(factor)), said) for factor, said in FACTORS)
+    turns = max(gear, 1 / gear)
+    geared = [(turns, f"a side of the gear for the other ({turns:.4g})")] if turns > FAR else []
+    known = (*FACTORS, *geared)
+    apart = sorted((abs(size - math.log(factor)), said) for factor, said in known)
     units = " or ".join(said for off, said in apart if off < near)
     signs = "a sign" if times < 0 and (units or size < math.log(FAR)) else ""
     return " and ".join(said for said in (units, signs) if said)
@@ -121,7 +133,7 @@ def _goes_on(y: Array, jumps: NDArray[np.bool_]) -> bool:
     return not np.any(spikes) and bool(np.mean(np.sign(steps[at]) * np.sign(before)) <= 0)
 
 
-def _pairs(experiment: Experiment) -> list[str]:
+def _pairs(experiment: Experiment, gear: float) -> list[str]:
     """An angle and a speed of the same thing: the angle has to grow as the speed says."""
     found = []
     of = list(zip(experiment.channels, experiment.y.T, strict=True))
@@ -129,7 +141,7 @@ def _pairs(experiment: Experiment) -> list[str]:
         for speed, w in of:
             ratio = _ratio(angle, speed)
             if ratio is not None:
-                found += _pair(angle.name, a, speed.name, w * ratio, experiment.dt)
+                found += _pair(angle.name, a, speed.name, w * ratio, experiment.dt, gear)
     return found
 
 
@@ -145,7 +157,7 @@ def _ratio(angle: Channel, speed: Channel) -> float | None:
     return ratios[0] if max(ratios) - min(ratios) < 1e-9 * abs(ratios[0]) else None
 
 
-def _pair(angle: str, a: Array, speed: str, w: Array, dt: float) -> list[str]:
+def _pair(angle: str, a: Array, speed: str, w: Array, dt: float, gear: float) -> list[str]:
     times, alike = _slope(_summed(w, dt), a)
     if alike > LIKE and 1 / FAR < times < FAR:
         return []
@@ -155,7 +167,7 @@ def _pair(angle: str, a: Array, speed: str, w: Array, dt: float) -> list[str]:
             f"columns: {speed} grows as the sum of {angle} over time would, and not the other way "
             "round; are the two columns swapped?"
         ]
-    named = _named(times, NEAR)
+    named = _named(times, NEAR, gear)
     if alike < LIKE or not named:
         return []
     return [

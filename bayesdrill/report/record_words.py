@@ -42,7 +42,7 @@ def suspicions(problem: Problem, config: Config) -> tuple[str, ...]:
     """What a wrong column, unit or counter would look like, and this record does."""
     measured = build.channels(config, problem.posterior.likelihood.response.model)
     factors = [entry.factor for entry in measured]
-    alone = suspected.of_record(problem.experiment, factors)
+    alone = suspected.of_record(problem.experiment, factors, suspected.gear_of(problem))
     return (*alone, *suspected.of_start(problem))
 
 

@@ -132,7 +132,7 @@ def test_a_wrong_unit_of_one_of_two_columns_shows_without_a_model(
     factor: float, name: str, turn: int
 ) -> None:
     of = experiment(T, theta_1=SWING * factor**turn + NOISE * factor**turn, w_1=SWING_SPEED + NOISE)
-    (said,) = suspicions.of_record(of, [1.0, 1.0])
+    (said,) = suspicions.of_record(of, [1.0, 1.0], gear=0.125)
     assert said.startswith("unit: theta_1 grows ")
     assert float(said.split()[3]) == pytest.approx(factor**turn, rel=0.01)
     assert f"({name})" in said
