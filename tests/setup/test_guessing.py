@@ -130,7 +130,10 @@ def test_a_unit_of_no_turn_is_strange() -> None:
     assert meaning("w", "[rpm]").unit == "rpm"
 
 
-@pytest.mark.parametrize("name", ["nominal_step", "example_rig", "example_ties"])
+ROUND = ("nominal_step", "example_rig", "example_ties", "paper/estimates", "paper/missing_physics")
+
+
+@pytest.mark.parametrize("name", ROUND)
 def test_bundled_records_come_back_as_their_configs_have_them(name: str, tmp_path: Path) -> None:
     """Names, units, sums of states, time and gear; also the round trip, as they are simulated."""
     config, source = loading.load(CONFIGS / f"{name}.yaml")

@@ -33,10 +33,12 @@ def look(table: Table) -> tuple[list[Seen], dict[str, str]]:
     """Columns of one length, most of the file's, and why others are left out."""
     seen, left_out = [], dict(table.ignored)
     heads = _units_below(table)
-    for position, (name, values) in enumerate(table.variables.items(), start=1):
+    for position, (name, numbers) in enumerate(table.variables.items(), start=1):
+        values = np.where(np.isfinite(numbers), numbers, np.nan)  # one kind of what is missing
         if values.ndim == 1:
-            column = position if _is_number(table, name) else name
-            says = _says("" if column == position else name, heads.get(name, ""))
+            number = _number(table, name, position)
+            column = name if number is None else number
+            says = _says(name if number is None else "", heads.get(name, ""))
             seen.append(Seen(name, {"column": column}, values, says))
         elif values.shape[1] > max(values.shape[0], LEAST):
             size = f"{values.shape[0]} x {values.shape[1]}"
@@ -68,9 +70,13 @@ def _says(name: str, unit_below: str) -> Meaning:
     )
 
 
-def _is_number(table: Table, name: str) -> bool:
-    """Of a text without a header, or with an empty or repeated head."""
-    return table.lines is not None and (name.isdecimal() or name.startswith("(column "))
+def _number(table: Table, name: str, position: int) -> int | None:
+    """Of a column of a text without a header, or with an empty or repeated head."""
+    if table.lines is None:
+        return None
+    if found := re.fullmatch(r"\(column (\d+)\)", name):
+        return int(found[1])
+    return position if name == str(position) else None
 
 
 def _values(count: int) -> str:

@@ -106,7 +106,7 @@ def _time(time: Timing) -> list[str]:
 def _window(start: Start) -> list[str]:
     if start.window is None:
         return []
-    low, high = (f"{one:.9g}" for one in start.window)
+    low, high = (f"{one:.12g}" for one in start.window)
     return [*review(start.doubts[:1], 2), f"  window: [{low}, {high}]    # s"]
 
 
@@ -164,14 +164,12 @@ def _load(t_1: Sensor | None) -> list[str]:
 
 def _initial(start: Start) -> list[str]:
     doubts = start.doubts[1:] if start.window is not None else start.doubts
-    state = dict(start.state)
-    entries = {} if start.time is None else {"time": start.time}
-    entries |= state
+    entries = [] if start.time is None else [f"time: {start.time:.12g}"]
+    entries += [f"{name}: {value:.6g}" for name, value in start.state.items()]
     if not entries:
         where = "" if start.window is None else " where the window begins"
         return ["", *comment(f"At rest{where}, at angle zero: nothing to say in `initial:`")]
-    inside = ", ".join(f"{name}: {value:.6g}" for name, value in entries.items())
-    return ["", *review(doubts, 0), f"initial: {{{inside}}}    # SI"]
+    return ["", *review(doubts, 0), f"initial: {{{', '.join(entries)}}}    # SI"]
 
 
 def _parameters(*, turns_back: bool) -> list[str]:

@@ -16,6 +16,7 @@ from bayesdrill.setup.guessing.names import GEARBOX, MOTOR, ROTOR, SI, TWIST
 
 TURNS = ("angle", "speed")
 FAST = 60.0  # speeds of a rig above it are hardly in rad/s, nor angles a second in rad
+LARGEST = 1e12
 NAMELESS = 0.999  # of an angle, that the integral of a nameless column has to explain
 RPM_WORDS = ("n", "rpm", "drehzahl", "rotacao", "upm")
 RADIAN_WORDS = ("w", "omega", "w1", "w2", "wm")
@@ -84,6 +85,8 @@ def _useless(one: Seen, rows: slice) -> str:
         )
     if not np.all(np.isfinite(values)):
         return "has values without a number"
+    if not _believable(values):
+        return f"has numbers up to {np.abs(values).max():.3g}, which no rig has"
     if says.kind == "time":
         return "is a second time, or does not increase"
     if says.kind == "force":
@@ -95,10 +98,17 @@ def _useless(one: Seen, rows: slice) -> str:
     return ""
 
 
+def _believable(values: Array) -> bool:
+    """Squares of it can be computed with."""
+    largest = float(np.abs(values).max())
+    return largest == 0 or 1 / LARGEST < largest < LARGEST
+
+
 def rate(columns: Sequence[Seen]) -> float:
     """Of a record without times, by an angle and its speed in known units, Hz; 0: cannot be told."""
-    for angle, speed in _pairs([Sensor(c, c.values, *_told(c)) for c in columns]):
-        if angle.unit and speed.unit and np.all(np.isfinite([angle.values, speed.values])):
+    whole = [c for c in columns if np.all(np.isfinite(c.values)) and _believable(c.values)]
+    for angle, speed in _pairs([Sensor(c, c.values, *_told(c)) for c in whole]):
+        if angle.unit and speed.unit:
             cause = relations.integral(speed.si, 1.0)
             (factor,), share = relations.explained(angle.si, cause)
             if share > relations.EXPLAINED and factor > 0:

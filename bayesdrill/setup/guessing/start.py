@@ -13,6 +13,7 @@ from bayesdrill.setup.guessing.names import GEARBOX, MOTOR, ROTOR, SI, TWIST
 from bayesdrill.setup.guessing.roles import Channel, Roles
 
 FIRST = 9  # samples that tell the first value
+FEWEST = 100  # samples after 0 s, for which those before it are given up
 CLEAR = 6.0  # of the noise, that is no noise
 
 
@@ -43,10 +44,10 @@ def start(found: Roles, t: Array, *, cut: bool, measured: bool) -> Start:
             f"nothing moves before {t[late]:.6g} s, and a constant voltage is there from the start on: "
             "so it starts there"
         )
-    elif window is None and not measured and t[0] < -1e-9 * dt:
+    elif window is None and not measured and t[0] < -1e-9 * dt and t[-1] > FEWEST * dt:
         window = (0.0, float(t[-1]))
         doubts.append("times before 0 s: a constant voltage is taken to be there from 0 s on")
-    elif window is None and not measured and t[0] > 2 * dt:
+    elif window is None and not measured and not -1e-9 * dt <= t[0] <= 2 * dt:
         time = float(t[0])
         doubts.append(f"the record begins at {t[0]:.6g} s: the start is taken to be there")
     if moving:

@@ -30,7 +30,7 @@ class Timing:
 
     @property
     def dt(self) -> float:
-        return float(np.median(np.diff(self.t)))
+        return float(np.nanmedian(np.diff(self.t)))
 
     @property
     def rate(self) -> float:
