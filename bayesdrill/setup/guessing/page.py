@@ -131,7 +131,14 @@ def _channel(one: Channel) -> list[str]:
 def _left_out(left_out: Mapping[str, str]) -> list[str]:
     if not left_out:
         return []
-    rows = [line for name, why in left_out.items() for line in comment(f"- {name}: {why}", 2)]
+    because: dict[str, list[str]] = {}
+    for name, why in left_out.items():
+        because.setdefault(why, []).append(name)
+    rows = [
+        line
+        for why, names in because.items()
+        for line in comment(f"- {'; '.join(names)}: {why}", 2)
+    ]
     return ["  # Not used:", *rows]
 
 

@@ -60,11 +60,8 @@ def _of(one: Seen, why: str, doubt: str = "") -> Timing:
     step = float(np.nanmedian(np.diff(one.values)))
     if not unit:
         unit = min(("s", "ms", "us"), key=lambda u: _unusual(step * units.factor(u, "s")))
-        if unit == "s":
-            why = f"{why}, and seconds by its steps" if why else ""
-        else:
-            said = f"the unit is not said; steps of {step:g} are {unit} of a usual sampling rate"
-            doubt = f"{doubt}; {said}" if doubt else said
+        said = f"no unit is said; steps of {step:.6g} {unit} make a usual sampling rate"
+        doubt = f"{doubt}; {said}" if doubt else said
     return Timing(one.values * units.factor(unit, "s"), one, unit, why, doubt)
 
 
