@@ -6,6 +6,7 @@ import math
 from pathlib import Path
 from typing import Any
 
+import h5py
 import numpy as np
 import oracles
 import pytest
@@ -264,6 +265,37 @@ def test_a_matlab_file_of_structs_and_a_nameless_matrix(tmp_path: Path) -> None:
     assert found["record"]["time"] == {"variable": "data", "column": 1, "unit": "s"}
     assert "# - data, column 3: its name says nothing" in found["text"]
     assert systems.cli("check", nameless.with_suffix(".yaml")).status == 0
+
+
+@pytest.mark.parametrize("ending", ["npz", "h5"])
+def test_files_of_arrays(ending: str, tmp_path: Path) -> None:
+    t, v, x = both_ways()
+    noisy = x + np.random.default_rng(4).normal(0, 0.02, x.shape)
+    columns = {"t": t, "u": v, "theta_2": noisy[:, 1] * DEG, "n_motor": noisy[:, 3] * 5 * RPM}
+    path = tmp_path / f"r.{ending}"
+    if ending == "npz":
+        np.savez(path, **columns)
+    else:
+        with h5py.File(path, "w") as file:
+            file.update(columns)
+    found = made(path)
+    assert told(found) == {"theta_2": ("theta_2", "deg"), "motor": ("n_motor", "rpm")}
+    assert found["record"]["channels"]["motor"]["measures"] == "5 * w_2"
+    assert systems.cli("check", path.with_suffix(".yaml")).status == 0
+
+
+@pytest.mark.parametrize("unit", ["rpm", "rad/s"])
+def test_speeds_alone_have_one_unit(unit: str, tmp_path: Path) -> None:
+    """By the size of the slower one, as the motor's is made by the gear."""
+    t, _, x = both_ways()
+    size = RPM if unit == "rpm" else 1.0
+    rng = np.random.default_rng(4)
+    y = (x[:, 2:4] * [1, 5] + rng.normal(0, 0.05, (len(t), 2))) * size
+    found = made(
+        written(tmp_path / "r.csv", {"t": t, "speed motor": y[:, 1], "speed bit": y[:, 0]})
+    )
+    assert told(found) == {"w_1": ("speed bit", unit), "motor": ("speed motor", unit)}
+    assert found["record"]["channels"]["motor"]["measures"] == "5 * w_2"
 
 
 def test_without_a_voltage_check_asks_for_it(tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 
 from bayesdrill.setup.guessing import relations
 from bayesdrill.setup.guessing.names import GEARBOX, MOTOR, ROTOR, TWIST
-from bayesdrill.setup.guessing.sensors import TURNS, Sensor
+from bayesdrill.setup.guessing.sensors import SLOWEST, TURNS, Sensor
 
 USUAL_GEAR = 8.0
 WIDE = 10.0  # the prior of a noise: so many times below and above what differs between samples
@@ -134,6 +134,9 @@ def _moved(one: Sensor, turning: Sequence[Sensor], dt: float) -> Sensor:
     value = _times(one, ends[0], dt)
     if abs(value) > 1.2 or math.isnan(value):
         return one
+    if abs(value) < SLOWEST:
+        doubt = f"it turns {value:.3g} times as far as {ends[0].name}, which no gear makes"
+        return one.but(doubt=f"{doubt}: one of the units is wrong")
     doubt = f"named after the motor, but it turns {value:.3g} times as far as {ends[0].name}"
     return one.but(place=GEARBOX, doubt=f"{doubt}: taken as behind the gear")
 

@@ -17,6 +17,8 @@ from bayesdrill.setup.guessing.names import GEARBOX, MOTOR, ROTOR, SI, TWIST
 TURNS = ("angle", "speed")
 FAST = 60.0  # speeds of a rig above it are hardly in rad/s, nor angles a second in rad
 LARGEST = 1e12
+SLOWEST = 0.8  # of a motor, in turns for one of the shaft: less is a wrong unit
+AWHILE = 10  # samples, fewer than any record has
 NAMELESS = 0.999  # of an angle, that the integral of a nameless column has to explain
 RPM_WORDS = ("n", "rpm", "drehzahl", "rotacao", "upm")
 RADIAN_WORDS = ("w", "omega", "w1", "w2", "wm")
@@ -67,7 +69,10 @@ def sensors(columns: Sequence[Seen], rows: slice, dt: float) -> tuple[list[Senso
             says = column.says
             drafts.append(Sensor(column, column.values[rows], says.kind, says.place, says.unit))
     drafts = _by_twist(_by_derivative(drafts, dt), dt)
-    known = [_with_unit(one, drafts, dt) for one in drafts if one.kind]
+    known: list[Sensor] = []
+    for one in sorted(drafts, key=lambda one: one.place == MOTOR):  # whose size a gear makes
+        if one.kind:
+            known.append(_with_unit(one, [*drafts, *known], dt))
     for one in drafts:
         if not one.kind:
             why = "its name says nothing of" if one.name else "nothing says"
@@ -242,19 +247,20 @@ def _with_unit(one: Sensor, all_: Sequence[Sensor], dt: float) -> Sensor:
     word = one.seen.says.word
     match one.kind:
         case "speed" if word in RPM_WORDS:
-            unit, reason = "rpm", f"{word!r} is mostly counted in it"
+            unit, reason = "rpm", f"in which {word!r} is mostly counted"
         case "speed" if one.seen.says.symbol or word in RADIAN_WORDS:
-            unit, reason = "rad/s", f"{word!r} is mostly counted in it"
+            unit, reason = "rad/s", f"in which {word!r} is mostly counted"
         case "speed":
             unit = "rpm" if size > FAST else "rad/s"
             reason = f"by its size alone, up to {size:.3g}"
         case "angle" if counted := relations.counted(one.values):
-            unit, reason = counted, "that in which its steps make a round number for one turn"
+            unit, reason = counted, "in which its steps make a round number for one turn"
+        case "angle" if _outrun(one, all_, dt):
+            unit, reason = "deg", "as in rad it would turn further than the motor before the gear"
         case "angle":
-            a_second = float(np.abs(one.values[-1] - one.values[0])) / (dt * len(one.values))
-            far = max(a_second, size / 2 if one.place == TWIST else 0)
-            limit = 2.0 if one.place == TWIST else FAST
-            unit = "deg" if far > limit else "rad"
+            steps = np.abs(one.values[AWHILE:] - one.values[:-AWHILE]) / (AWHILE * dt)
+            fast = float(np.percentile(steps, 95)) > FAST
+            unit = "deg" if (size > 2 if one.place == TWIST else fast) else "rad"
             reason = f"by its size alone, up to {size:.3g}"
         case "current":
             unit, reason = ("mA" if size > 100 else "A"), f"by its size alone, up to {size:.3g}"
@@ -262,4 +268,15 @@ def _with_unit(one: Sensor, all_: Sequence[Sensor], dt: float) -> Sensor:
             unit, reason = ("mV" if size > 400 else "V"), f"by its size alone, up to {size:.3g}"
         case _:
             unit, reason = SI[one.kind], "the usual one"
-    return one.but(unit=unit, doubt=f"no unit is said; {unit} is {reason}")
+    return one.but(unit=unit, doubt=f"no unit is said; {unit}, {reason}")
+
+
+def _outrun(one: Sensor, all_: Sequence[Sensor], dt: float) -> bool:
+    """Whether an angle behind the gear, taken as in rad, turns further than a motor before it."""
+    motors = [m for m in all_ if m.place == MOTOR and m.kind == "speed"]
+    if not motors or one.place in (MOTOR, TWIST):
+        return False
+    motor = motors[0]
+    unit = motor.unit or ("rpm" if motor.seen.says.word in RPM_WORDS else "rad/s")
+    turned = motor.but(unit=unit).angle(dt)
+    return abs(relations.ratio(turned, one.values)) < SLOWEST
