@@ -9,8 +9,8 @@
     run.save("results/mine"); bd.open("results/mine")
     bd.overlay(["results/mine", run])               # several runs side by side
 
-With files and folders, as the command line: `bd.example`, `bd.simulate`, `case.run`, `bd.publish`,
-`bd.calibration`, `bd.citation`.
+With files and folders, as the command line: `bd.init`, `bd.example`, `bd.simulate`, `case.run`,
+`bd.publish`, `bd.calibration`, `bd.citation`.
 All that is returned is a frozen record and prints itself in words; nothing else writes than these and
 `save`.
 """
@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from bayesdrill.api.files import schema as schema
     from bayesdrill.api.files import simulate as simulate
     from bayesdrill.api.files import verify as verify
+    from bayesdrill.api.init import init as init
     from bayesdrill.api.overlay import Overlay as Overlay
     from bayesdrill.api.overlay import overlay as overlay
     from bayesdrill.api.rig import nominal as nominal
@@ -64,6 +65,7 @@ _PLACES = {
     "schema": "api.files",
     "simulate": "api.files",
     "verify": "api.files",
+    "init": "api.init",
     "Overlay": "api.overlay",
     "overlay": "api.overlay",
     "nominal": "api.rig",

@@ -7,15 +7,12 @@ from __future__ import annotations
 
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
 from bayesdrill import __version__
-from bayesdrill.guard import INPUT_WRONG, NOT_CONVERGED, guarded, saved_in
-
-if TYPE_CHECKING:
-    from bayesdrill.commands.pipeline import Outcome
+from bayesdrill.guard import INPUT_WRONG, NOT_CONVERGED, finish, guarded, saved_in
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -72,6 +69,26 @@ def example(
         from bayesdrill.api.example import example as write
 
         typer.echo(write(folder))
+
+
+@app.command(epilog="Example: bayesdrill init configs/records/example_rig.csv --output my_rig.yaml")
+def init(
+    record: Annotated[Path, typer.Argument(metavar="RECORD", help="What was measured.")],
+    output: Annotated[Path | None, _output("The config; default: beside the record.")] = None,
+    voltage: Annotated[
+        float | None,
+        typer.Option(metavar="VOLTS", help="The supply, where it is constant and in no column."),
+    ] = None,
+    gear: Annotated[
+        float | None, typer.Option(metavar="N", help="Of a gear N:1 between motor and shaft.")
+    ] = None,
+    force: Annotated[bool, typer.Option("--force", help="Overwrite a config.")] = False,
+) -> None:
+    """Look at a record and write a first config for it, with every guess marked and its reason."""
+    with guarded():
+        from bayesdrill.api.init import init as write
+
+        typer.echo(write(record, output, voltage=voltage, gear=gear, force=force))
 
 
 @app.command(epilog="Example: bayesdrill check configs/nominal_step.yaml")
@@ -169,7 +186,7 @@ def posterior(
             outcome = case.run(
                 output, resume=resume, force=force, processes=processes, report=report
             )
-        _finish(outcome)
+        finish(outcome)
 
 
 @app.command(epilog="Example: bayesdrill calibrate configs/nominal_step.yaml")
@@ -226,7 +243,7 @@ def report(
             _lay_over(folders, output, force=force)
             return
         files.no_overlay(output, force=force)
-        _finish(files.publish(folders[0], processes=processes))
+        finish(files.publish(folders[0], processes=processes))
 
 
 def _lay_over(folders: list[Path], output: Path | None, *, force: bool) -> None:
@@ -321,22 +338,6 @@ def cite(
         from bayesdrill.api.citation import citation
 
         typer.echo(getattr(citation(folder), form.value).rstrip("\n"))
-
-
-def _finish(outcome: Outcome) -> None:
-    typer.echo(outcome.said)
-    typer.echo(
-        f"results: {outcome.folder}/ (report.html, summary.md, figures/, posterior.nc, chain.h5)"
-    )
-    for what in outcome.missing:
-        typer.echo(f"could not be made: {what}", err=True)
-    if outcome.missing:
-        again = f"`bayesdrill report {outcome.folder}`"
-        typer.echo(f"all else is written; once this is mended, {again} makes it", err=True)
-    if outcome.reasons:
-        raise typer.Exit(NOT_CONVERGED)
-    if outcome.missing:
-        raise typer.Exit(INPUT_WRONG)
 
 
 def main() -> None:

@@ -60,6 +60,23 @@ def guarded() -> Iterator[None]:
         raise typer.Exit(INPUT_WRONG) from None
 
 
+def finish(outcome: Any) -> None:
+    """Of a run: what it says, where it is, and the status; `outcome` as `commands.pipeline` has it."""
+    typer.echo(outcome.said)
+    typer.echo(
+        f"results: {outcome.folder}/ (report.html, summary.md, figures/, posterior.nc, chain.h5)"
+    )
+    for what in outcome.missing:
+        typer.echo(f"could not be made: {what}", err=True)
+    if outcome.missing:
+        again = f"`bayesdrill report {outcome.folder}`"
+        typer.echo(f"all else is written; once this is mended, {again} makes it", err=True)
+    if outcome.reasons:
+        raise typer.Exit(NOT_CONVERGED)
+    if outcome.missing:
+        raise typer.Exit(INPUT_WRONG)
+
+
 @contextmanager
 def _interruptible() -> Iterator[None]:
     """The first Ctrl-C, SIGTERM or SIGHUP raises `KeyboardInterrupt`; more of them change nothing.

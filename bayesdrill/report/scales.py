@@ -89,8 +89,7 @@ class Scale:
     @property
     def between(self) -> Array:
         """Places of 1, 2, ... 9 of each decade, where a logarithmic axis has few of these."""
-        low, high = 10.0**self.low, 10.0**self.high
-        if not self.log or not round_numbers.CURVED <= high / low < CROWDED:
+        if not self.log or not round_numbers.CURVED <= 10.0 ** (self.high - self.low) < CROWDED:
             return np.empty(0)
         decades = range(math.floor(self.low), math.ceil(self.high) + 1)
         every = np.log10([m * 10.0**k for k in decades for m in range(1, 10)])

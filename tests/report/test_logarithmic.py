@@ -113,6 +113,13 @@ def test_on_two_logarithmic_axes_a_symmetry_is_a_straight_line() -> None:
     assert (box.get_width(), box.get_height()) == pytest.approx((4.0, 4.0))
 
 
+@pytest.mark.parametrize("size", [380.0, 3e5])
+def test_a_plain_axis_of_large_numbers_has_no_small_ticks(size: float) -> None:
+    """Such as deviations of hundreds of per cent, which are no powers of ten."""
+    assert len(style.scale(0.8 * size, size).between) == 0
+    assert len(style.scale(0.8 * size, 4 * size, log=True).between) > 3
+
+
 @given(st.floats(-8, 4), st.floats(0.001, 6))
 def test_logarithmic_ticks_are_few_round_and_inside(start: float, decades: float) -> None:
     low = 10.0**start

@@ -1,0 +1,282 @@
+"""What each column measures, and in which unit: by its head, then by what columns say of each other."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from bayesdrill.basics import units
+from bayesdrill.setup.guessing import relations
+from bayesdrill.setup.guessing.columns import Array, Seen
+from bayesdrill.setup.guessing.names import GEARBOX, MOTOR, ROTOR, SI, TWIST
+
+TURNS = ("angle", "speed")
+FAST = 60.0  # speeds of a rig above it are hardly in rad/s, nor angles a second in rad
+LARGEST = 1e12
+SLOWEST = 0.8  # of a motor, in turns for one of the shaft: less is a wrong unit
+AWHILE = 10  # samples, fewer than any record has
+NAMELESS = 0.999  # of an angle, that the integral of a nameless column has to explain
+RPM_WORDS = ("n", "rpm", "drehzahl", "rotacao", "upm")
+RADIAN_WORDS = ("w", "omega", "w1", "w2", "wm")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sensor:
+    """A column with what is believed of it: `why` is known of it, `doubts` are to be reviewed."""
+
+    seen: Seen
+    values: Array
+    kind: str
+    place: str
+    unit: str
+    why: tuple[str, ...] = ()
+    doubts: tuple[str, ...] = ()
+
+    @property
+    def name(self) -> str:
+        return self.seen.name
+
+    @property
+    def si(self) -> Array:
+        return self.values * units.factor(self.unit, SI[self.kind])
+
+    def angle(self, dt: float) -> Array:
+        """How far it has turned, in rad, (T,)."""
+        return self.si if self.kind == "angle" else relations.integral(self.si, dt)
+
+    def but(self, *, why: str = "", doubt: str = "", **changes: Any) -> Sensor:
+        return dataclasses.replace(
+            self,
+            why=(*self.why, why) if why else self.why,
+            doubts=(*self.doubts, doubt) if doubt else self.doubts,
+            **changes,
+        )
+
+
+def sensors(columns: Sequence[Seen], rows: slice, dt: float) -> tuple[list[Sensor], dict[str, str]]:
+    """Of the columns beside the time; and why others are left out."""
+    left_out: dict[str, str] = {}
+    drafts = []
+    for column in columns:
+        reason = _useless(column, rows)
+        if reason:
+            left_out[column.name] = reason
+        else:
+            says = column.says
+            drafts.append(Sensor(column, column.values[rows], says.kind, says.place, says.unit))
+    drafts = _by_twist(_by_derivative(drafts, dt), dt)
+    known: list[Sensor] = []
+    for one in sorted(drafts, key=lambda one: one.place == MOTOR):  # whose size a gear makes
+        if one.kind:
+            known.append(_with_unit(one, [*drafts, *known], dt))
+    for one in drafts:
+        if not one.kind:
+            why = "its name says nothing of" if one.name else "nothing says"
+            left_out[one.name] = f"{why} what it measures, and it is no derivative of another"
+    return known, left_out
+
+
+def _useless(one: Seen, rows: slice) -> str:
+    says, values = one.says, one.values[rows]
+    if says.strange and says.kind in TURNS:
+        return f"its unit {says.strange!r} does not say how far one of it turns"
+    if says.strange:
+        return (
+            f"its unit {says.strange!r} is none of time, angle, speed, voltage, current or torque"
+        )
+    if not np.all(np.isfinite(values)):
+        return "has values without a number"
+    if not _believable(values):
+        return f"has numbers up to {np.abs(values).max():.3g}, which no rig has"
+    if says.kind == "time":
+        return "is a second time, or does not increase"
+    if says.kind == "force":
+        return "is a force, which the rig does not have"
+    if says.wanted and says.kind != "voltage":
+        return "is what was asked for, not what happened"
+    if np.ptp(values) == 0 and says.kind != "voltage":
+        return f"is {values[0]:g} in every row"
+    return ""
+
+
+def _believable(values: Array) -> bool:
+    """Squares of it can be computed with."""
+    largest = float(np.abs(values).max())
+    return largest == 0 or 1 / LARGEST < largest < LARGEST
+
+
+def rate(columns: Sequence[Seen]) -> float:
+    """Of a record without times, by an angle and its speed in known units, Hz; 0: cannot be told."""
+    whole = [c for c in columns if np.all(np.isfinite(c.values)) and _believable(c.values)]
+    for angle, speed in _pairs([Sensor(c, c.values, *_told(c)) for c in whole]):
+        if angle.unit and speed.unit:
+            cause = relations.integral(speed.si, 1.0)
+            (factor,), share = relations.explained(angle.si, cause)
+            if share > relations.EXPLAINED and factor > 0:
+                return float(f"{1 / factor:.3g}")
+    return 0.0
+
+
+def _told(one: Seen) -> tuple[str, str, str]:
+    says = one.says
+    symbol = {"angle": "rad", "speed": "rad/s"}.get(says.kind, "") if says.symbol else ""
+    return says.kind, says.place, says.unit or symbol
+
+
+def _pairs(drafts: Sequence[Sensor]) -> Iterator[tuple[Sensor, Sensor]]:
+    """Angles and speeds that can be of one place; those whose names agree come first."""
+    possible = [
+        (angle, speed)
+        for angle in drafts
+        for speed in drafts
+        if angle is not speed
+        and angle.kind in ("angle", "")
+        and speed.kind in ("speed", "")
+        and TWIST not in (angle.place, speed.place)
+        and (angle.place == speed.place or "" in (angle.place, speed.place))
+    ]
+    yield from sorted(possible, key=lambda pair: not (pair[0].place == pair[1].place != ""))
+
+
+def _by_derivative(drafts: Sequence[Sensor], dt: float) -> list[Sensor]:
+    """Where a speed is the derivative of an angle, the factor between them says both units."""
+    found = {id(one): one for one in drafts}
+    trials = []
+    for angle, speed in _pairs(drafts):
+        cause = relations.integral(speed.values, dt)
+        (factor,), share = relations.explained(angle.values, cause)
+        least = relations.EXPLAINED if angle.kind and speed.kind else NAMELESS
+        if share > least:
+            named = angle.place == speed.place != ""
+            trials.append((not named, -share, angle, speed, factor))
+    taken: set[int] = set()
+    for *_, angle, speed, factor in sorted(trials, key=lambda trial: trial[:2]):
+        if taken & {id(angle), id(speed)}:
+            continue
+        pair = _settled(found[id(angle)], found[id(speed)], factor)
+        if pair is not None:
+            found[id(angle)], found[id(speed)] = pair
+            taken |= {id(angle), id(speed)}
+    return list(found.values())
+
+
+def _settled(angle: Sensor, speed: Sensor, factor: float) -> tuple[Sensor, Sensor] | None:
+    """Both with units, kinds and places as far as such a factor tells them."""
+    fitting = relations.units_of(factor, angle.unit, speed.unit)
+    if angle.unit and speed.unit:
+        wanted = units.factor(speed.unit, "rad/s") / units.factor(angle.unit, "rad")
+        if 0.85 < abs(factor) / wanted < 1.18:
+            fitting = [(angle.unit, speed.unit)]
+    if not fitting:
+        if angle.unit and speed.unit and angle.place == speed.place:
+            doubt = (
+                f"the derivative of {angle.name} is {factor:.3g} times this: wrong units or times"
+            )
+            return angle, speed.but(doubt=doubt)
+        return None
+    units_ = fitting[1] if len(fitting) > 1 and _degrees(angle, speed) else fitting[0]
+    place = angle.place or speed.place
+    said = f"the derivative of {angle.name} is {factor:.3g} times {speed.name}"
+    pair = []
+    for one, kind, unit in ((angle, "angle", units_[0]), (speed, "speed", units_[1])):
+        told = one.but(kind=kind, unit=unit, place=place)
+        sure = one.unit or (one.seen.says.symbol and len(fitting) > 1)
+        also = ", or in degrees" if unit[:3] == "rad" else ", or in radians"
+        either = also if len(fitting) > 1 else ""
+        told = (
+            told.but(why=f"{said}, as it should be")
+            if sure
+            else told.but(
+                doubt=f"no unit is said; {said}, as in {units_[0]} and {units_[1]}{either}"
+            )
+        )
+        if place and not one.place:
+            told = told.but(doubt=f"taken to be where {(angle if one is speed else speed).name} is")
+        pair.append(told)
+    if factor < 0:
+        pair[1] = pair[1].but(doubt=f"{said}: one of them counts backwards; write `measures: -...`")
+    return pair[0], pair[1]
+
+
+def _degrees(angle: Sensor, speed: Sensor) -> bool:
+    """Where a factor of 1 leaves both possible: by the steps of an encoder, by names, by size."""
+    if counted := relations.counted(angle.values):
+        return counted == "deg"
+    if any(one.seen.says.symbol or one.seen.says.word in RADIAN_WORDS for one in (angle, speed)):
+        return False
+    return float(np.abs(speed.values).max()) > FAST
+
+
+def _by_twist(drafts: Sequence[Sensor], dt: float) -> list[Sensor]:
+    """A twist is the integral of the difference of two speeds, one of them perhaps before a gear."""
+    twists = [one for one in drafts if one.place == TWIST and one.kind == "angle"]
+    rotors = [one for one in drafts if one.kind == "speed" and one.place == ROTOR]
+    others = [one for one in drafts if one.kind == "speed" and one.place in (GEARBOX, MOTOR)]
+    if not (len(twists) == 1 and rotors and others):
+        return list(drafts)
+    twist, rotor, other = twists[0], rotors[0], others[0]
+    causes = [relations.integral(one.values, dt) for one in (rotor, other)]
+    (factor, _), share = relations.explained(twist.values, *causes)
+    fitting = relations.units_of(factor, twist.unit, rotor.unit)
+    if share < 0.8 or not fitting or (len(fitting) > 1 and not (twist.unit or rotor.unit)):
+        return list(drafts)
+    said = (
+        f"no unit is said; the derivative of {twist.name} is {factor:.3g} times {rotor.name} less a "
+        f"part of {other.name}, as in {fitting[0][0]} and {fitting[0][1]}"
+    )
+    new = dict(zip((id(twist), id(rotor)), fitting[0], strict=True))
+    return [
+        one.but(unit=new[id(one)], doubt=said) if id(one) in new and not one.unit else one
+        for one in drafts
+    ]
+
+
+def _with_unit(one: Sensor, all_: Sequence[Sensor], dt: float) -> Sensor:
+    """What no header and no relation says is taken from columns of the same kind, words or sizes."""
+    if one.unit:
+        return one.but(why=f"unit {one.unit}, by its head") if one.seen.says.unit else one
+    alike = [other for other in all_ if other.kind == one.kind and other.unit]
+    if one.kind in TURNS and alike:
+        other = alike[0]
+        return one.but(unit=other.unit, doubt=f"no unit is said; taken as that of {other.name}")
+    size = float(np.abs(one.values).max())
+    word = one.seen.says.word
+    match one.kind:
+        case "speed" if word in RPM_WORDS:
+            unit, reason = "rpm", f"in which {word!r} is mostly counted"
+        case "speed" if one.seen.says.symbol or word in RADIAN_WORDS:
+            unit, reason = "rad/s", f"in which {word!r} is mostly counted"
+        case "speed":
+            unit = "rpm" if size > FAST else "rad/s"
+            reason = f"by its size alone, up to {size:.3g}"
+        case "angle" if counted := relations.counted(one.values):
+            unit, reason = counted, "in which its steps make a round number for one turn"
+        case "angle" if _outrun(one, all_, dt):
+            unit, reason = "deg", "as in rad it would turn further than the motor before the gear"
+        case "angle":
+            steps = np.abs(one.values[AWHILE:] - one.values[:-AWHILE]) / (AWHILE * dt)
+            fast = float(np.percentile(steps, 95)) > FAST
+            unit = "deg" if (size > 2 if one.place == TWIST else fast) else "rad"
+            reason = f"by its size alone, up to {size:.3g}"
+        case "current":
+            unit, reason = ("mA" if size > 100 else "A"), f"by its size alone, up to {size:.3g}"
+        case "voltage":
+            unit, reason = ("mV" if size > 400 else "V"), f"by its size alone, up to {size:.3g}"
+        case _:
+            unit, reason = SI[one.kind], "the usual one"
+    return one.but(unit=unit, doubt=f"no unit is said; {unit}, {reason}")
+
+
+def _outrun(one: Sensor, all_: Sequence[Sensor], dt: float) -> bool:
+    """Whether an angle behind the gear, taken as in rad, turns further than a motor before it."""
+    motors = [m for m in all_ if m.place == MOTOR and m.kind == "speed"]
+    if not motors or one.place in (MOTOR, TWIST):
+        return False
+    motor = motors[0]
+    unit = motor.unit or ("rpm" if motor.seen.says.word in RPM_WORDS else "rad/s")
+    turned = motor.but(unit=unit).angle(dt)
+    return abs(relations.ratio(turned, one.values)) < SLOWEST

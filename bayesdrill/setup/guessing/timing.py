@@ -1,0 +1,99 @@
+"""Which column is the time, in which unit, and which rows can be used together."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayesdrill.basics import units
+from bayesdrill.record.experiment import STEP_TOLERANCE
+from bayesdrill.setup.guessing.columns import Seen
+
+Array = NDArray[np.float64]
+
+USUAL_RATE = 300.0  # Hz; rates of rigs lie around it, by their logarithm
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Timing:
+    """`t (T,)` in s; `column`: None where a rate has to do; `why` it is so, `doubt` what to look at."""
+
+    t: Array
+    column: Seen | None
+    unit: str
+    why: str
+    doubt: str = ""
+
+    @property
+    def dt(self) -> float:
+        return float(np.nanmedian(np.diff(self.t)))
+
+    @property
+    def rate(self) -> float:
+        return 1 / self.dt
+
+
+def find(columns: Sequence[Seen], rate: float = 0.0) -> Timing:
+    """The time among the columns; else `rate` [Hz], or 100 to be reviewed."""
+    named = [one for one in columns if one.says.kind == "time" and _steps(one.values)]
+    if named:
+        one = named[0]
+        return _of(one, "by its name")
+    even = [one for one in columns if not one.says.kind and _even(one.values)]
+    if even:
+        doubt = "no column is named as a time; this one grows in equal steps"
+        return _of(even[0], "", doubt)
+    length = len(columns[0].values)
+    t = np.arange(length) / (rate or 100.0)
+    if rate:
+        return Timing(t, None, "s", "found from an angle and its speed", "found, not read")
+    doubt = "no column is a time; 100 samples a second are a guess: write your own rate [Hz]"
+    return Timing(t, None, "s", "", doubt)
+
+
+def _of(one: Seen, why: str, doubt: str = "") -> Timing:
+    unit = one.says.unit
+    step = float(np.nanmedian(np.diff(one.values)))
+    if not unit:
+        unit = min(("s", "ms", "us"), key=lambda u: _unusual(step * units.factor(u, "s")))
+        said = f"no unit is said; steps of {step:.6g} {unit} make a usual sampling rate"
+        doubt = f"{doubt}; {said}" if doubt else said
+    return Timing(one.values * units.factor(unit, "s"), one, unit, why, doubt)
+
+
+def _unusual(dt: float) -> float:
+    return abs(math.log(1 / dt / USUAL_RATE))
+
+
+def _steps(values: Array) -> bool:
+    """Whether most of it increases; what breaks off is cut later."""
+    steps = np.diff(values[np.isfinite(values)])
+    return len(steps) > 0 and float(np.mean(steps > 0)) > 0.9
+
+
+def _even(values: Array) -> bool:
+    if not np.all(np.isfinite(values)):
+        return False
+    steps = np.diff(values)
+    usual = float(np.median(steps))
+    return usual > 0 and bool(np.all(np.abs(steps - usual) <= max(STEP_TOLERANCE, 0.01) * usual))
+
+
+def longest(t: Array, used: Sequence[Array]) -> slice:
+    """The longest run of rows with equal steps in time and all numbers there."""
+    whole = np.isfinite(t)
+    for values in used:
+        whole &= np.isfinite(values)
+    steps = np.diff(t)
+    usual = float(np.nanmedian(steps))
+    joined = whole[1:] & whole[:-1] & (np.abs(steps - usual) <= 0.5 * usual)
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], joined, [False]]).astype(int)))
+    if len(edges) == 0:
+        return slice(0, 0)
+    begins, ends = edges[::2], edges[1::2]
+    best = int(np.argmax(ends - begins))
+    return slice(int(begins[best]), int(ends[best]) + 1)
