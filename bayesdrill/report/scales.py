@@ -144,9 +144,9 @@ def reaching(
 
 def axis_label(what: Labelled, power: int, origin: float = 0.0, separator: str = " ") -> str:
     r"""For example `$j_m$ [$10^{-4}\,\mathrm{kg\,m^2}$]`: axis values are divided by the power."""
-    quantity = (
-        f"${what.latex}$" if origin == 0 else f"${what.latex} - {round_numbers.latex(origin)}$"
-    )
+    sign = "-" if origin > 0 else "+"
+    off = f" {sign} {round_numbers.latex(abs(origin))}" if origin else ""
+    quantity = f"${what.latex}{off}$"
     ten = rf"10^{{{power}}}" if power else ""
     unit = rf"\mathrm{{{what.latex_unit}}}" if what.latex_unit else ""
     inside = r"\,".join(part for part in (ten, unit) if part)

@@ -198,6 +198,7 @@ def test_labels_have_power_unit_and_origin() -> None:
     assert style.axis_label(j_m, -4) == r"$j_m$ [$10^{-4}\,\mathrm{kg\,m^2}$]"
     assert style.axis_label(r_m, 0) == r"$r_m$ [$\mathrm{\Omega}$]"
     assert style.axis_label(j_m, -9, 4e-4).startswith(r"$j_m - 4{\cdot}10^{-4}$ [")
+    assert style.axis_label(Symbol("x", "", "x", "", ""), 0, -63.5) == "$x + 63.5$"
     assert style.axis_label(Symbol("x", "", "x", "", ""), 0) == "$x$"
 
 
