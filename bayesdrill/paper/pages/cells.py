@@ -45,7 +45,15 @@ def table[T](
 
 
 def grid(heads: Sequence[str], lines: Iterable[Sequence[str]]) -> Grid:
-    return Grid(tuple(heads), tuple(map(tuple, lines)), frozenset(heads[:1]))
+    cells = tuple(map(tuple, lines))
+    columns = zip(heads, *cells, strict=True) if cells else ()
+    words = {head for head, *column in columns if any(_is_text(cell) for cell in column)}
+    return Grid(tuple(heads), cells, frozenset({*heads[:1], *words}))
+
+
+def _is_text(cell: str) -> bool:
+    """Words, or a unit; an interval from one number to another is none."""
+    return any(letter.isalpha() for letter in cell.replace(" to ", "").replace("e", ""))
 
 
 def percent(x: float) -> str:
