@@ -309,7 +309,9 @@ def paper(
         with saved_in(output, "start over with --force"), reporter() as report:
             done = reproduce(configs, output, workers(processes), report, force=force)
         typer.echo("\n".join(done.said))
-        typer.echo(f"results: {done.folder}/ (report.html, report.md, tables, figures/, two posteriors)")
+        typer.echo(
+            f"results: {done.folder}/ (report.html, report.md, tables, figures/, two posteriors)"
+        )
         if not done.converged:
             raise typer.Exit(NOT_CONVERGED)
 
