@@ -34,16 +34,20 @@ LONG = [DOCS / "matlab.md", DOCS / "extending.md", DOCS / "start.md"]
 def tree(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A copy of the project whose `.venv` is the environment of this test."""
     copy = tmp_path_factory.mktemp("clone") / "bayesdrill"
-    ignore = shutil.ignore_patterns(
-        ".venv", ".venv-*", "build", ".git", "nominal_step", "__pycache__", ".*_cache"
-    )
-    shutil.copytree(ROOT, copy, ignore=ignore)
+    shutil.copytree(ROOT, copy, ignore=_of_this_place)
     (copy / ".venv").symlink_to(sys.prefix)
     for name, held in HELD.items():
         config = copy / "configs" / f"{name}.yaml"
         if config.exists():
             lighten(config, held)
     return copy
+
+
+def _of_this_place(folder: str, names: list[str]) -> set[str]:
+    """What a clone would not have: environments, caches, and runs."""
+    others = shutil.ignore_patterns(".venv*", "build", ".git", "__pycache__", ".*_cache")
+    runs = {*names} - {"README.md", "published"} if Path(folder) == ROOT / "results" else set()
+    return {*others(folder, names), *runs}
 
 
 # What is held in the copy, so that few unknowns are left; the record of the second has another k_T.
