@@ -66,6 +66,7 @@ def test_each_toy_is_one_file_and_one_line() -> None:
     assert sorted(f"{module}.py" for module in brought) == sorted(p.name for p in TOYS.glob("*.py"))
 
 
+@pytest.mark.slow
 def test_the_toys_pass_the_contracts() -> None:
     command = [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", "-k", "toy_", "-v"]
     command += ["-m", "not slow", *CONTRACTS]

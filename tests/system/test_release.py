@@ -47,6 +47,7 @@ def test_the_changelog_tells_of_this_version() -> None:
     assert sections <= {"Added", "Changed", "Deprecated", "Removed", "Fixed", "Security"}
 
 
+@pytest.mark.slow
 def test_the_wheel_holds_the_package_and_its_examples_alone(dist: Dist) -> None:
     with zipfile.ZipFile(dist.wheel) as wheel:
         names = wheel.namelist()
