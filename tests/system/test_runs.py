@@ -863,13 +863,13 @@ def small_disk(tmp_path: Path) -> Iterator[Callable[[str], Path]]:
         subprocess.run(["umount", "-l", str(place)], check=True)
 
 
-# Too little for the pieces, for the chain beside them, for the figures.
+# Too little for the pieces, for the chain beside them, for what follows from it.
 @pytest.mark.parametrize(
     "kilobytes",
     [
         pytest.param(150, marks=pytest.mark.slow),
         pytest.param(600, marks=pytest.mark.slow),
-        pytest.param(900, marks=pytest.mark.slow),
+        pytest.param(640, marks=pytest.mark.slow),
     ],
 )
 def test_a_full_disk_ends_in_a_message_and_costs_nothing(
