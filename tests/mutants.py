@@ -31,6 +31,29 @@ class Mutant:
 
 MUTANTS = [
     Mutant(
+        "what leans by values, not by ranks",
+        "insight/leaning.py",
+        "ranks = rankdata(some, axis=0)",
+        "ranks = some",
+        "tests/insight/test_leaning.py::"
+        "test_what_others_left_to_their_priors_explain_leans_on_them",
+    ),
+    Mutant(
+        "a gear taken for its inverse",
+        "insight/plausibility.py",
+        "for own in (1.0, i_m))",
+        "for own in (1.0, 1 / i_m))",
+        "tests/insight/test_plausibility.py::"
+        "test_a_channel_of_another_gear_than_the_model_is_named",
+    ),
+    Mutant(
+        "texts of users read as HTML",
+        "report/html.py",
+        "autoescape=True",
+        "autoescape=False",
+        "tests/report/test_pages.py::test_texts_of_users_stay_texts",
+    ),
+    Mutant(
         "examples written through a link that leads nowhere",
         "setup/examples.py",
         "for path in paths if own_files.what(path)",

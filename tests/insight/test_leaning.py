@@ -30,7 +30,7 @@ NOISE = RNG.standard_normal(N)
     ("draws", "on"),
     [
         (2.0 - 0.3 * A + 0.01 * NOISE, ("a",)),
-        (np.exp(-2 * A) * (1 + 0.01 * NOISE), ("a",)),  # along a bent ridge
+        (np.exp(-4 * A) * (1 + 0.01 * NOISE), ("a",)),  # along a bent ridge
         (A * B, ("a", "b")),
         (A + 2.0 * NOISE, None),
         (NOISE, None),
