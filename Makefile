@@ -118,25 +118,22 @@ $(READY): requirements.lock pyproject.toml
 	@$(BIN)/python -m pip install -qq --disable-pip-version-check --no-deps --editable .
 	@touch $(READY)
 
+# An environment beside .venv: its target is <folder>/.ready, its own lock the second it depends on.
+define set-up
+@echo "setting up $(@D) (once, about a minute)"
+@python3 -m venv $(@D)
+@$(@D)/bin/python -m pip install -qq --disable-pip-version-check -r requirements.lock -r $(word 2,$^)
+@$(@D)/bin/python -m pip install -qq --disable-pip-version-check --no-deps --editable .
+@touch $@
+endef
+
 # The peers that `make bench` measures stay out of .venv: they are no part of bayesdrill.
 $(BENCH_READY): requirements.lock benchmarks/requirements.lock pyproject.toml
-	@echo "setting up .venv-bench (once, about a minute)"
-	@python3 -m venv .venv-bench
-	@$(BENCH)/python -m pip install -qq --disable-pip-version-check -r requirements.lock -r benchmarks/requirements.lock
-	@$(BENCH)/python -m pip install -qq --disable-pip-version-check --no-deps --editable .
-	@touch $(BENCH_READY)
+	$(set-up)
 
 $(BROWSER_READY): requirements.lock tests/browser/requirements.lock pyproject.toml
-	@echo "setting up .venv-browser (once, about a minute)"
-	@python3 -m venv .venv-browser
-	@$(BROWSER)/python -m pip install -qq --disable-pip-version-check -r requirements.lock -r tests/browser/requirements.lock
-	@$(BROWSER)/python -m pip install -qq --disable-pip-version-check --no-deps --editable .
-	@touch $(BROWSER_READY)
+	$(set-up)
 
 # What makes the site stays out of .venv as well.
 $(DOCS_READY): requirements.lock docs/requirements.lock pyproject.toml
-	@echo "setting up .venv-docs (once, about a minute)"
-	@python3 -m venv .venv-docs
-	@$(DOCS)/python -m pip install -qq --disable-pip-version-check -r requirements.lock -r docs/requirements.lock
-	@$(DOCS)/python -m pip install -qq --disable-pip-version-check --no-deps --editable .
-	@touch $(DOCS_READY)
+	$(set-up)

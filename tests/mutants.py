@@ -107,7 +107,7 @@ MUTANTS = [
     Mutant(
         "a prediction in SI",
         "report/prediction.py",
-        "signals[:, k] / one.factor",
+        "signals[:, k] / unit.factor",
         "signals[:, k]",
         "tests/system/test_map.py::test_the_prediction_is_the_response_in_the_units_of_the_record",
     ),
@@ -1020,8 +1020,8 @@ MUTANTS = [
     Mutant(
         "resume under another seed",
         "results/provenance.py",
-        '"the seed": str(config.seed),',
-        "",
+        '"the seed": str(config.seed),\n        f"',
+        'f"',
         "tests/setup/test_config.py::test_what_decides_a_chain_is_in_its_fingerprint",
     ),
     Mutant(

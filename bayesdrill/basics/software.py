@@ -16,5 +16,10 @@ def versions() -> dict[str, str]:
     return {"bayesdrill": bayesdrill.__version__, **{name: version(name) for name in PACKAGES}}
 
 
+def creator() -> str:
+    """Inside of figures."""
+    return f"bayesdrill {bayesdrill.__version__}"
+
+
 def in_words() -> str:
     return ", ".join(f"{name} {number}" for name, number in versions().items())

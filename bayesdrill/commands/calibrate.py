@@ -14,7 +14,6 @@ from pathlib import Path
 
 import numpy as np
 
-import bayesdrill
 from bayesdrill.basics import own_files, software
 from bayesdrill.basics.errors import InputError, Interrupted
 from bayesdrill.basics.own_files import CONFIG_FILE, FIGURES, REFITS, RESOLVED_FILE, whole
@@ -239,7 +238,7 @@ def _draw(job: Job, folder: Folder, verdict: Verdict) -> None:
 
     figures = folder.path / FIGURES
     figures.mkdir(exist_ok=True)
-    note = {"Title": job.config.name, "Creator": f"bayesdrill {bayesdrill.__version__}"}
+    note = {"Title": job.config.name, "Creator": software.creator()}
     figure = calibration_figure(verdict, job.problem.symbols)
     save_figure(figure, figures, "calibration", note)
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 from pathlib import Path
 
-import bayesdrill
 from bayesdrill.basics import own_files, software
 from bayesdrill.basics.errors import InputError
 from bayesdrill.basics.own_files import MAP
@@ -40,8 +39,7 @@ def save(job: Job, found: Mode, output: Path, record: str | None, *, force: bool
             folder.write_text(name, text)
         place = output / own_files.FIGURES
         place.mkdir(exist_ok=True)
-        creator = f"bayesdrill {bayesdrill.__version__}"
-        note = {"Title": job.config.name, "Creator": creator, **mark(job)}
+        note = {"Title": job.config.name, "Creator": software.creator(), **mark(job)}
         publish.draw(job.problem.posterior, FIGURE, said.figure, place, note, said.warning)
         folder.write_text("report.html", said.page(output))
         files = {name: own_files.digest(output / name) for name in folder.made()}

@@ -6,7 +6,6 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
-import bayesdrill
 from bayesdrill.basics import own_files, software
 from bayesdrill.basics.errors import InputError
 from bayesdrill.basics.own_files import OVERLAY
@@ -96,8 +95,7 @@ def publish(
 
 def _note(report: OverlayReport) -> dict[str, str]:
     """Inside of each figure."""
-    creator = f"bayesdrill {bayesdrill.__version__}"
-    return {"Creator": creator, provenance.RUN_MARK: mark(report)}
+    return {"Creator": software.creator(), provenance.RUN_MARK: mark(report)}
 
 
 def mark(report: OverlayReport) -> str:

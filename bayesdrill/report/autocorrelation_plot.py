@@ -17,22 +17,11 @@ from numpy.typing import NDArray
 from bayesdrill.basics.symbols import Symbol
 from bayesdrill.engines.convergence import WINDOW, Autocorrelation, autocorrelation
 from bayesdrill.report import style
-from bayesdrill.report.pages import Page, legend_above
+from bayesdrill.report.pages import SMALL_PANELS, legend_above
 from bayesdrill.report.trace_plot import ensemble_line
 
 Array = NDArray[np.float64]
 
-PAGE = Page(
-    columns=3,
-    width=style.DOUBLE,
-    row=1.15,
-    left=0.58,
-    right=0.12,
-    gap_x=0.12,
-    gap_y=0.12,
-    top=0.52,
-    bottom=0.42,
-)
 BEYOND = 2.0  # windows, the longest of which are shown
 TAU: dict[str, Any] = {"color": style.BLACK, "linestyle": (0, (4, 2)), "linewidth": 0.8}
 SUMMED: dict[str, Any] = {"color": style.FAINT, "linewidth": 0}
@@ -49,11 +38,12 @@ def autocorrelation_figure(
     wide = width >= style.DOUBLE
     with style.styled(width):
         handles = _handles(len(each))
-        page = PAGE if wide else PAGE.narrow(width, 2, math.ceil(len(handles) / 2))
+        page = SMALL_PANELS.fitting(width, len(handles))
         figure, panels = page.build(len(symbols))
         for d, (panel, symbol) in enumerate(zip(panels, symbols, strict=True)):
             _lines(panel, every, [rho[:, d] for rho in each], d)
-            _frame(panel, (lags, low), (d, len(symbols), page.columns))
+            _axes(panel, lags, low)
+            page.frame(panel, d, len(symbols), "lag [steps]", "autocorrelation")
             where: dict[str, Any] = {"transform": panel.transAxes, "ha": "right", "va": "top"}
             said = rf"${symbol.latex}$: $\tau = {every.tau[d]:.3g}$" + " steps" * wide
             panel.text(0.97, 0.93, said, **where)
@@ -69,21 +59,12 @@ def _lines(panel: Axes, every: Autocorrelation, each: Sequence[Array], d: int) -
         panel.plot(np.arange(len(rho)), rho, zorder=3, **ensemble_line(k) | {"linewidth": 0.8})
 
 
-def _frame(panel: Axes, ends: tuple[int, float], place: tuple[int, int, int]) -> None:
-    """`place`: which panel, of how many, in how many columns."""
-    k, n, columns = place
-    columns = min(n, columns)
-    lags, low = ends
+def _axes(panel: Axes, lags: int, low: float) -> None:
     panel.set_xlim(0, max(lags - 1, 1))
     panel.set_ylim(1.15 * low - 0.06, 1.3)
     panel.xaxis.set_major_locator(MaxNLocator(4, integer=True, prune="upper"))
     panel.xaxis.set_major_formatter(lambda step, _: f"{step:.0f}")
     style.set_ticks(panel.yaxis, np.array([0.0, 0.5, 1.0]), ["0", "0.5", "1"])
-    panel.tick_params(labelleft=k % columns == 0, labelbottom=k + columns >= n)
-    if k + columns >= n:
-        panel.set_xlabel("lag [steps]", labelpad=2)
-    if k % columns == 0:
-        panel.set_ylabel("autocorrelation")
 
 
 def _handles(n_ensembles: int) -> list[Any]:

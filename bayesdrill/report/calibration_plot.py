@@ -23,7 +23,6 @@ COLUMNS = 4
 FIT = r"\log L"
 
 INSIDE: dict[str, Any] = {"color": style.BLACK, "linewidth": 0.9}
-OUTSIDE: dict[str, Any] = {"color": style.MAP_COLOUR, "linewidth": 1.8}
 BAND: dict[str, Any] = {"facecolor": style.LIGHT, "linewidth": 0}
 MARKERS = ("o", "s", "^")  # of the levels
 
@@ -85,7 +84,7 @@ def _difference(panel: Axes, quantity: Quantity, verdict: Verdict) -> None:
 
     panel.fill_between(shares, away(band.low), away(band.high), zorder=1, **BAND)
     panel.axhline(0.0, color=style.MIDDLE, linewidth=0.5, zorder=2)
-    look = INSIDE if quantity.holds else OUTSIDE
+    look = INSIDE if quantity.holds else style.OUTSIDE
     panel.plot(shares, away(band.counts(quantity.ranks)), zorder=3, **look)
 
 
@@ -143,7 +142,7 @@ def _legend(figure: Figure, verdict: Verdict) -> None:
     if any(q.holds for q in every):
         handles.append(Line2D([], [], label="ranks of the truth", **INSIDE))
     if not all(q.holds for q in every):
-        handles.append(Line2D([], [], label="ranks that leave the band", **OUTSIDE))
+        handles.append(Line2D([], [], label="ranks that leave the band", **style.OUTSIDE))
     intervals = next(q.intervals for q in every if q.intervals)
     for marker, interval in zip(MARKERS, intervals, strict=True):
         label = f"{100 * interval.share:.3g} % interval"

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 
 from bayesdrill.basics.symbols import Symbol
 from bayesdrill.insight.diagnostics import HDI_PROBABILITY, Row
+from bayesdrill.report.scales import unit_of
 
 _HEADS = (
     *("", "unit", "nominal", "MAP", "mean (sd)"),
@@ -44,7 +45,7 @@ def _line(row: Row, symbol: Symbol) -> str:
 
     cells = (
         f"${symbol.latex}$",
-        _unit(symbol, power),
+        unit_of(power, symbol.latex_unit),
         "--" if row.nominal is None else rf"\num{{{number(row.nominal)}}}",
         rf"\num{{{number(row.map)}}}",
         rf"\num{{{number(row.mean)} \pm {number(row.sd)}}}",
@@ -52,13 +53,6 @@ def _line(row: Row, symbol: Symbol) -> str:
         row.word,
     )
     return " & ".join(cells) + r" \\"
-
-
-def _unit(symbol: Symbol, power: int) -> str:
-    ten = rf"10^{{{power}}}" if power else ""
-    unit = rf"\mathrm{{{symbol.latex_unit}}}" if symbol.latex_unit else ""
-    inside = r"\,".join(part for part in (ten, unit) if part)
-    return f"${inside}$" if inside else ""
 
 
 def _exponent(x: float) -> int:

@@ -63,7 +63,7 @@ class MapReport:
         searches = Sentences(words.mode(self.mode))
         return (
             Section("", (tables.of_mode(self.problem, self.mode), Note(read), fit)),
-            Section("Figures", (Picture(FIGURE, self.figure.says),), brief=False),
+            Section("Figures", (Picture(FIGURE, figures.FIT_ALONE),), brief=False),
             Section("Maximum of the posterior (MAP)", (searches,), brief=False),
         )
 

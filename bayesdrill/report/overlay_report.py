@@ -46,7 +46,7 @@ class OverlayReport:
     def pictures(self) -> tuple[Picture, ...]:
         return tuple(Picture(name, drawing.says) for name, drawing in self.figures.items())
 
-    @property
+    @cached_property
     def figures(self) -> Mapping[str, Drawing]:
         """By name; no corner where no two runs share an unknown."""
         from bayesdrill.report.intervals_plot import intervals_figure

@@ -21,13 +21,14 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class Unit:
-    """`factor`: how many SI one of it is; `latex` without dollars."""
+    """`name`: as the config has it; `factor`: how many SI one of it is; `latex` without dollars."""
 
+    name: str
     factor: float
     latex: str
 
 
-SECOND = Unit(1.0, "s")
+SECOND = Unit("s", 1.0, "s")
 
 
 def time(config: Config) -> Unit:
@@ -49,8 +50,8 @@ def given(config: Config, name: str) -> Unit:
 
 def _unit(own: str, si: str, latex: str = "") -> Unit:
     if own == si:
-        return Unit(1.0, latex or symbols.latex_unit(si))
-    return Unit(units.factor(own, si), symbols.latex_unit(own))
+        return Unit(own, 1.0, latex or symbols.latex_unit(si))
+    return Unit(own, units.factor(own, si), symbols.latex_unit(own))
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,7 +72,7 @@ class OwnUnits:
         own |= {name: spec.unit for name, spec in config.derived.items()}
         for name, unit in own.items():
             _, factor = units.coherent(unit)
-            found[name] = Unit(factor, symbols.latex_unit(unit))
+            found[name] = Unit(unit, factor, symbols.latex_unit(unit))
         return cls(found)
 
     def factor(self, name: str) -> float:

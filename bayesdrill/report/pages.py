@@ -10,6 +10,8 @@ from typing import Any
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from bayesdrill.report.widths import DOUBLE
+
 # Inches, of a figure in one column.
 NARROW_ROW, NARROW_LEFT, LEGEND_LINE = 0.95, 0.48, 0.135
 NARROW_GAP = 0.8
@@ -30,17 +32,29 @@ class Page:
     bottom: float
     foot: float = 0.0
 
-    def narrow(self, width: float, columns: int, lines: int) -> Page:
-        """For one column of a page of text, below a legend of so many lines."""
+    def fitting(self, width: float, n_handles: int) -> Page:
+        """As it is, or for one column of a page of text, below a legend of two columns."""
+        if width >= self.width:
+            return self
         return replace(
             self,
             width=width,
-            columns=columns,
+            columns=2,
             row=NARROW_ROW,
             left=NARROW_LEFT,
             gap_x=NARROW_GAP * self.gap_x,
-            top=0.16 + LEGEND_LINE * lines,
+            top=0.16 + LEGEND_LINE * math.ceil(n_handles / 2),
         )
+
+    def frame(self, panel: Axes, k: int, n: int, x: str, y: str) -> None:
+        """Numbers and labels at the foot of each column and beside each row, of panel `k` of `n`."""
+        columns = min(n, self.columns)
+        foot, side = k + columns >= n, k % columns == 0
+        panel.tick_params(labelleft=side, labelbottom=foot)
+        if foot:
+            panel.set_xlabel(x, labelpad=2)
+        if side:
+            panel.set_ylabel(y)
 
     def build(self, n: int) -> tuple[Figure, list[Axes]]:
         """A figure and its `n` panels, row by row."""
@@ -58,6 +72,19 @@ class Page:
             room = (x / self.width, y / height, width / self.width, self.row / height)
             panels.append(figure.add_axes(room))
         return figure, panels
+
+
+SMALL_PANELS = Page(
+    columns=3,
+    width=DOUBLE,
+    row=1.15,
+    left=0.58,
+    right=0.12,
+    gap_x=0.12,
+    gap_y=0.12,
+    top=0.52,
+    bottom=0.42,
+)
 
 
 def legend_above(figure: Figure, handles: Sequence[Any], most: int) -> None:

@@ -8,11 +8,9 @@ import io
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdrill.basics import symbols, units
 from bayesdrill.inference.problem import Problem
-from bayesdrill.setup import build
-from bayesdrill.setup.config import Config, TimeColumn
-from bayesdrill.setup.number_entries import Quantity
+from bayesdrill.report import own_units
+from bayesdrill.setup.config import Config
 
 Array = NDArray[np.float64]
 
@@ -32,30 +30,25 @@ def as_csv(problem: Problem, config: Config, theta: Array) -> str:
 
 
 def _time(problem: Problem, config: Config) -> dict[str, Array]:
-    spec = config.record.time
-    unit = spec.unit if isinstance(spec, TimeColumn) else "s"
-    return {f"t [{unit}]": problem.experiment.t / units.factor(unit, "s")}
+    unit = own_units.time(config)
+    return {f"t [{unit.name}]": problem.experiment.t / unit.factor}
 
 
 def _channels(problem: Problem, config: Config, theta: Array) -> dict[str, Array]:
     signals = problem.posterior.likelihood.signals(theta[None])[0]
     columns = {}
-    for k, one in enumerate(build.channels(config, build.model(config))):
-        name = one.channel.name
-        unit = config.record.channels[name].unit
-        columns[f"{name} measured [{unit}]"] = problem.experiment.y[:, k] / one.factor
-        columns[f"{name} predicted [{unit}]"] = signals[:, k] / one.factor
+    for k, channel in enumerate(problem.experiment.channels):
+        name, unit = channel.name, own_units.channel(config, channel)
+        columns[f"{name} measured [{unit.name}]"] = problem.experiment.y[:, k] / unit.factor
+        columns[f"{name} predicted [{unit.name}]"] = signals[:, k] / unit.factor
     return columns
 
 
 def _inputs(problem: Problem, config: Config) -> dict[str, Array]:
     experiment = problem.experiment
     every = {name: np.full(len(experiment.t), x) for name, x in experiment.constant.items()}
-    every |= experiment.series
     columns = {}
-    for name, values in every.items():
-        spec, si = getattr(config.inputs, name), symbols.INPUTS[name].unit
-        written = isinstance(spec, Quantity) or name in experiment.series
-        unit = spec.unit if written else si
-        columns[f"{name} [{unit}]"] = values / units.factor(unit, si)
+    for name, values in {**every, **experiment.series}.items():
+        unit = own_units.given(config, name)
+        columns[f"{name} [{unit.name}]"] = values / unit.factor
     return columns

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -32,9 +31,7 @@ PAGE = Page(
 FARTHEST = 4.5  # sds shown; what lies beyond stands in the last bin
 BINS = 36
 NAMES = 1.7  # of the farthest line: where a panel ends, above which names stand
-BAND: dict[str, Any] = {"facecolor": style.FAINT, "edgecolor": style.MIDDLE, "linewidth": 0.5}
 INSIDE: dict[str, Any] = {"color": style.BLACK, "linewidth": 0.9}
-OUTSIDE: dict[str, Any] = {"color": style.MAP_COLOUR, "linewidth": 1.8}
 EXPECTED: dict[str, Any] = {**style.NOMINAL}
 FOUND: dict[str, Any] = {"facecolor": style.LIGHT, "edgecolor": style.BLACK, "linewidth": 0.7}
 
@@ -45,7 +42,7 @@ def predictive_figure(checks: Sequence[Check], width: float = style.DOUBLE) -> F
     wide = width >= style.DOUBLE
     with style.styled(width):
         handles = _handles(checks)
-        page = PAGE if wide else PAGE.narrow(width, 2, math.ceil(len(handles) / 2))
+        page = PAGE.fitting(width, len(handles))
         figure, panels = page.build(2 * len(checks))
         for k, one in enumerate(checks):
             left, right = panels[2 * k : 2 * k + 2]
@@ -84,9 +81,9 @@ def _densities(panel: Axes, one: Check) -> None:
 def _difference(panel: Axes, one: Check, most: float) -> None:
     places = np.concatenate([[0.0], one.band.shares, [1.0]])
     low, high, found = np.pad(_away(one), ((0, 0), (1, 1)))
-    panel.fill_between(places, low, high, zorder=0, **BAND)
+    panel.fill_between(places, low, high, zorder=0, **style.CHANCE)
     panel.axhline(0.0, color=style.MIDDLE, linewidth=0.5, zorder=1)
-    panel.plot(places, found, zorder=2, **(INSIDE if one.holds else OUTSIDE))
+    panel.plot(places, found, zorder=2, **(INSIDE if one.holds else style.OUTSIDE))
     panel.set_xlim(0, 1)
     panel.set_ylim(-1.12 * most, NAMES * most)
     style.set_ticks(panel.xaxis, np.array([0.0, 0.5, 1.0]), ["0", "0.5", "1"])
@@ -107,10 +104,10 @@ def _handles(checks: Sequence[Check]) -> list[Any]:
     handles: list[Any] = [
         Patch(label="record", **FOUND),
         Line2D([], [], label="as predicted", **EXPECTED),
-        Patch(label=chance, **BAND),
+        Patch(label=chance, **style.CHANCE),
     ]
     if any(one.holds for one in checks):
         handles.append(Line2D([], [], label="record", **INSIDE))
     if not all(one.holds for one in checks):
-        handles.append(Line2D([], [], label="record, leaves the band", **OUTSIDE))
+        handles.append(Line2D([], [], label="record, leaves the band", **style.OUTSIDE))
     return handles

@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-import bayesdrill
-from bayesdrill.basics import own_files
+from bayesdrill.basics import own_files, software
 from bayesdrill.basics.own_files import FIGURES as FOLDER
 from bayesdrill.basics.own_files import whole
 from bayesdrill.engines.workers import Crew
@@ -114,8 +113,7 @@ def _place(folder: Folder, view: View) -> tuple[Path, dict[str, str]]:
     """Where figures go, and the note in each."""
     figures = folder.path / FOLDER
     figures.mkdir(exist_ok=True)
-    creator = f"bayesdrill {bayesdrill.__version__}"
-    return figures, {"Title": view.config.name, "Creator": creator, **view.marks}
+    return figures, {"Title": view.config.name, "Creator": software.creator(), **view.marks}
 
 
 def draw(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from bayesdrill.insight.leaning import leaning as leans
 from bayesdrill.insight.verdict import Judgement, Verdict
 from bayesdrill.report import (
     derived_words,
@@ -77,8 +76,8 @@ def _parameters(run: View) -> tuple[Block, ...]:
         "prior's standard deviation."
     )
     drawn = bars(run.rows, run.problem.posterior.space.priors)
-    leaning = words.leaning(leans(run.rows, run.draws))
-    said = Sentences(tables.in_words(run.rows, [*leaning.splitlines(), *run.notes]))
+    leaning = words.leaning(run.leaning).splitlines()
+    said = Sentences(tables.in_words(run.rows, [*leaning, *run.notes]))
     return tables.of_rows(run.rows, drawn), Note(read), said
 
 

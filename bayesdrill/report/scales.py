@@ -147,10 +147,16 @@ def axis_label(what: Labelled, power: int, origin: float = 0.0, separator: str =
     sign = "-" if origin > 0 else "+"
     off = f" {sign} {round_numbers.latex(abs(origin))}" if origin else ""
     quantity = f"${what.latex}{off}$"
+    inside = unit_of(power, what.latex_unit)
+    return f"{quantity}{separator}[{inside}]" if inside else quantity
+
+
+def unit_of(power: int, latex_unit: str) -> str:
+    """A power of ten and a unit in LaTeX; empty where there is neither."""
     ten = rf"10^{{{power}}}" if power else ""
-    unit = rf"\mathrm{{{what.latex_unit}}}" if what.latex_unit else ""
+    unit = rf"\mathrm{{{latex_unit}}}" if latex_unit else ""
     inside = r"\,".join(part for part in (ten, unit) if part)
-    return f"{quantity}{separator}[${inside}$]" if inside else quantity
+    return f"${inside}$" if inside else ""
 
 
 def ticks(

@@ -98,6 +98,10 @@ CROSS: Mapping[str, Any] = MappingProxyType(
 AWAY: Mapping[str, Any] = MappingProxyType(  # the nominal value is beyond the axis
     {"color": NOMINAL["color"], "markersize": 5, "linestyle": "none"}
 )
+CHANCE: Mapping[str, Any] = MappingProxyType(  # the band that chance allows, ...
+    {"facecolor": FAINT, "edgecolor": MIDDLE, "linewidth": 0.5}
+)
+OUTSIDE: Mapping[str, Any] = MappingProxyType({"color": MAP_COLOUR, "linewidth": 1.8})  # ... left
 PRIOR_LINE: Mapping[str, Any] = MappingProxyType(
     {"color": MIDDLE, "linestyle": (0, (6, 1, 1, 1)), "linewidth": 0.8}
 )

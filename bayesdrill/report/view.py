@@ -19,6 +19,7 @@ from bayesdrill.inference.residual_checks import Left
 from bayesdrill.insight.derived import Derived, derive, summarise, with_products
 from bayesdrill.insight.derived import Row as Following
 from bayesdrill.insight.diagnostics import Row
+from bayesdrill.insight.leaning import leaning
 from bayesdrill.insight.verdict import Judgement
 from bayesdrill.report import residual_words, words
 from bayesdrill.report.own_units import OwnUnits, Shown
@@ -93,6 +94,11 @@ class View:
     def best(self) -> Array:
         """The MAP `(D,)`."""
         return self.problem.posterior.space.vector(self.mode.values)
+
+    @cached_property
+    def leaning(self) -> Mapping[str, tuple[str, ...]]:
+        """What is determined only with the priors of others, and of which."""
+        return leaning(self.rows, self.draws)
 
     @property
     def width(self) -> float:

@@ -48,15 +48,16 @@ def settings(config: Config, problem: Problem) -> dict[str, str]:
     """What a reader compares of two runs: as the fingerprint, with all that is said of a parameter under
     its own name, and without what only finds the posterior.
     """
-    space, every = problem.posterior.space, fingerprint(config, problem)
+    posterior = problem.posterior
+    space = posterior.space
     return {
         **_of_experiment(problem.experiment),
-        "the model": every["the model"],
+        "the model": repr(posterior.likelihood.response.model),
         **{name: prior.describe() for name, prior in space.priors.items()},
         **{name: f"held at {value:.6g}" for name, value in space.fixed.items()},
         **{name: r.text for name, r in space.relations.items()},
         **_of_noise(problem),
-        "the seed": every["the seed"],
+        "the seed": str(config.seed),
     }
 
 

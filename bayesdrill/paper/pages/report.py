@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-import bayesdrill
 from bayesdrill.basics import own_files, software, symbols
 from bayesdrill.engines import Crew
 from bayesdrill.paper.pages.cells import Table
@@ -39,7 +38,7 @@ ITERATIONS = 10  # of each pair, in the paper
 def write(found: Findings, folder: Folder, crew: Crew) -> None:
     figures = folder.path / own_files.FIGURES
     figures.mkdir(exist_ok=True)
-    note = {"Title": "paper", "Creator": f"bayesdrill {bayesdrill.__version__}"}
+    note = {"Title": "paper", "Creator": software.creator()}
     wanted = _figures(found)
     tasks = [
         crew.submit(draw, stem, Drawing(figure, arguments), figures, note)
