@@ -15,7 +15,7 @@ Array = NDArray[np.float64]
 
 EARLIEST_DAY, LATEST_DAY = 20_000, 800_000  # of the calendars of Excel and MATLAB, in our time
 COARSE = 0.1  # of all steps: more that are zero are no mistake of single rows
-STEP_TOLERANCE = 1e-3  # how far a time step may be from the mean step, relative
+STEP_TOLERANCE = 1e-3  # how far a time step may be from the usual one, relative
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -33,9 +33,10 @@ class Channel:
 class Experiment:
     """A record in SI.
 
-    t : (T,) uniform; y : (T, K) one column per channel; `constant`: inputs that do not change;
-    `series`: measured inputs, each (T,), held by `first_order` or zero-order hold; `start`: the
-    state at time `t_start` <= t[0] (states not named are zero).
+    t : (T,) increasing, of every clock; y : (T, K) one column per channel, NaN where it was not
+    measured; `constant`: inputs that do not change; `series`: measured inputs, each (T,), held by
+    `first_order` or zero-order hold; `start`: the state at time `t_start` <= t[0] (states not named are
+    zero).
     """
 
     t: Array
@@ -49,11 +50,40 @@ class Experiment:
 
     @property
     def dt(self) -> float:
-        return float((self.t[-1] - self.t[0]) / (len(self.t) - 1))
+        """The step, or where steps differ the usual one."""
+        if self.uniform:
+            return float((self.t[-1] - self.t[0]) / (len(self.t) - 1))
+        return float(np.median(np.diff(self.t)))
+
+    @property
+    def uniform(self) -> bool:
+        """Whether all steps are equal, to `STEP_TOLERANCE` of a step."""
+        return even(self.t)
+
+    @property
+    def seen(self) -> NDArray[np.bool_]:
+        """`(T, K)`: what was measured."""
+        return ~np.isnan(self.y)
+
+    @property
+    def counts(self) -> tuple[int, ...]:
+        """How many samples each channel has."""
+        return tuple(int(n) for n in self.seen.sum(axis=0))
 
     @property
     def names(self) -> tuple[str, ...]:
         return tuple(channel.name for channel in self.channels)
+
+
+def even(t: Array) -> bool:
+    """Whether steps of `t (T,)` are equal, to `STEP_TOLERANCE` of one, and stay with their grid."""
+    if len(t) < 3:
+        return True
+    steps, step = np.diff(t), (t[-1] - t[0]) / (len(t) - 1)
+    usual = float(np.median(steps))
+    drift = np.abs(t - (t[0] + np.arange(len(t)) * step))
+    uneven = np.abs(steps - usual) > STEP_TOLERANCE * usual
+    return not (bool(uneven.any()) and float(drift.max()) > STEP_TOLERANCE * usual)
 
 
 def frozen(values: Array) -> Array:
@@ -115,10 +145,9 @@ def check_time(place: str, t: Array, where: Callable[[int], str]) -> list[Proble
                 f"by {t[first]:.10g} s; {_why_back(t, steps)}",
             )
         ]
-    usual = float(np.median(steps))
-    uneven = np.flatnonzero(np.abs(steps - usual) > STEP_TOLERANCE * usual)
-    drift = np.abs(t - (t[0] + np.arange(len(t)) * (t[-1] - t[0]) / (len(t) - 1)))
-    if len(uneven) and drift.max() > STEP_TOLERANCE * usual:
+    if not even(t):
+        usual = float(np.median(steps))
+        uneven = np.flatnonzero(np.abs(steps - usual) > STEP_TOLERANCE * usual)
         first = uneven[0]
         return [
             Problem(
