@@ -24,13 +24,14 @@ from bayesdrill.engines.convergence import Targets
 from bayesdrill.engines.workers import ctrl_c_waits
 from bayesdrill.insight.calibration.refit import Refit, Study, packed, work
 from bayesdrill.insight.calibration.verdict import Verdict, judge
-from bayesdrill.record.experiment import Experiment
+from bayesdrill.record.experiment import Experiment, frozen
 from bayesdrill.report import calibration_words, provenance_words
 from bayesdrill.report.sections import Section, as_markdown, markdown
 from bayesdrill.results import provenance, run_folder
 from bayesdrill.results.chain_files import COMPUTED_AGAIN
 from bayesdrill.results.run_folder import Folder
 from bayesdrill.setup import build, loading, reading, simulating
+from bayesdrill.setup.experiments import views
 from bayesdrill.setup.job import Job
 
 RANKS = "ranks.csv"
@@ -53,12 +54,13 @@ class Outcome:
 def prepare(path: Path) -> Job:
     """As `job.prepare`, but nothing has to be measured yet where `simulation:` gives times."""
     config, source = loading.load(path)
-    there = reading.path_of(config, source).exists()
+    there = all(reading.path_of(v.config, v.source).exists() for v in views(config, source))
     read: Callable[..., Experiment] = reading.read if there else simulating.grid
-    experiment = read(config, source)
+    every = views(config, source)
+    records = [read(view.config, view.source) for view in every]
     # What was measured plays no part, and so must not stop a calibration from being resumed.
-    blank = dataclasses.replace(experiment, y=np.zeros_like(experiment.y))
-    return Job(config=config, source=source, problem=build.problem(config, blank))
+    blank = [dataclasses.replace(x, y=frozen(np.where(x.seen, 0.0, np.nan))) for x in records]
+    return Job(config=config, source=source, problem=build.problem(every, blank))
 
 
 def study(job: Job) -> Study:

@@ -26,7 +26,10 @@ OSCILLATES = 1e-6  # of the largest pole: an imaginary part above it is no round
 
 def starts(posterior: Posterior, u: Array) -> Array:
     """`(n, D)` coordinates of the sampler, for the maximum at `u (D,)`."""
-    dt = posterior.likelihood.response.experiment.dt
+    sampled = [one.experiment for one in posterior.likelihood.observations]
+    if not all(one.uniform for one in sampled):
+        return np.empty((0, len(u)))  # of steps that differ no two swings leave the same samples
+    dt = min(one.dt for one in sampled)
     here = frequencies(posterior, u[None])[0]
     found = []
     for pair, omega in enumerate(here):
@@ -39,9 +42,9 @@ def starts(posterior: Posterior, u: Array) -> Array:
 
 def frequencies(posterior: Posterior, u: Array) -> Array:
     """Imaginary parts of the fastest pairs of poles at `u (W, D)`: `(W, PAIRS)`, 0 where none is."""
-    model = posterior.likelihood.response.model
+    model = posterior.likelihood.observations[0].response.model
     theta = posterior.coordinates.to_physical(u)
-    full = dict(zip(model.parameters, posterior.space.full(theta).T, strict=True))
+    full = dict(zip(model.parameters, posterior.likelihood.rig(theta).T, strict=True))
     matrices = dynamics(model.linear(full), model.states, len(u))
     every = np.linalg.eigvals(np.where(np.isfinite(matrices), matrices, 0.0))
     size = np.abs(every).max(axis=1, keepdims=True)

@@ -8,7 +8,7 @@ those of the MAP: a maximum that no search has looked for is not found by many s
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -57,7 +57,7 @@ class Mode:
     `slope`: change of the log posterior per conditional standard deviation of each unknown, well
     below 1 at a maximum inside the prior; `gain`: what a Newton step would still gain.
     `at_bound`: unknowns within 0.1 % of an end of their prior, or with 0.1 % of it between them and
-    zero.
+    zero.  `steps`: by which unknowns that may be negative are compared.
     """
 
     values: Mapping[str, float]
@@ -67,6 +67,7 @@ class Mode:
     at_bound: tuple[str, ...]
     searches: tuple[Search, ...]
     others: tuple[Other, ...] = ()
+    steps: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def maxima(self) -> tuple[Other, ...]:
@@ -94,18 +95,20 @@ class Mode:
         return tuple(
             name
             for name, value in self.values.items()
-            if any(_differ(s.end[name], value) and not self._is_other(s.end) for s in self.highest)
+            if any(
+                self._differ(name, s.end[name], value) and not self._is_other(s.end)
+                for s in self.highest
+            )
         )
 
     def _is_other(self, end: Mapping[str, float]) -> bool:
         return any(
-            not any(_differ(end[name], x) for name, x in other.values.items())
+            not any(self._differ(name, end[name], x) for name, x in other.values.items())
             for other in self.others
         )
 
-
-def _differ(one: float, other: float) -> bool:
-    return abs(one - other) > SAME_PLACE * abs(other)
+    def _differ(self, name: str, one: float, other: float) -> bool:
+        return abs(one - other) > SAME_PLACE * self.steps.get(name, abs(other))
 
 
 def starts(posterior: Posterior, n: int, rng: np.random.Generator) -> Array:
@@ -199,6 +202,7 @@ def summarise(
             Other(values=_named(posterior, at), log_posterior=float(height))
             for at, height in zip(theta[1:], heights[1:], strict=True)
         ),
+        steps={one.name: one.scale for one in posterior.space.unknowns if one.signed},
     )
 
 
@@ -209,7 +213,13 @@ def tops(posterior: Posterior, found: Mode) -> Array:
 
 def _at_bound(posterior: Posterior, values: Mapping[str, float]) -> tuple[str, ...]:
     close = []
-    for name, prior in posterior.space.priors.items():
+    for one in posterior.space.unknowns:
+        name, prior = one.name, one.prior
+        if one.signed:
+            near = 1e-3 * one.scale
+            if min(values[name] - prior.low, prior.high - values[name]) < near:
+                close.append(name)
+            continue
         ends = [end for end in (prior.low, prior.high) if np.isfinite(end) and end > 0]
         # The density of a log-normal vanishes at zero: that is no bound, only improbable.
         ends_at_zero = prior.low == 0 and not isinstance(prior, LogNormal)

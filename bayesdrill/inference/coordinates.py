@@ -2,7 +2,8 @@
 
 Rigs are made of products and ratios, so that logs are the natural scale.  They are none for an
 unknown whose prior reaches down to zero: all of its lower end would lie in an endless tail.  What
-lies between two ends, such as a correlation, goes by its logit between them.
+lies between two ends, such as a correlation, goes by its logit between them, and what may be
+negative, such as an offset, by itself.
 """
 
 from __future__ import annotations
@@ -19,13 +20,15 @@ Array = NDArray[np.float64]
 @dataclass(frozen=True, slots=True)
 class Coordinates:
     """`logs`: for each of the D unknowns, whether its log is its coordinate; `between`: columns whose
-    logit between `low` and `high` is, as `(column, low, high)`: these alone need not be positive.
+    logit between `low` and `high` is, as `(column, low, high)`.  `signed`: columns that need not be
+    positive, these among them, each with the step that is one on its natural scale.
 
     `z` and `theta` are `(W, D)`; the Jacobian is log |d theta / d z|, `(W,)`.
     """
 
     logs: tuple[bool, ...]
     between: tuple[tuple[int, float, float], ...] = ()
+    signed: tuple[tuple[int, float], ...] = ()
 
     def from_physical(self, theta: Array) -> Array:
         z = theta.copy()
@@ -66,8 +69,25 @@ class Coordinates:
         return slope, curvature
 
     def natural(self, theta: Array) -> Array:
-        """d unknown / d its natural scale `(W, D)`: its log where it is positive, or else itself."""
+        """d unknown / d its natural scale `(W, D)`: its log where it is positive, or else itself over
+        its step.
+        """
         out = theta.copy()
-        for column, *_ in self.between:
-            out[:, column] = 1.0
+        for column, step in self.signed:
+            out[:, column] = step
+        return out
+
+    def to_natural(self, theta: Array) -> Array:
+        """Logs `(W, D)`, and what need not be positive over its step."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            out = np.log(theta)
+        for column, step in self.signed:
+            out[:, column] = theta[:, column] / step
+        return out
+
+    def from_natural(self, natural: Array) -> Array:
+        """What `to_natural` is of."""
+        out = np.exp(natural)
+        for column, step in self.signed:
+            out[:, column] = natural[:, column] * step
         return out

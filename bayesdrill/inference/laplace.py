@@ -27,7 +27,7 @@ def information_root(posterior: Posterior, theta: Array) -> Array:
     thousand times better than others.  Far from the data the record counts for less: its noise is
     taken to be what is left there.
     """
-    prior_sd = np.array([_spread(unknown) for unknown in posterior.space.unknowns])
+    prior_sd = np.array([natural_spread(unknown) for unknown in posterior.space.unknowns])
     record = _record_rows(posterior, theta) / np.sqrt(excess(posterior, theta))
     return np.asarray(np.linalg.qr(np.vstack([record, np.diag(1.0 / prior_sd)]), mode="r"))
 
@@ -50,16 +50,20 @@ def slopes_by_logs(coordinates: Coordinates, theta: Array) -> Array:
 
 
 def _neighbours(coordinates: Coordinates, theta: Array) -> tuple[Array, Array]:
-    """A step up and down of each unknown, in its log; of what need not be positive, in itself."""
+    """A step up and down of each unknown, on its natural scale."""
     shifts = np.exp(_STEP * np.eye(len(theta)))
     up, down = theta * shifts, theta / shifts
-    for column, *_ in coordinates.between:
-        up[column, column], down[column, column] = theta[column] + _STEP, theta[column] - _STEP
+    for column, step in coordinates.signed:
+        up[column, column] = theta[column] + _STEP * step
+        down[column, column] = theta[column] - _STEP * step
     return up, down
 
 
-def _spread(unknown: Unknown) -> float:
-    return spread_of_log(unknown.prior) if unknown.between is None else spread(unknown.prior)
+def natural_spread(unknown: Unknown) -> float:
+    """On its natural scale."""
+    if unknown.signed:
+        return spread(unknown.prior) / unknown.scale
+    return spread_of_log(unknown.prior)
 
 
 def _record_rows(posterior: Posterior, theta: Array) -> Array:
@@ -71,8 +75,9 @@ def _record_rows(posterior: Posterior, theta: Array) -> Array:
     full = posterior.space.full(np.concatenate([up, down]))
     rows, levels = [], []
     for one in posterior.likelihood.observations:
-        signals = one.response.signals(full)
-        slopes = _whitened(one, signals[: len(theta)] - signals[len(theta) :], theta)
+        signals = one.signals(full)
+        shifts = np.where(one.experiment.seen, signals[: len(theta)] - signals[len(theta) :], 0.0)
+        slopes = _whitened(one, shifts, theta)
         rows.append(np.nan_to_num(slopes.reshape(len(theta), -1), posinf=0.0, neginf=0.0).T)
         levels.append(
             np.sqrt(one.noise.expected(theta[one.own]))[:, None] * np.eye(len(theta))[one.own]

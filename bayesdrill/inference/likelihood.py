@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 
 from bayesdrill.inference.noise.contract import Noise
 from bayesdrill.inference.unknowns import ParameterSpace
+from bayesdrill.record.experiment import Experiment
 from bayesdrill.rig.simulator import Simulator
 
 Array = NDArray[np.float64]
@@ -19,15 +21,42 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class Observation:
-    """A record, what simulates it, and how it scatters; `own`: columns of its noise's unknowns."""
+    """A record, what simulates it, and how it scatters.
+
+    `own`: columns of its noise's unknowns among `theta (W, D)`; `columns`: of its simulator's parameters
+    among `full (W, P)`, None for all of them.  `label`: its name among several.
+    """
 
     response: Simulator
     noise: Noise
-    own: slice
+    own: slice | list[int]
+    columns: list[int] | None = None
+    label: str = ""
+
+    @property
+    def experiment(self) -> Experiment:
+        return self.response.experiment
+
+    def told(self, full: Array) -> Array:
+        """What its simulator takes of parameters `(..., P)`."""
+        return full if self.columns is None else full[..., self.columns]
+
+    def named(self, own: Sequence[str], every: Sequence[str]) -> dict[str, str]:
+        """What the first parameters of its simulator are called among those of all."""
+        columns = range(len(every)) if self.columns is None else self.columns
+        return {name: every[column] for name, column in zip(own, columns, strict=False)}
 
     def residuals(self, full: Array) -> Remains:
-        """At the simulator's parameters `full (W, P)`."""
-        return Remains(self.response, full)
+        """At the parameters `full (W, P)`."""
+        return Remains(self.response, self.told(full))
+
+    def signals(self, full: Array) -> Array:
+        """The channels without noise, `(W, T, K)`."""
+        return self.response.signals(self.told(full))
+
+    def sensitivities(self, full: Array, along: Array) -> Array:
+        """See `Simulator.sensitivities`; `along (W, q, P)`."""
+        return self.response.sensitivities(self.told(full), self.told(along))
 
     def by_channel(self, full: Array, theta: Array) -> Array:
         """Log likelihood `(W, K)`."""
@@ -40,19 +69,22 @@ class Observation:
     def left(self, full: Array, theta: Array) -> Array:
         """Sums of squares `(W, K)` of what is left, over the noise."""
         if self.noise.white:
-            return np.asarray(self.response.squares(full) / self.scales(theta) ** 2)
+            return np.asarray(self.response.squares(self.told(full)) / self.scales(theta) ** 2)
         samples = self.noise.whiten(self.residuals(full).samples, theta[:, self.own])
-        return np.asarray((samples**2).sum(axis=1))
+        return np.asarray(np.nansum(samples**2, axis=1))
 
     @property
     def numbers(self) -> int:
         """How many were measured."""
-        return self.response.experiment.y.size
+        return sum(self.experiment.counts)
 
 
 @dataclass(frozen=True)
 class Remains:
-    """Measured minus model, `noise.contract.Residuals`: each as it is first asked for."""
+    """Measured minus model, `noise.contract.Residuals`: each as it is first asked for.
+
+    `full (W, P)`: of this simulator alone.  Samples are NaN where nothing was measured.
+    """
 
     response: Simulator
     full: Array
@@ -67,6 +99,19 @@ class Remains:
 
     def weighed(self, weights: Array) -> Array:
         return self.squares * weights**2
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Part:
+    """One of several experiments: `told`, `levels`: what its simulator's parameters and its noise's
+    unknowns are called among those of all.
+    """
+
+    response: Simulator
+    noise: Noise
+    told: Sequence[str]
+    levels: Sequence[str]
+    label: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,6 +131,18 @@ class Likelihood:
             last = first + len(noise.unknowns)
             made.append(Observation(response, noise, slice(first, last)))
             first = last
+        return cls(tuple(made), space)
+
+    @classmethod
+    def joint(cls, space: ParameterSpace, parts: Sequence[Part]) -> Likelihood:
+        """Of several experiments; their names stand in `space`."""
+        made = []
+        for one in parts:
+            columns: list[int] | None = [space.model.index(name) for name in one.told]
+            if columns == list(range(len(space.model))):
+                columns = None
+            own = _places([space.free.index(name) for name in one.levels], len(space.free))
+            made.append(Observation(one.response, one.noise, own, columns, one.label))
         return cls(tuple(made), space)
 
     def __call__(self, theta: Array) -> Array:
@@ -110,6 +167,25 @@ class Likelihood:
         return np.asarray(left.sum(axis=-1) / self.numbers)
 
     # Of the only observation, where there is no other.
+
+    def every_signal(self, theta: Array) -> list[Array]:
+        """Of each observation, `(W, T, K)`."""
+        full = self.space.full(theta)
+        return [one.signals(full) for one in self.observations]
+
+    def whitened(self, theta: Array) -> Array:
+        """Model minus measured over the noise at `theta (D,)`; zero where nothing was seen: `(n,)`."""
+        full, parts = self.space.full(theta[None]), []
+        for one in self.observations:
+            off = np.where(one.experiment.seen, -one.residuals(full).samples, 0.0)
+            parts.append(one.noise.inform(off, theta[None, one.own]).ravel())
+        return np.concatenate(parts)
+
+    def rig(self, theta: Array) -> Array:
+        """Parameters of the rig `(W, P)`, in the model's order, as the first observation has them."""
+        one = self.observations[0]
+        told = one.told(self.space.full(theta))
+        return told[:, : len(one.response.model.parameters)]
 
     @property
     def alone(self) -> Observation:
@@ -139,7 +215,14 @@ class Likelihood:
 
     def signals(self, theta: Array) -> Array:
         """The channels without noise, `(W, T, K)`."""
-        return self.response.signals(self.space.full(theta))
+        return self.alone.signals(self.space.full(theta))
+
+
+def _places(columns: list[int], last: int) -> slice | list[int]:
+    """A slice where they stand in a row: it copies nothing."""
+    first = columns[0] if columns else last
+    in_a_row = columns == list(range(first, first + len(columns)))
+    return slice(first, first + len(columns)) if in_a_row else columns
 
 
 def _joined(parts: list[Array]) -> Array:

@@ -1,7 +1,8 @@
-"""Prior families: normalised one-dimensional densities of positive quantities, SI.
+"""Prior families: normalised one-dimensional densities, SI.
 
 Every parameter of a rig is positive, so a family that reaches below zero is cut there and
-renormalised.  `logpdf` is -inf outside the support and never NaN.
+renormalised; of a sensor or a start, which may be negative, it has an end `low` below zero, or none.
+`logpdf` is -inf outside the support and never NaN.
 """
 
 from __future__ import annotations
@@ -52,7 +53,7 @@ class Uniform:
         return self.low > 0
 
     def logpdf(self, x: Array) -> Array:
-        inside = (x >= self.low) & (x <= self.high) & (x > 0)
+        inside = (x >= self.low) & (x <= self.high) & _possible(self, x)
         return np.where(inside, -math.log(self.high - self.low), -np.inf)
 
     def quantile(self, u: Array) -> Array:
@@ -97,7 +98,7 @@ class TruncatedNormal:
         return self.low > 0
 
     def logpdf(self, x: Array) -> Array:
-        inside = (x >= self.low) & (x <= self.high) & (x > 0)
+        inside = (x >= self.low) & (x <= self.high) & _possible(self, x)
         z = (np.where(inside, x, self.mean) - self.mean) / self.sd
         density = -0.5 * z**2 - _LOG_SQRT_2PI - math.log(self.sd) - self._log_mass()
         return np.where(inside, density, -np.inf)
@@ -113,8 +114,9 @@ class TruncatedNormal:
         return np.asarray(np.clip(self.mean + self.sd * z, self.low, self.high))
 
     def describe(self) -> str:
+        begin = "" if math.isinf(self.low) else f", from {self.low:.6g}"
         end = "" if math.isinf(self.high) else f" to {self.high:.6g}"
-        return f"normal {self.mean:.6g} +- {self.sd:.6g}, from {self.low:.6g}{end}"
+        return f"normal {self.mean:.6g} +- {self.sd:.6g}{begin}{end}"
 
     def _ends(self) -> tuple[float, float]:
         return (self.low - self.mean) / self.sd, (self.high - self.mean) / self.sd
@@ -217,6 +219,16 @@ class InUnits:
 
     def describe(self) -> str:
         return f"{self.si.describe()}, in SI"
+
+
+def _possible(prior: Prior, x: Array) -> NDArray[np.bool_] | bool:
+    """Of what cannot be negative zero itself is left out: it has no log."""
+    return signed(prior) or x > 0
+
+
+def signed(prior: Prior) -> bool:
+    """Whether it allows numbers below zero."""
+    return prior.low < 0
 
 
 def flat_in_logs(prior: Prior | None) -> bool:

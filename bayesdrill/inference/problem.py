@@ -7,8 +7,10 @@ from dataclasses import dataclass, field
 
 from bayesdrill.basics.formulas import Expression
 from bayesdrill.basics.symbols import Symbol
+from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.record.experiment import Experiment
+from bayesdrill.rig.models.linear import Model
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,8 +35,18 @@ class Problem:
     derived: tuple[Formula, ...] = ()
 
     @property
+    def observations(self) -> tuple[Observation, ...]:
+        return self.posterior.likelihood.observations
+
+    @property
     def experiment(self) -> Experiment:
-        return self.posterior.likelihood.response.experiment
+        """The only one; raises `ValueError` where there are more."""
+        return self.posterior.likelihood.alone.experiment
+
+    @property
+    def model(self) -> Model:
+        """The rig, which all observations share."""
+        return self.observations[0].response.model
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -39,7 +39,7 @@ class Limits:
 class Left:
     """Of one channel: rms over sigma, the correlation of one sample with the next, and the sample
     that is farthest off, in sigmas, at `time` [s].  `share`: of the channel's spread about its mean;
-    NaN where it has none.
+    NaN where it has none.  `experiment`: its label among several.
     """
 
     channel: str
@@ -49,6 +49,7 @@ class Left:
     farthest: float
     time: float
     limits: Limits
+    experiment: str = ""
 
     @property
     def large(self) -> bool:
@@ -87,33 +88,46 @@ def like_noise(found: Sequence[Left]) -> bool:
 def left(likelihood: Likelihood, theta: Array) -> tuple[Left, ...]:
     """At the unknowns `theta (D,)`; an unknown sigma fits the size, unless its prior keeps it off."""
     full, row = likelihood.space.full(theta[None]), theta[None]
-    return tuple(found for one in likelihood.observations for found in _of(one, full, row))
+    channels = sum(one.noise.n_channels for one in likelihood.observations)
+    return tuple(
+        found for one in likelihood.observations for found in _of(one, full, row, channels)
+    )
 
 
-def _of(one: Observation, full: Array, theta: Array) -> list[Left]:
-    experiment = one.response.experiment
+def _of(one: Observation, full: Array, theta: Array, channels: int) -> list[Left]:
+    """`channels`: how many there are in all observations."""
+    experiment = one.experiment
     remains = one.residuals(full).samples
     residuals = one.noise.whiten(remains, theta[:, one.own])[0]
-    n = len(residuals)
-    found = limits(n, one.noise.n_channels, theta.shape[1])
-    squares = (residuals**2).sum(axis=0)
-    products = (residuals[1:] * residuals[:-1]).sum(axis=0)
-    worst = np.abs(residuals).argmax(axis=0)
-    rms, spread = np.sqrt(squares / n), experiment.y.std(axis=0)
-    size = np.sqrt(np.mean(remains[0] ** 2, axis=0))
-    share = np.where(spread > 0, size / np.where(spread > 0, spread, 1.0), math.nan)
     return [
-        Left(
-            channel=name,
-            rms=float(rms[k]),
-            share=float(share[k]),
-            correlation=float(products[k] / squares[k]) if squares[k] > 0 else 0.0,
-            farthest=float(abs(residuals[worst[k], k])),
-            time=float(experiment.t[worst[k]]),
-            limits=found,
+        _channel(
+            one,
+            k,
+            remains[0, seen, k],
+            residuals[seen, k],
+            limits(int(seen.sum()), channels, theta.shape[1]),
         )
-        for k, name in enumerate(experiment.names)
+        for k, seen in enumerate(experiment.seen.T)
     ]
+
+
+def _channel(one: Observation, k: int, remains: Array, residuals: Array, found: Limits) -> Left:
+    """Of channel `k`, from its own samples `(n,)`."""
+    n, seen = len(residuals), one.experiment.seen[:, k]
+    y, t = one.experiment.y[seen, k], one.experiment.t[seen]
+    squares = float(residuals @ residuals)
+    spread = float(y.std())
+    worst = int(np.abs(residuals).argmax())
+    return Left(
+        channel=one.experiment.names[k],
+        rms=math.sqrt(squares / n),
+        share=math.sqrt(np.mean(remains**2)) / spread if spread > 0 else math.nan,
+        correlation=float(residuals[1:] @ residuals[:-1]) / squares if squares > 0 else 0.0,
+        farthest=float(abs(residuals[worst])),
+        time=float(t[worst]),
+        limits=found,
+        experiment=one.label,
+    )
 
 
 def limits(samples: int, channels: int, unknowns: int) -> Limits:

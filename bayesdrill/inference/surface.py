@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from bayesdrill.inference.likelihood import Observation, Remains
 from bayesdrill.inference.posterior import Posterior
-from bayesdrill.inference.unknowns import Unknown
+from bayesdrill.inference.unknowns import MOVES, Unknown
 
 Array = NDArray[np.float64]
 
@@ -103,9 +103,10 @@ def slopes(
     """
     left = one.residuals(full)
     if one.noise.white:
-        squares, slope, curvature = one.response.normal(full, along, 1.0 / one.noise.scales(own))
+        told, turned, scales = one.told(full), one.told(along), 1.0 / one.noise.scales(own)
+        squares, slope, curvature = one.response.normal(told, turned, scales)
         return Fused(left, squares), slope, curvature
-    shifts = one.response.sensitivities(full, along)  # (W, q, T, K)
+    shifts = one.sensitivities(full, along)  # (W, q, T, K)
     pull = one.noise.pull(left.samples, own)
     slope = np.einsum("wqtk,wtk->wq", shifts, pull)
     rows = np.stack([one.noise.inform(shifts[:, q], own) for q in range(along.shape[1])], axis=1)
@@ -160,7 +161,7 @@ class PosteriorSurface:
         space, coordinates = self.posterior.space, self.posterior.coordinates
         # d log unknown / d coordinate, or d unknown / d coordinate where it need not be positive
         by_log = coordinates.slopes(theta) / coordinates.natural(theta)
-        m = len(space.columns("rig", "quantity"))
+        m = len(space.columns(*MOVES))
         full, along = space.full(theta), None
         if m:
             turned = space.slopes(theta).swapaxes(1, 2) @ (by_log[:, :m, None] * directions[:m])
@@ -218,12 +219,13 @@ def _ends(unknown: Unknown) -> tuple[float, float]:
         low, high = unknown.between
         inset = NOTHING * (high - low)
         return max(prior.low, low + inset), min(prior.high, high - inset)
-    low = prior.low if prior.low > 0 else float(prior.quantile(np.array(NOTHING)))
+    bounded = np.isfinite(prior.low) and (prior.low > 0 or unknown.signed)
+    low = prior.low if bounded else float(prior.quantile(np.array(NOTHING)))
     high = prior.high if np.isfinite(prior.high) else float(prior.quantile(np.array(1 - NOTHING)))
     return low, high
 
 
 def _within(posterior: Posterior, theta: Array) -> Array:
     """Where coordinates are numbers."""
-    floor = [1e-300 if one.between is None else -np.inf for one in posterior.space.unknowns]
+    floor = [-np.inf if one.signed else 1e-300 for one in posterior.space.unknowns]
     return np.maximum(theta, floor)

@@ -15,12 +15,13 @@ from bayesdrill.basics.duals import Dual
 from bayesdrill.basics.formulas import Expression
 from bayesdrill.basics.symbols import Symbol
 from bayesdrill.inference.coordinates import Coordinates
-from bayesdrill.inference.priors import Prior, Uniform, draw
+from bayesdrill.inference.priors import Prior, Uniform, draw, signed, spread
 
 Array = NDArray[np.float64]
 
 
-Role = Literal["rig", "quantity", "noise"]
+Role = Literal["rig", "quantity", "sensor", "start", "noise"]
+MOVES: tuple[Role, ...] = ("rig", "quantity", "sensor", "start")  # what a simulator is told
 Transform = Literal["log", "plain"] | tuple[float, float]
 
 
@@ -29,7 +30,8 @@ class Unknown:
     """As its owner declares it, SI; `start`: where a search for the MAP begins.
 
     `transform` gives the coordinate in which samplers walk: its log, itself, or the logit between two
-    ends, where it need not be positive; None: log or itself, as the prior has it.
+    ends, where it need not be positive; None: log or itself, as the prior has it.  What the prior
+    allows below zero goes by itself.
     """
 
     symbol: Symbol
@@ -42,9 +44,23 @@ class Unknown:
     def name(self) -> str:
         return self.symbol.name
 
+    def of(self, label: str) -> Unknown:
+        """The same of one of several experiments."""
+        return dataclasses.replace(self, symbol=labelled(self.symbol, label))
+
     @property
     def between(self) -> tuple[float, float] | None:
         return self.transform if isinstance(self.transform, tuple) else None
+
+    @property
+    def signed(self) -> bool:
+        """Whether it need not be positive, so that its log is no scale of it."""
+        return self.between is not None or signed(self.prior)
+
+    @property
+    def scale(self) -> float:
+        """Of what need not be positive: the step that counts as one."""
+        return 1.0 if self.between is not None else spread(self.prior)
 
     @property
     def in_logs(self) -> bool:
@@ -53,13 +69,31 @@ class Unknown:
         return self.transform == "log"
 
 
+def of_label(name: str, label: str) -> str:
+    """What is `own` to one of several experiments; `label` is empty where there is only one."""
+    return f"{name}_{label}" if label else name
+
+
+def labelled(symbol: Symbol, label: str, name: str | None = None) -> Symbol:
+    """Of one of several experiments."""
+    if not label:
+        return symbol
+    shown = label.replace("_", r"\_")
+    return dataclasses.replace(
+        symbol,
+        name=of_label(symbol.name, label) if name is None else name,
+        latex=rf"{symbol.latex}^{{\mathrm{{{shown}}}}}",
+        meaning=f"{symbol.meaning}, of the experiment {label}",
+    )
+
+
 @dataclass(frozen=True, kw_only=True)
 class ParameterSpace:
-    """The D `unknowns`: free parameters of the rig, quantities, then those of the noise.
+    """The D `unknowns`: free parameters of the rig, quantities, sensors and starts, then the noise's.
 
-    `model` lists all P parameters of the rig: those that are not unknown have their values in `fixed`,
-    or follow from others by `relations`, in names of unknowns and `fixed`.  `theta` is `(W, D)`,
-    physical, SI.
+    `model` lists all P parameters of rig, sensors and starts: those that are not unknown have their
+    values in `fixed`, or follow from others by `relations`, in names of unknowns and `fixed`.  `theta`
+    is `(W, D)`, physical, SI.
     """
 
     model: tuple[str, ...]
@@ -100,6 +134,7 @@ class ParameterSpace:
         return Coordinates(
             tuple(unknown.in_logs for unknown in self.unknowns),
             tuple((k, *u.between) for k, u in enumerate(self.unknowns) if u.between is not None),
+            tuple((k, u.scale) for k, u in enumerate(self.unknowns) if u.signed),
         )
 
     def full(self, theta: Array) -> Array:
@@ -118,12 +153,16 @@ class ParameterSpace:
         return named | {name: r.value(named) for name, r in self.relations.items()}
 
     def slopes(self, theta: Array) -> Array:
-        """d parameter of the model / d log unknown at `theta (W, D)`, noise left out: `(W, m, P)`."""
-        charted = [self.free[k] for k in self.columns("rig", "quantity")]
+        """d parameter of the model / d log unknown at `theta (W, D)`, noise left out: `(W, m, P)`.
+
+        Of what need not be positive, by itself over its `scale`.
+        """
+        charted, steps = self._charted
         duals: dict[str, Dual | float] = dict(self.fixed)
         for row, name in enumerate(charted):
             column_ = theta[:, row, None]
-            duals[name] = Dual(column_, column_ * np.eye(len(charted))[row])
+            by = column_ if steps[row] is None else np.full_like(column_, steps[row])
+            duals[name] = Dual(column_, by * np.eye(len(charted))[row])
         duals |= {name: r.value(duals) for name, r in self.relations.items()}
         out = np.zeros((len(theta), len(charted), len(self.model)))
         for column, name in enumerate(self.model):
@@ -131,6 +170,12 @@ class ParameterSpace:
             if isinstance(value, Dual):
                 out[:, :, column] = value.slope
         return out
+
+    @cached_property
+    def _charted(self) -> tuple[list[str], list[float | None]]:
+        """What simulators are told, and the steps of what need not be positive."""
+        moving = [self.unknowns[k] for k in self.columns(*MOVES)]
+        return [u.name for u in moving], [u.scale if u.signed else None for u in moving]
 
     def vector(self, values: Mapping[str, float]) -> Array:
         """`(D,)` from named values."""
@@ -160,7 +205,7 @@ class ParameterSpace:
     @cached_property
     def _floor(self) -> Array:
         """Above which each of the box must be: zero, where its coordinate does not say otherwise."""
-        free = [self.unknowns[column].between is not None for column in self.box[0]]
+        free = [self.unknowns[column].signed for column in self.box[0]]
         return np.where(free, -np.inf, 0.0)
 
     @cached_property

@@ -19,10 +19,10 @@ from bayesdrill.insight.diagnostics import hdi
 from bayesdrill.record.experiment import usual_inputs
 from bayesdrill.rig import vocabulary
 from bayesdrill.rig.models.linear import Linear, Model, Named, dynamics
+from bayesdrill.rig.steady import angles_of, ends, turning, turns
 
 Array = NDArray[np.float64]
 
-_ROUNDING = 1e-12
 _TRIED = 1000  # draws from the priors, at which formulas are tried
 _LARGEST = 1e150  # whose square is still a number
 _FLAT = 1e-7  # relative imaginary part below which a pole is real: rounding of a double one
@@ -147,12 +147,13 @@ def at(problem: Problem, theta: Array) -> dict[str, Array]:
 
 
 def _following(problem: Problem, named: Named, n: int) -> dict[str, Array]:
-    response = problem.posterior.likelihood.response
-    p = {name: np.broadcast_to(named[name], n) for name in response.model.parameters}
-    linear = response.model.linear(p)
+    model, first = problem.model, problem.observations[0]
+    told = first.named(model.parameters, problem.posterior.space.model)
+    p = {name: np.broadcast_to(named[told[name]], n) for name in model.parameters}
+    linear = model.linear(p)
     found = {
-        **poles(response.model, linear, n),
-        **steady(response.model, linear, n, usual_inputs(response.experiment)),
+        **poles(model, linear, n),
+        **steady(model, linear, n, usual_inputs(first.experiment)),
     }
     known: dict[str, Array | float] = {**named, **found}
     for own in problem.derived:
@@ -182,8 +183,8 @@ def poles(model: Model, linear: Linear, n: int) -> dict[str, Array]:
     angles matter.  NaN where there is no pair, or not the poles that a time constant means.
     """
     matrix = dynamics(linear, model.states, n)
-    angles = _angles(model)
-    if _turns(matrix, angles):
+    angles = angles_of(model)
+    if turns(matrix, angles):
         first, *others = angles
         matrix[:, others] -= matrix[:, [first]]
         matrix = np.delete(np.delete(matrix, first, axis=1), first, axis=2)
@@ -221,33 +222,11 @@ def steady(model: Model, linear: Linear, n: int, inputs: Mapping[str, float]) ->
         forcing[:, index[row]] += value
     for (row, name), value in linear.B.items():
         forcing[:, index[row]] += value * inputs.get(name, 0.0)
-    angles = _angles(model)
-    turns = _turns(matrix, angles)
-    if turns:
-        # One angle is taken as zero; its place takes the speed at which all angles turn.
-        matrix[:, :, angles[0]] = 0.0
-        matrix[:, angles, angles[0]] = -1.0
-    bad = ~(np.isfinite(matrix).all(axis=(1, 2)) & np.isfinite(forcing).all(axis=1))
-    matrix[bad] = np.eye(len(index))
-    rows = np.abs(matrix).max(axis=2, keepdims=True)
-    singular = np.linalg.matrix_rank(matrix / np.where(rows > 0, rows, 1.0)) < len(index)
-    matrix[singular] = np.eye(len(index))
-    ends = np.linalg.solve(matrix, -forcing[..., None])[..., 0]
-    ends[bad | singular] = np.nan
-    speed = ends[:, angles[0]] if turns else 0.0 * ends[:, angles[0]]
-    return {"w_end": speed, "i_end": ends[:, index["i"]]}
-
-
-def _angles(model: Model) -> list[int]:
-    """Their places among the states."""
-    return [k for k, name in enumerate(model.states) if vocabulary.STATES[name].unit == "rad"]
-
-
-def _turns(matrix: Array, angles: list[int]) -> bool:
-    """Whether nothing changes when all angles are shifted alike, in all of `matrix (n, X, X)`."""
-    columns = matrix[np.isfinite(matrix).all(axis=(1, 2))][:, :, angles]
-    left = np.abs(columns.sum(axis=-1)) <= _ROUNDING * np.abs(columns).sum(axis=-1)
-    return bool(left.all())
+    angles = angles_of(model)
+    turned = turns(matrix, angles)
+    found = ends(turning(matrix, angles) if turned else matrix, forcing)
+    speed = found[:, angles[0]] if turned else 0.0 * found[:, angles[0]]
+    return {"w_end": speed, "i_end": found[:, index["i"]]}
 
 
 def summarise(derived: Derived) -> tuple[Row, ...]:

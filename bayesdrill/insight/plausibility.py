@@ -60,10 +60,11 @@ def of_priors(problem: Problem) -> Iterator[str]:
 
 def of_gear(problem: Problem) -> Iterator[str]:
     """Channels that turn neither with the shaft nor, by the gear of the model, with the motor."""
-    i_m = getattr(problem.posterior.likelihood.response.model, "i_m", None)
+    i_m = getattr(problem.model, "i_m", None)
     if i_m is None:
         return
-    for channel in problem.experiment.channels:
+    every = [c for one in problem.observations for c in one.experiment.channels]
+    for channel in {c.name: c for c in every}.values():
         match dict(channel.weights):
             case {"w_2": float(times)} | {"theta_2": float(times)} if len(channel.weights) == 1:
                 apart = min(abs(abs(times) * own - 1) for own in (1.0, i_m))
@@ -85,32 +86,31 @@ def of_nominal(problem: Problem) -> tuple[str, ...]:
     values = {**space.start, **problem.nominal, **space.fixed}
     values |= {name: float(relation.value(values)) for name, relation in space.relations.items()}
     table = {name for name in problem.published if values[name] == problem.nominal[name]}
-    model = problem.posterior.likelihood.response.model
+    model = problem.model
     found = poles(model, {name: np.array([values[name]]) for name in model.parameters})[0]
     return (
         *_energy_of_nominal(values),
         *_geometry({name: values[name] for name in GEOMETRY if name in table}),
-        *_poles(found[None], problem.experiment.dt),
+        *_poles(found[None], _step(problem)),
     )
 
 
 def of_draws(problem: Problem, draws: Array, known: Information) -> tuple[str, ...]:
     """Of posterior draws `(N, D)`; `known` says what the record alone determines."""
-    space = problem.posterior.space
-    full = space.full(draws[:: max(1, len(draws) // MOST_DRAWS)])
-    model = problem.posterior.likelihood.response.model
-    values = dict(zip(model.parameters, full.T, strict=True))
-    return (*_energy_of_draws(values, known), *_poles(poles(model, values), problem.experiment.dt))
+    model = problem.model
+    rig = problem.posterior.likelihood.rig(draws[:: max(1, len(draws) // MOST_DRAWS)])
+    values = dict(zip(model.parameters, rig.T, strict=True))
+    return (*_energy_of_draws(values, known), *_poles(poles(model, values), _step(problem)))
 
 
 def of_course(scenery: Scenery, theta: Array) -> tuple[str, ...]:
     """Of the motion at unknowns `theta (D,)`: whether friction brakes all the time."""
     likelihood = scenery.likelihood
-    rig = likelihood.response.model
-    t_f = float(likelihood.space.full(theta[None])[0, rig.parameters.index("t_f")])
-    states = scenery.states_over_time(theta, scenery.as_it_is(theta))
-    speed = states[:, scenery.states.index("w_2")]
-    share = float(np.mean(np.sign(t_f) * speed < -APPRECIABLE * np.abs(speed).max()))
+    rig = likelihood.observations[0].response.model
+    t_f = float(likelihood.rig(theta[None])[0, rig.parameters.index("t_f")])
+    speeds = [motion[:, scenery.states.index("w_2")] for motion in scenery.motions(theta)]
+    other_way = [np.sign(t_f) * w < -APPRECIABLE * np.abs(w).max() for w in speeds]
+    share = float(np.mean(np.concatenate(other_way)))
     if share <= FEW:
         return ()
     return (
@@ -118,6 +118,11 @@ def of_course(scenery: Scenery, theta: Array) -> tuple[str, ...]:
         "keeps its sign, drives instead of braking; cut these samples off (record.window), turn the "
         "signs of v and of all channels if it always turns so, or do not believe t_f",
     )
+
+
+def _step(problem: Problem) -> float:
+    """The shortest of the usual steps of all records."""
+    return min(one.experiment.dt for one in problem.observations)
 
 
 def poles(model: Model, values: Mapping[str, Array]) -> NDArray[np.complex128]:

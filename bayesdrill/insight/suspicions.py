@@ -71,7 +71,7 @@ def of_start(problem: Problem) -> tuple[str, ...]:
 
 def gear_of(problem: Problem) -> float:
     """1 for a rig without one."""
-    return float(getattr(problem.posterior.likelihood.response.model, "i_m", 1.0))
+    return float(getattr(problem.model, "i_m", 1.0))
 
 
 def _named(times: float, near: float, gear: float) -> str:

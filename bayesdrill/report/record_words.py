@@ -24,7 +24,7 @@ def columns(problem: Problem, config: Config) -> str:
     time = config.record.time
     if isinstance(time, TimeColumn):
         lines.append(_line("time", "time", time, experiment.t / units.factor(time.unit, "s")))
-    measured = build.channels(config, problem.posterior.likelihood.response.model)
+    measured = build.channels(config, problem.model)
     for entry, values in zip(measured, experiment.y.T, strict=True):
         name = entry.channel.name
         channel = config.record.channels[name]
@@ -40,7 +40,7 @@ def columns(problem: Problem, config: Config) -> str:
 
 def suspicions(problem: Problem, config: Config) -> tuple[str, ...]:
     """What a wrong column, unit or counter would look like, and this record does."""
-    measured = build.channels(config, problem.posterior.likelihood.response.model)
+    measured = build.channels(config, problem.model)
     factors = [entry.factor for entry in measured]
     alone = suspected.of_record(problem.experiment, factors, suspected.gear_of(problem))
     return (*alone, *suspected.of_start(problem))

@@ -34,7 +34,7 @@ def opening(problem: Problem) -> str:
 
 def model(problem: Problem) -> str:
     """Its name, and what it holds beside parameters: the gear."""
-    rig: Any = problem.posterior.likelihood.response.model
+    rig: Any = problem.model
     held = [f"{one.name} = {getattr(rig, one.name):.6g}" for one in fields(rig)]
     gear = f"; the motor turns {1 / rig.i_m:.4g} times as fast" if hasattr(rig, "i_m") else ""
     return f"{rig.name} ({', '.join(held)}{gear})" if held else rig.name

@@ -41,16 +41,31 @@ class Response:
         self._u = np.zeros((len(self._y) + 1, len(series)))
         for column, u in enumerate(series):
             self._u[:, column] = np.append(u, u[-1])
-        self._kernels: Kernels = kernels or compile_kernels(layout(model, experiment))
-        # Made when they are first asked for.
+        # Made when they are first asked for, the tangent's in any case.
+        self._made = kernels
         self._normal: list[tuple[Layout, Kernels]] = []
         self._slopes: list[Response] = []
+        self._course: list[Response] = []
 
     def __getstate__(self) -> dict[str, Any]:
         return {"model": self.model, "experiment": self.experiment}
 
     def __setstate__(self, state: Mapping[str, Any]) -> None:
         self.__init__(state["model"], state["experiment"])  # type: ignore[misc]
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        return self.model.parameters
+
+    @property
+    def _kernels(self) -> Kernels:
+        if self._made is None:
+            self._made = compile_kernels(layout(self.model, self.experiment))
+        return self._made
+
+    def of(self, experiment: Experiment) -> Response:
+        """Of the same rig in another experiment."""
+        return Response(self.model, experiment)
 
     def with_record(self, y: Array) -> Response:
         """The same experiment with another record `y (T, K)`; nothing is compiled again."""
@@ -59,6 +74,7 @@ class Response:
         experiment = dataclasses.replace(self.experiment, y=frozen(y))
         made = Response(self.model, experiment, self._kernels)
         made._normal, made._slopes = self._normal, self._slopes  # which no record has a part in
+        made._course = self._course
         return made
 
     def with_series(self, series: Mapping[str, Array]) -> Response:
@@ -67,7 +83,9 @@ class Response:
             raise ValueError(f"series of {sorted(self.experiment.series)} are wanted")
         ordered = {name: series[name] for name in self.experiment.series}
         experiment = dataclasses.replace(self.experiment, series=ordered)
-        return Response(self.model, experiment, self._kernels)
+        made = Response(self.model, experiment, self._made)
+        made._course = [one.with_series(series) for one in self._course]
+        return made
 
     def squares(self, theta: Array) -> Array:
         """Sum of squared residuals of each channel: `(W, P) -> (W, K)`, SI units squared."""
@@ -116,6 +134,22 @@ class Response:
         points = np.repeat(theta, q, axis=0)
         along = np.concatenate([points, directions.reshape(n * q, p)], axis=1)
         return self._slopes[0].signals(along).reshape(n, q, *self._y.shape)
+
+    def course(self, theta: Array, directions: Array) -> tuple[Array, Array]:
+        """Signals `(W, T, K)` and sensitivities `(W, q, T, K)`, in one run."""
+        if not self._course:
+            slopes = _in_slopes(self.experiment).channels
+            both = dataclasses.replace(
+                self.experiment,
+                channels=(*slopes, *self.experiment.channels),
+                y=np.zeros((len(self._y), 2 * self._y.shape[1])),
+            )
+            self._course.append(slopes_of(self.model, both))
+        n, q, p = directions.shape
+        along = np.concatenate([np.repeat(theta, q, axis=0), directions.reshape(n * q, p)], axis=1)
+        found = self._course[0].signals(along).reshape(n, q, len(self._y), -1)
+        k = self._y.shape[1]
+        return found[:, 0, :, k:], found[..., :k]
 
     def _run(self, name: str, blocks: Array, out: Array) -> None:
         addresses = (a.ctypes.data for a in (blocks, self._y, self._u, out))

@@ -15,9 +15,13 @@ Array = NDArray[np.float64]
 
 
 class Simulator(Protocol):
-    """Parameters are `full (W, P)`, columns in the order of `model.parameters`, SI; all is batch-first,
-    and a walker whose numbers overflow gets NaN in its own row alone.
+    """Parameters are `full (W, P)`, columns in the order of `parameters`, SI: those of the `model`, then
+    those of sensors and start.  All is batch-first, and a walker whose numbers overflow gets NaN in its
+    own row alone.
     """
+
+    @property
+    def parameters(self) -> tuple[str, ...]: ...
 
     @property
     def model(self) -> Model: ...
@@ -41,6 +45,14 @@ class Simulator(Protocol):
         """As sums, all times `scales (W, K)`: squares of residuals `(W, K)`, their products with
         sensitivities `(W, q)`, and those of sensitivities with each other `(W, q, q)`.
         """
+        ...
+
+    def course(self, full: Array, along: Array) -> tuple[Array, Array]:
+        """Signals and sensitivities at once; q at least 1."""
+        ...
+
+    def of(self, experiment: Experiment) -> Simulator:
+        """Of another experiment with the same sensors, which may have further channels."""
         ...
 
     def with_record(self, y: Array) -> Self:

@@ -17,23 +17,27 @@ from bayesdrill.basics.formulas import Expression, resolved
 from bayesdrill.basics.registry import lookup
 from bayesdrill.engines.optimisers import OPTIMISERS
 from bayesdrill.engines.optimisers.contract import Optimiser
-from bayesdrill.inference.likelihood import Likelihood
+from bayesdrill.inference.likelihood import Likelihood, Part
 from bayesdrill.inference.noise import NOISES
 from bayesdrill.inference.noise.contract import Noise, Noisy
-from bayesdrill.inference.noise.mixed import Mixed, Part
+from bayesdrill.inference.noise.mixed import Mixed, with_gaps
+from bayesdrill.inference.noise.mixed import Part as Kind
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.priors import Prior
 from bayesdrill.inference.problem import Problem
-from bayesdrill.inference.unknowns import ParameterSpace, Unknown
+from bayesdrill.inference.unknowns import ParameterSpace, Unknown, of_label
 from bayesdrill.insight.identifiability.study import Asked, Thresholds
 from bayesdrill.record.experiment import Channel, Experiment
 from bayesdrill.rig import vocabulary
+from bayesdrill.rig.measured import simulator
 from bayesdrill.rig.models import MODELS
 from bayesdrill.rig.models.linear import Model
-from bayesdrill.rig.response import Response
-from bayesdrill.setup import number_entries
+from bayesdrill.rig.simulator import Simulator
+from bayesdrill.setup import beginning, number_entries, sensors
 from bayesdrill.setup.config import ChannelSpec, Config, InputColumn
+from bayesdrill.setup.experiments import View
 from bayesdrill.setup.number_objects import formula, prior, quantity, relation, rescaled, start
+from bayesdrill.setup.sensors import Declared
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,10 +143,14 @@ def constant_inputs(config: Config) -> dict[str, float]:
 
 
 def initial_state(config: Config, model: Model) -> dict[str, float]:
-    """SI."""
+    """What is held of it, SI; of a steady start only what is named."""
+    initial = config.initial
+    given = {name: getattr(initial, name) for name in model.states}
     return {
-        name: si(getattr(config.initial, name), vocabulary.STATES[name].unit)
-        for name in model.states
+        name: si(value, vocabulary.STATES[name].unit)
+        for name, value in given.items()
+        if isinstance(value, float | int | number_entries.Quantity)
+        and (initial.state != "steady" or name in initial.model_fields_set)
     }
 
 
@@ -183,8 +191,16 @@ def _sigma(spec: ChannelSpec, factor: float) -> tuple[float | Prior, float]:
     return prior(rescaled(spec.sigma, factor), 1.0), begin * factor
 
 
-def space(config: Config, model: Model, noise: Sequence[Unknown]) -> ParameterSpace:
-    """The unknowns: free parameters in the model's order, quantities, then those of the `noise`."""
+def space(
+    config: Config,
+    model: Model,
+    noise: Sequence[Unknown],
+    told: Sequence[Declared] = (),
+    labels: Sequence[str] = (),
+) -> ParameterSpace:
+    """The unknowns: free parameters in the model's order, quantities, sensors and starts as they are
+    `told`, then those of the `noise`.  What is `own` is there once for each of the `labels`.
+    """
     table, known = nominal(config), compared(config)
     unknowns: list[Unknown] = []
     fixed: dict[str, float] = {}
@@ -201,8 +217,9 @@ def space(config: Config, model: Model, noise: Sequence[Unknown]) -> ParameterSp
         else:
             built = prior(spec, table.get(name))
             begin = start(spec, built, known.get(name))
-            symbol = vocabulary.PARAMETERS[name]
-            unknowns.append(Unknown(symbol=symbol, role="rig", prior=built, start=begin))
+            one = Unknown(symbol=vocabulary.PARAMETERS[name], role="rig", prior=built, start=begin)
+            several = labels if name in config.own else [""]
+            unknowns += [one.of(label) for label in several]
     for name, given in ((n, quantity(n, spec)) for n, spec in config.quantities.items()):
         if isinstance(given.value, float):
             fixed[name] = given.value
@@ -212,9 +229,29 @@ def space(config: Config, model: Model, noise: Sequence[Unknown]) -> ParameterSp
     relations, free = resolved(relations), {unknown.name for unknown in unknowns}
     for name in [n for n, r in relations.items() if not set(r.names) & free]:
         fixed[name] = float(relations.pop(name).value(fixed))
+    for each in told:
+        if isinstance(each.value, float):
+            fixed[each.name] = each.value
+        else:
+            unknowns.append(
+                Unknown(symbol=each.symbol, role=each.role, prior=each.value, start=each.start)
+            )
+    rig = [n for n in dict.fromkeys(local_names(config, model, labels)) if n]
     return ParameterSpace(
-        model=model.parameters, unknowns=(*unknowns, *noise), fixed=fixed, relations=relations
+        model=(*rig, *(each.name for each in told)),
+        unknowns=(*unknowns, *noise),
+        fixed=fixed,
+        relations=relations,
     )
+
+
+def local_names(config: Config, model: Model, labels: Sequence[str]) -> list[str]:
+    """Of the rig's parameters, what is own once for each label."""
+    return [
+        of_label(name, label)
+        for name in model.parameters
+        for label in (labels if name in config.own else [""])
+    ]
 
 
 def noise(channels: Sequence[Measured], n_samples: int) -> Noise:
@@ -223,7 +260,7 @@ def noise(channels: Sequence[Measured], n_samples: int) -> Noise:
     for k, one in enumerate(channels):
         kinds.setdefault(one.kind, []).append(k)
     parts = [
-        Part(lookup(NOISES, kind, "noise").of([channels[k].noisy for k in own], n_samples), (*own,))
+        Kind(lookup(NOISES, kind, "noise").of([channels[k].noisy for k in own], n_samples), (*own,))
         for kind, own in kinds.items()
     ]
     return parts[0].noise if len(parts) == 1 else Mixed(tuple(parts))
@@ -233,21 +270,68 @@ def channels(config: Config, model: Model) -> list[Measured]:
     return [measured(name, spec, model.states) for name, spec in config.record.channels.items()]
 
 
-def problem(config: Config, experiment: Experiment) -> Problem:
-    """Everything, for a record already read (`recording.read`)."""
+def simulated(view: View, model: Model, experiment: Experiment) -> tuple[Simulator, list[Declared]]:
+    """One experiment with its sensors and its start, and the numbers that are told of them."""
+    told = [sensors.declared(entry) for entry in sensors.entries(view.config, model)]
+    sensing = sensors.sensing(view.config, model)
+    free = sensors.free_states(view.config, model)
+    if free:
+        told += beginning.free(free, experiment)
+    seen = beginning.beyond_lags(experiment, sensing, {each.name: each.value for each in told})
+    return simulator(model, seen, sensing), told
+
+
+def problem(views: Sequence[View], experiments: Sequence[Experiment]) -> Problem:
+    """Everything, for records already read (`reading.read`), one of each view."""
+    config = views[0].config
     rig = model(config)
-    scatter = noise(channels(config, rig), len(experiment.t))
-    unknowns = space(config, rig, scatter.unknowns)
+    labels = [view.label for view in views]
+    parts, told, levels = [], dict[str, Declared](), dict[str, Unknown]()
+    for view, experiment in zip(views, experiments, strict=True):
+        response, own = simulated(view, rig, experiment)
+        scatter = noise_of(view.config, rig, response.experiment)
+        renamed = {each.name: common_or_own(config, each.name, view.label) for each in own}
+        for each in own:
+            told.setdefault(renamed[each.name], each.of(view.label, renamed[each.name]))
+        names = [common_or_own(config, unknown.name, view.label) for unknown in scatter.unknowns]
+        for name, unknown in zip(names, scatter.unknowns, strict=True):
+            levels.setdefault(name, unknown if name == unknown.name else unknown.of(view.label))
+        of_rig = [of_label(n, view.label if n in config.own else "") for n in rig.parameters]
+        parts.append(
+            Part(
+                response=response,
+                noise=scatter,
+                told=[*of_rig, *(renamed[name] for name in response.parameters[len(of_rig) :])],
+                levels=names,
+                label=view.label,
+            )
+        )
+    unknowns = space(config, rig, [*levels.values()], [*told.values()], labels)
     posterior = Posterior(
         space=unknowns,
-        likelihood=Likelihood.of(unknowns, (Response(rig, experiment), scatter)),
+        likelihood=Likelihood.joint(unknowns, parts),
         coordinates=unknowns.coordinates(),
     )
+    table = {**compared(config)}
+    for name in [n for n in config.own if n in table]:
+        table |= {of_label(name, label): table[name] for label in labels}
     return Problem(
         posterior=posterior,
         symbols=tuple(unknown.symbol for unknown in unknowns.unknowns),
-        nominal=compared(config),
+        nominal=table,
         published=frozenset(_published(config)),
-        tolerance=tolerance(config),
+        tolerance=tolerance(config)
+        | {of_label(n, label): tolerance(config)[n] for n in config.own for label in labels},
         derived=tuple(formula(config, rig, name) for name in config.derived),
     )
+
+
+def common_or_own(config: Config, name: str, label: str) -> str:
+    """What an unknown of one experiment is called among those of all."""
+    return name if name in config.shared else of_label(name, label)
+
+
+def noise_of(config: Config, model: Model, experiment: Experiment) -> Noise:
+    """Of the channels of one record; raises `ValueError` where it cannot have gaps."""
+    found = noise(channels(config, model), len(experiment.t))
+    return found if experiment.seen.all() else with_gaps(found, experiment.counts)

@@ -37,6 +37,7 @@ from bayesdrill.setup.number_entries import (
     shape,
 )
 from bayesdrill.setup.output_entries import MOST_NAMED, OutputSpec
+from bayesdrill.setup.sensor_entries import Sensed, SensorSpec, StateSpec
 
 Searches = Annotated[int, Field(ge=1, le=1000)]
 
@@ -82,19 +83,22 @@ class TimeRate(Strict):
     rate: Positive = Field(description="Samples per second, for records without a time column.")
 
 
-class InputColumn(Column):
+class InputColumn(Column, Sensed):
     hold: Literal["zero", "first"] = Field(
         "zero", description="Between samples: constant (zero) or linear (first order)."
     )
 
 
-Value = Annotated[
-    Annotated[Number, Tag("<number>")] | Annotated[Quantity, Tag("<mapping>")],
-    Discriminator(_shape),
-]
+class InputQuantity(Quantity):
+    """A constant input, and how far it may be from what it is said to be."""
+
+    gain: SensorSpec | None = None
+    offset: SensorSpec | None = Field(None, description="In its unit: a number or a prior.")
+
+
 InputSpec = Annotated[
     Annotated[Number, Tag("<number>")]
-    | Annotated[Quantity, Tag("<mapping>")]
+    | Annotated[InputQuantity, Tag("<mapping>")]
     | Annotated[InputColumn, Tag("<column>")],
     Discriminator(_shape),
 ]
@@ -121,7 +125,7 @@ def _named_noise(value: Any) -> Any:
     return {"name": value} if isinstance(value, str) else value
 
 
-class ChannelSpec(Column):
+class ChannelSpec(Column, Sensed):
     measures: str | None = Field(
         None,
         description="Linear combination of theta_1, theta_2, w_1, w_2, i; default: the channel's name.",
@@ -153,12 +157,22 @@ class ModelBase(Strict):
 class Inputs(Strict):
     v: InputSpec
     t_1: InputSpec = 0.0
+    t_0: SensorSpec | None = Field(
+        None,
+        description="[s] how much later than recorded all inputs act; of constant ones, the moment at "
+        "which they are switched on.",
+    )
 
 
 class _InitialBase(Strict):
     time: Number | None = Field(
         None,
         description="[s] default: 0 with constant inputs, the first sample with measured ones.",
+    )
+    state: Literal["given", "steady", "free"] = Field(
+        "given",
+        description="given: what is not named is zero; steady: turning steadily under the first inputs; "
+        "free: what is not named is unknown, with priors as wide as the channels.",
     )
 
 
@@ -177,13 +191,30 @@ def _per_symbol(
     return model
 
 
-_states: dict[str, Any] = dict.fromkeys(vocabulary.STATES, (Value, 0.0))
+_states: dict[str, Any] = dict.fromkeys(vocabulary.STATES, (StateSpec, 0.0))
 Initial: type[_InitialBase] = create_model(
     "Initial",
     __base__=_InitialBase,
-    __doc__="The state at `time`; what is not named is zero.",
+    __doc__="The state at `time`: of each state a number, a prior or `free`.",
     **_states,
 )
+
+
+def _named_state(value: Any) -> Any:
+    return {"state": value} if isinstance(value, str) else value
+
+
+class ExperimentSpec(Strict):
+    """What is its own of one experiment of several; the rest is as at the top of the config."""
+
+    record: dict[str, Any] = Field(default_factory=dict, description="Entries as in `record:`.")
+    inputs: dict[str, Any] = Field(default_factory=dict, description="Entries as in `inputs:`.")
+    initial: dict[str, Any] | str = Field(
+        default_factory=dict, description="Entries as in `initial:`."
+    )
+
+
+Named = Annotated[list[str], Field(max_length=MOST_NAMED)]
 
 
 def _held(name: str) -> Any:
@@ -320,7 +351,19 @@ class Config(Strict):
     seed: Annotated[int, Field(ge=0, lt=2**64)]
     record: RecordSpec
     inputs: Inputs
-    initial: Initial = Initial()
+    initial: Annotated[Initial, BeforeValidator(_named_state)] = Initial()
+    experiments: Annotated[dict[str, ExperimentSpec], Field(max_length=MOST_NAMED)] = Field(
+        default_factory=dict,
+        description="Several experiments with one rig, by name; each needs a record.",
+    )
+    shared: Named = Field(
+        default_factory=list,
+        description="Unknowns of sensors, starts and noise that all experiments have in common.",
+    )
+    own: Named = Field(
+        default_factory=list,
+        description="Parameters of the rig that are another unknown in each experiment.",
+    )
     model: ModelSpec = ModelSpec()
     nominal: Annotated[Nominal, BeforeValidator(_named_table)] = Nominal()  # type: ignore[valid-type]
     parameters: Parameters  # type: ignore[valid-type]

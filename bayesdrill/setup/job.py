@@ -14,6 +14,7 @@ from bayesdrill.insight.identifiability.study import Asked
 from bayesdrill.record.formats import Table
 from bayesdrill.setup import build, loading, reading
 from bayesdrill.setup.config import Config
+from bayesdrill.setup.experiments import views
 from bayesdrill.setup.yaml_source import Source
 
 FARTHEST = 1e10  # of a start from the record, in sigmas: rounding would hide any way to it
@@ -41,7 +42,12 @@ def assemble(config: Config, source: Source, table: Table | None = None) -> Job:
 
     `table`: the record, where it is in no file.
     """
-    problem = build.problem(config, reading.read(config, source, table))
+    every = views(config, source)
+    records = [reading.read(view.config, view.source, table) for view in every]
+    try:
+        problem = build.problem(every, records)
+    except ValueError as error:
+        raise InputError([source.problem(("record",), str(error))]) from None
     posterior = problem.posterior
     start = posterior.space.vector(posterior.space.start)
     if not np.isfinite(posterior.density(start[None])[0]):

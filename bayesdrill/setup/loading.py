@@ -14,7 +14,7 @@ from pydantic import BaseModel, ValidationError
 from bayesdrill.basics.entries import SMALLEST
 from bayesdrill.basics.errors import InputError, Problem, did_you_mean
 from bayesdrill.inference.priors import PRIORS
-from bayesdrill.setup import consistency
+from bayesdrill.setup import consistency, experiments
 from bayesdrill.setup.config import Config
 from bayesdrill.setup.yaml_source import Place, Source, read
 
@@ -40,7 +40,42 @@ def load(path: Path) -> tuple[Config, Source]:
 
 
 def validated(source: Source) -> Config:
-    """See `load`."""
+    """See `load`; of several experiments the config of the first, which names them all."""
+    alone = experiments.split(source)
+    if not alone:
+        return _one(source)
+    problems, found = list(source.repeated), []
+    for own in alone.values():
+        try:
+            found.append(_one(own))
+        except InputError as error:
+            problems += error.problems
+    try:
+        data = {**next(iter(alone.values())).data, **_of_several(source)}
+        whole = Config.model_validate(data)
+        problems += consistency.check_experiments(whole, source)
+    except ValidationError as error:
+        problems += _complaints(error, source)
+    if problems:
+        raise InputError(sorted(dict.fromkeys(problems), key=_line))
+    return whole
+
+
+def _of_several(source: Source) -> dict[str, Any]:
+    return {key: source.data[key] for key in ("experiments", "shared", "own") if key in source.data}
+
+
+def _complaints(error: ValidationError, source: Source) -> list[Problem]:
+    """About experiments alone; the rest is told by each of them."""
+    found = {_place(item["loc"], source.data): dict(item) for item in error.errors()}
+    return [
+        source.problem(place, _message(item, place))
+        for place, item in found.items()
+        if place and place[0] in ("experiments", "shared", "own")
+    ]
+
+
+def _one(source: Source) -> Config:
     problems = list(source.repeated)
     pruned = copy.deepcopy(source.data)
     try:

@@ -158,7 +158,7 @@ def test_the_same_density_in_any_coordinates() -> None:
     assert apart == pytest.approx(np.log(theta).sum(axis=1), rel=1e-9)
 
 
-BETWEEN = Coordinates((True, False, False), ((1, -0.9, 0.99), (2, 2.0, 5.0)))
+BETWEEN = Coordinates((True, False, False), ((1, -0.9, 0.99), (2, 2.0, 5.0)), ((1, 1.0), (2, 1.0)))
 
 
 def between(n: int = 30) -> np.ndarray:

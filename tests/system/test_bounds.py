@@ -50,7 +50,7 @@ def bounds_at_nominal(job: Job) -> np.ndarray:
     posterior = job.problem.posterior
     nominal = posterior.space.vector(job.problem.nominal)
     scenery = Scenery(posterior.likelihood)
-    rows = scenery.sensitivities(nominal, scenery.as_it_is(nominal))
+    rows = scenery.sensitivities(nominal)
     return information.from_sensitivities(TWO, rows).bounds()
 
 

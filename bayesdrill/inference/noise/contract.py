@@ -61,7 +61,11 @@ class Noise(Protocol):
     def white(self) -> bool: ...
 
     def for_length(self, n_samples: int) -> Noise:
-        """The same of a record of another length."""
+        """The same of a record of another length.
+
+        A noise that can do without some samples also has `seeing(counts)`: the same where channels have
+        so many each.  Residuals are NaN elsewhere, and stay so when they are whitened.
+        """
         ...
 
     def held(self) -> Mapping[int, object]:

@@ -24,6 +24,18 @@ class Part:
     columns: tuple[int, ...]
 
 
+def with_gaps(noise: Noise, counts: tuple[int, ...]) -> Noise:
+    """Of channels with so many samples; raises `ValueError` where a kind must see every one."""
+    seeing = getattr(noise, "seeing", None)
+    if seeing is None:
+        raise ValueError(
+            f"noise of the kind {type(noise).__name__} needs every sample, and this record misses some; "
+            "use white noise, or cut the record where none is missing (record.window)"
+        )
+    made: Noise = seeing(counts)
+    return made
+
+
 @dataclass(frozen=True, slots=True)
 class _Some:
     """Residuals of some channels."""
@@ -64,6 +76,16 @@ class Mixed:
             tuple(
                 dataclasses.replace(part, noise=part.noise.for_length(n_samples))
                 for part in self.parts
+            )
+        )
+
+    def seeing(self, counts: tuple[int, ...]) -> Mixed:
+        return Mixed(
+            tuple(
+                dataclasses.replace(
+                    p, noise=with_gaps(p.noise, tuple(counts[k] for k in p.columns))
+                )
+                for p in self.parts
             )
         )
 

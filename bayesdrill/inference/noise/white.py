@@ -21,7 +21,8 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class White:
-    """`known`: sigma of channels (by index) that are given; the rest come as unknowns.
+    """`known`: sigma of channels (by index) that are given; the rest come as unknowns.  `counts (K,)`:
+    samples of each channel, where some are missing.
 
     Normalised: `-T/2 log(2 pi sigma^2) - SS / (2 sigma^2)` per channel, with SS the misfit.
     """
@@ -30,6 +31,7 @@ class White:
     known: Mapping[int, float]
     n_channels: int
     unknowns: tuple[Unknown, ...] = ()
+    counts: tuple[int, ...] | None = None
 
     white: ClassVar[bool] = True
     Entries: ClassVar[type] = NoEntries
@@ -45,7 +47,15 @@ class White:
         return tuple(k for k in range(self.n_channels) if k not in self.known)
 
     def for_length(self, n_samples: int) -> White:
-        return dataclasses.replace(self, n_samples=n_samples)
+        return dataclasses.replace(self, n_samples=n_samples, counts=None)
+
+    def seeing(self, counts: tuple[int, ...]) -> White:
+        return dataclasses.replace(self, counts=counts)
+
+    @property
+    def _n(self) -> Array:
+        """Samples of each channel `(K,)`."""
+        return np.array(self.counts or (self.n_samples,) * self.n_channels, dtype=np.float64)
 
     def held(self) -> Mapping[int, object]:
         return self.known
@@ -60,8 +70,8 @@ class White:
 
     def log_likelihood(self, residuals: Residuals, own: Array) -> Array:
         sigma = self.scales(own)
-        constant = -0.5 * self.n_samples * math.log(2 * math.pi)
-        return constant - self.n_samples * np.log(sigma) - 0.5 * residuals.squares / sigma**2
+        constant = -0.5 * self._n * math.log(2 * math.pi)
+        return constant - self._n * np.log(sigma) - 0.5 * residuals.squares / sigma**2
 
     def pointwise(self, samples: Array, own: Array) -> Array:
         sigma = self.scales(own)[:, None, :]
@@ -81,13 +91,14 @@ class White:
         if not self.unknown:
             return np.zeros_like(own), np.zeros_like(own)
         left = residuals.weighed(1.0 / self.scales(own))[:, list(self.unknown)]
-        return left - self.n_samples, 2.0 * np.maximum(left, self.n_samples)
+        n = self._n[list(self.unknown)]
+        return left - n, 2.0 * np.maximum(left, n)
 
     def expected(self, own: Array) -> Array:
-        return np.full(len(self.unknown), 2.0 * self.n_samples)
+        return 2.0 * self._n[list(self.unknown)]
 
     def fitted(self, samples: Array, own: Array) -> Array:
-        return np.sqrt(np.mean(samples**2, axis=0))[list(self.unknown)]
+        return np.sqrt(np.nanmean(samples**2, axis=0))[list(self.unknown)]
 
     def draw(self, signals: Array, own: Array, rng: np.random.Generator) -> Array:
         return signals + self.scales(own)[:, None, :] * rng.standard_normal(signals.shape)

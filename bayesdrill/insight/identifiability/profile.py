@@ -16,7 +16,7 @@ from scipy.optimize import brentq, lsq_linear
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.priors import Prior
 from bayesdrill.insight.identifiability import information
-from bayesdrill.insight.identifiability.scenes import Scene, Scenery
+from bayesdrill.insight.identifiability.scenes import Scenery
 
 Array = NDArray[np.float64]
 Shape = Literal["bounded", "one-sided", "flat", "at the bound"]
@@ -50,16 +50,19 @@ class Profile:
 
 
 class Fitter:
-    """Least squares over the logs of a scenery's unknowns, inside the priors."""
+    """Least squares over all that moves, on its natural scale, inside the priors: logs of the rig's
+    unknowns, then what sensors and starts leave open.
+    """
 
     def __init__(self, posterior: Posterior, scenery: Scenery, theta: Array) -> None:
         self._scenery, self._likelihood = scenery, posterior.likelihood
-        self._m = len(scenery.unknowns)
+        self._coordinates = posterior.coordinates
+        self._m = len(scenery.unknowns) + len(scenery.nuisances)
         self._noise = theta[self._m :]
-        priors = list(posterior.space.priors.values())[: self._m]
-        self.low, self.high = np.log([_ends(prior) for prior in priors]).T
-        self._scene: Scene = scenery.as_it_is(theta)
-        self.best = self._fit(np.log(theta[: self._m]), None)
+        moving = posterior.space.unknowns[: self._m]
+        ends = np.array([_ends(one.prior, signed=one.signed) for one in moving]).T
+        self.low, self.high = self._natural(ends)
+        self.best = self._fit(self._natural(theta[None, : self._m])[0], None)
         if len(self._noise):
             self._learn_noise()
             self.best = self._fit(self.best.logs, None)
@@ -73,7 +76,8 @@ class Fitter:
     def spread(self) -> Array:
         """Standard deviations of the logs at the best fit, the range of the prior at most."""
         rows = self._jacobian(self.best.logs)
-        known = information.from_sensitivities(self._scenery.unknowns, rows)
+        names = (*self._scenery.unknowns, *self._scenery.nuisances)
+        known = information.from_sensitivities(names, rows)
         return known.with_priors((self.high - self.low) / np.sqrt(12.0)).bounds()
 
     def _fit(self, logs: Array, held: int | None) -> Fitted:
@@ -128,26 +132,42 @@ class Fitter:
         moved[free] = np.clip(logs[free] + step, self.low[free], self.high[free])
         return moved
 
-    def _with_noise(self, parameters: Array) -> Array:
-        return np.column_stack([parameters, np.tile(self._noise, (len(parameters), 1))])
+    def _natural(self, moving: Array) -> Array:
+        """Of `(n, m)`, without the noise."""
+        with_noise = np.column_stack([moving, np.tile(self._noise, (len(moving), 1))])
+        return self._coordinates.to_natural(with_noise)[:, : self._m]
+
+    def physical(self, logs: Array) -> Array:
+        """Of `(n, m)` on the natural scale."""
+        with_noise = np.column_stack([logs, np.zeros((len(logs), len(self._noise)))])
+        return self._coordinates.from_natural(with_noise)[:, : self._m]
+
+    def along(self, column: int, values: Array) -> Array:
+        """One unknown in SI, of `values (n,)` on its natural scale."""
+        rows = np.zeros((len(values), self._m))
+        rows[:, column] = values
+        return self.physical(rows)[:, column]
+
+    def _theta(self, logs: Array) -> Array:
+        """All unknowns `(D,)`, of `logs (m,)`."""
+        return np.append(self.physical(logs[None])[0], self._noise)
 
     def _residuals(self, logs: Array) -> Array:
-        signals = self._likelihood.signals(self._with_noise(np.exp(logs)[None]))
-        off, noise = signals - self._likelihood.response.experiment.y, self._likelihood.noise
-        residuals = noise.inform(off, self._noise[None])[0]
-        return np.asarray(np.nan_to_num(residuals, nan=1e6, posinf=1e6, neginf=-1e6)).ravel()
+        residuals = self._likelihood.whitened(self._theta(logs))
+        return np.asarray(np.nan_to_num(residuals, nan=1e6, posinf=1e6, neginf=-1e6))
 
     def _jacobian(self, logs: Array) -> Array:
-        theta = self._with_noise(np.exp(logs)[None])[0]
-        slopes = self._scenery.sensitivities(theta, self._scene)
+        slopes = self._scenery.every(self._theta(logs))
         return np.nan_to_num(slopes, posinf=0.0, neginf=0.0)
 
     def _learn_noise(self) -> None:
         """Unknown noise levels, from what the best fit leaves."""
-        theta = self._with_noise(np.exp(self.best.logs)[None])
-        left = self._likelihood.response.experiment.y - self._likelihood.signals(theta)[0]
-        self._noise = self._likelihood.noise.fitted(left, self._noise)
-        self._scene = self._scenery.as_it_is(self._with_noise(np.exp(self.best.logs)[None])[0])
+        theta = self._theta(self.best.logs)
+        full, found = self._likelihood.space.full(theta[None]), theta.copy()
+        for one in self._likelihood.observations:
+            left = one.residuals(full).samples[0]
+            found[one.own] = one.noise.fitted(left, theta[one.own])
+        self._noise = found[self._m :]
 
 
 @dataclass(frozen=True, slots=True)
@@ -158,9 +178,10 @@ class Fitted:
     cost: float
 
 
-def _ends(prior: Prior) -> tuple[float, float]:
-    """Of the support; where that has no end above zero, of nearly all of the prior."""
-    low = prior.low if prior.low > 0 else float(prior.quantile(np.array(TAIL)))
+def _ends(prior: Prior, *, signed: bool) -> tuple[float, float]:
+    """Of the support; where that has no end, or zero for one of a log, of nearly all of the prior."""
+    bounded = np.isfinite(prior.low) and (prior.low > 0 or signed)
+    low = prior.low if bounded else float(prior.quantile(np.array(TAIL)))
     high = prior.high if np.isfinite(prior.high) else float(prior.quantile(np.array(1 - TAIL)))
     return low, high
 
@@ -180,11 +201,11 @@ def profile(fitter: Fitter, names: tuple[str, ...], column: int) -> Profile:
     high = _crossing(fitter, column, logs, fits, loss, costs[lowest], range(lowest, len(logs) - 1))
     return Profile(
         name=names[column],
-        values=np.exp(logs),
+        values=fitter.along(column, logs),
         loss=loss,
-        best=float(np.exp(logs[lowest])),
-        low=None if low is None else float(np.exp(low)),
-        high=None if high is None else float(np.exp(high)),
+        best=float(fitter.along(column, logs[[lowest]])[0]),
+        low=None if low is None else float(fitter.along(column, np.array([low]))[0]),
+        high=None if high is None else float(fitter.along(column, np.array([high]))[0]),
         shape=_shape(low, high, logs, lowest),
     )
 

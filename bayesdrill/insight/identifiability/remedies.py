@@ -7,7 +7,6 @@ taken as Gaussian in the logs.
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
@@ -16,7 +15,7 @@ from numpy.typing import NDArray
 
 from bayesdrill.insight.identifiability import information
 from bayesdrill.insight.identifiability.information import Information
-from bayesdrill.insight.identifiability.scenes import Scene, Scenery
+from bayesdrill.insight.identifiability.scenes import Scene, Scenery, weights
 from bayesdrill.insight.identifiability.structure import Exponents
 from bayesdrill.rig.vocabulary import STATES
 
@@ -50,13 +49,12 @@ def remedies(
     of_interest: Sequence[str],
 ) -> tuple[Remedy, ...]:
     """Every single action that can be tried, what helps most first."""
-    base = scenery.as_it_is(theta)
     names = scenery.unknowns
-    now = information.from_sensitivities(names, scenery.sensitivities(theta, base))
+    now = information.from_sensitivities(names, scenery.sensitivities(theta))
     rows = [names.index(name) for name in of_interest]
     before = now.with_priors(prior_sd).bounds()[rows]
     found = []
-    for what, after in _tried(scenery, theta, base, now):
+    for what, after in _tried(scenery, theta, now):
         sd = after.with_priors(prior_sd).bounds()[rows]
         # What is known to all digits, by a record at the edge of numbers, gets no better.
         usual = (before > 0) & (sd > 0) & (before < np.inf)
@@ -80,9 +78,7 @@ def _touches(after: Information, exponents: Exponents) -> bool:
     return bool(size > information.RANK_TOLERANCE * np.linalg.norm(after.root))
 
 
-def _tried(
-    scenery: Scenery, theta: Array, base: Scene, now: Information
-) -> Iterator[tuple[str, Information]]:
+def _tried(scenery: Scenery, theta: Array, now: Information) -> Iterator[tuple[str, Information]]:
     names = scenery.unknowns
     for name, unit in zip(names, np.eye(len(names)), strict=True):
         yield f"weigh or measure {name} to 1 %", now.with_knowledge(unit, WEIGHED_TO)
@@ -91,49 +87,49 @@ def _tried(
             equal = np.zeros(len(names))
             equal[names.index(one)], equal[names.index(other)] = 1.0, -1.0
             yield f"tie {one} = {other}", now.with_knowledge(equal, WEIGHED_TO)
-    for what, scene in [
-        *_more_channels(scenery, theta, base),
-        *_other_inputs(scenery, theta, base),
-    ]:
+    for what, scene in [*_more_channels(scenery, theta), *_other_inputs(scenery, theta)]:
         sensitivities = scenery.sensitivities(theta, scene)
         if np.isfinite(sensitivities).all():
             yield what, information.from_sensitivities(names, sensitivities)
 
 
-def _more_channels(scenery: Scenery, theta: Array, base: Scene) -> Iterator[tuple[str, Scene]]:
+def _more_channels(scenery: Scenery, theta: Array) -> Iterator[tuple[str, Scene]]:
     """Each state that is not measured yet, with the signal-to-noise ratio of the others."""
-    states = scenery.states_over_time(theta, base)
-    ratio = np.median((states @ base.weights.T).std(axis=0) / base.sigma)
-    for name, unit, column in zip(scenery.states, np.eye(states.shape[1]), states.T, strict=True):
-        new = np.linalg.matrix_rank(np.vstack([base.weights, unit])) > len(base.weights)
-        sigma = column.std() / ratio
+    motions = scenery.motions(theta)
+    ratio = np.median([scenery.swing(theta, motion, k) for k, motion in enumerate(motions)])
+    seen = [weights(one.experiment, scenery.states) for one in scenery.likelihood.observations]
+    spreads = np.median([motion.std(axis=0) for motion in motions], axis=0)
+    for name, unit, spread in zip(scenery.states, np.eye(len(spreads)), spreads, strict=True):
+        new = any(np.linalg.matrix_rank(np.vstack([w, unit])) > len(w) for w in seen)
+        sigma = float(spread / ratio)
         if new and sigma > 0:
-            weights = np.vstack([base.weights, unit])
-            scene = dataclasses.replace(base, weights=weights, sigma=np.append(base.sigma, sigma))
-            yield f"measure {name} (noise {sigma:.2g} {STATES[name].unit})", scene
+            yield (
+                f"measure {name} (noise {sigma:.2g} {STATES[name].unit})",
+                Scene(extra={name: sigma}),
+            )
 
 
-def _other_inputs(scenery: Scenery, theta: Array, base: Scene) -> Iterator[tuple[str, Scene]]:
+def _other_inputs(scenery: Scenery, theta: Array) -> Iterator[tuple[str, Scene]]:
     """A change of each input half-way through the record."""
-    late = (np.arange(scenery.n_samples) >= scenery.n_samples // 2).astype(float)
     v = scenery.usual_input("v")
-    half = {"v": (OTHER_VOLTAGE - 1.0) * v * late}
-    stopped = {"v": -v * late}
     if v != 0.0:
         voltage = f"change the voltage to {OTHER_VOLTAGE * v:.3g} V half-way"
-        yield voltage, dataclasses.replace(base, push=half)
+        yield voltage, Scene(late={"v": (OTHER_VOLTAGE - 1.0) * v})
         coast = "let the rig coast down half-way (motor terminals shorted)"
-        yield coast, dataclasses.replace(base, push=stopped)
-    unit = dataclasses.replace(base, push={"t_1": late})
-    change = _largest_change(scenery, theta, base, unit)
+        yield coast, Scene(late={"v": -v})
+    change = _largest_change(scenery, theta, Scene(late={"t_1": 1.0}))
     if 0 < change < np.inf:
         load = LOAD_SHARE / change
-        loaded = dataclasses.replace(base, push={"t_1": load * late})
-        yield f"apply a known load torque of {load:.2g} N m half-way", loaded
+        loaded = f"apply a known load torque of {load:.2g} N m half-way"
+        yield loaded, Scene(late={"t_1": load})
 
 
-def _largest_change(scenery: Scenery, theta: Array, base: Scene, other: Scene) -> float:
-    """Of a channel from one scene to the other, in shares of its range."""
-    one, two = (scenery.states_over_time(theta, scene) @ base.weights.T for scene in (base, other))
-    with np.errstate(all="ignore"):  # of a channel that stands still: no number, or infinite
-        return float(np.max(np.ptp(two - one, axis=0) / np.ptp(one, axis=0)))
+def _largest_change(scenery: Scenery, theta: Array, other: Scene) -> float:
+    """Of a channel to another scene, in shares of its range."""
+    found = []
+    pairs = zip(scenery.motions(theta), scenery.motions(theta, other), strict=True)
+    for one, (before, after) in zip(scenery.likelihood.observations, pairs, strict=True):
+        here, there = (x @ weights(one.experiment, scenery.states).T for x in (before, after))
+        with np.errstate(all="ignore"):  # of a channel that stands still: no number, or infinite
+            found.append(np.max(np.ptp(there - here, axis=0) / np.ptp(here, axis=0)))
+    return float(np.max(found))

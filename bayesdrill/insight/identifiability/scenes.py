@@ -1,111 +1,154 @@
-"""Exact log-sensitivities of what is measured, in this experiment and in ones that might be made.
+"""Exact sensitivities of what is measured, in these experiments and in ones that might be made.
 
-A scene is the experiment as it is, or with other channels, or with its inputs pushed.  One tangent
-model (`models.tangent`) with all states for channels and all inputs sampled serves every scene.
+A scene is the experiments as they are, or with further channels, or with inputs changed half-way.
+What is unknown of sensors and starts is taken out of the sensitivities: what is left of them is what
+the record says of the rig, whatever these are.
 """
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdrill.inference.likelihood import Likelihood
-from bayesdrill.inference.noise.contract import Noise
-from bayesdrill.record.experiment import Channel
-from bayesdrill.rig.models.tangent import DOT
-from bayesdrill.rig.response import slopes_of
+from bayesdrill.inference.laplace import natural_spread
+from bayesdrill.inference.likelihood import Likelihood, Observation
+from bayesdrill.inference.unknowns import MOVES
+from bayesdrill.record.experiment import Channel, Experiment
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Scene:
-    """`weights (K, X)`: channels as sums of states; `sigma (K,)`; `push`: added to inputs `(T,)`.
-
-    `inform`: of the noise of the record's own channels, where that is not white: see `Noise`.
+    """`extra`: states that are measured too, each with its sigma; `late`: what is added to inputs in the
+    second half of each record.
     """
 
-    weights: Array
-    sigma: Array
-    inform: Callable[[Array], Array] | None = None
-    push: Mapping[str, Array] = field(default_factory=dict)
+    extra: Mapping[str, float] = field(default_factory=dict)
+    late: Mapping[str, float] = field(default_factory=dict)
 
 
-def _informed(noise: Noise, own: Array, shifts: Array) -> Array:
-    """`shifts (m, T, K)` of the signals, over the noise."""
-    return noise.inform(shifts, np.repeat(own, len(shifts), axis=0))
+AS_IT_IS = Scene()
 
 
 class Scenery:
     """Sensitivities of a likelihood's rig at physical points `theta`, in any scene."""
 
     def __init__(self, likelihood: Likelihood) -> None:
-        response = likelihood.response
-        rig, experiment = response.model, response.experiment
         self.likelihood = likelihood
-        self.n_samples = len(experiment.t)
-        self.states = rig.states
-        self.inputs = rig.inputs
-        self._base = {
-            name: experiment.series.get(name, np.zeros(self.n_samples)) for name in rig.inputs
-        }
-        every = tuple(
-            Channel(name=name, weights={name: 1.0}, unit="", latex="", latex_unit="")
-            for name in (*(name + DOT for name in rig.states), *rig.states)
-        )
-        tangent = dataclasses.replace(
-            experiment,
-            y=np.zeros((self.n_samples, len(every))),
-            channels=every,
-            series=self._base,
-        )
-        self._tangent = slopes_of(rig, tangent)
-
-    @property
-    def unknowns(self) -> tuple[str, ...]:
-        """Those that are not noise levels, of which sensitivities are taken."""
-        space = self.likelihood.space
-        return tuple(space.free[k] for k in space.columns("rig", "quantity"))
+        self._stages = tuple(_Stage(one) for one in likelihood.observations)
+        model = likelihood.observations[0].response.model
+        self.states, self.inputs = model.states, model.inputs
+        space = likelihood.space
+        moving = [space.unknowns[k] for k in space.columns(*MOVES)]
+        self.unknowns = tuple(u.name for u in moving if u.role in ("rig", "quantity"))
+        self.nuisances = tuple(u.name for u in moving if u.role not in ("rig", "quantity"))
+        self._known = 1.0 / np.array([natural_spread(u) for u in moving[len(self.unknowns) :]])
 
     def usual_input(self, name: str) -> float:
-        """The mean of an input over the record."""
-        constant = self.likelihood.response.experiment.constant.get(name, 0.0)
-        return float(constant + self._base[name].mean())
+        """The mean of an input over the records."""
+        means = [stage.usual_input(name) for stage in self._stages]
+        return float(np.mean(means))
 
-    def as_it_is(self, theta: Array) -> Scene:
-        """The experiment of the record itself; unknown sigmas are those of `theta (D,)`."""
-        experiment = self.likelihood.response.experiment
-        weights = [[c.weights.get(name, 0.0) for name in self.states] for c in experiment.channels]
-        sigma, noise = self.likelihood.sigmas(theta[None])[0], self.likelihood.noise
-        if noise.white:
-            return Scene(weights=np.array(weights), sigma=sigma)
-        inform = partial(_informed, noise, self.likelihood.own(theta[None]))
-        return Scene(weights=np.array(weights), sigma=sigma, inform=inform)
+    def sensitivities(self, theta: Array, scene: Scene = AS_IT_IS) -> Array:
+        """d channel / d log unknown over sigma at `theta (D,)`: `(n, m)`, of the m unknowns of the rig.
 
-    def sensitivities(self, theta: Array, scene: Scene) -> Array:
-        """d channel / d log unknown over sigma at `theta (D,)`: `(T K, m)`.
-
-        Of the m unknowns that are not noise levels.  Not finite where the response overflows.
+        What nuisances explain of them, as freely as their priors allow, is taken away.  Not finite
+        where the response overflows.
         """
-        slopes = self._run(theta, scene)[:, :, : len(self.states)]
-        measured = slopes @ (scene.weights / scene.sigma[:, None]).T
-        if scene.inform is not None:
-            own = len(self.likelihood.response.experiment.channels)
-            measured[:, :, :own] = scene.inform(slopes @ scene.weights[:own].T)
-        return np.asarray(measured.reshape(len(measured), -1).T)
+        rows = self.every(theta, scene)
+        m = len(self.unknowns)
+        if not self.nuisances or not np.isfinite(rows).all():
+            return rows[:, :m]
+        held = np.hstack([np.zeros((len(self._known), m)), np.diag(self._known)])
+        return without(np.vstack([rows, held]), m)
 
-    def states_over_time(self, theta: Array, scene: Scene) -> Array:
-        """`(T, X)`."""
-        return self._run(theta, scene)[0, :, len(self.states) :]
-
-    def _run(self, theta: Array, scene: Scene) -> Array:
+    def every(self, theta: Array, scene: Scene = AS_IT_IS) -> Array:
+        """`(n, m + k)`: of nuisances as well, on their natural scale."""
         space = self.likelihood.space
-        slopes = space.slopes(theta[None])[0]
-        points = np.broadcast_to(space.full(theta[None]), slopes.shape)
-        series = {name: u + scene.push.get(name, 0.0) for name, u in self._base.items()}
-        return self._tangent.with_series(series).signals(np.concatenate([points, slopes], axis=1))
+        full, along = space.full(theta[None]), space.slopes(theta[None])
+        parts = [stage.whitened(full, along, theta, scene) for stage in self._stages]
+        return parts[0] if len(parts) == 1 else np.concatenate(parts)
+
+    def motions(self, theta: Array, scene: Scene = AS_IT_IS) -> list[Array]:
+        """The states of each experiment, `(T, X)`."""
+        space = self.likelihood.space
+        full, along = space.full(theta[None]), space.slopes(theta[None])
+        return [stage.states(full, along, scene) for stage in self._stages]
+
+    def swing(self, theta: Array, motion: Array, which: int) -> float:
+        """Of the channels of one experiment: their spread over the noise, the median."""
+        one = self.likelihood.observations[which]
+        sigma = one.scales(theta[None])[0]
+        return float(
+            np.median((motion @ weights(one.experiment, self.states).T).std(axis=0) / sigma)
+        )
+
+
+def without(rows: Array, m: int) -> Array:
+    """The first m columns of `rows (n, m + k)`, without what the others explain of them: `(m, m)`."""
+    k = rows.shape[1] - m
+    turned = np.linalg.qr(np.hstack([rows[:, m:], rows[:, :m]]), mode="r")
+    left = turned[k:, k:]
+    return np.asarray(np.vstack([left, np.zeros((m - len(left), m))]) if len(left) < m else left)
+
+
+def weights(experiment: Experiment, states: tuple[str, ...]) -> Array:
+    """Channels as sums of states: `(K, X)`."""
+    return np.array([[c.weights.get(name, 0.0) for name in states] for c in experiment.channels])
+
+
+class _Stage:
+    """One experiment with its states for further channels, whose inputs can all be changed."""
+
+    def __init__(self, one: Observation) -> None:
+        model, experiment = one.response.model, one.experiment
+        self._one, self._states, self._k = one, model.states, len(experiment.channels)
+        n = len(experiment.t)
+        self._base = {name: experiment.series.get(name, np.zeros(n)) for name in model.inputs}
+        self._late = (np.arange(n) >= n // 2).astype(float)
+        every = tuple(
+            Channel(name=f"state {name}", weights={name: 1.0}, unit="", latex="", latex_unit="")
+            for name in model.states
+        )
+        shown = dataclasses.replace(
+            experiment,
+            y=np.zeros((n, self._k + len(every))),
+            channels=(*experiment.channels, *every),
+            series=self._base,
+        )
+        self._response = one.response.of(shown)
+
+    def usual_input(self, name: str) -> float:
+        return float(self._one.experiment.constant.get(name, 0.0) + self._base[name].mean())
+
+    def whitened(self, full: Array, along: Array, theta: Array, scene: Scene) -> Array:
+        """Rows over the noise, zero where nothing was measured: `(n, m + k)`."""
+        slopes = self._run(full, along, scene)[1]
+        one, own = self._one, theta[None, self._one.own]
+        mine = np.where(one.experiment.seen, slopes[:, :, : self._k], 0.0)
+        if one.noise.white:
+            rows = mine / one.scales(theta[None])[0]
+        else:
+            rows = one.noise.inform(mine, np.repeat(own, len(mine), axis=0))
+        places = [self._states.index(name) for name in scene.extra]
+        more = slopes[:, :, [self._k + place for place in places]]
+        if places:
+            rows = np.concatenate([rows, more / np.array([*scene.extra.values()])], axis=2)
+        return np.asarray(rows.reshape(len(rows), -1).T)
+
+    def states(self, full: Array, along: Array, scene: Scene) -> Array:
+        return self._run(full, along, scene)[0][:, self._k :]
+
+    def _run(self, full: Array, along: Array, scene: Scene) -> tuple[Array, Array]:
+        """Signals `(T, K + X)` and slopes `(q, T, K + X)`."""
+        response = self._response
+        if scene.late:
+            pushed = {n: u + scene.late.get(n, 0.0) * self._late for n, u in self._base.items()}
+            response = response.with_series(pushed)
+        signals, slopes = response.course(self._one.told(full), self._one.told(along))
+        return signals[0], slopes[0]

@@ -101,7 +101,7 @@ def study(
     """At `theta (D,)`; `rng` draws the points at which the structure is looked at."""
     names = scenery.unknowns
     found = _structure(posterior, scenery, theta, rng)
-    known = from_sensitivities(names, scenery.sensitivities(theta, scenery.as_it_is(theta)))
+    known = from_sensitivities(names, scenery.sensitivities(theta))
     prior_sd = prior_spreads(posterior)[: len(names)]
     return Study(
         names=names,
@@ -139,13 +139,13 @@ def _structure(
     finite = drawn[np.isfinite(posterior.density(drawn))][:PRIOR_POINTS]
     points = np.vstack([theta, finite])
     likelihood = posterior.likelihood
-    here = likelihood.signals(points)
+    here = likelihood.every_signal(points)
 
     def unchanged(exponents: Exponents) -> bool:
-        there = likelihood.signals(structure.doubled(points, exponents))
-        return structure.same_response(here, there)
+        there = likelihood.every_signal(structure.doubled(points, exponents))
+        return all(map(structure.same_response, here, there))
 
-    sensitivities = [scenery.sensitivities(point, scenery.as_it_is(point)) for point in points]
+    sensitivities = [scenery.sensitivities(point) for point in points]
     return structure.analyse(scenery.unknowns, sensitivities, unchanged)
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -31,8 +30,10 @@ class Length:
 def bounds(likelihood: Likelihood, truth: Array) -> Array:
     """Cramer-Rao bounds of the unknowns `(D,)`, physical, for noise of sigma 1 in every channel."""
     scenery = Scenery(likelihood)
-    scene = dataclasses.replace(scenery.as_it_is(truth), sigma=np.ones(likelihood.noise.n_channels))
-    known = from_sensitivities(scenery.unknowns, scenery.sensitivities(truth, scene))
+    sigma = likelihood.sigmas(truth[None])[0]
+    rows = scenery.sensitivities(truth)
+    each = (rows.reshape(-1, len(sigma), rows.shape[1]) * sigma[:, None]).reshape(rows.shape)
+    known = from_sensitivities(scenery.unknowns, each)
     return np.asarray(known.bounds() * truth)
 
 

@@ -129,7 +129,7 @@ def _at(posterior: Posterior, theta: Array, inputs: Mapping[str, float]) -> dict
 def _alone(posterior: Posterior, mode: Array, inputs: Mapping[str, float]) -> dict[str, float]:
     scenery = Scenery(posterior.likelihood)
     names = scenery.unknowns
-    known = from_sensitivities(names, scenery.sensitivities(mode, scenery.as_it_is(mode)))
+    known = from_sensitivities(names, scenery.sensitivities(mode))
     steps = STEP * np.eye(len(names), len(mode))
     up, down = (_at(posterior, mode * np.exp(sign * steps), inputs) for sign in (1, -1))
     with np.errstate(invalid="ignore"):

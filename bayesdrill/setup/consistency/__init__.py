@@ -5,9 +5,12 @@ from __future__ import annotations
 from bayesdrill.basics.errors import Problem
 from bayesdrill.setup import build
 from bayesdrill.setup.config import Config
-from bayesdrill.setup.consistency import record, unknowns, work
+from bayesdrill.setup.consistency import record, several, unknowns, work
 from bayesdrill.setup.consistency.collector import Collector
+from bayesdrill.setup.consistency.several import check_experiments
 from bayesdrill.setup.yaml_source import Place, Source
+
+__all__ = ["check", "check_experiments"]
 
 
 def check(config: Config, source: Source, spoilt: frozenset[Place]) -> list[Problem]:
@@ -24,7 +27,13 @@ def check(config: Config, source: Source, spoilt: frozenset[Place]) -> list[Prob
         work.check_counts(found, config, model)
         work.check_map(found, config, model)
         record.check_states(found, config, model)
+        several.check_sensors(found, config, model)
         work.check_output(found, config, model)
+    for key in ("shared", "own"):
+        if getattr(config, key) and not config.experiments:
+            found.add(
+                (key,), "there is one experiment alone; remove this entry, or add `experiments:`"
+            )
     record.check_record(found, config)
     record.check_inputs(found, config)
     work.check_simulation(found, config)

@@ -1,0 +1,99 @@
+"""What is not of the rig itself in an experiment: gains, offsets and delays of sensors, and the start.
+
+y_k(t) = gain_k c_k . x(t - lag_k) + offset_k        u(t) = gain_u u_measured(t - delay) + offset_u
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+
+from bayesdrill.basics.symbols import Symbol
+from bayesdrill.rig.models.linear import Linear, Model, Named
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Sensing:
+    """Names of parameters by what they belong to: channels, inputs, states.
+
+    `delay`: of all inputs, or of the moment at which constant ones are switched on.  `states`: of the
+    start; `steady`: the rest of it is the steady state under the first inputs.
+    """
+
+    gains: Mapping[str, str] = field(default_factory=dict)
+    offsets: Mapping[str, str] = field(default_factory=dict)
+    lags: Mapping[str, str] = field(default_factory=dict)
+    input_gains: Mapping[str, str] = field(default_factory=dict)
+    input_offsets: Mapping[str, str] = field(default_factory=dict)
+    delay: str | None = None
+    states: Mapping[str, str] = field(default_factory=dict)
+    steady: bool = False
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Each once."""
+        return tuple(dict.fromkeys(self._every()))
+
+    def _every(self) -> Iterator[str]:
+        for of in (self.gains, self.offsets, self.lags, self.input_gains, self.input_offsets):
+            yield from of.values()
+        if self.delay is not None:
+            yield self.delay
+        yield from self.states.values()
+
+    @property
+    def shifts(self) -> bool:
+        """Whether any channel is seen at other times than those of the inputs."""
+        return bool(self.lags) or self.delay is not None
+
+    @property
+    def nothing(self) -> bool:
+        return not self.names and not self.steady
+
+
+@dataclass(frozen=True, slots=True)
+class Wired:
+    """`rig` behind the sensors of its inputs: their gains and offsets are parameters of it."""
+
+    rig: Model
+    input_gains: tuple[tuple[str, str], ...]
+    input_offsets: tuple[tuple[str, str], ...]
+
+    @property
+    def name(self) -> str:
+        return self.rig.name
+
+    @property
+    def declares(self) -> tuple[Symbol, ...]:
+        return self.rig.declares
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        own = [name for _, name in (*self.input_gains, *self.input_offsets)]
+        return (*self.rig.parameters, *dict.fromkeys(own))
+
+    @property
+    def states(self) -> tuple[str, ...]:
+        return self.rig.states
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        return self.rig.inputs
+
+    def linear(self, p: Named) -> Linear:
+        found, gains, offsets = self.rig.linear(p), dict(self.input_gains), dict(self.input_offsets)
+        b, c = dict(found.B), dict(found.c)
+        for (row, name), value in found.B.items():
+            if name in gains:
+                b[row, name] = value * p[gains[name]]
+            if name in offsets:
+                c[row] = c.get(row, 0.0) + value * p[offsets[name]]
+        return Linear(A=found.A, B=b, c=c)
+
+
+def wired(rig: Model, sensing: Sensing) -> Model:
+    """The rig itself where nothing of its inputs is to be told."""
+    if not sensing.input_gains and not sensing.input_offsets:
+        return rig
+    gains, offsets = sensing.input_gains.items(), sensing.input_offsets.items()
+    return Wired(rig, tuple(gains), tuple(offsets))

@@ -1,0 +1,107 @@
+"""What a record itself says of its start: how far unknown states may be, what shows before lags."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayesdrill.inference.priors import Prior, TruncatedNormal
+from bayesdrill.record.experiment import Experiment, frozen
+from bayesdrill.rig import vocabulary
+from bayesdrill.rig.sensing import Sensing
+from bayesdrill.setup import sensors
+from bayesdrill.setup.sensors import Declared
+
+Array = NDArray[np.float64]
+
+WIDE = 2.0  # times what a channel of the same kind spans: sd of the prior of a free state
+FURTHEST = 1e-6  # of the prior of a lag lies beyond what is left out of the start
+QUICK = 0.99  # of the steps of an angle are no faster than the speed that is taken of it
+
+
+def free(states: Sequence[str], experiment: Experiment) -> list[Declared]:
+    """Normal priors around what the first samples say, as wide as the channels go."""
+    return [_free(name, experiment) for name in states]
+
+
+def _free(name: str, experiment: Experiment) -> Declared:
+    unit = vocabulary.STATES[name].unit
+    middle, width = _measured(name, experiment)
+    if width is None:
+        width = {"rad": _angle, "rad/s": _speed}.get(unit, _other)(experiment, unit)
+    if not (math.isfinite(width) and width > 0):
+        raise ValueError(
+            f"no channel says how far {name} may be from zero at the start; give it a prior, such as "
+            f"`{name}: {{prior: normal, mean: 0, sd: 1}}`"
+        )
+    prior = TruncatedNormal(middle, WIDE * width, -math.inf, math.inf)
+    return Declared(symbol=sensors.symbol_of_state(name), role="start", value=prior, start=middle)
+
+
+def _seen(experiment: Experiment, unit: str) -> list[tuple[Mapping[str, float], Array]]:
+    found = zip(experiment.channels, experiment.y.T, strict=True)
+    return [(c.weights, y[~np.isnan(y)]) for c, y in found if c.unit == unit]
+
+
+def _measured(name: str, experiment: Experiment) -> tuple[float, float | None]:
+    """First value and span of a channel that measures this state alone; of an angle that only
+    another one tells, that one's first value: the two turn together.
+    """
+    unit = vocabulary.STATES[name].unit
+    middle = 0.0
+    for weights, y in _seen(experiment, unit):
+        if set(weights) == {name}:
+            return float(y[0] / weights[name]), float(np.ptp(y) / abs(weights[name]))
+        if len(weights) == 1 and unit in ("rad", "rad/s"):
+            middle = float(y[0] / next(iter(weights.values())))
+    return middle, None
+
+
+def _angle(experiment: Experiment, unit: str) -> float:
+    spans = [float(np.ptp(y)) for _, y in _seen(experiment, unit)]
+    if spans:
+        return max(spans)
+    duration = float(experiment.t[-1] - experiment.t[0])
+    return duration * max(
+        (float(np.abs(y).max()) for _, y in _seen(experiment, "rad/s")), default=0
+    )
+
+
+def _speed(experiment: Experiment, unit: str) -> float:
+    found = [float(np.abs(y).max()) for _, y in _seen(experiment, unit)]
+    for k, channel in enumerate(experiment.channels):
+        if channel.unit == "rad":
+            seen = ~np.isnan(experiment.y[:, k])
+            steps = np.diff(experiment.y[seen, k]) / np.diff(experiment.t[seen])
+            found.append(float(np.quantile(np.abs(steps), QUICK)) if len(steps) else 0.0)
+    return max(found, default=0.0)
+
+
+def _other(experiment: Experiment, unit: str) -> float:
+    return max((float(np.abs(y).max()) for _, y in _seen(experiment, unit)), default=0.0)
+
+
+def beyond_lags(
+    experiment: Experiment, sensing: Sensing, values: Mapping[str, float | Prior]
+) -> Experiment:
+    """Of a rig that moves at the start, without the samples that show what was before it."""
+    moving = sensing.steady or bool(sensing.states)
+    if not (moving and sensing.shifts):
+        return experiment
+    y = np.array(experiment.y)
+    delay = 0.0 if sensing.delay is None else _most(values[sensing.delay])
+    for k, channel in enumerate(experiment.channels):
+        own = sensing.lags.get(channel.name)
+        late = delay + (0.0 if own is None else _most(values[own]))
+        y[experiment.t < experiment.t_start + late, k] = np.nan
+    return dataclasses.replace(experiment, y=frozen(y))
+
+
+def _most(value: float | Prior) -> float:
+    if isinstance(value, float):
+        return value
+    return float(value.quantile(np.array([1 - FURTHEST]))[0])

@@ -1,0 +1,74 @@
+"""Several experiments in one config: each as a config of its own, with what they have in common."""
+
+from __future__ import annotations
+
+import copy
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from bayesdrill.setup.config import Config
+from bayesdrill.setup.yaml_source import Place, Source
+
+SECTIONS = ("record", "inputs", "initial")  # which an experiment may have of its own
+EXPERIMENTS = "experiments"
+
+
+@dataclass(frozen=True, slots=True)
+class View:
+    """One experiment: `label` is its name, empty where there is only one."""
+
+    label: str
+    config: Config
+    source: Source
+
+
+def views(config: Config, source: Source) -> tuple[View, ...]:
+    """Of a config that is valid."""
+    if not config.experiments:
+        return (View("", config, source),)
+    return tuple(
+        View(label, Config.model_validate(own.data), own) for label, own in split(source).items()
+    )
+
+
+def split(source: Source) -> dict[str, Source]:
+    """Of a config with experiments, what each reads as if it were alone; by name."""
+    named = source.data.get(EXPERIMENTS)
+    if not isinstance(named, Mapping):
+        return {}
+    return {label: _alone(source, label, own) for label, own in named.items() if _is_one(own)}
+
+
+def _is_one(own: Any) -> bool:
+    """What is no mapping of sections is told of by its own entry."""
+    return isinstance(own, Mapping) and set(own) <= set(SECTIONS)
+
+
+def _alone(source: Source, label: str, own: Mapping[str, Any]) -> Source:
+    data = {k: v for k, v in source.data.items() if k not in (EXPERIMENTS, "shared", "own")}
+    data = copy.deepcopy(data)
+    for section, entries in own.items():
+        data[section] = _over(data.get(section), entries)
+    lines = dict(source.lines)
+    prefix: Place = (EXPERIMENTS, label)
+    for place, line in source.lines.items():
+        if place[:2] == prefix:
+            lines[place[2:]] = line
+    return dataclasses.replace(source, data=data, lines=lines, repeated=())
+
+
+def _over(common: Any, own: Any) -> Any:
+    """`own` entries in the place of common ones, mapping by mapping."""
+    if not (isinstance(common, Mapping) and isinstance(own, Mapping)):
+        return copy.deepcopy(own)
+    if _chosen(own) and _chosen(common) != _chosen(own):
+        return copy.deepcopy(own)  # another kind of entry: nothing of the common one fits
+    merged = {key: value for key, value in common.items() if key not in own}
+    return {**merged, **{key: _over(common.get(key), value) for key, value in own.items()}}
+
+
+def _chosen(entry: Mapping[str, Any]) -> str:
+    """Which kind a number or column is, where it says so."""
+    return next((key for key in ("prior", "value", "rate") if key in entry), "")

@@ -1,0 +1,269 @@
+"""What a config says of sensors and of the start, as numbers and priors in SI, by name.
+
+The steps raise `ValueError` with a message for the user.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from bayesdrill.basics import symbols, units
+from bayesdrill.basics.symbols import Symbol
+from bayesdrill.inference.priors import LogNormal, Prior, TruncatedNormal, Uniform
+from bayesdrill.inference.unknowns import Role, labelled
+from bayesdrill.rig import vocabulary
+from bayesdrill.rig.models.linear import Model
+from bayesdrill.rig.sensing import Sensing
+from bayesdrill.setup.config import Config, InputColumn, InputQuantity
+from bayesdrill.setup.number_entries import Quantity
+from bayesdrill.setup.sensor_entries import (
+    PositiveLogNormal,
+    SignedNormal,
+    SignedPrior,
+    SignedTruncatedNormal,
+    SignedUniform,
+)
+from bayesdrill.setup.yaml_source import Place
+
+Kind = Literal["gain", "offset", "lag", "delay", "state"]
+Spec = float | Quantity | SignedPrior
+
+FEWEST = 1e-9  # of a prior's sd: below it, numbers hold no more than one value
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Entry:
+    """One entry of the config: `of` names the channel, input or state; `unit` is its own, in SI `si`."""
+
+    place: Place
+    kind: Kind
+    of: str
+    name: str
+    spec: Spec
+    unit: str
+    si: str
+    latex: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Declared:
+    """A number of a sensor or a start, SI: held, or unknown with a `start` for searches."""
+
+    symbol: Symbol
+    role: Role
+    value: float | Prior
+    start: float
+    factor: float = 1.0
+    unit: str = ""
+
+    @property
+    def name(self) -> str:
+        return self.symbol.name
+
+    def of(self, label: str, name: str) -> Declared:
+        """The same of one of several experiments; unless it has the same name in all of them."""
+        if name == self.name:
+            return self
+        return dataclasses.replace(self, symbol=labelled(self.symbol, label, name))
+
+
+def entries(config: Config, model: Model) -> Iterator[Entry]:
+    """In the order in which they are unknown: channels, inputs, the start."""
+    for name, spec in config.record.channels.items():
+        place: Place = ("record", "channels", name)
+        si = _unit_of(name, spec.measures, model)
+        yield from _of_column(place, name, spec, spec.unit, si, _latex(name))
+    for name, symbol in symbols.INPUTS.items():
+        given = getattr(config.inputs, name)
+        if isinstance(given, InputColumn | InputQuantity):
+            yield from _of_column(
+                ("inputs", name), name, given, given.unit, symbol.unit, symbol.latex
+            )
+    if config.inputs.t_0 is not None:
+        yield Entry(
+            place=("inputs", "t_0"),
+            kind="delay",
+            of="",
+            name="t_0",
+            spec=config.inputs.t_0,
+            unit="s",
+            si="s",
+            latex="t_0",
+        )
+    yield from _of_states(config, model)
+
+
+def _of_column(
+    place: Place, name: str, spec: object, unit: str, si: str, latex: str
+) -> Iterator[Entry]:
+    is_input = place[0] == "inputs"
+    for kind, own, own_si, sign in (
+        ("gain", "1", "1", "g"),
+        ("offset", unit, si, "b"),
+        ("lag", "s", "s", r"\tau"),
+    ):
+        given = getattr(spec, kind, None)
+        if given is None:
+            continue
+        of_inputs = kind == "lag" and is_input
+        yield Entry(
+            place=(*place, kind),
+            kind="delay" if of_inputs else kind,  # type: ignore[arg-type]
+            of=name,
+            name=f"{kind}_{name}",
+            spec=given,
+            unit=own,
+            si=own_si,
+            latex=rf"{sign}_{{{latex}}}",
+        )
+
+
+def _of_states(config: Config, model: Model) -> Iterator[Entry]:
+    """Those with a prior; what is held or `free` is said elsewhere."""
+    for name in model.states:
+        given, symbol = getattr(config.initial, name), vocabulary.STATES[name]
+        if isinstance(given, SignedPrior):
+            yield Entry(
+                place=("initial", name),
+                kind="state",
+                of=name,
+                name=state_name(name),
+                spec=given,
+                unit=symbol.unit,
+                si=symbol.unit,
+                latex=rf"{symbol.latex}(0)",
+            )
+
+
+def state_name(state: str) -> str:
+    return f"{state}_0"
+
+
+def free_states(config: Config, model: Model) -> tuple[str, ...]:
+    """States of the start whose priors the record has to give."""
+    initial = config.initial
+    words = [name for name in model.states if getattr(initial, name) == "free"]
+    if initial.state == "free":
+        words += [name for name in model.states if name not in initial.model_fields_set]
+    return tuple(dict.fromkeys(name for name in model.states if name in words))
+
+
+def declared(entry: Entry) -> Declared:
+    """In SI."""
+    unit = getattr(entry.spec, "unit", None) or entry.unit
+    factor = 1.0 if entry.kind == "gain" else units.factor(unit, entry.si)
+    value, start = _value(entry.spec, factor)
+    if entry.kind == "gain" and (value == 0 or (not isinstance(value, float) and _crosses(value))):
+        raise ValueError(
+            "a gain of zero shows nothing; keep its prior on one side of zero, such as `prior: "
+            "log_normal, median: 1, sd_log: 0.02`"
+        )
+    symbol = Symbol(
+        entry.name, entry.si, entry.latex, symbols.latex_unit(entry.si), _meaning(entry)
+    )
+    role: Role = "start" if entry.kind == "state" else "sensor"
+    return Declared(symbol=symbol, role=role, value=value, start=start, factor=factor, unit=unit)
+
+
+def _crosses(prior: Prior) -> bool:
+    low, high = prior.quantile(np.array([1e-6, 1 - 1e-6]))
+    return bool(low <= 0 <= high)
+
+
+def _value(spec: Spec, factor: float) -> tuple[float | Prior, float]:
+    if isinstance(spec, Quantity):
+        return spec.value * factor, spec.value * factor
+    if isinstance(spec, float | int):
+        return float(spec) * factor, float(spec) * factor
+    built = _prior(spec, factor)
+    spread = float(np.ptp(built.quantile(np.array([0.16, 0.84]))))
+    middle = float(built.quantile(np.array([0.5]))[0])
+    if not spread > FEWEST * abs(middle):
+        raise ValueError(f"{built.describe()}: this is one number; hold it, or mend the prior")
+    begin = middle if spec.start is None else spec.start * factor
+    if not np.isfinite(built.logpdf(np.array([begin]))[0]):
+        raise ValueError(
+            f"the start {spec.start:g} is outside the prior; move it, or widen the prior"
+        )
+    return built, begin
+
+
+def _prior(spec: SignedPrior, factor: float) -> Prior:
+    if isinstance(spec, SignedUniform | SignedTruncatedNormal) and not spec.low < spec.high:
+        raise ValueError(f"low {spec.low:g} is not below high {spec.high:g}; exchange or mend them")
+    match spec:
+        case SignedUniform():
+            return Uniform(spec.low * factor, spec.high * factor)
+        case SignedNormal():
+            return TruncatedNormal(spec.mean * factor, spec.sd * factor, -math.inf, math.inf)
+        case SignedTruncatedNormal():
+            ends = spec.low * factor, spec.high * factor
+            return TruncatedNormal(spec.mean * factor, spec.sd * factor, *ends)
+        case PositiveLogNormal():
+            return LogNormal(spec.median * factor, spec.sd_log)
+
+
+def _unit_of(name: str, measures: str | None, model: Model) -> str:
+    """SI unit of a channel; of one that is misspelt, none."""
+    for state in model.states:
+        if state == name or (measures is not None and state in measures):
+            return vocabulary.STATES[state].unit
+    return "1"
+
+
+def _latex(name: str) -> str:
+    known = vocabulary.STATES.get(name)
+    return known.latex if known else symbols.own_symbol(name, "1", None, "").latex
+
+
+def _meaning(entry: Entry) -> str:
+    return {
+        "gain": f"gain of the sensor of {entry.of}",
+        "offset": f"offset of {entry.of}",
+        "lag": f"lag of the sensor of {entry.of}",
+        "delay": f"delay of {entry.of or 'the inputs'}",
+        "state": f"{entry.of} at the start",
+    }[entry.kind]
+
+
+def sensing(config: Config, model: Model) -> Sensing:
+    """By the names of single experiments."""
+    found = list(entries(config, model))
+    measured = [n for n in symbols.INPUTS if isinstance(getattr(config.inputs, n), InputColumn)]
+    delays = [entry for entry in found if entry.kind == "delay"]
+    if len(delays) > 1 or (delays and delays[0].of and len(measured) > 1):
+        raise ValueError(
+            "all inputs have one delay; give it as `t_0:` of `inputs:` alone, or shift the time of one "
+            "input's file"
+        )
+
+    def of(kind: Kind, *, inputs: bool) -> dict[str, str]:
+        return {
+            e.of: e.name for e in found if e.kind == kind and (e.place[0] == "inputs") == inputs
+        }
+
+    states = {name: state_name(name) for name in free_states(config, model)}
+    return Sensing(
+        gains=of("gain", inputs=False),
+        offsets=of("offset", inputs=False),
+        lags=of("lag", inputs=False),
+        input_gains=of("gain", inputs=True),
+        input_offsets=of("offset", inputs=True),
+        delay=delays[0].name if delays else None,
+        states=of("state", inputs=False) | states,
+        steady=config.initial.state == "steady",
+    )
+
+
+def symbol_of_state(name: str) -> Symbol:
+    """Of a state at the start."""
+    known = vocabulary.STATES[name]
+    return Symbol(
+        state_name(name), known.unit, rf"{known.latex}(0)", known.latex_unit, f"{name} at the start"
+    )
