@@ -6,11 +6,12 @@ renormalised.  `logpdf` is -inf outside the support and never NaN.
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -216,7 +217,13 @@ class InUnits:
         return self.si.quantile(u) / self.factor
 
     def describe(self) -> str:
-        return f"{self.si.describe()}, in SI"
+        """In numbers of that unit."""
+        si: Any = self.si
+        scaled = ("low", "high", "mean", "sd", "median", "scale")
+        given = [one.name for one in dataclasses.fields(si) if one.name in scaled]
+        own = {name: getattr(si, name) / self.factor for name in given}
+        described: str = dataclasses.replace(si, **own).describe()
+        return described
 
 
 def flat_in_logs(prior: Prior | None) -> bool:
