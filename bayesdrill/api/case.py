@@ -70,7 +70,7 @@ class Case:
         return self.job.problem.names
 
     def __str__(self) -> str:
-        return words.opening(self.job.problem)
+        return words.opening(self.job.problem, self.job.units)
 
     __repr__ = __str__
 
@@ -79,7 +79,9 @@ class Case:
         problem, config = self.job.problem, self.job.config
         first = identify.preflight(self.job, Scenery(problem.posterior.likelihood))
         columns = [] if self.columns is not None else [record_words.columns(problem, config)]
-        return "\n".join([str(self), *columns, words.preview(problem, config), first])
+        return "\n".join(
+            [str(self), *columns, words.preview(problem, config, self.job.units), first]
+        )
 
     def identify(
         self,

@@ -91,11 +91,12 @@ def overlay(runs: Sequence[single.Run | str | Path], names: Sequence[str] | None
         for one, place in zip(opened, places, strict=True)
     ]
     own = overlaying.distinct([str(name) for name in names or usual])
+    units = overlaying.units([one.job for one in opened])
     layers = [
-        overlaying.layer(name, one.job, one.mode, one.sampled)
+        overlaying.layer(name, one.job, one.mode, one.sampled, units)
         for name, one in zip(own, opened, strict=True)
     ]
-    return Overlay(OverlayReport(tuple(layers)), tuple(places))
+    return Overlay(OverlayReport(tuple(layers), units), tuple(places))
 
 
 def check_place(

@@ -77,7 +77,7 @@ class Best:
         return place
 
     def __str__(self) -> str:
-        return f"{self.table}\n\n{words.mode(self.mode)}"
+        return f"{self.table}\n\n{words.mode(self.mode, self.job.units)}"
 
     __repr__ = __str__
 

@@ -95,7 +95,7 @@ CALIBRATE = Kind(
     RUN,
     (
         *(*CONFIGS, "ranks.csv", "summary.md", "report.html"),
-        *(*figures("calibration"), f"{REFITS}/#.json"),
+        *(*figures("calibration", formats=FORMATS), f"{REFITS}/#.json"),
     ),
 )
 OVERLAY = Kind(
@@ -110,12 +110,12 @@ MAP = Kind(
     (
         *("map.json", "map.md", "map.csv", "prediction.csv", "report.html"),
         *CONFIGS,
-        *figures("fit"),
+        *figures("fit", formats=FORMATS),
     ),
     again="make them anew with --force, or give another --output",
     kept=(RECORD,),
 )
-IDENTIFY = Kind("identify", "identify.md", figures("spectrum", "profiles"))
+IDENTIFY = Kind("identify", "identify.md", figures("spectrum", "profiles", formats=FORMATS))
 
 
 def paper(records: Sequence[str]) -> Kind:

@@ -47,6 +47,14 @@ def fraction(above: Sequence[str], below: Sequence[str], times: str) -> str:
     return f"{over or '1'}/{under if len(below) == 1 else f'({under})'}"
 
 
+def unit_product(units: Sequence[str], exponents: Sequence[int]) -> str:
+    """Of a product of powers, as pint reads it: `(N*m/rad)*(H)**2`; of one alone its unit."""
+    powers = [(unit, e) for unit, e in zip(units, exponents, strict=False) if e]
+    if len(powers) == 1 and powers[0][1] == 1:
+        return powers[0][0]
+    return "*".join(f"({unit})" + (f"**{e}" if e != 1 else "") for unit, e in powers)
+
+
 def product_latex(exponents: Sequence[int], symbols: Sequence[Symbol]) -> str:
     r"""`k_T/(r_m\,k_s)`, without dollars; the first symbols belong to the exponents."""
     above, below = (
@@ -168,10 +176,26 @@ def own_symbol(name: str, unit: str, latex: str | None, meaning: str) -> Symbol:
     return Symbol(name, unit, latex or shown, latex_unit(unit), meaning)
 
 
+_SIGNS = {  # that units are written with, and what they are in formulas
+    **dict.fromkeys("\u00b7\u22c5", "*"),
+    **dict.fromkeys("\u00b5\u03bc", r"{\mu}"),
+    **dict.fromkeys("\u03a9\u2126", r"{\Omega}"),
+    "\u00b0": r"{}^{\circ}",
+    **{chr(raised): f"**{digit}" for digit, raised in zip("23", (0xB2, 0xB3), strict=True)},
+}
+
+
 def latex_unit(unit: str) -> str:
-    r"""Of a unit as pint reads it, without dollars: `mN*m` is `mN\,m`, `%` is `\%`."""
+    r"""Of a unit as pint reads it, without dollars: `mN*m` is `mN\,m`, `%` is `\%`.
+
+    Raises `ValueError` for letters that formulas have no fonts for.
+    """
     if unit in ("1", ""):
         return ""
+    for sign, latex in _SIGNS.items():
+        unit = unit.replace(sign, latex)
+    if not unit.isascii():
+        raise ValueError(f"unit '{unit}' has letters that formulas do not have")
     parts = re.split(
         r"(?:\*\*|\^)\s*\(?\s*(-?[\d.]+)\s*\)?", unit.strip()
     )  # names and powers, in turn
@@ -184,10 +208,15 @@ def latex_unit(unit: str) -> str:
     return re.sub(r"\bohms?\b", r"\\Omega", joined).replace(" ", "")
 
 
+def noise_name(channel: str) -> str:
+    """Of the unknown standard deviation of its noise."""
+    return f"sigma_{channel}"
+
+
 def noise_symbol(channel: str, unit: str, latex: str, latex_unit: str) -> Symbol:
     """The unknown standard deviation of a channel's noise, named `sigma_<channel>`."""
     return Symbol(
-        f"sigma_{channel}",
+        noise_name(channel),
         unit,
         rf"\sigma_{{{latex}}}",
         latex_unit,

@@ -3,8 +3,37 @@
 from __future__ import annotations
 
 import re
+from dataclasses import dataclass
 from functools import cache
 from typing import Any
+
+from bayesdrill.basics import symbols
+
+
+@dataclass(frozen=True, slots=True)
+class Unit:
+    """In which something is shown.  `name`: as pint reads it; `factor`: how many SI one of it is;
+    `latex` without dollars.
+    """
+
+    name: str
+    factor: float
+    latex: str
+
+
+def shown(own: str, si: str | None = None, latex: str = "") -> Unit:
+    """A user's unit of what is `si` inside; `latex`: of that.  None: of any kind, in its `coherent` one.
+
+    In SI where it cannot be typeset.
+    """
+    inside, times = coherent(own) if si is None else (si, factor(own, si))
+    usual = Unit(inside, 1.0, latex or symbols.latex_unit(inside))
+    if own == inside:
+        return usual
+    try:
+        return Unit(own, times, symbols.latex_unit(own))
+    except ValueError:
+        return usual
 
 
 def factor(unit: str, si: str) -> float:
@@ -58,7 +87,7 @@ def coherent(unit: str) -> tuple[str, float]:
             f"unit '{unit}' does not begin at zero, so that no factor turns it into SI; write the "
             "value in K, or in a plain unit"
         )
-    if base.magnitude == 1.0:
+    if base.magnitude == 1.0 and unit.isascii():
         return unit, 1.0
     for name in _COHERENT:
         if _same_base(one, _quantity(1.0, name)):

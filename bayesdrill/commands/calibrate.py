@@ -11,6 +11,7 @@ from concurrent.futures import CancelledError, Executor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -27,6 +28,7 @@ from bayesdrill.insight.calibration.verdict import Verdict, judge
 from bayesdrill.record.experiment import Experiment, frozen
 from bayesdrill.report import calibration_words, provenance_words
 from bayesdrill.report.sections import Section, as_markdown, markdown
+from bayesdrill.report.widths import WIDTHS
 from bayesdrill.results import provenance, run_folder
 from bayesdrill.results.chain_files import COMPUTED_AGAIN
 from bayesdrill.results.run_folder import Folder
@@ -209,9 +211,14 @@ def _publish(job: Job, folder: Folder, refits: Sequence[Refit]) -> Verdict:
     verdict = judge(names, refits, job.config.calibration.draws)
     folder.write_text(RANKS, as_csv(names, refits))
     _draw(job, folder, verdict)
-    _pages(job, folder, calibration_words.sections(verdict, refits))
+    _pages(
+        job,
+        folder,
+        calibration_words.sections(verdict, refits, own_files.shown(job.config.output.formats)),
+    )
     folder.write_run(
         status="finished",
+        units={symbol.name: symbol.unit for symbol in job.problem.symbols},
         calibrated=verdict.calibrated,
         verdict=calibration_words.verdict(verdict),
         not_converged=list(verdict.not_converged),
@@ -241,8 +248,15 @@ def _draw(job: Job, folder: Folder, verdict: Verdict) -> None:
     figures = folder.path / FIGURES
     figures.mkdir(exist_ok=True)
     note = {"Title": job.config.name, "Creator": software.creator()}
-    figure = calibration_figure(verdict, job.problem.symbols)
-    save_figure(figure, figures, "calibration", note)
+    output = job.config.output
+    every, wanted = (
+        own_files.figures("calibration", formats=each)
+        for each in (own_files.FORMATS, output.formats)
+    )
+    folder.take_away(set(every) - set(wanted))
+    figure = calibration_figure(verdict, job.problem.symbols, WIDTHS[output.size])
+    look: dict[str, Any] = {"formats": tuple(output.formats), "dpi": output.dpi}
+    save_figure(figure, figures, "calibration", note, **look)
 
 
 def as_csv(names: Sequence[str], refits: Sequence[Refit]) -> str:

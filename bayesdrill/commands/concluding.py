@@ -39,7 +39,7 @@ def concluded(
     course = (f"note: {one}" for one in plausibility.of_course(scenery, at))
     geared = (f"note: {one}" for one in plausibility.of_gear(problem))
     read = (f"note: record, {one}" for one in record_words.suspicions(problem, job.config))
-    notes = (*tables.notes(rows), *course, *geared, *read)
+    notes = (*tables.notes(rows, job.units), *course, *geared, *read)
     return View(
         problem=problem,
         config=job.config,
@@ -70,6 +70,7 @@ def entries(found: View) -> dict[str, Any]:
     sampled, c = found.sampled, found.sampled.convergence
     table = build.compared_with(found.config)
     return {
+        "units": {symbol.name: symbol.unit for symbol in found.problem.symbols},
         "converged": c.converged,
         "reasons": list(found.reasons),
         "notes": list(found.notes),

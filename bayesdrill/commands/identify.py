@@ -13,11 +13,14 @@ from bayesdrill.basics import own_files
 from bayesdrill.basics.errors import InputError, did_you_mean
 from bayesdrill.basics.own_files import FIGURES, IDENTIFY, what, whole
 from bayesdrill.basics.progress import Reporter
+from bayesdrill.basics.symbols import Symbol
+from bayesdrill.inference.priors import flat_in_logs
 from bayesdrill.insight import plausibility
 from bayesdrill.insight.identifiability.profile import Fitter, Profile, profile
 from bayesdrill.insight.identifiability.scenes import Scenery
 from bayesdrill.insight.identifiability.study import Study, study_of
 from bayesdrill.report import identify_words as words
+from bayesdrill.report.widths import WIDTHS
 from bayesdrill.setup.job import Job
 
 Array = NDArray[np.float64]
@@ -28,7 +31,7 @@ MARK = "<!-- bayesdrill identify -->"  # begins the text, and so says whose the 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Findings:
-    """`study`: symmetries, bounds, products, remedies; `profiles`: of parameters that were wanted."""
+    """`study`: symmetries, bounds, products, remedies; `profiles`: of what was wanted, SI."""
 
     job: Job
     study: Study
@@ -38,8 +41,18 @@ class Findings:
     def text(self) -> str:
         parts = [words.full(self.study)]
         if self.profiles:
-            parts.append(words.profiles(self.profiles, self.study))
+            parts.append(words.profiles(self.shown, self.study, self.symbols))
         return "\n\n".join(parts)
+
+    @property
+    def symbols(self) -> tuple[Symbol, ...]:
+        """In the units of the user."""
+        return self.job.units.symbols(self.job.problem.symbols)
+
+    @property
+    def shown(self) -> tuple[Profile, ...]:
+        """The profiles in these units."""
+        return tuple(one.over(self.job.units.factor(one.name)) for one in self.profiles)
 
     def save(self, folder: str | Path, *, force: bool = False) -> str:
         """Text and figures into a folder, which may hold other results; says what is written.
@@ -111,13 +124,18 @@ def publish(job: Job, findings: Findings, folder: Path, *, force: bool) -> str:
     figures.mkdir(parents=True, exist_ok=True)
     with whole(folder / IDENTIFY.mark) as path:
         path.write_text(_markdown(job, findings), encoding="utf-8")
-    symbols = {symbol.name: symbol for symbol in job.problem.symbols}
+    symbols = {symbol.name: symbol for symbol in findings.symbols}
     latex = {name: symbol.latex for name, symbol in symbols.items()}
-    note = {"Title": job.config.name}
-    style.save(spectrum_figure(findings.study, latex), figures, "spectrum", note)
+    output, priors = job.config.output, job.problem.posterior.space.priors
+    width = WIDTHS[output.size]
+    drawn = {"spectrum": spectrum_figure(findings.study, latex, width)}
     if findings.profiles:
-        drawn = profile_figure(findings.profiles, symbols, job.problem.nominal)
-        style.save(drawn, figures, "profiles", note)
+        logs = [name for name, prior in priors.items() if flat_in_logs(prior)]
+        nominal = job.units.values(job.problem.nominal)
+        drawn["profiles"] = profile_figure(findings.shown, symbols, nominal, logs, width)
+    for name, figure in drawn.items():
+        note = {"Title": job.config.name}
+        style.save(figure, figures, name, note, formats=tuple(output.formats), dpi=output.dpi)
     return f"{folder}/ ({IDENTIFY.mark}, figures/)"
 
 
@@ -132,9 +150,10 @@ def _columns(unknowns: tuple[str, ...], wanted: Sequence[str]) -> list[int]:
 
 
 def _markdown(job: Job, findings: Findings) -> str:
-    pictures = ["![spectrum](figures/spectrum.png)"]
-    if findings.profiles:
-        pictures.append("![profiles](figures/profiles.png)")
+    ending = own_files.shown(job.config.output.formats)
+    names = ["spectrum", *(["profiles"] if findings.profiles else [])]
+    mark = "" if ending == "pdf" else "!"  # which no page shows
+    pictures = [f"{mark}[{name}](figures/{name}.{ending})" for name in names]
     return (
         f"{MARK}\n# What {job.config.name} can say\n\n```text\n{findings.text}\n```\n\n"
         + "\n\n".join(pictures)

@@ -40,7 +40,8 @@ def save(job: Job, found: Mode, output: Path, record: str | None, *, force: bool
         place = output / own_files.FIGURES
         place.mkdir(exist_ok=True)
         note = {"Title": job.config.name, "Creator": software.creator(), **mark(job)}
-        publish.draw(job.problem.posterior, FIGURE, said.figure, place, note, said.warning)
+        look = (said.warning, tuple(job.config.output.formats), job.config.output.dpi)
+        publish.draw(job.problem.posterior, FIGURE, said.figure, place, note, *look)
         folder.write_text("report.html", said.page(output))
         files = {name: own_files.digest(output / name) for name in folder.made()}
         fit = residual_words.as_data(said.left)

@@ -19,6 +19,7 @@ from bayesdrill.report.overlay_report import OverlayReport
 from bayesdrill.results import provenance
 from bayesdrill.results.run_folder import Folder
 from bayesdrill.setup.job import Job
+from bayesdrill.setup.own_units import SI, OwnUnits
 
 FEWEST, MOST = 2, len(LOOKS)  # that can be told apart in grey
 LONGEST = 100  # letters of a folder's name
@@ -32,8 +33,19 @@ def check_number(n: int) -> None:
         raise InputError.one("runs", message)
 
 
-def layer(name: str, job: Job, found: Mode, sampled: Sampled) -> Layer:
-    """A run under the name that it has among others."""
+def units(jobs: Sequence[Job]) -> OwnUnits:
+    """Of each unknown those of the first run that says any; SI where a name means two things."""
+    found, kinds = SI, dict[str, set[str]]()
+    for job in jobs:
+        found = found.over(job.units)
+        for symbol in job.problem.symbols:
+            kinds.setdefault(symbol.name, set()).add(symbol.unit)
+    same = {name: one for name, one in found.units.items() if len(kinds.get(name, ())) < 2}
+    return OwnUnits(same)
+
+
+def layer(name: str, job: Job, found: Mode, sampled: Sampled, own: OwnUnits) -> Layer:
+    """A run under the name that it has among others, its settings in these units."""
     posterior = job.problem.posterior
     left = residual_checks.left(posterior.likelihood, posterior.space.vector(found.values))
     return Layer(
@@ -41,7 +53,7 @@ def layer(name: str, job: Job, found: Mode, sampled: Sampled) -> Layer:
         mark=provenance.marks(job.config, job.problem, "")[provenance.RUN_MARK],
         problem=job.problem,
         draws=sampled.draws.reshape(-1, sampled.draws.shape[-1]),
-        settings=provenance.settings(job.config, job.problem),
+        settings=provenance.settings(job.config, job.problem, own),
         warning=words.warning(sampled, left),
         reasons=(*sampled.convergence.reasons, *residual_words.reasons(left)),
     )

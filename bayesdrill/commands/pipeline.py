@@ -75,7 +75,9 @@ def posterior(
     marks = provenance.fingerprint(job.config, job.problem)
     with Folder(output, how, marks, POSTERIOR) as folder:
         known = _taken_up(job, folder) if how == "resume" else None
-        report.say(f"{words.opening(job.problem)}\n{words.size(job.problem, job.config)}")
+        report.say(
+            f"{words.opening(job.problem, job.units)}\n{words.size(job.problem, job.config)}"
+        )
         seed, versions = job.config.seed, software.versions()
         folder.begin(status="running", seed=seed, versions=versions)
         write_given(job, folder)
@@ -110,7 +112,7 @@ def _run(job: Job, folder: Folder, known: Mode | None, processes: int, report: R
                 crew.submit(loaded)
             _load_ahead()
         if hunt is not None:
-            known = searching.end(crew, hunt, posterior, report)
+            known = searching.end(crew, hunt, job, report)
             folder.write_text(MAP_FILE, sealed(dataclasses.asdict(known)))
         assert known is not None
         found = known
@@ -225,7 +227,9 @@ def _finish_chain(job: Job, folder: Folder, sampled: Sampled) -> None:
     names = ",".join(job.problem.names)
     logs = job.problem.posterior.coordinates.logs
     coordinates = ",".join("log" if log else "linear" for log in logs)
-    folder.finish_chain(sampled.pieces, {"coordinates": coordinates, "unknowns": names})
+    units = ",".join(symbol.unit for symbol in job.problem.symbols)
+    attributes = {"coordinates": coordinates, "unknowns": names, "units": units}
+    folder.finish_chain(sampled.pieces, attributes)
 
 
 def _load_ahead() -> None:

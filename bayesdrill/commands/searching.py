@@ -14,7 +14,6 @@ from bayesdrill.engines import maxima, mode
 from bayesdrill.engines.mode import Mode, Search
 from bayesdrill.engines.workers import Crew
 from bayesdrill.inference import residual_checks
-from bayesdrill.inference.posterior import Posterior
 from bayesdrill.report import residual_words, words
 from bayesdrill.setup import build
 from bayesdrill.setup.job import Job
@@ -30,7 +29,7 @@ BAD_FIT = (
 def find_mode(job: Job, processes: int, report: Reporter) -> Mode:
     """The MAP alone; nothing is written."""
     with Crew(job.problem.posterior, processes) as crew:
-        return end(crew, begin(job, crew), job.problem.posterior, report)
+        return end(crew, begin(job, crew), job, report)
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,16 +52,16 @@ def begin(job: Job, crew: Crew) -> Hunt:
     return Hunt(searches, scouts)
 
 
-def end(crew: Crew, hunt: Hunt, posterior: Posterior, report: Reporter) -> Mode:
-    searches = []
+def end(crew: Crew, hunt: Hunt, job: Job, report: Reporter) -> Mode:
+    posterior, searches = job.problem.posterior, []
     for done, task in enumerate(hunt.searches):
         report.update(done / len(hunt.searches), "searching the MAP")
         searches.append(task.result())
     scouted = maxima.together([task.result() for task in hunt.scouts]) if hunt.scouts else None
     found = crew.submit(mode.summarise, tuple(searches), scouted).result()
     report.update(1.0, "")
-    report.say(words.mode(found))
+    report.say(words.mode(found, job.units))
     left = residual_checks.left(posterior.likelihood, posterior.space.vector(found.values))
     if any(one.unbelievable for one in left):
-        report.say(f"{residual_words.sentences(left)}\n{BAD_FIT}")
+        report.say(f"{residual_words.sentences(left, job.clock)}\n{BAD_FIT}")
     return found

@@ -21,6 +21,7 @@ from bayesdrill.report.overlay_report import OverlayReport
 from bayesdrill.results import provenance, run_folder
 from bayesdrill.setup import loading, yaml_source
 from bayesdrill.setup.config import Config
+from bayesdrill.setup.own_units import SI
 
 SAME = 1e-6  # relative: numbers that other versions of a library round otherwise
 
@@ -115,7 +116,8 @@ def _of_overlay(folder: Path, run: Mapping[str, Any]) -> Iterator[Problem]:
             continue
         place = folder / one["folder"]
         try:
-            layer = overlaying.layer(one["name"], *pipeline.read(place))
+            job, found, sampled = pipeline.read(place)
+            layer = overlaying.layer(one["name"], job, found, sampled, job.units)
         except InputError as error:
             yield from error.problems
             continue
@@ -124,7 +126,7 @@ def _of_overlay(folder: Path, run: Mapping[str, Any]) -> Iterator[Problem]:
         else:
             layers.append(layer)
     if len(layers) == len(told):
-        text = OverlayReport(tuple(layers)).texts[overlay_report.TABLE]
+        text = OverlayReport(tuple(layers), SI).texts[overlay_report.TABLE]
         yield from _tables(folder, {overlay_report.TABLE: text}, "the chains")
     mark = " ".join(one["run"] for one in told)
     yield from _figures(folder, OVERLAY, mark, overlaying.TITLE)

@@ -7,11 +7,12 @@ renormalised; of a sensor or a start, which may be negative, it has an end `low`
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -218,7 +219,13 @@ class InUnits:
         return self.si.quantile(u) / self.factor
 
     def describe(self) -> str:
-        return f"{self.si.describe()}, in SI"
+        """In numbers of that unit."""
+        si: Any = self.si
+        scaled = ("low", "high", "mean", "sd", "median", "scale")
+        given = [one.name for one in dataclasses.fields(si) if one.name in scaled]
+        own = {name: getattr(si, name) / self.factor for name in given}
+        described: str = dataclasses.replace(si, **own).describe()
+        return described
 
 
 def _possible(prior: Prior, x: Array) -> NDArray[np.bool_] | bool:

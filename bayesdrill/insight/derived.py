@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayesdrill.basics import symbols
-from bayesdrill.basics.symbols import Symbol, product_latex
+from bayesdrill.basics.symbols import Symbol, product_latex, unit_product
 from bayesdrill.inference.problem import Problem
 from bayesdrill.insight.diagnostics import hdi
 from bayesdrill.record.experiment import usual_inputs
@@ -105,7 +105,7 @@ def with_products(
         described_.append(
             Symbol(
                 name=name,
-                unit="*".join(f"({n.unit})" + (f"**{e}" if e != 1 else "") for n, e in factors),
+                unit=unit_product([n.unit for n, _ in factors], [e for _, e in factors]),
                 latex=product_latex(powers, problem.symbols),
                 latex_unit="SI",
                 meaning="a product of powers that no exact symmetry changes",

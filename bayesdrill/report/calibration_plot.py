@@ -27,22 +27,25 @@ BAND: dict[str, Any] = {"facecolor": style.LIGHT, "linewidth": 0}
 MARKERS = ("o", "s", "^")  # of the levels
 
 
-def calibration_figure(verdict: Verdict, symbols: Sequence[Symbol]) -> Figure:
+def calibration_figure(
+    verdict: Verdict, symbols: Sequence[Symbol], width: float = style.DOUBLE
+) -> Figure:
     """Differences of the empirical distribution of ranks from uniform, above shares of truths in
     credible intervals; `symbols` of the unknowns, the log likelihood is the last quantity."""
     labels = [*(symbol.latex for symbol in symbols), FIT]
-    with style.styled():
-        figure, panels, covered = _page(len(labels))
+    with style.styled(width):
+        handles = _handles(verdict)
+        figure, panels, covered = _page(len(labels), width, len(handles))
         most = _most(verdict)
         for panel, label, quantity in zip(panels, labels, verdict.quantities, strict=True):
             _difference(panel, quantity, verdict)
             _frame(panel, label, quantity, most)
         _coverage(covered, verdict, labels[:-1])
-        _legend(figure, verdict)
+        _legend(figure, handles, width)
     return figure
 
 
-def _page(n: int) -> tuple[Figure, list[Axes], Axes]:
+def _page(n: int, width: float, n_handles: int) -> tuple[Figure, list[Axes], Axes]:
     page = Page(
         columns=COLUMNS,
         width=style.DOUBLE,
@@ -54,16 +57,13 @@ def _page(n: int) -> tuple[Figure, list[Axes], Axes]:
         top=TOP,
         bottom=BOTTOM,
         foot=COVERAGE + FOOT,
-    )
+    ).fitting(width, n_handles)
     figure, panels = page.build(n)
     for k, panel in enumerate(panels):
-        panel.tick_params(labelleft=k % COLUMNS == 0, labelbottom=k + min(n, COLUMNS) >= n)
-        if k + min(n, COLUMNS) >= n:
-            panel.set_xlabel("normalised rank", labelpad=2)
-        if k % COLUMNS == 0:
-            panel.set_ylabel("ECDF difference")
-    width, height = figure.get_size_inches()
-    room = (LEFT / width, BOTTOM / height, (width - LEFT - RIGHT) / width, COVERAGE / height)
+        page.frame(panel, k, n, "normalised rank", "ECDF difference")
+    _, height = figure.get_size_inches()
+    inside = width - page.left - RIGHT
+    room = (page.left / width, BOTTOM / height, inside / width, COVERAGE / height)
     return figure, panels, figure.add_axes(room)
 
 
@@ -96,7 +96,8 @@ def _frame(panel: Axes, label: str, quantity: Quantity, most: float) -> None:
     panel.text(0.04, 0.93, f"${label}$", transform=panel.transAxes, va="top")
     if not quantity.holds:
         word = (quantity.shape or "leaves the band").removeprefix("posterior ")
-        panel.text(0.97, 0.93, word, transform=panel.transAxes, va="top", ha="right", fontsize=7.5)
+        where: dict[str, Any] = {"transform": panel.transAxes, "va": "top", "ha": "right"}
+        panel.text(0.97, 0.93, word, fontsize=0.94 * style.letters("legend.fontsize"), **where)
 
 
 def _mark(marker: str, holds: bool) -> dict[str, Any]:
@@ -136,7 +137,7 @@ def _coverage(panel: Axes, verdict: Verdict, labels: Sequence[str]) -> None:
     panel.set_ylabel("truths inside [%]")
 
 
-def _legend(figure: Figure, verdict: Verdict) -> None:
+def _handles(verdict: Verdict) -> list[Any]:
     every = verdict.quantities
     handles: list[Any] = [Patch(label="what chance allows", **BAND)]
     if any(q.holds for q in every):
@@ -147,11 +148,16 @@ def _legend(figure: Figure, verdict: Verdict) -> None:
     for marker, interval in zip(MARKERS, intervals, strict=True):
         label = f"{100 * interval.share:.3g} % interval"
         handles.append(Line2D([], [], label=label, linestyle="none", **_mark(marker, True)))
+    return handles
+
+
+def _legend(figure: Figure, handles: list[Any], width: float) -> None:
     figure.legend(
         handles=handles,
         loc="upper center",
-        ncols=len(handles),
+        ncols=len(handles) if width >= style.DOUBLE else 2,
         borderaxespad=0.3,
+        labelspacing=0.3,
         handlelength=1.5,
         columnspacing=1.2,
         handletextpad=0.5,

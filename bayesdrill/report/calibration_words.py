@@ -71,8 +71,8 @@ def refits(found: Verdict, every: Sequence[Refit]) -> str:
     )
 
 
-def sections(found: Verdict, every: Sequence[Refit]) -> tuple[Section, ...]:
-    """The verdict first."""
+def sections(found: Verdict, every: Sequence[Refit], ending: str) -> tuple[Section, ...]:
+    """The verdict first; `ending`: of the file of the figure that a page shows."""
     says = verdict(found)
     tone: Tone = "bad" if found.faults else "doubt" if found.doubts else "good"
     return (
@@ -94,7 +94,9 @@ def sections(found: Verdict, every: Sequence[Refit]) -> tuple[Section, ...]:
                     "allows; the same for intervals in brackets. Exact values: `ranks.csv`."
                 ),
                 Picture(
-                    "calibration", "Ranks of the truths among the draws, with what chance allows."
+                    "calibration",
+                    "Ranks of the truths among the draws, with what chance allows.",
+                    ending,
                 ),
             ),
         ),

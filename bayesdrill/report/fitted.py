@@ -14,13 +14,12 @@ from bayesdrill.basics import symbols
 from bayesdrill.basics.symbols import Symbol
 from bayesdrill.inference.problem import Problem
 from bayesdrill.inference.residual_checks import Left
-from bayesdrill.report import own_units
+from bayesdrill.setup import own_units
 from bayesdrill.setup.config import Config
 
 Array = NDArray[np.float64]
 
 TIME = Symbol("t", "s", "t", "s", "time")
-MANY = 1e4  # of the units of a record: nobody reads so many milliseconds
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -68,9 +67,7 @@ def fitted(
 ) -> Fit:
     """Of the MAP `(D,)` and what it leaves; `predictive`: `(..., T)` of each channel, SI."""
     experiment = problem.experiment
-    clock = own_units.time(config)
-    if experiment.t[-1] / clock.factor >= MANY:
-        clock = own_units.SECOND
+    clock = own_units.clock(config, experiment.t[-1])
     courses, constant = [], []
     for name, symbol in symbols.INPUTS.items():
         unit = own_units.given(config, name)

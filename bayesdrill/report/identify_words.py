@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from bayesdrill.basics.symbols import fraction
+from bayesdrill.basics.symbols import Symbol, fraction
 from bayesdrill.insight.identifiability.profile import Profile
 from bayesdrill.insight.identifiability.remedies import Remedy
 from bayesdrill.insight.identifiability.structure import Exponents
@@ -155,22 +155,23 @@ def _of_each(study: Study) -> str:
     return "; ".join(parts)
 
 
-def profiles(found: Sequence[Profile], study: Study) -> str:
-    """One line each."""
+def profiles(found: Sequence[Profile], study: Study, shown: Sequence[Symbol]) -> str:
+    """One line each, in the units of the symbols `shown`."""
+    named = {symbol.name: symbol.plain_unit for symbol in shown}
     open_ones = {
         name
         for name, known in zip(study.names, study.parameters, strict=True)
         if math.isinf(known.bound)
     }
-    rows = [("", "best fit", "95 % from", "to", "")]
+    rows = [("", "unit", "best fit", "95 % from", "to", "")]
     for p in found:
         low, high = ("-" if x is None else f"{x:.6g}" for x in (p.low, p.high))
         best = "-" if p.shape == "flat" else f"{p.best:.6g}"
         meant = SHAPES[p.shape]
         if p.name in open_ones and p.shape in ("bounded", "one-sided"):
             meant = THROUGH_OTHERS
-        rows.append((p.name, best, low, high, f"{p.shape}: {meant}"))
-    return "profile likelihood:\n" + aligned(rows, left={0, 4})
+        rows.append((p.name, named[p.name], best, low, high, f"{p.shape}: {meant}"))
+    return "profile likelihood:\n" + aligned(rows, left={0, 1, 5})
 
 
 def _remedy(study: Study, remedy: Remedy, n_symmetries: int) -> tuple[str, ...]:

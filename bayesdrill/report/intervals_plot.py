@@ -14,7 +14,9 @@ from bayesdrill.insight.diagnostics import HDI_PROBABILITY
 from bayesdrill.insight.overlay import Layer, Place, Row
 from bayesdrill.report import style
 from bayesdrill.report.overlay_looks import LOOKS, handles
+from bayesdrill.report.overlay_shown import in_logs, shown
 from bayesdrill.report.pages import Page
+from bayesdrill.setup.own_units import OwnUnits
 
 COLUMNS = 3
 ROW, FRAME = 0.17, 0.2  # inches of a run and of the margins of a panel
@@ -26,15 +28,21 @@ HELD: dict[str, Any] = {"marker": "x", "markersize": 5, "markeredgewidth": 1.2}
 CREDIBLE = f"{100 * HDI_PROBABILITY:.0f} %"
 
 
-def intervals_figure(layers: Sequence[Layer], rows: Sequence[Row]) -> Figure:
-    """Of all unknowns of any run, in SI; a run that has not got one leaves a gap."""
+def intervals_figure(layers: Sequence[Layer], rows: Sequence[Row], own: OwnUnits) -> Figure:
+    """Of all unknowns of any run, `rows` in SI; a run that has not got one leaves a gap.
+
+    Axes are logarithmic where the prior of the first run is flat in the log.
+    """
+    logs = [in_logs(row, layers) for row in rows]
+    rows = [shown(row, own) for row in rows]
     with style.styled():
-        said = _handles(layers, rows)
+        scales = [_scale(row, log=log) for row, log in zip(rows, logs, strict=True)]
+        said = _handles(layers, rows, scales)
         columns = _legend_columns(said)
         lines = -(-len(said) // columns)
         figure, panels = _page(len(layers), lines).build(len(rows))
-        for panel, row in zip(panels, rows, strict=True):
-            _draw(panel, row)
+        for panel, row, scale in zip(panels, rows, scales, strict=True):
+            _draw(panel, row, scale)
         figure.legend(
             handles=said,
             loc="upper center",
@@ -61,8 +69,7 @@ def _page(n_runs: int, lines: int) -> Page:
     )
 
 
-def _draw(panel: Axes, row: Row) -> None:
-    scale = _scale(row)
+def _draw(panel: Axes, row: Row, scale: style.Scale) -> None:
     n = len(row.places)
     agreed = row.agreed
     if agreed is not None and scale.side(agreed) == 0:
@@ -83,18 +90,17 @@ def _draw(panel: Axes, row: Row) -> None:
     _away(panel, scale, agreed)
     panel.set_xlim(scale.low, scale.high)
     panel.set_ylim(-0.5 - 0.5 * FRAME / ROW, n - 0.5 + 0.5 * FRAME / ROW)
-    style.set_ticks(panel.xaxis, *style.ticks(scale.low, scale.high, 4))
+    style.set_numbers(panel.xaxis, scale, 4)
     style.set_ticks(panel.yaxis, np.array([]), None)
     panel.set_xlabel(scale.label(row.symbol), labelpad=2)
 
 
-def _scale(row: Row) -> style.Scale:
+def _scale(row: Row, *, log: bool) -> style.Scale:
     """All intervals, what is held, and the nominal value if it is not too far."""
     found = [place for place in row.places if place is not None]
     low, high = min(place.low for place in found), max(place.high for place in found)
-    low, high = style.reaching(low, high, row.agreed, REACH)
-    margin = 0.08 * (high - low) or 1e-9 * abs(low)
-    return style.scale(low - margin, high + margin)
+    low, high = style.reaching(low, high, row.agreed, REACH, log=log)
+    return style.scale(low, high, log=log, margin=0.08)
 
 
 def _away(panel: Axes, scale: style.Scale, nominal: float | None) -> None:
@@ -104,11 +110,14 @@ def _away(panel: Axes, scale: style.Scale, nominal: float | None) -> None:
         panel.plot([place], [0.5], transform=panel.transAxes, marker=marker, **style.AWAY)
 
 
-def _handles(layers: Sequence[Layer], rows: Sequence[Row]) -> list[Line2D]:
+def _handles(
+    layers: Sequence[Layer], rows: Sequence[Row], scales: Sequence[style.Scale]
+) -> list[Line2D]:
     said = handles(layers, marked=True)
     for handle in said:
         handle.set(markersize=4, linestyle="-")
-    sides = {_scale(row).side(row.agreed) for row in rows if row.agreed is not None}
+    pairs = zip(rows, scales, strict=True)
+    sides = {scale.side(row.agreed) for row, scale in pairs if row.agreed is not None}
     different = any(row.agreed is None and any(v is not None for v in row.nominal) for row in rows)
     said += style.nominal_handles(sides | ({0} if different else set()))
     if any(isinstance(place, Place) and place.held for row in rows for place in row.places):

@@ -26,8 +26,9 @@ from bayesdrill.report import (
 from bayesdrill.report.sections import Note, Picture, Section, Sentences, as_markdown, as_text
 from bayesdrill.report.view import Drawing
 from bayesdrill.results import provenance
-from bayesdrill.setup import build
+from bayesdrill.setup import build, own_units
 from bayesdrill.setup.config import Config
+from bayesdrill.setup.own_units import OwnUnits
 
 Array = NDArray[np.float64]
 
@@ -59,11 +60,16 @@ class MapReport:
     def sections(self) -> tuple[Section, ...]:
         table = build.compared_with(self.config)
         read = f"`dev. %` is the deviation of the MAP from the nominal value ({table})."
-        fit = Sentences(residual_words.sentences(self.left))
-        searches = Sentences(words.mode(self.mode))
+        experiment = self.problem.experiment
+        own = OwnUnits.of(self.config, experiment.channels)
+        clock = own_units.clock(self.config, experiment.t[-1])
+        fit = Sentences(residual_words.sentences(self.left, clock))
+        searches = Sentences(words.mode(self.mode, own))
+        shown = tables.of_mode(own.rows(tables.mode_rows(self.problem, self.mode)))
+        picture = Picture(FIGURE, figures.FIT_ALONE, own_files.shown(self.config.output.formats))
         return (
-            Section("", (tables.of_mode(self.problem, self.mode), Note(read), fit)),
-            Section("Figures", (Picture(FIGURE, figures.FIT_ALONE),), brief=False),
+            Section("", (shown, Note(read), fit)),
+            Section("Figures", (picture,), brief=False),
             Section("Maximum of the posterior (MAP)", (searches,), brief=False),
         )
 
@@ -81,7 +87,7 @@ class MapReport:
     def numbers(self) -> Mapping[str, str]:
         """Those that follow from `map.json` alone."""
         return {
-            TABLE: tables.mode_as_csv(self.problem, self.mode),
+            TABLE: tables.mode_as_csv(tables.mode_rows(self.problem, self.mode)),
             PREDICTION: prediction.as_csv(self.problem, self.config, self.best),
         }
 

@@ -12,12 +12,15 @@ from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.ticker import NullFormatter
 from numpy.typing import NDArray
 
 from bayesdrill.insight.overlay import Layer, Row
 from bayesdrill.report import style
 from bayesdrill.report.contours import LEVELS, contours
 from bayesdrill.report.overlay_looks import LOOKS, handles
+from bayesdrill.report.overlay_shown import in_logs, shown
+from bayesdrill.setup.own_units import OwnUnits
 
 Array = NDArray[np.float64]
 
@@ -45,9 +48,13 @@ class _Column:
     nominal: float | None
 
 
-def overlay_corner_figure(layers: Sequence[Layer], rows: Sequence[Row]) -> Figure:
-    """Of the unknowns that two runs or more have; a run is left out of panels of what it has not."""
-    columns = [_column(row, layers) for row in rows if row.shared]
+def overlay_corner_figure(layers: Sequence[Layer], rows: Sequence[Row], own: OwnUnits) -> Figure:
+    """Of the unknowns that two runs or more have, `rows` in SI.
+
+    A run is left out of panels of what it has not.  Axes are logarithmic where the prior of the first
+    run is flat in the log.
+    """
+    columns = [_column(row, layers, own) for row in rows if row.shared]
     n = len(columns)
     with style.styled():
         figure, panels = _page(n, len(layers) + 4)
@@ -60,30 +67,31 @@ def overlay_corner_figure(layers: Sequence[Layer], rows: Sequence[Row]) -> Figur
     return figure
 
 
-def _column(row: Row, layers: Sequence[Layer]) -> _Column:
-    every = [layer.of(row.symbol) for layer in layers]
+def _column(si: Row, layers: Sequence[Layer], own: OwnUnits) -> _Column:
+    row, factor, log = shown(si, own), own.factor(si.symbol.name), in_logs(si, layers)
+    every = [None if x is None else x / factor for x in (layer.of(si.symbol) for layer in layers)]
     tails = [0.5 - CENTRAL / 2, 0.5 + CENTRAL / 2]
     found = np.array([np.quantile(x, tails) for x in every if x is not None])
     low, high = float(found[:, 0].min()), float(found[:, 1].max())
-    low, high = style.reaching(low, high, row.agreed, REACH)
-    margin = 0.06 * (high - low) or 1e-9 * abs(low)
-    scale = style.scale(low - margin, high + margin)
-    shown = row.agreed is not None and scale.side(row.agreed) == 0
+    low, high = style.reaching(low, high, row.agreed, REACH, log=log)
+    scale = style.scale(low, high, log=log, margin=0.06)
+    inside = row.agreed is not None and scale.side(row.agreed) == 0
     return _Column(
         row=row,
         scale=scale,
         draws=tuple(None if x is None else scale(x) for x in every),
-        ends=tuple(_ends(layer, row, scale) for layer in layers),
-        nominal=float(scale(row.agreed)) if shown and row.agreed is not None else None,
+        ends=tuple(_ends(layer, si, own, scale) for layer in layers),
+        nominal=float(scale(row.agreed)) if inside and row.agreed is not None else None,
     )
 
 
-def _ends(layer: Layer, row: Row, scale: style.Scale) -> tuple[float, float]:
+def _ends(layer: Layer, si: Row, own: OwnUnits, scale: style.Scale) -> tuple[float, float]:
     """Of the prior, on the axis."""
-    prior = layer.problem.posterior.space.priors.get(row.symbol.name)
+    prior = layer.problem.posterior.space.priors.get(si.symbol.name)
     if prior is None:
         return -math.inf, math.inf
-    return float(scale(np.array(prior.low))), float(scale(np.array(prior.high)))
+    low, high = scale(np.array([prior.low, prior.high]) / own.factor(si.symbol.name))
+    return float(low), float(high)
 
 
 def _page(n: int, lines: int) -> tuple[Figure, NDArray[np.object_]]:
@@ -149,9 +157,10 @@ def _arrange(figure: Figure, panels: NDArray[np.object_], columns: Sequence[_Col
 
 
 def _numbers(axis: Axis, column: _Column, *, outer: bool) -> None:
-    places, texts = style.ticks(column.scale.low, column.scale.high, clear=0.1, letter=0.055)
-    style.set_ticks(axis, places, texts if outer else None)
-    if outer:
+    style.set_numbers(axis, column.scale, 3, clear=0.1, letter=0.055)
+    if not outer:
+        axis.set_major_formatter(NullFormatter())
+    else:
         axis.set_tick_params(labelsize=TICK_SIZE, pad=4)
         for text in axis.get_ticklabels():
             text.set(rotation=45, ha="right", va="center_baseline", rotation_mode="anchor")

@@ -12,6 +12,7 @@ from bayesdrill.insight.overlay import Layer, Row
 from bayesdrill.report import overlay_words
 from bayesdrill.report.sections import Picture, Section, as_markdown, as_text
 from bayesdrill.report.view import Drawing
+from bayesdrill.setup.own_units import OwnUnits
 
 INTERVALS = "Where each run has each unknown: mean, interval and nominal value."
 CORNER = "The posteriors of all runs over each other, for each unknown and each pair (corner plot)."
@@ -20,12 +21,14 @@ TABLE, PAGE = "overlay.csv", "overlay.md"
 
 @dataclass(frozen=True)
 class OverlayReport:
-    """Of two `layers` or more."""
+    """Of two `layers` or more; `units`: in which people are shown their unknowns."""
 
     layers: tuple[Layer, ...]
+    units: OwnUnits
 
     @cached_property
     def rows(self) -> tuple[Row, ...]:
+        """SI."""
         return overlay.rows(self.layers)
 
     @property
@@ -40,7 +43,7 @@ class OverlayReport:
     @property
     def sections(self) -> tuple[Section, ...]:
         """With the figures, which a page shows and a terminal does not."""
-        return overlay_words.sections(self.layers, self.rows, self.pictures)
+        return overlay_words.sections(self.layers, self.rows, self.units, self.pictures)
 
     @property
     def pictures(self) -> tuple[Picture, ...]:
@@ -52,7 +55,7 @@ class OverlayReport:
         from bayesdrill.report.intervals_plot import intervals_figure
         from bayesdrill.report.overlay_corner_plot import overlay_corner_figure
 
-        given = (self.layers, self.rows)
+        given = (self.layers, self.rows, self.units)
         found = {}
         if self.rows:
             found["intervals"] = Drawing(intervals_figure, given, says=INTERVALS)

@@ -6,17 +6,19 @@ import csv
 import io
 from collections.abc import Iterator, Sequence
 
-from bayesdrill.basics.symbols import plain
 from bayesdrill.insight.diagnostics import HDI_PROBABILITY
 from bayesdrill.insight.overlay import Layer, Place, Row, differing
+from bayesdrill.report.overlay_shown import shown
 from bayesdrill.report.sections import Note, Picture, Section, Sentences, Table
+from bayesdrill.setup.own_units import OwnUnits
 
 LONGEST = 60  # letters of a setting
 SAID = 3  # unknowns that are farthest apart
 FAR = 0.5  # sds, below which nothing is said of it
 APART = "apart [sd]"
 READ = (
-    f"Mean and sd of each run. `{APART}` is the largest difference of two means over the root mean "
+    "Mean and sd of each run, in the unit in which the first of them says it. "
+    f"`{APART}` is the largest difference of two means over the root mean "
     "square of their sds: by chance two independent records of one rig are more than 2.8 apart once in "
     "twenty times; runs of one record differ by what was believed, held and modelled."
 )
@@ -28,18 +30,21 @@ COLUMNS = (
 
 
 def sections(
-    layers: Sequence[Layer], rows: Sequence[Row], pictures: Sequence[Picture] = ()
+    layers: Sequence[Layer],
+    rows: Sequence[Row],
+    own: OwnUnits,
+    pictures: Sequence[Picture] = (),
 ) -> tuple[Section, ...]:
-    """In the order in which they are read."""
-    shown = (Section("Figures", tuple(pictures), brief=False),) if pictures else ()
+    """In the order in which they are read; `rows` in SI."""
+    drawn = (Section("Figures", tuple(pictures), brief=False),) if pictures else ()
     differs = differing(layers)
     doubts = [_doubt(layer) for layer in layers if layer.warning]
     first = Sentences("\n".join([f"{len(layers)} runs: {_names(layers)}", *doubts]))
     said = Sentences("\n".join([*_farthest(layers, rows), _what_differs(layers, differs)]))
     return (
         Section("", (first,)),
-        Section("", (_table(layers, rows), Note(READ), said)),
-        *shown,
+        Section("", (_table(layers, [shown(row, own) for row in rows]), Note(READ), said)),
+        *drawn,
         Section("What differs between the runs", (_settings(layers, differs),), brief=False),
     )
 
@@ -78,8 +83,8 @@ def _table(layers: Sequence[Layer], rows: Sequence[Row]) -> Table:
         apart = "" if row.apart is None else f"{row.apart:.2f}"
         if row.pair is not None and len(layers) > 2:
             apart += f" ({', '.join(layers[k].name for k in row.pair)})"
-        shown = map(_cell, row.places)
-        lines.append((row.symbol.name, plain(row.symbol.unit), nominal, *shown, apart))
+        cells = map(_cell, row.places)
+        lines.append((row.symbol.name, row.symbol.plain_unit, nominal, *cells, apart))
     return Table(heads, tuple(lines), frozenset(heads[:2]))
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayesdrill.inference.problem import Problem
-from bayesdrill.report import own_units
+from bayesdrill.setup import own_units
 from bayesdrill.setup.config import Config
 
 Array = NDArray[np.float64]

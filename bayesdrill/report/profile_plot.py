@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -28,42 +29,54 @@ PAGE = Page(
     top=0.34,
     bottom=0.5,
 )
+LEGEND = 3  # entries
+LETTER, ROOMY = 0.062, 1.6  # inches: of a letter, and of a panel that has room for four ticks
 HIGHEST = 8.0  # of the loss that is shown
 MARGIN = 0.04  # of the width of a panel, so that walls can be seen
 
 
 def profile_figure(
-    profiles: Sequence[Profile], symbols: Mapping[str, Symbol], nominal: Mapping[str, float]
+    profiles: Sequence[Profile],
+    symbols: Mapping[str, Symbol],
+    nominal: Mapping[str, float],
+    logs: Collection[str] = (),
+    width: float = style.DOUBLE,
 ) -> Figure:
-    """A panel for each parameter: the loss against its value, and where it passes 95 %."""
-    page = PAGE if len(profiles) > 1 else dataclasses.replace(PAGE, width=style.SINGLE)
-    with style.styled():
+    """A panel for each parameter: the loss against its value, in the units of the symbols, and where it
+    passes 95 %; the axes of the parameters in `logs` are logarithmic.
+    """
+    alone = len(profiles) == 1
+    with style.styled(width):
+        page = PAGE.fitting(width, LEGEND) if not alone else replace(PAGE, width=style.SINGLE)
         figure, panels = page.build(len(profiles))
         sides = set()
         for k, (panel, profile) in enumerate(zip(panels, profiles, strict=True)):
-            sides.add(_panel(panel, profile, symbols[profile.name], nominal.get(profile.name)))
-            panel.tick_params(labelleft=k % PAGE.columns == 0)
-            if k % PAGE.columns == 0:
-                panel.set_ylabel("loss of log likelihood", fontsize=8)
+            known, log = nominal.get(profile.name), profile.name in logs
+            sides.add(_panel(panel, profile, symbols[profile.name], known, log=log))
+            panel.tick_params(labelleft=k % page.columns == 0)
+            if k % page.columns == 0:
+                panel.set_ylabel(
+                    "loss of log likelihood", fontsize=style.letters("legend.fontsize")
+                )
         figure.legend(
             handles=_handles(sides),
             loc="upper center",
-            ncols=4,
+            ncols=4 if width >= style.DOUBLE else 2,
             borderaxespad=0.3,
+            labelspacing=0.3,
         )
     return figure
 
 
-def _panel(panel: Axes, profile: Profile, symbol: Symbol, nominal: float | None) -> int:
+def _panel(
+    panel: Axes, profile: Profile, symbol: Symbol, nominal: float | None, *, log: bool
+) -> int:
     """The side on which the nominal value is off the axis: -1, 0 or 1."""
     near = profile.loss <= HIGHEST
     first, last = (int(k) for k in np.flatnonzero(near)[[0, -1]])
     shown = slice(max(first - 1, 0), min(last + 2, len(near)))
     values, loss = profile.values[shown], profile.loss[shown]
-    low, high = _edge(values, loss, 0), _edge(values, loss, -1)
-    margin = MARGIN * (high - low)
-    low, high = low - margin, high + margin
-    scale = style.scale(low, high)
+    scale = style.scale(_edge(values, loss, 0), _edge(values, loss, -1), log=log, margin=MARGIN)
     fine = np.geomspace(values[0], values[-1], 400)
     line = PchipInterpolator(np.log(values), loss)(np.log(fine))
     panel.plot(scale(fine), line, color=style.BLACK)
@@ -75,13 +88,14 @@ def _panel(panel: Axes, profile: Profile, symbol: Symbol, nominal: float | None)
     side = scale.side(nominal) if nominal is not None else 0
     if nominal is not None and side == 0:
         panel.axvline(float(scale(nominal)), **style.NOMINAL)
-    panel.set_xlim(float(scale(low)), float(scale(high)))
+    panel.set_xlim(scale.low, scale.high)
     panel.set_ylim(-0.03 * HIGHEST, HIGHEST)
     panel.set_xlabel(scale.label(symbol), labelpad=1)
-    style.set_ticks(panel.xaxis, *style.ticks(scale.low, scale.high, 4, clear=0.08, letter=0.03))
-    panel.text(
-        0.97, 0.93, profile.shape, transform=panel.transAxes, ha="right", va="top", fontsize=8
-    )
+    inches = panel.get_window_extent().width / panel.figure.dpi
+    most = 4 if inches > ROOMY else 3
+    style.set_numbers(panel.xaxis, scale, most, clear=0.08, letter=LETTER / inches)
+    where: dict[str, Any] = {"transform": panel.transAxes, "ha": "right", "va": "top"}
+    panel.text(0.97, 0.93, profile.shape, fontsize=style.letters("legend.fontsize"), **where)
     return side
 
 

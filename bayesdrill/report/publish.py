@@ -38,7 +38,11 @@ Array = NDArray[np.float64]
 
 
 def _verdict(view: View) -> str | None:
-    return None if view.judged is None else verdict_words.as_csv(view.judged.verdict)
+    return (
+        None
+        if view.judged is None
+        else verdict_words.as_csv(view.judged.verdict, view.problem.symbols)
+    )
 
 
 # What follows from a chain alone; None where a run has no such table.
@@ -47,7 +51,9 @@ TABLES: Mapping[str, Callable[[View], str | None]] = MappingProxyType(
         "summary.csv": lambda view: tables.as_csv(view.rows),
         "derived.csv": lambda view: derived_words.as_csv(view.following),
         "verdict.csv": _verdict,
-        "table.tex": lambda view: latex.table(view.rows, view.problem.symbols),
+        "table.tex": lambda view: latex.table(
+            view.units.rows(view.rows), view.units.symbols(view.problem.symbols)
+        ),
     }
 )
 

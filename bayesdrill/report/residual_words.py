@@ -6,11 +6,15 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
+from bayesdrill.basics.units import Unit
 from bayesdrill.inference.residual_checks import Left
 
 
-def sentences(found: Sequence[Left]) -> str:
-    """How much is left; that it looks like the noise, or a line for each way in which it does not."""
+def sentences(found: Sequence[Left], clock: Unit) -> str:
+    """How much is left; that it looks like the noise, or a line for each way in which it does not.
+
+    `clock`: in which times are said.
+    """
     lines = [f"fit: of what each channel does the MAP leaves unexplained {_shares(found)}"]
     if large := _worst(found, "large", "rms"):
         lines.append(
@@ -19,7 +23,10 @@ def sentences(found: Sequence[Left]) -> str:
             "model does not fit this record, and every sd and verdict here is surer than it may be"
         )
     if far := _worst(found, "far", "farthest"):
-        each = ", ".join(f"{one.channel} {one.farthest:.3g} at {one.time:.4g} s" for one in far)
+        each = ", ".join(
+            f"{one.channel} {one.farthest:.3g} at {one.time / clock.factor:.4g} {clock.name}"
+            for one in far
+        )
         lines.append(
             f"fit: single samples are farther off than noise puts them, in sigmas: {each} (noise at "
             f"most {far[0].limits.farthest:.2g}); outliers, or something short that the model misses"

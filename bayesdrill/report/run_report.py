@@ -43,7 +43,11 @@ def sections(run: View, pictures: Sequence[Picture] = ()) -> tuple[Section, ...]
         *shown,
         *(_shown(judged) if judged is not None else ()),
         Section("What follows from these", (_following(run),), brief=False),
-        Section("Maximum of the posterior (MAP)", (Sentences(words.mode(run.mode)),), brief=False),
+        Section(
+            "Maximum of the posterior (MAP)",
+            (Sentences(words.mode(run.mode, run.units)),),
+            brief=False,
+        ),
         Section(
             "Convergence",
             (Sentences(words.convergence(run.sampled)), Note(words.DIAGNOSTICS)),
@@ -64,9 +68,9 @@ def _verdict(run: View) -> Iterator[Block]:
 
 
 def _fit(run: View) -> Iterator[Block]:
-    if several := words.maxima(run.mode, run.sampled):
+    if several := words.maxima(run.mode, run.sampled, run.units):
         yield Sentences(several)
-    yield Sentences(residual_words.sentences(run.left))
+    yield Sentences(residual_words.sentences(run.left, run.clock))
 
 
 def _parameters(run: View) -> tuple[Block, ...]:
@@ -78,12 +82,12 @@ def _parameters(run: View) -> tuple[Block, ...]:
     drawn = bars(run.rows, run.problem.posterior.space.priors)
     leaning = words.leaning(run.leaning).splitlines()
     said = Sentences(tables.in_words(run.rows, [*leaning, *run.notes]))
-    return tables.of_rows(run.rows, drawn), Note(read), said
+    return tables.of_rows(run.units.rows(run.rows), drawn), Note(read), said
 
 
 def _following(run: View) -> Table | Note:
     rows = run.following
-    return derived_words.table(rows, run.derived) if rows else Note("none")
+    return derived_words.table(run.units.rows(rows), run.derived) if rows else Note("none")
 
 
 def _against(verdict: Verdict) -> Section:

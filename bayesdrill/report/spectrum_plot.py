@@ -17,25 +17,26 @@ from bayesdrill.report import style
 
 # Inches.
 LEFT, RIGHT, BAR, TOP, BOTTOM = 2.75, 0.25, 0.27, 0.42, 0.48
+NARROW_LEFT, NARROW_BAR = 0.12, 0.42  # in one column of a page, where labels stand above their bars
 LEAST_EXPONENT = 0.15  # smaller ones are left out of a label
 BEYOND = 30.0  # how far the axis reaches past the largest finite sd
 
 
-def spectrum_figure(study: Study, latex: Mapping[str, str]) -> Figure:
+def spectrum_figure(study: Study, latex: Mapping[str, str], width: float = style.DOUBLE) -> Figure:
     """A bar for each direction, its length the Cramer-Rao bound on a logarithmic axis."""
-    with style.styled():
+    wide = width >= style.DOUBLE
+    left, bar = (LEFT, BAR) if wide else (NARROW_LEFT, NARROW_BAR)
+    with style.styled(width):
         n = len(study.directions)
-        height = BOTTOM + n * BAR + TOP
-        width = style.DOUBLE
+        height = BOTTOM + n * bar + TOP
         figure = Figure(figsize=(width, height))
         panel = figure.add_axes(
-            (LEFT / width, BOTTOM / height, (width - LEFT - RIGHT) / width, n * BAR / height)
+            (left / width, BOTTOM / height, (width - left - RIGHT) / width, n * bar / height)
         )
-        _bars(panel, study)
+        _bars(panel, study, 0.62 * BAR / bar)
         labels = [_label(study.names, d.exponents, latex) for d in study.directions]
-        panel.set_yticks(np.arange(n), labels)
-        panel.tick_params(axis="y", length=0)
-        panel.set_ylim(n - 0.4, -0.6)
+        _name(panel, labels, beside=wide)
+        panel.set_ylim(n - 0.4, -0.6 if wide else -0.8)
         figure.legend(
             handles=_handles(study),
             loc="upper right",
@@ -46,7 +47,16 @@ def spectrum_figure(study: Study, latex: Mapping[str, str]) -> Figure:
     return figure
 
 
-def _bars(panel: Axes, study: Study) -> None:
+def _name(panel: Axes, labels: Sequence[str], *, beside: bool) -> None:
+    """The bars: beside the panel, or above each."""
+    places = np.arange(len(labels))
+    panel.set_yticks(places, labels if beside else [""] * len(labels))
+    panel.tick_params(axis="y", length=0)
+    for place, label in zip(places, labels if not beside else [], strict=False):
+        panel.text(0.01, place - 0.24, label, transform=panel.get_yaxis_transform(), va="bottom")
+
+
+def _bars(panel: Axes, study: Study, thick: float) -> None:
     sd = 100.0 * np.array([d.sd for d in study.directions])
     finite = np.isfinite(sd)
     prior = 100.0 * float(np.median([known.prior_sd for known in study.parameters]))
@@ -56,7 +66,7 @@ def _bars(panel: Axes, study: Study) -> None:
     inside = finite & (sd < prior)
     shown = np.where(finite, sd, largest)
     for mask, look in ((inside, KNOWN), (finite & ~inside, UNKNOWN), (~finite, BLIND)):
-        panel.barh(places[mask], shown[mask], height=0.62, left=smallest, **look)
+        panel.barh(places[mask], shown[mask], height=thick, left=smallest, **look)
     panel.axvline(prior, **style.PRIOR_LINE)
     for place, value in zip(places, sd, strict=True):
         if np.isfinite(value):
@@ -66,7 +76,7 @@ def _bars(panel: Axes, study: Study) -> None:
                 xytext=(3, 0),
                 textcoords="offset points",
                 va="center",
-                fontsize=7.5,
+                fontsize=0.94 * style.letters("legend.fontsize"),
                 bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.6},
             )
     panel.set_xscale("log")

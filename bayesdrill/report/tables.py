@@ -14,6 +14,7 @@ from bayesdrill.engines.mode import Mode
 from bayesdrill.inference.problem import Problem
 from bayesdrill.insight.diagnostics import HDI_PROBABILITY, MEANING, Row
 from bayesdrill.report.sections import Bar, Table
+from bayesdrill.setup.own_units import OwnUnits
 
 _HDI = f"{100 * HDI_PROBABILITY:.0f} % HDI"
 
@@ -78,34 +79,6 @@ def of_rows(rows: Sequence[Row], bars: tuple[Bar, ...] = ()) -> Table:
     return Table(HEADERS, tuple(map(cells, rows)), left, bars=bars)
 
 
-def of_mode(problem: Problem, mode: Mode) -> Table:
-    """The MAP beside the nominal values."""
-    heads, lines = ("", "unit", "nominal", "MAP", "dev. %"), []
-    for symbol in problem.symbols:
-        value, nominal = mode.values[symbol.name], problem.nominal.get(symbol.name)
-        shown = (
-            ("", "")
-            if nominal is None
-            else (f"{nominal:.4g}", f"{100 * (value / nominal - 1):+.2f}")
-        )
-        lines.append((symbol.name, symbol.plain_unit, shown[0], f"{value:.6g}", shown[1]))
-    return Table(heads, tuple(lines), frozenset(heads[:2]))
-
-
-def mode_as_csv(problem: Problem, mode: Mode) -> str:
-    """All digits, SI."""
-    rows = [
-        ModeRow(
-            name=symbol.name,
-            unit=symbol.unit,
-            nominal=problem.nominal.get(symbol.name),
-            map=mode.values[symbol.name],
-        )
-        for symbol in problem.symbols
-    ]
-    return records_as_csv(ModeRow, rows, {})
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ModeRow:
     """A line of `map.csv`."""
@@ -114,6 +87,37 @@ class ModeRow:
     unit: str
     nominal: float | None
     map: float
+
+
+def mode_rows(problem: Problem, mode: Mode) -> tuple[ModeRow, ...]:
+    """SI."""
+    return tuple(
+        ModeRow(
+            name=symbol.name,
+            unit=symbol.unit,
+            nominal=problem.nominal.get(symbol.name),
+            map=mode.values[symbol.name],
+        )
+        for symbol in problem.symbols
+    )
+
+
+def of_mode(rows: Sequence[ModeRow]) -> Table:
+    """The MAP beside the nominal values."""
+    heads, lines = ("", "unit", "nominal", "MAP", "dev. %"), []
+    for row in rows:
+        shown = (
+            ("", "")
+            if row.nominal is None
+            else (f"{row.nominal:.4g}", f"{100 * (row.map / row.nominal - 1):+.2f}")
+        )
+        lines.append((row.name, plain(row.unit), shown[0], f"{row.map:.6g}", shown[1]))
+    return Table(heads, tuple(lines), frozenset(heads[:2]))
+
+
+def mode_as_csv(rows: Sequence[ModeRow]) -> str:
+    """All digits."""
+    return records_as_csv(ModeRow, rows, {})
 
 
 def in_words(rows: Sequence[Row], said: Sequence[str]) -> str:
@@ -126,11 +130,12 @@ def in_words(rows: Sequence[Row], said: Sequence[str]) -> str:
     return "\n".join([*sentences, *said])
 
 
-def notes(rows: Sequence[Row]) -> list[str]:
-    """What is no reason to doubt the draws, but one to doubt the prior or the model."""
+def notes(rows: Sequence[Row], own: OwnUnits) -> list[str]:
+    """What is no reason to doubt the draws, but one to doubt the prior or the model; `rows` in SI."""
     return [
-        f"note: {row.name} is pressed against the end {row.pressed_against:.4g} of its prior, as if "
-        "the record wanted it beyond: widen the prior, or doubt the model, the units and what is held"
+        f"note: {row.name} is pressed against the end {own.said(row.name, row.pressed_against)} of its "
+        "prior, as if the record wanted it beyond: widen the prior, or doubt the model, the units and "
+        "what is held"
         for row in rows
         if row.pressed_against is not None
     ]

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
+from bayesdrill.basics.symbols import Symbol, unit_product
 from bayesdrill.insight.diagnostics import HDI_PROBABILITY
 from bayesdrill.insight.verdict import FALSE_ALARM, Quantity, Verdict
 from bayesdrill.report.identify_words import product
@@ -140,9 +141,13 @@ def table(found: Verdict) -> Table:
     return Table(heads, tuple(lines), frozenset((FULL[0], FULL[-1])), brief=SHORT)
 
 
-def as_csv(found: Verdict) -> str:
-    """All digits, SI; deviation, tolerances and probabilities are fractions."""
-    entries = [_entry(found, quantity) for quantity in rows(found)]
+def as_csv(found: Verdict, symbols: Sequence[Symbol]) -> str:
+    """All digits, SI; deviation, tolerances and probabilities are fractions.
+
+    `symbols` of the unknowns.
+    """
+    units = {symbol.name: symbol.unit for symbol in symbols}
+    entries = [_entry(found, quantity, units) for quantity in rows(found)]
     out = io.StringIO()
     writer = csv.DictWriter(out, fieldnames=list(entries[0]), lineterminator="\n")
     writer.writeheader()
@@ -167,10 +172,11 @@ def as_data(found: Verdict, table: str, *, converged: bool = True) -> dict[str, 
     }
 
 
-def _entry(found: Verdict, quantity: Quantity) -> dict[str, Any]:
+def _entry(found: Verdict, quantity: Quantity, units: Mapping[str, str]) -> dict[str, Any]:
     low, high = (f"hdi{100 * HDI_PROBABILITY:.0f}_{end}" for end in ("low", "high"))
     return {
         "quantity": _name(found, quantity),
+        "unit": unit_product([units[name] for name in found.names], quantity.exponents),
         "nominal": quantity.nominal,
         "tolerance_low": quantity.tolerance[0],
         "tolerance_high": quantity.tolerance[1],

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 import bayesdrill
 from bayesdrill.basics import seeds
+from bayesdrill.basics.units import Unit
 from bayesdrill.engines.mode import Mode
 from bayesdrill.engines.sampling import Sampled
 from bayesdrill.inference.problem import Problem
@@ -22,11 +23,12 @@ from bayesdrill.insight.diagnostics import Row
 from bayesdrill.insight.leaning import leaning
 from bayesdrill.insight.verdict import Judgement
 from bayesdrill.report import residual_words, words
-from bayesdrill.report.own_units import OwnUnits, Shown
 from bayesdrill.report.sparing import Sparing
 from bayesdrill.report.widths import WIDTHS
 from bayesdrill.results import provenance
+from bayesdrill.setup import own_units
 from bayesdrill.setup.config import Config
+from bayesdrill.setup.own_units import OwnUnits, Shown
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -107,8 +109,13 @@ class View:
 
     @cached_property
     def units(self) -> OwnUnits:
-        """In which figures show unknowns."""
+        """In which people are shown unknowns and what follows from them."""
         return OwnUnits.of(self.config, self.problem.experiment.channels)
+
+    @property
+    def clock(self) -> Unit:
+        """In which people are told times."""
+        return own_units.clock(self.config, self.problem.experiment.t[-1])
 
     def shown(self, names: Sequence[str] | None = None) -> Shown:
         """For figures: the unknowns of these names, or all where none is among them."""

@@ -7,6 +7,7 @@ from dataclasses import fields
 from typing import Any
 
 from bayesdrill.basics import sizes
+from bayesdrill.basics.symbols import Symbol
 from bayesdrill.engines.convergence import Convergence
 from bayesdrill.engines.mode import SAME_PLACE, Mode
 from bayesdrill.engines.sampling import Sampled
@@ -15,13 +16,14 @@ from bayesdrill.inference.residual_checks import Left, like_noise
 from bayesdrill.insight import plausibility
 from bayesdrill.report import record_words
 from bayesdrill.setup.config import Config
+from bayesdrill.setup.own_units import OwnUnits
 
 
-def opening(problem: Problem) -> str:
+def opening(problem: Problem, own: OwnUnits) -> str:
     """What goes in."""
     experiment, space = problem.experiment, problem.posterior.space
     length = experiment.t[-1] - experiment.t[0]
-    held = ", ".join(f"{name} = {value:.4g}" for name, value in space.fixed.items())
+    held = ", ".join(f"{name} = {own.said(name, value)}" for name, value in space.fixed.items())
     tied = ", ".join(f"{name} = {relation.text}" for name, relation in space.relations.items())
     return (
         f"record: {len(experiment.t)} samples of {', '.join(experiment.names)} over {length:g} s\n"
@@ -40,21 +42,28 @@ def model(problem: Problem) -> str:
     return f"{rig.name} ({', '.join(held)}{gear})" if held else rig.name
 
 
-def preview(problem: Problem, config: Config) -> str:
+def preview(problem: Problem, config: Config, own: OwnUnits) -> str:
     """What would run."""
     posterior, sampler = problem.posterior, config.sampler
     start = posterior.space.vector(posterior.space.start)
     priors = "\n".join(
-        f"  {name}: {prior.describe()}" for name, prior in posterior.space.priors.items()
+        f"  {symbol.name}{_unit(symbol)}: {own.prior(symbol.name, prior).describe()}"
+        for symbol, prior in zip(
+            own.symbols(problem.symbols), posterior.space.priors.values(), strict=True
+        )
     )
     return (
-        f"priors (SI):\n{priors}\n"
+        f"priors:\n{priors}\n"
         f"log posterior at the start: {posterior.density(start[None])[0]:.2f}{_misfit(problem)}\n"
         f"would run: {config.map.starts} searches by {config.map.method}, then "
         f"{sampler.ensembles} ensembles of {sampler.walkers} walkers, until "
         f"R-hat <= {sampler.r_hat:g}, N/tau >= {sampler.n_tau:g} and ESS >= {sampler.ess:g}, at most "
         f"{sampler.max_steps} steps\n{size(problem, config)}" + _findings(problem, config)
     )
+
+
+def _unit(symbol: Symbol) -> str:
+    return f" [{symbol.plain_unit}]" if symbol.unit not in ("", "1") else ""
 
 
 def predictive_draws(problem: Problem, config: Config) -> int:
@@ -106,7 +115,7 @@ def _findings(problem: Problem, config: Config) -> str:
     return "".join("\n" + one for one in said)
 
 
-def maxima(found: Mode, sampled: Sampled) -> str:
+def maxima(found: Mode, sampled: Sampled, own: OwnUnits) -> str:
     """Where the posterior has several maxima, and how much of it each holds; empty for one."""
     if not found.others or sampled.held is None:
         return ""
@@ -118,7 +127,7 @@ def maxima(found: Mode, sampled: Sampled) -> str:
     ][:MOST_NAMED]
     lines = [f"{len(weights)} maxima of the posterior, between which the walkers pass:"]
     for one, weight in zip(found.maxima, weights, strict=True):
-        places = ", ".join(f"{name} {one.values[name]:.4g}" for name in names)
+        places = ", ".join(f"{name} {own.said(name, one.values[name])}" for name in names)
         lines.append(f"  {weight:.1%} of the draws belong to the one at {places}")
     return "\n".join(lines)
 
@@ -172,7 +181,7 @@ def _apart(one: float, other: float) -> bool:
     return abs(one - other) > SAME_PLACE * abs(other)
 
 
-def mode(found: Mode) -> str:
+def mode(found: Mode, own: OwnUnits) -> str:
     """How the searches for the MAP went."""
     n, same = len(found.searches), found.same_height
     lines = [
@@ -188,7 +197,9 @@ def mode(found: Mode) -> str:
         lines.append("     no second search confirms it; give map.starts or map.evaluations more")
     for other in found.others:
         apart = [name for name, x in other.values.items() if _apart(x, found.values[name])]
-        places = ", ".join(f"{name} {other.values[name]:.4g}" for name in apart[:MOST_NAMED])
+        places = ", ".join(
+            f"{name} {own.said(name, other.values[name])}" for name in apart[:MOST_NAMED]
+        )
         lines.append(
             f"     another maximum, {found.log_posterior - other.log_posterior:.3g} lower: {places}"
             + (", ..." if len(apart) > MOST_NAMED else "")

@@ -10,6 +10,7 @@ from arviz_base import from_dict
 from numpy.typing import NDArray
 from xarray import DataTree
 
+from bayesdrill.basics.symbols import INPUTS
 from bayesdrill.engines.sampling import Sampled
 from bayesdrill.inference.problem import Problem
 from bayesdrill.insight.derived import Derived
@@ -52,6 +53,7 @@ def make_tree(
         }
     )
     tree["sample_stats"].attrs["lp"] = "log density over the sampler's coordinates, unnormalised"
+    tree["sample_stats"]["lp"].attrs.update(units="1", long_name="log posterior density")
     tree["sample_stats"].attrs["acceptance_rate"] = sampled.acceptance
     rest: DataTree = from_dict(
         {
@@ -104,4 +106,12 @@ def _describe(tree: DataTree, problem: Problem) -> None:
     for group in ("posterior_predictive", "observed_data"):
         for channel in problem.experiment.channels:
             tree[group][channel.name].attrs["units"] = channel.unit
-            tree[group][channel.name].coords["time"].attrs["units"] = "s"
+    for channel in problem.experiment.channels:
+        said = f"log density of each sample of {channel.name} in {channel.unit}"
+        tree["log_likelihood"][channel.name].attrs.update(units="1", long_name=said)
+    for name, values in tree["constant_data"].data_vars.items():
+        symbol = INPUTS[str(name)]
+        values.attrs.update(units=symbol.unit, long_name=symbol.meaning)
+    for group in ("posterior_predictive", "log_likelihood", "observed_data", "constant_data"):
+        if "time" in tree[group].coords:
+            tree[group].coords["time"].attrs["units"] = "s"

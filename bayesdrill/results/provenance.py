@@ -11,11 +11,13 @@ from typing import Any
 
 import bayesdrill
 from bayesdrill.basics.software import DECISIVE, in_words, versions
+from bayesdrill.basics.symbols import noise_name
 from bayesdrill.inference.problem import Problem
 from bayesdrill.record.experiment import Experiment
 from bayesdrill.results.run_folder import VERSION_OF
 from bayesdrill.setup import reading
 from bayesdrill.setup.config import Config
+from bayesdrill.setup.own_units import OwnUnits
 from bayesdrill.setup.yaml_source import Source
 
 RUN_MARK = "Run"  # by which a file says whose it is
@@ -44,19 +46,20 @@ def fingerprint(config: Config, problem: Problem) -> dict[str, str]:
     }
 
 
-def settings(config: Config, problem: Problem) -> dict[str, str]:
+def settings(config: Config, problem: Problem, own: OwnUnits) -> dict[str, str]:
     """What a reader compares of two runs: as the fingerprint, with all that is said of a parameter under
-    its own name, and without what only finds the posterior.
+    its own name and in these units, and without what only finds the posterior.
     """
     posterior = problem.posterior
     space = posterior.space
     return {
         **_of_experiment(problem.experiment),
         "the model": repr(posterior.likelihood.response.model),
-        **{name: prior.describe() for name, prior in space.priors.items()},
-        **{name: f"held at {value:.6g}" for name, value in space.fixed.items()},
+        **{name: own.believed(name, prior) for name, prior in space.priors.items()},
+        **{name: f"held at {own.said(name, value, 6)}" for name, value in space.fixed.items()},
         **{name: r.text for name, r in space.relations.items()},
         **_of_noise(problem),
+        **_noise_held(problem, own),
         "the seed": str(config.seed),
     }
 
@@ -97,6 +100,16 @@ def _of_noise(problem: Problem) -> dict[str, str]:
     noise, names = problem.posterior.likelihood.noise, problem.experiment.names
     kind = {} if noise.white else {"the kind of noise": _short(repr(noise))}
     return kind | {f"the noise of {names[k]}": repr(sigma) for k, sigma in noise.held().items()}
+
+
+def _noise_held(problem: Problem, own: OwnUnits) -> dict[str, str]:
+    """Of channels whose noise is known."""
+    noise, names = problem.posterior.likelihood.noise, problem.experiment.names
+    known = {names[k]: sigma for k, sigma in noise.held().items() if isinstance(sigma, float)}
+    return {
+        f"the noise of {name}": own.said(noise_name(name), sigma, 6)
+        for name, sigma in known.items()
+    }
 
 
 def resolved(config: Config, source: Source, folder: Path) -> str:

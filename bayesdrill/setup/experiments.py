@@ -41,6 +41,24 @@ def split(source: Source) -> dict[str, Source]:
     return {label: _alone(source, label, own) for label, own in named.items() if _is_one(own)}
 
 
+def together(source: Source, alone: Mapping[str, Source]) -> dict[str, Any]:
+    """The config of all: at its top the first experiment, and under each name all that is its own."""
+    first = next(iter(alone.values()))
+    named = dict(source.data[EXPERIMENTS])
+    for label, own in alone.items():
+        named[label] = {key: own.data[key] for key in SECTIONS if key in own.data}
+    kept = {key: source.data[key] for key in ("shared", "own") if key in source.data}
+    return {**first.data, EXPERIMENTS: named, **kept}
+
+
+def of(config: Config, label: str) -> Config:
+    """The config of one experiment, of one that is `together`."""
+    if not label:
+        return config
+    data = config.model_dump(exclude_unset=True, exclude={EXPERIMENTS, "shared", "own", *SECTIONS})
+    return Config.model_validate(data | config.experiments[label].model_dump(exclude_unset=True))
+
+
 def _is_one(own: Any) -> bool:
     """What is no mapping of sections is told of by its own entry."""
     return isinstance(own, Mapping) and set(own) <= set(SECTIONS)

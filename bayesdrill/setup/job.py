@@ -8,13 +8,15 @@ from pathlib import Path
 import numpy as np
 
 from bayesdrill.basics.errors import InputError
+from bayesdrill.basics.units import Unit
 from bayesdrill.inference.problem import Problem
 from bayesdrill.insight import derived
 from bayesdrill.insight.identifiability.study import Asked
 from bayesdrill.record.formats import Table
-from bayesdrill.setup import build, loading, reading
+from bayesdrill.setup import build, loading, own_units, reading
 from bayesdrill.setup.config import Config
 from bayesdrill.setup.experiments import views
+from bayesdrill.setup.own_units import OwnUnits
 from bayesdrill.setup.yaml_source import Source
 
 FARTHEST = 1e10  # of a start from the record, in sigmas: rounding would hide any way to it
@@ -29,6 +31,16 @@ class Job:
     @property
     def asked(self) -> Asked:
         return build.asked(self.config)
+
+    @property
+    def units(self) -> OwnUnits:
+        """In which people are shown what is inferred."""
+        return OwnUnits.of(self.config, self.problem.experiment.channels)
+
+    @property
+    def clock(self) -> Unit:
+        """In which they are told times."""
+        return own_units.clock(self.config, self.problem.experiment.t[-1])
 
 
 def prepare(path: Path) -> Job:

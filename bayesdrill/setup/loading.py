@@ -51,18 +51,13 @@ def validated(source: Source) -> Config:
         except InputError as error:
             problems += error.problems
     try:
-        data = {**next(iter(alone.values())).data, **_of_several(source)}
-        whole = Config.model_validate(data)
+        whole = Config.model_validate(experiments.together(source, alone))
         problems += consistency.check_experiments(whole, source)
     except ValidationError as error:
         problems += _complaints(error, source)
     if problems:
         raise InputError(sorted(dict.fromkeys(problems), key=_line))
     return whole
-
-
-def _of_several(source: Source) -> dict[str, Any]:
-    return {key: source.data[key] for key in ("experiments", "shared", "own") if key in source.data}
 
 
 def _complaints(error: ValidationError, source: Source) -> list[Problem]:

@@ -40,7 +40,10 @@ class PriorBase(Strict):
         False, description="Bounds and scales are multiples of the nominal value."
     )
     start: Positive | None = Field(
-        None, description="Where the search for the MAP begins, SI; default: the nominal value."
+        None,
+        description="Where the search for the MAP begins, in the unit of the column (sigma), in its "
+        "`unit` (quantity) or in SI (parameter, also of a relative prior); default: the nominal value, "
+        "else the median.",
     )
 
 

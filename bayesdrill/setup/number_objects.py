@@ -111,8 +111,8 @@ def quantity(name: str, spec: number_entries.QuantitySpec) -> Given:
         return Given(symbol, factor, spec.value * factor, spec.value * factor)
     if spec.relative:
         raise ValueError("a quantity has no nominal value; write its prior in its own unit")
+    begin = start(spec, prior(spec, 1.0))  # first, for its mistakes to be told in the entry's unit
     value = prior(rescaled(spec, factor), 1.0)
-    begin = start(spec, prior(spec, 1.0))
     symbol = symbols.own_symbol(name, unit, spec.latex, "quantity of the config")
     return Given(symbol, factor, value, begin * factor)
 

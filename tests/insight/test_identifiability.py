@@ -10,6 +10,7 @@ from oracles import NOMINAL, ORDER
 from rigs import measured, posterior, vector
 
 from bayesdrill.basics.duals import Dual
+from bayesdrill.basics.symbols import PARAMETERS
 from bayesdrill.insight.identifiability import information, structure
 from bayesdrill.insight.identifiability.profile import THRESHOLD, Fitter, Profile, profile
 from bayesdrill.insight.identifiability.scenes import Scenery
@@ -295,7 +296,9 @@ def test_a_profile_through_the_priors_of_others_is_no_limit_of_the_record() -> N
         Profile(name=name, values=line, loss=line, best=1.5, low=low, high=1.8, shape=shape)
         for name, low, shape in (("r_m", None, "one-sided"), ("k_e", 1.2, "bounded"))
     ]
-    _, _, open_one, tied = words.profiles(found, studied(free=names)).splitlines()
+    _, _, open_one, tied = words.profiles(
+        found, studied(free=names), [PARAMETERS[name] for name in names]
+    ).splitlines()
     assert open_one.endswith(f"one-sided: {words.THROUGH_OTHERS}")
     assert tied.endswith(f"bounded: {words.SHAPES['bounded']}")
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import dataclasses
 import math
 from types import SimpleNamespace
@@ -15,6 +16,7 @@ from rigs import measured, posterior
 from scipy.stats import chi2, norm
 from verdicts import LINEAR, PRIOR, PRIOR_SD, TABLE, gaussian, linear_study, verdict
 
+from bayesdrill.basics.symbols import PARAMETERS
 from bayesdrill.insight.diagnostics import Row
 from bayesdrill.insight.identifiability.scenes import Scenery
 from bayesdrill.insight.identifiability.study import Thresholds, study
@@ -212,7 +214,10 @@ def test_words_name_what_disagrees_and_what_nobody_can_know() -> None:
     data = verdict_words.as_data(found, "tables_2_3")
     assert not data["agrees"]
     assert data["quantities"]["r_m"]["says"] == "disagrees"
-    assert len(verdict_words.as_csv(found).splitlines()) == 5
+    every = list(csv.DictReader(verdict_words.as_csv(found, [*PARAMETERS.values()]).splitlines()))
+    units = {row["quantity"]: row["unit"] for row in every}
+    assert len(every) == 4
+    assert (units["r_m"], units["k_s/j_1"]) == ("ohm", "(N*m/rad)*(kg*m**2)**-1")
 
 
 def test_together_too_far_is_told_though_each_agrees() -> None:

@@ -168,7 +168,7 @@ def test_times_of_very_many_units_are_in_seconds(
 ) -> None:
     case = bd.load(ROOT / "configs" / "example_rig.yaml")
     problem = case.job.problem
-    monkeypatch.setattr("bayesdrill.report.fitted.MANY", many)
+    monkeypatch.setattr("bayesdrill.setup.own_units.MANY", many)
     space, likelihood = problem.posterior.space, problem.posterior.likelihood
     at = space.vector(space.start)
     left = residual_checks.left(likelihood, at)

@@ -18,6 +18,7 @@ from bayesdrill.report.intervals_plot import intervals_figure
 from bayesdrill.report.overlay_corner_plot import overlay_corner_figure
 from bayesdrill.report.overlay_looks import LOOKS
 from bayesdrill.report.sections import as_markdown, as_text
+from bayesdrill.setup.own_units import SI
 
 CONFIG = Path(__file__).parents[2] / "configs" / "nominal_step.yaml"
 PROBLEM = bd.load(CONFIG).job.problem
@@ -50,12 +51,12 @@ def layers(n_runs: int, unknowns: int) -> list[Layer]:
 
 def corner(n_runs: int, unknowns: int) -> Figure:
     given = layers(n_runs, unknowns)
-    return drawn(overlay_corner_figure(given, rows(given)))
+    return drawn(overlay_corner_figure(given, rows(given), SI))
 
 
 def intervals(n_runs: int, unknowns: int) -> Figure:
     given = layers(n_runs, unknowns)
-    return drawn(intervals_figure(given, rows(given)))
+    return drawn(intervals_figure(given, rows(given), SI))
 
 
 @pytest.mark.parametrize(("n_runs", "unknowns"), [(2, 1), (2, 2), (6, 3), (3, 9)])
@@ -85,7 +86,7 @@ def test_runs_are_told_apart_without_colours() -> None:
 def test_intervals_stand_where_the_numbers_are_and_gaps_where_none_is() -> None:
     given = layers(3, 4)
     found = rows(given)
-    figure = drawn(intervals_figure(given, found))
+    figure = drawn(intervals_figure(given, found, SI))
     for row, panel in zip(found, figure.axes, strict=True):
         bars = [line for line in panel.get_lines() if line.get_marker() == "|"]
         there = [place for place in row.places if place is not None]
@@ -101,7 +102,7 @@ def test_a_run_that_did_not_converge_says_so_in_legend_and_words() -> None:
         texts = [text.get_text() for text in figure.legends[0].get_texts()]
         assert texts[:2] == ["run_with_a_name_0", "run_with_a_name_1 (NOT CONVERGED)"]
     given = layers(2, 3)
-    sections = overlay_words.sections(given, rows(given))
+    sections = overlay_words.sections(given, rows(given), SI)
     for text in ("\n".join(as_text(sections)), as_markdown("overlay", sections)):
         assert "run_with_a_name_1: NOT CONVERGED" in text
         assert "the ensembles disagree" in text

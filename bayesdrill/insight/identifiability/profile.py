@@ -6,7 +6,7 @@ where its neighbour ended.  Noise levels that are unknown are held at what the b
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -27,6 +27,7 @@ FAR = 8  # ... this many more on the way to each end of the prior
 FAR_ENOUGH = 25.0  # of a loss: nobody looks further out
 TAIL = 5e-4  # where a prior without ends is taken to end
 AT_BOUND = 1e-3  # relative
+AT_END = 1e-9  # of a log: the same place
 MOST_STEPS = 50
 ENOUGH = 1e-5  # of the sum of squares: a fit that gains less is done
 PROBE = 0.1  # share of a step over which it is seen how the residuals bend
@@ -47,6 +48,13 @@ class Profile:
     low: float | None
     high: float | None
     shape: Shape
+
+    def over(self, factor: float) -> Profile:
+        """In a unit of so many of this one."""
+        ends = (None if x is None else x / factor for x in (self.low, self.high))
+        low, high = ends
+        values, best = self.values / factor, self.best / factor
+        return replace(self, values=values, best=best, low=low, high=high)
 
 
 class Fitter:
@@ -213,7 +221,9 @@ def profile(fitter: Fitter, names: tuple[str, ...], column: int) -> Profile:
 def _side(
     fitter: Fitter, column: int, centre: float, sd: float, end: float
 ) -> list[tuple[float, Fitted]]:
-    """From the best fit to one end of the prior, each fit from the one before."""
+    """From the best fit to one end of the prior, each from the one before; none where it is there."""
+    if abs(end - centre) < AT_END:
+        return []
     sign = 1.0 if end > centre else -1.0
     near = [centre + sign * k * sd for k in NEAR if k * sd < abs(end - centre)]
     reached = near[-1] if near else centre
