@@ -20,7 +20,7 @@ from bayesdrill.engines.mode import Mode
 from bayesdrill.engines.sampling import Sampled
 from bayesdrill.insight.verdict import Verdict
 from bayesdrill.report import tables, words
-from bayesdrill.report.figures import FIGURES, drawing
+from bayesdrill.report.figures import FIGURES, drawings
 from bayesdrill.report.run_report import sections
 from bayesdrill.report.sections import as_markdown, as_text
 from bayesdrill.report.view import View
@@ -55,12 +55,15 @@ class Best:
         """Beside the nominal values, and what the fit leaves."""
         return mapping.report(self.job, self.mode).text
 
-    def plot(self) -> Figure:
-        """The record, the model at the maximum, and what is left."""
+    def plot(self, part: int = 1) -> Figure:
+        """The record, the model at the maximum, and what is left; `part`: of which experiment."""
         from bayesdrill.report.warning_strip import warned  # late: matplotlib takes a second
 
         found = mapping.report(self.job, self.mode)
-        return for_notebooks(warned(found.figure.drawn(), found.warning))
+        every = list(found.figures.values())
+        if not 1 <= part <= len(every):
+            raise InputError.one("part", f"{part} given, and there are {len(every)} experiments")
+        return for_notebooks(warned(every[part - 1].drawn(), found.warning))
 
     @staticmethod
     def check_place(folder: str | Path, *, force: bool = False) -> None:
@@ -115,19 +118,21 @@ class Run:
         """The groups of the ArviZ schema: `chain` is an ensemble."""
         return self._view.tree
 
-    def plot(self, name: str) -> Figure:
+    def plot(self, name: str, part: int = 1) -> Figure:
         """`corner`, `trace`, `prior_posterior`, `fit`, and with a verdict `invariants` and `ridge`.
 
-        In no window: `figure.savefig(...)`, or the last line of a cell.  Raises `InputError` where
-        this run has no such figure.
+        In no window: `figure.savefig(...)`, or the last line of a cell.  `part`: of which experiment,
+        where there are several.  Raises `InputError` where this run has no such figure.
         """
         from bayesdrill.report.warning_strip import warned  # late: matplotlib takes a second
 
         arguments.known(FIGURES, name, "plot", "figure")
-        found = drawing(name, self._view)
-        if found is None:
+        found = list(drawings(name, self._view).values())
+        if not found:
             raise InputError.one("plot", f"there is nothing to draw in a figure {name} of this run")
-        return for_notebooks(warned(found.drawn(), self._view.warning))
+        if not 1 <= part <= len(found):
+            raise InputError.one("part", f"{part} given, and the figure {name} has {len(found)}")
+        return for_notebooks(warned(found[part - 1].drawn(), self._view.warning))
 
     def plot_corner(self) -> Figure:
         return self.plot("corner")

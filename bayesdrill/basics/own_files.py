@@ -85,7 +85,7 @@ POSTERIOR = Kind(
     (
         *("chain.h5", "map.json", *CONFIGS, "posterior.nc", "summary.csv", "summary.md"),
         *("derived.csv", "verdict.csv", "table.tex", "report.html"),
-        *figures(*RUN_FIGURES, formats=FORMATS),
+        *figures(*RUN_FIGURES, "fit_#", formats=FORMATS),
         *UNFINISHED.files,
     ),
     kept=(RECORD,),  # its config may be started over from this very folder
@@ -108,9 +108,10 @@ MAP = Kind(
     "map",
     RUN,
     (
-        *("map.json", "map.md", "map.csv", "prediction.csv", "report.html"),
+        *("map.json", "map.md", "map.csv", "report.html"),
+        *("prediction.csv", "prediction_#.csv"),
         *CONFIGS,
-        *figures("fit", formats=FORMATS),
+        *figures("fit", "fit_#", formats=FORMATS),
     ),
     again="make them anew with --force, or give another --output",
     kept=(RECORD,),

@@ -51,6 +51,6 @@ def steps_of_chain(ensembles: int, walkers: int, unknowns: int) -> int:
     return MOST_OF_CHAIN // (ensembles * walkers * unknowns)
 
 
-def predictive_draws(wanted: int, ensembles: int, samples: int, channels: int) -> int:
+def predictive_draws(wanted: int, ensembles: int, numbers: int) -> int:
     """Of each ensemble: `wanted`, or as many as may be predicted, and one at least."""
-    return max(1, min(wanted, MOST_PREDICTED // (ensembles * samples * channels)))
+    return max(1, min(wanted, MOST_PREDICTED // (ensembles * numbers)))

@@ -12,7 +12,7 @@ from bayesdrill.basics.sealed import sealed
 from bayesdrill.commands import pipeline
 from bayesdrill.engines.mode import Mode
 from bayesdrill.report import publish, residual_words
-from bayesdrill.report.map_report import FIGURE, MapReport
+from bayesdrill.report.map_report import MapReport
 from bayesdrill.results import provenance
 from bayesdrill.results.run_folder import Folder
 from bayesdrill.setup.job import Job
@@ -41,7 +41,8 @@ def save(job: Job, found: Mode, output: Path, record: str | None, *, force: bool
         place.mkdir(exist_ok=True)
         note = {"Title": job.config.name, "Creator": software.creator(), **mark(job)}
         look = (said.warning, tuple(job.config.output.formats), job.config.output.dpi)
-        publish.draw(job.problem.posterior, FIGURE, said.figure, place, note, *look)
+        for stem, figure in said.figures.items():
+            publish.draw(job.problem.posterior, stem, figure, place, note, *look)
         folder.write_text("report.html", said.page(output))
         files = {name: own_files.digest(output / name) for name in folder.made()}
         fit = residual_words.as_data(said.left)

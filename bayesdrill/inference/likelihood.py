@@ -37,6 +37,10 @@ class Observation:
     def experiment(self) -> Experiment:
         return self.response.experiment
 
+    def with_record(self, y: Array) -> Observation:
+        """Of another record `(T, K)` of the same experiment."""
+        return dataclasses.replace(self, response=self.response.with_record(y))
+
     def told(self, full: Array) -> Array:
         """What its simulator takes of parameters `(..., P)`."""
         return full if self.columns is None else full[..., self.columns]

@@ -52,6 +52,11 @@ class Left:
     experiment: str = ""
 
     @property
+    def name(self) -> str:
+        """In sentences."""
+        return f"{self.channel} in {self.experiment}" if self.experiment else self.channel
+
+    @property
     def large(self) -> bool:
         return self.rms > self.limits.most
 

@@ -9,13 +9,14 @@ samples at which all draws agree, such as the first of a rig at rest.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
-from bayesdrill.inference.likelihood import Likelihood
+from bayesdrill.inference.likelihood import Likelihood, Observation
 from bayesdrill.insight.calibration.bands import Band, ecdf_band
 from bayesdrill.insight.calibration.ranks import shape
 from bayesdrill.record.experiment import Channel
@@ -35,11 +36,12 @@ SAYS = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Check:
-    """Of one channel: `pit (T,)`, and the band of their distribution."""
+    """Of one channel: `pit (T,)`, and the band of their distribution; `label`: of its experiment."""
 
     channel: Channel
     pit: Array
     band: Band
+    label: str = ""
 
     @property
     def ranks(self) -> NDArray[np.int64]:
@@ -60,26 +62,39 @@ class Check:
 
 def checks(likelihood: Likelihood, theta: Array) -> tuple[Check, ...]:
     """Of each channel, by draws `theta (N, D)`."""
-    channels = likelihood.response.experiment.channels
-    pit = leave_one_out(likelihood, theta)
-    band = ecdf_band(len(pit), BINS - 1, FALSE_ALARM / len(channels))
+    every = [
+        (one, *found) for one in likelihood.observations for found in _pits(likelihood, one, theta)
+    ]
+    lengths = {len(pit) for *_, pit in every}
+    bands = {n: ecdf_band(n, BINS - 1, FALSE_ALARM / len(every)) for n in lengths}
     return tuple(
-        Check(channel=channel, pit=pit[:, k], band=band) for k, channel in enumerate(channels)
+        Check(channel=channel, label=one.label, pit=pit, band=bands[len(pit)])
+        for one, channel, pit in every
     )
 
 
-def leave_one_out(likelihood: Likelihood, theta: Array) -> Array:
-    """PITs `(T, K)` of at most `MOST` samples, evenly spaced.
+def _pits(
+    likelihood: Likelihood, one: Observation, theta: Array
+) -> Iterator[tuple[Channel, Array]]:
+    pit = leave_one_out(likelihood, one, theta)
+    for k, channel in enumerate(one.experiment.channels):
+        seen = ~np.isnan(pit[:, k])
+        if seen.any():
+            yield channel, pit[seen, k]
+
+
+def leave_one_out(likelihood: Likelihood, one: Observation, theta: Array) -> Array:
+    """PITs `(T, K)` of at most `MOST` samples, evenly spaced; NaN where nothing was measured.
 
     What is left of a sample is whitened, so that each counts on those before it where the noise
     remembers them.
     """
-    experiment, own = likelihood.response.experiment, likelihood.own(theta)
-    rest = experiment.y - likelihood.signals(theta)
+    experiment, own = one.experiment, theta[:, one.own]
+    rest = one.residuals(likelihood.space.full(theta)).samples
     n = len(experiment.t)
     seen = np.unique(np.linspace(0, n - 1, min(n, MOST)).round().astype(int))
-    below = ndtr(likelihood.noise.whiten(rest, own)[:, seen])
-    log_p = likelihood.noise.pointwise(rest, own)[:, seen]
+    below = ndtr(one.noise.whiten(rest, own)[:, seen])
+    log_p = one.noise.pointwise(rest, own)[:, seen]
     weights = np.exp(log_p.min(axis=0) - log_p)
     weights = np.minimum(weights, weights.mean(axis=0) * len(theta) ** 0.5)
     return np.asarray((weights * below).sum(axis=0) / weights.sum(axis=0))

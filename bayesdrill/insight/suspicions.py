@@ -12,6 +12,7 @@ from itertools import groupby
 import numpy as np
 from numpy.typing import NDArray
 
+from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.problem import Problem
 from bayesdrill.record.experiment import Channel, Experiment
 
@@ -49,24 +50,31 @@ def of_record(
 
 def of_start(problem: Problem) -> tuple[str, ...]:
     """Channels that are the start's prediction times what a wrong unit would bring."""
-    likelihood, space = problem.posterior.likelihood, problem.posterior.space
-    predicted = likelihood.signals(space.vector(space.start)[None])[0]
+    space = problem.posterior.space
+    full = space.full(space.vector(space.start)[None])
     found = []
-    for channel, y, p in zip(
-        problem.experiment.channels, problem.experiment.y.T, predicted.T, strict=True
-    ):
+    for one in problem.observations:
+        found += _of_start(one, one.signals(full)[0], gear_of(problem))
+    return tuple(found)
+
+
+def _of_start(one: Observation, predicted: Array, gear: float) -> list[str]:
+    found = []
+    every = zip(one.experiment.channels, one.experiment.y.T, predicted.T, strict=True)
+    for channel, measured, expected in every:
+        y, p = measured[~np.isnan(measured)], expected[~np.isnan(measured)]
         power = float(p @ p)
         if not (math.isfinite(power) and power > 0):
             continue
         times = float(y @ p) / power
         alike = 1 - float(np.sum((y - times * p) ** 2)) / float(y @ y)
-        named = _named(times, NEAR_OF_START, gear_of(problem))
+        named = _named(times, NEAR_OF_START, gear)
         if alike > LIKE and named:
             found.append(
                 f"unit: {channel.name} is {times:.3g} times what the start values predict; was it "
                 f"{named}? See its unit, its column and `measures`"
             )
-    return tuple(found)
+    return found
 
 
 def gear_of(problem: Problem) -> float:

@@ -29,10 +29,13 @@ MOST_NAMED = 20  # refits that did not converge
 
 def opening(problem: Problem, config: Config) -> str:
     """What is repeated, and how often."""
-    experiment = problem.experiment
+    records = " and one of ".join(
+        f"{len(one.experiment.t)} samples of {', '.join(one.experiment.names)}"
+        for one in problem.observations
+    )
     return (
         f"calibration: {config.calibration.refits} times, unknowns from their priors, a record of "
-        f"{len(experiment.t)} samples of {', '.join(experiment.names)} made from them, and its "
+        f"{records} made from them, and its "
         f"posterior\nunknown: {', '.join(problem.names)}"
     )
 

@@ -7,6 +7,7 @@ draws when they are asked: matplotlib takes a second, and drawing longer than al
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +22,9 @@ from bayesdrill.report import derived_words, words
 from bayesdrill.report.view import Drawing, View
 from bayesdrill.report.widths import WIDTHS
 from bayesdrill.setup.config import Config
+
+if TYPE_CHECKING:
+    from bayesdrill.report.fitted import Fit
 
 CORNER = (
     "The posterior of each parameter and each pair (corner plot), beside nominal values and MAP."
@@ -39,15 +43,27 @@ PREDICTIVE_CHECK = "Whether the record is as the posterior predicts it, channel 
 
 Array = NDArray[np.float64]
 
-Recipe = Callable[[View], Drawing | None]
+Recipe = Callable[[View], Drawing | tuple[Drawing, ...] | None]
 
 
-def drawing(name: str, run: View) -> Drawing | None:
-    """What is to be drawn in a figure of this run; raises `TypeError` for a recipe that is none."""
+def drawings(name: str, run: View) -> dict[str, Drawing]:
+    """What is to be drawn of this run, by the stems of the files: one, or one for each experiment.
+
+    Raises `TypeError` for a recipe that is none.
+    """
     found = FIGURES[name](run)
-    if found is not None and not isinstance(found, Drawing):
-        raise TypeError(f"a recipe gives a Drawing or None, not {type(found).__name__}")
-    return found
+    every = found if isinstance(found, tuple) else () if found is None else (found,)
+    for one in every:
+        if not isinstance(one, Drawing):
+            raise TypeError(f"a recipe gives a Drawing or None, not {type(one).__name__}")
+    return numbered(name, every)
+
+
+def numbered(name: str, every: Sequence[Drawing]) -> dict[str, Drawing]:
+    """One keeps the name, several have numbers."""
+    if len(every) == 1:
+        return {name: every[0]}
+    return {f"{name}_{k}": one for k, one in enumerate(every, start=1)}
 
 
 def _corner(run: View) -> Drawing:
@@ -108,23 +124,39 @@ def _prior_posterior(run: View) -> Drawing:
     )
 
 
-def _fit(run: View) -> Drawing:
-    from bayesdrill.report.fit_plot import fit_figure
-    from bayesdrill.report.fitted import fitted
+def _fit(run: View) -> tuple[Drawing, ...]:
+    from bayesdrill.report.fitted import every_fit
 
     group = run.tree["posterior_predictive"]
-    draws = {name: np.asarray(group[name]) for name in run.problem.experiment.names}
-    fit = fitted(run.problem, run.config, run.best, run.left, draws)
-    return Drawing(fit_figure, (fit, run.width), says=FIT)
+    draws = {str(name): np.asarray(values) for name, values in group.data_vars.items()}
+    return _fits(every_fit(run.problem, run.config, run.best, run.left, draws), run.width, FIT)
 
 
-def fit_alone(problem: Problem, config: Config, best: Array, left: Sequence[Left]) -> Drawing:
-    """Of the MAP `(D,)`, without draws; `left`: what it leaves."""
+def fits_alone(
+    problem: Problem, config: Config, best: Array, left: Sequence[Left]
+) -> dict[str, Drawing]:
+    """Of the MAP `(D,)`, without draws, by stem; `left`: what it leaves."""
+    from bayesdrill.report.fitted import every_fit
+
+    found = every_fit(problem, config, best, left)
+    return numbered("fit", _fits(found, WIDTHS[config.output.size], FIT_ALONE))
+
+
+def _fits(every: Sequence[Fit], width: float, says: str) -> tuple[Drawing, ...]:
     from bayesdrill.report.fit_plot import fit_figure
-    from bayesdrill.report.fitted import fitted
 
-    width = WIDTHS[config.output.size]
-    return Drawing(fit_figure, (fitted(problem, config, best, left), width), says=FIT_ALONE)
+    return tuple(
+        Drawing(fit_figure, (fit, width), says=f"{fit.label}: {says}" if fit.label else says)
+        for fit in every
+    )
+
+
+def alone_captions(problem: Problem) -> dict[str, str]:
+    """What `fits_alone` shows, without drawing it."""
+    labels = [one.label for one in problem.observations]
+    if len(labels) == 1:
+        return {"fit": FIT_ALONE}
+    return {f"fit_{k}": f"{label}: {FIT_ALONE}" for k, label in enumerate(labels, start=1)}
 
 
 def _rank(run: View) -> Drawing:

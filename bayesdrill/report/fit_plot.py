@@ -111,8 +111,8 @@ def _signals(
 ) -> None:
     """`band` `(2, len(drawn))` around the model."""
     y, model = signal.y, signal.model
-    low = min(float(y.min()), float(model.min()), float(band.min()))
-    high = max(float(y.max()), float(model.max()), float(band.max()))
+    low = min(float(np.nanmin(y)), float(model.min()), float(band.min()))
+    high = max(float(np.nanmax(y)), float(model.max()), float(band.max()))
     scale = _numbers(panel, signal.label, low, high)
     panel.fill_between(time(t[drawn]), *scale(band), zorder=0, **BAND)
     dots = style.thin(len(t), DOTS)
@@ -124,7 +124,7 @@ def _residuals(panel: Axes, signal: Signal, time: style.Scale, t: Array) -> None
     """Measured minus MAP, the band of the noise, and how much of the channel this is."""
     rest, sigma = signal.y - signal.model, signal.sigma
     label = Symbol("rest", "", r"\mathrm{residual}", signal.label.latex_unit, "")
-    far = max(float(np.abs(rest).max()), SIGMAS * sigma)
+    far = max(float(np.nanmax(np.abs(rest))), SIGMAS * sigma)
     scale = _numbers(panel, label, -far, far)
     ends = scale(np.array([-1.0, 1.0]) * SIGMAS * sigma)
     panel.axhspan(*ends, zorder=0, **BAND)
@@ -170,7 +170,7 @@ def _legends(page: FitPage, fit: Fit, *, beside: bool) -> None:
     what = "of the noise" if fit.signals[0].predictive is None else "posterior predictive"
     at_map = " at the MAP" if beside else ""
     noise = rf"{SHARE} of the noise ($\pm${SIGMAS:.2f} $\sigma${at_map})"
-    signals = {"measured": dot, "model at the MAP": line, f"{SHARE} {what}": band}
+    signals = {f"measured ({fit.label})" if fit.label else "measured": dot, "model at the MAP": line, f"{SHARE} {what}": band}
     rest = {noise: edged, LEFT: Line2D([], [], linestyle="none")}
     left, right = page.rows[0]
     if beside:

@@ -12,9 +12,11 @@ from numpy.typing import NDArray
 
 from bayesdrill.basics import symbols
 from bayesdrill.basics.symbols import Symbol
+from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.problem import Problem
 from bayesdrill.inference.residual_checks import Left
-from bayesdrill.setup import own_units
+from bayesdrill.inference.unknowns import of_label
+from bayesdrill.setup import experiments, own_units
 from bayesdrill.setup.config import Config
 
 Array = NDArray[np.float64]
@@ -24,8 +26,8 @@ TIME = Symbol("t", "s", "t", "s", "time")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Signal:
-    """A channel: measured and modelled `(T,)`, `predictive (N, T)` with noise, or None where
-    there are no draws; `sigma` of the noise.
+    """A channel: measured (NaN where it was not) and modelled `(T,)`, `predictive (N, T)` with noise,
+    or None where there are no draws; `sigma` of the noise.
 
     `share`: what the model leaves, of the channel's spread; NaN where it has none.
     """
@@ -49,25 +51,45 @@ class Course:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Fit:
-    """At times `t (T,)`; each in the unit of its label.  `constant`: inputs that do not change."""
+    """At times `t (T,)`; each in the unit of its label.  `constant`: inputs that do not change; `label`:
+    of the experiment, where there are several.
+    """
 
     t: Array
     time: Symbol
     signals: tuple[Signal, ...]
     courses: tuple[Course, ...] = ()
     constant: tuple[tuple[Symbol, float], ...] = ()
+    label: str = ""
+
+
+def every_fit(
+    problem: Problem,
+    config: Config,
+    best: Array,
+    left: Sequence[Left],
+    predictive: Mapping[str, Array] | None = None,
+) -> tuple[Fit, ...]:
+    """Of each experiment; see `fitted`."""
+    return tuple(
+        fitted(one, problem, experiments.of(config, one.label), best, left, predictive)
+        for one in problem.observations
+    )
 
 
 def fitted(
+    one: Observation,
     problem: Problem,
     config: Config,
     best: Array,
     left: Sequence[Left],
     predictive: Mapping[str, Array] | None = None,
 ) -> Fit:
-    """Of the MAP `(D,)` and what it leaves; `predictive`: `(..., T)` of each channel, SI."""
-    experiment = problem.experiment
-    clock = own_units.clock(config, experiment.t[-1])
+    """Of the MAP `(D,)` and what it leaves; `predictive`: `(..., T)` of each channel, SI, by the name
+    that it has among all.  `config`: of this experiment.
+    """
+    experiment = one.experiment
+    clock = own_units.clock(config, problem)
     courses, constant = [], []
     for name, symbol in symbols.INPUTS.items():
         unit = own_units.given(config, name)
@@ -80,26 +102,29 @@ def fitted(
     return Fit(
         t=experiment.t / clock.factor,
         time=dataclasses.replace(TIME, latex_unit=clock.latex),
-        signals=_signals(problem, config, best, left, predictive or {}),
+        signals=_signals(one, problem, config, best, left, predictive or {}),
         courses=tuple(courses),
         constant=tuple(constant),
+        label=one.label,
     )
 
 
 def _signals(
+    one: Observation,
     problem: Problem,
     config: Config,
     best: Array,
     left: Sequence[Left],
     predictive: Mapping[str, Array],
 ) -> tuple[Signal, ...]:
-    experiment, likelihood = problem.experiment, problem.posterior.likelihood
-    models, sigmas = likelihood.signals(best[None])[0], likelihood.sigmas(best[None])[0]
-    shares = {one.channel: one.share for one in left}
+    experiment = one.experiment
+    models = one.signals(problem.posterior.space.full(best[None]))[0]
+    sigmas = one.scales(best[None])[0]
+    shares = {each.channel: each.share for each in left if each.experiment == one.label}
     found = []
     for k, channel in enumerate(experiment.channels):
         unit = own_units.channel(config, channel)
-        draws = predictive.get(channel.name)
+        draws = predictive.get(of_label(channel.name, one.label))
         found.append(
             Signal(
                 label=Symbol(channel.name, channel.unit, channel.latex, unit.latex, "channel"),

@@ -32,7 +32,7 @@ from bayesdrill.setup.own_units import OwnUnits
 
 Array = NDArray[np.float64]
 
-TABLE, PREDICTION, PAGE, FIGURE = "map.csv", "prediction.csv", "map.md", "fit"
+TABLE, PAGE = "map.csv", "map.md"
 
 
 @dataclass(frozen=True)
@@ -60,16 +60,17 @@ class MapReport:
     def sections(self) -> tuple[Section, ...]:
         table = build.compared_with(self.config)
         read = f"`dev. %` is the deviation of the MAP from the nominal value ({table})."
-        experiment = self.problem.experiment
-        own = OwnUnits.of(self.config, experiment.channels)
-        clock = own_units.clock(self.config, experiment.t[-1])
+        own = OwnUnits.of(self.config, self.problem)
+        clock = own_units.clock(self.config, self.problem)
         fit = Sentences(residual_words.sentences(self.left, clock))
         searches = Sentences(words.mode(self.mode, own))
         shown = tables.of_mode(own.rows(tables.mode_rows(self.problem, self.mode)))
-        picture = Picture(FIGURE, figures.FIT_ALONE, own_files.shown(self.config.output.formats))
+        shape = own_files.shown(self.config.output.formats)
+        captions = figures.alone_captions(self.problem)
+        pictures = tuple(Picture(stem, says, shape) for stem, says in captions.items())
         return (
             Section("", (shown, Note(read), fit)),
-            Section("Figures", (picture,), brief=False),
+            Section("Figures", pictures, brief=False),
             Section("Maximum of the posterior (MAP)", (searches,), brief=False),
         )
 
@@ -88,7 +89,7 @@ class MapReport:
         """Those that follow from `map.json` alone."""
         return {
             TABLE: tables.mode_as_csv(tables.mode_rows(self.problem, self.mode)),
-            PREDICTION: prediction.as_csv(self.problem, self.config, self.best),
+            **prediction.as_csv(self.problem, self.config, self.best),
         }
 
     def page(self, folder: Path) -> str:
@@ -100,7 +101,7 @@ class MapReport:
         marks = provenance.marks(config, self.problem, "")
         lines = (
             ("config", config.name),
-            ("record", f"`{Path(config.record.file).name}`: {marks['Record']}"),
+            *provenance_words.records(self.problem, config),
             ("model", words.model(self.problem)),
             ("seed", marks["Seed"]),
             ("versions", marks["Versions"]),
@@ -110,5 +111,6 @@ class MapReport:
         return as_html(config.name, "maximum", every, figures, self.problem.symbols)
 
     @property
-    def figure(self) -> Drawing:
-        return figures.fit_alone(self.problem, self.config, self.best, self.left)
+    def figures(self) -> dict[str, Drawing]:
+        """By stem."""
+        return figures.fits_alone(self.problem, self.config, self.best, self.left)

@@ -8,8 +8,9 @@ import io
 import numpy as np
 from numpy.typing import NDArray
 
+from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.problem import Problem
-from bayesdrill.setup import own_units
+from bayesdrill.setup import experiments, own_units
 from bayesdrill.setup.config import Config
 
 Array = NDArray[np.float64]
@@ -17,35 +18,46 @@ Array = NDArray[np.float64]
 DIGITS = 12
 
 
-def as_csv(problem: Problem, config: Config, theta: Array) -> str:
-    """A line for each sample: time, each channel as measured and as predicted without noise at
-    `theta (D,)`, and the inputs; the head of a column has its unit, as in `w_1 measured [rpm]`.
+def as_csv(problem: Problem, config: Config, theta: Array) -> dict[str, str]:
+    """At `theta (D,)`, by the names of files: one, or one with a number for each experiment."""
+    full, every = problem.posterior.space.full(theta[None]), problem.observations
+    return {
+        f"prediction_{k}.csv" if len(every) > 1 else "prediction.csv": _of(
+            one, experiments.of(config, one.label), full
+        )
+        for k, one in enumerate(every, start=1)
+    }
+
+
+def _of(one: Observation, config: Config, full: Array) -> str:
+    """A line for each sample: time, each channel as measured and as predicted without noise, and the
+    inputs; the head of a column has its unit, as in `w_1 measured [rpm]`.
     """
-    columns = {**_time(problem, config), **_channels(problem, config, theta)}
-    columns |= _inputs(problem, config)
+    columns = {**_time(one, config), **_channels(one, config, full)}
+    columns |= _inputs(one, config)
     head, body = io.StringIO(), io.StringIO()
     csv.writer(head, lineterminator="\n").writerow(columns)
     np.savetxt(body, np.stack([*columns.values()], axis=-1), f"%.{DIGITS}g", ",")
     return head.getvalue() + body.getvalue()
 
 
-def _time(problem: Problem, config: Config) -> dict[str, Array]:
+def _time(one: Observation, config: Config) -> dict[str, Array]:
     unit = own_units.time(config)
-    return {f"t [{unit.name}]": problem.experiment.t / unit.factor}
+    return {f"t [{unit.name}]": one.experiment.t / unit.factor}
 
 
-def _channels(problem: Problem, config: Config, theta: Array) -> dict[str, Array]:
-    signals = problem.posterior.likelihood.signals(theta[None])[0]
+def _channels(one: Observation, config: Config, full: Array) -> dict[str, Array]:
+    signals = one.signals(full)[0]
     columns = {}
-    for k, channel in enumerate(problem.experiment.channels):
+    for k, channel in enumerate(one.experiment.channels):
         name, unit = channel.name, own_units.channel(config, channel)
-        columns[f"{name} measured [{unit.name}]"] = problem.experiment.y[:, k] / unit.factor
+        columns[f"{name} measured [{unit.name}]"] = one.experiment.y[:, k] / unit.factor
         columns[f"{name} predicted [{unit.name}]"] = signals[:, k] / unit.factor
     return columns
 
 
-def _inputs(problem: Problem, config: Config) -> dict[str, Array]:
-    experiment = problem.experiment
+def _inputs(one: Observation, config: Config) -> dict[str, Array]:
+    experiment = one.experiment
     every = {name: np.full(len(experiment.t), x) for name, x in experiment.constant.items()}
     columns = {}
     for name, values in {**every, **experiment.series}.items():

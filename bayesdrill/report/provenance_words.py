@@ -9,11 +9,14 @@ from pathlib import Path
 from bayesdrill.basics import own_files
 from bayesdrill.basics.citation import citation
 from bayesdrill.basics.own_files import CONFIG_FILE, RESOLVED_FILE
+from bayesdrill.inference.problem import Problem
 from bayesdrill.report import words
 from bayesdrill.report.sections import Note, Plain, Section, Sentences, Table
 from bayesdrill.report.view import View
 from bayesdrill.results import provenance
 from bayesdrill.results.run_folder import CHAIN, read_run
+from bayesdrill.setup import experiments
+from bayesdrill.setup.config import Config
 
 CHECKED = (
     "`bayesdrill verify` computes the tables again from the chain and says whether config, record, "
@@ -48,12 +51,9 @@ def made_of(lines: tuple[tuple[str, str], ...], folder: Path) -> Section:
 def _lines(run: View) -> Iterator[tuple[str, str]]:
     config, marks = run.config, run.marks
     c, sampler = run.sampled.convergence, config.sampler
-    experiment = run.problem.experiment
-    length = experiment.t[-1] - experiment.t[0]
     yield "config", config.name
     yield "run", f"{marks[provenance.RUN_MARK]}, a digest of all that decides the chain"
-    yield "record", f"`{Path(config.record.file).name}`: {marks['Record']} over {length:g} s"
-    yield "channels", ", ".join(experiment.names)
+    yield from records(run.problem, config)
     yield "model", words.model(run.problem)
     yield "seed", marks["Seed"]
     yield (
@@ -64,6 +64,17 @@ def _lines(run: View) -> Iterator[tuple[str, str]]:
     yield "versions", marks["Versions"]
     if run.seconds:
         yield "seconds", ", ".join(f"{name} {value:.1f}" for name, value in run.seconds.items())
+
+
+def records(problem: Problem, config: Config) -> Iterator[tuple[str, str]]:
+    """The file of each experiment, and its channels."""
+    every = provenance.records(problem)
+    for one in problem.observations:
+        ending = f" of {one.label}" if one.label else ""
+        file = Path(experiments.of(config, one.label).record.file).name
+        length = one.experiment.t[-1] - one.experiment.t[0]
+        yield f"record{ending}", f"`{file}`: {every[one.label]} over {length:g} s"
+        yield f"channels{ending}", ", ".join(one.experiment.names)
 
 
 def _digests(folder: Path) -> Iterator[str]:

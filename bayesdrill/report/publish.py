@@ -24,12 +24,13 @@ from bayesdrill.report import (
     tables,
     verdict_words,
 )
-from bayesdrill.report.figures import FIGURES, drawing, drawn
+from bayesdrill.report.figures import FIGURES, drawings, drawn
 from bayesdrill.report.run_report import sections
 from bayesdrill.report.sections import Picture, as_markdown
 from bayesdrill.report.view import Drawing, View
 from bayesdrill.report.widths import DPI
 from bayesdrill.results.run_folder import Folder
+from bayesdrill.setup.output_entries import MOST_NAMED
 
 if TYPE_CHECKING:
     from xarray import DataTree
@@ -58,6 +59,9 @@ TABLES: Mapping[str, Callable[[View], str | None]] = MappingProxyType(
 )
 
 
+_SEVERAL = tuple(f"fit_{k}" for k in range(1, MOST_NAMED + 1))  # of as many experiments
+
+
 def everything(view: View, folder: Folder, crew: Crew) -> tuple[str, ...]:
     """What could not be made, and why; all else is written.
 
@@ -68,14 +72,13 @@ def everything(view: View, folder: Folder, crew: Crew) -> tuple[str, ...]:
     tasks: list[tuple[str, str, Future[None]]] = []
     wanted = drawn(output.figures)
     folder.take_away(
-        set(own_files.figures(*FIGURES, formats=own_files.FORMATS))
+        set(own_files.figures(*FIGURES, *_SEVERAL, formats=own_files.FORMATS))
         - set(own_files.figures(*wanted, formats=output.formats))
     )
     for name in wanted:
         with sparing.making(f"figures/{name}"):
-            found = drawing(name, view)
-            if found is not None:
-                tasks.append((name, found.says, crew.submit(draw, name, found, *place)))
+            for stem, found in drawings(name, view).items():
+                tasks.append((stem, found.says, crew.submit(draw, stem, found, *place)))
     # While others draw, the rest.
     for name, table in TABLES.items():
         with sparing.making(name):

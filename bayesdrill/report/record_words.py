@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
 from bayesdrill.basics import symbols, units
+from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.problem import Problem
 from bayesdrill.insight import suspicions as suspected
 from bayesdrill.report.sections import aligned
-from bayesdrill.setup import build
+from bayesdrill.setup import build, experiments
 from bayesdrill.setup.config import Column, Config, TimeColumn
 
 Array = NDArray[np.float64]
@@ -18,8 +21,14 @@ HEADERS = ("", "measures", "column", "unit", "first", "from", "to")
 
 
 def columns(problem: Problem, config: Config) -> str:
-    """Time, channels and measured inputs, in the units of their columns."""
-    experiment = problem.experiment
+    """Of each record: time, channels and measured inputs, in the units of their columns."""
+    return "\n".join(
+        _columns(one, problem, experiments.of(config, one.label)) for one in problem.observations
+    )
+
+
+def _columns(one: Observation, problem: Problem, config: Config) -> str:
+    experiment = one.experiment
     lines: list[tuple[str, ...]] = [HEADERS]
     time = config.record.time
     if isinstance(time, TimeColumn):
@@ -35,24 +44,29 @@ def columns(problem: Problem, config: Config) -> str:
         lines.append(_line(name, f"input, hold: {held}", given, experiment.series[name] / factor))
     step, first = experiment.dt, experiment.t[0]
     sampling = f"a sample every {step:.6g} s ({1 / step:.6g} Hz), the first at {first:.6g} s"
-    return f"columns ({sampling}):\n{aligned(lines, left={0, 1, 2, 3})}"
+    ending = f" of {one.label}" if one.label else ""
+    return f"columns{ending} ({sampling}):\n{aligned(lines, left={0, 1, 2, 3})}"
 
 
 def suspicions(problem: Problem, config: Config) -> tuple[str, ...]:
     """What a wrong column, unit or counter would look like, and this record does."""
-    measured = build.channels(config, problem.model)
-    factors = [entry.factor for entry in measured]
-    alone = suspected.of_record(problem.experiment, factors, suspected.gear_of(problem))
-    return (*alone, *suspected.of_start(problem))
+    found: list[str] = []
+    for one in problem.observations:
+        measured = build.channels(experiments.of(config, one.label), problem.model)
+        factors = [entry.factor for entry in measured]
+        said = suspected.of_record(one.experiment, factors, suspected.gear_of(problem))
+        found += [f"{one.label}, {each}" if one.label else each for each in said]
+    return (*found, *suspected.of_start(problem))
 
 
 def _line(name: str, measures: str, spec: Column, values: Array) -> tuple[str, ...]:
     where = [text for text in (spec.variable, spec.column) if text is not None]
-    numbers = (values[0], values.min(), values.max())
+    there = values[~np.isnan(values)]
+    numbers = (there[0], there.min(), there.max()) if len(there) else ()
     return (
         f"  {name}",
         measures,
         " ".join(map(str, where)),
         spec.unit,
-        *(f"{x:.5g}" for x in numbers),
+        *(f"{x:.5g}" for x in numbers or (math.nan,) * 3),
     )

@@ -24,7 +24,7 @@ def sentences(found: Sequence[Left], clock: Unit) -> str:
         )
     if far := _worst(found, "far", "farthest"):
         each = ", ".join(
-            f"{one.channel} {one.farthest:.3g} at {one.time / clock.factor:.4g} {clock.name}"
+            f"{one.name} {one.farthest:.3g} at {one.time / clock.factor:.4g} {clock.name}"
             for one in far
         )
         lines.append(
@@ -68,6 +68,7 @@ def as_data(found: Sequence[Left]) -> list[dict[str, Any]]:
     return [
         {
             "channel": one.channel,
+            **({"experiment": one.experiment} if one.experiment else {}),
             "rms_over_sigma": round(one.rms, 5),
             "rms_over_spread": None if math.isnan(one.share) else round(one.share, 7),
             "correlation": round(one.correlation, 5),
@@ -94,13 +95,13 @@ def _worst(found: Sequence[Left], which: str, by: str) -> list[Left]:
 
 
 def _each(found: Sequence[Left], what: str) -> str:
-    return ", ".join(f"{one.channel} {getattr(one, what):.3g}" for one in found)
+    return ", ".join(f"{one.name} {getattr(one, what):.3g}" for one in found)
 
 
 def _shares(found: Sequence[Left]) -> str:
     """In per cent, of channels that have a spread."""
     seen = [one for one in found if not math.isnan(one.share)]
-    each = [f"{percent(one.share)} ({one.channel})" for one in seen]
+    each = [f"{percent(one.share)} ({one.name})" for one in seen]
     return ", ".join(each) or "nothing to speak of"
 
 

@@ -110,12 +110,12 @@ class View:
     @cached_property
     def units(self) -> OwnUnits:
         """In which people are shown unknowns and what follows from them."""
-        return OwnUnits.of(self.config, self.problem.experiment.channels)
+        return OwnUnits.of(self.config, self.problem)
 
     @property
     def clock(self) -> Unit:
         """In which people are told times."""
-        return own_units.clock(self.config, self.problem.experiment.t[-1])
+        return own_units.clock(self.config, self.problem)
 
     def shown(self, names: Sequence[str] | None = None) -> Shown:
         """For figures: the unknowns of these names, or all where none is among them."""

@@ -21,17 +21,26 @@ from bayesdrill.setup.own_units import OwnUnits
 
 def opening(problem: Problem, own: OwnUnits) -> str:
     """What goes in."""
-    experiment, space = problem.experiment, problem.posterior.space
-    length = experiment.t[-1] - experiment.t[0]
+    space = problem.posterior.space
     held = ", ".join(f"{name} = {own.said(name, value)}" for name, value in space.fixed.items())
     tied = ", ".join(f"{name} = {relation.text}" for name, relation in space.relations.items())
     return (
-        f"record: {len(experiment.t)} samples of {', '.join(experiment.names)} over {length:g} s\n"
-        f"model: {model(problem)}\n"
+        f"{records(problem)}\nmodel: {model(problem)}\n"
         f"unknown: {', '.join(space.free)}"
         + (f"\ntied: {tied}" if tied else "")
         + (f"\nheld: {held}" if held else "")
     )
+
+
+def records(problem: Problem) -> str:
+    """A line for each."""
+    lines = []
+    for one in problem.observations:
+        experiment, ending = one.experiment, f" {one.label}" if one.label else ""
+        length = experiment.t[-1] - experiment.t[0]
+        channels = ", ".join(experiment.names)
+        lines.append(f"record{ending}: {len(experiment.t)} samples of {channels} over {length:g} s")
+    return "\n".join(lines)
 
 
 def model(problem: Problem) -> str:
@@ -68,21 +77,24 @@ def _unit(symbol: Symbol) -> str:
 
 def predictive_draws(problem: Problem, config: Config) -> int:
     """Of each ensemble: as many as the config asks for, or as there is room for."""
-    experiment, wanted = problem.experiment, config.output.predictive_draws
-    shape = (config.sampler.ensembles, len(experiment.t), len(experiment.channels))
-    return sizes.predictive_draws(wanted, *shape)
+    wanted = config.output.predictive_draws
+    return sizes.predictive_draws(wanted, config.sampler.ensembles, _numbers(problem))
+
+
+def _numbers(problem: Problem) -> int:
+    """That are predicted, of all channels."""
+    return sum(one.experiment.y.size for one in problem.observations)
 
 
 def size(problem: Problem, config: Config) -> str:
     """What the results will hold at most."""
-    sampler, experiment = config.sampler, problem.experiment
-    unknowns, samples = len(problem.names), len(experiment.t)
+    sampler, unknowns = config.sampler, len(problem.names)
     steps = min(
         sampler.max_steps, sizes.steps_of_chain(sampler.ensembles, sampler.walkers, unknowns)
     )
     chain = 8 * steps * sampler.ensembles * sampler.walkers * (unknowns + 1)
     draws, wanted = predictive_draws(problem, config), config.output.predictive_draws
-    predicted = 8 * draws * sampler.ensembles * samples * len(experiment.channels)
+    predicted = 8 * draws * sampler.ensembles * _numbers(problem)
     fewer = f", not {wanted}: those are too many for this record" if draws < wanted else ""
     return (
         f"size at most: chain {_megabytes(chain)} ({steps} steps), {draws} predictive draws of each "

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -12,8 +13,11 @@ from xarray import DataTree
 
 from bayesdrill.basics.symbols import INPUTS
 from bayesdrill.engines.sampling import Sampled
+from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.problem import Problem
+from bayesdrill.inference.unknowns import of_label
 from bayesdrill.insight.derived import Derived
+from bayesdrill.record.experiment import Channel
 
 Array = NDArray[np.float64]
 
@@ -37,11 +41,10 @@ def make_tree(
     """
     draws = sampled.draws
     chosen = np.unique(np.linspace(0, draws.shape[1] - 1, predictive_draws).astype(int))
-    experiment = problem.experiment
     predictive, pointwise = _predict(problem, draws[:, chosen], rng)
+    columns = _columns(problem)
     prior = problem.posterior.space.draw(PRIOR_DRAWS, prior_rng)[None]
-    time = {name: ["time"] for name in experiment.names}
-    inputs = {name: np.asarray(value) for name, value in experiment.constant.items()}
+    inputs, clocks = _inputs(problem)
     tree: DataTree = from_dict(
         {
             "posterior": _named(problem, draws),
@@ -59,11 +62,14 @@ def make_tree(
         {
             "posterior_predictive": predictive,
             "log_likelihood": pointwise,
-            "observed_data": dict(zip(experiment.names, experiment.y.T, strict=True)),
-            "constant_data": {**inputs, **experiment.series},
+            "observed_data": {c.name: c.one.experiment.y[:, c.place] for c in columns},
+            "constant_data": inputs,
         },
-        dims={**time, **{name: ["time"] for name in experiment.series}},
-        coords={"time": experiment.t, "draw": chosen},
+        dims={**{c.name: [c.clock] for c in columns}, **clocks},
+        coords={
+            **{_clock(one): one.experiment.t for one in problem.observations},
+            "draw": chosen,
+        },
     )
     for name, group in rest.children.items():
         tree[name] = group.copy()
@@ -79,20 +85,59 @@ def _predict(
     problem: Problem, draws: Array, rng: np.random.Generator
 ) -> tuple[dict[str, NDArray[np.float32]], dict[str, NDArray[np.float32]]]:
     """Predictive samples and pointwise log likelihood `(E, N, T)` per channel, in 32 bits."""
-    likelihood = problem.posterior.likelihood
-    shape = (*draws.shape[:2], len(problem.experiment.t))
-    names = problem.experiment.names
-    predictive = {name: np.empty(shape, np.float32) for name in names}
-    pointwise = {name: np.empty(shape, np.float32) for name in names}
+    space, columns = problem.posterior.space, _columns(problem)
+    shapes = {c.name: (*draws.shape[:2], len(c.one.experiment.t)) for c in columns}
+    predictive = {name: np.empty(shape, np.float32) for name, shape in shapes.items()}
+    pointwise = {name: np.empty(shape, np.float32) for name, shape in shapes.items()}
     for chain, theta in enumerate(draws):
-        signals = likelihood.signals(theta)
-        sigma = likelihood.own(theta)
-        fresh = likelihood.noise.draw(signals, sigma, rng)
-        log_p = likelihood.noise.pointwise(problem.experiment.y - signals, sigma)
-        for k, name in enumerate(names):
-            predictive[name][chain] = fresh[..., k]
-            pointwise[name][chain] = log_p[..., k]
+        full = space.full(theta)
+        for one in problem.observations:
+            signals, own = one.signals(full), theta[:, one.own]
+            fresh = one.noise.draw(signals, own, rng)
+            log_p = one.noise.pointwise(one.experiment.y - signals, own)
+            for c in (c for c in columns if c.one is one):
+                predictive[c.name][chain] = fresh[..., c.place]
+                pointwise[c.name][chain] = log_p[..., c.place]
     return predictive, pointwise
+
+
+@dataclass(frozen=True, slots=True)
+class _Column:
+    """A channel of one experiment: its name in the tree, and that of its clock."""
+
+    name: str
+    clock: str
+    one: Observation
+    place: int
+
+    @property
+    def channel(self) -> Channel:
+        return self.one.experiment.channels[self.place]
+
+
+def _clock(one: Observation) -> str:
+    return of_label("time", one.label)
+
+
+def _columns(problem: Problem) -> list[_Column]:
+    return [
+        _Column(of_label(name, one.label), _clock(one), one, place)
+        for one in problem.observations
+        for place, name in enumerate(one.experiment.names)
+    ]
+
+
+def _inputs(problem: Problem) -> tuple[dict[str, Any], dict[str, list[str]]]:
+    """Constant ones, then measured ones with the names of their clocks."""
+    found: dict[str, Any] = {}
+    clocks: dict[str, list[str]] = {}
+    for one in problem.observations:
+        for name, value in one.experiment.constant.items():
+            found[of_label(name, one.label)] = np.asarray(value)
+        for name, values in one.experiment.series.items():
+            found[of_label(name, one.label)] = values
+            clocks[of_label(name, one.label)] = [_clock(one)]
+    return found, clocks
 
 
 def _named(problem: Problem, draws: Array) -> dict[str, Array]:
@@ -104,14 +149,16 @@ def _describe(tree: DataTree, problem: Problem) -> None:
         for symbol in problem.symbols:
             tree[group][symbol.name].attrs.update(units=symbol.unit, long_name=symbol.meaning)
     for group in ("posterior_predictive", "observed_data"):
-        for channel in problem.experiment.channels:
-            tree[group][channel.name].attrs["units"] = channel.unit
-    for channel in problem.experiment.channels:
-        said = f"log density of each sample of {channel.name} in {channel.unit}"
-        tree["log_likelihood"][channel.name].attrs.update(units="1", long_name=said)
-    for name, values in tree["constant_data"].data_vars.items():
-        symbol = INPUTS[str(name)]
-        values.attrs.update(units=symbol.unit, long_name=symbol.meaning)
+        for c in _columns(problem):
+            tree[group][c.name].attrs["units"] = c.channel.unit
+    for c in _columns(problem):
+        said = f"log density of each sample of {c.name} in {c.channel.unit}"
+        tree["log_likelihood"][c.name].attrs.update(units="1", long_name=said)
+    for one in problem.observations:
+        for name in (*one.experiment.constant, *one.experiment.series):
+            values, symbol = tree["constant_data"][of_label(name, one.label)], INPUTS[name]
+            values.attrs.update(units=symbol.unit, long_name=symbol.meaning)
     for group in ("posterior_predictive", "log_likelihood", "observed_data", "constant_data"):
-        if "time" in tree[group].coords:
-            tree[group].coords["time"].attrs["units"] = "s"
+        for clock in map(_clock, problem.observations):
+            if clock in tree[group].coords:
+                tree[group].coords[clock].attrs["units"] = "s"

@@ -12,10 +12,11 @@ from typing import Any
 import bayesdrill
 from bayesdrill.basics.software import DECISIVE, in_words, versions
 from bayesdrill.basics.symbols import noise_name
+from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.problem import Problem
 from bayesdrill.record.experiment import Experiment
 from bayesdrill.results.run_folder import VERSION_OF
-from bayesdrill.setup import reading
+from bayesdrill.setup import experiments, reading
 from bayesdrill.setup.config import Config
 from bayesdrill.setup.own_units import OwnUnits
 from bayesdrill.setup.yaml_source import Source
@@ -29,13 +30,12 @@ def fingerprint(config: Config, problem: Problem) -> dict[str, str]:
     posterior, sampler = problem.posterior, config.sampler
     space = posterior.space
     return {
-        **_of_experiment(problem.experiment),
-        "the model": repr(posterior.likelihood.response.model),
+        **_of_experiments(problem),
+        "the model": repr(problem.model),
         **{f"the prior of {name}": repr(prior) for name, prior in space.priors.items()},
         **{f"{name}, which is held,": repr(value) for name, value in space.fixed.items()},
         **{f"the relation of {name}": r.text for name, r in space.relations.items()},
         "the start of the MAP search": repr(dict(space.start)),
-        **_of_noise(problem),
         **{f"map.{name}": repr(value) for name, value in config.map},
         "sampler.ensembles": str(sampler.ensembles),
         "sampler.walkers": str(sampler.walkers),
@@ -53,13 +53,12 @@ def settings(config: Config, problem: Problem, own: OwnUnits) -> dict[str, str]:
     posterior = problem.posterior
     space = posterior.space
     return {
-        **_of_experiment(problem.experiment),
-        "the model": repr(posterior.likelihood.response.model),
+        **_of_experiments(problem),
+        "the model": repr(problem.model),
         **{name: own.believed(name, prior) for name, prior in space.priors.items()},
         **{name: f"held at {own.said(name, value, 6)}" for name, value in space.fixed.items()},
         **{name: r.text for name, r in space.relations.items()},
-        **_of_noise(problem),
-        **_noise_held(problem, own),
+        **_noise_held(config, problem, own),
         "the seed": str(config.seed),
     }
 
@@ -69,11 +68,37 @@ def marks(config: Config, problem: Problem, burn_in: str) -> dict[str, str]:
     every = fingerprint(config, problem)
     return {
         RUN_MARK: _short("\n".join(f"{name}: {value}" for name, value in sorted(every.items()))),
-        "Record": every["the record"],
+        "Record": ", ".join(records(problem).values()),
         "Seed": str(config.seed),
         BURN_IN_MARK: burn_in,
         "Versions": in_words(),
     }
+
+
+def records(problem: Problem) -> dict[str, str]:
+    """How long each is, and a digest of it, by the names of experiments."""
+    return {one.label: _of_experiment(one.experiment)["the record"] for one in problem.observations}
+
+
+def _of_experiments(problem: Problem) -> dict[str, str]:
+    """Of several, each name with that of its experiment."""
+    found: dict[str, str] = {}
+    for one in problem.observations:
+        said = _of_experiment(one.experiment) | _of_sensors(one) | _of_noise(one)
+        found |= {_of(name, one): value for name, value in said.items()}
+    return found
+
+
+def _of(name: str, one: Observation) -> str:
+    return f"{name} of {one.label}" if one.label else name
+
+
+def _of_sensors(one: Observation) -> dict[str, str]:
+    """What they are told beside the rig's parameters, where there is anything."""
+    sensing = getattr(one.response, "sensing", None)
+    if sensing is None or sensing.nothing:
+        return {}
+    return {"the sensors and the start": repr(sensing)}
 
 
 def _of_experiment(experiment: Experiment) -> dict[str, str]:
@@ -96,20 +121,22 @@ def _of_experiment(experiment: Experiment) -> dict[str, str]:
     }
 
 
-def _of_noise(problem: Problem) -> dict[str, str]:
-    noise, names = problem.posterior.likelihood.noise, problem.experiment.names
+def _of_noise(one: Observation) -> dict[str, str]:
+    noise, names = one.noise, one.experiment.names
     kind = {} if noise.white else {"the kind of noise": _short(repr(noise))}
     return kind | {f"the noise of {names[k]}": repr(sigma) for k, sigma in noise.held().items()}
 
 
-def _noise_held(problem: Problem, own: OwnUnits) -> dict[str, str]:
+def _noise_held(config: Config, problem: Problem, own: OwnUnits) -> dict[str, str]:
     """Of channels whose noise is known."""
-    noise, names = problem.posterior.likelihood.noise, problem.experiment.names
-    known = {names[k]: sigma for k, sigma in noise.held().items() if isinstance(sigma, float)}
-    return {
-        f"the noise of {name}": own.said(noise_name(name), sigma, 6)
-        for name, sigma in known.items()
-    }
+    found = {}
+    for one in problem.observations:
+        names = one.experiment.names
+        for k, sigma in one.noise.held().items():
+            if isinstance(sigma, float):
+                shown = experiments.common_or_own(config, noise_name(names[k]), one.label)
+                found[_of(f"the noise of {names[k]}", one)] = own.said(shown, sigma, 6)
+    return found
 
 
 def resolved(config: Config, source: Source, folder: Path) -> str:
@@ -117,9 +144,19 @@ def resolved(config: Config, source: Source, folder: Path) -> str:
     from ruamel.yaml import YAML
 
     data: dict[str, Any] = config.model_dump(exclude_none=True)
-    record = reading.path_of(config, source)
-    # Links are resolved first: `..` in a path goes up from where a link leads to.
-    data["record"]["file"] = Path(os.path.relpath(record.resolve(), folder.resolve())).as_posix()
+    for view in experiments.views(config, source):
+        sections = data
+        if view.label:
+            own = view.config.model_dump(exclude_none=True)
+            sections = {key: own[key] for key in experiments.SECTIONS}
+            data["experiments"][view.label] = sections
+        record = reading.path_of(view.config, view.source)
+        # Links are resolved first: `..` in a path goes up from where a link leads to.
+        to_it = os.path.relpath(record.resolve(), folder.resolve())
+        sections["record"]["file"] = Path(to_it).as_posix()
+    if config.experiments:
+        for key in experiments.SECTIONS:  # those of the first, and no defaults of the others
+            del data[key]
     out = io.StringIO()
     yaml = YAML()
     yaml.width = 120

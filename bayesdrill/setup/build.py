@@ -35,7 +35,7 @@ from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.simulator import Simulator
 from bayesdrill.setup import beginning, number_entries, sensors
 from bayesdrill.setup.config import ChannelSpec, Config, InputColumn
-from bayesdrill.setup.experiments import View
+from bayesdrill.setup.experiments import View, common_or_own
 from bayesdrill.setup.number_objects import formula, prior, quantity, relation, rescaled, start
 from bayesdrill.setup.sensors import Declared
 
@@ -324,11 +324,6 @@ def problem(views: Sequence[View], experiments: Sequence[Experiment]) -> Problem
         | {of_label(n, label): tolerance(config)[n] for n in config.own for label in labels},
         derived=tuple(formula(config, rig, name) for name in config.derived),
     )
-
-
-def common_or_own(config: Config, name: str, label: str) -> str:
-    """What an unknown of one experiment is called among those of all."""
-    return name if name in config.shared else of_label(name, label)
 
 
 def noise_of(config: Config, model: Model, experiment: Experiment) -> Noise:

@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from bayesdrill.inference.unknowns import of_label
 from bayesdrill.setup.config import Config
 from bayesdrill.setup.yaml_source import Place, Source
 
@@ -57,6 +58,11 @@ def of(config: Config, label: str) -> Config:
         return config
     data = config.model_dump(exclude_unset=True, exclude={EXPERIMENTS, "shared", "own", *SECTIONS})
     return Config.model_validate(data | config.experiments[label].model_dump(exclude_unset=True))
+
+
+def common_or_own(config: Config, name: str, label: str) -> str:
+    """What an unknown of one experiment is called among those of all."""
+    return name if name in config.shared else of_label(name, label)
 
 
 def _is_one(own: Any) -> bool:

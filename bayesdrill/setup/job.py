@@ -35,12 +35,12 @@ class Job:
     @property
     def units(self) -> OwnUnits:
         """In which people are shown what is inferred."""
-        return OwnUnits.of(self.config, self.problem.experiment.channels)
+        return OwnUnits.of(self.config, self.problem)
 
     @property
     def clock(self) -> Unit:
         """In which they are told times."""
-        return own_units.clock(self.config, self.problem.experiment.t[-1])
+        return own_units.clock(self.config, self.problem)
 
 
 def prepare(path: Path) -> Job:

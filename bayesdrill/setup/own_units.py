@@ -16,8 +16,11 @@ from numpy.typing import NDArray
 from bayesdrill.basics import symbols, units
 from bayesdrill.basics.symbols import Symbol, plain
 from bayesdrill.basics.units import Unit
+from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.priors import InUnits, Prior
+from bayesdrill.inference.problem import Problem
 from bayesdrill.record.experiment import Channel
+from bayesdrill.setup import experiments, sensors
 from bayesdrill.setup.config import Column, Config, TimeColumn
 from bayesdrill.setup.number_entries import PriorBase, Quantity
 
@@ -32,9 +35,9 @@ def time(config: Config) -> Unit:
     return units.shown(spec.unit if isinstance(spec, TimeColumn) else "s", "s")
 
 
-def clock(config: Config, last: float) -> Unit:
-    """That of the time column, for times up to the `last` [s], unless they are very many."""
-    unit = time(config)
+def clock(config: Config, problem: Problem) -> Unit:
+    """That of the time column, unless times in it are very many; of several experiments, the first's."""
+    unit, last = time(config), max(one.experiment.t[-1] for one in problem.observations)
     return SECOND if last / unit.factor >= MANY else unit
 
 
@@ -70,9 +73,9 @@ class OwnUnits:
     units: Mapping[str, Unit]
 
     @classmethod
-    def of(cls, config: Config, channels: Iterable[Channel]) -> OwnUnits:
-        """Each as it was declared: noise in the unit of its column, quantities and formulas in that of
-        their entry.
+    def of(cls, config: Config, problem: Problem) -> OwnUnits:
+        """Each as it was declared: noise and offsets in the unit of their column, quantities and formulas
+        in that of their entry.
         """
         own = {
             name: spec.unit
@@ -80,8 +83,10 @@ class OwnUnits:
             if isinstance(spec, PriorBase | Quantity)
         }
         own |= {name: spec.unit for name, spec in config.derived.items()}
-        noise = {symbols.noise_name(one.name): channel(config, one) for one in channels}
-        return cls(noise | {name: units.shown(unit) for name, unit in own.items()})
+        sensed: dict[str, Unit] = {}
+        for observation in problem.observations:
+            sensed |= _of_experiment(config, problem, observation)
+        return cls(sensed | {name: units.shown(unit) for name, unit in own.items()})
 
     def over(self, others: OwnUnits) -> OwnUnits:
         """These, and those of others where these say nothing."""
@@ -137,6 +142,20 @@ class OwnUnits:
 
 
 SI = OwnUnits({})
+
+
+def _of_experiment(config: Config, problem: Problem, observation: Observation) -> dict[str, Unit]:
+    """Of its noise, its sensors and its start."""
+    label = observation.label
+    alone = experiments.of(config, label)
+    found = {
+        symbols.noise_name(one.name): channel(alone, one) for one in observation.experiment.channels
+    }
+    for entry in sensors.entries(alone, problem.model):
+        told = sensors.declared(entry)
+        if told.unit != told.symbol.unit:
+            found[told.name] = units.shown(told.unit, told.symbol.unit)
+    return {experiments.common_or_own(config, name, label): unit for name, unit in found.items()}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

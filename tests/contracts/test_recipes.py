@@ -18,7 +18,7 @@ from pictures import clashes, drawn
 import bayesdrill as bd
 from bayesdrill.basics import own_files
 from bayesdrill.basics.own_files import POSTERIOR
-from bayesdrill.report.figures import FIGURES
+from bayesdrill.report.figures import FIGURES, drawings
 from bayesdrill.report.view import View
 from bayesdrill.report.widths import WIDTHS
 
@@ -92,8 +92,7 @@ def sized(view: View, size: str) -> View:
 
 
 def figure_of(name: str, view: View) -> Figure:
-    drawing = FIGURES[name](view)
-    assert drawing is not None
+    (drawing,) = drawings(name, view).values()
     other = pickle.loads(pickle.dumps(drawing))  # as a worker gets it
     return drawn(other.drawn())
 
@@ -140,8 +139,7 @@ def test_it_speaks_the_units_of_the_user(name: str, size: str) -> None:
 def test_numbers_in_the_units_of_the_user_are_those_of_the_record() -> None:
     """Mutants killed: SI under another unit; a factor upside down; a prior left in SI."""
     view = abroad()._view
-    drawing = FIGURES["fit"](view)
-    assert drawing is not None
+    (drawing,) = drawings("fit", view).values()
     fit, _ = drawing.arguments
     assert fit.t[-1] == pytest.approx(4000.0)
     twist, motor = fit.signals

@@ -18,7 +18,7 @@ from bayesdrill.basics.symbols import Symbol
 from bayesdrill.inference import residual_checks
 from bayesdrill.report import style
 from bayesdrill.report.fit_plot import corners, extremes, fit_figure
-from bayesdrill.report.fitted import TIME, Course, Fit, Signal, fitted
+from bayesdrill.report.fitted import TIME, Course, Fit, Signal, every_fit
 
 Array = NDArray[np.float64]
 ROOT = Path(__file__).parent.parent.parent
@@ -172,6 +172,6 @@ def test_times_of_very_many_units_are_in_seconds(
     space, likelihood = problem.posterior.space, problem.posterior.likelihood
     at = space.vector(space.start)
     left = residual_checks.left(likelihood, at)
-    fit = fitted(problem, case.job.config, at, left)
+    (fit,) = every_fit(problem, case.job.config, at, left)
     assert fit.time.latex_unit == unit
     assert fit.t[-1] == pytest.approx(end)

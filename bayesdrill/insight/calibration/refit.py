@@ -115,16 +115,19 @@ def _simulated(posterior: Posterior, rng: np.random.Generator) -> tuple[Array, P
     likelihood = posterior.likelihood
     for _ in range(TRIES):
         theta = posterior.space.draw(1, rng)
-        signals = likelihood.signals(theta)
+        signals = likelihood.every_signal(theta)
         # Where the model overflows the posterior is zero: such unknowns are no part of the prior.
-        if np.all(np.isfinite(signals)):
+        if all(np.all(np.isfinite(each)) for each in signals):
             break
     else:
         message = f"the model has no finite response at {TRIES} draws from the priors; narrow them"
         raise InputError.one("parameters", message)
-    y = likelihood.noise.draw(signals, likelihood.own(theta), rng)[0]
-    made = likelihood.with_alone(response=likelihood.response.with_record(y))
-    return theta[0], dataclasses.replace(posterior, likelihood=made)
+    made = [
+        one.with_record(one.noise.draw(each, theta[:, one.own], rng)[0])
+        for one, each in zip(likelihood.observations, signals, strict=True)
+    ]
+    simulated = dataclasses.replace(likelihood, observations=tuple(made))
+    return theta[0], dataclasses.replace(posterior, likelihood=simulated)
 
 
 def fitted(study: Study, posterior: Posterior, seed: int) -> tuple[mode.Mode, Sampled]:
