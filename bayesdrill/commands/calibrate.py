@@ -30,7 +30,7 @@ from bayesdrill.report.sections import Section, as_markdown, markdown
 from bayesdrill.results import provenance, run_folder
 from bayesdrill.results.chain_files import COMPUTED_AGAIN
 from bayesdrill.results.run_folder import Folder
-from bayesdrill.setup import build, loading, reading, simulating
+from bayesdrill.setup import build, loading, reading, simulating, sources
 from bayesdrill.setup.job import Job
 
 RANKS = "ranks.csv"
@@ -53,7 +53,7 @@ class Outcome:
 def prepare(path: Path) -> Job:
     """As `job.prepare`, but nothing has to be measured yet where `simulation:` gives times."""
     config, source = loading.load(path)
-    there = reading.path_of(config, source).exists()
+    there = all(path.exists() for path in sources.paths(config, source))
     read: Callable[..., Experiment] = reading.read if there else simulating.grid
     experiment = read(config, source)
     # What was measured plays no part, and so must not stop a calibration from being resumed.

@@ -19,7 +19,7 @@ from bayesdrill.commands.concluding import concluded
 from bayesdrill.report import overlay_report, publish
 from bayesdrill.report.overlay_report import OverlayReport
 from bayesdrill.results import provenance, run_folder
-from bayesdrill.setup import loading, yaml_source
+from bayesdrill.setup import loading, sources, yaml_source
 from bayesdrill.setup.config import Config
 
 SAME = 1e-6  # relative: numbers that other versions of a library round otherwise
@@ -173,7 +173,8 @@ def _settings(path: Path) -> dict[str, Any] | None:
     except InputError:
         return None
     settings = config.model_dump(exclude_none=True)
-    settings["record"].pop("file")
+    for section, key in sources.named_in(settings):
+        del section[key]
     return settings
 
 

@@ -26,7 +26,7 @@ from bayesdrill.report import (
 from bayesdrill.report.sections import Note, Picture, Section, Sentences, as_markdown, as_text
 from bayesdrill.report.view import Drawing
 from bayesdrill.results import provenance
-from bayesdrill.setup import build
+from bayesdrill.setup import build, sources
 from bayesdrill.setup.config import Config
 
 Array = NDArray[np.float64]
@@ -94,7 +94,7 @@ class MapReport:
         marks = provenance.marks(config, self.problem, "")
         lines = (
             ("config", config.name),
-            ("record", f"`{Path(config.record.file).name}`: {marks['Record']}"),
+            ("record", f"{sources.named(config)}: {marks['Record']}"),
             ("model", words.model(self.problem)),
             ("seed", marks["Seed"]),
             ("versions", marks["Versions"]),

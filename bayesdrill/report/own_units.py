@@ -13,8 +13,9 @@ from bayesdrill.basics import symbols, units
 from bayesdrill.basics.symbols import Symbol
 from bayesdrill.inference.priors import InUnits, Prior
 from bayesdrill.record.experiment import Channel
-from bayesdrill.setup.config import Column, Config, TimeColumn
+from bayesdrill.setup.config import Config
 from bayesdrill.setup.number_entries import PriorBase, Quantity
+from bayesdrill.setup.record_entries import Column, TimeColumn
 
 Array = NDArray[np.float64]
 

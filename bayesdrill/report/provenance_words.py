@@ -14,6 +14,7 @@ from bayesdrill.report.sections import Note, Plain, Section, Sentences, Table
 from bayesdrill.report.view import View
 from bayesdrill.results import provenance
 from bayesdrill.results.run_folder import CHAIN, read_run
+from bayesdrill.setup import sources
 
 CHECKED = (
     "`bayesdrill verify` computes the tables again from the chain and says whether config, record, "
@@ -52,7 +53,7 @@ def _lines(run: View) -> Iterator[tuple[str, str]]:
     length = experiment.t[-1] - experiment.t[0]
     yield "config", config.name
     yield "run", f"{marks[provenance.RUN_MARK]}, a digest of all that decides the chain"
-    yield "record", f"`{Path(config.record.file).name}`: {marks['Record']} over {length:g} s"
+    yield "record", f"{sources.named(config)}: {marks['Record']} over {length:g} s"
     yield "channels", ", ".join(experiment.names)
     yield "model", words.model(run.problem)
     yield "seed", marks["Seed"]

@@ -8,11 +8,15 @@ from numpy.typing import NDArray
 from bayesdrill.basics import symbols, units
 from bayesdrill.inference.problem import Problem
 from bayesdrill.insight import suspicions as suspected
+from bayesdrill.record import clocks
 from bayesdrill.report.sections import aligned
 from bayesdrill.setup import build
-from bayesdrill.setup.config import Column, Config, TimeColumn
+from bayesdrill.setup.config import Config
+from bayesdrill.setup.record_entries import Column, TimeColumn
 
 Array = NDArray[np.float64]
+
+FEW, ALL = 3, 50  # places of what is odd that a report names, and `check`
 
 HEADERS = ("", "measures", "column", "unit", "first", "from", "to")
 
@@ -33,22 +37,37 @@ def columns(problem: Problem, config: Config) -> str:
     for name, given in build.measured_inputs(config).items():
         factor = units.factor(given.unit, symbols.INPUTS[name].unit)
         lines.append(_line(name, f"input, hold: {held}", given, experiment.series[name] / factor))
-    step, first = experiment.dt, experiment.t[0]
-    sampling = f"a sample every {step:.6g} s ({1 / step:.6g} Hz), the first at {first:.6g} s"
+    sampling = clocks.in_words(experiment.t)
     return f"columns ({sampling}):\n{aligned(lines, left={0, 1, 2, 3})}"
 
 
-def suspicions(problem: Problem, config: Config) -> tuple[str, ...]:
-    """What a wrong column, unit or counter would look like, and this record does."""
+def made(problem: Problem) -> tuple[str, ...]:
+    """What times the record has, where its steps are not equal, and what was done to its numbers."""
+    experiment = problem.experiment
+    times = () if experiment.uniform else (f"times: {clocks.in_words(experiment.t)}",)
+    seen = dict(zip(experiment.names, experiment.counts, strict=True))
+    every = ", ".join(f"{count} of {name}" for name, count in seen.items())
+    total = len(experiment.t)
+    some = (f"measured: {every}, at {total} times",) if set(seen.values()) != {total} else ()
+    return (*times, *some, *experiment.told)
+
+
+def suspicions(problem: Problem, config: Config, most: int = FEW) -> tuple[str, ...]:
+    """What a wrong column, unit, counter or sensor would look like, and this record does.
+
+    `most`: how many places of each are named.
+    """
+    odd = tuple(one.in_words(most) for one in problem.experiment.odd)
     measured = build.channels(config, problem.posterior.likelihood.response.model)
     factors = [entry.factor for entry in measured]
     alone = suspected.of_record(problem.experiment, factors, suspected.gear_of(problem))
-    return (*alone, *suspected.of_start(problem))
+    return (*odd, *alone, *suspected.of_start(problem))
 
 
 def _line(name: str, measures: str, spec: Column, values: Array) -> tuple[str, ...]:
     where = [text for text in (spec.variable, spec.column) if text is not None]
-    numbers = (values[0], values.min(), values.max())
+    known = values[~np.isnan(values)]
+    numbers = (known[0], known.min(), known.max())
     return (
         f"  {name}",
         measures,

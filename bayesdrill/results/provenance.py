@@ -14,7 +14,7 @@ from bayesdrill.basics.software import DECISIVE, in_words, versions
 from bayesdrill.inference.problem import Problem
 from bayesdrill.record.experiment import Experiment
 from bayesdrill.results.run_folder import VERSION_OF
-from bayesdrill.setup import reading
+from bayesdrill.setup import sources
 from bayesdrill.setup.config import Config
 from bayesdrill.setup.yaml_source import Source
 
@@ -104,9 +104,10 @@ def resolved(config: Config, source: Source, folder: Path) -> str:
     from ruamel.yaml import YAML
 
     data: dict[str, Any] = config.model_dump(exclude_none=True)
-    record = reading.path_of(config, source)
-    # Links are resolved first: `..` in a path goes up from where a link leads to.
-    data["record"]["file"] = Path(os.path.relpath(record.resolve(), folder.resolve())).as_posix()
+    for section, key in sources.named_in(data):
+        # Links are resolved first: `..` in a path goes up from where a link leads to.
+        record = (source.path.parent / section[key]).resolve()
+        section[key] = Path(os.path.relpath(record, folder.resolve())).as_posix()
     out = io.StringIO()
     yaml = YAML()
     yaml.width = 120

@@ -32,8 +32,9 @@ from bayesdrill.rig.models import MODELS
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.response import Response
 from bayesdrill.setup import number_entries
-from bayesdrill.setup.config import ChannelSpec, Config, InputColumn
+from bayesdrill.setup.config import ChannelSpec, Config
 from bayesdrill.setup.number_objects import formula, prior, quantity, relation, rescaled, start
+from bayesdrill.setup.record_entries import InputColumn
 
 
 @dataclass(frozen=True, slots=True)
@@ -230,7 +231,9 @@ def noise(channels: Sequence[Measured], n_samples: int) -> Noise:
 
 
 def channels(config: Config, model: Model) -> list[Measured]:
-    return [measured(name, spec, model.states) for name, spec in config.record.channels.items()]
+    """Those that are evidence: what is only derived from another is not."""
+    every = config.record.channels.items()
+    return [measured(name, spec, model.states) for name, spec in every if spec.derived_from is None]
 
 
 def problem(config: Config, experiment: Experiment) -> Problem:

@@ -37,6 +37,15 @@ from bayesdrill.setup.number_entries import (
     shape,
 )
 from bayesdrill.setup.output_entries import MOST_NAMED, OutputSpec
+from bayesdrill.setup.record_entries import (
+    Column,
+    DecimateSpec,
+    InputColumn,
+    Series,
+    TimeSpec,
+    Windows,
+    WrapsEntry,
+)
 
 Searches = Annotated[int, Field(ge=1, le=1000)]
 
@@ -46,12 +55,6 @@ def _shape(value: Any) -> str:
     if isinstance(value, dict):
         return "<column>" if "column" in value or "variable" in value else "<mapping>"
     return "<column>" if isinstance(value, Column) else shape(value)
-
-
-def _time_shape(value: Any) -> str:
-    """A time entry without `rate` is a column, however its keys are misspelt."""
-    rate = "rate" in value if isinstance(value, dict) else isinstance(value, TimeRate)
-    return "<mapping>" if rate else "<column>"
 
 
 class DerivedSpec(Strict):
@@ -64,30 +67,6 @@ def _formula_alone(value: Any) -> Any:
     return {"formula": value} if isinstance(value, str) else value
 
 
-class Column(Strict):
-    """Where numbers stand: a column or variable by name, or a column number from 1."""
-
-    column: str | Count | None = None
-    variable: str | None = Field(
-        None, description="Of a file of arrays; dotted for fields, a path in HDF5."
-    )
-    unit: str
-
-
-class TimeColumn(Column):
-    pass
-
-
-class TimeRate(Strict):
-    rate: Positive = Field(description="Samples per second, for records without a time column.")
-
-
-class InputColumn(Column):
-    hold: Literal["zero", "first"] = Field(
-        "zero", description="Between samples: constant (zero) or linear (first order)."
-    )
-
-
 Value = Annotated[
     Annotated[Number, Tag("<number>")] | Annotated[Quantity, Tag("<mapping>")],
     Discriminator(_shape),
@@ -97,10 +76,6 @@ InputSpec = Annotated[
     | Annotated[Quantity, Tag("<mapping>")]
     | Annotated[InputColumn, Tag("<column>")],
     Discriminator(_shape),
-]
-TimeSpec = Annotated[
-    Annotated[TimeColumn, Tag("<column>")] | Annotated[TimeRate, Tag("<mapping>")],
-    Discriminator(_time_shape),
 ]
 
 
@@ -121,7 +96,7 @@ def _named_noise(value: Any) -> Any:
     return {"name": value} if isinstance(value, str) else value
 
 
-class ChannelSpec(Column):
+class ChannelSpec(Series):
     measures: str | None = Field(
         None,
         description="Linear combination of theta_1, theta_2, w_1, w_2, i; default: the channel's name.",
@@ -130,6 +105,13 @@ class ChannelSpec(Column):
         description="Noise standard deviation in the column's unit, or its prior when unknown."
     )
     noise: Annotated[NoiseSpec, BeforeValidator(_named_noise)] = NoiseSpec()
+    wraps: WrapsEntry | None = Field(
+        None,
+        description="An angle that begins again: `true` after a turn, or after so much [unit].",
+    )
+    derived_from: str | None = Field(
+        None, description="The channel of which this one is the derivative: it is no evidence."
+    )
 
 
 class RecordBase(Strict):
@@ -138,9 +120,13 @@ class RecordBase(Strict):
     file: str = Field(description="Relative to the folder of the config.")
     format: str | None = Field(None, description="Default: by the file's ending.")
     time: TimeSpec
-    window: Annotated[list[Number], Field(min_length=2, max_length=2)] | None = Field(
-        None, description="Use the samples from the first to the second time [s] only."
+    window: Windows | None = Field(
+        None, description="Use the samples from the first to the second time [s] only; or several."
     )
+    missing: Literal["drop"] | None = Field(
+        None, description="`drop`: of a channel, missing samples are left out; default: an error."
+    )
+    decimate: DecimateSpec | None = None
     channels: Annotated[dict[str, ChannelSpec], Field(min_length=1, max_length=MOST_NAMED)]
 
 
