@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from dataclasses import dataclass
 from functools import cache
@@ -40,6 +41,8 @@ def factor(unit: str, si: str) -> float:
     """How many `si` one `unit` is; raises `ValueError` with a message for the user."""
     if unit == si:
         return 1.0
+    if counts := _COUNT.fullmatch(unit.strip()):
+        return _of_count(int(counts[1]), unit, si)
     if not _written_as_a_unit(unit):
         raise ValueError(f"unit {_shown(unit)} cannot be read; write for example {_examples(si)}")
     import pint  # late: it takes 0.4 s to load, and most configs are in SI
@@ -61,6 +64,14 @@ def factor(unit: str, si: str) -> float:
             f"write {_examples(si)}"
         )
     return value
+
+
+def _of_count(turn: int, unit: str, si: str) -> float:
+    if si != "rad":
+        raise ValueError(f"unit '{unit}' is an angle, not a unit of {si}; write {_examples(si)}")
+    if turn == 0:
+        raise ValueError(f"unit '{unit}' has no counts in a turn; write for example count/4096")
+    return 2 * math.pi / turn
 
 
 # Units that are shown; what fits none of them is shown in kg, m, s, A.
@@ -106,6 +117,7 @@ def _same_base(one: Any, other: Any) -> bool:
 
 LONGEST = 60  # letters
 LARGEST = 1e30  # of one unit in another
+_COUNT = re.compile(r"counts?\s*/\s*(\d{1,9})")  # of an encoder: so many in a turn
 _POWER = re.compile(
     r"(\*\*|\^)\s*\(?\s*[-+]?\s*\d{1,2}(\.\d{1,3})?\s*\)?|[\u00b2\u00b3\u2070-\u207e]+|\s(squared|cubed)\b"
 )
@@ -140,7 +152,7 @@ def _registry() -> Any:
 def _examples(si: str) -> str:
     return {
         "s": "s or ms",
-        "rad": "rad, deg or revolution",
+        "rad": "rad, deg, revolution, or count/4096 of an encoder with 4096 counts in a turn",
         "rad/s": "rad/s, deg/s or rpm (a turn each second is revolution/s)",
         "A": "A or mA",
         "V": "V or mV",

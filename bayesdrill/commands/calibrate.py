@@ -32,7 +32,7 @@ from bayesdrill.report.widths import WIDTHS
 from bayesdrill.results import provenance, run_folder
 from bayesdrill.results.chain_files import COMPUTED_AGAIN
 from bayesdrill.results.run_folder import Folder
-from bayesdrill.setup import build, loading, reading, simulating
+from bayesdrill.setup import build, loading, reading, simulating, sources
 from bayesdrill.setup.experiments import views
 from bayesdrill.setup.job import Job
 
@@ -56,7 +56,11 @@ class Outcome:
 def prepare(path: Path) -> Job:
     """As `job.prepare`, but nothing has to be measured yet where `simulation:` gives times."""
     config, source = loading.load(path)
-    there = all(reading.path_of(v.config, v.source).exists() for v in views(config, source))
+    there = all(
+        path.exists()
+        for view in views(config, source)
+        for path in sources.paths(view.config, view.source)
+    )
     read: Callable[..., Experiment] = reading.read if there else simulating.grid
     every = views(config, source)
     records = [read(view.config, view.source) for view in every]

@@ -38,8 +38,9 @@ def concluded(
     at = problem.posterior.space.vector(found.values)
     course = (f"note: {one}" for one in plausibility.of_course(scenery, at))
     geared = (f"note: {one}" for one in plausibility.of_gear(problem))
+    made = (f"note: record: {one}" for one in record_words.made(problem))
     read = (f"note: record, {one}" for one in record_words.suspicions(problem, job.config))
-    notes = (*tables.notes(rows, job.units), *course, *geared, *read)
+    notes = (*tables.notes(rows, job.units), *course, *geared, *made, *read)
     return View(
         problem=problem,
         config=job.config,

@@ -37,7 +37,7 @@ from bayesdrill.report.view import View
 from bayesdrill.results import provenance, run_folder
 from bayesdrill.results.chain_files import COMPUTED_AGAIN
 from bayesdrill.results.run_folder import Folder
-from bayesdrill.setup import reading
+from bayesdrill.setup import sources
 from bayesdrill.setup.job import Job as Job
 from bayesdrill.setup.job import assemble as assemble
 from bayesdrill.setup.job import prepare as prepare
@@ -192,8 +192,8 @@ def write(job: Job, view: View, output: Path, record: str | None, *, force: bool
 
 def check_record(job: Job, output: Path, record: str | None) -> None:
     """Raises `InputError` where the record itself lies in `output`."""
-    place = reading.path_of(job.config, job.source).parent
-    if record is None and place.resolve() == output.resolve():
+    places = [path.parent.resolve() for path in sources.paths(job.config, job.source)]
+    if record is None and output.resolve() in places:
         raise InputError.one(str(output), "holds the record of this run; give another folder")
 
 

@@ -19,7 +19,7 @@ from bayesdrill.commands.concluding import concluded
 from bayesdrill.report import overlay_report, publish
 from bayesdrill.report.overlay_report import OverlayReport
 from bayesdrill.results import provenance, run_folder
-from bayesdrill.setup import loading, yaml_source
+from bayesdrill.setup import loading, sources, yaml_source
 from bayesdrill.setup.config import Config
 from bayesdrill.setup.own_units import SI
 
@@ -175,7 +175,8 @@ def _settings(path: Path) -> dict[str, Any] | None:
     except InputError:
         return None
     settings = config.model_dump(exclude_none=True)
-    settings["record"].pop("file")
+    for section, key in sources.named_in(settings):
+        del section[key]
     return settings
 
 

@@ -7,19 +7,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from itertools import groupby
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.problem import Problem
+from bayesdrill.record import angles
 from bayesdrill.record.experiment import Channel, Experiment
 
 Array = NDArray[np.float64]
 
-STUCK = 10  # samples at least
-RARE = 0.05  # share of steps that may be zero in a channel that has noise
 BITS = (12, 14, 16, 24, 32)  # of counters
 CALM = 0.4  # of a period: a larger step can only be a counter that ran over, and a smaller one none
 LIKE = 0.98  # R^2, of two columns that are one motion in different units
@@ -43,8 +41,8 @@ def of_record(
     """
     found = []
     for channel, values, factor in zip(experiment.channels, experiment.y.T, factors, strict=True):
-        found += _stuck(channel, experiment.t, values)
-        found += _overrun(channel, experiment.t, values, factor)
+        seen = ~np.isnan(values)
+        found += _overrun(channel, experiment.t[seen], values[seen], factor)
     return (*found, *_pairs(experiment, gear))
 
 
@@ -96,26 +94,6 @@ def _named(times: float, near: float, gear: float) -> str:
     return " and ".join(said for said in (units, signs) if said)
 
 
-def _stuck(channel: Channel, t: Array, y: Array) -> list[str]:
-    """A run of one value in a channel whose noise else makes no two samples the same."""
-    same = np.diff(y) == 0
-    runs, at = [], 0
-    for equal, group in groupby(same.tolist()):
-        count = sum(1 for _ in group)
-        if equal:
-            runs.append((count + 1, at))
-        at += count
-    length, begin = max(runs, default=(0, 0))
-    others = len(same) - length + 1
-    if length < STUCK or begin == 0 or np.sum(same) - length + 1 > RARE * others:
-        return []
-    return [
-        f"stuck: {channel.name} stays at exactly one value for {length} samples, from {t[begin]:.6g} "
-        f"to {t[begin + length - 1]:.6g} s, and elsewhere hardly ever repeats one; a sensor that was "
-        "stuck, cut off or at the end of its range? Cut these samples off (record.window)"
-    ]
-
-
 def _overrun(channel: Channel, t: Array, y: Array, factor: float) -> list[str]:
     """Jumps by the whole range of a counter, or by one turn, between steps that are small."""
     steps = np.abs(np.diff(y / factor))
@@ -128,7 +106,8 @@ def _overrun(channel: Channel, t: Array, y: Array, factor: float) -> list[str]:
             return [
                 f"overflow: {channel.name} jumps by about {period:.6g}, {said}, "
                 f"{int(np.sum(jumps))} times, first at {t[first + 1]:.6g} s; a counter that ran over? "
-                f"Unwrap the column: np.unwrap(x, period={period:.6g})"
+                f"Say wraps: {period:.6g} at {channel.name}, or unwrap the column: "
+                f"np.unwrap(x, period={period:.6g})"
             ]
     return []
 
@@ -148,9 +127,22 @@ def _pairs(experiment: Experiment, gear: float) -> list[str]:
     for angle, a in of:
         for speed, w in of:
             ratio = _ratio(angle, speed)
-            if ratio is not None:
-                found += _pair(angle.name, a, speed.name, w * ratio, experiment.dt, gear)
+            both = ~np.isnan(a) & ~np.isnan(w)
+            if ratio is not None and np.sum(both) > 2:
+                t = experiment.t[both]
+                found += _pair(angle.name, a[both], speed.name, w[both] * ratio, t, gear)
+            if ratio is not None and both.all() and experiment.uniform:
+                found += _differenced(angle.name, a, speed.name, w, experiment.dt)
     return found
+
+
+def _differenced(angle: str, a: Array, speed: str, w: Array, dt: float) -> list[str]:
+    if not angles.differenced(a, w, dt):
+        return []
+    return [
+        f"derived: the noise of {speed} is that of differences of {angle}; if it is no measurement of "
+        f"its own, it must not count twice: say derived_from: {angle} at {speed}, or leave it out"
+    ]
 
 
 def _ratio(angle: Channel, speed: Channel) -> float | None:
@@ -165,11 +157,11 @@ def _ratio(angle: Channel, speed: Channel) -> float | None:
     return ratios[0] if max(ratios) - min(ratios) < 1e-9 * abs(ratios[0]) else None
 
 
-def _pair(angle: str, a: Array, speed: str, w: Array, dt: float, gear: float) -> list[str]:
-    times, alike = _slope(_summed(w, dt), a)
+def _pair(angle: str, a: Array, speed: str, w: Array, t: Array, gear: float) -> list[str]:
+    times, alike = _slope(_summed(w, t), a)
     if alike > LIKE and 1 / FAR < times < FAR:
         return []
-    back, backwards = _slope(_summed(a, dt), w)
+    back, backwards = _slope(_summed(a, t), w)
     if backwards > LIKE and abs(back - 1) < 2 * NEAR:
         return [
             f"columns: {speed} grows as the sum of {angle} over time would, and not the other way "
@@ -184,9 +176,9 @@ def _pair(angle: str, a: Array, speed: str, w: Array, dt: float, gear: float) ->
     ]
 
 
-def _summed(x: Array, dt: float) -> Array:
-    """The integral from the first sample on, `(T,)`."""
-    return np.concatenate([[0.0], np.cumsum((x[1:] + x[:-1]) * dt / 2)])
+def _summed(x: Array, t: Array) -> Array:
+    """The integral from the first of the times `t (T,)` on, `(T,)`."""
+    return np.concatenate([[0.0], np.cumsum((x[1:] + x[:-1]) * np.diff(t) / 2)])
 
 
 def _slope(x: Array, y: Array) -> tuple[float, float]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -30,13 +30,33 @@ class Channel:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Odd:
+    """Samples of a column that a sensor may have made: `said` of them, `where` each run stands, and what
+    to `do`.
+    """
+
+    said: str
+    where: tuple[str, ...]
+    do: str = ""
+
+    def in_words(self, most: int) -> str:
+        """With the first `most` places."""
+        if not self.where:
+            return f"{self.said}{self.do}"
+        rest = len(self.where) - most
+        more = f" and {rest} more" if rest > 0 else ""
+        return f"{self.said}: {'; '.join(self.where[:most])}{more}{self.do}"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Experiment:
     """A record in SI.
 
     t : (T,) increasing, of every clock; y : (T, K) one column per channel, NaN where it was not
     measured; `constant`: inputs that do not change; `series`: measured inputs, each (T,), held by
     `first_order` or zero-order hold; `start`: the state at time `t_start` <= t[0] (states not named are
-    zero).
+    zero).  `told`: what was done to the numbers of the files, in sentences; `odd`: what they look like
+    that a sensor made, not the rig.
     """
 
     t: Array
@@ -47,6 +67,8 @@ class Experiment:
     first_order: bool
     start: Mapping[str, float]
     t_start: float
+    told: tuple[str, ...] = ()
+    odd: tuple[Odd, ...] = ()
 
     @property
     def dt(self) -> float:
@@ -106,23 +128,33 @@ def regular(experiment: Experiment, duration: float, rate: float) -> Experiment:
 
 
 def check_series(
-    place: str, what: str, values: Array, where: Callable[[int], str], *, varying: bool
+    place: str,
+    what: str,
+    values: Array,
+    where: Callable[[int], str],
+    *,
+    varying: bool,
+    missing: bool = False,
+    instead: str = "",
 ) -> list[Problem]:
-    """Numbers all present and, for what is to be explained by a model, not all the same."""
-    bad = np.flatnonzero(~np.isfinite(values))
+    """Numbers all present, unless some may be `missing`; not all the same where a model explains them.
+
+    `instead`: a way out beside mending.
+    """
+    bad = np.flatnonzero(np.isinf(values) if missing else ~np.isfinite(values))
     if len(bad):
+        count, rows = _count(len(bad), "value"), _rows(bad, where)
+        message = f"{what} has {count} without a number, {rows}; mend or cut these rows{instead}"
+        return [Problem(place, message)]
+    found = values[~np.isnan(values)]
+    if varying and len(values) and not len(found):
+        message = f"{what} has no number that is used; check missing samples, masks and windows"
+        return [Problem(place, message)]
+    if varying and len(found) > 1 and np.all(found == found[0]):
         return [
             Problem(
                 place,
-                f"{what} has {_count(len(bad), 'value')} without a number, {_rows(bad, where)}; "
-                "mend or cut these rows",
-            )
-        ]
-    if varying and len(values) > 1 and np.all(values == values[0]):
-        return [
-            Problem(
-                place,
-                f"{what} is {values[0]:g} in every row: a constant channel carries no "
+                f"{what} is {found[0]:g} in every row: a constant channel carries no "
                 "information; check the column, or leave the channel out",
             )
         ]
@@ -130,7 +162,7 @@ def check_series(
 
 
 def check_time(place: str, t: Array, where: Callable[[int], str]) -> list[Problem]:
-    """Increasing and uniform to `STEP_TOLERANCE` of a step."""
+    """Increasing; steps need not be equal."""
     problems = check_series(place, "time", t, where, varying=False)
     if problems or len(t) < 2:
         return problems
@@ -145,18 +177,8 @@ def check_time(place: str, t: Array, where: Callable[[int], str]) -> list[Proble
                 f"by {t[first]:.10g} s; {_why_back(t, steps)}",
             )
         ]
-    if not even(t):
-        usual = float(np.median(steps))
-        uneven = np.flatnonzero(np.abs(steps - usual) > STEP_TOLERANCE * usual)
-        first = uneven[0]
-        return [
-            Problem(
-                place,
-                f"time steps are not equal: usually {usual:g} s, but {steps[first]:g} s before "
-                f"{where(int(first) + 1)} ({len(uneven)} such steps); resample to equal steps, or cut "
-                f"the record at the gap{calendar(t)}",
-            )
-        ]
+    if not even(t) and calendar(t):
+        return [Problem(place, f"time steps are not equal{calendar(t)}")]
     return []
 
 
@@ -184,14 +206,14 @@ def calendar(t: Array) -> str:
     return ""
 
 
-def check_length(place: str, n_samples: int, n_channels: int, n_unknown: int) -> list[Problem]:
-    """More numbers than unknowns, and at least two samples to have a step."""
-    if n_samples >= 2 and n_samples * n_channels > n_unknown:
+def check_length(place: str, counts: Sequence[int], n_unknown: int) -> list[Problem]:
+    """More numbers than unknowns, and at least two samples to have a step; `counts`: of each channel."""
+    if max(counts) >= 2 and sum(counts) > n_unknown:
         return []
     return [
         Problem(
             place,
-            f"{_count(n_samples, 'sample')} of {_count(n_channels, 'channel')} cannot determine "
+            f"{_count(max(counts), 'sample')} of {_count(len(counts), 'channel')} cannot determine "
             f"{_count(n_unknown, 'unknown')}; "
             "use a longer record or fix parameters",
         )

@@ -170,7 +170,11 @@ def _legends(page: FitPage, fit: Fit, *, beside: bool) -> None:
     what = "of the noise" if fit.signals[0].predictive is None else "posterior predictive"
     at_map = " at the MAP" if beside else ""
     noise = rf"{SHARE} of the noise ($\pm${SIGMAS:.2f} $\sigma${at_map})"
-    signals = {f"measured ({fit.label})" if fit.label else "measured": dot, "model at the MAP": line, f"{SHARE} {what}": band}
+    signals = {
+        f"measured ({fit.label})" if fit.label else "measured": dot,
+        "model at the MAP": line,
+        f"{SHARE} {what}": band,
+    }
     rest = {noise: edged, LEFT: Line2D([], [], linestyle="none")}
     left, right = page.rows[0]
     if beside:

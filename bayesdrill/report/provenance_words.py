@@ -15,7 +15,7 @@ from bayesdrill.report.sections import Note, Plain, Section, Sentences, Table
 from bayesdrill.report.view import View
 from bayesdrill.results import provenance
 from bayesdrill.results.run_folder import CHAIN, read_run
-from bayesdrill.setup import experiments
+from bayesdrill.setup import experiments, sources
 from bayesdrill.setup.config import Config
 
 CHECKED = (
@@ -71,9 +71,9 @@ def records(problem: Problem, config: Config) -> Iterator[tuple[str, str]]:
     every = provenance.records(problem)
     for one in problem.observations:
         ending = f" of {one.label}" if one.label else ""
-        file = Path(experiments.of(config, one.label).record.file).name
+        files = sources.named(experiments.of(config, one.label))
         length = one.experiment.t[-1] - one.experiment.t[0]
-        yield f"record{ending}", f"`{file}`: {every[one.label]} over {length:g} s"
+        yield f"record{ending}", f"{files}: {every[one.label]} over {length:g} s"
         yield f"channels{ending}", ", ".join(one.experiment.names)
 
 

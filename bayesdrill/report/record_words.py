@@ -11,11 +11,16 @@ from bayesdrill.basics import symbols, units
 from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.problem import Problem
 from bayesdrill.insight import suspicions as suspected
+from bayesdrill.record import clocks
+from bayesdrill.record.experiment import Experiment
 from bayesdrill.report.sections import aligned
 from bayesdrill.setup import build, experiments
-from bayesdrill.setup.config import Column, Config, TimeColumn
+from bayesdrill.setup.config import Config
+from bayesdrill.setup.record_entries import Column, TimeColumn
 
 Array = NDArray[np.float64]
+
+FEW, ALL = 3, 50  # places of what is odd that a report names, and `check`
 
 HEADERS = ("", "measures", "column", "unit", "first", "from", "to")
 
@@ -42,27 +47,48 @@ def _columns(one: Observation, problem: Problem, config: Config) -> str:
     for name, given in build.measured_inputs(config).items():
         factor = units.factor(given.unit, symbols.INPUTS[name].unit)
         lines.append(_line(name, f"input, hold: {held}", given, experiment.series[name] / factor))
-    step, first = experiment.dt, experiment.t[0]
-    sampling = f"a sample every {step:.6g} s ({1 / step:.6g} Hz), the first at {first:.6g} s"
+    sampling = clocks.in_words(experiment.t)
     ending = f" of {one.label}" if one.label else ""
     return f"columns{ending} ({sampling}):\n{aligned(lines, left={0, 1, 2, 3})}"
 
 
-def suspicions(problem: Problem, config: Config) -> tuple[str, ...]:
-    """What a wrong column, unit or counter would look like, and this record does."""
+def made(problem: Problem) -> tuple[str, ...]:
+    """What times each record has, where its steps are not equal, and what was done to its numbers."""
+    return tuple(
+        f"{one.label}, {each}" if one.label else each
+        for one in problem.observations
+        for each in _made(one.experiment)
+    )
+
+
+def _made(experiment: Experiment) -> tuple[str, ...]:
+    times = () if experiment.uniform else (f"times: {clocks.in_words(experiment.t)}",)
+    seen = dict(zip(experiment.names, experiment.counts, strict=True))
+    every = ", ".join(f"{count} of {name}" for name, count in seen.items())
+    total = len(experiment.t)
+    some = (f"measured: {every}, at {total} times",) if set(seen.values()) != {total} else ()
+    return (*times, *some, *experiment.told)
+
+
+def suspicions(problem: Problem, config: Config, most: int = FEW) -> tuple[str, ...]:
+    """What a wrong column, unit, counter or sensor would look like, and this record does.
+
+    `most`: how many places of each are named.
+    """
     found: list[str] = []
     for one in problem.observations:
+        odd = [each.in_words(most) for each in one.experiment.odd]
         measured = build.channels(experiments.of(config, one.label), problem.model)
         factors = [entry.factor for entry in measured]
         said = suspected.of_record(one.experiment, factors, suspected.gear_of(problem))
-        found += [f"{one.label}, {each}" if one.label else each for each in said]
+        found += [f"{one.label}, {each}" if one.label else each for each in (*odd, *said)]
     return (*found, *suspected.of_start(problem))
 
 
 def _line(name: str, measures: str, spec: Column, values: Array) -> tuple[str, ...]:
     where = [text for text in (spec.variable, spec.column) if text is not None]
-    there = values[~np.isnan(values)]
-    numbers = (there[0], there.min(), there.max()) if len(there) else ()
+    known = values[~np.isnan(values)]
+    numbers = (known[0], known.min(), known.max())
     return (
         f"  {name}",
         measures,

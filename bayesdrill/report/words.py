@@ -122,7 +122,8 @@ def _findings(problem: Problem, config: Config) -> str:
         *(f"{kind} values, {one}" for one in found),
         *plausibility.of_priors(problem),
         *plausibility.of_gear(problem),
-        *(f"record, {one}" for one in record_words.suspicions(problem, config)),
+        *(f"record: {one}" for one in record_words.made(problem)),
+        *(f"record, {one}" for one in record_words.suspicions(problem, config, record_words.ALL)),
     )
     return "".join("\n" + one for one in said)
 

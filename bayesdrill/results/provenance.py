@@ -16,7 +16,7 @@ from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.problem import Problem
 from bayesdrill.record.experiment import Experiment
 from bayesdrill.results.run_folder import VERSION_OF
-from bayesdrill.setup import experiments, reading
+from bayesdrill.setup import experiments, sources
 from bayesdrill.setup.config import Config
 from bayesdrill.setup.own_units import OwnUnits
 from bayesdrill.setup.yaml_source import Source
@@ -150,10 +150,10 @@ def resolved(config: Config, source: Source, folder: Path) -> str:
             own = view.config.model_dump(exclude_none=True)
             sections = {key: own[key] for key in experiments.SECTIONS}
             data["experiments"][view.label] = sections
-        record = reading.path_of(view.config, view.source)
-        # Links are resolved first: `..` in a path goes up from where a link leads to.
-        to_it = os.path.relpath(record.resolve(), folder.resolve())
-        sections["record"]["file"] = Path(to_it).as_posix()
+        for section, key in sources.named_in(sections):
+            # Links are resolved first: `..` in a path goes up from where a link leads to.
+            record = (source.path.parent / section[key]).resolve()
+            section[key] = Path(os.path.relpath(record, folder.resolve())).as_posix()
     if config.experiments:
         for key in experiments.SECTIONS:  # those of the first, and no defaults of the others
             del data[key]

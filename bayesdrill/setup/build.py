@@ -34,9 +34,11 @@ from bayesdrill.rig.models import MODELS
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.simulator import Simulator
 from bayesdrill.setup import beginning, number_entries, sensors
-from bayesdrill.setup.config import ChannelSpec, Config, InputColumn
+from bayesdrill.setup.config import Config
+from bayesdrill.setup.experiment_entries import ChannelSpec
 from bayesdrill.setup.experiments import View, common_or_own
 from bayesdrill.setup.number_objects import formula, prior, quantity, relation, rescaled, start
+from bayesdrill.setup.record_entries import InputColumn
 from bayesdrill.setup.sensors import Declared
 
 
@@ -267,7 +269,9 @@ def noise(channels: Sequence[Measured], n_samples: int) -> Noise:
 
 
 def channels(config: Config, model: Model) -> list[Measured]:
-    return [measured(name, spec, model.states) for name, spec in config.record.channels.items()]
+    """Those that are evidence: what is only derived from another is not."""
+    every = config.record.channels.items()
+    return [measured(name, spec, model.states) for name, spec in every if spec.derived_from is None]
 
 
 def simulated(view: View, model: Model, experiment: Experiment) -> tuple[Simulator, list[Declared]]:

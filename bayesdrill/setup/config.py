@@ -7,7 +7,7 @@ entry to be judged (a start inside its prior, symbols of the model, units) is in
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import BeforeValidator, Discriminator, Field, Tag, create_model
 
@@ -18,41 +18,24 @@ from bayesdrill.basics.entries import (
     Count,
     Latex,
     NonNegative,
-    Number,
     Positive,
     Strict,
     chosen,
 )
 from bayesdrill.engines.optimisers import OPTIMISERS
-from bayesdrill.inference.noise import NOISES
-from bayesdrill.record.formats import FORMATS
 from bayesdrill.rig import vocabulary
 from bayesdrill.rig.models import MODELS
-from bayesdrill.setup.number_entries import (
-    HELD,
-    Quantity,
-    QuantitySpec,
-    SigmaSpec,
-    parameter_spec,
-    shape,
+from bayesdrill.setup.experiment_entries import (
+    ExperimentSpec,
+    Initial,
+    Inputs,
+    RecordSpec,
+    named_state,
 )
+from bayesdrill.setup.number_entries import HELD, QuantitySpec, parameter_spec, shape
 from bayesdrill.setup.output_entries import MOST_NAMED, OutputSpec
-from bayesdrill.setup.sensor_entries import Sensed, SensorSpec, StateSpec
 
 Searches = Annotated[int, Field(ge=1, le=1000)]
-
-
-def _shape(value: Any) -> str:
-    """Which member of a union an entry is meant to be, before and after it is validated."""
-    if isinstance(value, dict):
-        return "<column>" if "column" in value or "variable" in value else "<mapping>"
-    return "<column>" if isinstance(value, Column) else shape(value)
-
-
-def _time_shape(value: Any) -> str:
-    """A time entry without `rate` is a column, however its keys are misspelt."""
-    rate = "rate" in value if isinstance(value, dict) else isinstance(value, TimeRate)
-    return "<mapping>" if rate else "<column>"
 
 
 class DerivedSpec(Strict):
@@ -65,115 +48,10 @@ def _formula_alone(value: Any) -> Any:
     return {"formula": value} if isinstance(value, str) else value
 
 
-class Column(Strict):
-    """Where numbers stand: a column or variable by name, or a column number from 1."""
-
-    column: str | Count | None = None
-    variable: str | None = Field(
-        None, description="Of a file of arrays; dotted for fields, a path in HDF5."
-    )
-    unit: str
-
-
-class TimeColumn(Column):
-    pass
-
-
-class TimeRate(Strict):
-    rate: Positive = Field(description="Samples per second, for records without a time column.")
-
-
-class InputColumn(Column, Sensed):
-    hold: Literal["zero", "first"] = Field(
-        "zero", description="Between samples: constant (zero) or linear (first order)."
-    )
-
-
-class InputQuantity(Quantity):
-    """A constant input, and how far it may be from what it is said to be."""
-
-    gain: SensorSpec | None = None
-    offset: SensorSpec | None = Field(None, description="In its unit: a number or a prior.")
-
-
-InputSpec = Annotated[
-    Annotated[Number, Tag("<number>")]
-    | Annotated[InputQuantity, Tag("<mapping>")]
-    | Annotated[InputColumn, Tag("<column>")],
-    Discriminator(_shape),
-]
-TimeSpec = Annotated[
-    Annotated[TimeColumn, Tag("<column>")] | Annotated[TimeRate, Tag("<mapping>")],
-    Discriminator(_time_shape),
-]
-
-
-class NoiseBase(Strict):
-    """How what the rig does not explain is distributed."""
-
-    name: str = Field("white", description="The kind.")
-
-
-if TYPE_CHECKING:
-    NoiseSpec = NoiseBase
-else:
-    _kinds = {name: kind.Entries for name, kind in NOISES.usable().items()}
-    NoiseSpec = chosen("NoiseSpec", NoiseBase, "name", _kinds)
-
-
-def _named_noise(value: Any) -> Any:
-    return {"name": value} if isinstance(value, str) else value
-
-
-class ChannelSpec(Column, Sensed):
-    measures: str | None = Field(
-        None,
-        description="Linear combination of theta_1, theta_2, w_1, w_2, i; default: the channel's name.",
-    )
-    sigma: SigmaSpec = Field(
-        description="Noise standard deviation in the column's unit, or its prior when unknown."
-    )
-    noise: Annotated[NoiseSpec, BeforeValidator(_named_noise)] = NoiseSpec()
-
-
-class RecordBase(Strict):
-    """Where the numbers are, and what they are."""
-
-    file: str = Field(description="Relative to the folder of the config.")
-    format: str | None = Field(None, description="Default: by the file's ending.")
-    time: TimeSpec
-    window: Annotated[list[Number], Field(min_length=2, max_length=2)] | None = Field(
-        None, description="Use the samples from the first to the second time [s] only."
-    )
-    channels: Annotated[dict[str, ChannelSpec], Field(min_length=1, max_length=MOST_NAMED)]
-
-
 class ModelBase(Strict):
     """A rig and its constants; each model has some of them, with its own defaults."""
 
     name: str = Field("motor_shaft", description="The model.")
-
-
-class Inputs(Strict):
-    v: InputSpec
-    t_1: InputSpec = 0.0
-    t_0: SensorSpec | None = Field(
-        None,
-        description="[s] how much later than recorded all inputs act; of constant ones, the moment at "
-        "which they are switched on.",
-    )
-
-
-class _InitialBase(Strict):
-    time: Number | None = Field(
-        None,
-        description="[s] default: 0 with constant inputs, the first sample with measured ones.",
-    )
-    state: Literal["given", "steady", "free"] = Field(
-        "given",
-        description="given: what is not named is zero; steady: turning steadily under the first inputs; "
-        "free: what is not named is unknown, with priors as wide as the channels.",
-    )
 
 
 def _per_symbol(
@@ -189,29 +67,6 @@ def _per_symbol(
     }
     model: type[Strict] = create_model(name, __base__=base, __doc__=doc, **fields)
     return model
-
-
-_states: dict[str, Any] = dict.fromkeys(vocabulary.STATES, (StateSpec, 0.0))
-Initial: type[_InitialBase] = create_model(
-    "Initial",
-    __base__=_InitialBase,
-    __doc__="The state at `time`: of each state a number, a prior or `free`.",
-    **_states,
-)
-
-
-def _named_state(value: Any) -> Any:
-    return {"state": value} if isinstance(value, str) else value
-
-
-class ExperimentSpec(Strict):
-    """What is its own of one experiment of several; the rest is as at the top of the config."""
-
-    record: dict[str, Any] = Field(default_factory=dict, description="Entries as in `record:`.")
-    inputs: dict[str, Any] = Field(default_factory=dict, description="Entries as in `inputs:`.")
-    initial: dict[str, Any] | str = Field(
-        default_factory=dict, description="Entries as in `initial:`."
-    )
 
 
 Named = Annotated[list[str], Field(max_length=MOST_NAMED)]
@@ -236,7 +91,7 @@ Tolerances = _per_symbol(
 )
 ToleranceSpec = Annotated[
     Annotated[Tolerance, Tag("<number>")] | Annotated[Tolerances, Tag("<mapping>")],  # type: ignore[valid-type]
-    Discriminator(_shape),
+    Discriminator(shape),
 ]
 
 
@@ -290,12 +145,9 @@ class MapBase(Strict):
 
 
 if TYPE_CHECKING:
-    RecordSpec = RecordBase
     ModelSpec = ModelBase
     MapSpec = MapBase
 else:  # with what the members of the registries bring
-    _options = {name: one.options for name, one in FORMATS.usable().items()}
-    RecordSpec = chosen("RecordSpec", RecordBase, "format", _options)
     ModelSpec = chosen("ModelSpec", ModelBase, "name", MODELS.usable())
     MapSpec = chosen("MapSpec", MapBase, "method", OPTIMISERS.usable())
 
@@ -351,7 +203,7 @@ class Config(Strict):
     seed: Annotated[int, Field(ge=0, lt=2**64)]
     record: RecordSpec
     inputs: Inputs
-    initial: Annotated[Initial, BeforeValidator(_named_state)] = Initial()
+    initial: Annotated[Initial, BeforeValidator(named_state)] = Initial()
     experiments: Annotated[dict[str, ExperimentSpec], Field(max_length=MOST_NAMED)] = Field(
         default_factory=dict,
         description="Several experiments with one rig, by name; each needs a record.",

@@ -21,8 +21,9 @@ from bayesdrill.inference.priors import InUnits, Prior
 from bayesdrill.inference.problem import Problem
 from bayesdrill.record.experiment import Channel
 from bayesdrill.setup import experiments, sensors
-from bayesdrill.setup.config import Column, Config, TimeColumn
+from bayesdrill.setup.config import Config
 from bayesdrill.setup.number_entries import PriorBase, Quantity
+from bayesdrill.setup.record_entries import Column, TimeColumn
 
 Array = NDArray[np.float64]
 

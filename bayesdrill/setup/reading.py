@@ -1,8 +1,8 @@
-"""From the record's file to an `Experiment` in SI: all that is wrong with it, at once."""
+"""From the files of a record to an `Experiment` in SI: all that is wrong with them, at once."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
 from pathlib import Path
 
 import numpy as np
@@ -10,19 +10,23 @@ from numpy.typing import NDArray
 
 from bayesdrill.basics import sizes, symbols, units
 from bayesdrill.basics.entries import made
-from bayesdrill.basics.errors import InputError, Problem
+from bayesdrill.basics.errors import InputError
+from bayesdrill.record import clocks
 from bayesdrill.record.experiment import (
     Experiment,
     calendar,
     check_length,
     check_series,
-    check_time,
     frozen,
     raise_if_any,
 )
-from bayesdrill.record.formats import FORMATS, CsvOptions, Table, format_of, variable_name
-from bayesdrill.setup import build
-from bayesdrill.setup.config import Column, Config, RecordSpec, TimeColumn, TimeRate
+from bayesdrill.record.formats import CsvOptions, Table
+from bayesdrill.setup import as_they_come, build, derivatives, sources, thinning
+from bayesdrill.setup.as_they_come import Column, Findings
+from bayesdrill.setup.config import Config
+from bayesdrill.setup.experiment_entries import RecordSpec
+from bayesdrill.setup.record_entries import InputColumn, Series, windows
+from bayesdrill.setup.sources import Clock, Sources, at
 from bayesdrill.setup.yaml_source import Place, Source
 
 Array = NDArray[np.float64]
@@ -31,8 +35,8 @@ FAR = 1000  # times its own length after the initial state, and a record has tim
 
 
 def path_of(config: Config, source: Source) -> Path:
-    """The record's file: relative paths start at the folder of the config."""
-    return source.path.parent / config.record.file
+    """The record's own file."""
+    return sources.path_of(config, source)
 
 
 def csv_options(record: RecordSpec) -> CsvOptions:
@@ -41,9 +45,9 @@ def csv_options(record: RecordSpec) -> CsvOptions:
 
 
 def read(config: Config, source: Source, table: Table | None = None) -> Experiment:
-    """Raises `InputError` with the places in the config and the rows of the file.
+    """Raises `InputError` with the places in the config and the rows of the files.
 
-    `table`: what the file would hold, where there is none.
+    `table`: what the record's file would hold, where there is none.
     """
     return _Reader(config, source, table).experiment()
 
@@ -54,40 +58,30 @@ class _Reader:
     def __init__(self, config: Config, source: Source, table: Table | None) -> None:
         self._config = config
         self._source = source
-        self._path = path_of(config, source)
-        self._problems: list[Problem] = []
-        self._table = self._read_table() if table is None else table
-        self._n_rows = 0
+        self._sources = Sources(config, source, table)
+        self._findings = Findings()
 
     def experiment(self) -> Experiment:
-        config = self._config
+        config, findings = self._config, self._findings
         model = build.model(config)
         measured = build.channels(config, model)
-        time, kept = self._time()
-        columns = [
-            self._column(("record", "channels", e.channel.name), spec, e.factor, kept, varying=True)
-            for e, spec in zip(measured, config.record.channels.values(), strict=True)
-        ]
-        series = {
-            name: self._column(
-                ("inputs", name), spec, units.factor(spec.unit, symbols.INPUTS[name].unit), kept
-            )
-            for name, spec in build.measured_inputs(config).items()
-        }
-        raise_if_any(self._problems)
+        columns = self._columns()
+        t = self._times()
+        y = self._signals(t, columns)
         try:
-            sizes.check_record(len(time), len(columns))
+            sizes.check_record(len(t), y.shape[1])
         except ValueError as error:
             raise InputError([self._source.problem(("record", "file"), str(error))]) from None
-        noise = build.noise(measured, len(time))
+        series = self._inputs(t, columns)
+        raise_if_any(self._sources.problems)
+        noise = build.noise(measured, len(t))
         n_unknown = len(build.space(config, model, noise.unknowns).free)
         shortened_by = "file" if config.record.window is None else "window"
-        raise_if_any(
-            check_length(self._label(("record", shortened_by)), len(time), len(columns), n_unknown)
-        )
-        return Experiment(
-            t=frozen(time),
-            y=frozen(np.stack(columns, axis=-1)),
+        label = self._sources.label(("record", shortened_by))
+        raise_if_any(check_length(label, np.sum(~np.isnan(y), axis=0).tolist(), n_unknown))
+        found = Experiment(
+            t=frozen(t),
+            y=frozen(y),
             channels=tuple(entry.channel for entry in measured),
             constant=build.constant_inputs(config),
             series={name: frozen(values) for name, values in series.items()},
@@ -95,90 +89,129 @@ class _Reader:
                 spec.hold == "first" for spec in build.measured_inputs(config).values()
             ),
             start=build.initial_state(config, model),
-            t_start=self._t_start(time, has_series=bool(series)),
+            t_start=self._t_start(t, has_series=bool(series)),
+            told=tuple(findings.told),
+            odd=tuple(findings.odd),
         )
+        return self._decimated(found)
 
-    def _read_table(self) -> Table:
-        record = self._config.record
-        try:
-            sizes.check_file(self._path)
-        except ValueError as error:
-            raise InputError([self._source.problem(("record", "file"), str(error))]) from None
-        try:
-            kind = FORMATS[record.format or format_of(self._path)]
-            return kind.read(self._path, made(kind.options, record), _wanted(self._config))
-        except InputError as error:
-            label = self._label(("record", "file"))
-            raise InputError([Problem(label, str(problem)) for problem in error.problems]) from None
+    def _decimated(self, found: Experiment) -> Experiment:
+        wanted = self._config.record.decimate
+        if wanted is None:
+            return found
+        refusal = thinning.refusal(found, wanted.factor)
+        if refusal:
+            raise InputError([self._source.problem(("record", "decimate"), refusal)])
+        return thinning.thinned(found, wanted.factor)
 
-    def _label(self, place: Place) -> str:
-        return self._source.problem(place, "").place
+    def _columns(self) -> dict[Place, Column]:
+        """All that are named, with NaN where no number is used."""
+        every = sources.entries(self._config)
+        found = {place: self._column(place, spec) for place, spec in every.items()}
+        raise_if_any(list(dict.fromkeys(self._sources.problems)))
+        columns = {place: column for place, column in found.items() if column is not None}
+        inputs = [column for column in columns.values() if column.is_input]
+        derivatives.tell(columns, self._findings)
+        return {
+            place: as_they_come.judged(one, as_they_come.caused(one.clock, inputs), self._findings)
+            for place, one in columns.items()
+        }
 
-    def _pick(self, place: Place, spec: Column) -> Array | None:
-        try:
-            return self._table.pick(spec.column, spec.variable, place=self._label(_at(place, spec)))
-        except InputError as error:
-            self._problems += error.problems
-            return None
+    def _times(self) -> Array:
+        """Of all clocks."""
+        own = [clock.t[clock.inside] for clock in self._sources.clocks if clock.inside.any()]
+        return own[0] if len(own) == 1 else clocks.union(own)
 
-    def _time(self) -> tuple[Array, NDArray[np.intp]]:
-        """The times in SI and the rows that are used."""
-        spec, place = self._config.record.time, ("record", "time")
-        if isinstance(spec, TimeRate):
-            first = next(iter(self._config.record.channels.items()))
-            values = self._pick(("record", "channels", first[0]), first[1])
-            raw = None if values is None else np.arange(len(values)) / spec.rate
-        else:
-            values = self._pick(place, spec)
-            raw = None if values is None else values * units.factor(spec.unit, "s")
-        if raw is None:
-            self._pick_all()
-            raise InputError(list(dict.fromkeys(self._problems)))
-        self._n_rows = len(raw)
-        kept = np.arange(len(raw))
-        window = self._config.record.window
-        if window is not None:
-            slack = 1e-9 * max(abs(window[0]), abs(window[1]))
-            kept = np.flatnonzero((raw >= window[0] - slack) & (raw <= window[1] + slack))
-            if len(kept) == 0:
-                message = f"no sample lies in it: the record goes from {raw[0]:g} to {raw[-1]:g} s"
-                self._problems.append(self._source.problem(("record", "window"), message))
-                raise InputError(self._problems)
-        self._problems += check_time(self._label(place), raw[kept], self._where(kept))
-        return raw[kept], kept
+    def _signals(self, t: Array, columns: dict[Place, Column]) -> Array:
+        """`(T, K)` SI, NaN where a channel has no sample."""
+        measured = build.channels(self._config, build.model(self._config))
+        y = np.full((len(t), len(measured)), np.nan)
+        for k, entry in enumerate(measured):
+            one = columns["record", "channels", entry.channel.name]
+            inside = one.clock.inside
+            y[self._rows(t, one.clock.t[inside]), k] = one.values[inside] * entry.factor
+        spans = windows(self._config.record.window)
+        if len(spans) > 1:
+            slack = 1e-9 * max(abs(x) for span in spans for x in span)
+            y[~np.any([(t >= a - slack) & (t <= b + slack) for a, b in spans], axis=0)] = np.nan
+        return y
 
-    def _column(
-        self,
-        place: Place,
-        spec: Column,
-        factor: float,
-        kept: NDArray[np.intp],
-        *,
-        varying: bool = False,
-    ) -> Array:
-        values = self._pick(place, spec)
-        if values is None:
-            return np.zeros(0)
-        if len(values) != self._n_rows:
-            message = f"{len(values)} values, but the time has {self._n_rows}; name one recording's"
-            self._problems.append(self._source.problem(_at(place, spec), message))
-            return np.zeros(0)
-        values = values[kept]
-        what = f"column {spec.column if spec.column is not None else spec.variable!r}"
-        self._problems += check_series(
-            self._label(_at(place, spec)), what, values, self._where(kept), varying=varying
-        )
-        return values * factor
+    def _rows(self, t: Array, clock: Array) -> NDArray[np.intp]:
+        return clocks.places(t, clock) if self._sources.several else np.arange(len(t))
 
-    def _where(self, kept: NDArray[np.intp]) -> Callable[[int], str]:
-        return lambda index: self._table.where(int(kept[index]))
-
-    def _pick_all(self) -> None:
-        """Without a time no column can be judged, but it can be missed."""
-        for name, channel in self._config.record.channels.items():
-            self._pick(("record", "channels", name), channel)
+    def _inputs(self, t: Array, columns: dict[Place, Column]) -> dict[str, Array]:
+        """SI, at every time."""
+        series = {}
         for name, spec in build.measured_inputs(self._config).items():
-            self._pick(("inputs", name), spec)
+            one = columns["inputs", name]
+            missing = int(np.isnan(one.values).sum())
+            if missing:
+                self._findings.told.append(
+                    f"{name}: {missing} samples are bridged, hold: {spec.hold}"
+                )
+            values = as_they_come.bridged(self._sources, one)
+            values = values * units.factor(spec.unit, symbols.INPUTS[name].unit)
+            series[name] = values if not self._sources.several else self._held(t, one, values)
+        return series
+
+    def _held(self, t: Array, one: Column, values: Array) -> Array:
+        """Of an input on a clock of its own: exact, as its own times are among those of the record."""
+        clock, slack = one.clock.t, 1e-9 * float(np.median(np.diff(t)))
+        straight = isinstance(one.spec, InputColumn) and one.spec.hold == "first"
+        late, early = clock[0] > t[0] + slack, clock[-1] < t[-1] - slack
+        if late or (early and straight):
+            message = (
+                f"{one.name} is known from {clock[0]:g} to {clock[-1]:g} s, and the record goes from "
+                f"{t[0]:g} to {t[-1]:g} s; give a record.window inside both"
+            )
+            self._sources.add(one.place, message + ("" if late else ", or `hold: zero`"))
+        elif early:
+            self._findings.told.append(f"{one.name}: held after its last sample at {clock[-1]:g} s")
+        return clocks.held(t, clock, values, first_order=straight)
+
+    def _column(self, place: Place, spec: Series) -> Column | None:
+        clock, values = self._sources.clock(place), self._sources.column(place, spec)
+        if values is None or clock is None:
+            return None
+        if len(values) != clock.n_rows:
+            message = f"{len(values)} values, but the time has {clock.n_rows}; name one recording's"
+            self._sources.add(at(place, spec), message)
+            return None
+        values, masked = values[clock.rows], as_they_come.masked(self._sources, place, spec, clock)
+        used = np.where(masked, np.nan, values) if masked.any() else values
+        missing = int(np.sum(np.isnan(values) & ~masked))
+        if masked.any():
+            self._findings.told.append(
+                f"{place[-1]}: {int(masked.sum())} samples are masked (mask)"
+            )
+        if missing and not isinstance(spec, InputColumn):
+            self._findings.told.append(f"{place[-1]}: {missing} missing samples are left out")
+        record = self._config.record
+        allowed = spec.missing if isinstance(spec, InputColumn) else record.missing
+        if missing and allowed is None:
+            self._check(place, spec, clock, np.where(masked, 0.0, values), missing=False)
+        else:
+            self._check(place, spec, clock, used, missing=True)
+        one = Column(place, spec, clock, used)
+        return as_they_come.unwrapped(self._sources, one, _turn(spec), self._findings)
+
+    def _check(
+        self, place: Place, spec: Series, clock: Clock, values: Array, *, missing: bool
+    ) -> None:
+        """That there are numbers, or that they may be missing."""
+        is_input = isinstance(spec, InputColumn)
+        word = (
+            "bridge them (missing: hold)" if is_input else "leave them out (record.missing: drop)"
+        )
+        self._sources.problems += check_series(
+            self._sources.label(at(place, spec)),
+            f"column {spec.column if spec.column is not None else spec.variable!r}",
+            values,
+            clock.where,
+            varying=not is_input,
+            missing=missing,
+            instead=f", or {word}" if np.isnan(values).any() else "",
+        )
 
     def _t_start(self, time: Array, *, has_series: bool) -> float:
         """With measured inputs nothing is known before the first sample: the state is given there."""
@@ -206,15 +239,9 @@ class _Reader:
         return min(begin, float(time[0]))
 
 
-def _wanted(config: Config) -> set[str] | None:
-    """Variables that the config names; None where it leaves one to be found out."""
-    specs = [*config.record.channels.values(), *build.measured_inputs(config).values()]
-    time = config.record.time
-    columns = [*specs, *([time] if isinstance(time, TimeColumn) else [])]
-    names = {variable_name(spec.column, spec.variable) for spec in columns}
-    return None if None in names else {name for name in names if name is not None}
-
-
-def _at(place: Place, spec: Column) -> Place:
-    """The entry that says which numbers are meant."""
-    return (*place, "column" if spec.column is not None else "variable")
+def _turn(spec: Series) -> float:
+    """How much of a column's unit one turn is; NaN where it is no angle."""
+    try:
+        return 2 * math.pi / units.factor(spec.unit, "rad")
+    except ValueError:
+        return math.nan

@@ -20,8 +20,10 @@ from bayesdrill.inference.unknowns import Role, labelled
 from bayesdrill.rig import vocabulary
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.sensing import Sensing
-from bayesdrill.setup.config import Config, InputColumn, InputQuantity
+from bayesdrill.setup.config import Config
+from bayesdrill.setup.experiment_entries import InputQuantity
 from bayesdrill.setup.number_entries import Quantity
+from bayesdrill.setup.record_entries import InputColumn
 from bayesdrill.setup.sensor_entries import (
     PositiveLogNormal,
     SignedNormal,
@@ -76,6 +78,8 @@ class Declared:
 def entries(config: Config, model: Model) -> Iterator[Entry]:
     """In the order in which they are unknown: channels, inputs, the start."""
     for name, spec in config.record.channels.items():
+        if spec.derived_from is not None:
+            continue
         place: Place = ("record", "channels", name)
         si = _unit_of(name, spec.measures, model)
         yield from _of_column(place, name, spec, spec.unit, si, _latex(name))

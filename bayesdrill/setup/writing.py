@@ -14,8 +14,10 @@ from bayesdrill.basics import symbols, units
 from bayesdrill.basics.errors import InputError
 from bayesdrill.record.experiment import Experiment
 from bayesdrill.record.formats import check_options, format_of, text_table
-from bayesdrill.setup import reading
-from bayesdrill.setup.config import Column, Config, TimeColumn
+from bayesdrill.setup import reading, sources
+from bayesdrill.setup.config import Config
+from bayesdrill.setup.experiment_entries import ChannelSpec
+from bayesdrill.setup.record_entries import Column, TimeColumn
 from bayesdrill.setup.yaml_source import Place, Source
 
 Array = NDArray[np.float64]
@@ -38,17 +40,37 @@ def check_form(config: Config, source: Source, target: Path | None) -> None:
 
     Raises `InputError`: it is text, with a header.
     """
-    record, place, wrong = config.record, ("record", "file"), ""
+    record, wrong = config.record, ""
+    place: Place = ("record", "file")
     try:
         kind = record.format or format_of(target or reading.path_of(config, source))
         check_options(Path(), reading.csv_options(record))
         wrong = "" if kind == "csv" else "a simulated record is text; name a .csv file"
     except InputError as error:
         wrong = error.problems[0].message
+    if not wrong:
+        place, wrong = _impossible(config)
     if not wrong and reading.csv_options(record).header is False:
         place, wrong = ("record", "header"), "a simulated record has a header; remove this entry"
     if wrong:
         raise InputError([source.problem(place, wrong)])
+
+
+def _impossible(config: Config) -> tuple[Place, str]:
+    """What a simulated record cannot have; empty where there is nothing."""
+    for place, spec in sources.entries(config).items():
+        if spec.file is not None or spec.time is not None:
+            entry: Place = (*place, "file" if spec.file is not None else "time")
+            return entry, "a simulated record is one file with one time; remove this entry"
+        if isinstance(spec, ChannelSpec) and spec.derived_from is not None:
+            message = "a simulated record has measured channels only; remove this channel"
+            return (*place, "derived_from"), message
+    if config.record.decimate is not None:
+        return (
+            "record",
+            "decimate",
+        ), "a simulated record would be decimated again; remove this entry"
+    return ("record", "file"), ""
 
 
 def as_text(config: Config, source: Source, experiment: Experiment, y: Array) -> str:

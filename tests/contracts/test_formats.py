@@ -16,7 +16,7 @@ from pyarrow import parquet
 from bayesdrill.basics.entries import entries_of
 from bayesdrill.basics.errors import InputError
 from bayesdrill.record.formats import FORMATS, format_of
-from bayesdrill.setup.config import RecordSpec
+from bayesdrill.setup.experiment_entries import RecordSpec
 
 COLUMNS = {"t": np.array([0.0, 0.1, 1 / 3]), "w_1": np.array([1e-9, -2.5, 1e12])}
 

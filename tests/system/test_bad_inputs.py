@@ -1050,12 +1050,6 @@ RECORDS = [
         says=("time does not increase", "line 7", "remove repeated"),
     ),
     case(
-        "gap in the time",
-        rows(lambda lines: [*lines[:50], *lines[60:]]),
-        at="time:",
-        says=("time steps are not equal", "line 51", "cut the record at the gap"),
-    ),
-    case(
         "constant channel",
         rows(lambda lines: [lines[0], *(f"{line.rsplit(',', 1)[0]},1.5" for line in lines[1:])]),
         at="    w_1",

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 from bayesdrill.basics import symbols, units
 from bayesdrill.basics.entries import strange
 from bayesdrill.basics.expressions import linear_combination
@@ -11,8 +13,17 @@ from bayesdrill.record.formats import FORMATS
 from bayesdrill.rig import vocabulary
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.setup import build, number_entries
-from bayesdrill.setup.config import ChannelSpec, Column, Config, InputColumn, TimeColumn
+from bayesdrill.setup.config import Config
 from bayesdrill.setup.consistency.collector import Collector
+from bayesdrill.setup.experiment_entries import ChannelSpec
+from bayesdrill.setup.record_entries import (
+    Column,
+    FileSpec,
+    InputColumn,
+    Series,
+    TimeColumn,
+    windows,
+)
 from bayesdrill.setup.yaml_source import Place
 
 
@@ -20,7 +31,9 @@ def check_channels(found: Collector, config: Config, model: Model) -> None:
     for name, spec in config.record.channels.items():
         place: Place = ("record", "channels", name)
         _check_measured(found, place, spec, model)
-        _check_address(found, place, spec)
+        _check_series(found, place, spec)
+        if spec.derived_from is not None:
+            _check_derived(found, config, place, spec.derived_from)
 
 
 def _check_measured(found: Collector, place: Place, spec: ChannelSpec, model: Model) -> None:
@@ -48,6 +61,23 @@ def _check_measured(found: Collector, place: Place, spec: ChannelSpec, model: Mo
             found.run((*place, "noise"), build.noise, [one], 1)
 
 
+def _check_derived(found: Collector, config: Config, place: Place, of: str) -> None:
+    name, at, every = str(place[-1]), (*place, "derived_from"), config.record.channels
+    others = [one for one in every if one != name]
+    found.expect(at, of, others, f"'{of}' is no other channel")
+    if of in others and every[of].derived_from is not None:
+        found.add(at, f"'{of}' is itself derived from {every[of].derived_from}; name that channel")
+
+
+def _check_series(found: Collector, place: Place, spec: Series) -> None:
+    _check_address(found, place, spec)
+    if isinstance(spec.time, TimeColumn):
+        found.run((*place, "time", "unit"), units.factor, spec.time.unit, "s")
+        _check_address(found, (*place, "time"), spec.time)
+    if isinstance(spec.file, FileSpec) and spec.file.format is not None:
+        found.run((*place, "file", "format"), lookup, FORMATS, spec.file.format, "format")
+
+
 def _check_address(found: Collector, place: Place, spec: Column) -> None:
     if spec.column is None and spec.variable is None:
         found.add(place, "neither `column:` nor `variable:` says where the numbers stand")
@@ -60,9 +90,14 @@ def check_record(found: Collector, config: Config) -> None:
         _check_address(found, ("record", "time"), time)
     if config.record.format is not None:
         found.run(("record", "format"), lookup, FORMATS, config.record.format, "format")
-    window = config.record.window
-    if window is not None and not window[0] < window[1]:
-        found.add(("record", "window"), f"{window[0]:g} s is not before {window[1]:g} s")
+    spans = windows(config.record.window)
+    for begin, end in spans:
+        if not begin < end:
+            found.add(("record", "window"), f"{begin:g} s is not before {end:g} s")
+    for (_, end), (begin, _) in itertools.pairwise(spans):
+        if not end < begin:
+            message = f"a window that begins at {begin:g} s stands after one that ends at {end:g} s"
+            found.add(("record", "window"), f"{message}; put them in order, apart from each other")
 
 
 def check_inputs(found: Collector, config: Config) -> None:
@@ -73,7 +108,7 @@ def check_inputs(found: Collector, config: Config) -> None:
         if isinstance(spec, InputColumn):
             holds.add(spec.hold)
             found.run((*place, "unit"), units.factor, spec.unit, symbol.unit)
-            _check_address(found, place, spec)
+            _check_series(found, place, spec)
         else:
             _check_quantity(found, place, spec, symbol.unit)
     if len(holds) > 1:

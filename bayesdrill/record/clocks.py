@@ -1,0 +1,118 @@
+"""Times of records: what they are like in words, grids with samples missing, several clocks as one."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayesdrill.record.experiment import STEP_TOLERANCE, even
+
+Array = NDArray[np.float64]
+
+SAME = 1e-9  # of a step: times nearer than this are one
+SPARSE = 10  # times as many places as samples, and a grid explains nothing
+
+
+@dataclass(frozen=True, slots=True)
+class Grid:
+    """Times `begin + step * place`; `place (T,)` are whole numbers from 0 that increase."""
+
+    begin: float
+    step: float
+    place: NDArray[np.int64]
+
+    @property
+    def times(self) -> Array:
+        return np.asarray(self.begin + self.step * self.place, dtype=np.float64)
+
+    @property
+    def missing(self) -> int:
+        """Samples that would fill the grid."""
+        return int(self.place[-1]) + 1 - len(self.place)
+
+
+def grid(t: Array) -> Grid | None:
+    """The even grid on which each of `t (T,)` lies to `STEP_TOLERANCE` of its step, if there is one."""
+    if len(t) < 3:
+        return None
+    steps = np.diff(t)
+    for step in (float(np.median(steps)), float(steps.min())):
+        found = _grid(t, steps, step)
+        if found is not None:
+            return found
+    return None
+
+
+def _grid(t: Array, steps: Array, step: float) -> Grid | None:
+    near = steps[np.abs(steps - step) < step / 4]  # a mean, as times may have few digits
+    place = np.concatenate([[0.0], np.cumsum(np.round(steps / near.mean()))])
+    if not np.all(np.diff(place) > 0) or place[-1] > SPARSE * len(t):
+        return None
+    centre, middle = place.mean(), t.mean()
+    step = float((place - centre) @ (t - middle) / ((place - centre) @ (place - centre)))
+    found = Grid(float(middle - step * centre), step, place.astype(np.int64))
+    return found if np.all(np.abs(found.times - t) <= STEP_TOLERANCE * step) else None
+
+
+def on_grid(t: Array) -> Array:
+    """`t` itself where its steps are equal or have no grid, else the times of the grid."""
+    found = None if even(t) else grid(t)
+    return t if found is None else found.times
+
+
+def in_words(t: Array) -> str:
+    """What the times `t (T,)` are like, s."""
+    if len(t) < 2:
+        return f"one sample, at {t[0]:.6g} s"
+    if even(t):
+        step = (t[-1] - t[0]) / (len(t) - 1)
+        return f"a sample every {step:.6g} s ({1 / step:.6g} Hz), the first at {t[0]:.6g} s"
+    found = grid(t)
+    if found is not None:
+        return _gaps(t, found)
+    steps = np.diff(t)
+    return (
+        f"{len(t)} times at unequal steps, usually {np.median(steps):.6g} s, from {steps.min():.6g} to "
+        f"{steps.max():.6g} s with a relative sd of {steps.std() / steps.mean():.2g}; the first at "
+        f"{t[0]:.6g} s"
+    )
+
+
+def _gaps(t: Array, found: Grid) -> str:
+    gaps = np.diff(found.place)
+    longest, count = int(np.argmax(gaps)), int(np.sum(gaps > 1))
+    named = "1 gap" if count == 1 else f"{count} gaps, the longest"
+    return (
+        f"a sample every {found.step:.6g} s ({1 / found.step:.6g} Hz), the first at {t[0]:.6g} s; "
+        f"{found.missing} missing in {named}{'' if count > 1 else ','} of {gaps[longest] - 1} between "
+        f"{t[longest]:.6g} and {t[longest + 1]:.6g} s"
+    )
+
+
+def union(clocks: Sequence[Array]) -> Array:
+    """Times of all `clocks`, each increasing; those that are the same on several stand once."""
+    t = np.sort(np.concatenate(clocks))
+    usual = min(float(np.median(np.diff(clock))) for clock in clocks if len(clock) > 1)
+    digits = 4 * np.spacing(np.abs(t).max())
+    return np.asarray(t[np.r_[True, np.diff(t) > max(SAME * usual, digits)]], dtype=np.float64)
+
+
+def places(t: Array, clock: Array) -> NDArray[np.intp]:
+    """Where each time of `clock`, one of those of the `union` `t`, stands there."""
+    after = np.clip(np.searchsorted(t, clock), 1, len(t) - 1)
+    return np.asarray(after - (clock - t[after - 1] < t[after] - clock), dtype=np.intp)
+
+
+def held(t: Array, clock: Array, values: Array, *, first_order: bool) -> Array:
+    """An input known at `clock (n,)`, at times `t (T,)`: straight between samples, or as the last was.
+
+    Before the first sample it is the first, after the last the last.
+    """
+    if first_order:
+        return np.interp(t, clock, values)
+    slack = SAME * float(np.median(np.diff(clock))) + 4 * np.spacing(np.abs(clock).max())
+    last = np.searchsorted(clock, t + slack, side="right") - 1
+    return np.asarray(values[np.maximum(last, 0)], dtype=np.float64)

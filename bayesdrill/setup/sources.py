@@ -1,0 +1,213 @@
+"""The files of a record: each is read once, and its times are made a clock in SI."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayesdrill.basics import sizes, units
+from bayesdrill.basics.entries import made
+from bayesdrill.basics.errors import InputError, Problem
+from bayesdrill.record.clocks import on_grid
+from bayesdrill.record.experiment import check_time
+from bayesdrill.record.formats import FORMATS, Table, format_of, variable_name
+from bayesdrill.setup import build
+from bayesdrill.setup.config import Config
+from bayesdrill.setup.record_entries import Column, FileSpec, Series, TimeColumn, TimeRate, windows
+from bayesdrill.setup.yaml_source import Place, Source
+
+Array = NDArray[np.float64]
+
+ELSEWHERE = "; if the times of this file stand elsewhere, give this entry its own `time:`"
+
+
+def entries(config: Config) -> dict[Place, Series]:
+    """Channels, then measured inputs, by their places."""
+    channels = {("record", "channels", name): s for name, s in config.record.channels.items()}
+    return channels | {("inputs", name): s for name, s in build.measured_inputs(config).items()}
+
+
+def file_of(spec: Series) -> FileSpec | None:
+    """The file of its own, if it has one; None stands for the record's."""
+    return FileSpec(path=spec.file) if isinstance(spec.file, str) else spec.file
+
+
+def path_of(config: Config, source: Source, file: FileSpec | None = None) -> Path:
+    """The record's file, or another one: relative paths start at the folder of the config."""
+    return source.path.parent / (config.record.file if file is None else file.path)
+
+
+def files(config: Config) -> list[FileSpec | None]:
+    """All that are read, the record's own first, each once."""
+    return list(dict.fromkeys([None, *map(file_of, entries(config).values())]))
+
+
+def paths(config: Config, source: Source) -> list[Path]:
+    return [path_of(config, source, file) for file in files(config)]
+
+
+def named_in(data: dict[str, Any]) -> list[tuple[dict[str, Any], str]]:
+    """Of a config as plain data: each mapping that names a file, and the key that does."""
+    inputs = [one for one in data["inputs"].values() if isinstance(one, dict)]
+    sections = [data["record"], *data["record"]["channels"].values(), *inputs]
+    having = [(section, section["file"]) for section in sections if "file" in section]
+    return [(file, "path") if isinstance(file, dict) else (s, "file") for s, file in having]
+
+
+def named(config: Config) -> str:
+    """All of them, for a reader."""
+    every = [config.record.file if file is None else file.path for file in files(config)]
+    return ", ".join(f"`{Path(one).name}`" for one in every)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Clock:
+    """Times `t (n,)` s of the `rows (n,)` of a table that has `n_rows`; `inside`: of the windows' span.
+
+    Of several clocks each keeps a row on either side of that span, so that inputs are known at its ends.
+    """
+
+    table: Table
+    t: Array
+    rows: NDArray[np.intp]
+    inside: NDArray[np.bool_]
+    n_rows: int
+
+    def where(self, index: int) -> str:
+        return self.table.where(int(self.rows[index]))
+
+    @property
+    def numbers(self) -> NDArray[np.int64]:
+        """Of the rows, as messages give them."""
+        lines = self.table.lines
+        return np.asarray(self.rows + 1 if lines is None else lines[self.rows], dtype=np.int64)
+
+
+class Sources:
+    """Tables and clocks of all columns; problems are collected."""
+
+    def __init__(self, config: Config, source: Source, given: Table | None) -> None:
+        self.problems: list[Problem] = []
+        self._config, self._source = config, source
+        self._given = given
+        self._tables: dict[FileSpec | None, Table | None] = {}
+        self._clocks: dict[object, Clock | None] = {}
+        self._spans = windows(config.record.window)
+        every = entries(config)
+        self._keys = {place: (file_of(s), s.time) for place, s in every.items()}
+        self.several = len(set(self._keys.values())) > 1
+        for place, spec in every.items():
+            key = self._keys[place]
+            if key not in self._clocks:
+                self._clocks[key] = self._clock(place, spec)
+
+    def label(self, place: Place) -> str:
+        return self._source.problem(place, "").place
+
+    def add(self, place: Place, message: str) -> None:
+        self.problems.append(self._source.problem(place, message))
+
+    def clock(self, place: Place) -> Clock | None:
+        return self._clocks[self._keys[place]]
+
+    @property
+    def clocks(self) -> list[Clock]:
+        return [clock for clock in self._clocks.values() if clock is not None]
+
+    def column(self, place: Place, spec: Column) -> Array | None:
+        """All rows of a channel or an input, as they stand in the file."""
+        table = self._tables.get(self._keys[place][0])
+        return None if table is None else self._pick(place, spec, table)
+
+    def _pick(self, place: Place, spec: Column, table: Table, instead: str = "") -> Array | None:
+        try:
+            return table.pick(spec.column, spec.variable, place=self.label(at(place, spec)))
+        except InputError as error:
+            self.problems += [Problem(p.place, f"{p.message}{instead}") for p in error.problems]
+            return None
+
+    def _clock(self, place: Place, spec: Series) -> Clock | None:
+        table = self._table(place, spec)
+        if table is None:
+            return None
+        own = spec.time is not None
+        time, time_place = spec.time or self._config.record.time, (*place, "time")
+        if not own:
+            time_place = ("record", "time") if spec.file is None else (*place, "file")
+        if isinstance(time, TimeRate):
+            values = self._pick(place, spec, table)
+            raw = None if values is None else np.arange(len(values)) / time.rate
+            offset = time.offset or 0.0
+        else:
+            instead = ELSEWHERE if spec.file is not None and not own else ""
+            values, factor = (
+                self._pick(time_place, time, table, instead),
+                units.factor(time.unit, "s"),
+            )
+            raw, offset = None if values is None else values * factor, (time.offset or 0.0) * factor
+        if raw is None:
+            return None
+        return self._windowed(place, time_place, table, raw + offset if offset else raw)
+
+    def _windowed(self, place: Place, time_place: Place, table: Table, raw: Array) -> Clock | None:
+        rows, inside = np.arange(len(raw)), np.ones(len(raw), dtype=np.bool_)
+        if self._spans:
+            begin, end = min(a for a, _ in self._spans), max(b for _, b in self._spans)
+            slack = 1e-9 * max(abs(begin), abs(end))
+            inside = (raw >= begin - slack) & (raw <= end + slack)
+            if not inside.any() and place[0] == "record":
+                message = f"no sample lies in it: the record goes from {raw[0]:g} to {raw[-1]:g} s"
+                self.add(("record", "window"), message)
+                return None
+            around = [
+                np.flatnonzero(raw < begin - slack)[-1:],
+                np.flatnonzero(raw > end + slack)[:1],
+            ]
+            beside = around if self.several else [rows[:0], rows[:0]]
+            rows = np.concatenate([beside[0], np.flatnonzero(inside), beside[1]])
+        clock = Clock(table, raw[rows], rows, inside[rows], len(raw))
+        found = check_time(self.label(time_place), clock.t, clock.where)
+        self.problems += found
+        return None if found else Clock(table, on_grid(clock.t), rows, inside[rows], len(raw))
+
+    def _table(self, place: Place, spec: Series) -> Table | None:
+        file = file_of(spec)
+        if file not in self._tables:
+            self._tables[file] = self._read(place, file)
+        return self._tables[file]
+
+    def _read(self, place: Place, file: FileSpec | None) -> Table | None:
+        at_file: Place = ("record", "file") if file is None else (*place, "file")
+        if self._given is not None:
+            if file is None:
+                return self._given
+            self.add(at_file, "the record is given as arrays; give this column as one of them")
+            return None
+        path, written = path_of(self._config, self._source, file), file or self._config.record
+        try:
+            sizes.check_file(path)
+            kind = FORMATS[written.format or format_of(path)]
+            return kind.read(path, made(kind.options, written), self._wanted(file))
+        except ValueError as error:
+            self.add(at_file, str(error))
+        except InputError as error:
+            label = self.label(at_file)
+            self.problems += [Problem(label, str(problem)) for problem in error.problems]
+        return None
+
+    def _wanted(self, file: FileSpec | None) -> set[str] | None:
+        """Variables that the config names in a file; None where it leaves one to be found out."""
+        specs = [s for s in entries(self._config).values() if file_of(s) == file]
+        times = [spec.time or self._config.record.time for spec in specs]
+        columns = [*specs, *(time for time in times if isinstance(time, TimeColumn))]
+        names = {variable_name(spec.column, spec.variable) for spec in columns}
+        return None if None in names else {name for name in names if name is not None}
+
+
+def at(place: Place, spec: Column) -> Place:
+    """The entry that says which numbers are meant."""
+    return (*place, "column" if spec.column is not None else "variable")
