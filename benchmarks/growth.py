@@ -60,11 +60,11 @@ def variant(
     empty = dataclasses.replace(
         original, t=t, y=np.zeros((samples, channels)), channels=tuple(entries)
     )
-    quiet = build.problem([View("", config, job.source)], [empty]).posterior
+    quiet = build.problem(config, [View("", config, job.source)], [empty]).posterior
     truth = quiet.space.vector({name: job.problem.nominal[name] for name in quiet.space.free})
     y = quiet.likelihood.signals(truth[None])[0]
     y = y + 0.1 * np.random.default_rng(2).standard_normal(y.shape)
-    return build.problem([View("", config, job.source)], [dataclasses.replace(empty, y=y)])
+    return build.problem(config, [View("", config, job.source)], [dataclasses.replace(empty, y=y)])
 
 
 def cost(made: Problem, batch: int = BATCH) -> float:

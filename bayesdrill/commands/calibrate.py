@@ -66,7 +66,7 @@ def prepare(path: Path) -> Job:
     records = [read(view.config, view.source) for view in every]
     # What was measured plays no part, and so must not stop a calibration from being resumed.
     blank = [dataclasses.replace(x, y=frozen(np.where(x.seen, 0.0, np.nan))) for x in records]
-    return Job(config=config, source=source, problem=build.problem(every, blank))
+    return Job(config=config, source=source, problem=build.problem(config, every, blank))
 
 
 def study(job: Job) -> Study:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from bayesdrill.inference.priors import Prior, TruncatedNormal
 from bayesdrill.record.experiment import Experiment, frozen
 from bayesdrill.rig import vocabulary
+from bayesdrill.rig.models.linear import Model, Named
 from bayesdrill.rig.sensing import Sensing
 from bayesdrill.setup import sensors
 from bayesdrill.setup.sensors import Declared
@@ -23,16 +24,22 @@ FURTHEST = 1e-6  # of the prior of a lag lies beyond what is left out of the sta
 QUICK = 0.99  # of the steps of an angle are no faster than the speed that is taken of it
 
 
-def free(states: Sequence[str], experiment: Experiment) -> list[Declared]:
-    """Normal priors around what the first samples say, as wide as the channels go."""
-    return [_free(name, experiment) for name in states]
+def free(
+    states: Sequence[str], experiment: Experiment, model: Model, values: Named
+) -> list[Declared]:
+    """Normal priors around what the first samples say, as wide as the channels go; of what no channel
+    tells of, as wide as the inputs would drive it at parameters `values`.
+    """
+    return [_free(name, experiment, model, values) for name in states]
 
 
-def _free(name: str, experiment: Experiment) -> Declared:
+def _free(name: str, experiment: Experiment, model: Model, values: Named) -> Declared:
     unit = vocabulary.STATES[name].unit
     middle, width = _measured(name, experiment)
     if width is None:
         width = {"rad": _angle, "rad/s": _speed}.get(unit, _other)(experiment, unit)
+    if not width:
+        width = _driven(name, experiment, model, values)
     if not (math.isfinite(width) and width > 0):
         raise ValueError(
             f"no channel says how far {name} may be from zero at the start; give it a prior, such as "
@@ -83,6 +90,20 @@ def _speed(experiment: Experiment, unit: str) -> float:
 
 def _other(experiment: Experiment, unit: str) -> float:
     return max((float(np.abs(y).max()) for _, y in _seen(experiment, unit)), default=0.0)
+
+
+def _driven(name: str, experiment: Experiment, model: Model, values: Named) -> float:
+    """Where the inputs would hold it, if nothing else moved."""
+    linear = model.linear(values)
+    decay = abs(float(linear.A.get((name, name), 0.0)))
+    largest = {n: abs(x) for n, x in experiment.constant.items()}
+    largest |= {n: float(np.abs(u).max()) for n, u in experiment.series.items()}
+    push = sum(
+        abs(float(value)) * largest.get(of, 0.0)
+        for (row, of), value in linear.B.items()
+        if row == name
+    )
+    return push / decay if decay > 0 else 0.0
 
 
 def beyond_lags(

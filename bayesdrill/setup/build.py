@@ -280,14 +280,21 @@ def simulated(view: View, model: Model, experiment: Experiment) -> tuple[Simulat
     sensing = sensors.sensing(view.config, model)
     free = sensors.free_states(view.config, model)
     if free:
-        told += beginning.free(free, experiment)
+        told += beginning.free(free, experiment, model, _at_start(view.config, model))
     seen = beginning.beyond_lags(experiment, sensing, {each.name: each.value for each in told})
     return simulator(model, seen, sensing), told
 
 
-def problem(views: Sequence[View], experiments: Sequence[Experiment]) -> Problem:
-    """Everything, for records already read (`reading.read`), one of each view."""
-    config = views[0].config
+def _at_start(config: Config, model: Model) -> dict[str, float]:
+    """The rig's parameters where searches begin."""
+    known = space(config, model, [])
+    values = {**known.fixed, **known.start}
+    values |= {name: float(r.value(values)) for name, r in known.relations.items()}
+    return {name: values[name] for name in model.parameters}
+
+
+def problem(config: Config, views: Sequence[View], experiments: Sequence[Experiment]) -> Problem:
+    """Everything, for records already read (`reading.read`), one of each view of the config."""
     rig = model(config)
     labels = [view.label for view in views]
     parts, told, levels = [], dict[str, Declared](), dict[str, Unknown]()

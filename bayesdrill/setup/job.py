@@ -57,7 +57,7 @@ def assemble(config: Config, source: Source, table: Table | None = None) -> Job:
     every = views(config, source)
     records = [reading.read(view.config, view.source, table) for view in every]
     try:
-        problem = build.problem(every, records)
+        problem = build.problem(config, every, records)
     except ValueError as error:
         raise InputError([source.problem(("record",), str(error))]) from None
     posterior = problem.posterior
