@@ -80,7 +80,14 @@ def case(shown: dict[str, str], factors: dict[str, float]) -> bd.Case:
     )
 
 
-OWN, PLAIN = case(UNITS, FACTORS), case({}, {})
+@cache
+def users() -> bd.Case:
+    return case(UNITS, FACTORS)
+
+
+@cache
+def usual() -> bd.Case:
+    return case({}, {})
 
 
 @dataclass(frozen=True)
@@ -93,8 +100,10 @@ class Pair:
 
 @cache
 def pair() -> Pair:
-    run = OWN.sample()
-    own, plain = (concluding.concluded(one.job, run.mode, run.sampled) for one in (OWN, PLAIN))
+    run = users().sample()
+    own, plain = (
+        concluding.concluded(one.job, run.mode, run.sampled) for one in (users(), usual())
+    )
     return Pair(own, plain)
 
 
@@ -107,7 +116,7 @@ def numbers(text: str) -> list[float]:
 
 def test_beliefs_in_users_units_are_those_in_si() -> None:
     """Mutants killed: a `start`, a median or a scale of sigma that is taken for SI."""
-    one, other = (each.job.problem.posterior.space for each in (OWN, PLAIN))
+    one, other = (each.job.problem.posterior.space for each in (users(), usual()))
     assert one.start == pytest.approx(dict(other.start), rel=1e-9)
     assert one.start["sigma_theta_1"] == pytest.approx(0.03)
     assert one.fixed["L"] == pytest.approx(2.4)
@@ -214,9 +223,9 @@ def test_the_table_for_papers_is_in_these_units() -> None:
     assert all(text is not None and text.isascii() for text in texts)
     one, other = ([line.split(" & ") for line in str(text).splitlines()[5:-2]] for text in texts)
     for row, mine, theirs in zip(own.rows, one, other, strict=True):
-        power, usual = ([*numbers(cells[1].replace("10^", "")), 0] for cells in (mine, theirs))
+        power, of_si = ([*numbers(cells[1].replace("10^", "")), 0] for cells in (mine, theirs))
         found = 10.0 ** power[0] if "10^" in mine[1] else 1.0
-        base = 10.0 ** usual[0] if "10^" in theirs[1] else 1.0
+        base = 10.0 ** of_si[0] if "10^" in theirs[1] else 1.0
         if row.name in UNITS:
             assert rf"\mathrm{{{UNITS[row.name]}}}" in mine[1]
         for k in (3, 4):
@@ -264,7 +273,7 @@ def test_figures_are_of_the_same_draws_in_these_units() -> None:
 
 def overlaid(first: str, second: str) -> OverlayReport:
     views = {"own": pair().own, "plain": pair().plain}
-    jobs = {"own": OWN.job, "plain": PLAIN.job}
+    jobs = {"own": users().job, "plain": usual().job}
     shown = overlaying.units([jobs[first], jobs[second]])
     layers = [
         overlaying.layer(name, jobs[name], views[name].mode, views[name].sampled, shown)
@@ -319,10 +328,10 @@ def test_axes_of_several_runs_have_the_unit_and_the_logs_of_the_first() -> None:
 
 def test_a_name_of_two_meanings_is_in_si() -> None:
     """Mutant killed: the unit of a length for an angle of the same name."""
-    symbols = [replace(s, unit="rad") if s.name == "d" else s for s in PLAIN.job.problem.symbols]
-    other = replace(PLAIN.job, problem=replace(PLAIN.job.problem, symbols=tuple(symbols)))
-    assert overlaying.units([OWN.job, PLAIN.job]).factor("d") == 1e-3
-    assert overlaying.units([OWN.job, other]).factor("d") == 1.0
+    symbols = [replace(s, unit="rad") if s.name == "d" else s for s in usual().job.problem.symbols]
+    other = replace(usual().job, problem=replace(usual().job.problem, symbols=tuple(symbols)))
+    assert overlaying.units([users().job, usual().job]).factor("d") == 1e-3
+    assert overlaying.units([users().job, other]).factor("d") == 1.0
 
 
 # --- files for machines --------------------------------------------------------------------------
@@ -434,13 +443,13 @@ def test_a_profile_is_told_and_drawn_in_these_units_as_large_as_the_config_wants
     line = np.linspace(2.9e-3, 3.1e-3, 9)
     loss = ((line - 3e-3) / 3e-5) ** 2
     known: dict[str, Any] = {"best": 3e-3, "low": 2.94e-3, "high": 3.06e-3, "shape": "bounded"}
-    output = OWN.job.config.output.model_copy(
+    output = users().job.config.output.model_copy(
         update={"formats": ["svg"], "size": "single", "dpi": 90}
     )
-    config = OWN.job.config.model_copy(update={"output": output})
+    config = users().job.config.model_copy(update={"output": output})
     found = replace(
-        OWN.identify(),
-        job=replace(OWN.job, config=config),
+        users().identify(),
+        job=replace(users().job, config=config),
         profiles=(Profile(name="d", values=line, loss=loss, **known),),
     )
     row = found.text.splitlines()[-1].split()
@@ -456,9 +465,9 @@ def test_a_profile_is_told_and_drawn_in_these_units_as_large_as_the_config_wants
 
 
 def test_a_maximum_is_drawn_in_the_files_that_the_config_wants(tmp_path: Path) -> None:
-    output = OWN.job.config.output.model_copy(update={"formats": ["svg"]})
-    job = replace(OWN.job, config=OWN.job.config.model_copy(update={"output": output}))
-    best = bd.Best(job, pair().own.mode, OWN.columns)
+    output = users().job.config.output.model_copy(update={"formats": ["svg"]})
+    job = replace(users().job, config=users().job.config.model_copy(update={"output": output}))
+    best = bd.Best(job, pair().own.mode, users().columns)
     best.save(tmp_path / "map")
     assert [p.name for p in (tmp_path / "map" / "figures").iterdir()] == ["fit.svg"]
     told = json.loads((tmp_path / "map" / "run.json").read_text())
