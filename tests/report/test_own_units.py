@@ -19,10 +19,12 @@ from oracles import NOMINAL
 from pictures import clashes, drawn, si
 
 import bayesdrill as bd
-from bayesdrill.basics import units
+from bayesdrill.basics import own_files, units
 from bayesdrill.basics.symbols import latex_unit, unit_product
-from bayesdrill.commands import concluding, overlaying
+from bayesdrill.commands import calibrate, concluding, overlaying
 from bayesdrill.engines.mode import Other
+from bayesdrill.insight.calibration.refit import FIT, Refit
+from bayesdrill.insight.calibration.verdict import judge
 from bayesdrill.insight.identifiability.profile import Profile
 from bayesdrill.report import derived_words, figures, residual_words, tables, words
 from bayesdrill.report.intervals_plot import intervals_figure
@@ -32,6 +34,7 @@ from bayesdrill.report.publish import TABLES
 from bayesdrill.report.run_report import sections
 from bayesdrill.report.sections import as_markdown
 from bayesdrill.report.view import View
+from bayesdrill.results.run_folder import Folder
 from bayesdrill.rig.models.motor_shaft import MotorShaft
 from bayesdrill.setup.own_units import SI, OwnUnits
 
@@ -473,3 +476,27 @@ def test_a_maximum_is_drawn_in_the_files_that_the_config_wants(tmp_path: Path) -
     told = json.loads((tmp_path / "map" / "run.json").read_text())
     assert "figures/fit.svg" in told["files"]
     assert "figures/fit.svg" in (tmp_path / "map" / "map.md").read_text()
+
+
+def test_a_calibration_is_drawn_as_large_and_in_the_files_that_the_config_wants(
+    tmp_path: Path,
+) -> None:
+    """Mutants killed: the usual files whatever the config says; files of before that stay."""
+    names = [*users().unknowns, FIT]
+    rng = np.random.default_rng(2)
+    how: dict[str, Any] = {"r_hat": 1.0, "ess": 500.0, "steps": 800, "reasons": (), "seconds": 0.0}
+    refits = [
+        Refit(index=k, truth=(0.0,) * 5, ranks=tuple(rng.integers(0, 100, 5).tolist()), **how)
+        for k in range(60)
+    ]
+    verdict = judge(names, refits, 99)
+    for formats, size in ((["png"], "double"), (["svg"], "single")):
+        output = users().job.config.output.model_copy(update={"formats": formats, "size": size})
+        config = users().job.config.model_copy(update={"output": output})
+        with Folder(tmp_path, "force", {}, own_files.CALIBRATE) as folder:
+            folder.write_run(status="running")
+            calibrate._draw(replace(users().job, config=config), folder, verdict)
+        (file,) = (tmp_path / "figures").iterdir()
+        assert file.name == f"calibration.{formats[0]}"
+    text = file.read_text()
+    assert float(re.findall(r'width="([\d.]+)pt"', text)[0]) == pytest.approx(72 * 3.4)
