@@ -31,6 +31,55 @@ class Mutant:
 
 MUTANTS = [
     Mutant(
+        "a table in the unit of a user with the numbers of SI",
+        "setup/own_units.py",
+        "values = {key: x / own.factor for",
+        "values = {key: x / 1.0 for",
+        "tests/report/test_own_units.py::test_tables_show_what_was_found_over_the_unit_of_the_user",
+    ),
+    Mutant(
+        "several runs in the units of the last",
+        "setup/own_units.py",
+        "{**others.units, **self.units}",
+        "{**self.units, **others.units}",
+        "tests/report/test_own_units.py::test_runs_are_shown_in_the_units_of_the_first_and_saved_in_si",
+    ),
+    Mutant(
+        "a unit that cannot be typeset keeps its factor",
+        "basics/units.py",
+        "    except ValueError:\n        return usual",
+        "    except ValueError:\n        return Unit(inside, times, usual.latex)",
+        "tests/report/test_own_units.py::test_a_unit_that_formulas_do_not_have_is_shown_in_si",
+    ),
+    Mutant(
+        "a start of sigma taken for SI",
+        "setup/build.py",
+        "return prior(rescaled(spec.sigma, factor), 1.0), begin * factor",
+        "return prior(rescaled(spec.sigma, factor), 1.0), begin",
+        "tests/report/test_own_units.py::test_beliefs_in_users_units_are_those_in_si",
+    ),
+    Mutant(
+        "a prior in a user's unit told in numbers of SI",
+        "inference/priors.py",
+        "getattr(si, name) / self.factor for",
+        "getattr(si, name) for",
+        "tests/report/test_own_units.py::test_every_prior_of_a_sigma_is_in_the_unit_of_its_column_and_said_so",
+    ),
+    Mutant(
+        "inputs without a unit in the tree",
+        "results/arviz_tree.py",
+        "values.attrs.update(units=symbol.unit, long_name",
+        "values.attrs.update(long_name",
+        "tests/report/test_own_units.py::test_every_variable_of_the_tree_has_a_unit",
+    ),
+    Mutant(
+        "an overlay on plain axes",
+        "report/overlay_shown.py",
+        "return flat_in_logs(next(found, None))",
+        "return False",
+        "tests/report/test_own_units.py::test_axes_of_several_runs_have_the_unit_and_the_logs_of_the_first",
+    ),
+    Mutant(
         "what leans by values, not by ranks",
         "insight/leaning.py",
         "ranks = rankdata(some, axis=0)",

@@ -179,7 +179,7 @@ def own_symbol(name: str, unit: str, latex: str | None, meaning: str) -> Symbol:
 _SIGNS = {  # that units are written with, and what they are in formulas
     **dict.fromkeys("\u00b7\u22c5", "*"),
     **dict.fromkeys("\u00b5\u03bc", r"{\mu}"),
-    **dict.fromkeys("\u03a9\u2126", r"{\Omega}"),
+    **dict.fromkeys("\u03a9", r"{\Omega}"),
     "\u00b0": r"{}^{\circ}",
     **{chr(raised): f"**{digit}" for digit, raised in zip("23", (0xB2, 0xB3), strict=True)},
 }

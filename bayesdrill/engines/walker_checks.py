@@ -173,7 +173,7 @@ def _of_two_places(kept: Kept, sound: Flags, sd: Array) -> list[str]:
     if not places:
         return []
     return [
-        f"the walkers sit in two places and hardly ever cross between them ({'; '.join(places)} by "
+        f"the walkers sit in two places and hardly ever cross between them (SI; {'; '.join(places)} by "
         f"{len(means)} walkers in {kept.theta.shape[1]} steps): the shares are those of the start, "
         "not of the posterior; give the prior an end that leaves one place out, or a record that "
         "tells them apart"
@@ -220,5 +220,5 @@ def _where(kept: Kept, ensemble: int, walker: int, sound: Flags) -> str:
     d = int(np.argmax(np.abs(mean - centre) / np.where(sd > 0, sd, 1.0)))
     return (
         f"walker {walker} of ensemble {ensemble}, at {kept.names[d]} {mean[d]:.4g} where the others "
-        f"have {centre[d]:.4g} +- {sd[d]:.2g}"
+        f"have {centre[d]:.4g} +- {sd[d]:.2g} in SI"
     )

@@ -90,6 +90,7 @@ def _panel(
         panel.axvline(float(scale(nominal)), **style.NOMINAL)
     panel.set_xlim(scale.low, scale.high)
     panel.set_ylim(-0.03 * HIGHEST, HIGHEST)
+    style.set_ticks(panel.yaxis, np.array([0.0, 2.0, 4.0, 6.0]), ["0", "2", "4", "6"])
     panel.set_xlabel(scale.label(symbol), labelpad=1)
     inches = panel.get_window_extent().width / panel.figure.dpi
     most = 4 if inches > ROOMY else 3

@@ -11,6 +11,7 @@ from rigs import measured, posterior, vector
 
 from bayesdrill.basics.duals import Dual
 from bayesdrill.basics.symbols import PARAMETERS
+from bayesdrill.inference.priors import Uniform
 from bayesdrill.insight.identifiability import information, structure
 from bayesdrill.insight.identifiability.profile import THRESHOLD, Fitter, Profile, profile
 from bayesdrill.insight.identifiability.scenes import Scenery
@@ -286,6 +287,18 @@ def test_profile_of_what_the_record_does_not_show_is_flat() -> None:
     assert flat.shape == "flat"
     assert flat.loss.max() < THRESHOLD
     assert profile(fitter, names, names.index("k_s")).shape == "bounded"
+
+
+def test_a_profile_whose_best_fit_is_an_end_of_its_prior_has_each_place_once() -> None:
+    """Mutant killed: places between the best fit and an end where it is already."""
+    target = posterior(measured(SIGMA), SIGMA, free=("k_s", "j_m"))
+    high = 0.9 * NOMINAL["k_s"]  # below what fits
+    prior = Uniform(0.5 * high, high)
+    target = replace(target, space=target.space.with_priors({"k_s": prior}))
+    theta = target.space.vector({"k_s": high, "j_m": NOMINAL["j_m"]})
+    found = profile(Fitter(target, Scenery(target.likelihood), theta), ("k_s", "j_m"), 0)
+    assert found.best == pytest.approx(high)
+    assert np.diff(found.values).min() > 1e-6 * high
 
 
 def test_a_profile_through_the_priors_of_others_is_no_limit_of_the_record() -> None:

@@ -2,21 +2,31 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
-from pictures import SYMBOLS, TABLE, clashes, drawn, mode_of, posterior, prior_of, shown
+from pictures import SIGMAS, SYMBOLS, TABLE, clashes, drawn, mode_of, posterior, prior_of, shown, si
+from verdicts import PRIOR_SD, linear_study
 
-from bayesdrill.basics.symbols import Symbol
+from bayesdrill.basics.symbols import PARAMETERS, Symbol
 from bayesdrill.inference.priors import LogUniform, Prior
+from bayesdrill.insight.calibration.refit import FIT, Refit
+from bayesdrill.insight.calibration.verdict import judge
+from bayesdrill.insight.identifiability.profile import Profile
 from bayesdrill.report import style
+from bayesdrill.report.calibration_plot import calibration_figure
 from bayesdrill.report.corner_plot import corner_figure
 from bayesdrill.report.prior_posterior_plot import prior_posterior_figure
+from bayesdrill.report.profile_plot import profile_figure
 from bayesdrill.report.ridge_plot import Pair, ridge_figure
+from bayesdrill.report.spectrum_plot import spectrum_figure
 from bayesdrill.report.trace_plot import trace_figure
 from bayesdrill.report.warning_strip import warned
 
 LOGS = {"c_m", "sigma_w_1", "sigma_i"}
+SIZES = {**TABLE, **{f"sigma_{name}": size for name, size in SIGMAS.items()}}
 WIDTHS = (style.SINGLE, style.DOUBLE)
 MANY = (1, 2, 3, 4, 9, 10, 13)
 SLOW = [pytest.param(n, marks=[pytest.mark.slow] * (n in (4, 10, 13))) for n in MANY]
@@ -78,6 +88,60 @@ def test_priors_against_posteriors(n: int, inches: float) -> None:
     assert list(clashes(figure)) == []
     assert figure.get_figwidth() <= inches
     assert figure.get_figheight() < 9.0
+
+
+def profile_of(symbol: Symbol) -> Profile:
+    """Over a decade, skewed, with its nominal value somewhere on it."""
+    values = np.geomspace(0.4, 3.0, 15) * SIZES[symbol.name]
+    loss = 3.0 * np.log(values / (0.9 * SIZES[symbol.name])) ** 2
+    ends: dict[str, float] = {"best": float(values[6]), "low": float(values[2])}
+    return Profile(name=symbol.name, values=values, loss=loss, high=None, shape="one-sided", **ends)
+
+
+@pytest.mark.parametrize("inches", WIDTHS)
+@pytest.mark.parametrize("n", [1, 3, 9, 13])
+def test_profiles_and_calibrations_are_as_wide_as_said(n: int, inches: float) -> None:
+    """Mutant killed: a logarithmic axis on which a value stands at its place on a plain one."""
+    symbols = {symbol.name: symbol for symbol in SYMBOLS[:n]}
+    found = [profile_of(symbol) for symbol in symbols.values()]
+    profiles = drawn(profile_figure(found, symbols, TABLE, LOGS, inches))
+    names = [*symbols, FIT]
+    ranks = np.random.default_rng(n).integers(0, 100, (60, n + 1))
+    refits = [refit(k, tuple(map(int, row))) for k, row in enumerate(ranks)]
+    calibration = drawn(calibration_figure(judge(names, refits, 99), [*symbols.values()], inches))
+    for figure in (profiles, calibration):
+        assert list(clashes(figure)) == []
+        assert figure.get_figwidth() <= inches
+        assert figure.get_figheight() < 12.0
+        assert min(letters(figure)) >= 5.0
+    assert calibration.get_figwidth() == inches
+    for panel, symbol in zip(profiles.axes, symbols.values(), strict=True):
+        low = panel.get_lines()[1].get_xdata()[2]
+        power = si(panel.get_xlabel(), 1.0)
+        value = power * 10.0**low if symbol.name in LOGS else si(panel.get_xlabel(), low)
+        shown = found[list(symbols).index(symbol.name)]
+        assert np.abs(shown.values / value - 1.0).min() < 1e-6
+
+
+def refit(index: int, ranks: tuple[int, ...]) -> Refit:
+    how: dict[str, Any] = {"r_hat": 1.0, "ess": 500.0, "steps": 800, "reasons": (), "seconds": 0.0}
+    return Refit(index=index, truth=(0.0,) * len(ranks), ranks=ranks, **how)
+
+
+@pytest.mark.parametrize("inches", WIDTHS)
+def test_a_spectrum_names_every_bar_at_either_width(inches: float) -> None:
+    study = linear_study(np.full(3, PRIOR_SD))
+    labels = {name: PARAMETERS[name].latex for name in study.names}
+    figure = drawn(spectrum_figure(study, labels, inches))
+    assert figure.get_figwidth() == inches
+    (panel,) = figure.axes
+    texts = [*panel.get_yticklabels(), *panel.texts]
+    named = [text for text in texts if "_" in text.get_text()]
+    assert len(named) == len(study.directions)
+    boxes = [text.get_window_extent() for text in named]
+    assert all(figure.bbox.contains(*corner) for b in boxes for corner in (b.p0, b.p1))
+    heights = [b.y0 for b in boxes]
+    assert min(np.abs(np.diff(heights))) > max(b.height for b in boxes)
 
 
 # What must be said before anything else
