@@ -15,9 +15,9 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
-import llvmlite.binding as llvm
 from llvmlite import ir
 
+from bayesdrill.rig.kernels.compiling import machine_code
 from bayesdrill.rig.kernels.exponential import emit_exponential
 from bayesdrill.rig.kernels.lanes import LANES
 from bayesdrill.rig.kernels.layout import Layout
@@ -52,26 +52,10 @@ def compile_kernels(layout: Layout, names: tuple[str, ...] = ("misfit", "signals
             emit_normal(module, layout, step, lead)
         else:
             emit_response(module, layout, step, lead, sums=name == "misfit")
-    engine = _machine_code(module)
+    engine = machine_code(module)
     named = {}
     for name in names:
         counts, blocks = (3, 7) if name == "normal" else (2, 4)
         prototype = ctypes.CFUNCTYPE(None, *[ctypes.c_int64] * counts, *[ctypes.c_void_p] * blocks)
         named[name] = prototype(engine.get_function_address(name))
     return Kernels(named, engine)
-
-
-def _machine_code(module: ir.Module) -> Any:
-    llvm.initialize_native_target()
-    llvm.initialize_native_asmprinter()
-    target = llvm.Target.from_default_triple().create_target_machine(
-        cpu=llvm.get_host_cpu_name(), features=llvm.get_host_cpu_features().flatten(), opt=3
-    )
-    parsed = llvm.parse_assembly(str(module))
-    parsed.verify()
-    options = llvm.create_pipeline_tuning_options(speed_level=2)
-    passes = llvm.create_pass_builder(target, options)
-    passes.getModulePassManager().run(parsed, passes)
-    engine = llvm.create_mcjit_compiler(parsed, target)
-    engine.finalize_object()
-    return engine

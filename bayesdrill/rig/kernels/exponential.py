@@ -34,22 +34,28 @@ _MANTISSA_BITS = 52
 _EXPONENT_BIAS = 1023
 
 
-def emit_exponential(module: ir.Module, layout: Layout, name: str, span: float) -> ir.Function:
+def emit_exponential(
+    module: ir.Module, layout: Layout, name: str, span: float | None
+) -> ir.Function:
     """`name(parameters (P, LANES), e (N, N, LANES))`: e = exp of the augmented matrix over `span`.
+
+    Without a span `name(parameters, spans (LANES,), e)`: each lane has its own, and the columns of
+    the increments become those of the inputs' slopes.
 
     Taylor series of degree 16 in powers of the fourth power, then squarings lane by lane.  Both are
     of e - 1: beside a one, what a slow state does in the shortened span would be lost to rounding
     where another state is very fast.
     """
     product = module.globals.get("product") or _emit_product(module, layout)
-    made = function(module, name, 0, [VECTORS] * 2)
-    parameters, e = made.args
+    made = function(module, name, 0, [VECTORS] * (2 if span is not None else 3))
+    parameters, *spans, e = made.args
     b = ir.IRBuilder(made.append_basic_block())
+    duration: Lane | float = Lane(b, load(b, spans[0], 0)) if span is None else span
     n, reach = layout.size, layout.reach
     reached = [i * n + j for i in range(n) for j in range(n) if reach[i][j]]
     scratch = b.alloca(VEC, I64(5 * n * n))
     a, second, third, fourth, spare = (b.gep(scratch, [I64(k * n * n)]) for k in range(5))
-    halvings = _emit_scaled_matrix(b, layout, parameters, span, a)
+    halvings = _emit_scaled_matrix(b, layout, parameters, duration, a)
     for out, left, right in ((second, a, a), (third, second, a), (fourth, second, second)):
         b.call(product, [out, left, right])
 
@@ -90,15 +96,15 @@ def emit_exponential(module: ir.Module, layout: Layout, name: str, span: float) 
 
 
 def _emit_scaled_matrix(
-    b: ir.IRBuilder, layout: Layout, parameters: ir.Value, span: float, a: ir.Value
+    b: ir.IRBuilder, layout: Layout, parameters: ir.Value, span: Lane | float, a: ir.Value
 ) -> ir.Value:
     """The augmented matrix times `span` into `a`, halved until its series converges: how often."""
     n, x = layout.size, layout.n_states
     lanes = [Lane(b, load(b, parameters, p)) for p in range(layout.n_parameters)]
     matrix: dict[tuple[int, int], Lane | float] = {}
     for row, column, value in layout.entries(lanes):
-        # Rows below the states stand for increments per step, whatever the step is.
-        timed = value * span if row < x else value
+        # Rows below the states stand for increments per step, whatever the step is, or for slopes.
+        timed = value * span if row < x or isinstance(span, Lane) else value
         matrix[row, column] = matrix.get((row, column), 0.0) + timed
     values = {place: _value(entry) for place, entry in matrix.items()}
     # The size of the inputs' columns does not matter: the series in A alone converges.
@@ -109,7 +115,7 @@ def _emit_scaled_matrix(
         for column in (c for c in range(x) if (row, c) in values):
             total = b.fadd(total, b.call(absolute, [values[row, column]]))
         norm = b.select(b.fcmp_unordered(">", total, norm), total, norm)
-    halvings = _emit_halvings(b, norm)
+    halvings = emit_halvings(b, norm, TAYLOR_NORM)
     exponent = b.sub(whole_numbers(_EXPONENT_BIAS), halvings)
     factor = b.bitcast(b.shl(exponent, whole_numbers(_MANTISSA_BITS)), VEC)
     reach = layout.reach
@@ -121,16 +127,16 @@ def _emit_scaled_matrix(
     return halvings
 
 
-def _emit_halvings(b: ir.IRBuilder, norm: ir.Value) -> ir.Value:
-    """The least h >= 0 with norm / 2**h <= TAYLOR_NORM, read off the bits of the quotient."""
-    bits = b.bitcast(b.fdiv(norm, vector(TAYLOR_NORM)), INT_VEC)
+def emit_halvings(b: ir.IRBuilder, norm: ir.Value, bound: float) -> ir.Value:
+    """The least h >= 0 with norm / 2**h <= `bound`, read off the bits of the quotient."""
+    bits = b.bitcast(b.fdiv(norm, vector(bound)), INT_VEC)
     exponent = b.sub(b.lshr(bits, whole_numbers(_MANTISSA_BITS)), whole_numbers(_EXPONENT_BIAS))
     mantissa = b.and_(bits, whole_numbers((1 << _MANTISSA_BITS) - 1))
     above = b.icmp_signed("!=", mantissa, whole_numbers(0))
     least = b.add(exponent, b.zext(above, INT_VEC))
     for limit, side in ((0, "<"), (MOST_HALVINGS, ">")):
-        bound = whole_numbers(limit)
-        least = b.select(b.icmp_signed(side, least, bound), bound, least)
+        end = whole_numbers(limit)
+        least = b.select(b.icmp_signed(side, least, end), end, least)
     return least
 
 

@@ -1,0 +1,236 @@
+"""The exact response at any times, for walkers that differ in their start and in their sensors."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayesdrill.rig.grid import Grid, grid, runs
+from bayesdrill.rig.kernels import LANES, Layout
+from bayesdrill.rig.kernels.dense import BLOCKS, COUNTS, Kernel, Own, Shape, compile_dense
+from bayesdrill.rig.kernels.sensing import row_blocks
+from bayesdrill.rig.kernels.steps import MOST_LEVELS, entries_of
+from bayesdrill.rig.models.linear import Model
+from bayesdrill.rig.response import Matrix
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+Pattern = tuple[tuple[bool, ...], ...]
+
+CELLS, CELLS_PER = (32, 64), 20  # of shifts, one for 20 samples between these ends
+NEAR = 2.5  # usual steps: spans up to there are in cells
+FARTHEST = 2.0**40  # usual steps after the last sample
+NONE = np.zeros(0)
+
+
+class Dense:
+    """`model` at times `t (T,)`, increasing, with inputs as in an `Experiment`.
+
+    Walkers have `parameters (W, P)`, a start `x0 (W, X)` at `t[0]`, before which states move
+    straight at the rates `before (W, X)`, and channels: at time t channel k of walker w sees
+    `rows[w, k] (R,)` times (states, 1, inputs of `series`) at the time t - `shift[w, k]`.  Before
+    and after the record inputs are constant.  `shift=None` is zero.  A walker whose numbers
+    overflow gets NaN (or infinity, in a sum) in its own row alone.
+
+    Kernels are compiled when they are first wanted, and again when rows have entries that were
+    zero so far; what a walker gets depends neither on that nor on others.
+    """
+
+    def __init__(
+        self,
+        model: Model,
+        t: Array,
+        series: Mapping[str, Array],
+        constant: Mapping[str, float],
+        first_order: bool,
+    ) -> None:
+        self.model = model
+        self._t = np.array(t, dtype=float)
+        self._inputs = ({**series}, {**constant}, first_order)
+        self._layout = _layout(model, tuple(series), constant, first_order and bool(series))
+        g = self._grid = grid(self._t)
+        self._kept = len(entries_of(self._layout))
+        self._kernels: dict[Any, tuple[Kernel, Shape]] = {}
+        self._cells = int(np.clip(len(g.t) // CELLS_PER, *CELLS))
+        steps = np.diff(g.t[:-1])
+        self._near = float(steps[steps <= NEAR * g.usual].max()) if len(steps) else 1.0
+        self._farthest = float(steps.max()) if len(steps) else 0.0
+        self._blocks = self._constant(series)
+        self._addresses = {name: block.ctypes.data for name, block in self._blocks.items()}
+        self._whole = len(g.at) == len(g.t) - 1  # no knot but samples
+        self._pattern: Mask | None = None
+        self._entries: Pattern = ()
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {"model": self.model, "t": self._t, "inputs": self._inputs}
+
+    def __setstate__(self, state: Mapping[str, Any]) -> None:
+        self.__init__(state["model"], state["t"], *state["inputs"])  # type: ignore[misc]
+
+    def _constant(self, series: Mapping[str, Array]) -> dict[str, Array]:
+        g = self._grid
+        held = np.array([*series.values()]).reshape(len(series), len(self._t)).T
+        u, slopes = _driven(g, held, self._layout.first_order)
+        node, length, share = runs(g)
+        numbers = np.array([g.width, self._near / self._cells, 1e-3 / g.usual])
+        return {
+            "numbers": numbers, "spans": g.spans, "inside": g.inside, "chained": g.chained,
+            "node": node, "length": length, "share": share, "u": u, "slopes": slopes, "t": g.t,
+        }  # fmt: skip
+
+    def squares(
+        self,
+        parameters: Array,
+        x0: Array,
+        before: Array,
+        shift: Array | None,
+        rows: Array,
+        y: Array,
+    ) -> Array:
+        """Sums `(W, K)` of squared residuals of the record `y (T, K)`, where it is not NaN."""
+        out = np.empty((-(-len(parameters) // LANES), y.shape[1], LANES))
+        full = np.empty((len(self._grid.t), y.shape[1]))
+        if self._whole:
+            full[:-1], full[-1] = y, np.nan
+        else:
+            full.fill(np.nan)
+            full[self._grid.at] = y
+        self._run((parameters, x0, before, shift, rows), full, out, sums=True)
+        return out.transpose(0, 2, 1).reshape(-1, out.shape[1])[: len(parameters)]
+
+    def signals(
+        self,
+        parameters: Array,
+        x0: Array,
+        before: Array,
+        shift: Array | None,
+        rows: Array,
+        seen: Mask | None = None,
+    ) -> Array:
+        """The channels `(W, T, K)`; NaN where `seen (T, K)` is given and false."""
+        n, k_count = rows.shape[:2]
+        out = np.empty((-(-n // LANES), len(self._grid.t), k_count, LANES))
+        self._run((parameters, x0, before, shift, rows), NONE, out, sums=False)
+        at = out[:, :-1] if self._whole else out[:, self._grid.at]
+        found = np.ascontiguousarray(at.transpose(0, 3, 1, 2).reshape(-1, *at.shape[1:3])[:n])
+        if seen is not None:
+            found[:, ~seen] = np.nan
+        return found
+
+    def _run(self, walkers: tuple[Any, ...], y: Array, out: Array, *, sums: bool) -> None:
+        parameters, x0, before, shift, rows = walkers
+        late = None
+        if shift is not None and shift.any():
+            late = _Late(self._grid, np.asarray(shift), rows)
+            rows = late.rows
+        shifted = late.shifted if late is not None else (False,) * rows.shape[1]
+        kernel, shape = self._kernel(self._used(rows), sums, shifted)
+        g, kept = self._grid, self._kept * LANES
+        blocks = {
+            "y": y,
+            "which": np.flatnonzero(shifted) if late is not None else NONE,
+            "table": np.empty(len(g.spans) * kept),
+            "ladder": NONE,
+            "rows": NONE,
+            "out": out,
+        }
+        own = [parameters, x0, rows.reshape(len(rows), -1)]
+        high = 0
+        if late is not None:
+            own += [before, *late.own]
+            if late.searched:
+                high = int(max(self._farthest, late.farthest) / self._near).bit_length() or 1
+            blocks["ladder"] = np.empty((high + MOST_LEVELS) * kept)
+            each = (self._cells + 1) * LANES * LANES * row_blocks(shape)
+            blocks["rows"] = np.empty(rows.shape[1] * each)
+        blocks["own"] = _in_lanes(own, Own(shape).width)
+        runs_count = len(self._blocks["node"])
+        counts = (len(out), len(g.t) - 1, len(g.spans), runs_count, self._cells, high)
+        assert len(counts) == len(COUNTS)
+        addresses = self._addresses | {name: block.ctypes.data for name, block in blocks.items()}
+        kernel.run(*counts, *(addresses[name] for name in BLOCKS))
+
+    def _kernel(
+        self, pattern: Pattern, sums: bool, shifted: tuple[bool, ...]
+    ) -> tuple[Kernel, Shape]:
+        wanted = (pattern, sums, shifted)
+        if wanted not in self._kernels:
+            shape = Shape(self._layout, pattern, sums, shifted, self._grid.uniform)
+            self._kernels[wanted] = compile_dense(shape), shape
+        return self._kernels[wanted]
+
+    def _used(self, rows: Array) -> Pattern:
+        """Entries of rows that are or were not zero."""
+        known = self._pattern
+        if known is None or known.shape != rows.shape[1:]:
+            known = np.zeros(rows.shape[1:], dtype=bool)
+        if self._pattern is None or rows[:, ~known].any():
+            known = known | (rows != 0.0).any(axis=0)
+            self._pattern, self._entries = known, tuple(map(tuple, known.tolist()))
+        return self._entries
+
+
+class _Late:
+    """What the kernels want to know of shifts `(W, K)`."""
+
+    def __init__(self, g: Grid, shift: Array, rows: Array) -> None:
+        n = len(g.t) - 1
+        lost = ~(shift > -FARTHEST * g.usual) | ~np.isfinite(shift)
+        self.rows = np.where(lost[:, :, None], np.nan, rows)
+        shift = np.where(lost, 0.0, shift)
+        head = np.searchsorted(g.t[:n], shift, side="left").astype(float)
+        offset, share, begin = np.zeros_like(shift), np.zeros_like(shift), head
+        self.shifted = tuple(shift.any(axis=0).tolist())
+        self.searched = True  # for the step in which samples lie
+        if g.uniform:
+            step = float(g.spans[0])
+            ratio = shift / step
+            whole = np.round(ratio)
+            near = np.abs(ratio - whole) * step <= g.near
+            offset = np.clip(np.where(near, whole, np.ceil(ratio)), -n, n)
+            share = np.where(near, 0.0, np.clip(offset * step - shift, 0.0, step))
+            head, begin = np.clip(offset, 0, n), np.clip(n + offset, 0, n)
+            self.searched = bool((offset < 0).any())
+        self.own = [shift, share, offset, head, begin]
+        self.farthest = float(max(0.0, -shift.min()))
+
+
+def _in_lanes(parts: list[Array], width: int) -> Array:
+    """Blocks `(W, ...)` side by side, `(G, width, LANES)`; the last walker fills the last group."""
+    n = len(parts[0])
+    n_groups = -(-n // LANES)
+    rows = np.empty((n_groups * LANES, width))
+    np.concatenate(parts, axis=1, out=rows[:n])
+    rows[n:] = rows[n - 1]
+    return np.ascontiguousarray(rows.reshape(n_groups, LANES, -1).transpose(0, 2, 1))
+
+
+def _driven(g: Grid, held: Array, first_order: bool) -> tuple[Array, Array]:
+    """Inputs `(T, S)` at samples as they are at knots, and their slopes from there on."""
+    n_knots = len(g.t) - 1
+    before = np.searchsorted(g.at, np.arange(n_knots), side="right") - 1
+    since = (g.t[:-1] - g.t[g.at][before])[:, None]
+    slopes = np.zeros_like(held)
+    if first_order:
+        slopes[:-1] = np.diff(held, axis=0) / np.diff(g.t[g.at])[:, None]
+    slopes = np.ascontiguousarray(slopes[before])
+    return np.ascontiguousarray(held[before] + (slopes * since)), slopes
+
+
+def _layout(
+    model: Model, series: tuple[str, ...], constant: Mapping[str, float], first_order: bool
+) -> Layout:
+    return Layout(
+        n_parameters=len(model.parameters),
+        n_states=len(model.states),
+        n_series=len(series),
+        first_order=first_order,
+        entries=Matrix(model, series, tuple(constant.items()), first_order),
+        dt=1.0,
+        lead=0.0,
+        x0=(0.0,) * len(model.states),
+        channels=(),
+    )
