@@ -80,6 +80,64 @@ MUTANTS = [
         "tests/report/test_own_units.py::test_axes_of_several_runs_have_the_unit_and_the_logs_of_the_first",
     ),
     Mutant(
+        "even times moved to a grid",
+        "record/clocks.py",
+        "found = None if even(t) else grid(t)",
+        "found = grid(t)",
+        "tests/record/test_clocks.py::test_even_times_stay_as_they_are",
+    ),
+    Mutant(
+        "an input that answers one sample late",
+        "record/clocks.py",
+        'last = np.searchsorted(clock, t + slack, side="right") - 1',
+        'last = np.searchsorted(clock, t - slack, side="left") - 1',
+        "tests/record/test_clocks.py::test_inputs_are_held_exactly_between_samples_of_their_own",
+    ),
+    Mutant(
+        "spikes to one side only",
+        "record/glitches.py",
+        "for sign in (1.0, -1.0):",
+        "for sign in (1.0,):",
+        "tests/record/test_glitches.py::test_spikes_are_found_where_they_were_put",
+    ),
+    Mutant(
+        "a departure that need not come back as fast",
+        "record/glitches.py",
+        "and 1 / AS_FAST < down / up < AS_FAST",
+        "and down > 0",
+        "tests/record/test_glitches.py::test_sound_signals_have_none",
+    ),
+    Mutant(
+        "a derived channel that counts",
+        "setup/build.py",
+        " for name, spec in every if spec.derived_from is None]",
+        " for name, spec in every]",
+        "tests/setup/test_records_as_they_come.py::"
+        "test_a_derived_channel_is_compared_and_not_counted",
+    ),
+    Mutant(
+        "inputs thinned like channels",
+        "setup/thinning.py",
+        "    if experiment.series:",
+        "    if not experiment.t.size:",
+        "tests/setup/test_records_as_they_come.py::"
+        "test_inputs_stay_at_every_time_when_channels_are_decimated",
+    ),
+    Mutant(
+        "a speed that is foretold taken for differences",
+        "record/angles.py",
+        "return rough and both < SHARED * alone",
+        "return rough and both < alone",
+        "tests/record/test_angles.py::test_a_speed_that_was_measured_has_noise_of_its_own",
+    ),
+    Mutant(
+        "other files of a record lost from results",
+        "results/provenance.py",
+        "for section, key in sources.named_in(data):",
+        "for section, key in sources.named_in(data)[:1]:",
+        "tests/system/test_verify.py::test_every_file_of_a_record_is_part_of_its_run",
+    ),
+    Mutant(
         "what leans by values, not by ranks",
         "insight/leaning.py",
         "ranks = rankdata(some, axis=0)",
@@ -293,7 +351,7 @@ MUTANTS = [
     Mutant(
         "drop -log sigma",
         "inference/noise/white.py",
-        "constant - self.n_samples * np.log(sigma) - 0.5",
+        "constant - self._n * np.log(sigma) - 0.5",
         "constant - 0.5",
         "tests/inference/test_posterior.py::test_unknown_sigma_per_channel",
     ),
@@ -363,7 +421,7 @@ MUTANTS = [
     Mutant(
         "a search walks down to where numbers end",
         "inference/surface.py",
-        "low = prior.low if prior.low > 0 else float(prior.quantile(np.array(NOTHING)))",
+        "low = prior.low if bounded else float(prior.quantile(np.array(NOTHING)))",
         "low = prior.low",
         "tests/engines/test_mode.py::test_a_search_for_a_zero_ends_where_its_prior_does",
     ),
@@ -727,7 +785,7 @@ MUTANTS = [
     Mutant(
         "a noise level that fits any residual",
         "inference/noise/white.py",
-        "return left - self.n_samples, 2.0",
+        "return left - n, 2.0",
         "return left, 2.0",
         "tests/inference/test_surface.py::test_slopes_are_those_of_the_density",
     ),
@@ -1194,8 +1252,8 @@ MUTANTS = [
     Mutant(
         "a sample beside itself",
         "inference/residual_checks.py",
-        "products = (residuals[1:] * residuals[:-1])",
-        "products = (residuals[1:] * residuals[1:])",
+        "residuals[1:] @ residuals[:-1]",
+        "residuals[1:] @ residuals[1:]",
         "tests/inference/test_residual_checks.py::test_sizes_and_correlations_are_those_of_the_channel",
     ),
     Mutant(

@@ -209,24 +209,27 @@ def case(
     name: str = "case",
     **entries: Any,
 ) -> Case:
-    """Of arrays, without any file: times `t (T,)` in s, in equal steps, and entries as in a config
+    """Of arrays, without any file: times `t (T,)` in s, increasing, and entries as in a config
     (docs/config.md).
 
     `inputs`: a number in SI or a measured `Input` for each; `parameters`: for each a number, `"nominal"`
     or a prior, such as `{"prior": "uniform", "low": 0.5, "high": 1.5, "relative": True}`; `nominal`: a
     table or values of your own (`{"k_s": 0.27}`); without it a parameter that relies on a table takes
     `tables_2_3`, and is compared with it; `rig`: a name, or a model such as `MotorShaft(i_m=1 / 8)`;
-    `entries`: further sections, such as `sampler={"ess": 1000}`.  The rig is at rest at 0 s, with
-    measured inputs at the first sample, unless `initial={"w_1": ...}` says otherwise.  Raises
-    `InputError` with all that is wrong.
+    `entries`: further sections, such as `sampler={"ess": 1000}`, and what `record` says beside arrays,
+    such as `record={"missing": "drop"}`.  The rig is at rest at 0 s, with measured inputs at the first
+    sample, unless `initial={"w_1": ...}` says otherwise.  Raises `InputError` with all that is wrong.
     """
     columns, measured = _columns(t, channels, inputs)
-    for taken in {"model", "record"} & {*entries}:
-        raise InputError.one(taken, "arrays and `rig` say this already; leave it out")
+    record = arguments.mapping("record", entries.pop("record", {}), "entries, such as a window")
+    said = [name for name in ("model",) if name in entries]
+    said += [f"record.{name}" for name in ("file", "format", "time", "channels") if name in record]
+    if said:
+        raise InputError.one(said[0], "arrays and `rig` say this already; leave it out")
     given = {
         "name": name,
         "seed": seed,
-        "record": {"channels": {key: _entry(key, one) for key, one in channels.items()}},
+        "record": {**record, "channels": {key: _entry(key, one) for key, one in channels.items()}},
         "inputs": {**inputs, **{key: _entry(key, one) for key, one in measured.items()}},
         "model": in_memory.model_entry(arguments.rig(rig)),
         "parameters": dict(arguments.mapping("parameters", parameters, PRIORS)),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -95,13 +96,30 @@ def _gaps(t: Array, found: Grid) -> str:
 def union(clocks: Sequence[Array]) -> Array:
     """Times of all `clocks`, each increasing; those that are the same on several stand once."""
     t = np.sort(np.concatenate(clocks))
-    usual = min(float(np.median(np.diff(clock))) for clock in clocks if len(clock) > 1)
-    digits = 4 * np.spacing(np.abs(t).max())
-    return np.asarray(t[np.r_[True, np.diff(t) > max(SAME * usual, digits)]], dtype=np.float64)
+    usual = min(map(_usual, clocks))
+    near = max(SAME * usual if usual < math.inf else 0.0, _rounding(t))
+    return np.asarray(t[np.r_[True, np.diff(t) > near]], dtype=np.float64)
+
+
+def crowded(t: Array, clocks: Sequence[Array]) -> float:
+    """A time of the `union` `t` that is followed by another after far less than a step; NaN: none."""
+    close = np.flatnonzero(np.diff(t) < STEP_TOLERANCE * min(map(_usual, clocks)))
+    return float(t[close[0]]) if len(close) else math.nan
+
+
+def _usual(clock: Array) -> float:
+    """Step; of a single time there is none, and it is as good as any."""
+    return float(np.median(np.diff(clock))) if len(clock) > 1 else math.inf
+
+
+def _rounding(t: Array) -> float:
+    return 4 * float(np.spacing(np.abs(t).max()))
 
 
 def places(t: Array, clock: Array) -> NDArray[np.intp]:
     """Where each time of `clock`, one of those of the `union` `t`, stands there."""
+    if len(t) < 2:
+        return np.zeros(len(clock), dtype=np.intp)
     after = np.clip(np.searchsorted(t, clock), 1, len(t) - 1)
     return np.asarray(after - (clock - t[after - 1] < t[after] - clock), dtype=np.intp)
 
@@ -113,6 +131,7 @@ def held(t: Array, clock: Array, values: Array, *, first_order: bool) -> Array:
     """
     if first_order:
         return np.interp(t, clock, values)
-    slack = SAME * float(np.median(np.diff(clock))) + 4 * np.spacing(np.abs(clock).max())
+    usual = _usual(clock)
+    slack = (SAME * usual if usual < math.inf else 0.0) + _rounding(clock)
     last = np.searchsorted(clock, t + slack, side="right") - 1
     return np.asarray(values[np.maximum(last, 0)], dtype=np.float64)

@@ -14,6 +14,7 @@ from bayesdrill.basics.errors import InputError
 from bayesdrill.record import clocks
 from bayesdrill.record.experiment import (
     Experiment,
+    Odd,
     calendar,
     check_length,
     check_series,
@@ -120,7 +121,19 @@ class _Reader:
     def _times(self) -> Array:
         """Of all clocks."""
         own = [clock.t[clock.inside] for clock in self._sources.clocks if clock.inside.any()]
-        return own[0] if len(own) == 1 else clocks.union(own)
+        if len(own) == 1:
+            return own[0]
+        t = clocks.union(own)
+        self._findings.told.append(
+            f"{len(t)} times of {len(own)} clocks ({', '.join(str(len(one)) for one in own)} samples); "
+            "times nearer than 1e-9 of a step are one"
+        )
+        close = clocks.crowded(t, own)
+        if not math.isnan(close):
+            said = f"clocks: two of the record's times, at {close:.10g} s, are nearly the same"
+            do = "; one clock, written with different digits? Then give both columns the same `time:`"
+            self._findings.odd.append(Odd(said=said, where=(), do=do))
+        return t
 
     def _signals(self, t: Array, columns: dict[Place, Column]) -> Array:
         """`(T, K)` SI, NaN where a channel has no sample."""
@@ -156,7 +169,7 @@ class _Reader:
 
     def _held(self, t: Array, one: Column, values: Array) -> Array:
         """Of an input on a clock of its own: exact, as its own times are among those of the record."""
-        clock, slack = one.clock.t, 1e-9 * float(np.median(np.diff(t)))
+        clock, slack = one.clock.t, 1e-9 * float(np.ptp(t)) / len(t)
         straight = isinstance(one.spec, InputColumn) and one.spec.hold == "first"
         late, early = clock[0] > t[0] + slack, clock[-1] < t[-1] - slack
         if late or (early and straight):

@@ -172,7 +172,9 @@ class Sources:
         clock = Clock(table, raw[rows], rows, inside[rows], len(raw))
         found = check_time(self.label(time_place), clock.t, clock.where)
         self.problems += found
-        return None if found else Clock(table, on_grid(clock.t), rows, inside[rows], len(raw))
+        # With wrong times a column can still be judged, and all that is wrong is told at once.
+        t = clock.t if found else on_grid(clock.t)
+        return Clock(table, t, rows, inside[rows], len(raw))
 
     def _table(self, place: Place, spec: Series) -> Table | None:
         file = file_of(spec)

@@ -65,6 +65,13 @@ def test_clocks_become_one_and_common_times_stand_once() -> None:
     np.testing.assert_allclose(t[clocks.places(t, slow)], slow, rtol=0, atol=1e-12)
 
 
+def test_times_that_are_nearly_the_same_are_named() -> None:
+    t = np.arange(50) * 0.02
+    other = t + np.where(np.arange(50) == 31, 1e-5, 0.0)
+    assert np.isnan(clocks.crowded(clocks.union([t, t + 0.01]), [t, t + 0.01]))
+    assert clocks.crowded(clocks.union([t, other]), [t, other]) == pytest.approx(0.62)
+
+
 def test_inputs_are_held_exactly_between_samples_of_their_own() -> None:
     """Mutants killed: the next sample instead of the last; the last one before a sample's own time."""
     clock, values = np.array([1.0, 2.0, 4.0]), np.array([5.0, -1.0, 3.0])

@@ -302,6 +302,22 @@ def test_the_same_clock_in_two_files_is_one(tmp_path: Path) -> None:
     assert found.t.tolist() == [float(f"{x:.12g}") for x in T]
 
 
+def test_one_clock_written_with_other_digits_is_suspected(tmp_path: Path) -> None:
+    save(tmp_path, t=T, w=SPEED)
+    save(tmp_path, "more.csv", t=T + 3e-7 * RNG.standard_normal(len(T)), phi=ANGLE)
+    found = one(tmp_path, "", "}\n    theta_1: {file: more.csv, column: phi, unit: rad, sigma: 1")
+    assert "give both columns the same `time:`" in found.odd[0].in_words(1)
+    assert f"{len(found.t)} times of 2 clocks (240, 240 samples)" in found.told[0]
+
+
+def test_an_input_of_one_sample_is_held(tmp_path: Path) -> None:
+    save(tmp_path, t=T, w=SPEED)
+    save(tmp_path, "once.csv", t=T[:1], u=np.array([7.5]))
+    found = one(tmp_path, "", "", "{v: {file: once.csv, column: u, unit: V}}")
+    assert set(found.series["v"]) == {7.5}
+    assert found.uniform
+
+
 def test_a_file_may_be_written_otherwise(tmp_path: Path) -> None:
     save(tmp_path, t=T, w=SPEED)
     rows = (f"{k};{x:.6f}".replace(".", ",") for k, x in enumerate(ANGLE))

@@ -9,6 +9,7 @@ import subprocess
 import sys
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import pytest
 from documents import (
@@ -22,6 +23,8 @@ from documents import (
     files,
     script,
 )
+from oracles import NOMINAL
+from ruamel.yaml import YAML
 
 from bayesdrill.setup import loading
 
@@ -195,6 +198,31 @@ def test_the_readmes_own_config_is_valid(tree: Path) -> None:
     path.write_text(f"name: readme\nseed: 1\n{block}{rest}")
     config, _ = loading.load(path)
     assert config.parameters.j_1 == 0.0283
+
+
+REST: dict[str, Any] = {
+    "name": "page",
+    "seed": 1,
+    "record": {"file": "r.csv", "time": {"column": "t", "unit": "s"}},
+    "inputs": {"v": 8.0},
+    "parameters": dict.fromkeys(NOMINAL, "nominal")
+    | {"j_1": {"prior": "uniform", "low": 0.01, "high": 0.1}},
+}
+ANY_CHANNEL = {"theta_1": {"column": "a", "unit": "rad", "sigma": 0.1}}
+
+
+@pytest.mark.parametrize("block", blocks(ROOT / "docs" / "record.md", "yaml"))
+def test_every_block_of_the_page_on_records_is_valid(block: str, tmp_path: Path) -> None:
+    """Completed with what it leaves out."""
+    yaml = YAML(typ="safe")
+    given = yaml.load(block)
+    both = {key: {**REST.get(key, {}), **value} for key, value in given.items()}
+    both.get("record", {}).setdefault("channels", ANY_CHANNEL)
+    whole = REST | {"record": REST["record"] | {"channels": ANY_CHANNEL}} | both
+    with (tmp_path / "page.yaml").open("w") as file:
+        yaml.dump(whole, file)
+    config, _ = loading.load(tmp_path / "page.yaml")
+    assert config.record.channels
 
 
 def test_documents_name_files_that_exist() -> None:

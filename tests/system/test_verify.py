@@ -12,6 +12,7 @@ import systems
 
 import bayesdrill as bd
 from bayesdrill.basics.sealed import opened, sealed
+from bayesdrill.commands.pipeline import check_record, prepare
 
 DRAWN = ("figures: []", "figures: [corner, trace]")
 
@@ -176,3 +177,47 @@ def test_formats_of_figures_are_known_to_all_that_lists_files(rig: Path) -> None
     ran = systems.cli("posterior", config, "-o", rig / "out", "--processes", "1", "--force")
     assert ran.status == 0, ran.text
     assert [path.name for path in figures.iterdir()] == ["mine.svg"]
+
+
+def test_every_file_of_a_record_is_part_of_its_run(tmp_path: Path) -> None:
+    """Mutant killed: only the record's own file found again from the folder of the results."""
+    own = "w_1: {column: w_1, unit: rad/s"
+    changes = [
+        (own, "w_1: {file: more/speed.csv, column: w_1, unit: rad/s"),
+        ("v: 8.0", "v: {file: {path: more/supply.csv}, column: u, unit: V, hold: first}"),
+    ]
+    config = systems.small(tmp_path / "rig", *changes)
+    more = config.parent / "more"
+    more.mkdir()
+    lines = (config.parent / "small.csv").read_text().splitlines()
+    (more / "speed.csv").write_text("\n".join(lines) + "\n")
+    rows = [f"{line.split(',')[0]},8" for line in lines[1:]]
+    (more / "supply.csv").write_text("\n".join(["t,u", *rows]) + "\n")
+    ran = systems.cli("posterior", config, "-o", tmp_path / "out", "--processes", "1")
+    assert ran.status == 0, ran.text
+    page = (tmp_path / "out" / "report.html").read_text()
+    for name in ("small.csv", "speed.csv", "supply.csv"):
+        assert f"<code>{name}</code>" in page
+    assert bd.verify(tmp_path / "out").together
+    supply = more / "supply.csv"
+    text(supply, rows[70], rows[70].replace(",8", ",8.25"))
+    assert "the input v" in bd.verify(tmp_path / "out").said
+    text(supply, ",8.25", ",8")
+    text(
+        more / "speed.csv",
+        lines[30],
+        lines[29].replace(lines[29].split(",")[0], lines[30].split(",")[0]),
+    )
+    assert "the record was 101 samples" in bd.verify(tmp_path / "out").said
+
+
+def test_results_never_stand_beside_a_file_of_their_record(tmp_path: Path) -> None:
+    changes = [("w_1: {column: w_1", "w_1: {file: more/speed.csv, column: w_1")]
+    config = systems.small(tmp_path, *changes)
+    (tmp_path / "more").mkdir()
+    shutil.copy(tmp_path / "small.csv", tmp_path / "more" / "speed.csv")
+    job = prepare(config)
+    check_record(job, tmp_path / "elsewhere", None)
+    for folder in (tmp_path, tmp_path / "more"):
+        with pytest.raises(bd.InputError, match="holds the record of this run"):
+            check_record(job, folder, None)
