@@ -133,8 +133,8 @@ MUTANTS = [
     Mutant(
         "other files of a record lost from results",
         "results/provenance.py",
-        "for section, key in sources.named_in(data):",
-        "for section, key in sources.named_in(data)[:1]:",
+        "for section, key in sources.named_in(sections):",
+        "for section, key in sources.named_in(sections)[:1]:",
         "tests/system/test_verify.py::test_every_file_of_a_record_is_part_of_its_run",
     ),
     Mutant(

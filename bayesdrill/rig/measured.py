@@ -106,7 +106,7 @@ class Measured:
     @property
     def _lead(self) -> bool:
         """Whether the start is before the first sample, and is a knot of its own."""
-        return self.experiment.t_start < self.experiment.t[0]
+        return bool(self.experiment.t_start < self.experiment.t[0])
 
     @cached_property
     def _knots(self) -> tuple[Array, dict[str, Array]]:
@@ -230,7 +230,8 @@ class Measured:
 
     def _gains(self, full: Array) -> Array:
         out = self._of_channels(self.sensing.gains, full)
-        return out + np.array([c.name not in self.sensing.gains for c in self.experiment.channels])
+        alone = [c.name not in self.sensing.gains for c in self.experiment.channels]
+        return np.asarray(out + np.array(alone, dtype=np.float64))
 
     def _later(self, full: Array) -> Array:
         """How much later each channel shows what the inputs do: `(W, K)`."""

@@ -75,8 +75,8 @@ class OwnUnits:
 
     @classmethod
     def of(cls, config: Config, problem: Problem) -> OwnUnits:
-        """Each as it was declared: noise and offsets in the unit of their column, quantities and formulas
-        in that of their entry.
+        """Each as it was declared: noise and offsets in the unit of their column, quantities and
+        formulas in that of their entry.
         """
         own = {
             name: spec.unit

@@ -57,7 +57,7 @@ def check_experiments(config: Config, source: Source) -> list[Problem]:
     _check_own(found, config, model)
     known = _told(config, model, source)
     for k, name in enumerate(config.shared):
-        message = f"no sensor, start or noise level has the name {name}; parameters of the rig are shared anyway"
+        message = f"{name} is no number of a sensor, start or noise (the rig's are shared anyway)"
         found.expect(("shared", k), name, known, message)
     _check_alike(found, config, model, source)
     return found.problems
