@@ -9,6 +9,7 @@ from bayesdrill.report import (
     derived_words,
     identify_words,
     marks,
+    nuisance_words,
     residual_words,
     tables,
     verdict_words,
@@ -71,6 +72,8 @@ def _fit(run: View) -> Iterator[Block]:
     if several := words.maxima(run.mode, run.sampled, run.units):
         yield Sentences(several)
     yield Sentences(residual_words.sentences(run.left, run.clock))
+    if said := nuisance_words.explained(run.causes, run.config):
+        yield Sentences(said)
 
 
 def _parameters(run: View) -> tuple[Block, ...]:

@@ -21,6 +21,7 @@ from bayesdrill.insight.derived import Derived, derive, summarise, with_products
 from bayesdrill.insight.derived import Row as Following
 from bayesdrill.insight.diagnostics import Row
 from bayesdrill.insight.leaning import leaning
+from bayesdrill.insight.nuisances import Causes
 from bayesdrill.insight.verdict import Judgement
 from bayesdrill.report import residual_words, words
 from bayesdrill.report.sparing import Sparing
@@ -55,8 +56,9 @@ class Drawing:
 @dataclass(frozen=True)
 class View:
     """`rows`: of the unknowns; `left`: what the best fit leaves of each channel; `judged`: None where
-    there is no table; `notes`: sentences; `seconds`: how long the parts of the run took, where that is
-    known.  `sparing` is told of derived quantities that fail.
+    there is no table; `notes`: sentences; `causes`: what would explain a fit that leaves more than
+    noise; `seconds`: how long the parts of the run took, where that is known.  `sparing` is told of
+    derived quantities that fail.
     """
 
     problem: Problem
@@ -67,6 +69,7 @@ class View:
     left: tuple[Left, ...]
     judged: Judgement | None
     notes: tuple[str, ...]
+    causes: Causes | None = None
     seconds: Mapping[str, float] = field(default_factory=dict)
     sparing: Sparing = field(default_factory=Sparing)
 

@@ -47,7 +47,8 @@ class Scenery:
         moving = [space.unknowns[k] for k in space.columns(*MOVES)]
         self.unknowns = tuple(u.name for u in moving if u.role in ("rig", "quantity"))
         self.nuisances = tuple(u.name for u in moving if u.role not in ("rig", "quantity"))
-        self._known = 1.0 / np.array([natural_spread(u) for u in moving[len(self.unknowns) :]])
+        self.prior_spreads = np.array([natural_spread(u) for u in moving])
+        self._known = 1.0 / self.prior_spreads[len(self.unknowns) :]
 
     def usual_input(self, name: str) -> float:
         """The mean of an input over the records."""
