@@ -51,7 +51,7 @@ def half_a_sample(scenery: Scenery, theta: Array) -> Moment | None:
     matrix = np.vstack([rows, held])
     target = np.append(half * late, np.zeros(len(held)))
     root = np.linalg.qr(matrix, mode="r")
-    moved = -np.linalg.lstsq(matrix, target, rcond=None)[0]
+    moved = np.linalg.lstsq(matrix, target, rcond=None)[0]
     sds = np.linalg.norm(np.linalg.pinv(root), axis=1)
     m = len(scenery.unknowns)
     ratio = (moved / sds)[:m]

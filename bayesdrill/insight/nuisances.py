@@ -36,7 +36,7 @@ STEPS = 60  # uphill
 LATEST = 20  # samples: how far a lag is sought
 TRIED = (0.0, 3.0, -3.0)  # samples: lags from which it is sought
 SURE = 5.0  # sds, of what is named
-ALL = 0.98  # of what is left, from which on nothing more is tried
+NOISE = 1.1  # mean square over the noise's, below which nothing more is tried
 WORTH = 0.3  # of what is unexplained so far, that each thing named must explain
 ROUNDING = 1e-12
 EXPLAINS = 0.5  # of what the fit leaves beyond noise: with less, nothing is named
@@ -56,9 +56,12 @@ class Cause:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Causes:
-    """`share`: of what is left beyond noise, that they explain together; `found`: what matters."""
+    """`share`: of what is left beyond noise, that they explain together; `found`: what matters; `rest`: the
+    mean square that they leave, over the noise's.
+    """
 
     share: float
+    rest: float
     found: tuple[Cause, ...]
 
     @property
@@ -103,7 +106,7 @@ def causes(posterior: Posterior, theta: Array) -> Causes | None:
         found = _tried(posterior, theta, with_start=with_start)
         if found is not None and (best is None or found.share > best.share):
             best = found
-        if best is not None and best.share > ALL:
+        if best is not None and best.rest < NOISE:
             break
     return best
 
@@ -140,7 +143,7 @@ def _tried(posterior: Posterior, theta: Array, *, with_start: bool) -> Causes | 
         if c.group == group
     ]
     share = min(explained / (left - count.floor), 1.0)
-    return Causes(share=share, found=tuple(named))
+    return Causes(share=share, rest=(left - explained) / count.numbers, found=tuple(named))
 
 
 def _chosen(
