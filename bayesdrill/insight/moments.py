@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from bayesdrill.inference.likelihood import Observation
 from bayesdrill.insight.identifiability.scenes import Scenery, weights
+from bayesdrill.record.experiment import Experiment
 from bayesdrill.rig.models.linear import dynamics
 
 Array = NDArray[np.float64]
@@ -40,7 +41,7 @@ def half_a_sample(scenery: Scenery, theta: Array) -> Moment | None:
     every = scenery.likelihood.observations
     if not scenery.unknowns or any(_told(one) for one in every):
         return None
-    half = 0.5 * min(one.experiment.dt for one in every)
+    half = 0.5 * min(_step(one.experiment) for one in every)
     motions = scenery.motions(theta)
     pairs = zip(every, motions, strict=True)
     late = np.concatenate([_later(one, scenery, theta, motion).ravel() for one, motion in pairs])
@@ -56,6 +57,12 @@ def half_a_sample(scenery: Scenery, theta: Array) -> Moment | None:
     m = len(scenery.unknowns)
     ratio = (moved / sds)[:m]
     return Moment(seconds=half, shifts=tuple(zip(scenery.unknowns, map(float, ratio), strict=True)))
+
+
+def _step(experiment: Experiment) -> float:
+    """The usual one between two samples of a channel."""
+    steps = [np.diff(experiment.t[seen]) for seen in experiment.seen.T if seen.sum() > 1]
+    return float(min(np.median(step) for step in steps))
 
 
 def _told(one: Observation) -> bool:

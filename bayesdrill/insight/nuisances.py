@@ -56,8 +56,8 @@ class Cause:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Causes:
-    """`share`: of what is left beyond noise, that they explain together; `found`: what matters; `rest`: the
-    mean square that they leave, over the noise's.
+    """`share`: of what is left beyond noise, that they explain together; `found`: what matters; `rest`:
+    the mean square that they leave, over the noise's.
     """
 
     share: float

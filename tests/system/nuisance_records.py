@@ -1,6 +1,6 @@
-"""Records with every nuisance at once, made by other code than ours: jitter, gaps, gain, offset, lag, motion.
+"""Records with every nuisance at once: jitter, gaps, gain, offset, lag, and a rig in motion.
 
-A fine grid that holds all times, one matrix exponential of it, and a loop.
+Made by other code than ours: a fine grid that holds all times, one matrix exponential of it, and a loop.
 """
 
 from __future__ import annotations
@@ -37,7 +37,8 @@ experiments:
 nominal: tables_2_3
 parameters:
   {{j_m: {{prior: uniform, low: 0.5, high: 1.5, relative: true}}, c_m: nominal,
-   k_e: {{prior: uniform, low: 0.5, high: 1.5, relative: true}}, k_T: nominal, r_m: nominal, l_m: nominal,
+   k_e: {{prior: uniform, low: 0.5, high: 1.5, relative: true}},
+   k_T: nominal, r_m: nominal, l_m: nominal,
    k_s: {{prior: uniform, low: 0.5, high: 1.5, relative: true}},
    j_1: {{prior: uniform, low: 0.5, high: 1.5, relative: true}}, t_f: 1.0e-3}}
 map: {{starts: 2, evaluations: 500}}
@@ -45,7 +46,8 @@ sampler: {{walkers: 64, ess: 400, n_tau: 20}}
 """
 
 TOLD = {
-    "alpha": ", gain: {prior: normal, mean: 1, sd: 0.05}, lag: {prior: uniform, low: 0, high: 50, unit: ms}",
+    "alpha": ", gain: {prior: normal, mean: 1, sd: 0.05}, "
+    "lag: {prior: uniform, low: 0, high: 50, unit: ms}",
     "theta": ", offset: {prior: normal, mean: 0, sd: 5}",
     "supply": ", offset: {prior: normal, mean: 0, sd: 0.2}",
     "initial": "initial: {state: free, theta_1: 0.0}",
@@ -89,7 +91,9 @@ def _moved(
     n = (60 + N) * FINE
     sample = np.arange(n) // FINE
     phase, amplitude = rng.uniform(0, 6), rng.uniform(3, 7)
-    given = amplitude * np.sign(np.sin(2 * np.pi * (0.6 + 0.7 * number) * DT * sample + phase)) + 0.5
+    given = (
+        amplitude * np.sign(np.sin(2 * np.pi * (0.6 + 0.7 * number) * DT * sample + phase)) + 0.5
+    )
     matrix, by_voltage, _, friction = matrices(p)
     augmented = np.zeros((7, 7))
     augmented[:5, :5], augmented[:5, 5], augmented[:5, 6] = matrix, by_voltage, friction
