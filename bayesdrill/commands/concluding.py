@@ -13,12 +13,20 @@ from bayesdrill.engines.mode import Mode
 from bayesdrill.engines.sampling import Plan, Sampled
 from bayesdrill.inference.problem import Problem
 from bayesdrill.inference.residual_checks import like_noise
-from bayesdrill.insight import plausibility
+from bayesdrill.insight import plausibility, verdict
 from bayesdrill.insight.conclusions import conclude
 from bayesdrill.insight.identifiability.scenes import Scenery
 from bayesdrill.insight.moments import half_a_sample
 from bayesdrill.insight.nuisances import causes
-from bayesdrill.report import nuisance_words, record_words, residual_words, tables, verdict_words
+from bayesdrill.insight.repeats import repeats
+from bayesdrill.report import (
+    nuisance_words,
+    record_words,
+    repeat_words,
+    residual_words,
+    tables,
+    verdict_words,
+)
 from bayesdrill.report.view import View
 from bayesdrill.setup import build
 from bayesdrill.setup.config import Config
@@ -55,6 +63,7 @@ def concluded(
         judged=judged,
         notes=notes,
         causes=None if like_noise(left) else causes(problem.posterior, at),
+        repeats=() if judged is None else repeats(scenery, at, verdict.basis(judged.study)),
         seconds=seconds or {},
     )
 
@@ -81,6 +90,7 @@ def entries(found: View) -> dict[str, Any]:
         "reasons": list(found.reasons),
         "notes": list(found.notes),
         "fit": residual_words.as_data(found.left),
+        "repeats": repeat_words.as_data(found.repeats, found.names_of_rig),
         "causes": nuisance_words.as_data(found.causes),
         "verdict": None
         if found.judged is None

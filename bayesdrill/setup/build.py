@@ -281,8 +281,26 @@ def simulated(view: View, model: Model, experiment: Experiment) -> tuple[Simulat
     free = sensors.free_states(view.config, model)
     if free:
         told += beginning.free(free, experiment, model, _at_start(view.config, model))
+    _check_start(view.config, model, experiment)
     seen = beginning.beyond_lags(experiment, sensing, {each.name: each.value for each in told})
     return simulator(model, seen, sensing), told
+
+
+def _check_start(config: Config, model: Model, experiment: Experiment) -> None:
+    """A window that begins in motion has to say how; raises `ValueError`."""
+    if config.record.window is None or config.initial.model_fields_set - {"time"}:
+        return
+    sigmas = [_level(one.noisy) for one in channels(config, model)]
+    motion = beginning.unsaid_motion(experiment, sigmas)
+    if motion and experiment.series:
+        raise ValueError(
+            f"the window begins in motion ({motion}), and the config says nothing of it; write "
+            "`initial: free`, `initial: steady`, or the states there"
+        )
+
+
+def _level(noisy: Noisy) -> float:
+    return noisy.sigma if isinstance(noisy.sigma, float) else noisy.start
 
 
 def _at_start(config: Config, model: Model) -> dict[str, float]:

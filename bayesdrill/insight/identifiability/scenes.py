@@ -77,10 +77,14 @@ class Scenery:
 
     def every(self, theta: Array, scene: Scene = AS_IT_IS) -> Array:
         """`(n, m + k)`: of nuisances as well, on their natural scale."""
+        parts = self.each(theta, scene)
+        return parts[0] if len(parts) == 1 else np.concatenate(parts)
+
+    def each(self, theta: Array, scene: Scene = AS_IT_IS) -> list[Array]:
+        """`every` of each experiment by itself."""
         space = self.likelihood.space
         full, along = space.full(theta[None]), space.slopes(theta[None])
-        parts = [stage.whitened(full, along, theta, scene) for stage in self._stages]
-        return parts[0] if len(parts) == 1 else np.concatenate(parts)
+        return [stage.whitened(full, along, theta, scene) for stage in self._stages]
 
     def motions(self, theta: Array, scene: Scene = AS_IT_IS) -> list[Array]:
         """The states of each experiment, `(T, X)`."""
