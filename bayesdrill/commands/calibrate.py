@@ -32,7 +32,7 @@ from bayesdrill.report.widths import WIDTHS
 from bayesdrill.results import provenance, run_folder
 from bayesdrill.results.chain_files import COMPUTED_AGAIN
 from bayesdrill.results.run_folder import Folder
-from bayesdrill.setup import build, loading, reading, simulating, sources
+from bayesdrill.setup import assembling, build, loading, reading, simulating, sources
 from bayesdrill.setup.experiments import views
 from bayesdrill.setup.job import Job
 
@@ -66,7 +66,7 @@ def prepare(path: Path) -> Job:
     records = [read(view.config, view.source) for view in every]
     # What was measured plays no part, and so must not stop a calibration from being resumed.
     blank = [dataclasses.replace(x, y=frozen(np.where(x.seen, 0.0, np.nan))) for x in records]
-    return Job(config=config, source=source, problem=build.problem(config, every, blank))
+    return Job(config=config, source=source, problem=assembling.problem(config, every, blank))
 
 
 def study(job: Job) -> Study:

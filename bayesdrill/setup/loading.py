@@ -97,11 +97,10 @@ def _complaints(data: Mapping[str, Any], source: Source) -> list[Problem]:
     """About experiments alone; the rest is told by each of them."""
     try:
         Config.model_validate(data)
-    except ValidationError as found:
-        error = found
+    except ValidationError as error:
+        found = {_place(item["loc"], source.data): dict(item) for item in error.errors()}
     else:
         return []
-    found = {_place(item["loc"], source.data): dict(item) for item in error.errors()}
     return [
         source.problem(place, _message(item, place))
         for place, item in found.items()
