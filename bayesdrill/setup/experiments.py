@@ -14,6 +14,7 @@ from bayesdrill.setup.yaml_source import Place, Source
 
 SECTIONS = ("record", "inputs", "initial")  # which an experiment may have of its own
 EXPERIMENTS = "experiments"
+WHOSE = ("shared", "own")  # of what the experiments have in common, or each for itself
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,7 +59,7 @@ def together(source: Source, alone: Mapping[str, Source]) -> dict[str, Any]:
     first = next(iter(alone.values()), source)
     for label, own in alone.items():
         named[label] = {**named[label], **{k: own.data[k] for k in SECTIONS if k in own.data}}
-    kept = {key: source.data[key] for key in ("shared", "own") if key in source.data}
+    kept = {key: source.data[key] for key in WHOSE if key in source.data}
     return {**first.data, EXPERIMENTS: named, **kept}
 
 
@@ -66,7 +67,7 @@ def of(config: Config, label: str) -> Config:
     """The config of one experiment, of one that is `together`."""
     if not label:
         return config
-    data = config.model_dump(exclude_unset=True, exclude={EXPERIMENTS, "shared", "own", *SECTIONS})
+    data = config.model_dump(exclude_unset=True, exclude={EXPERIMENTS, *WHOSE, *SECTIONS})
     return Config.model_validate(data | config.experiments[label].model_dump(exclude_unset=True))
 
 
@@ -76,7 +77,7 @@ def common_or_own(config: Config, name: str, label: str) -> str:
 
 
 def _alone(source: Source, label: str, own: Mapping[str, Any]) -> Source:
-    data = {k: v for k, v in source.data.items() if k not in (EXPERIMENTS, "shared", "own")}
+    data = {k: v for k, v in source.data.items() if k not in (EXPERIMENTS, *WHOSE)}
     data = copy.deepcopy(data)
     for section in [name for name in SECTIONS if name in own]:
         data[section] = _over(data.get(section), own[section])
