@@ -275,18 +275,17 @@ def verify(
 @app.command(epilog="Example: bayesdrill simulate configs/nominal_step.yaml --output my_record.csv")
 def simulate(
     config: ConfigPath,
-    output: Annotated[Path | None, _output("Default: the record that the config names.")] = None,
+    output: Annotated[Path | None, _output("Default: what the config names.")] = None,
     seed: Annotated[int | None, typer.Option(min=0, help="Default: the config's.")] = None,
-    force: Annotated[
-        bool, typer.Option("--force", help="Overwrite another simulated record.")
-    ] = False,
+    force: Annotated[bool, typer.Option("--force", help="Overwrite simulated records.")] = False,
 ) -> None:
-    """Make a record from the config: exact response plus noise, as CSV."""
+    """Make a record from the config (of several experiments, one each): response plus noise, as CSV."""
     with guarded():
         from bayesdrill.api import files
 
         made = files.simulate(config, output, seed=seed, force=force)
-        typer.echo(f"{made.path}: {made.samples} samples")
+        for path, samples in made.files.items():
+            typer.echo(f"{path}: {samples} samples")
 
 
 @app.command(epilog="Example: bayesdrill paper --output results/paper")

@@ -21,7 +21,7 @@ from bayesdrill.basics.progress import Silent
 from bayesdrill.commands import pipeline
 from bayesdrill.inference.problem import Problem
 from bayesdrill.report import style
-from bayesdrill.setup import build
+from bayesdrill.setup import assembling, build
 from bayesdrill.setup.experiments import View
 from benchmarks import problem, tables
 from benchmarks.likelihood import best_of
@@ -60,11 +60,13 @@ def variant(
     empty = dataclasses.replace(
         original, t=t, y=np.zeros((samples, channels)), channels=tuple(entries)
     )
-    quiet = build.problem(config, [View("", config, job.source)], [empty]).posterior
+    quiet = assembling.problem(config, [View("", config, job.source)], [empty]).posterior
     truth = quiet.space.vector({name: job.problem.nominal[name] for name in quiet.space.free})
     y = quiet.likelihood.signals(truth[None])[0]
     y = y + 0.1 * np.random.default_rng(2).standard_normal(y.shape)
-    return build.problem(config, [View("", config, job.source)], [dataclasses.replace(empty, y=y)])
+    return assembling.problem(
+        config, [View("", config, job.source)], [dataclasses.replace(empty, y=y)]
+    )
 
 
 def cost(made: Problem, batch: int = BATCH) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -20,8 +21,19 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Simulated:
-    path: Path
-    samples: int
+    """`files`: how many samples each has."""
+
+    files: Mapping[Path, int]
+
+    @property
+    def path(self) -> Path:
+        """Of the first."""
+        return next(iter(self.files))
+
+    @property
+    def samples(self) -> int:
+        """Of all."""
+        return sum(self.files.values())
 
 
 def simulate(
@@ -33,18 +45,30 @@ def simulate(
 ) -> Simulated:
     """A record of the rig of a config, as CSV: exact response, and noise with a seed.
 
-    `output`: the record that the config names, by default; `seed`: the config's.  Raises `InputError`.
+    `output`: the record that the config names, by default; of several experiments a folder, for a file
+    of each.  `seed`: the config's.  Raises `InputError`, before anything is written.
     """
-    from bayesdrill.setup import loading, reading, simulating
+    from bayesdrill.setup import experiments, loading, reading, simulating
 
     read, source = loading.load(Path(config).expanduser())
-    record = reading.path_of(read, source)
-    target = record if output is None else Path(output).expanduser()
     own = read.seed if seed is None else arguments.whole("seed", seed, 0)
-    text = simulating.simulate(read, source, own, target)
-    simulating.save(text, target, record, force=force)
-    skipped = reading.csv_options(read.record).skip_rows
-    return Simulated(target, len(text.splitlines()) - 1 - skipped)
+    place = None if output is None else Path(output).expanduser()
+    if place is not None and read.experiments and place.exists() and not place.is_dir():
+        message = "is no folder; name one for the records of several experiments"
+        raise InputError.one(str(place), message)
+    texts = simulating.every(read, source, own, place)
+    every = experiments.views(read, source)
+    records = [reading.path_of(view.config, view.source) for view in every]
+    for (target, text), record in zip(texts.items(), records, strict=True):
+        simulating.check_place(text, target, record, force=force)
+    files = {}
+    for (target, text), record, view in zip(texts.items(), records, every, strict=True):
+        if read.experiments:
+            target.parent.mkdir(parents=True, exist_ok=True)
+        simulating.save(text, target, record, force=force)
+        skipped = reading.csv_options(view.config.record).skip_rows
+        files[target] = len(text.splitlines()) - 1 - skipped
+    return Simulated(files)
 
 
 def publish(folder: str | Path, *, processes: int | None = 1) -> Outcome:

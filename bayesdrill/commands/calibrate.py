@@ -23,6 +23,7 @@ from bayesdrill.basics.sealed import opened, sealed
 from bayesdrill.commands import concluding
 from bayesdrill.engines.convergence import Targets
 from bayesdrill.engines.workers import ctrl_c_waits
+from bayesdrill.inference.problem import Problem
 from bayesdrill.insight.calibration.refit import Refit, Study, packed, work
 from bayesdrill.insight.calibration.verdict import Verdict, judge
 from bayesdrill.record.experiment import Experiment, frozen
@@ -32,7 +33,7 @@ from bayesdrill.report.widths import WIDTHS
 from bayesdrill.results import provenance, run_folder
 from bayesdrill.results.chain_files import COMPUTED_AGAIN
 from bayesdrill.results.run_folder import Folder
-from bayesdrill.setup import build, loading, reading, simulating, sources
+from bayesdrill.setup import assembling, build, loading, reading, simulating, sources
 from bayesdrill.setup.experiments import views
 from bayesdrill.setup.job import Job
 
@@ -64,9 +65,24 @@ def prepare(path: Path) -> Job:
     read: Callable[..., Experiment] = reading.read if there else simulating.grid
     every = views(config, source)
     records = [read(view.config, view.source) for view in every]
-    # What was measured plays no part, and so must not stop a calibration from being resumed.
-    blank = [dataclasses.replace(x, y=frozen(np.where(x.seen, 0.0, np.nan))) for x in records]
-    return Job(config=config, source=source, problem=build.problem(config, every, blank))
+    problem = assembling.problem(config, every, records)
+    return Job(config=config, source=source, problem=_blank(problem))
+
+
+def _blank(problem: Problem) -> Problem:
+    """What was measured plays no part but in priors of free states, and so must not stop a calibration
+    from being resumed.
+    """
+    seen = [one.experiment.seen for one in problem.observations]
+    blank = tuple(
+        one.with_record(frozen(np.where(where, 0.0, np.nan)))
+        for one, where in zip(problem.observations, seen, strict=True)
+    )
+    posterior = problem.posterior
+    likelihood = dataclasses.replace(posterior.likelihood, observations=blank)
+    return dataclasses.replace(
+        problem, posterior=dataclasses.replace(posterior, likelihood=likelihood)
+    )
 
 
 def study(job: Job) -> Study:

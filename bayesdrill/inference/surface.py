@@ -219,7 +219,7 @@ def _ends(unknown: Unknown) -> tuple[float, float]:
         low, high = unknown.between
         inset = NOTHING * (high - low)
         return max(prior.low, low + inset), min(prior.high, high - inset)
-    bounded = np.isfinite(prior.low) and (prior.low > 0 or unknown.signed)
+    bounded = np.isfinite(prior.low) and prior.low != 0  # where nothing itself may be impossible
     low = prior.low if bounded else float(prior.quantile(np.array(NOTHING)))
     high = prior.high if np.isfinite(prior.high) else float(prior.quantile(np.array(1 - NOTHING)))
     return low, high

@@ -54,8 +54,11 @@ class Unknown:
 
     @property
     def signed(self) -> bool:
-        """Whether it need not be positive, so that its log is no scale of it."""
-        return self.between is not None or signed(self.prior)
+        """Whether its log is no scale of it: it need not be positive, or is a number of a sensor or a
+        start that may be next to nothing.
+        """
+        small = self.role in ("sensor", "start") and not self.in_logs
+        return self.between is not None or signed(self.prior) or small
 
     @property
     def scale(self) -> float:

@@ -20,7 +20,7 @@ def sentences(found: Sequence[Left], clock: Unit) -> str:
         lines.append(
             f"fit: the MAP leaves more than the noise, in sigmas: {_each(large, 'rms')} (noise leaves "
             f"at most {large[0].limits.most:.3g}); a unit, an input, a sigma, the end of a prior or the "
-            "model does not fit this record, and every sd and verdict here is surer than it may be"
+            "model does not fit what was recorded, and every sd and verdict here is surer than it may be"
         )
     if far := _worst(found, "far", "farthest"):
         each = ", ".join(

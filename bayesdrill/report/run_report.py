@@ -44,7 +44,7 @@ def sections(run: View, pictures: Sequence[Picture] = ()) -> tuple[Section, ...]
         *((_against(judged.verdict),) if judged is not None else ()),
         *_repeats(run),
         *shown,
-        *(_shown(judged) if judged is not None else ()),
+        *(_shown(judged, len(run.problem.observations)) if judged is not None else ()),
         Section("What follows from these", (_following(run),), brief=False),
         Section(
             "Maximum of the posterior (MAP)",
@@ -66,8 +66,8 @@ def _verdict(run: View) -> Iterator[Block]:
     if doubts := words.unbelievable(residual_words.reasons(run.left), converged=c.converged):
         yield Sentences(doubts)
     if run.judged is not None:
-        said = verdict_words.sentences(run.judged.verdict, table, converged=c.converged)
-        yield Sentences(said)
+        n, verdict = len(run.problem.observations), run.judged.verdict
+        yield Sentences(verdict_words.sentences(verdict, table, converged=c.converged, records=n))
 
 
 def _fit(run: View) -> Iterator[Block]:
@@ -111,9 +111,10 @@ def _against(verdict: Verdict) -> Section:
     return Section("Against the nominal table", (verdict_words.table(verdict), rule, read))
 
 
-def _shown(judged: Judgement) -> Iterator[Section]:
+def _shown(judged: Judgement, records: int) -> Iterator[Section]:
     study = judged.study
     shown = f"{identify_words.structure(study)}\n\n{identify_words.knowledge(study)}"
-    yield Section("What this record can show, at the MAP", (Plain(shown),), brief=False)
+    whose = "this record" if records == 1 else "these records"
+    yield Section(f"What {whose} can show, at the MAP", (Plain(shown),), brief=False)
     physical = Sentences("\n".join(judged.findings) or FOUND)
     yield Section("Physical consistency of the posterior", (physical,), brief=False)

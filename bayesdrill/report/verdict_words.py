@@ -33,11 +33,14 @@ EXPLAINED = (
 NONE = "verdict: none, because the run did not converge; the numbers may be wrong"
 
 
-def sentences(found: Verdict, table: str, *, converged: bool = True) -> str:
-    """The whole in a sentence, then what is not determined and what is pressed."""
+def sentences(found: Verdict, table: str, *, converged: bool = True, records: int = 1) -> str:
+    """The whole in a sentence, then what is not determined and what is pressed.
+
+    `records`: of how many experiments it is.
+    """
     if not converged:
         return NONE
-    whole = [_whole(found, table), *([] if found.fits else [_doubt()])]
+    whole = [_whole(found, table, records), *([] if found.fits else [_doubt()])]
     return "\n".join([*whole, *_opened(found), *_not_determined(found), *_pressed(found)])
 
 
@@ -52,18 +55,22 @@ def rule(found: Verdict) -> str:
     )
 
 
-def _whole(found: Verdict, table: str) -> str:
+def _whole(found: Verdict, table: str, records: int = 1) -> str:
     judged = [q for q in found.products if q.says != "not determined"]
     n, k = len(found.products), len(judged)
-    can = f"the {n} independent products of parameters that such a record can show"
+    several = records > 1
+    such = "such records" if several else "such a record"
+    can = f"the {n} independent products of parameters that {such} can show"
+    determines = "these records determine" if several else "this record determines"
     if not judged:
-        return f"verdict: this record determines none of {can}; it says nothing of {table}"
+        nothing = "they say" if several else "it says"
+        return f"verdict: {determines} none of {can}; {nothing} nothing of {table}"
     far = found.far
     joint = found.joint
     together = "" if joint is None else f"; taken together they are {_sigmas(joint)} from {table}"
-    opening = f"verdict: this record determines {k} of {can}"
+    opening = f"verdict: {determines} {k} of {can}"
     if n == 1:
-        opening = "verdict: this record determines the one quantity that is compared"
+        opening = f"verdict: {determines} the one quantity that is compared"
     if far:
         listed = ", ".join(
             f"{_name(found, q)} ({100 * q.deviation:+.3g} %, {_sigmas(q.tension)})" for q in far

@@ -182,7 +182,7 @@ def leaning(found: Mapping[str, tuple[str, ...]]) -> str:
         groups.setdefault(others, []).append(name)
     return "\n".join(
         f"leaning: {', '.join(names)} on the prior of {', '.join(others)} (known only as far as that "
-        "is, of which this record says nothing)"
+        "is, of which what was recorded says nothing)"
         for others, names in groups.items()
     )
 

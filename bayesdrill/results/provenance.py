@@ -18,6 +18,7 @@ from bayesdrill.record.experiment import Experiment
 from bayesdrill.results.run_folder import VERSION_OF
 from bayesdrill.setup import experiments, sources
 from bayesdrill.setup.config import Config
+from bayesdrill.setup.experiments import WHOSE
 from bayesdrill.setup.own_units import OwnUnits
 from bayesdrill.setup.yaml_source import Source
 
@@ -154,9 +155,9 @@ def resolved(config: Config, source: Source, folder: Path) -> str:
             # Links are resolved first: `..` in a path goes up from where a link leads to.
             record = (source.path.parent / section[key]).resolve()
             section[key] = Path(os.path.relpath(record, folder.resolve())).as_posix()
-    if config.experiments:
-        for key in experiments.SECTIONS:  # those of the first, and no defaults of the others
-            del data[key]
+    # Of several, those of the first are no defaults of the others.
+    for key in experiments.SECTIONS if config.experiments else (experiments.EXPERIMENTS, *WHOSE):
+        del data[key]
     out = io.StringIO()
     yaml = YAML()
     yaml.width = 120

@@ -243,15 +243,6 @@ class Measured:
     def _shift(self, full: Array) -> Array | None:
         return self._later(full) if self.sensing.shifts else None
 
-    @property
-    def _moving(self) -> bool:
-        speeds = set(self.experiment.start) - {self.model.states[k] for k in self._angles}
-        return (
-            self.sensing.steady
-            or bool(self.sensing.states)
-            or any(self.experiment.start[name] for name in speeds)
-        )
-
     @cached_property
     def _angles(self) -> list[int]:
         return steady.angles_of(self.model)
@@ -279,7 +270,7 @@ class Measured:
             out[:] = steady.state_slopes(
                 matrix[:, :x, :x], drive[:, :x], matrix[:, x:, :x], drive[:, x:], self._angles
             )
-            return self._turned(out, along, held={})
+            return self._turned(out, along, held=dict.fromkeys(self.experiment.start, 0.0))
         for k, name in enumerate(self.model.states):
             if name in self.sensing.states:
                 out[:, k] = self._column(self.sensing.states[name], along)
@@ -299,7 +290,7 @@ class Measured:
 
     def _before(self, matrix: Array, by_input: Array, forcing: Array, start: Array) -> Array:
         """How states change before the start: not at all of a rig at rest."""
-        if not self._moving:
+        if not self.sensing.moves(self.experiment.start):
             return np.zeros_like(start)
         moved = np.einsum("nxy,ny->nx", matrix, start) + forcing
         return np.asarray(moved + by_input @ self._first_inputs)

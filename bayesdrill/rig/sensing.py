@@ -9,6 +9,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
 from bayesdrill.basics.symbols import Symbol
+from bayesdrill.rig import vocabulary
 from bayesdrill.rig.models.linear import Linear, Model, Named
 
 
@@ -45,6 +46,11 @@ class Sensing:
     def shifts(self) -> bool:
         """Whether any channel is seen at other times than those of the inputs."""
         return bool(self.lags) or self.delay is not None
+
+    def moves(self, start: Mapping[str, float]) -> bool:
+        """Whether a rig with this `start` may turn, or carry a current, before the first sample."""
+        held = [x for name, x in start.items() if vocabulary.STATES[name].unit != "rad"]
+        return self.steady or bool(self.states) or any(held)
 
     @property
     def nothing(self) -> bool:

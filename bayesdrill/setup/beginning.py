@@ -24,19 +24,14 @@ FURTHEST = 1e-6  # of the prior of a lag lies beyond what is left out of the sta
 FIRST = 5  # samples that show whether a record begins in motion
 SURELY = 12.0  # times the noise
 APPRECIABLE = 0.2  # of what the channel does later
+USUAL = 0.025  # of the prior of a lag, on either side, may lie beyond the record
 QUICK = 0.99  # of the steps of an angle are no faster than the speed that is taken of it
 
 
-def free(
-    states: Sequence[str], experiment: Experiment, model: Model, values: Named
-) -> list[Declared]:
-    """Normal priors around what the first samples say, as wide as the channels go; of what no channel
-    tells of, as wide as the inputs would drive it at parameters `values`.
+def free(name: str, experiment: Experiment, model: Model, values: Named) -> Declared:
+    """Of a state a normal prior around what the first samples say, as wide as the channels go; where no
+    channel tells of it, as wide as the inputs would drive it at parameters `values`.
     """
-    return [_free(name, experiment, model, values) for name in states]
-
-
-def _free(name: str, experiment: Experiment, model: Model, values: Named) -> Declared:
     unit = vocabulary.STATES[name].unit
     middle, width = _measured(name, experiment)
     if width is None:
@@ -113,16 +108,35 @@ def beyond_lags(
     experiment: Experiment, sensing: Sensing, values: Mapping[str, float | Prior]
 ) -> Experiment:
     """Of a rig that moves at the start, without the samples that show what was before it."""
-    moving = sensing.steady or bool(sensing.states)
-    if not (moving and sensing.shifts):
+    if not (sensing.shifts and sensing.moves(experiment.start)):
         return experiment
-    y = np.array(experiment.y)
+    y, told = np.array(experiment.y), list(experiment.told)
     delay = 0.0 if sensing.delay is None else _most(values[sensing.delay])
     for k, channel in enumerate(experiment.channels):
         own = sensing.lags.get(channel.name)
         late = delay + (0.0 if own is None else _most(values[own]))
-        y[experiment.t < experiment.t_start + late, k] = np.nan
-    return dataclasses.replace(experiment, y=frozen(y))
+        before = (experiment.t < experiment.t_start + late) & ~np.isnan(y[:, k])
+        if before.any():
+            y[before, k] = np.nan
+            told.append(
+                f"{channel.name}: {int(before.sum())} samples are left out, as they may show what was "
+                "before the start (lag)"
+            )
+    return dataclasses.replace(experiment, y=frozen(y), told=tuple(told))
+
+
+def too_late(lag: Declared, experiment: Experiment) -> str:
+    """What is wrong with a lag, or a delay, that the record is too short for."""
+    duration = float(experiment.t[-1] - experiment.t_start)
+    ends = np.array([lag.value] * 2)
+    if not isinstance(lag.value, float):
+        ends = lag.value.quantile(np.array([USUAL, 1 - USUAL]))
+    if np.abs(ends).max() < duration:
+        return ""
+    return (
+        f"lags from {ends[0]:.4g} to {ends[1]:.4g} s are allowed, and the record has {duration:.4g} s: "
+        "what it shows would be no answer to its inputs; check the unit, or narrow the prior"
+    )
 
 
 def unsaid_motion(experiment: Experiment, sigmas: Sequence[float]) -> str:

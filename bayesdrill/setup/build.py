@@ -1,7 +1,7 @@
 """Config to objects, through the registries: the one place where names become things.
 
 The single steps raise `ValueError` with a message for the user, and `consistency` runs them one
-by one to collect all mistakes.  `problem` puts everything together.
+by one to collect all mistakes.  `assembling` puts everything together.
 """
 
 from __future__ import annotations
@@ -17,27 +17,21 @@ from bayesdrill.basics.formulas import Expression, resolved
 from bayesdrill.basics.registry import lookup
 from bayesdrill.engines.optimisers import OPTIMISERS
 from bayesdrill.engines.optimisers.contract import Optimiser
-from bayesdrill.inference.likelihood import Likelihood, Part
 from bayesdrill.inference.noise import NOISES
 from bayesdrill.inference.noise.contract import Noise, Noisy
-from bayesdrill.inference.noise.mixed import Mixed, with_gaps
+from bayesdrill.inference.noise.mixed import Mixed
 from bayesdrill.inference.noise.mixed import Part as Kind
-from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.priors import Prior
-from bayesdrill.inference.problem import Problem
 from bayesdrill.inference.unknowns import ParameterSpace, Unknown, of_label
 from bayesdrill.insight.identifiability.study import Asked, Thresholds
-from bayesdrill.record.experiment import Channel, Experiment
+from bayesdrill.record.experiment import Channel
 from bayesdrill.rig import vocabulary
-from bayesdrill.rig.measured import simulator
 from bayesdrill.rig.models import MODELS
 from bayesdrill.rig.models.linear import Model
-from bayesdrill.rig.simulator import Simulator
-from bayesdrill.setup import beginning, number_entries, sensors
+from bayesdrill.setup import number_entries
 from bayesdrill.setup.config import Config
 from bayesdrill.setup.experiment_entries import ChannelSpec
-from bayesdrill.setup.experiments import View, common_or_own
-from bayesdrill.setup.number_objects import formula, prior, quantity, relation, rescaled, start
+from bayesdrill.setup.number_objects import prior, quantity, relation, rescaled, start
 from bayesdrill.setup.record_entries import InputColumn
 from bayesdrill.setup.sensors import Declared
 
@@ -88,7 +82,7 @@ def _refers(spec: object) -> bool:
     return spec == "nominal" or (isinstance(spec, number_entries.PriorBase) and spec.relative)
 
 
-def _published(config: Config) -> list[str]:
+def published(config: Config) -> list[str]:
     """Names whose nominal value is that of a table, not the config's own."""
     return [name for name in compared(config) if getattr(config.nominal, name) is None]
 
@@ -272,90 +266,3 @@ def channels(config: Config, model: Model) -> list[Measured]:
     """Those that are evidence: what is only derived from another is not."""
     every = config.record.channels.items()
     return [measured(name, spec, model.states) for name, spec in every if spec.derived_from is None]
-
-
-def simulated(view: View, model: Model, experiment: Experiment) -> tuple[Simulator, list[Declared]]:
-    """One experiment with its sensors and its start, and the numbers that are told of them."""
-    told = [sensors.declared(entry) for entry in sensors.entries(view.config, model)]
-    sensing = sensors.sensing(view.config, model)
-    free = sensors.free_states(view.config, model)
-    if free:
-        told += beginning.free(free, experiment, model, _at_start(view.config, model))
-    _check_start(view.config, model, experiment)
-    seen = beginning.beyond_lags(experiment, sensing, {each.name: each.value for each in told})
-    return simulator(model, seen, sensing), told
-
-
-def _check_start(config: Config, model: Model, experiment: Experiment) -> None:
-    """A window that begins in motion has to say how; raises `ValueError`."""
-    if config.record.window is None or config.initial.model_fields_set - {"time"}:
-        return
-    sigmas = [_level(one.noisy) for one in channels(config, model)]
-    motion = beginning.unsaid_motion(experiment, sigmas)
-    if motion and experiment.series:
-        raise ValueError(
-            f"the window begins in motion ({motion}), and the config says nothing of it; write "
-            "`initial: free`, `initial: steady`, or the states there"
-        )
-
-
-def _level(noisy: Noisy) -> float:
-    return noisy.sigma if isinstance(noisy.sigma, float) else noisy.start
-
-
-def _at_start(config: Config, model: Model) -> dict[str, float]:
-    """The rig's parameters where searches begin."""
-    known = space(config, model, [])
-    values = {**known.fixed, **known.start}
-    values |= {name: float(r.value(values)) for name, r in known.relations.items()}
-    return {name: values[name] for name in model.parameters}
-
-
-def problem(config: Config, views: Sequence[View], experiments: Sequence[Experiment]) -> Problem:
-    """Everything, for records already read (`reading.read`), one of each view of the config."""
-    rig = model(config)
-    labels = [view.label for view in views]
-    parts, told, levels = [], dict[str, Declared](), dict[str, Unknown]()
-    for view, experiment in zip(views, experiments, strict=True):
-        response, own = simulated(view, rig, experiment)
-        scatter = noise_of(view.config, rig, response.experiment)
-        renamed = {each.name: common_or_own(config, each.name, view.label) for each in own}
-        for each in own:
-            told.setdefault(renamed[each.name], each.of(view.label, renamed[each.name]))
-        names = [common_or_own(config, unknown.name, view.label) for unknown in scatter.unknowns]
-        for name, unknown in zip(names, scatter.unknowns, strict=True):
-            levels.setdefault(name, unknown if name == unknown.name else unknown.of(view.label))
-        of_rig = [of_label(n, view.label if n in config.own else "") for n in rig.parameters]
-        parts.append(
-            Part(
-                response=response,
-                noise=scatter,
-                told=[*of_rig, *(renamed[name] for name in response.parameters[len(of_rig) :])],
-                levels=names,
-                label=view.label,
-            )
-        )
-    unknowns = space(config, rig, [*levels.values()], [*told.values()], labels)
-    posterior = Posterior(
-        space=unknowns,
-        likelihood=Likelihood.joint(unknowns, parts),
-        coordinates=unknowns.coordinates(),
-    )
-    table = {**compared(config)}
-    for name in [n for n in config.own if n in table]:
-        table |= {of_label(name, label): table[name] for label in labels}
-    return Problem(
-        posterior=posterior,
-        symbols=tuple(unknown.symbol for unknown in unknowns.unknowns),
-        nominal=table,
-        published=frozenset(_published(config)),
-        tolerance=tolerance(config)
-        | {of_label(n, label): tolerance(config)[n] for n in config.own for label in labels},
-        derived=tuple(formula(config, rig, name) for name in config.derived),
-    )
-
-
-def noise_of(config: Config, model: Model, experiment: Experiment) -> Noise:
-    """Of the channels of one record; raises `ValueError` where it cannot have gaps."""
-    found = noise(channels(config, model), len(experiment.t))
-    return found if experiment.seen.all() else with_gaps(found, experiment.counts)

@@ -18,6 +18,7 @@ from bayesdrill.basics.entries import (
     Count,
     Latex,
     NonNegative,
+    Number,
     Positive,
     Strict,
     chosen,
@@ -113,6 +114,13 @@ class _SimulationBase(Strict):
     quantities: Annotated[
         dict[str, Positive],
         Field(description="True values, in their units; default: where their priors start."),
+    ] = Field(default_factory=dict)
+    truth: Annotated[
+        dict[str, Number],
+        Field(
+            description="Of sensors, starts, and what is own of an experiment, by the names of the "
+            "unknowns, in their units; default: where their priors start."
+        ),
     ] = Field(default_factory=dict)
 
 

@@ -14,6 +14,7 @@ from bayesdrill.setup.yaml_source import Place, Source
 
 SECTIONS = ("record", "inputs", "initial")  # which an experiment may have of its own
 EXPERIMENTS = "experiments"
+WHOSE = ("shared", "own")  # of what the experiments have in common, or each for itself
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,16 +40,26 @@ def split(source: Source) -> dict[str, Source]:
     named = source.data.get(EXPERIMENTS)
     if not isinstance(named, Mapping):
         return {}
-    return {label: _alone(source, label, own) for label, own in named.items() if _is_one(own)}
+    return {
+        label: _alone(source, label, own)
+        for label, own in named.items()
+        if isinstance(own, Mapping)  # what is none is told of by its own entry
+    }
+
+
+def bare(source: Source) -> Source:
+    """Of a config whose experiments are none: what else it says."""
+    return _alone(source, "", {})
 
 
 def together(source: Source, alone: Mapping[str, Source]) -> dict[str, Any]:
     """The config of all: at its top the first experiment, and under each name all that is its own."""
-    first = next(iter(alone.values()))
-    named = dict(source.data[EXPERIMENTS])
+    named = source.data[EXPERIMENTS]
+    named = dict(named) if isinstance(named, Mapping) else named
+    first = next(iter(alone.values()), source)
     for label, own in alone.items():
-        named[label] = {key: own.data[key] for key in SECTIONS if key in own.data}
-    kept = {key: source.data[key] for key in ("shared", "own") if key in source.data}
+        named[label] = {**named[label], **{k: own.data[k] for k in SECTIONS if k in own.data}}
+    kept = {key: source.data[key] for key in WHOSE if key in source.data}
     return {**first.data, EXPERIMENTS: named, **kept}
 
 
@@ -56,7 +67,7 @@ def of(config: Config, label: str) -> Config:
     """The config of one experiment, of one that is `together`."""
     if not label:
         return config
-    data = config.model_dump(exclude_unset=True, exclude={EXPERIMENTS, "shared", "own", *SECTIONS})
+    data = config.model_dump(exclude_unset=True, exclude={EXPERIMENTS, *WHOSE, *SECTIONS})
     return Config.model_validate(data | config.experiments[label].model_dump(exclude_unset=True))
 
 
@@ -65,22 +76,17 @@ def common_or_own(config: Config, name: str, label: str) -> str:
     return name if name in config.shared else of_label(name, label)
 
 
-def _is_one(own: Any) -> bool:
-    """What is no mapping of sections is told of by its own entry."""
-    return isinstance(own, Mapping) and set(own) <= set(SECTIONS)
-
-
 def _alone(source: Source, label: str, own: Mapping[str, Any]) -> Source:
-    data = {k: v for k, v in source.data.items() if k not in (EXPERIMENTS, "shared", "own")}
+    data = {k: v for k, v in source.data.items() if k not in (EXPERIMENTS, *WHOSE)}
     data = copy.deepcopy(data)
-    for section, entries in own.items():
-        data[section] = _over(data.get(section), entries)
-    lines = dict(source.lines)
+    for section in [name for name in SECTIONS if name in own]:
+        data[section] = _over(data.get(section), own[section])
+    lines, moved = dict(source.lines), dict[Place, Place]()
     prefix: Place = (EXPERIMENTS, label)
     for place, line in source.lines.items():
-        if place[:2] == prefix:
-            lines[place[2:]] = line
-    return dataclasses.replace(source, data=data, lines=lines, repeated=())
+        if place[:2] == prefix and len(place) > 2:
+            lines[place[2:]], moved[place[2:]] = line, place
+    return dataclasses.replace(source, data=data, lines=lines, repeated=(), moved=moved)
 
 
 def _over(common: Any, own: Any) -> Any:

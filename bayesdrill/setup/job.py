@@ -2,22 +2,28 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bayesdrill.basics.errors import InputError
+from bayesdrill.basics.errors import Problem as Wrong
 from bayesdrill.basics.units import Unit
 from bayesdrill.inference.problem import Problem
 from bayesdrill.insight import derived
 from bayesdrill.insight.identifiability.study import Asked
+from bayesdrill.record.experiment import Experiment, raise_if_any
 from bayesdrill.record.formats import Table
-from bayesdrill.setup import build, loading, own_units, reading
+from bayesdrill.setup import assembling, build, loading, own_units, reading
 from bayesdrill.setup.config import Config
-from bayesdrill.setup.experiments import views
+from bayesdrill.setup.experiments import View, views
 from bayesdrill.setup.own_units import OwnUnits
 from bayesdrill.setup.yaml_source import Source
+
+Array = NDArray[np.float64]
 
 FARTHEST = 1e10  # of a start from the record, in sigmas: rounding would hide any way to it
 
@@ -55,16 +61,13 @@ def assemble(config: Config, source: Source, table: Table | None = None) -> Job:
     `table`: the record, where it is in no file.
     """
     every = views(config, source)
-    records = [reading.read(view.config, view.source, table) for view in every]
-    try:
-        problem = build.problem(config, every, records)
-    except ValueError as error:
-        raise InputError([source.problem(("record",), str(error))]) from None
+    problem = assembling.problem(config, every, _records(every, table))
     posterior = problem.posterior
     start = posterior.space.vector(posterior.space.start)
     if not np.isfinite(posterior.density(start[None])[0]):
+        unsteady = _unsteady(every, problem, start)
         message = "the model has no finite response at the start; check values and units"
-        raise InputError([source.problem(("parameters",), message)])
+        raise InputError(unsteady or [source.problem(("parameters",), message)])
     off = float(posterior.likelihood.per_number(start[None])[0]) ** 0.5
     if off > FARTHEST:
         message = f"the start is {off:.2g} times the noise off the record; check values and units"
@@ -74,3 +77,29 @@ def assemble(config: Config, source: Source, table: Table | None = None) -> Job:
         named = [source.problem(("derived", name), text) for name, text in impossible.items()]
         raise InputError(named)
     return Job(config=config, source=source, problem=problem)
+
+
+def _records(every: Sequence[View], table: Table | None) -> list[Experiment]:
+    """What is wrong with any of them is told at once."""
+    found, problems = list[Experiment](), list[Wrong]()
+    for view in every:
+        try:
+            found.append(reading.read(view.config, view.source, table))
+        except InputError as error:
+            problems += error.problems
+    raise_if_any(list(dict.fromkeys(problems)))
+    return found
+
+
+def _unsteady(every: Sequence[View], problem: Problem, start: Array) -> list[Wrong]:
+    """Experiments that are said to begin steadily, of a rig that has no steady state."""
+    full = problem.posterior.space.full(start[None])
+    message = (
+        "the rig has no steady state at the start values under the first inputs; give the start, or "
+        "`free`"
+    )
+    return [
+        view.source.problem(("initial",), message)
+        for view, one in zip(every, problem.observations, strict=True)
+        if view.config.initial.state == "steady" and not np.isfinite(one.signals(full)[0, 0]).any()
+    ]

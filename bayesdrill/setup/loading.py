@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import copy
+import dataclasses
 import functools
 import operator
 import typing
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +34,11 @@ _STAND_INS: dict[Place, Any] = {
     ("parameters",): {},
 }
 
+NONE = (
+    "no experiment stands here; name each, such as `slow: {record: {file: slow.csv}}`, or remove "
+    "this entry"
+)
+
 
 def load(path: Path) -> tuple[Config, Source]:
     """Raises `InputError` with every problem, in the order of the lines."""
@@ -41,28 +48,59 @@ def load(path: Path) -> tuple[Config, Source]:
 
 def validated(source: Source) -> Config:
     """See `load`; of several experiments the config of the first, which names them all."""
+    if experiments.EXPERIMENTS not in source.data:
+        return _one(source, alone=True)
     alone = experiments.split(source)
-    if not alone:
-        return _one(source)
-    problems, found = list(source.repeated), []
-    for own in alone.values():
+    problems = [*source.repeated, *_without_record(source, alone)]
+    for own in alone.values() or [experiments.bare(source)]:
         try:
-            found.append(_one(own))
+            _one(_with_a_record(own), alone=False)
         except InputError as error:
             problems += error.problems
-    try:
-        whole = Config.model_validate(experiments.together(source, alone))
-        problems += consistency.check_experiments(whole, source)
-    except ValidationError as error:
-        problems += _complaints(error, source)
+    if not alone and not source.data[experiments.EXPERIMENTS]:
+        problems.append(source.problem((experiments.EXPERIMENTS,), NONE))
+    elif not alone:
+        problems += _complaints(experiments.together(source, {}), source)
+    else:
+        whole = experiments.together(source, alone)
+        problems += _complaints(whole, source)
+        if not problems:
+            problems += consistency.check_experiments(Config.model_validate(whole), source)
     if problems:
         raise InputError(sorted(dict.fromkeys(problems), key=_line))
-    return whole
+    return Config.model_validate(whole)
 
 
-def _complaints(error: ValidationError, source: Source) -> list[Problem]:
+def _without_record(source: Source, alone: Mapping[str, Source]) -> list[Problem]:
+    message = "this experiment has no record; give `record: {file: ...}` in it"
+    return [
+        source.problem((experiments.EXPERIMENTS, label, "record", "file"), message)
+        for label, own in alone.items()
+        if _lacks_record(own)
+    ]
+
+
+def _lacks_record(source: Source) -> bool:
+    record = source.data.get("record", {})
+    return isinstance(record, Mapping) and "file" not in record
+
+
+def _with_a_record(source: Source) -> Source:
+    """That it has none is said elsewhere, and once."""
+    if not _lacks_record(source):
+        return source
+    record = {**source.data.get("record", {}), "file": _STAND_INS["record", "file"]}
+    return dataclasses.replace(source, data={**source.data, "record": record})
+
+
+def _complaints(data: Mapping[str, Any], source: Source) -> list[Problem]:
     """About experiments alone; the rest is told by each of them."""
-    found = {_place(item["loc"], source.data): dict(item) for item in error.errors()}
+    try:
+        Config.model_validate(data)
+    except ValidationError as error:
+        found = {_place(item["loc"], source.data): dict(item) for item in error.errors()}
+    else:
+        return []
     return [
         source.problem(place, _message(item, place))
         for place, item in found.items()
@@ -70,7 +108,8 @@ def _complaints(error: ValidationError, source: Source) -> list[Problem]:
     ]
 
 
-def _one(source: Source) -> Config:
+def _one(source: Source, *, alone: bool) -> Config:
+    """`alone`: whether there is no other experiment."""
     problems = list(source.repeated)
     pruned = copy.deepcopy(source.data)
     try:
@@ -84,15 +123,15 @@ def _one(source: Source) -> Config:
             for place, item in found.items()
             if not (item["type"] == "missing" and place in meant)
         ]
-        problems += _judge_rest(pruned, [*found, *filter(None, meant)], source)
+        problems += _judge_rest(pruned, [*found, *filter(None, meant)], source, alone=alone)
     else:
-        problems += consistency.check(config, source, frozenset())
+        problems += consistency.check(config, source, frozenset(), alone=alone)
         if not problems:
             return config
     raise InputError(sorted(dict.fromkeys(problems), key=_line))
 
 
-def _judge_rest(data: Any, spoilt: list[Place], source: Source) -> list[Problem]:
+def _judge_rest(data: Any, spoilt: list[Place], source: Source, *, alone: bool) -> list[Problem]:
     """Checks across entries, for what is left after the spoilt entries are taken out."""
     for place in spoilt:
         _remove(data, place)
@@ -104,7 +143,7 @@ def _judge_rest(data: Any, spoilt: list[Place], source: Source) -> list[Problem]
         config = Config.model_validate(data)
     except ValidationError:
         return []
-    return consistency.check(config, source, frozenset(spoilt))
+    return consistency.check(config, source, frozenset(spoilt), alone=alone)
 
 
 def _meant(error: dict[str, Any], place: Place) -> Place | None:

@@ -23,20 +23,24 @@ LONGEST_NUMBER = 40
 
 @dataclass(frozen=True, slots=True)
 class Source:
-    """`lines`: 1-based line of the key (or list item) at each place; `repeated` keys as problems."""
+    """`lines`: 1-based line of the key (or list item) at each place; `repeated` keys as problems;
+    `moved`: where entries stand that are read as if they stood elsewhere.
+    """
 
     path: Path
     text: str
     data: Any
     lines: Mapping[Place, int]
     repeated: tuple[Problem, ...]
+    moved: Mapping[Place, Place] = field(default_factory=dict)
 
     def problem(self, place: Place, message: str) -> Problem:
         """Labelled `file:line: a.b.c`; the line is that of the nearest entry that has one."""
         known = place
         while known not in self.lines and known:
             known = known[:-1]
-        dotted = ".".join(str(part) for part in place)
+        stands = (*self.moved.get(known, known), *place[len(known) :])
+        dotted = ".".join(str(part) for part in stands)
         label = f"{self.path}:{self.lines.get(known, 1)}" if self.lines else str(self.path)
         return Problem(f"{label}: {dotted}" if dotted else label, message)
 

@@ -157,6 +157,19 @@ def test_slopes_are_those_of_the_signals(steady: bool, first_order: bool) -> Non
         assert close.mean() > (0.95 if "lag" in name else 1.0) - 1e-9, name
 
 
+def test_slopes_of_a_steady_start_leave_a_held_angle_where_it_is() -> None:
+    """Mutant killed: the slope of a steady start without the angle that is held."""
+    angles = {name: {name: 1.0} for name in ("theta_1", "theta_2")}
+    one = experiment(40, 0.02, measures=angles, constant={"v": 6.0}, start={"theta_2": 1.5})
+    rig = Measured(MotorShaft(), one, Sensing(steady=True))
+    along = np.diag(THETA)[None]
+    exact = rig.sensitivities(THETA[None], along)[0]
+    h = 1e-5
+    rough = (rig.signals(THETA + h * along[0]) - rig.signals(THETA - h * along[0])) / (2 * h)
+    assert exact == pytest.approx(rough, rel=1e-5, abs=1e-8)
+    assert not exact[:, 0, 1].any()
+
+
 def test_normal_equations_are_sums_of_slopes() -> None:
     one = in_motion(uneven())
     y = np.random.default_rng(4).normal(size=one.y.shape)

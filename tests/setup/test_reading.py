@@ -10,7 +10,7 @@ import scipy.io
 
 from bayesdrill.basics.errors import InputError
 from bayesdrill.record.experiment import Experiment
-from bayesdrill.setup import build, loading, reading
+from bayesdrill.setup import assembling, loading, reading
 from bayesdrill.setup.experiments import views
 
 DATA = Path(__file__).parents[3] / "shared" / "data"
@@ -79,7 +79,7 @@ def test_sigma_and_its_prior_are_in_the_columns_unit(tmp_path: Path) -> None:
     table(tmp_path)
     experiment = read(tmp_path, RECORD)
     config, source = loading.load(tmp_path / "mine.yaml")
-    problem = build.problem(config, views(config, source), [experiment])
+    problem = assembling.problem(config, views(config, source), [experiment])
     noise = problem.posterior.likelihood.noise
     assert noise.known == {0: pytest.approx(np.radians(2)), 2: pytest.approx(1.5 * np.pi / 30)}
     assert problem.names == ("k_e", "sigma_w_1")

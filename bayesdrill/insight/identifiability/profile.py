@@ -68,7 +68,7 @@ class Fitter:
         self._m = len(scenery.unknowns) + len(scenery.nuisances)
         self._noise = theta[self._m :]
         moving = posterior.space.unknowns[: self._m]
-        ends = np.array([_ends(one.prior, signed=one.signed) for one in moving]).T
+        ends = np.array([_ends(one.prior) for one in moving]).T
         self.low, self.high = self._natural(ends)
         self.best = self._fit(self._natural(theta[None, : self._m])[0], None)
         if len(self._noise):
@@ -186,9 +186,9 @@ class Fitted:
     cost: float
 
 
-def _ends(prior: Prior, *, signed: bool) -> tuple[float, float]:
+def _ends(prior: Prior) -> tuple[float, float]:
     """Of the support; where that has no end, or zero for one of a log, of nearly all of the prior."""
-    bounded = np.isfinite(prior.low) and (prior.low > 0 or signed)
+    bounded = np.isfinite(prior.low) and prior.low != 0
     low = prior.low if bounded else float(prior.quantile(np.array(TAIL)))
     high = prior.high if np.isfinite(prior.high) else float(prior.quantile(np.array(1 - TAIL)))
     return low, high

@@ -5,7 +5,7 @@ from __future__ import annotations
 from bayesdrill.basics.errors import Problem
 from bayesdrill.setup import build
 from bayesdrill.setup.config import Config
-from bayesdrill.setup.consistency import record, several, unknowns, work
+from bayesdrill.setup.consistency import record, sensing, several, unknowns, work
 from bayesdrill.setup.consistency.collector import Collector
 from bayesdrill.setup.consistency.several import check_experiments
 from bayesdrill.setup.yaml_source import Place, Source
@@ -13,8 +13,13 @@ from bayesdrill.setup.yaml_source import Place, Source
 __all__ = ["check", "check_experiments"]
 
 
-def check(config: Config, source: Source, spoilt: frozenset[Place]) -> list[Problem]:
-    """Problems of a config whose entries are each valid; `spoilt` places were reported already."""
+def check(
+    config: Config, source: Source, spoilt: frozenset[Place], *, alone: bool
+) -> list[Problem]:
+    """Problems of a config whose entries are each valid; `spoilt` places were reported already.
+
+    `alone`: whether there is no other experiment, so that it is known what all unknowns are called.
+    """
     found = Collector(source, spoilt)
     model = found.run(("model", "name"), build.model, config)
     nominal = found.run(("nominal", "table"), build.nominal, config)
@@ -24,13 +29,17 @@ def check(config: Config, source: Source, spoilt: frozenset[Place]) -> list[Prob
             unknowns.check_parameters(found, config, model, nominal)
             unknowns.check_relations(found, config, model)
         record.check_channels(found, config, model)
-        work.check_counts(found, config, model)
-        work.check_map(found, config, model)
         record.check_states(found, config, model)
-        several.check_sensors(found, config, model)
-        work.check_output(found, config, model)
+        sensing.check_sensors(found, config, model)
+        every = several.names(config, model, {"": config}) if alone else None
+        work.check_counts(found, config, every)
+        work.check_map(found, config, every)
+        work.check_output(found, config, model, every)
+        if alone:
+            told = several.told(config, model, {"": config})
+            work.check_truth(found, config, [*config.record.channels], told)
     for key in ("shared", "own"):
-        if getattr(config, key) and not config.experiments:
+        if getattr(config, key) and alone:
             found.add(
                 (key,), "there is one experiment alone; remove this entry, or add `experiments:`"
             )
@@ -38,5 +47,6 @@ def check(config: Config, source: Source, spoilt: frozenset[Place]) -> list[Prob
     record.check_inputs(found, config)
     work.check_simulation(found, config)
     work.check_calibration(found, config)
-    work.check_identify(found, config)
+    if alone:
+        work.check_identify(found, config, [""])
     return found.problems

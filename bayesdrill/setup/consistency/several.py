@@ -1,47 +1,23 @@
-"""Sensors and starts, and several experiments in one config: what they share and what is their own."""
+"""Several experiments in one config: what they share, what is their own, and that all names differ."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
+
+from bayesdrill.basics import symbols
 from bayesdrill.basics.errors import Problem
+from bayesdrill.inference.priors import Prior
 from bayesdrill.inference.unknowns import of_label
 from bayesdrill.rig import vocabulary
 from bayesdrill.rig.models.linear import Model
-from bayesdrill.setup import build, number_entries, number_objects, sensors
+from bayesdrill.setup import build, number_objects, sensors
 from bayesdrill.setup.config import Config
-from bayesdrill.setup.consistency import unknowns
+from bayesdrill.setup.consistency import unknowns, work
 from bayesdrill.setup.consistency.collector import Collector
-from bayesdrill.setup.experiments import split
+from bayesdrill.setup.experiments import common_or_own, split
 from bayesdrill.setup.yaml_source import Source
 
-
-def check_sensors(found: Collector, config: Config, model: Model) -> None:
-    for entry in sensors.entries(config, model):
-        found.run(entry.place, sensors.declared, entry)
-    found.run(("inputs",), sensors.sensing, config, model)
-    names = [entry.name for entry in sensors.entries(config, model)]
-    names += [sensors.state_name(name) for name in sensors.free_states(config, model)]
-    for name in config.quantities:
-        if name in names:
-            found.add(("quantities", name), "a sensor's number has this name; choose another one")
-    if config.initial.state == "steady":
-        _check_steady(found, config, model)
-
-
-def _check_steady(found: Collector, config: Config, model: Model) -> None:
-    """The inputs give all but where the angles begin."""
-    named = [name for name in model.states if name in config.initial.model_fields_set]
-    angles = [name for name in named if vocabulary.STATES[name].unit == "rad"]
-    for name in named:
-        if name not in angles:
-            found.add(
-                ("initial", name),
-                "the steady state gives it; remove this entry, or `state: steady`",
-            )
-    for name in angles[1:]:
-        message = (
-            f"the steady state gives the twist, and {angles[0]} the rest; remove one of the two"
-        )
-        found.add(("initial", name), message)
+Alone = Mapping[str, Config]  # each experiment by its name, which is empty where there is only one
 
 
 def check_experiments(config: Config, source: Source) -> list[Problem]:
@@ -54,13 +30,65 @@ def check_experiments(config: Config, source: Source) -> list[Problem]:
             found.add(place, f"'{label}' cannot name an experiment; use letters, digits and `_`")
     if model is None or found.problems:
         return found.problems
+    every = {label: Config.model_validate(own.data) for label, own in split(source).items()}
     _check_own(found, config, model)
-    known = _told(config, model, source)
-    for k, name in enumerate(config.shared):
-        message = f"{name} is no number of a sensor, start or noise (the rig's are shared anyway)"
-        found.expect(("shared", k), name, known, message)
-    _check_alike(found, config, model, source)
+    _check_shared(found, config, model, every)
+    _check_names(found, config, model, every)
+    if not found.problems:
+        unknown = names(config, model, every)
+        work.check_counts(found, config, unknown)
+        work.check_map(found, config, unknown)
+        work.check_output(found, config, model, unknown)
+        work.check_identify(found, config, [*every])
+    channels = dict.fromkeys(name for one in every.values() for name in one.record.channels)
+    work.check_truth(found, config, [*channels], told(config, model, every))
     return found.problems
+
+
+def names(config: Config, model: Model, every: Alone) -> list[str]:
+    """Of all unknowns."""
+    rig = [n for n in unknowns.free_parameters(config, model.parameters) if n not in config.own]
+    own = unknowns.free_parameters(config, config.own)
+    rest = [
+        common_or_own(config, name, label)
+        for label, one in every.items()
+        for name, (prior, _) in _told(one, model).items()
+        if not isinstance(prior, float)
+    ]
+    each = [of_label(name, label) for name in own for label in every]
+    return list(dict.fromkeys([*rig, *each, *unknowns.free_quantities(config), *rest]))
+
+
+def told(config: Config, model: Model, every: Alone) -> list[str]:
+    """What a true value can be given for, beside the rig: of one experiment, or of all."""
+    found = [(label, name) for label in every for name in config.own]
+    for label, one in every.items():
+        found += [
+            (label, name) for name, of in _of_sensors(one, model) if not isinstance(of, float)
+        ]
+    own = [of_label(name, label) for label, name in found if name not in config.shared]
+    return list(dict.fromkeys([*(name for _, name in found), *own]))
+
+
+def _of_sensors(config: Config, model: Model) -> Iterator[tuple[str, float | Prior | None]]:
+    """Names with numbers or priors; a prior is None where the record will give it."""
+    for entry in sensors.entries(config, model):
+        try:
+            yield entry.name, sensors.declared(entry).value
+        except ValueError:  # said of the entry
+            yield entry.name, None
+    for name in sensors.free_states(config, model):
+        yield sensors.state_name(name), None
+
+
+def _told(config: Config, model: Model) -> dict[str, tuple[float | Prior | None, object]]:
+    """Sensors, start and noise of one experiment by name; with what is the same where it is shared."""
+    found = {name: (value, value) for name, value in _of_sensors(config, model)}
+    try:
+        levels = build.noise(build.channels(config, model), n_samples=1).unknowns
+    except ValueError:  # said of the channel
+        return {**found, **dict.fromkeys(unknowns.scatter(config, model), (None, None))}
+    return found | {one.name: (one.prior, (one.prior, one.start)) for one in levels}
 
 
 def _check_own(found: Collector, config: Config, model: Model) -> None:
@@ -74,36 +102,68 @@ def _check_own(found: Collector, config: Config, model: Model) -> None:
     for k, name in enumerate(config.own):
         found.expect(("own", k), name, free, f"{name} is no unknown parameter of the rig")
         if name in used:
-            found.add(
-                ("own", k), f"a formula or tie names {name}, so that all experiments share it"
+            message = f"a formula or tie names {name}, so that all experiments share it; remove one"
+            found.add(("own", k), message)
+
+
+def _check_shared(found: Collector, config: Config, model: Model, every: Alone) -> None:
+    """What is shared is unknown in several experiments, with one prior."""
+    of = {label: _told(one, model) for label, one in every.items()}
+    known = [name for each in of.values() for name in each]
+    for k, name in enumerate(config.shared):
+        place = ("shared", k)
+        having = [label for label, each in of.items() if name in each]
+        values = [of[label][name] for label in having]
+        if not having:
+            rig = " (parameters of the rig are shared unless they are `own:`)"
+            message = f"{name} is no unknown of a sensor, a start or noise"
+            message += rig if name in model.parameters else ""
+            found.expect(place, name, list(dict.fromkeys(known)), message)
+        elif any(isinstance(value, float) for value, _ in values):
+            found.add(place, f"{name} is held, so that nothing is unknown of it; remove it here")
+        elif len(having) == 1:
+            message = f"only {having[0]} has {name}; give it to another one, or remove it here"
+            found.add(place, message)
+        elif any(value is None for value, _ in values):
+            state = name.removesuffix("_0")
+            message = (
+                f"each record gives {name} a prior of its own; give one in all, such as `{state}: "
+                "{prior: normal, mean: 0, sd: 1}`, or remove it here"
             )
-    every = [of_label(name, label) for name in config.own for label in config.experiments]
-    for name in every:
-        if name in vocabulary.PARAMETERS or name in config.quantities:
-            found.add(("own",), f"{name} has another meaning already; rename the experiment")
+            found.add(place, message)
+        elif any(what != values[0][1] for _, what in values):
+            other = next(
+                n for n, (_, what) in zip(having, values, strict=True) if what != values[0][1]
+            )
+            message = (
+                f"{name} has another prior in {other} than in {having[0]}; give it once, above "
+                "`experiments:`, or remove it here"
+            )
+            found.add(place, message)
 
 
-def _told(config: Config, model: Model, source: Source) -> list[str]:
-    names: list[str] = []
-    for own in split(source).values():
-        one = Config.model_validate(own.data)
-        names += [entry.name for entry in sensors.entries(one, model)]
-        names += [sensors.state_name(name) for name in sensors.free_states(one, model)]
-        names += unknowns.scatter(one, model)
-    return list(dict.fromkeys(names))
+def _check_names(found: Collector, config: Config, model: Model, every: Alone) -> None:
+    """That no two unknowns, and no two columns of results, have one name."""
+    taken = dict.fromkeys([*vocabulary.PARAMETERS, *config.quantities, *symbols.DERIVED], "")
+    taken |= dict.fromkeys(config.derived, "")
+    for label, one in every.items():
+        own = {of_label(name, label): f"{name} of {label}" for name in config.own}
+        for name in _told(one, model):
+            if name not in config.shared:
+                own[of_label(name, label)] = f"{name} of {label}"
+        _no_clash(found, label, own, taken)
+    columns = dict[str, str]()
+    for label, one in every.items():
+        here = {
+            of_label(n, label): f"{n} of {label}" for n in (*one.record.channels, *symbols.INPUTS)
+        }
+        _no_clash(found, label, here, columns)
 
 
-def _check_alike(found: Collector, config: Config, model: Model, source: Source) -> None:
-    """What is shared has one value or prior."""
-    given: dict[str, tuple[str, object]] = {}
-    for label, own in split(source).items():
-        one = Config.model_validate(own.data)
-        specs: dict[str, object] = {e.name: e.spec for e in sensors.entries(one, model)}
-        for name, channel in one.record.channels.items():
-            if isinstance(channel.sigma, number_entries.PriorBase):
-                specs[f"sigma_{name}"] = (channel.sigma, channel.unit)
-        for name, spec in specs.items():
-            first = given.setdefault(name, (label, spec))
-            if name in config.shared and first[1] != spec:
-                place = ("shared", config.shared.index(name))
-                found.add(place, f"{name} is given otherwise in {label} than in {first[0]}")
+def _no_clash(found: Collector, label: str, own: Mapping[str, str], taken: dict[str, str]) -> None:
+    for name, said in own.items():
+        if name in taken:
+            other = f"that of {taken[name]}" if taken[name] else "another meaning already"
+            message = f"the name {name} of {said} is {other}; rename the experiment"
+            found.add(("experiments", label), message)
+        taken.setdefault(name, said)

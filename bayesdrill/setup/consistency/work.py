@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 from bayesdrill.basics import sizes, symbols
@@ -11,16 +12,17 @@ from bayesdrill.basics.registry import lookup
 from bayesdrill.engines.optimisers import OPTIMISERS
 from bayesdrill.engines.samplers.ensemble import everywhere
 from bayesdrill.engines.samplers.moves import MOVES, mixture
+from bayesdrill.inference.unknowns import of_label
 from bayesdrill.rig import vocabulary
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.setup import build, number_entries, number_objects
 from bayesdrill.setup.config import Config
 from bayesdrill.setup.consistency.collector import Collector
-from bayesdrill.setup.consistency.unknowns import free, free_parameters, free_quantities, scatter
+from bayesdrill.setup.consistency.unknowns import free_parameters
 from bayesdrill.setup.yaml_source import Place
 
 
-def check_map(found: Collector, config: Config, model: Model) -> None:
+def check_map(found: Collector, config: Config, unknown: Sequence[str] | None) -> None:
     own = config.map
     kind = found.run(("map", "method"), lookup, OPTIMISERS, own.method, "method")
     if kind is None:
@@ -29,18 +31,17 @@ def check_map(found: Collector, config: Config, model: Model) -> None:
     for entry, message in vain.items():
         found.add(("map", entry), message)
     given = [entry for entry in entries_of(kind) if getattr(own, entry) is not None]
-    unknown = [*free(config, model), *scatter(config, model)]
-    found.run(("map", *(given or ["method"])[:1]), build.optimiser(config).check, unknown)
+    if unknown is not None:
+        place = ("map", *(given or ["method"])[:1])
+        found.run(place, build.optimiser(config).check, list(unknown))
 
 
-def check_counts(found: Collector, config: Config, model: Model) -> None:
+def check_counts(found: Collector, config: Config, unknown: Sequence[str] | None) -> None:
     """Unknowns against walkers, and moves."""
-    unknown = free(config, model)
-    n_unknown = len(unknown) + len(scatter(config, model))
-    sampler = config.sampler
-    if n_unknown == 0:
+    sampler, n_unknown = config.sampler, len(unknown or ())
+    if unknown is not None and not unknown:
         found.add(("parameters",), "nothing is unknown; give at least one parameter a prior")
-    if sampler.walkers % 2 or sampler.walkers < 2 * n_unknown:
+    if unknown and (sampler.walkers % 2 or sampler.walkers < 2 * n_unknown):
         found.add(
             ("sampler", "walkers"),
             f"{sampler.walkers} walkers: an even number, at least twice the {n_unknown} unknowns, is "
@@ -84,30 +85,41 @@ def check_simulation(found: Collector, config: Config) -> None:
     elif simulation.duration is not None:
         samples, channels = simulation.duration * simulation.rate, len(config.record.channels)
         found.run(("simulation", "duration"), sizes.check_record, samples, channels)
-    for name in simulation.sigma:
-        if not found.spoilt(("record", "channels", name)):
-            place: Place = ("simulation", "sigma", name)
-            found.expect(place, name, config.record.channels, "there is no such channel")
     for name in simulation.quantities:
         if not found.spoilt(("quantities", name)):
-            place = ("simulation", "quantities", name)
+            place: Place = ("simulation", "quantities", name)
             found.expect(place, name, config.quantities, "there is no such quantity")
 
 
-def check_output(found: Collector, config: Config, model: Model) -> None:
+def check_truth(
+    found: Collector, config: Config, channels: Sequence[str], told: Sequence[str]
+) -> None:
+    """True values by channel, and by the names that unknowns are `told` by."""
+    simulation: Any = config.simulation
+    for name in simulation.sigma if simulation else ():
+        if not found.spoilt(("record", "channels", name)):
+            place: Place = ("simulation", "sigma", name)
+            found.expect(place, name, channels, "there is no such channel")
+    for name in simulation.truth if simulation else ():
+        message = "a sensor, a start or an experiment has no such unknown"
+        found.expect(("simulation", "truth", name), name, told, message)
+
+
+def check_output(
+    found: Collector, config: Config, model: Model, unknown: Sequence[str] | None
+) -> None:
     """Names that figures can show: unknowns, and in a corner plot what is tied or derived."""
-    shown = [
-        name
-        for name in model.parameters
-        if isinstance(
-            getattr(config.parameters, name), number_entries.PriorBase | number_entries.Tie
-        )
-        or number_objects.is_formula(getattr(config.parameters, name))
-    ]
-    shown += [*free_quantities(config), *scatter(config, model), *symbols.DERIVED, *config.derived]
     for k, name in enumerate(config.output.figures or ()):
         found.run(("output", "figures", k), lookup, RUN_FIGURES, name, "figure of a run")
-    unknown = [*free(config, model), *scatter(config, model)]
+    if unknown is None:
+        return
+    related = [
+        name
+        for name in model.parameters
+        if isinstance(getattr(config.parameters, name), number_entries.Tie)
+        or number_objects.is_formula(getattr(config.parameters, name))
+    ]
+    shown = [*unknown, *related, *symbols.DERIVED, *config.derived]
     for k, name in enumerate(config.output.parameters or ()):
         found.expect(("output", "parameters", k), name, unknown, f"{name} is no unknown")
     for k, name in enumerate(config.output.corner or ()):
@@ -115,9 +127,10 @@ def check_output(found: Collector, config: Config, model: Model) -> None:
         found.expect(("output", "corner", k), name, shown, message)
 
 
-def check_identify(found: Collector, config: Config) -> None:
+def check_identify(found: Collector, config: Config, labels: Sequence[str]) -> None:
     own = config.identify
-    unknown = free_parameters(config, vocabulary.PARAMETERS)
+    free = free_parameters(config, vocabulary.PARAMETERS)
+    unknown = [of_label(n, label) for n in free for label in (labels if n in config.own else [""])]
     for k, name in enumerate(own.of_interest):
         message = f"{name} is no unknown parameter"
         found.expect(("identify", "of_interest", k), name, unknown, message)

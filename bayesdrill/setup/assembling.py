@@ -1,0 +1,161 @@
+"""Records and what a config says of them, put together: simulators, noises, unknowns, a `Problem`."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+
+from bayesdrill.basics.errors import InputError
+from bayesdrill.basics.errors import Problem as Wrong
+from bayesdrill.inference.likelihood import Likelihood, Part
+from bayesdrill.inference.noise.contract import Noise
+from bayesdrill.inference.noise.mixed import with_gaps
+from bayesdrill.inference.posterior import Posterior
+from bayesdrill.inference.problem import Problem
+from bayesdrill.inference.unknowns import Unknown, of_label
+from bayesdrill.record.experiment import Experiment, raise_if_any
+from bayesdrill.rig.measured import simulator
+from bayesdrill.rig.models.linear import Model
+from bayesdrill.rig.simulator import Simulator
+from bayesdrill.setup import beginning, build, sensors
+from bayesdrill.setup.config import Config
+from bayesdrill.setup.experiments import View, common_or_own
+from bayesdrill.setup.number_objects import formula
+from bayesdrill.setup.sensors import Declared
+from bayesdrill.setup.yaml_source import Place
+
+
+def problem(config: Config, views: Sequence[View], experiments: Sequence[Experiment]) -> Problem:
+    """Everything, for records already read (`reading.read`), one of each view of the config.
+
+    Raises `InputError` where records and what is said of them do not go together.
+    """
+    rig = build.model(config)
+    labels = [view.label for view in views]
+    parts, told, levels = [], dict[str, Declared](), dict[str, Unknown]()
+    for view, (response, own, scatter) in zip(views, _each(rig, views, experiments), strict=True):
+        renamed = {each.name: common_or_own(config, each.name, view.label) for each in own}
+        for each in own:
+            told.setdefault(renamed[each.name], each.of(view.label, renamed[each.name]))
+        names = [common_or_own(config, unknown.name, view.label) for unknown in scatter.unknowns]
+        for name, unknown in zip(names, scatter.unknowns, strict=True):
+            levels.setdefault(name, unknown if name == unknown.name else unknown.of(view.label))
+        of_rig = [of_label(n, view.label if n in config.own else "") for n in rig.parameters]
+        parts.append(
+            Part(
+                response=response,
+                noise=scatter,
+                told=[*of_rig, *(renamed[name] for name in response.parameters[len(of_rig) :])],
+                levels=names,
+                label=view.label,
+            )
+        )
+    unknowns = build.space(config, rig, [*levels.values()], [*told.values()], labels)
+    posterior = Posterior(
+        space=unknowns,
+        likelihood=Likelihood.joint(unknowns, parts),
+        coordinates=unknowns.coordinates(),
+    )
+    table, published = {**build.compared(config)}, build.published(config)
+    tolerance = build.tolerance(config)
+    for name, label in itertools.product(config.own, labels):
+        if name in table:
+            table[of_label(name, label)] = table[name]
+        if name in published:
+            published.append(of_label(name, label))
+        tolerance[of_label(name, label)] = tolerance[name]
+    return Problem(
+        posterior=posterior,
+        symbols=tuple(unknown.symbol for unknown in unknowns.unknowns),
+        nominal=table,
+        published=frozenset(published),
+        tolerance=tolerance,
+        derived=tuple(formula(config, rig, name) for name in config.derived),
+    )
+
+
+def _each(
+    model: Model, views: Sequence[View], experiments: Sequence[Experiment]
+) -> list[tuple[Simulator, list[Declared], Noise]]:
+    """What is wrong with any of them is told at once."""
+    made, problems = [], list[Wrong]()
+    for view, experiment in zip(views, experiments, strict=True):
+        try:
+            response, told = simulated(view, model, experiment)
+            made.append((response, told, _noise(view, model, response.experiment)))
+        except InputError as error:
+            problems += error.problems
+    raise_if_any(list(dict.fromkeys(problems)))
+    return made
+
+
+def _noise(view: View, model: Model, experiment: Experiment) -> Noise:
+    """Of the channels of one record."""
+    found = build.noise(build.channels(view.config, model), len(experiment.t))
+    try:
+        return found if experiment.seen.all() else with_gaps(found, experiment.counts)
+    except ValueError as error:
+        raise InputError([view.source.problem(("record",), str(error))]) from None
+
+
+def _unsaid_motion(config: Config, model: Model, experiment: Experiment) -> str:
+    """A window that begins in motion has to say how."""
+    if config.record.window is None or config.initial.model_fields_set - {"time"}:
+        return ""
+    levels = [one.noisy for one in build.channels(config, model)]
+    sigmas = [one.sigma if isinstance(one.sigma, float) else one.start for one in levels]
+    motion = beginning.unsaid_motion(experiment, sigmas)
+    if not motion or not experiment.series:
+        return ""
+    return (
+        f"it begins in motion ({motion}), and the config says nothing of it; write `initial: free`, "
+        "`initial: steady`, or the states there"
+    )
+
+
+def simulated(view: View, model: Model, experiment: Experiment) -> tuple[Simulator, list[Declared]]:
+    """One experiment with its sensors and its start, and the numbers that are told of them."""
+    entries = [*sensors.entries(view.config, model)]
+    told = [sensors.declared(entry) for entry in entries]
+    sensing, wrong = sensors.sensing(view.config, model), dict[Place, str]()
+    for entry, each in zip(entries, told, strict=True):
+        if entry.kind in ("lag", "delay") and (said := beginning.too_late(each, experiment)):
+            wrong[entry.place] = said
+    for name in sensors.free_states(view.config, model):
+        try:
+            told.append(beginning.free(name, experiment, model, _at_start(view.config, model)))
+        except ValueError as error:
+            wrong["initial", name] = str(error)
+    if said := _unsaid_motion(view.config, model, experiment):
+        wrong["record", "window"] = said
+    seen = experiment
+    if not wrong:
+        values = {each.name: each.value for each in told}
+        seen = beginning.beyond_lags(experiment, sensing, values)
+        wrong = _unseen(view, seen)
+    if wrong:
+        raise InputError([view.source.problem(place, said) for place, said in wrong.items()])
+    return simulator(model, seen, sensing), told
+
+
+def _unseen(view: View, experiment: Experiment) -> dict[Place, str]:
+    """Channels of which the lags leave nothing."""
+    found: dict[Place, str] = {}
+    for name, left in zip(experiment.names, experiment.counts, strict=True):
+        if left < 2:
+            lag = view.config.record.channels[name].lag
+            delayed: Place = ("inputs",) if view.config.inputs.t_0 is None else ("inputs", "t_0")
+            place: Place = delayed if lag is None else ("record", "channels", name, "lag")
+            found[place] = (
+                f"the rig moves at the start, and with so large a lag no sample of {name} is sure to be "
+                "later; give the lag a prior with a smaller end"
+            )
+    return found
+
+
+def _at_start(config: Config, model: Model) -> dict[str, float]:
+    """The rig's parameters where searches begin."""
+    known = build.space(config, model, [])
+    values = {**known.fixed, **known.start}
+    values |= {name: float(r.value(values)) for name, r in known.relations.items()}
+    return {name: values[name] for name in model.parameters}
