@@ -160,7 +160,7 @@ def map_(
         typer.echo(best.table)
         if output is not None:
             place = best.save(output, force=force)
-            typer.echo(f"results: {place}/ (report.html, map.md, prediction.csv, figures/fit)")
+            typer.echo(f"results: {place}/ (report.html, map.md, prediction*.csv, figures/)")
 
 
 @app.command(epilog="Example: bayesdrill posterior configs/nominal_step.yaml --output results/mine")

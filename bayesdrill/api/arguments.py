@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from bayesdrill.basics.errors import InputError, Problem
 from bayesdrill.basics.registry import lookup
 from bayesdrill.engines.workers import available
-from bayesdrill.record.experiment import check_time, even
+from bayesdrill.record.experiment import check_time
 from bayesdrill.rig.models import MODELS
 from bayesdrill.rig.models.linear import Model
 
@@ -103,12 +103,10 @@ def number(place: str, value: Any, found: list[Problem], *, positive: bool = Fal
 
 
 def times(t: Any, found: list[Problem]) -> Array:
-    """Equal steps: so the response is exact."""
+    """In s, increasing."""
     values = series("t", t, found)
     if not found and len(values) < 2:
         found.append(Problem("t", f"{len(values)} times; give at least two"))
     if not found:
         found += check_time("t", values, lambda index: f"sample {index + 1}")
-    if not found and not even(values):
-        found.append(Problem("t", "time steps are not equal; give equal ones"))
     return values

@@ -39,7 +39,8 @@ class Channel:
     """`values (T,)` in `unit`; `sigma`: their noise in that unit, or its prior as in a config.
 
     `measures`: a sum of states, such as `theta_1 - theta_2`, where the name is not that of one; `noise`:
-    its kind and entries, as in a config, where it is not white.
+    its kind and entries, as in a config, where it is not white.  `gain`, `offset` (in that unit) and
+    `lag` (s) of its sensor: numbers or priors, as in a config.
     """
 
     values: ArrayLike
@@ -47,15 +48,24 @@ class Channel:
     sigma: float | Mapping[str, Any]
     measures: str | None = None
     noise: str | Mapping[str, Any] | None = None
+    gain: float | Mapping[str, Any] | None = None
+    offset: float | Mapping[str, Any] | None = None
+    lag: float | Mapping[str, Any] | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Input:
-    """A measured input: `values (T,)` in `unit`, between samples held (`zero`) or straight (`first`)."""
+    """A measured input: `values (T,)` in `unit`, between samples held (`zero`) or straight (`first`).
+
+    `gain`, `offset`, `lag`: as of a `Channel`.
+    """
 
     values: ArrayLike
     unit: str
     hold: str = "zero"
+    gain: float | Mapping[str, Any] | None = None
+    offset: float | Mapping[str, Any] | None = None
+    lag: float | Mapping[str, Any] | None = None
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -13,8 +13,9 @@ from bayesdrill.basics.errors import InputError, Problem, did_you_mean
 from bayesdrill.basics.expressions import linear_combination
 from bayesdrill.record.experiment import Channel, Experiment, frozen, raise_if_any
 from bayesdrill.rig import vocabulary
+from bayesdrill.rig.measured import simulator
 from bayesdrill.rig.models.linear import Model
-from bayesdrill.rig.response import Response
+from bayesdrill.rig.sensing import Sensing
 
 Array = NDArray[np.float64]
 
@@ -36,9 +37,9 @@ def respond(
 ) -> dict[str, Array]:
     """`signals` (states, or sums such as `theta_1 - theta_2`) at times `t (T,)`, exact, all in SI.
 
-    Times have equal steps.  `inputs`: a number, or `(T,)` values between which they are held (`zero`)
-    or straight (`first`); loads that are not named are zero.  The state is `initial` (else zero) at
-    0 s; with measured inputs at the first time.  Raises `InputError` with all that is wrong.
+    Times increase, in any steps.  `inputs`: a number, or `(T,)` values between which they are held
+    (`zero`) or straight (`first`); loads that are not named are zero.  The state is `initial` (else
+    zero) at 0 s; with measured inputs at the first time.  Raises `InputError` with all that is wrong.
     """
     own, found = arguments.rig(rig), list[Problem]()
     signals = [signals] if isinstance(signals, str) else signals
@@ -74,7 +75,7 @@ def respond(
         t_start=float(times[0]) if series else min(0.0, float(times[0])),
     )
     theta = np.array([[values[name] for name in own.parameters]])
-    response = Response(own, experiment).signals(theta)[0]
+    response = simulator(own, experiment, Sensing()).signals(theta)[0]
     return {name: response[:, k] for k, name in enumerate(signals)}
 
 

@@ -19,7 +19,7 @@ from bayesdrill.commands.concluding import concluded
 from bayesdrill.report import overlay_report, publish
 from bayesdrill.report.overlay_report import OverlayReport
 from bayesdrill.results import provenance, run_folder
-from bayesdrill.setup import loading, sources, yaml_source
+from bayesdrill.setup import experiments, loading, sources, yaml_source
 from bayesdrill.setup.config import Config
 from bayesdrill.setup.own_units import SI
 
@@ -171,12 +171,17 @@ def _configs(folder: Path) -> Iterator[Problem]:
 def _settings(path: Path) -> dict[str, Any] | None:
     """All but where the record is; None where that cannot be read, which is said elsewhere."""
     try:
-        config: Config = loading.validated(yaml_source.read(path))
+        source = yaml_source.read(path)
+        config: Config = loading.validated(source)
     except InputError:
         return None
-    settings = config.model_dump(exclude_none=True)
-    for section, key in sources.named_in(settings):
-        del section[key]
+    own = (*experiments.SECTIONS, experiments.EXPERIMENTS)
+    settings = config.model_dump(exclude_none=True, exclude=set(own))
+    for view in experiments.views(config, source):
+        alone = view.config.model_dump(exclude_none=True, include=set(experiments.SECTIONS))
+        for section, key in sources.named_in(alone):
+            del section[key]
+        settings[f"experiment {view.label}"] = alone
     return settings
 
 

@@ -99,7 +99,8 @@ def _of_sensors(one: Observation) -> dict[str, str]:
     sensing = getattr(one.response, "sensing", None)
     if sensing is None or sensing.nothing:
         return {}
-    return {"the sensors and the start": repr(sensing)}
+    found = {"the sensors": sensing.in_words, "the start": sensing.start_in_words}
+    return {name: said for name, said in found.items() if said}
 
 
 def _of_experiment(experiment: Experiment) -> dict[str, str]:

@@ -53,6 +53,25 @@ class Sensing:
         return self.steady or bool(self.states) or any(held)
 
     @property
+    def in_words(self) -> str:
+        """What each of them has: `twist: gain, lag; v: offset; inputs: delay`."""
+        found: dict[str, list[str]] = {}
+        kinds = (("gain", self.gains), ("offset", self.offsets), ("lag", self.lags))
+        inputs = (("gain", self.input_gains), ("offset", self.input_offsets))
+        for kind, named in (*kinds, *inputs):
+            for of in named:
+                found.setdefault(of, []).append(kind)
+        if self.delay is not None:
+            found["inputs"] = ["delay"]
+        return "; ".join(f"{of}: {', '.join(has)}" for of, has in found.items())
+
+    @property
+    def start_in_words(self) -> str:
+        """Whether it is steady, and which states of it are unknown."""
+        unknown = f"{', '.join(self.states)} unknown" if self.states else ""
+        return ", ".join(filter(None, ["steady" if self.steady else "", unknown]))
+
+    @property
     def nothing(self) -> bool:
         return not self.names and not self.steady
 

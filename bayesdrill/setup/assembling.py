@@ -132,25 +132,25 @@ def simulated(view: View, model: Model, experiment: Experiment) -> tuple[Simulat
     if not wrong:
         values = {each.name: each.value for each in told}
         seen = beginning.beyond_lags(experiment, sensing, values)
-        wrong = _unseen(view, seen)
+        wrong = _unseen(view, model, seen)
     if wrong:
         raise InputError([view.source.problem(place, said) for place, said in wrong.items()])
     return simulator(model, seen, sensing), told
 
 
-def _unseen(view: View, experiment: Experiment) -> dict[Place, str]:
+def _unseen(view: View, model: Model, experiment: Experiment) -> dict[Place, str]:
     """Channels of which the lags leave nothing."""
-    found: dict[Place, str] = {}
+    delays = [e.place for e in sensors.entries(view.config, model) if e.kind == "delay"]
+    hidden: dict[Place, list[str]] = {}
     for name, left in zip(experiment.names, experiment.counts, strict=True):
         if left < 2:
-            lag = view.config.record.channels[name].lag
-            delayed: Place = ("inputs",) if view.config.inputs.t_0 is None else ("inputs", "t_0")
-            place: Place = delayed if lag is None else ("record", "channels", name, "lag")
-            found[place] = (
-                f"the rig moves at the start, and with so large a lag no sample of {name} is sure to be "
-                "later; give the lag a prior with a smaller end"
-            )
-    return found
+            own: Place = ("record", "channels", name, "lag")
+            hidden.setdefault(delays[0] if delays else own, []).append(name)
+    return {
+        place: "the rig moves at the start, and with so large a lag no sample of "
+        f"{', '.join(names)} is sure to be later; give the lag a prior with a smaller end"
+        for place, names in hidden.items()
+    }
 
 
 def _at_start(config: Config, model: Model) -> dict[str, float]:

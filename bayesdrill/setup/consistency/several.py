@@ -60,12 +60,10 @@ def names(config: Config, model: Model, every: Alone) -> list[str]:
 
 
 def told(config: Config, model: Model, every: Alone) -> list[str]:
-    """What a true value can be given for, beside the rig: of one experiment, or of all."""
+    """What a true value can be given for beside the rig, held or not: of one experiment, or of all."""
     found = [(label, name) for label in every for name in config.own]
     for label, one in every.items():
-        found += [
-            (label, name) for name, of in _of_sensors(one, model) if not isinstance(of, float)
-        ]
+        found += [(label, name) for name, _ in _of_sensors(one, model)]
     own = [of_label(name, label) for label, name in found if name not in config.shared]
     return list(dict.fromkeys([*(name for _, name in found), *own]))
 
@@ -146,6 +144,7 @@ def _check_names(found: Collector, config: Config, model: Model, every: Alone) -
     """That no two unknowns, and no two columns of results, have one name."""
     taken = dict.fromkeys([*vocabulary.PARAMETERS, *config.quantities, *symbols.DERIVED], "")
     taken |= dict.fromkeys(config.derived, "")
+    before = len(found.problems)
     for label, one in every.items():
         own = {of_label(name, label): f"{name} of {label}" for name in config.own}
         for name in _told(one, model):
@@ -153,7 +152,7 @@ def _check_names(found: Collector, config: Config, model: Model, every: Alone) -
                 own[of_label(name, label)] = f"{name} of {label}"
         _no_clash(found, label, own, taken)
     columns = dict[str, str]()
-    for label, one in every.items():
+    for label, one in every.items() if len(found.problems) == before else ():
         here = {
             of_label(n, label): f"{n} of {label}" for n in (*one.record.channels, *symbols.INPUTS)
         }
@@ -161,9 +160,9 @@ def _check_names(found: Collector, config: Config, model: Model, every: Alone) -
 
 
 def _no_clash(found: Collector, label: str, own: Mapping[str, str], taken: dict[str, str]) -> None:
-    for name, said in own.items():
-        if name in taken:
-            other = f"that of {taken[name]}" if taken[name] else "another meaning already"
-            message = f"the name {name} of {said} is {other}; rename the experiment"
-            found.add(("experiments", label), message)
-        taken.setdefault(name, said)
+    clashes = [name for name in own if name in taken]
+    for name in clashes[:1]:
+        other = f"that of {taken[name]}" if taken[name] else "another meaning already"
+        message = f"the name {name} of {own[name]} is {other}; rename the experiment"
+        found.add(("experiments", label), message)
+    taken |= {name: said for name, said in own.items() if name not in clashes}
