@@ -38,6 +38,7 @@ class ByRatios:
     i_m: float = 1 / 8
 
     between: ClassVar[tuple[tuple[int, float, float], ...]] = ()
+    signed: ClassVar[tuple[tuple[int, float], ...]] = ()
 
     def from_physical(self, theta: np.ndarray) -> np.ndarray:
         j_m, c_m, k_e, k_t, r_m, l_m, k_s, j_1, t_f = theta.T
