@@ -95,7 +95,10 @@ def test_constant_voltages_of_steps_are_each_its_own(tmp_path: Path) -> None:
 
 
 def test_channels_and_inputs_in_files_of_their_own(tmp_path: Path) -> None:
-    """Another clock, with another unit and twice as slow; each file of channels finds its inputs."""
+    """Another clock, with another unit and twice as slow; each file of channels finds its inputs.
+
+    Mutant killed: inputs are taken in the order in which they are named.
+    """
     paths = []
     for name, columns in zip(("slow", "fast"), parts(german(), 0, 900, 1600), strict=True):
         t = columns["Zeit_ms"]
@@ -104,7 +107,7 @@ def test_channels_and_inputs_in_files_of_their_own(tmp_path: Path) -> None:
             written(tmp_path / f"{name}_v.csv", v),
             written(tmp_path / f"{name}.csv", columns),
         ]
-    found = config_of(paths)
+    found = config_of([paths[1], paths[2], paths[3], paths[0]])
     assert found["experiments"]["slow"] == {
         "record": {"file": "slow.csv"},
         "inputs": {"v": {"file": "slow_v.csv"}},
