@@ -286,3 +286,11 @@ def test_one_file_for_several_at_the_command_line(tmp_path: Path) -> None:
     assert "experiments first, second; channels theta_1, w_1, motor" in done.out
     assert systems.cli("init", *paths, "--output", paths[1], "--force").status == 2
     assert paths[1].read_text() == paths[0].read_text()
+
+
+def test_a_file_in_which_a_channel_stands_still_is_refused(tmp_path: Path) -> None:
+    """As `check` would refuse it."""
+    one, two = parts(german(), 0, 800, 1600)
+    two["n_Rotor"] = np.full(800, 3.0)
+    paths = [written(tmp_path / "a.csv", one), written(tmp_path / "b.csv", two)]
+    assert refused(paths) == f"{paths[1]}: column n_Rotor is 3 in every row; leave this file out"
