@@ -95,7 +95,10 @@ def test_constant_voltages_of_steps_are_each_its_own(tmp_path: Path) -> None:
 
 
 def test_channels_and_inputs_in_files_of_their_own(tmp_path: Path) -> None:
-    """Another clock, with another unit and twice as slow; each file of channels finds its inputs."""
+    """Another clock, with another unit and twice as slow; each file of channels finds its inputs.
+
+    Mutant killed: inputs are taken in the order in which they are named.
+    """
     paths = []
     for name, columns in zip(("slow", "fast"), parts(german(), 0, 900, 1600), strict=True):
         t = columns["Zeit_ms"]
@@ -104,7 +107,7 @@ def test_channels_and_inputs_in_files_of_their_own(tmp_path: Path) -> None:
             written(tmp_path / f"{name}_v.csv", v),
             written(tmp_path / f"{name}.csv", columns),
         ]
-    found = config_of(paths)
+    found = config_of([paths[1], paths[2], paths[3], paths[0]])
     assert found["experiments"]["slow"] == {
         "record": {"file": "slow.csv"},
         "inputs": {"v": {"file": "slow_v.csv"}},
@@ -283,3 +286,11 @@ def test_one_file_for_several_at_the_command_line(tmp_path: Path) -> None:
     assert "experiments first, second; channels theta_1, w_1, motor" in done.out
     assert systems.cli("init", *paths, "--output", paths[1], "--force").status == 2
     assert paths[1].read_text() == paths[0].read_text()
+
+
+def test_a_file_in_which_a_channel_stands_still_is_refused(tmp_path: Path) -> None:
+    """As `check` would refuse it."""
+    one, two = parts(german(), 0, 800, 1600)
+    two["n_Rotor"] = np.full(800, 3.0)
+    paths = [written(tmp_path / "a.csv", one), written(tmp_path / "b.csv", two)]
+    assert refused(paths) == f"{paths[1]}: column n_Rotor is 3 in every row; leave this file out"

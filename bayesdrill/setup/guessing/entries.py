@@ -99,9 +99,9 @@ def _time(found: Found) -> list[str]:
     time, doubts = found.lead.of.time, [found.lead.of.time.doubt]
     if time.column is None:
         return [*review(doubts, 2), f"  {time_entry(time)}"]
-    uneven = [_uneven(one.of.part.t) for one in found.those.every]
-    rate = next((said for said in uneven if said), f"{time.rate:.6g} samples a second")
-    said = f"{rate}, {time.why}" if time.why else rate
+    every = [_uneven(one.of.part.t) for one in found.those.every]
+    even = ", ".join(one for one in (f"{time.rate:.6g} samples a second", time.why) if one)
+    said = next((uneven for uneven in every if uneven), even)
     return [*comment(said, 2), *review(doubts, 2), f"  {time_entry(time)}"]
 
 

@@ -92,6 +92,9 @@ def as_told(one: Examined, lead: Examined) -> Examined:
         if found is None or len(parts.numbers(found, part)) < LEAST:
             raise hopeless(one.path, {}, f"column {like.name} has less than {LEAST} numbers")
         drawn = drafts.draft(found, part, jumped, like.kind, like.unit)
+        if not drawn.varies and like.kind not in ("voltage", "torque"):
+            message = f"column {like.name} is {drawn.raw.x[0]:g} in every row; leave this file out"
+            raise InputError.one(str(one.path), message)
         return dataclasses.replace(drawn, place=like.place, why=like.why, doubts=like.doubts)
 
     found = dataclasses.replace(
