@@ -73,7 +73,7 @@ def example(
 
 @app.command(epilog="Example: bayesdrill init configs/records/example_rig.csv --output my_rig.yaml")
 def init(
-    record: Annotated[Path, typer.Argument(metavar="RECORD", help="What was measured.")],
+    records: Annotated[list[Path], typer.Argument(metavar="RECORD...", help="What was measured.")],
     output: Annotated[Path | None, _output("The config; default: beside the record.")] = None,
     voltage: Annotated[
         float | None,
@@ -84,11 +84,11 @@ def init(
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Overwrite a config.")] = False,
 ) -> None:
-    """Look at a record and write a first config for it, with every guess marked and its reason."""
+    """Look at records and write a first config for them, with every guess marked and its reason."""
     with guarded():
         from bayesdrill.api.init import init as write
 
-        typer.echo(write(record, output, voltage=voltage, gear=gear, force=force))
+        typer.echo(write(records, output, voltage=voltage, gear=gear, force=force))
 
 
 @app.command(epilog="Example: bayesdrill check configs/nominal_step.yaml")

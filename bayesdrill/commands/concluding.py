@@ -12,10 +12,21 @@ from bayesdrill.engines.convergence import Targets
 from bayesdrill.engines.mode import Mode
 from bayesdrill.engines.sampling import Plan, Sampled
 from bayesdrill.inference.problem import Problem
-from bayesdrill.insight import plausibility
+from bayesdrill.inference.residual_checks import like_noise
+from bayesdrill.insight import plausibility, verdict
 from bayesdrill.insight.conclusions import conclude
 from bayesdrill.insight.identifiability.scenes import Scenery
-from bayesdrill.report import record_words, residual_words, tables, verdict_words
+from bayesdrill.insight.moments import half_a_sample
+from bayesdrill.insight.nuisances import causes
+from bayesdrill.insight.repeats import repeats
+from bayesdrill.report import (
+    nuisance_words,
+    record_words,
+    repeat_words,
+    residual_words,
+    tables,
+    verdict_words,
+)
 from bayesdrill.report.view import View
 from bayesdrill.setup import build
 from bayesdrill.setup.config import Config
@@ -36,11 +47,12 @@ def concluded(
     scenery = scenery or Scenery(problem.posterior.likelihood)
     rows, left, judged = conclude(problem, job.asked, found, sampled, scenery, plan(job.config))
     at = problem.posterior.space.vector(found.values)
+    late = (f"note: {one}" for one in nuisance_words.moment(half_a_sample(scenery, at)))
     course = (f"note: {one}" for one in plausibility.of_course(scenery, at))
     geared = (f"note: {one}" for one in plausibility.of_gear(problem))
     made = (f"note: record: {one}" for one in record_words.made(problem))
     read = (f"note: record, {one}" for one in record_words.suspicions(problem, job.config))
-    notes = (*tables.notes(rows, job.units), *course, *geared, *made, *read)
+    notes = (*tables.notes(rows, job.units), *late, *course, *geared, *made, *read)
     return View(
         problem=problem,
         config=job.config,
@@ -50,6 +62,8 @@ def concluded(
         left=left,
         judged=judged,
         notes=notes,
+        causes=None if like_noise(left) else causes(problem.posterior, at),
+        repeats=() if judged is None else repeats(scenery, at, verdict.basis(judged.study)),
         seconds=seconds or {},
     )
 
@@ -76,6 +90,8 @@ def entries(found: View) -> dict[str, Any]:
         "reasons": list(found.reasons),
         "notes": list(found.notes),
         "fit": residual_words.as_data(found.left),
+        "repeats": repeat_words.as_data(found.repeats, found.names_of_rig),
+        "causes": nuisance_words.as_data(found.causes),
         "verdict": None
         if found.judged is None
         else verdict_words.as_data(found.judged.verdict, table, converged=c.converged),

@@ -19,7 +19,9 @@ from bayesdrill.insight import plausibility
 from bayesdrill.insight.identifiability.profile import Fitter, Profile, profile
 from bayesdrill.insight.identifiability.scenes import Scenery
 from bayesdrill.insight.identifiability.study import Study, study_of
+from bayesdrill.insight.moments import Moment, half_a_sample
 from bayesdrill.report import identify_words as words
+from bayesdrill.report import nuisance_words
 from bayesdrill.report.widths import WIDTHS
 from bayesdrill.setup.job import Job
 
@@ -36,10 +38,12 @@ class Findings:
     job: Job
     study: Study
     profiles: tuple[Profile, ...]
+    moment: Moment | None = None
 
     @property
     def text(self) -> str:
         parts = [words.full(self.study)]
+        parts += nuisance_words.moment(self.moment)
         if self.profiles:
             parts.append(words.profiles(self.shown, self.study, self.symbols))
         return "\n\n".join(parts)
@@ -82,7 +86,8 @@ def identify(job: Job, theta: Array, at: str, wanted: Sequence[str], report: Rep
             report.update(done / len(columns), f"profile of {scenery.unknowns[column]}")
             profiles.append(profile(fitter, scenery.unknowns, column))
         report.update(1.0, "")
-    return Findings(job=job, study=found, profiles=tuple(profiles))
+    late = half_a_sample(scenery, theta)
+    return Findings(job=job, study=found, profiles=tuple(profiles), moment=late)
 
 
 def preflight(job: Job, scenery: Scenery) -> str:
@@ -92,7 +97,8 @@ def preflight(job: Job, scenery: Scenery) -> str:
     posterior = job.problem.posterior
     start = posterior.space.vector(posterior.space.start)
     said = words.brief(study_of(scenery, posterior, start, job.asked))
-    return "\n".join([said, *plausibility.of_course(scenery, start)])
+    late = nuisance_words.moment(half_a_sample(scenery, start))
+    return "\n".join([said, *late, *plausibility.of_course(scenery, start)])
 
 
 def check_place(folder: Path, *, force: bool) -> None:

@@ -14,7 +14,8 @@ from bayesdrill.engines import maxima, mode
 from bayesdrill.engines.mode import Mode, Search
 from bayesdrill.engines.workers import Crew
 from bayesdrill.inference import residual_checks
-from bayesdrill.report import residual_words, words
+from bayesdrill.insight.nuisances import causes
+from bayesdrill.report import nuisance_words, residual_words, words
 from bayesdrill.setup import build
 from bayesdrill.setup.job import Job
 
@@ -63,5 +64,8 @@ def end(crew: Crew, hunt: Hunt, job: Job, report: Reporter) -> Mode:
     report.say(words.mode(found, job.units))
     left = residual_checks.left(posterior.likelihood, posterior.space.vector(found.values))
     if any(one.unbelievable for one in left):
-        report.say(f"{residual_words.sentences(left, job.clock)}\n{BAD_FIT}")
+        said = nuisance_words.explained(
+            causes(posterior, posterior.space.vector(found.values)), job.config
+        )
+        report.say("\n".join([residual_words.sentences(left, job.clock), said, BAD_FIT]))
     return found

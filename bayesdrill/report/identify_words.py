@@ -36,7 +36,8 @@ def product(names: Sequence[str], exponents: Sequence[float]) -> str:
 
 def full(study: Study) -> str:
     """All that `identify` prints."""
-    return "\n\n".join([structure(study), knowledge(study), remedies(study)]).rstrip()
+    parts = [structure(study), knowledge(study), nuisances(study), remedies(study)]
+    return "\n\n".join(part for part in parts if part).rstrip()
 
 
 def structure(study: Study) -> str:
@@ -112,6 +113,24 @@ def knowledge(study: Study) -> str:
     return "\n".join(lines)
 
 
+def nuisances(study: Study) -> str:
+    """Sensors and starts: how well each would be known, and what it can hardly be told from."""
+    if not study.nuisances:
+        return ""
+    lines = ["sensors and starts (standard deviations, SI):"]
+    header = ("", "with the record", "prior", "")
+    rows = [(f"  {n.name}", f"{n.sd:.2g}", f"{n.prior_sd:.2g}", n.word) for n in study.nuisances]
+    lines.append(aligned([header, *rows], left={0, 3}))
+    for one in study.nuisances:
+        if one.like:
+            each = ", ".join(f"{other} ({times:.2g} times)" for other, times in one.like)
+            lines.append(
+                f"{one.name} can hardly be told from {_listed([o for o, _ in one.like])}: if it were "
+                f"known, sds would be smaller: {each}"
+            )
+    return "\n".join(lines)
+
+
 def remedies(study: Study) -> str:
     """What would help, the best first."""
     helpful = [r for r in study.remedies if r.breaks or r.shrink > 1.05]
@@ -145,13 +164,15 @@ def _of_each(study: Study) -> str:
     named = list(zip(study.names, study.parameters, strict=True))
     loose = [f"{name} to {percent(known.bound)}" for name, known in named if known.bound > WELL]
     left = [name for name, known in named if known.word != "determined"]
-    if not loose and not left:
+    tied = [n for n in study.nuisances if n.like]
+    if not loose and not left and not tied:
         return "the record determines every unknown"
     parts = ["no symmetry hides an unknown from this record"]
     if loose:
         parts.append(f"without their priors it would know {_listed(loose)} at best")
     if left:
         parts.append(f"with them it leaves {_listed(left)} largely to the prior")
+    parts += [f"{n.name} can hardly be told from {_listed([o for o, _ in n.like])}" for n in tied]
     return "; ".join(parts)
 
 

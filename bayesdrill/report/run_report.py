@@ -9,6 +9,8 @@ from bayesdrill.report import (
     derived_words,
     identify_words,
     marks,
+    nuisance_words,
+    repeat_words,
     residual_words,
     tables,
     verdict_words,
@@ -40,6 +42,7 @@ def sections(run: View, pictures: Sequence[Picture] = ()) -> tuple[Section, ...]
         Section("Fit", tuple(_fit(run))),
         Section("Parameters", _parameters(run)),
         *((_against(judged.verdict),) if judged is not None else ()),
+        *_repeats(run),
         *shown,
         *(_shown(judged, len(run.problem.observations)) if judged is not None else ()),
         Section("What follows from these", (_following(run),), brief=False),
@@ -71,6 +74,19 @@ def _fit(run: View) -> Iterator[Block]:
     if several := words.maxima(run.mode, run.sampled, run.units):
         yield Sentences(several)
     yield Sentences(residual_words.sentences(run.left, run.clock))
+    if said := nuisance_words.explained(run.causes, run.config):
+        yield Sentences(said)
+
+
+def _repeats(run: View) -> Iterator[Section]:
+    """Where there are several experiments to compare."""
+    if run.repeats:
+        names = run.names_of_rig
+        said = Sentences(repeat_words.sentence(run.repeats, names))
+        read = Note(repeat_words.EXPLAINED)
+        yield Section(
+            "From one experiment to the next", (said, repeat_words.table(run.repeats, names), read)
+        )
 
 
 def _parameters(run: View) -> tuple[Block, ...]:

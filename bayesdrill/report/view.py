@@ -21,6 +21,8 @@ from bayesdrill.insight.derived import Derived, derive, summarise, with_products
 from bayesdrill.insight.derived import Row as Following
 from bayesdrill.insight.diagnostics import Row
 from bayesdrill.insight.leaning import leaning
+from bayesdrill.insight.nuisances import Causes
+from bayesdrill.insight.repeats import Repeat
 from bayesdrill.insight.verdict import Judgement
 from bayesdrill.report import residual_words, words
 from bayesdrill.report.sparing import Sparing
@@ -55,8 +57,9 @@ class Drawing:
 @dataclass(frozen=True)
 class View:
     """`rows`: of the unknowns; `left`: what the best fit leaves of each channel; `judged`: None where
-    there is no table; `notes`: sentences; `seconds`: how long the parts of the run took, where that is
-    known.  `sparing` is told of derived quantities that fail.
+    there is no table; `notes`: sentences; `causes`: what would explain a fit that leaves more than
+    noise; `repeats`: products as each of several experiments has them; `seconds`: how long the parts of
+    the run took, where that is known.  `sparing` is told of derived quantities that fail.
     """
 
     problem: Problem
@@ -67,6 +70,8 @@ class View:
     left: tuple[Left, ...]
     judged: Judgement | None
     notes: tuple[str, ...]
+    causes: Causes | None = None
+    repeats: tuple[Repeat, ...] = ()
     seconds: Mapping[str, float] = field(default_factory=dict)
     sparing: Sparing = field(default_factory=Sparing)
 
@@ -101,6 +106,11 @@ class View:
     def leaning(self) -> Mapping[str, tuple[str, ...]]:
         """What is determined only with the priors of others, and of which."""
         return leaning(self.rows, self.draws)
+
+    @property
+    def names_of_rig(self) -> tuple[str, ...]:
+        """Of which products are made."""
+        return () if self.judged is None else self.judged.study.names
 
     @property
     def width(self) -> float:

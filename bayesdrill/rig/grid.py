@@ -12,6 +12,7 @@ Whole = NDArray[np.int64]
 
 SAME = 1e-12  # of a step: steps nearer to each other are one
 CLOCK = 4 * np.finfo(float).eps  # of the latest time: nor can its digits tell steps apart
+FILLED = 1.5  # times the samples: so many knots make equal steps of those between samples left out
 FEW, FEW_PER = 4, 100  # distinct steps that get an exponential each: 4, and one for 100 samples
 CELLS, CELLS_PER = (24, 192), 12  # cells of all others, one for 12 samples between these ends
 NARROWER = 1.25  # width by width
@@ -28,7 +29,7 @@ class Grid:
     Step j is over `spans[node[j]]` and, where `share[j]` is not -1, that share of a `width` more.
     `chained (N,)`: 1 where a node's span is that of the one before and a width.  `inside (N,)`: 1
     where shares follow.  `usual`: the median step; `near`: times nearer to each other are one;
-    `uniform`: one step, and no knot but samples.
+    `uniform`: one step between all knots.
     """
 
     t: Array
@@ -52,6 +53,13 @@ def grid(times: Array) -> Grid:
     steps = np.diff(t)
     usual = float(np.median(steps))
     near = CLOCK * float(np.abs(times).max()) + SAME * usual
+    if t[-1] < FILLED * len(t) * steps.min():
+        at = np.concatenate([[0], np.cumsum(np.round(steps / steps.min()).astype(np.int64))])
+        step = float(t[-1] / at[-1])
+        if np.abs(t - step * at).max() <= near:
+            filled = step * np.arange(at[-1] + 1)
+            filled[at] = t
+            return _made(filled, at, np.zeros(at[-1], np.int64), np.array([step]), usual, near)
     one, spans = _merged(steps, near)
     at = np.arange(len(t))
     if len(spans) <= min(FEW + len(t) // FEW_PER, CELLS[1]):

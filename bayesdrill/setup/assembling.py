@@ -98,6 +98,21 @@ def _noise(view: View, model: Model, experiment: Experiment) -> Noise:
         raise InputError([view.source.problem(("record",), str(error))]) from None
 
 
+def _unsaid_motion(config: Config, model: Model, experiment: Experiment) -> str:
+    """A window that begins in motion has to say how."""
+    if config.record.window is None or config.initial.model_fields_set - {"time"}:
+        return ""
+    levels = [one.noisy for one in build.channels(config, model)]
+    sigmas = [one.sigma if isinstance(one.sigma, float) else one.start for one in levels]
+    motion = beginning.unsaid_motion(experiment, sigmas)
+    if not motion or not experiment.series:
+        return ""
+    return (
+        f"it begins in motion ({motion}), and the config says nothing of it; write `initial: free`, "
+        "`initial: steady`, or the states there"
+    )
+
+
 def simulated(view: View, model: Model, experiment: Experiment) -> tuple[Simulator, list[Declared]]:
     """One experiment with its sensors and its start, and the numbers that are told of them."""
     entries = [*sensors.entries(view.config, model)]
@@ -111,6 +126,8 @@ def simulated(view: View, model: Model, experiment: Experiment) -> tuple[Simulat
             told.append(beginning.free(name, experiment, model, _at_start(view.config, model)))
         except ValueError as error:
             wrong["initial", name] = str(error)
+    if said := _unsaid_motion(view.config, model, experiment):
+        wrong["record", "window"] = said
     seen = experiment
     if not wrong:
         values = {each.name: each.value for each in told}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,9 @@ Array = NDArray[np.float64]
 
 WIDE = 2.0  # times what a channel of the same kind spans: sd of the prior of a free state
 FURTHEST = 1e-6  # of the prior of a lag lies beyond what is left out of the start
+FIRST = 5  # samples that show whether a record begins in motion
+SURELY = 12.0  # times the noise
+APPRECIABLE = 0.2  # of what the channel does later
 USUAL = 0.025  # of the prior of a lag, on either side, may lie beyond the record
 QUICK = 0.99  # of the steps of an angle are no faster than the speed that is taken of it
 
@@ -134,6 +137,38 @@ def too_late(lag: Declared, experiment: Experiment) -> str:
         f"lags from {ends[0]:.4g} to {ends[1]:.4g} s are allowed, and the record has {duration:.4g} s: "
         "what it shows would be no answer to its inputs; check the unit, or narrow the prior"
     )
+
+
+def unsaid_motion(experiment: Experiment, sigmas: Sequence[float]) -> str:
+    """A channel that shows a motion at the start, of a rig that is taken to be at rest; empty for none.
+
+    `sigmas (K,)`: of the noise, or of where a search for it begins.
+    """
+    every = zip(experiment.channels, experiment.y.T, sigmas, strict=True)
+    for channel, y, sigma in every:
+        seen = ~np.isnan(y)
+        first, t = y[seen][:FIRST], experiment.t[seen][:FIRST]
+        if len(first) < FIRST:
+            continue
+        reach = float(np.ptp(y[seen]))
+        if channel.unit == "rad/s":
+            size, error = float(np.mean(first)), sigma / math.sqrt(FIRST)
+        elif channel.unit == "rad":
+            spread = float(np.sqrt(((t - t.mean()) ** 2).sum()))
+            slope = float(np.polyfit(t - t.mean(), first, 1)[0])
+            size, error = slope, sigma / spread
+            reach = reach / float(experiment.t[-1] - experiment.t[0])
+        else:
+            continue
+        if abs(size) > SURELY * error and abs(size) > APPRECIABLE * reach:
+            return (
+                f"{channel.name} changes by {size:.3g} {_per_second(channel.unit)} at its beginning"
+            )
+    return ""
+
+
+def _per_second(unit: str) -> str:
+    return "rad/s" if unit == "rad" else f"{unit} (its value there)"
 
 
 def _most(value: float | Prior) -> float:

@@ -13,6 +13,7 @@ from rigs import measured, posterior
 from bayesdrill.inference.likelihood import Likelihood
 from bayesdrill.inference.residual_checks import FALSE_ALARM, Left, left
 from bayesdrill.report import residual_words as words
+from bayesdrill.setup.own_units import SECOND
 
 Array = NDArray[np.float64]
 
@@ -64,7 +65,7 @@ def test_sizes_and_correlations_are_those_of_the_channel(rig: Likelihood) -> Non
         assert one.correlation == pytest.approx(own[1:] @ own[:-1] / (own @ own), abs=1e-9)
         spread = rig.response.experiment.y[:, k].std()
         assert one.share == pytest.approx(np.sqrt(np.mean(own**2)) / spread, rel=0.02)
-    first, second = words.sentences(found).splitlines()
+    first, second = words.sentences(found, SECOND).splitlines()
     assert first.startswith("fit: of what each channel does the MAP leaves unexplained ")
     assert f"{100 * found[1].share:.2g} % ({found[1].channel})" in first
     assert second.startswith("fit: what the MAP leaves looks like the noise (rms ")
@@ -75,7 +76,7 @@ def test_a_channel_that_does_nothing_has_no_share(rig: Likelihood) -> None:
     flat[:, 0] = 3.0
     found = left(rig.with_alone(response=rig.response.with_record(flat)), AT)
     assert np.isnan(found[0].share)
-    assert "theta_1" not in words.sentences(found).splitlines()[0]
+    assert "theta_1" not in words.sentences(found, SECOND).splitlines()[0]
     assert words.as_data(found)[0]["rms_over_spread"] is None
 
 
@@ -91,7 +92,7 @@ def test_a_wrong_sigma_is_told_in_its_channel(
     found = left(with_residuals(rig, residuals), AT)
     assert [getattr(one, which) for one in found] == [False, False, True, False]
     assert not any(one.correlated or one.far for one in found)
-    text = words.sentences(found).split("\n", 1)[1]
+    text = words.sentences(found, SECOND).split("\n", 1)[1]
     assert says in text
     assert f"w_1 {found[2].rms:.3g}" in text
     assert "theta" not in text
@@ -110,7 +111,7 @@ def test_what_the_model_misses_is_told_with_unknown_noise_too() -> None:
     found = left(rig.with_alone(response=rig.response.with_record(y)), theta)
     assert [one.correlated for one in found] == [False, False, False, True]
     assert not any(one.large or one.small or one.far for one in found)
-    text = words.sentences(found)
+    text = words.sentences(found, SECOND)
     assert f"with the next w_2 {found[3].correlation:.3g}" in text
     assert "looks like" not in text
 
@@ -133,12 +134,12 @@ def test_a_differenced_column_and_one_bad_sample_are_told(rig: Likelihood) -> No
     assert [one.correlated for one in found] == [False, True, False, False]
     assert found[1].correlation == pytest.approx(-2 / 3, abs=0.15)
     assert [one.far for one in found] == [True, False, False, False]
-    assert f"theta_1 5.5 at {rig.response.experiment.t[20]:.4g} s" in words.sentences(found)
+    assert f"theta_1 5.5 at {rig.response.experiment.t[20]:.4g} s" in words.sentences(found, SECOND)
 
 
 def test_the_worst_channel_comes_first(rig: Likelihood) -> None:
     found = left(with_residuals(rig, white(5) * [2.0, 1.0, 9.0, 4.0]), AT)
-    assert re.search(r"in sigmas: w_1 \S+, w_2 \S+, theta_1 \S+ \(", words.sentences(found))
+    assert re.search(r"in sigmas: w_1 \S+, w_2 \S+, theta_1 \S+ \(", words.sentences(found, SECOND))
 
 
 def test_an_exact_fit_leaves_less_than_noise(rig: Likelihood) -> None:

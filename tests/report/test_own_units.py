@@ -263,7 +263,8 @@ def test_times_are_told_in_the_unit_of_their_column() -> None:
 def test_figures_are_of_the_same_draws_in_these_units() -> None:
     """Mutants killed: draws shown in SI, a prior or nominal value left behind."""
     for name in ("trace", "prior_posterior"):
-        one, other = (figures.drawing(name, v).arguments for v in (pair().own, pair().plain))  # type: ignore[union-attr]
+        views = (pair().own, pair().plain)
+        one, other = (figures.drawings(name, view)[name].arguments for view in views)
         factors = [FACTORS.get(symbol.name, 1.0) for symbol in other[1]]
         assert one[0] * np.array(factors) == pytest.approx(other[0])
         for mine in one[1]:

@@ -109,6 +109,7 @@ def times(kind: str, n: int, rng: np.random.Generator) -> np.ndarray:
     gap = np.where(np.arange(n) >= n // 2, 1.0, 0.0)
     return {
         "uniform": even,
+        "left out": 3.0 + STEP * (np.arange(n) + np.arange(n) // 5),
         "gaps": even + 0.0731 * gap,
         "jitter": even + jitter,
         "long gap": even + jitter + (500 * STEP + 0.004) * gap,
@@ -141,7 +142,7 @@ def walkers(model, n_series: int, k_count: int, rng: np.random.Generator, shift:
 SHIFTS = (2.4, -0.7, 0.0, 30.0)
 
 
-@pytest.mark.parametrize("kind", ["uniform", "gaps", "jitter", "long gap"])
+@pytest.mark.parametrize("kind", ["uniform", "left out", "gaps", "jitter", "long gap"])
 @pytest.mark.parametrize(
     ("model", "first_order", "names", "shift"),
     [

@@ -17,6 +17,7 @@ from bayesdrill.insight.identifiability import information
 from bayesdrill.insight.identifiability.information import Information
 from bayesdrill.insight.identifiability.scenes import Scene, Scenery, weights
 from bayesdrill.insight.identifiability.structure import Exponents
+from bayesdrill.record.experiment import usual_inputs
 from bayesdrill.rig.vocabulary import STATES
 
 Array = NDArray[np.float64]
@@ -24,7 +25,7 @@ Array = NDArray[np.float64]
 WEIGHED_TO = 0.01  # what fixing or weighing a part is taken to give: one per cent
 TIES = (("k_T", "k_e"),)  # equal in SI by conservation of energy in an ideal motor
 LOAD_SHARE = 0.1  # of a channel's range: what the known load that is tried changes at most
-OTHER_VOLTAGE = 0.5  # of the usual one, in the second half of the record
+OTHER_VOLTAGE = 0.5  # of the usual one, in the second half of the record or in another one
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -87,10 +88,26 @@ def _tried(scenery: Scenery, theta: Array, now: Information) -> Iterator[tuple[s
             equal = np.zeros(len(names))
             equal[names.index(one)], equal[names.index(other)] = 1.0, -1.0
             yield f"tie {one} = {other}", now.with_knowledge(equal, WEIGHED_TO)
+    for what, scene in _other_voltages(scenery):
+        sensitivities = scenery.repeated(theta, scene)
+        if np.isfinite(sensitivities).all():
+            yield what, information.from_sensitivities(names, sensitivities)
     for what, scene in [*_more_channels(scenery, theta), *_other_inputs(scenery, theta)]:
         sensitivities = scenery.sensitivities(theta, scene)
         if np.isfinite(sensitivities).all():
             yield what, information.from_sensitivities(names, sensitivities)
+
+
+def _other_voltages(scenery: Scenery) -> Iterator[tuple[str, Scene]]:
+    """The experiments there are, once more with less of it."""
+    sizes = [usual_inputs(one.experiment)["v"] for one in scenery.likelihood.observations]
+    driven = any(
+        one.experiment.constant.get("v", 0.0) or "v" in one.experiment.series
+        for one in scenery.likelihood.observations
+    )
+    if driven:
+        size = OTHER_VOLTAGE * float(np.mean(sizes))
+        yield f"another experiment at {size:.3g} V", Scene(times={"v": OTHER_VOLTAGE})
 
 
 def _more_channels(scenery: Scenery, theta: Array) -> Iterator[tuple[str, Scene]]:

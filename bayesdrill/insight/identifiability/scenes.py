@@ -25,11 +25,12 @@ Array = NDArray[np.float64]
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Scene:
     """`extra`: states that are measured too, each with its sigma; `late`: what is added to inputs in the
-    second half of each record.
+    second half of each record; `times`: what inputs are multiplied with throughout.
     """
 
     extra: Mapping[str, float] = field(default_factory=dict)
     late: Mapping[str, float] = field(default_factory=dict)
+    times: Mapping[str, float] = field(default_factory=dict)
 
 
 AS_IT_IS = Scene()
@@ -47,7 +48,8 @@ class Scenery:
         moving = [space.unknowns[k] for k in space.columns(*MOVES)]
         self.unknowns = tuple(u.name for u in moving if u.role in ("rig", "quantity"))
         self.nuisances = tuple(u.name for u in moving if u.role not in ("rig", "quantity"))
-        self._known = 1.0 / np.array([natural_spread(u) for u in moving[len(self.unknowns) :]])
+        self.prior_spreads = np.array([natural_spread(u) for u in moving])
+        self._known = 1.0 / self.prior_spreads[len(self.unknowns) :]
 
     def usual_input(self, name: str) -> float:
         """The mean of an input over the records."""
@@ -60,7 +62,13 @@ class Scenery:
         What nuisances explain of them, as freely as their priors allow, is taken away.  Not finite
         where the response overflows.
         """
-        rows = self.every(theta, scene)
+        return self._of_rig(self.every(theta, scene))
+
+    def repeated(self, theta: Array, scene: Scene) -> Array:
+        """`sensitivities` of all records, and of as many others of the same sensors in a scene."""
+        return self._of_rig(np.vstack([self.every(theta), self.every(theta, scene)]))
+
+    def _of_rig(self, rows: Array) -> Array:
         m = len(self.unknowns)
         if not self.nuisances or not np.isfinite(rows).all():
             return rows[:, :m]
@@ -69,10 +77,14 @@ class Scenery:
 
     def every(self, theta: Array, scene: Scene = AS_IT_IS) -> Array:
         """`(n, m + k)`: of nuisances as well, on their natural scale."""
+        parts = self.each(theta, scene)
+        return parts[0] if len(parts) == 1 else np.concatenate(parts)
+
+    def each(self, theta: Array, scene: Scene = AS_IT_IS) -> list[Array]:
+        """`every` of each experiment by itself."""
         space = self.likelihood.space
         full, along = space.full(theta[None]), space.slopes(theta[None])
-        parts = [stage.whitened(full, along, theta, scene) for stage in self._stages]
-        return parts[0] if len(parts) == 1 else np.concatenate(parts)
+        return [stage.whitened(full, along, theta, scene) for stage in self._stages]
 
     def motions(self, theta: Array, scene: Scene = AS_IT_IS) -> list[Array]:
         """The states of each experiment, `(T, X)`."""
@@ -141,14 +153,18 @@ class _Stage:
             rows = np.concatenate([rows, more / np.array([*scene.extra.values()])], axis=2)
         return np.asarray(rows.reshape(len(rows), -1).T)
 
+    def _pushed(self, name: str, scene: Scene) -> Array:
+        u, constant = self._base[name], self._one.experiment.constant.get(name, 0.0)
+        more = (scene.times.get(name, 1.0) - 1.0) * (u + constant)
+        return np.asarray(u + more + scene.late.get(name, 0.0) * self._late)
+
     def states(self, full: Array, along: Array, scene: Scene) -> Array:
         return self._run(full, along, scene)[0][:, self._k :]
 
     def _run(self, full: Array, along: Array, scene: Scene) -> tuple[Array, Array]:
         """Signals `(T, K + X)` and slopes `(q, T, K + X)`."""
         response = self._response
-        if scene.late:
-            pushed = {n: u + scene.late.get(n, 0.0) * self._late for n, u in self._base.items()}
-            response = response.with_series(pushed)
+        if scene.late or scene.times:
+            response = response.with_series({n: self._pushed(n, scene) for n in self._base})
         signals, slopes = response.course(self._one.told(full), self._one.told(along))
         return signals[0], slopes[0]

@@ -28,6 +28,7 @@ from bayesdrill.insight.identifiability.structure import Exponents, Structure
 Array = NDArray[np.float64]
 Class = Literal["determined", "weak", "left to the prior"]
 
+ALIKE = 2.0  # times: how much smaller an sd would be, for a nuisance that is named with it
 PRIOR_POINTS = 4  # beside the start: where symmetries are looked for and proven
 MOST_DRAWS = 100  # of the prior, to find that many with a finite response
 
@@ -69,6 +70,20 @@ class Known:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Nuisance:
+    """A number of a sensor or a start, SI: sd with record and priors, and before.  `like`: unknowns of
+    the rig that it can hardly be told from, each with the factor by which its sd would fall if this
+    one were known.
+    """
+
+    name: str
+    sd: float
+    prior_sd: float
+    word: Class
+    like: tuple[tuple[str, float], ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Study:
     """At a physical point, which `at` names.
 
@@ -83,6 +98,7 @@ class Study:
     products: tuple[Known, ...]
     information: Information
     remedies: tuple[Remedy, ...]
+    nuisances: tuple[Nuisance, ...] = ()
 
     @property
     def directions(self) -> tuple[Direction, ...]:
@@ -112,7 +128,40 @@ def study(
         products=tuple(_known(p, thresholds) for p in products(known, prior_sd)),
         information=known,
         remedies=remedies(scenery, theta, found.symmetries, prior_sd, of_interest or names),
+        nuisances=_nuisances(scenery, posterior, theta, thresholds),
     )
+
+
+def _nuisances(
+    scenery: Scenery, posterior: Posterior, theta: Array, thresholds: Thresholds
+) -> tuple[Nuisance, ...]:
+    rows = scenery.every(theta)
+    if not scenery.nuisances or not np.isfinite(rows).all():
+        return ()
+    joint = from_sensitivities((*scenery.unknowns, *scenery.nuisances), rows)
+    inverse = np.linalg.inv(joint.with_priors(scenery.prior_spreads).root)
+    covariance = inverse @ inverse.T
+    sds = np.sqrt(np.diag(covariance))
+    alike = covariance / np.outer(sds, sds)
+    steps = posterior.coordinates.natural(theta[None])[0]
+    found = []
+    for k, name in enumerate(scenery.nuisances, start=len(scenery.unknowns)):
+        falls = {
+            other: 1.0 / np.sqrt(max(1.0 - alike[k, j] ** 2, 1e-12))
+            for j, other in enumerate(scenery.unknowns)
+        }
+        like = sorted(falls.items(), key=lambda one: -one[1])
+        before = scenery.prior_spreads[k]
+        found.append(
+            Nuisance(
+                name=name,
+                sd=float(sds[k] * steps[k]),
+                prior_sd=float(before * steps[k]),
+                word=thresholds.judge(float(sds[k] / before)),
+                like=tuple((other, float(x)) for other, x in like if x > ALIKE),
+            )
+        )
+    return tuple(found)
 
 
 def study_of(

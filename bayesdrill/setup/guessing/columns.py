@@ -33,8 +33,7 @@ def look(table: Table) -> tuple[list[Seen], dict[str, str]]:
     """Columns of one length, most of the file's, and why others are left out."""
     seen, left_out = [], dict(table.ignored)
     heads = _units_below(table)
-    for position, (name, numbers) in enumerate(table.variables.items(), start=1):
-        values = np.where(np.isfinite(numbers), numbers, np.nan)  # one kind of what is missing
+    for position, (name, values) in enumerate(table.variables.items(), start=1):
         if values.ndim == 1:
             number = _number(table, name, position)
             column = name if number is None else number

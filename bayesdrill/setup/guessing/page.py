@@ -2,184 +2,121 @@
 
 from __future__ import annotations
 
-import json
-import re
-import textwrap
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Sequence
 
 from bayesdrill.basics import symbols
-from bayesdrill.setup.guessing.roles import WIDE, Channel, Roles
-from bayesdrill.setup.guessing.sensors import Sensor
+from bayesdrill.setup.guessing import entries, inputs, roles
+from bayesdrill.setup.guessing.comments import comment, review, scalar
+from bayesdrill.setup.guessing.entries import Found
+from bayesdrill.setup.guessing.several import Experiment
 from bayesdrill.setup.guessing.start import Start
-from bayesdrill.setup.guessing.timing import Timing
 
-REVIEW = "REVIEW: "
-WIDTH = 110
 SPREAD = 1.0  # of the logarithm of a parameter: nobody has said anything of this rig
-_PLAIN = re.compile(r"(?![-\d%/]|\.(?!\.?/))[\w./%°-]+(?: [\w./%°-]+)*", re.ASCII)
-_KEPT = "\x1f"  # a blank in code, at which no line is broken
-_WORDS = {"yes", "no", "on", "off", "true", "false", "null", "y", "n"}
 
 
-def page(
-    record: str,
-    name: str,
-    time: Timing,
-    found: Roles,
-    start: Start,
-    left_out: Mapping[str, str],
-    *,
-    voltage: float | None,
-    turns_back: bool,
-) -> str:
-    """`record`: its path as the config has it; `turns_back`: driven in both directions."""
+def page(found: Found, name: str) -> str:
+    lead = found.lead.of
+    every = [found.name(one.of.path) for one in found.those.every]
     lines = [
         *comment(
-            f"A first config of {record}, by `bayesdrill init`. What was guessed stands below a line "
-            "with REVIEW and its reason: look at each, mend it or not, and take the line away."
+            f"A first config of {', '.join(every)}, by `bayesdrill init`. What was guessed stands below "
+            "a line with REVIEW and its reason: look at each, mend it or not, and take the line away."
         ),
         "",
         f"name: {name}",
         "seed: 1                 # any whole number; the same seed gives the same result",
         "",
-        "record:",
-        f"  file: {scalar(record)}",
-        *_time(time),
-        *_window(start),
-        "  channels:",
-        *(line for one in found.channels for line in _channel(one)),
-        *_left_out(left_out),
+        *entries.record(found),
         "",
-        "inputs:",
-        *_voltage(found.v, voltage),
-        *_load(found.t_1),
-        *_initial(start),
+        *inputs.inputs(found),
+        *(_experiments(found) if found.several else _initial(found.starts[found.lead.label])),
         "",
-        *review([found.gear_doubt], 0),
-        *(comment(f"gear {found.gear:.6g}:1, {found.gear_why}") if found.gear_why else ()),
-        f"model: {{name: motor_shaft, i_m: {1 / found.gear:.6g}}}",
+        *review([lead.found.gear_doubt], 0),
+        *(
+            comment(f"gear {lead.found.gear:.6g}:1, {lead.found.gear_why}")
+            if lead.found.gear_why
+            else ()
+        ),
+        f"model: {{name: motor_shaft, i_m: {1 / lead.found.gear:.6g}}}",
         "",
-        *_parameters(turns_back=turns_back),
+        *_parameters(
+            turns_back=any(roles.both_ways(one.of.found) for one in found.those.every),
+        ),
     ]
     return "\n".join(lines) + "\n"
 
 
-def scalar(value: str | int | float) -> str:
-    if not isinstance(value, str):
-        return f"{value:.6g}" if isinstance(value, float) else str(value)
-    if _PLAIN.fullmatch(value) and value.lower() not in _WORDS:
-        return value
-    return json.dumps(value, ensure_ascii=False)
-
-
-def comment(text: str, indent: int = 0) -> list[str]:
-    text = "".join(letter if letter.isprintable() else " " for letter in text)
-    whole = re.sub("`[^`]*`", lambda code: code[0].replace(" ", _KEPT), text)
-    lead = " " * indent + "# "
-    lines = textwrap.wrap(
-        whole, WIDTH, initial_indent=lead, subsequent_indent=lead, break_on_hyphens=False
-    )
-    return [line.replace(_KEPT, " ") for line in lines]
-
-
-def review(doubts: Iterable[str], indent: int) -> list[str]:
-    return [line for one in doubts if one for line in comment(REVIEW + one, indent)]
-
-
-def _address(sensor: Sensor) -> str:
-    return ", ".join(f"{key}: {scalar(value)}" for key, value in sensor.seen.address.items())
-
-
-def _time(time: Timing) -> list[str]:
-    rate = f"{time.rate:.6g} samples a second"
-    if time.column is None:
-        return [*review([time.doubt], 2), f"  time: {{rate: {time.rate:.6g}}}"]
-    address = ", ".join(f"{key}: {scalar(value)}" for key, value in time.column.address.items())
-    said = f"{rate}, {time.why}" if time.why else rate
-    return [
-        *comment(said, 2),
-        *review([time.doubt], 2),
-        f"  time: {{{address}, unit: {time.unit}}}",
-    ]
-
-
-def _window(start: Start) -> list[str]:
-    if start.window is None:
-        return []
-    low, high = (f"{one:.12g}" for one in start.window)
-    return [*review(start.doubts[:1], 2), f"  window: [{low}, {high}]    # s"]
-
-
-def _channel(one: Channel) -> list[str]:
-    sensor, noise = one.sensor, one.noise
-    low, high = f"{noise / WIDE:.3g}", f"{noise * WIDE:.3g}"
-    entries = [_address(sensor), f"unit: {scalar(sensor.unit)}"]
-    if one.measures:
-        entries.append(f"measures: {one.measures}")
-    prior = f"sigma: {{prior: log_uniform, low: {low}, high: {high}}}"
-    return [
-        *(line for why in sensor.why for line in comment(why, 4)),
-        *review(sensor.doubts, 4),
-        *review(
-            [f"the noise is not said; {noise:.3g} {sensor.unit} differ from sample to sample"], 4
-        ),
-        f"    {one.name}: {{{', '.join(entries)},",
-        f"      {prior}}}",
-    ]
-
-
-def _left_out(left_out: Mapping[str, str]) -> list[str]:
-    if not left_out:
-        return []
-    because: dict[str, list[str]] = {}
-    for name, why in left_out.items():
-        because.setdefault(why, []).append(name)
-    rows = [
-        line
-        for why, names in because.items()
-        for line in comment(f"- {'; '.join(names)}: {why}", 2)
-    ]
-    return ["  # Not used:", *rows]
-
-
-def _voltage(v: Sensor | None, given: float | None) -> list[str]:
-    if given is not None:
-        return [f"  v: {given:.6g}    # V, as it was given, constant from the start on"]
-    if v is None:
-        doubt = (
-            "no column is a voltage. Write the supply here, in V: a number if it was constant, else "
-            "`{column: ..., unit: V, hold: zero}`; `bayesdrill check` asks for it"
-        )
-        return [*review([doubt], 2), "  # v: 8.0"]
-    head = [*(line for why in v.why for line in comment(why, 2)), *review(v.doubts, 2)]
-    if v.values.min() == v.values.max():
-        doubt = f"{v.name} is the same in every row, taken as there from the start on"
-        return [*head, *review([doubt], 2), f"  v: {{value: {v.values[0]:.6g}, unit: {v.unit}}}"]
-    hold = (
-        "between samples it is taken as it was (zero); a supply that moves smoothly needs `first`"
-    )
-    entry = f"  v: {{{_address(v)}, unit: {v.unit}, hold: zero}}"
-    return [*head, *review([hold], 2), entry]
-
-
-def _load(t_1: Sensor | None) -> list[str]:
-    if t_1 is None:
-        return ["  t_1: 0.0    # N m, load on rotor 1: no column is one"]
-    head = [*(line for why in t_1.why for line in comment(why, 2)), *review(t_1.doubts, 2)]
-    return [*head, f"  t_1: {{{_address(t_1)}, unit: {scalar(t_1.unit)}, hold: zero}}"]
-
-
 def _initial(start: Start) -> list[str]:
-    doubts = start.doubts[1:] if start.window is not None else start.doubts
-    entries = [] if start.time is None else [f"time: {start.time:.12g}"]
-    entries += [f"{name}: {value:.6g}" for name, value in start.state.items()]
-    if not entries:
-        where = "" if start.window is None else " where the window begins"
-        return ["", *comment(f"At rest{where}, at angle zero: nothing to say in `initial:`")]
-    return ["", *review(doubts, 0), f"initial: {{{', '.join(entries)}}}    # SI"]
+    entry = _state(start)
+    if entry:
+        return ["", *review(start.doubts, 0), f"initial: {entry}"]
+    where = "" if start.window is None else " where the window begins"
+    what = "At rest" if start.zeros else "At rest, at angle zero"
+    return ["", *comment(f"{what}{where}: nothing to say in `initial:`")]
+
+
+def _state(start: Start) -> str:
+    """The entry `initial:`, empty where it has nothing to say."""
+    time = [] if start.time is None else [f"time: {start.time:.12g}"]
+    state = [f"state: {start.state}"] if start.state else []
+    named = [*time, *state, *([start.angle] if start.angle else [])]
+    if named == state:
+        return start.state
+    return f"{{{', '.join(named)}}}"
+
+
+def _experiments(found: Found) -> list[str]:
+    lines = ["", *comment("Each has its file, and what is its own; all else is as above.")]
+    lines.append("experiments:")
+    for one in found.those.every:
+        lines += _experiment(found, one)
+    doubt = (
+        "the same sensors in each: one noise, one offset, one lag; take out what differs, and it is "
+        "an unknown of each experiment"
+    )
+    return [*lines, "", *review([doubt], 0), f"shared: [{', '.join(_shared(found))}]"]
+
+
+def _experiment(found: Found, one: Experiment) -> list[str]:
+    start = found.starts[one.label]
+    record = [f"file: {scalar(found.name(one.of.path))}"]
+    doubts = [*([start.window_doubt] if start.window else []), *start.doubts]
+    if start.window is not None:
+        record.append(f"window: {entries.span(start)}")
+    sections = [f"record: {{{', '.join(record)}}}"]
+    own = _own_inputs(found, one)
+    if own:
+        sections.append(f"inputs: {{{own}}}")
+    if entry := _state(start):
+        sections.append(f"initial: {entry}")
+    head, whole = review(doubts, 2), f"  {one.label}: {{{', '.join(sections)}}}"
+    if len(whole) <= 110:
+        return [*head, whole]
+    return [*head, f"  {one.label}:", *(f"    {section}" for section in sections)]
+
+
+def _own_inputs(found: Found, one: Experiment) -> str:
+    if one.inputs is not None:
+        file = scalar(found.name(one.inputs.path))
+        held = [name for name in ("v", "t_1") if getattr(one.inputs.found, name) is not None]
+        return ", ".join(f"{name}: {{file: {file}}}" for name in held)
+    known = inputs.constant(found)
+    return f"v: {known[one.label]}" if len({*known.values()}) > 1 else ""
+
+
+def _shared(found: Found) -> list[str]:
+    """Unknowns of the sensors; moments of steps that are given by hand are not."""
+    v = found.lead.of.found.v
+    names = ["t_0"] if found.measured else []
+    if found.voltage is None and v is not None and not inputs.constant(found):
+        names.append("offset_v")
+    if found.lag is not None:
+        names.append(f"lag_{found.lag.of}")
+    return [*names, *(f"sigma_{one.name}" for one in found.channels if not one.derived)]
 
 
 def _parameters(*, turns_back: bool) -> list[str]:
+    """`turns_back`: driven in both directions."""
     table = symbols.NOMINAL[symbols.DEFAULT_NOMINAL].values
     rows: Sequence[tuple[str, str]] = [
         (f"  {name}: {value:.4g}", f"{symbols.PARAMETERS[name].plain_unit}, {_meaning(name)}")

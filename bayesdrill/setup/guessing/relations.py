@@ -7,6 +7,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from bayesdrill.record import angles
+
 Array = NDArray[np.float64]
 
 # How many units of the angle are one of the speed, times s: what a derivative can be.
@@ -68,12 +70,10 @@ def ratio_through_shaft(over: Array, rotor: Array, dt: float) -> float:
     return found
 
 
-def differenced(angle: Array, speed: Array) -> bool:
-    """Whether the speed is no measurement of its own, but differences of the angle."""
-    step = np.diff(angle)
-    backward, central = step[:-1], 0.5 * (step[1:] + step[:-1])
+def differenced(angle: Array, speed: Array, t: Array) -> bool:
+    """Whether the speed is no measurement of its own, but differences of the angle; all `(T,)`."""
     middle = speed[1:-1]
-    for guess in (backward, step[1:], central):
+    for guess in angles.quotients(angle, t).values():
         rough = np.diff(middle, 2)
         if len(rough) < 3 or not np.any(rough):
             return False

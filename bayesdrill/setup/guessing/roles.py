@@ -9,9 +9,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from bayesdrill.record import angles
 from bayesdrill.setup.guessing import relations
+from bayesdrill.setup.guessing.drafts import TURNS, Sensor
 from bayesdrill.setup.guessing.names import GEARBOX, MOTOR, ROTOR, TWIST
-from bayesdrill.setup.guessing.sensors import SLOWEST, TURNS, Sensor
+from bayesdrill.setup.guessing.sensors import SLOWEST
 
 USUAL_GEAR = 8.0
 WIDE = 10.0  # the prior of a noise: so many times below and above what differs between samples
@@ -23,16 +25,20 @@ _STATE = {("angle", ROTOR): "theta_1", ("angle", GEARBOX): "theta_2"} | {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Channel:
-    """A sensor under the name that the config gives it; `measures` is empty for a state itself."""
+    """A sensor under the name that the config gives it; `measures` is empty for a state itself.
+
+    `derived`: the channel of which it is differences.
+    """
 
     name: str
     measures: str
     sensor: Sensor
+    derived: str = ""
 
     @property
     def noise(self) -> float:
         """In the column's unit."""
-        return relations.noise(self.sensor.values)
+        return self.sensor.noise
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -75,7 +81,7 @@ def roles(those: Sequence[Sensor], dt: float, gear: float | None = None) -> Role
             channels[name] = Channel(name, measures, one)
         else:
             left_out[one.name] = "nothing says at which end of the shaft it is"
-    _leave_differenced(channels, left_out)
+    _tell_differenced(channels, dt)
     v = _voltage([one for one in those if one.kind == "voltage"], left_out)
     t_1 = _load([one for one in those if one.kind == "torque"], left_out)
     return Roles(tuple(channels.values()), v, t_1, value, why, doubt, left_out)
@@ -155,15 +161,16 @@ def _name(one: Sensor, gear: float) -> tuple[str, str]:
     return _STATE.get((one.kind, one.place), ""), ""
 
 
-def _leave_differenced(channels: dict[str, Channel], left_out: dict[str, str]) -> None:
+def _tell_differenced(channels: dict[str, Channel], dt: float) -> None:
     """A speed that was made of an angle measures nothing of its own."""
     for angle, speed in (("theta_1", "w_1"), ("theta_2", "w_2"), ("motor_angle", "motor")):
         if angle in channels and speed in channels:
             first, second = channels[angle].sensor, channels[speed].sensor
-            if relations.differenced(first.values, second.values):
-                reason = f"is made of differences of {first.name}, and has no noise of its own"
-                left_out[second.name] = reason
-                del channels[speed]
+            _, own, other = np.intersect1d(first.raw.t, second.raw.t, return_indices=True)
+            x, w, t = first.raw.x[own], second.raw.x[other], first.raw.t[own]
+            alike = len(first.values) == len(t) and angles.differenced(first.si, second.si, dt)
+            if alike or relations.differenced(x, w, t):
+                channels[speed] = dataclasses.replace(channels[speed], derived=angle)
 
 
 def _voltage(those: Sequence[Sensor], left_out: dict[str, str]) -> Sensor | None:
@@ -193,7 +200,7 @@ def both_ways(found: Roles) -> bool:
     driven = [found.v] if found.v is not None else []
     seen = driven or [one.sensor for one in found.channels if one.sensor.kind == "speed"]
     for one in seen:
-        low, high = np.percentile(one.values, [2, 98])
+        low, high = np.percentile(one.raw.x, [2, 98])
         if min(-low, high) > 0.1 * max(-low, high):
             return True
     return False

@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from bayesdrill.basics import units
-from bayesdrill.setup.guessing import relations
-from bayesdrill.setup.guessing.columns import Array, Seen
+from bayesdrill.setup.guessing import drafts, relations
+from bayesdrill.setup.guessing.columns import Seen
+from bayesdrill.setup.guessing.drafts import TURNS, Raw, Sensor
 from bayesdrill.setup.guessing.names import GEARBOX, MOTOR, ROTOR, SI, TWIST
+from bayesdrill.setup.guessing.parts import Part
 
-TURNS = ("angle", "speed")
 FAST = 60.0  # speeds of a rig above it are hardly in rad/s, nor angles a second in rad
-LARGEST = 1e12
 SLOWEST = 0.8  # of a motor, in turns for one of the shaft: less is a wrong unit
 AWHILE = 10  # samples, fewer than any record has
 NAMELESS = 0.999  # of an angle, that the integral of a nameless column has to explain
@@ -24,95 +21,27 @@ RPM_WORDS = ("n", "rpm", "drehzahl", "rotacao", "upm")
 RADIAN_WORDS = ("w", "omega", "w1", "w2", "wm")
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Sensor:
-    """A column with what is believed of it: `why` is known of it, `doubts` are to be reviewed."""
-
-    seen: Seen
-    values: Array
-    kind: str
-    place: str
-    unit: str
-    why: tuple[str, ...] = ()
-    doubts: tuple[str, ...] = ()
-
-    @property
-    def name(self) -> str:
-        return self.seen.name
-
-    @property
-    def si(self) -> Array:
-        return self.values * units.factor(self.unit, SI[self.kind])
-
-    def angle(self, dt: float) -> Array:
-        """How far it has turned, in rad, (T,)."""
-        return self.si if self.kind == "angle" else relations.integral(self.si, dt)
-
-    def but(self, *, why: str = "", doubt: str = "", **changes: Any) -> Sensor:
-        return dataclasses.replace(
-            self,
-            why=(*self.why, why) if why else self.why,
-            doubts=(*self.doubts, doubt) if doubt else self.doubts,
-            **changes,
-        )
-
-
-def sensors(columns: Sequence[Seen], rows: slice, dt: float) -> tuple[list[Sensor], dict[str, str]]:
+def sensors(columns: Sequence[Seen], part: Part) -> tuple[list[Sensor], dict[str, str]]:
     """Of the columns beside the time; and why others are left out."""
-    left_out: dict[str, str] = {}
-    drafts = []
-    for column in columns:
-        reason = _useless(column, rows)
-        if reason:
-            left_out[column.name] = reason
-        else:
-            says = column.says
-            drafts.append(Sensor(column, column.values[rows], says.kind, says.place, says.unit))
-    drafts = _by_twist(_by_derivative(drafts, dt), dt)
+    found, left_out = drafts.drafts(columns, part)
+    dt = part.dt
+    all_ = _by_twist(_by_derivative(found, dt), dt)
     known: list[Sensor] = []
-    for one in sorted(drafts, key=lambda one: one.place == MOTOR):  # whose size a gear makes
+    for one in sorted(all_, key=lambda one: one.place == MOTOR):  # whose size a gear makes
         if one.kind:
-            known.append(_with_unit(one, [*drafts, *known], dt))
-    for one in drafts:
+            known.append(_with_unit(one, [*all_, *known], dt))
+    for one in all_:
         if not one.kind:
             why = "its name says nothing of" if one.name else "nothing says"
             left_out[one.name] = f"{why} what it measures, and it is no derivative of another"
     return known, left_out
 
 
-def _useless(one: Seen, rows: slice) -> str:
-    says, values = one.says, one.values[rows]
-    if says.strange and says.kind in TURNS:
-        return f"its unit {says.strange!r} does not say how far one of it turns"
-    if says.strange:
-        return (
-            f"its unit {says.strange!r} is none of time, angle, speed, voltage, current or torque"
-        )
-    if not np.all(np.isfinite(values)):
-        return "has values without a number"
-    if not _believable(values):
-        return f"has numbers up to {np.abs(values).max():.3g}, which no rig has"
-    if says.kind == "time":
-        return "is a second time, or does not increase"
-    if says.kind == "force":
-        return "is a force, which the rig does not have"
-    if says.wanted and says.kind != "voltage":
-        return "is what was asked for, not what happened"
-    if np.ptp(values) == 0 and says.kind != "voltage":
-        return f"is {values[0]:g} in every row"
-    return ""
-
-
-def _believable(values: Array) -> bool:
-    """Squares of it can be computed with."""
-    largest = float(np.abs(values).max())
-    return largest == 0 or 1 / LARGEST < largest < LARGEST
-
-
 def rate(columns: Sequence[Seen]) -> float:
     """Of a record without times, by an angle and its speed in known units, Hz; 0: cannot be told."""
-    whole = [c for c in columns if np.all(np.isfinite(c.values)) and _believable(c.values)]
-    for angle, speed in _pairs([Sensor(c, c.values, *_told(c)) for c in whole]):
+    whole = [c for c in columns if np.all(np.isfinite(c.values)) and drafts.believable(c.values)]
+    raw = Raw(np.zeros(0), np.zeros(0))
+    for angle, speed in _pairs([Sensor(c, c.values, *_told(c), raw) for c in whole]):
         if angle.unit and speed.unit:
             cause = relations.integral(speed.si, 1.0)
             (factor,), share = relations.explained(angle.si, cause)
@@ -127,12 +56,12 @@ def _told(one: Seen) -> tuple[str, str, str]:
     return says.kind, says.place, says.unit or symbol
 
 
-def _pairs(drafts: Sequence[Sensor]) -> Iterator[tuple[Sensor, Sensor]]:
+def _pairs(every: Sequence[Sensor]) -> Iterator[tuple[Sensor, Sensor]]:
     """Angles and speeds that can be of one place; those whose names agree come first."""
     possible = [
         (angle, speed)
-        for angle in drafts
-        for speed in drafts
+        for angle in every
+        for speed in every
         if angle is not speed
         and angle.kind in ("angle", "")
         and speed.kind in ("speed", "")
@@ -142,11 +71,11 @@ def _pairs(drafts: Sequence[Sensor]) -> Iterator[tuple[Sensor, Sensor]]:
     yield from sorted(possible, key=lambda pair: not (pair[0].place == pair[1].place != ""))
 
 
-def _by_derivative(drafts: Sequence[Sensor], dt: float) -> list[Sensor]:
+def _by_derivative(every: Sequence[Sensor], dt: float) -> list[Sensor]:
     """Where a speed is the derivative of an angle, the factor between them says both units."""
-    found = {id(one): one for one in drafts}
+    found = {id(one): one for one in every}
     trials = []
-    for angle, speed in _pairs(drafts):
+    for angle, speed in _pairs(every):
         cause = relations.integral(speed.values, dt)
         (factor,), share = relations.explained(angle.values, cause)
         least = relations.EXPLAINED if angle.kind and speed.kind else NAMELESS
@@ -211,19 +140,19 @@ def _degrees(angle: Sensor, speed: Sensor) -> bool:
     return float(np.abs(speed.values).max()) > FAST
 
 
-def _by_twist(drafts: Sequence[Sensor], dt: float) -> list[Sensor]:
+def _by_twist(every: Sequence[Sensor], dt: float) -> list[Sensor]:
     """A twist is the integral of the difference of two speeds, one of them perhaps before a gear."""
-    twists = [one for one in drafts if one.place == TWIST and one.kind == "angle"]
-    rotors = [one for one in drafts if one.kind == "speed" and one.place == ROTOR]
-    others = [one for one in drafts if one.kind == "speed" and one.place in (GEARBOX, MOTOR)]
+    twists = [one for one in every if one.place == TWIST and one.kind == "angle"]
+    rotors = [one for one in every if one.kind == "speed" and one.place == ROTOR]
+    others = [one for one in every if one.kind == "speed" and one.place in (GEARBOX, MOTOR)]
     if not (len(twists) == 1 and rotors and others):
-        return list(drafts)
+        return list(every)
     twist, rotor, other = twists[0], rotors[0], others[0]
     causes = [relations.integral(one.values, dt) for one in (rotor, other)]
     (factor, _), share = relations.explained(twist.values, *causes)
     fitting = relations.units_of(factor, twist.unit, rotor.unit)
     if share < 0.8 or not fitting or (len(fitting) > 1 and not (twist.unit or rotor.unit)):
-        return list(drafts)
+        return list(every)
     said = (
         f"no unit is said; the derivative of {twist.name} is {factor:.3g} times {rotor.name} less a "
         f"part of {other.name}, as in {fitting[0][0]} and {fitting[0][1]}"
@@ -231,7 +160,7 @@ def _by_twist(drafts: Sequence[Sensor], dt: float) -> list[Sensor]:
     new = dict(zip((id(twist), id(rotor)), fitting[0], strict=True))
     return [
         one.but(unit=new[id(one)], doubt=said) if id(one) in new and not one.unit else one
-        for one in drafts
+        for one in every
     ]
 
 
@@ -268,7 +197,7 @@ def _with_unit(one: Sensor, all_: Sequence[Sensor], dt: float) -> Sensor:
             unit, reason = ("mV" if size > 400 else "V"), f"by its size alone, up to {size:.3g}"
         case _:
             unit, reason = SI[one.kind], "the usual one"
-    return one.but(unit=unit, doubt=f"no unit is said; {unit}, {reason}")
+    return one.but(unit=unit, doubt=f"no unit is said; {unit}, {reason}", guessed=True)
 
 
 def _outrun(one: Sensor, all_: Sequence[Sensor], dt: float) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -55,6 +56,18 @@ def find(columns: Sequence[Seen], rate: float = 0.0) -> Timing:
     return Timing(t, None, "s", "", doubt)
 
 
+def of(one: Seen, like: Timing) -> Timing:
+    """The same column of another file."""
+    return dataclasses.replace(
+        like, t=np.asarray(one.values * units.factor(like.unit, "s")), column=one
+    )
+
+
+def counted(length: int, like: Timing) -> Timing:
+    """Of another file without times, as many samples a second."""
+    return dataclasses.replace(like, t=np.asarray(np.arange(length) * like.dt, dtype=np.float64))
+
+
 def _of(one: Seen, why: str, doubt: str = "") -> Timing:
     unit = one.says.unit
     step = float(np.nanmedian(np.diff(one.values)))
@@ -81,19 +94,3 @@ def _even(values: Array) -> bool:
     steps = np.diff(values)
     usual = float(np.median(steps))
     return usual > 0 and bool(np.all(np.abs(steps - usual) <= max(STEP_TOLERANCE, 0.01) * usual))
-
-
-def longest(t: Array, used: Sequence[Array]) -> slice:
-    """The longest run of rows with equal steps in time and all numbers there."""
-    whole = np.isfinite(t)
-    for values in used:
-        whole &= np.isfinite(values)
-    steps = np.diff(t)
-    usual = float(np.nanmedian(steps))
-    joined = whole[1:] & whole[:-1] & (np.abs(steps - usual) <= 0.5 * usual)
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], joined, [False]]).astype(int)))
-    if len(edges) == 0:
-        return slice(0, 0)
-    begins, ends = edges[::2], edges[1::2]
-    best = int(np.argmax(ends - begins))
-    return slice(int(begins[best]), int(ends[best]) + 1)

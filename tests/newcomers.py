@@ -1,0 +1,79 @@
+"""A newcomer's records, and the entries of the configs that are written for them."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import oracles
+import scipy.linalg
+
+import bayesdrill as bd
+from bayesdrill.setup import experiments, loading, reading
+from bayesdrill.setup.yaml_source import parse
+
+RPM, DEG = 30 / math.pi, 180 / math.pi
+
+
+def accepted(config: Path) -> tuple[str, ...]:
+    """What is told of the records of a config that is valid."""
+    whole, source = loading.load(config)
+    records = [reading.read(one.config, one.source) for one in experiments.views(whole, source)]
+    return tuple(said for record in records for said in record.told)
+
+
+def made(record: Path, **known: Any) -> dict[str, Any]:
+    """The entries of the config that is written for a record."""
+    bd.init(record, record.with_suffix(".yaml"), force=True, **known)
+    text = record.with_suffix(".yaml").read_text()
+    return {**parse(record, text).data, "text": text}
+
+
+def told(entries: dict[str, Any]) -> dict[str, tuple[str, str]]:
+    """Column and unit of each channel."""
+    return {
+        name: (str(one["column"]), one["unit"])
+        for name, one in entries["record"]["channels"].items()
+    }
+
+
+def driven(t: np.ndarray, v: np.ndarray, gear: float) -> np.ndarray:
+    """States (T, 5) of a rig without friction, from rest, the voltage held between samples."""
+    a, b, *_ = oracles.matrices({**oracles.skewed(), "t_f": 0.0}, 1 / gear)
+    whole = np.zeros((6, 6))
+    whole[:5, :5], whole[:5, 5] = a, b
+    step = scipy.linalg.expm(whole * (t[1] - t[0]))
+    states = np.zeros((len(t), 5))
+    for k in range(len(t) - 1):
+        states[k + 1] = step[:5, :5] @ states[k] + step[:5, 5] * v[k]
+    return states
+
+
+def both_ways(gear: float = 5.0, n: int = 1600, dt: float = 0.005) -> tuple[np.ndarray, ...]:
+    """t [s], v [V], states, with the voltage in both directions."""
+    t = dt * np.arange(n)
+    v = np.round(6 * np.sign(np.sin(1.7 * t)) + 0.6 * np.sin(9 * t), 3) * (t > 0.1)
+    return t, v, driven(t, v, gear)
+
+
+def written(path: Path, columns: dict[str, np.ndarray], mark: str = ",", point: str = ".") -> Path:
+    lines = [mark.join(columns)]
+    for row in zip(*columns.values(), strict=True):
+        lines.append(mark.join(f"{one:.5f}".replace(".", point) for one in row))
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return path
+
+
+def german(gear: float = 5.0) -> dict[str, np.ndarray]:
+    """Degrees and rpm, the motor before the gear, ms, a measured voltage; noise 0.5, 1 and 6."""
+    t, v, x = both_ways(gear)
+    rng = np.random.default_rng(5)
+    return {
+        "Zeit_ms": 1000 * t,
+        "U_Motor": v,
+        "phi_Rotor_deg": x[:, 0] * DEG + rng.normal(0, 0.5, len(t)),
+        "n_Rotor": x[:, 2] * RPM + rng.normal(0, 1, len(t)),
+        "n_Motor": x[:, 3] * gear * RPM + rng.normal(0, 6, len(t)),
+    }
