@@ -93,7 +93,7 @@ def identify(job: Job, theta: Array, at: str, wanted: Sequence[str], report: Rep
 def preflight(job: Job, scenery: Scenery) -> str:
     """What the record can show at the start values, in a few lines."""
     if not scenery.unknowns:
-        return "no parameter is unknown: only noise levels are looked for"
+        return "no parameter of the rig is unknown: only sensors, starts or noise are looked for"
     posterior = job.problem.posterior
     start = posterior.space.vector(posterior.space.start)
     said = words.brief(study_of(scenery, posterior, start, job.asked))

@@ -10,6 +10,7 @@ from oracles import NOMINAL
 from rigs import experiment, vector
 
 from bayesdrill.record.experiment import Experiment
+from bayesdrill.rig import steady
 from bayesdrill.rig.measured import Measured, simulator
 from bayesdrill.rig.models.motor_shaft import MotorShaft
 from bayesdrill.rig.response import Response
@@ -108,6 +109,14 @@ def test_a_steady_start_stays_steady() -> None:
     assert shown[0, 1] > 1
     states = replace(one, channels=experiment(2).channels, y=np.zeros((300, 5)))
     assert Measured(MotorShaft(), states, Sensing(steady=True)).signals(THETA[None])[0, 0, 1] == 1.5
+
+
+def test_a_rig_that_never_comes_to_rest_has_no_steady_state() -> None:
+    """A torque on a rotor without friction; with friction it turns at torque over friction."""
+    free = np.array([[[0.0, 1.0], [0.0, 0.0]], [[0.0, 1.0], [0.0, -0.5]]])
+    found = steady.states(free, np.array([[0.0, 3.0], [0.0, 3.0]]), [0])
+    assert np.isnan(found[0, 1])
+    assert found[1] == pytest.approx([0.0, 6.0])
 
 
 def test_without_what_is_not_seen_sums_are_those_of_the_rest() -> None:

@@ -245,7 +245,7 @@ def test_simulated_noise_differs_between_experiments_and_truth_is_what_is_said(
 
 
 def test_refits_of_free_states_have_the_priors_of_the_run(tmp_path: Path) -> None:
-    """Mutant killed: priors that are as wide as a record of zeros."""
+    """And see nothing of the record else; mutant killed: a record that is left in."""
     config = pairs.write(
         tmp_path,
         ("experiments:\n  slow", "initial: free\nexperiments:\n  slow"),
