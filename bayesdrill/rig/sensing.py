@@ -1,6 +1,8 @@
 """What is not of the rig itself in an experiment: gains, offsets and delays of sensors, and the start.
 
-y_k(t) = gain_k c_k . x(t - lag_k) + offset_k        u(t) = gain_u u_measured(t - delay) + offset_u
+y_k(t) = gain_k c_k . x(t - lag_k - delay) + offset_k        x' = A x + B (gain_u u + offset_u) + c
+
+A delay is one of all that drives the rig, offsets of inputs among it: until then it is at its start.
 """
 
 from __future__ import annotations
