@@ -41,6 +41,7 @@ class Modal:
     names: tuple[str, ...]
 
     between: ClassVar[tuple[tuple[int, float, float], ...]] = ()
+    signed: ClassVar[tuple[tuple[int, float], ...]] = ()
 
     def from_physical(self, theta: Array) -> Array:
         p = dict(zip(self.names, theta.T, strict=True))

@@ -105,7 +105,8 @@ def test_identify_overwrites_its_own_files_when_told_to(tmp_path: Path) -> None:
     write(out, "notes.md")
     assert cli(*command, "--profile", "k_e").status == 0
     written = {name for name in listing(out) if (out / name).is_file()}
-    assert written == {"notes.md", "identify.md", *own_files.IDENTIFY.files}
+    drawn = own_files.figures("spectrum", "profiles")
+    assert written == {"notes.md", "identify.md", *drawn}
     first = (out / "identify.md").read_bytes()
     refused(*command, below=tmp_path, says="exists already; give --force")
     write(out, "figures/photo.jpg")
