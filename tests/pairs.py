@@ -79,8 +79,8 @@ parameters:
   k_s: {prior: uniform, low: 0.5, high: 1.5, relative: true}
   j_1: nominal
   t_f: {prior: half_normal, scale: 2, relative: true}
-map: {starts: 2, evaluations: 2000}
-sampler: {walkers: 48}
+map: {starts: 2, evaluations: 600}
+sampler: {walkers: 32, ess: 1000, n_tau: 20}
 simulation: {duration: 2.5, rate: 40, sigma: {twist: 0.4, w_2: 0.6},
   truth: {gain_twist: 0.93, lag_twist: 21, offset_w_2: 1.5, offset_v_late: 0.3,
     t_0: 0.12, w_1_0: 33, w_2_0: 2.9, t_f_moving: 0.05}}

@@ -70,10 +70,10 @@ def compared(stiffer: float, seed: int = 0) -> tuple[Repeat, ...]:
 
 
 def test_one_rig_tells_the_same_each_time() -> None:
-    """Over 40 sets: p is uniform enough, and hardly ever an alarm.  Mutant: sds without the root."""
-    p = np.array([[one.p for one in compared(1.0, seed)] for seed in range(40)])
-    assert 0.35 < p.mean() < 0.65
-    assert (p < 0.01 / 3).sum() <= 3
+    """Over 16 sets: p is uniform enough, and hardly ever an alarm.  Mutant: sds without the root."""
+    p = np.array([[one.p for one in compared(1.0, seed)] for seed in range(16)])
+    assert 0.3 < p.mean() < 0.7
+    assert (p < 0.01 / 3).sum() <= 2
 
 
 def test_a_shaft_that_was_changed_is_found_with_its_size() -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from bayesdrill.commands import identify
 from bayesdrill.insight.identifiability.scenes import Scenery
@@ -26,6 +27,7 @@ def test_its_records_are_what_simulate_makes() -> None:
     assert {"example_experiments.yaml", "records/example_step.csv"} <= set(FILES)
 
 
+@pytest.mark.slow
 def test_what_it_was_made_with_is_plausible_and_its_start_is_not() -> None:
     """Misfit per number: 1 where only noise is left."""
     job = prepare(EXAMPLE)

@@ -23,6 +23,7 @@ def between(draws: np.ndarray, truth: float) -> bool:
     return bool(low <= truth <= high)
 
 
+@pytest.mark.slow
 def test_one_record_is_understood(tmp_path: Path) -> None:
     """The first of them, told of its nuisances: it converges and leaves noise."""
     path, truth = write(tmp_path, 3, told=True)
