@@ -83,6 +83,7 @@ def test_the_toys_pass_the_contracts() -> None:
     }
 
 
+@pytest.mark.slow
 def test_a_run_with_nothing_but_toys(tmp_path: Path) -> None:
     """From a simulated record to the report; and a mistake in what a toy brings is told as any other."""
     text = (tmp_path / "text.yaml", tmp_path / "json.yaml")

@@ -102,9 +102,8 @@ def test_bundled_records_come_back_as_their_configs_have_them(name: str, tmp_pat
     accepted(record.with_suffix(".yaml"))
 
 
-@pytest.mark.parametrize(
-    "name", [ROUND[0], *(pytest.param(one, marks=pytest.mark.slow) for one in ROUND[1:])]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ROUND)
 def test_check_is_content_with_what_is_written(name: str, tmp_path: Path) -> None:
     config, source = loading.load(CONFIGS / f"{name}.yaml")
     record = tmp_path / "mine.csv"

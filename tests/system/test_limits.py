@@ -147,6 +147,7 @@ def test_two_samples_are_a_record(tmp_path: Path) -> None:
     assert systems.cli("check", config).status == 0
 
 
+@pytest.mark.slow
 def test_the_size_is_said_before_and_fewer_draws_are_predicted_of_a_long_record(
     tmp_path: Path,
 ) -> None:
