@@ -31,6 +31,20 @@ class Mutant:
 
 MUTANTS = [
     Mutant(
+        "a late input moves the unknowns the other way",
+        "insight/moments.py",
+        "moved = np.linalg.lstsq(",
+        "moved = -np.linalg.lstsq(",
+        "tests/insight/test_nuisances.py::test_half_a_sample_moves_what_a_late_step_moves",
+    ),
+    Mutant(
+        "experiments weighed by their sds",
+        "insight/repeats.py",
+        "weights = np.array(x), 1.0 / np.array(sds) ** 2",
+        "weights = np.array(x), 1.0 / np.array(sds)",
+        "tests/insight/test_repeats.py::test_one_rig_tells_the_same_each_time",
+    ),
+    Mutant(
         "a table in the unit of a user with the numbers of SI",
         "setup/own_units.py",
         "values = {key: x / own.factor for",
