@@ -152,7 +152,7 @@ MUTANTS = [
     Mutant(
         "sensors left in the information of the rig",
         "insight/identifiability/scenes.py",
-        "return without(np.vstack([rows, held]), m)",
+        "return without(self._with_priors(rows, m), m)",
         "return rows[:, :m]",
         "tests/inference/test_joint.py::test_the_rig_without_its_sensors_is_a_schur_complement",
     ),
@@ -338,8 +338,8 @@ MUTANTS = [
     Mutant(
         "the noise of a second record takes the unknowns of the first",
         "inference/likelihood.py",
-        "            first = last\n",
-        "",
+        "levels=[*islice(levels, len(noise.unknowns))],",
+        'levels=[space.free[c] for c in space.columns("noise")][: len(noise.unknowns)],',
         "tests/contracts/test_noises.py::test_two_records_say_together_what_each_says",
     ),
     Mutant(
@@ -407,9 +407,9 @@ MUTANTS = [
     ),
     Mutant(
         "a load that does not slow the rig down in its steady state",
-        "insight/derived.py",
-        "forcing[:, index[row]] += value * inputs.get(name, 0.0)",
-        'forcing[:, index[row]] += value * inputs.get(name, 0.0) * (name == "v")',
+        "rig/models/linear.py",
+        "out[:, index[row]] += value * inputs.get(name, 0.0)",
+        'out[:, index[row]] += value * inputs.get(name, 0.0) * (name == "v")',
         "tests/insight/test_derived.py::test_a_long_simulation_ends_at_the_steady_speed_and_current",
     ),
     Mutant(

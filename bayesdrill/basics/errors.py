@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 
@@ -28,6 +28,20 @@ class InputError(Exception):
     @classmethod
     def one(cls, place: str, message: str) -> InputError:
         return cls([Problem(place, message)])
+
+
+def of_each[T, S](do: Callable[[T], S], those: Iterable[T]) -> list[S]:
+    """What `do` makes of each; raises `InputError` with all that is wrong with any, a mistake once."""
+    found: list[S] = []
+    problems: list[Problem] = []
+    for one in those:
+        try:
+            found.append(do(one))
+        except InputError as error:
+            problems += error.problems
+    if problems:
+        raise InputError(list(dict.fromkeys(problems)))
+    return found
 
 
 class Interrupted(Exception):

@@ -52,6 +52,13 @@ class Kind:
         return _among(name, (self.mark, *self.files, *self.kept))
 
 
+def numbered[T](stem: str, every: Sequence[T]) -> dict[str, T]:
+    """By the stems of files: one keeps the name, several have numbers, as `#` in a `Kind` has it."""
+    if len(every) == 1:
+        return {stem: every[0]}
+    return {f"{stem}_{k}": one for k, one in enumerate(every, start=1)}
+
+
 FORMATS = ("pdf", "png", "svg")  # of figures
 USUAL = FORMATS[:2]
 

@@ -12,12 +12,10 @@ from bayesdrill.engines.convergence import Targets
 from bayesdrill.engines.mode import Mode
 from bayesdrill.engines.sampling import Plan, Sampled
 from bayesdrill.inference.problem import Problem
-from bayesdrill.inference.residual_checks import like_noise
 from bayesdrill.insight import plausibility, verdict
 from bayesdrill.insight.conclusions import conclude
 from bayesdrill.insight.identifiability.scenes import Scenery
 from bayesdrill.insight.moments import half_a_sample
-from bayesdrill.insight.nuisances import causes
 from bayesdrill.insight.repeats import repeats
 from bayesdrill.report import (
     nuisance_words,
@@ -62,7 +60,6 @@ def concluded(
         left=left,
         judged=judged,
         notes=notes,
-        causes=None if like_noise(left) else causes(problem.posterior, at),
         repeats=() if judged is None else repeats(scenery, at, verdict.basis(judged.study)),
         seconds=seconds or {},
     )

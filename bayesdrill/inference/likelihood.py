@@ -6,6 +6,7 @@ import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -77,6 +78,24 @@ class Observation:
         samples = self.noise.whiten(self.residuals(full).samples, theta[:, self.own])
         return np.asarray(np.nansum(samples**2, axis=1))
 
+    def informed(self, shifts: Array, theta: Array) -> Array:
+        """`shifts (n, T, K)` of the signals over the noise at `theta (D,)`, zero where nothing was seen.
+
+        Their squares sum to what the record knows of them.
+        """
+        mine = np.where(self.experiment.seen, shifts, 0.0)
+        if self.noise.white:
+            return np.asarray(mine / self.scales(theta[None]))
+        return self.noise.inform(mine, np.repeat(theta[None, self.own], len(mine), axis=0))
+
+    def levels(self, space: ParameterSpace) -> list[str]:
+        """Names of its noise's unknowns."""
+        return [space.free[column] for column in np.arange(len(space.free))[self.own]]
+
+    def entitled(self, what: str) -> str:
+        """`record of slow`, where there are several."""
+        return f"{what} of {self.label}" if self.label else what
+
     @property
     def numbers(self) -> int:
         """How many were measured."""
@@ -128,14 +147,18 @@ class Likelihood:
     @classmethod
     def of(cls, space: ParameterSpace, *pairs: tuple[Simulator, Noise]) -> Likelihood:
         """Of simulators with their noises, whose unknowns stand in `space` in this order."""
-        columns = space.columns("noise")
-        first = columns[0] if columns else len(space.unknowns)
-        made = []
-        for response, noise in pairs:
-            last = first + len(noise.unknowns)
-            made.append(Observation(response, noise, slice(first, last)))
-            first = last
-        return cls(tuple(made), space)
+        levels = iter([space.free[column] for column in space.columns("noise")])
+        parts = [
+            Part(
+                response=response,
+                noise=noise,
+                told=space.model,
+                levels=[*islice(levels, len(noise.unknowns))],
+                label="",
+            )
+            for response, noise in pairs
+        ]
+        return cls.joint(space, parts)
 
     @classmethod
     def joint(cls, space: ParameterSpace, parts: Sequence[Part]) -> Likelihood:
@@ -181,8 +204,7 @@ class Likelihood:
         """Model minus measured over the noise at `theta (D,)`; zero where nothing was seen: `(n,)`."""
         full, parts = self.space.full(theta[None]), []
         for one in self.observations:
-            off = np.where(one.experiment.seen, -one.residuals(full).samples, 0.0)
-            parts.append(one.noise.inform(off, theta[None, one.own]).ravel())
+            parts.append(one.informed(-one.residuals(full).samples, theta).ravel())
         return np.concatenate(parts)
 
     def rig(self, theta: Array) -> Array:

@@ -18,7 +18,7 @@ from bayesdrill.inference.problem import Problem
 from bayesdrill.insight.diagnostics import hdi
 from bayesdrill.record.experiment import usual_inputs
 from bayesdrill.rig import vocabulary
-from bayesdrill.rig.models.linear import Linear, Model, Named, dynamics
+from bayesdrill.rig.models.linear import Linear, Model, Named, driven, dynamics
 from bayesdrill.rig.steady import angles_of, ends, turning, turns
 
 Array = NDArray[np.float64]
@@ -215,18 +215,13 @@ def steady(model: Model, linear: Linear, n: int, inputs: Mapping[str, float]) ->
     All angles turn alike then; a rig that is held by its angles stands still.  NaN where there is
     no such state.
     """
-    index = {name: k for k, name in enumerate(model.states)}
     matrix = dynamics(linear, model.states, n)
-    forcing = np.zeros((n, len(index)))
-    for row, value in linear.c.items():
-        forcing[:, index[row]] += value
-    for (row, name), value in linear.B.items():
-        forcing[:, index[row]] += value * inputs.get(name, 0.0)
+    pushed = driven(linear, model.states, n, inputs)
     angles = angles_of(model)
     turned = turns(matrix, angles)
-    found = ends(turning(matrix, angles) if turned else matrix, forcing)
+    found = ends(turning(matrix, angles) if turned else matrix, pushed)
     speed = found[:, angles[0]] if turned else 0.0 * found[:, angles[0]]
-    return {"w_end": speed, "i_end": found[:, index["i"]]}
+    return {"w_end": speed, "i_end": found[:, model.states.index("i")]}
 
 
 def summarise(derived: Derived) -> tuple[Row, ...]:

@@ -11,9 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayesdrill.inference.likelihood import Observation
-from bayesdrill.insight.identifiability.scenes import Scenery, weights
+from bayesdrill.insight.identifiability.information import root_of
+from bayesdrill.insight.identifiability.scenes import Scenery
 from bayesdrill.record.experiment import Experiment
-from bayesdrill.rig.models.linear import dynamics
+from bayesdrill.rig.models.linear import driven, dynamics
 
 Array = NDArray[np.float64]
 
@@ -48,12 +49,10 @@ def half_a_sample(scenery: Scenery, theta: Array) -> Moment | None:
     rows = scenery.every(theta)
     if not (np.isfinite(rows).all() and np.isfinite(late).all()):
         return None
-    held = np.diag(1.0 / scenery.prior_spreads)
-    matrix = np.vstack([rows, held])
-    target = np.append(half * late, np.zeros(len(held)))
-    root = np.linalg.qr(matrix, mode="r")
+    matrix = np.vstack([rows, np.diag(1.0 / scenery.prior_spreads)])
+    target = np.append(half * late, np.zeros(rows.shape[1]))
     moved = np.linalg.lstsq(matrix, target, rcond=None)[0]
-    sds = np.linalg.norm(np.linalg.pinv(root), axis=1)
+    sds = np.linalg.norm(np.linalg.inv(root_of(matrix)), axis=1)
     m = len(scenery.unknowns)
     ratio = (moved / sds)[:m]
     return Moment(seconds=half, shifts=tuple(zip(scenery.unknowns, map(float, ratio), strict=True)))
@@ -66,9 +65,7 @@ def _step(experiment: Experiment) -> float:
 
 
 def _told(one: Observation) -> bool:
-    sensing = getattr(one.response, "sensing", None)
-    if sensing is None:
-        return False
+    sensing = one.response.sensing
     return sensing.delay is not None or len(sensing.lags) == len(one.experiment.channels)
 
 
@@ -77,16 +74,11 @@ def _later(one: Observation, scenery: Scenery, theta: Array, motion: Array) -> A
     experiment, model = one.experiment, one.response.model
     told = one.told(scenery.likelihood.space.full(theta[None]))[0]
     named = dict(zip(model.parameters, told[: len(model.parameters)], strict=True))
-    linear = model.linear(named)
-    index = {name: k for k, name in enumerate(model.states)}
+    linear, n = model.linear(named), len(experiment.t)
+    given = {
+        name: experiment.constant.get(name, 0.0) + experiment.series.get(name, 0.0)
+        for name in model.inputs
+    }
     change = motion @ dynamics(linear, model.states, 1)[0].T
-    for row, value in linear.c.items():
-        change[:, index[row]] += value
-    for (row, name), value in linear.B.items():
-        given = experiment.constant.get(name, 0.0) + experiment.series.get(name, 0.0)
-        change[:, index[row]] += value * given
-    slope = -change @ weights(experiment, model.states).T
-    mine = np.where(experiment.seen, slope, 0.0)[None]
-    if one.noise.white:
-        return np.asarray(mine / one.scales(theta[None])[:, None])
-    return one.noise.inform(mine, theta[None, one.own])
+    change = change + driven(linear, model.states, n, given)
+    return one.informed(-change[None] @ experiment.weights(model.states).T, theta)

@@ -19,18 +19,17 @@ from bayesdrill.basics.symbols import Symbol
 from bayesdrill.engines.climb import climb
 from bayesdrill.inference.likelihood import Likelihood, Observation, Part
 from bayesdrill.inference.noise.contract import Noise
-from bayesdrill.inference.noise.white import White
+from bayesdrill.inference.noise.mixed import with_gaps
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.priors import Prior, TruncatedNormal, Uniform
 from bayesdrill.inference.surface import PosteriorSurface
 from bayesdrill.inference.unknowns import ParameterSpace, Unknown, of_label
-from bayesdrill.record.experiment import Channel, Experiment, frozen, usual_inputs
+from bayesdrill.record.experiment import Experiment, frozen, of_states, usual_inputs
 from bayesdrill.rig.measured import Measured
-from bayesdrill.rig.sensing import Sensing
 
 Array = NDArray[np.float64]
 
-Kind = Literal["gain", "offset", "lag", "input gain", "input offset", "start"]
+Kind = Literal["gain", "offset", "lag", "input offset", "start"]
 
 STEPS = 60  # uphill
 LATEST = 20  # samples: how far a lag is sought
@@ -131,11 +130,15 @@ def _tried(posterior: Posterior, theta: Array, *, with_start: bool) -> Causes | 
         return None
     noisy = max(1.0, (left - explained) / count.numbers)
     curvature = surface.expand(top.u[[which]], np.eye(len(there))).curvature[0]
-    sds = _spread(curvature, wider, there)
-    off = (there[m : m + len(every)] - [c.neutral for c in every]) / wider.coordinates.slopes(
-        there[None]
-    )[0, m : m + len(every)]
-    chosen = _chosen(curvature, m, off, every, SURE**2 * noisy)
+    # In units of what each would be known to alone, so that its diagonal is one.
+    own = 1.0 / np.sqrt(np.maximum(np.diag(curvature), 1e-300))
+    steps = own * wider.coordinates.slopes(there[None])[0]
+    scaled = curvature * own[:, None] * own
+    inverse = np.linalg.pinv(scaled, hermitian=True)
+    sds = np.maximum(steps * np.sqrt(np.maximum(np.diag(inverse), 0.0)), 1e-300)
+    tried_at = slice(m, m + len(every))
+    off = (there[tried_at] - [c.neutral for c in every]) / steps[tried_at]
+    chosen = _chosen(scaled, m, off, every, SURE**2 * noisy)
     named = [
         Cause(kind=c.kind, of=c.of, experiment=c.label, value=float(there[k]), sd=float(sds[k]))
         for group in chosen
@@ -147,7 +150,7 @@ def _tried(posterior: Posterior, theta: Array, *, with_start: bool) -> Causes | 
 
 
 def _chosen(
-    curvature: Array, m: int, off: Array, every: Sequence[_Candidate], least: float
+    scaled: Array, m: int, off: Array, every: Sequence[_Candidate], least: float
 ) -> list[tuple[str, str]]:
     """What matters most, one after the other: of the same thing in all experiments together.
 
@@ -155,13 +158,13 @@ def _chosen(
     all else as free to adapt.
     """
     groups, chosen = list(dict.fromkeys(c.group for c in every)), list[tuple[str, str]]()
-    now = _cost(curvature, m, off, [True] * len(every))
+    now = _cost(scaled, m, off, [True] * len(every))
     while len(chosen) < MOST_NAMED:
         rest = [group for group in groups if group not in chosen]
         if not rest:
             break
         costs = [
-            _cost(curvature, m, off, [c.group not in (*chosen, group) for c in every])
+            _cost(scaled, m, off, [c.group not in (*chosen, group) for c in every])
             for group in rest
         ]
         best = int(np.argmin(costs))
@@ -172,25 +175,15 @@ def _chosen(
     return chosen
 
 
-def _cost(curvature: Array, m: int, off: Array, held: Sequence[bool]) -> float:
-    """Of holding these `off` where the fit wants them, with all others free."""
+def _cost(scaled: Array, m: int, off: Array, held: Sequence[bool]) -> float:
+    """Of holding these `off` where the fit wants them, with all others free, as `scaled` has it."""
     kept = m + np.flatnonzero(held)
-    free = np.setdiff1d(np.arange(len(curvature)), kept)
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(curvature), 1e-300))
-    scaled = curvature * scale[:, None] * scale
+    free = np.setdiff1d(np.arange(len(scaled)), kept)
     inner = scaled[np.ix_(free, free)] + ROUNDING * np.eye(len(free))
     cross = scaled[np.ix_(free, kept)]
     left = scaled[np.ix_(kept, kept)] - cross.T @ np.linalg.solve(inner, cross)
-    by = off[np.flatnonzero(held)] / scale[kept]
+    by = off[np.flatnonzero(held)]
     return float(by @ left @ by)
-
-
-def _spread(curvature: Array, wider: Posterior, theta: Array) -> Array:
-    """Standard deviations of the unknowns `(D,)` there, as far as a straight response has them."""
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(curvature), 1e-300))
-    inverse = np.linalg.pinv(curvature * scale[:, None] * scale, hermitian=True)
-    sds = scale * np.sqrt(np.maximum(np.diag(inverse), 0.0))
-    return np.asarray(np.maximum(sds * wider.coordinates.slopes(theta[None])[0], 1e-300))
 
 
 @dataclass(frozen=True, slots=True)
@@ -256,7 +249,7 @@ def _part(
     one: Observation, space: ParameterSpace, own: Sequence[_Candidate], *, with_start: bool
 ) -> Part:
     told = one.named(one.response.parameters, space.model)
-    old = getattr(one.response, "sensing", Sensing())
+    old = one.response.sensing
     names = {(c.kind, c.of): c.name for c in own}
 
     def with_new(kind: Kind, known: Mapping[str, str]) -> dict[str, str]:
@@ -267,43 +260,38 @@ def _part(
         gains=with_new("gain", old.gains),
         offsets=with_new("offset", old.offsets),
         lags=with_new("lag", old.lags),
-        input_gains=with_new("input gain", old.input_gains),
         input_offsets=with_new("input offset", old.input_offsets),
         states=with_new("start", old.states),
     )
-    experiment = _without_first(one.experiment) if with_start else one.experiment
+    experiment, noise = _without_first(one) if with_start else (one.experiment, one.noise)
     response = Measured(one.response.model, experiment, sensing)
-    levels = (
-        [u.name for u in space.unknowns][one.own]
-        if isinstance(one.own, slice)
-        else [space.unknowns[k].name for k in one.own]
-    )
     return Part(
         response=response,
-        noise=_noise(one, experiment),
+        noise=noise,
         told=[told.get(name, name) for name in response.parameters],
-        levels=levels,
+        levels=one.levels(space),
         label=one.label,
     )
 
 
-def _noise(one: Observation, experiment: Experiment) -> Noise:
-    if experiment is one.experiment or not isinstance(one.noise, White):
-        return one.noise
-    return one.noise.seeing(experiment.counts)
-
-
-def _without_first(experiment: Experiment) -> Experiment:
-    """Before a lag is over, a rig in motion shows what was before its start."""
-    y = np.array(experiment.y)
+def _without_first(one: Observation) -> tuple[Experiment, Noise]:
+    """Before a lag is over, a rig in motion shows what was before its start.  Too short a record, and
+    one whose noise needs every sample, stay whole.
+    """
+    experiment, y = one.experiment, np.array(one.experiment.y)
     y[experiment.t < experiment.t_start + LATEST * experiment.dt] = np.nan
-    enough = np.isnan(y).mean() < 0.5
-    return dataclasses.replace(experiment, y=frozen(y)) if enough else experiment
+    if np.isnan(y).mean() >= 0.5:
+        return experiment, one.noise
+    later = dataclasses.replace(experiment, y=frozen(y))
+    try:
+        return later, with_gaps(one.noise, later.counts)
+    except ValueError:
+        return experiment, one.noise
 
 
 def _of_sensors(one: Observation) -> Iterator[_Candidate]:
     """What is not told of its sensors yet."""
-    sensing = getattr(one.response, "sensing", Sensing())
+    sensing = one.response.sensing
     experiment, latest = one.experiment, LATEST * one.experiment.dt
     for k, channel in enumerate(experiment.channels):
         y = experiment.y[experiment.seen[:, k], k]
@@ -327,16 +315,12 @@ def _of_sensors(one: Observation) -> Iterator[_Candidate]:
 
 def _of_start(one: Observation, space: ParameterSpace, theta: Array) -> list[_Candidate]:
     """Each state that is held at the start, within what it does later."""
-    sensing = getattr(one.response, "sensing", Sensing())
+    sensing = one.response.sensing
     if sensing.steady:
         return []
     model, experiment = one.response.model, one.experiment
-    every = tuple(
-        Channel(name=name, weights={name: 1.0}, unit="", latex="", latex_unit="")
-        for name in model.states
-    )
-    y = np.zeros((len(experiment.t), len(every)))
-    shown = dataclasses.replace(experiment, channels=every, y=y)
+    y = np.zeros((len(experiment.t), len(model.states)))
+    shown = dataclasses.replace(experiment, channels=of_states(model.states), y=y)
     motion = one.response.of(shown).signals(one.told(space.full(theta[None])))[0]
     reach = 2.0 * np.abs(motion).max(axis=0)
     return [

@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from bayesdrill.inference.likelihood import Observation
 from bayesdrill.insight.identifiability.information import BLIND, RANK_TOLERANCE
 from bayesdrill.insight.identifiability.scenes import Scenery
 from bayesdrill.insight.identifiability.structure import Exponents
@@ -44,8 +43,9 @@ def repeats(scenery: Scenery, theta: Array, products: Sequence[Exponents]) -> tu
     every = scenery.likelihood.observations
     if len(every) < 2 or not products:
         return ()
-    pairs = zip(every, scenery.each(theta), strict=True)
-    alone = [_alone(one, rows, scenery, theta) for one, rows in pairs]
+    full = scenery.likelihood.space.full(theta[None])
+    rests = [one.informed(one.residuals(full).samples, theta).ravel() for one in every]
+    alone = [scenery.alone(*pair) for pair in zip(scenery.each(theta), rests, strict=True)]
     found = []
     for exponents in products:
         powers = np.array(exponents, dtype=float)
@@ -74,18 +74,6 @@ def _compared(
         spread=float(np.sqrt(max(0.0, (q - freedom) / c))),
         differs=p < FALSE_ALARM / looks,
     )
-
-
-def _alone(one: Observation, rows: Array, scenery: Scenery, theta: Array) -> tuple[Array, Array]:
-    """Root `R (m, m)` of what it knows of the rig, and `b (m,)`: alone it is R^-1 b away."""
-    full, own = scenery.likelihood.space.full(theta[None]), theta[None, one.own]
-    left = np.where(one.experiment.seen, one.residuals(full).samples, 0.0)
-    rest = left / one.scales(theta[None]) if one.noise.white else one.noise.inform(left, own)
-    m, k = len(scenery.unknowns), len(scenery.nuisances)
-    held = np.hstack([np.zeros((k, m)), np.diag(1.0 / scenery.prior_spreads[m:])])
-    matrix, target = np.vstack([rows, held]), np.append(rest[0].ravel(), np.zeros(k))
-    turned = np.linalg.qr(np.column_stack([matrix[:, m:], matrix[:, :m], target]), mode="r")
-    return turned[k : k + m, k : k + m], turned[k : k + m, k + m]
 
 
 def _of(alone: tuple[Array, Array], powers: Array) -> tuple[float, float]:

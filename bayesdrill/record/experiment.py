@@ -87,6 +87,11 @@ class Experiment:
         """`(T, K)`: what was measured."""
         return ~np.isnan(self.y)
 
+    def weights(self, states: Sequence[str]) -> Array:
+        """Channels as sums of `states`: `(K, X)`."""
+        rows = [[c.weights.get(name, 0.0) for name in states] for c in self.channels]
+        return np.array(rows, dtype=np.float64)
+
     @property
     def counts(self) -> tuple[int, ...]:
         """How many samples each channel has."""
@@ -106,6 +111,14 @@ def even(t: Array) -> bool:
     drift = np.abs(t - (t[0] + np.arange(len(t)) * step))
     uneven = np.abs(steps - usual) > STEP_TOLERANCE * usual
     return not (bool(uneven.any()) and float(drift.max()) > STEP_TOLERANCE * usual)
+
+
+def of_states(states: Sequence[str]) -> tuple[Channel, ...]:
+    """A channel for each state, for those who want to see all of them."""
+    return tuple(
+        Channel(name=f"state {name}", weights={name: 1.0}, unit="", latex="", latex_unit="")
+        for name in states
+    )
 
 
 def frozen(values: Array) -> Array:

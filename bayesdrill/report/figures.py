@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayesdrill.basics import seeds
-from bayesdrill.basics.own_files import ON_REQUEST
+from bayesdrill.basics.own_files import ON_REQUEST, numbered
 from bayesdrill.basics.registry import Registry
 from bayesdrill.inference.priors import flat_in_logs
 from bayesdrill.inference.problem import Problem
@@ -57,13 +57,6 @@ def drawings(name: str, run: View) -> dict[str, Drawing]:
         if not isinstance(one, Drawing):
             raise TypeError(f"a recipe gives a Drawing or None, not {type(one).__name__}")
     return numbered(name, every)
-
-
-def numbered(name: str, every: Sequence[Drawing]) -> dict[str, Drawing]:
-    """One keeps the name, several have numbers."""
-    if len(every) == 1:
-        return {name: every[0]}
-    return {f"{name}_{k}": one for k, one in enumerate(every, start=1)}
 
 
 def _corner(run: View) -> Drawing:
@@ -146,17 +139,17 @@ def _fits(every: Sequence[Fit], width: float, says: str) -> tuple[Drawing, ...]:
     from bayesdrill.report.fit_plot import fit_figure
 
     return tuple(
-        Drawing(fit_figure, (fit, width), says=f"{fit.label}: {says}" if fit.label else says)
-        for fit in every
+        Drawing(fit_figure, (fit, width), says=_captioned(fit.label, says)) for fit in every
     )
+
+
+def _captioned(label: str, says: str) -> str:
+    return f"{label}: {says}" if label else says
 
 
 def alone_captions(problem: Problem) -> dict[str, str]:
     """What `fits_alone` shows, without drawing it."""
-    labels = [one.label for one in problem.observations]
-    if len(labels) == 1:
-        return {"fit": FIT_ALONE}
-    return {f"fit_{k}": f"{label}: {FIT_ALONE}" for k, label in enumerate(labels, start=1)}
+    return numbered("fit", [_captioned(one.label, FIT_ALONE) for one in problem.observations])
 
 
 def _rank(run: View) -> Drawing:

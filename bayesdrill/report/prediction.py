@@ -8,6 +8,7 @@ import io
 import numpy as np
 from numpy.typing import NDArray
 
+from bayesdrill.basics.own_files import numbered
 from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.problem import Problem
 from bayesdrill.setup import experiments, own_units
@@ -20,13 +21,9 @@ DIGITS = 12
 
 def as_csv(problem: Problem, config: Config, theta: Array) -> dict[str, str]:
     """At `theta (D,)`, by the names of files: one, or one with a number for each experiment."""
-    full, every = problem.posterior.space.full(theta[None]), problem.observations
-    return {
-        f"prediction_{k}.csv" if len(every) > 1 else "prediction.csv": _of(
-            one, experiments.of(config, one.label), full
-        )
-        for k, one in enumerate(every, start=1)
-    }
+    full, observations = problem.posterior.space.full(theta[None]), problem.observations
+    texts = [_of(one, experiments.of(config, one.label), full) for one in observations]
+    return {f"{stem}.csv": text for stem, text in numbered("prediction", texts).items()}
 
 
 def _of(one: Observation, config: Config, full: Array) -> str:

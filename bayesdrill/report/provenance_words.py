@@ -70,11 +70,10 @@ def records(problem: Problem, config: Config) -> Iterator[tuple[str, str]]:
     """The file of each experiment, and its channels."""
     every = provenance.records(problem)
     for one in problem.observations:
-        ending = f" of {one.label}" if one.label else ""
         files = sources.named(experiments.of(config, one.label))
         length = one.experiment.t[-1] - one.experiment.t[0]
-        yield f"record{ending}", f"{files}: {every[one.label]} over {length:g} s"
-        yield f"channels{ending}", ", ".join(one.experiment.names)
+        yield one.entitled("record"), f"{files}: {every[one.label]} over {length:g} s"
+        yield one.entitled("channels"), ", ".join(one.experiment.names)
 
 
 def _digests(folder: Path) -> Iterator[str]:

@@ -48,8 +48,7 @@ def _columns(one: Observation, problem: Problem, config: Config) -> str:
         factor = units.factor(given.unit, symbols.INPUTS[name].unit)
         lines.append(_line(name, f"input, hold: {held}", given, experiment.series[name] / factor))
     sampling = clocks.in_words(experiment.t)
-    ending = f" of {one.label}" if one.label else ""
-    return f"columns{ending} ({sampling}):\n{aligned(lines, left={0, 1, 2, 3})}"
+    return f"{one.entitled('columns')} ({sampling}):\n{aligned(lines, left={0, 1, 2, 3})}"
 
 
 def made(problem: Problem) -> tuple[str, ...]:

@@ -16,12 +16,12 @@ from bayesdrill.basics.units import Unit
 from bayesdrill.engines.mode import Mode
 from bayesdrill.engines.sampling import Sampled
 from bayesdrill.inference.problem import Problem
-from bayesdrill.inference.residual_checks import Left
+from bayesdrill.inference.residual_checks import Left, like_noise
 from bayesdrill.insight.derived import Derived, derive, summarise, with_products
 from bayesdrill.insight.derived import Row as Following
 from bayesdrill.insight.diagnostics import Row
 from bayesdrill.insight.leaning import leaning
-from bayesdrill.insight.nuisances import Causes
+from bayesdrill.insight.nuisances import Causes, causes
 from bayesdrill.insight.repeats import Repeat
 from bayesdrill.insight.verdict import Judgement
 from bayesdrill.report import residual_words, words
@@ -57,9 +57,9 @@ class Drawing:
 @dataclass(frozen=True)
 class View:
     """`rows`: of the unknowns; `left`: what the best fit leaves of each channel; `judged`: None where
-    there is no table; `notes`: sentences; `causes`: what would explain a fit that leaves more than
-    noise; `repeats`: products as each of several experiments has them; `seconds`: how long the parts of
-    the run took, where that is known.  `sparing` is told of derived quantities that fail.
+    there is no table; `notes`: sentences; `repeats`: products as each of several experiments has them;
+    `seconds`: how long the parts of the run took, where that is known.  `sparing` is told of derived
+    quantities that fail.
     """
 
     problem: Problem
@@ -70,7 +70,6 @@ class View:
     left: tuple[Left, ...]
     judged: Judgement | None
     notes: tuple[str, ...]
-    causes: Causes | None = None
     repeats: tuple[Repeat, ...] = ()
     seconds: Mapping[str, float] = field(default_factory=dict)
     sparing: Sparing = field(default_factory=Sparing)
@@ -101,6 +100,11 @@ class View:
     def best(self) -> Array:
         """The MAP `(D,)`."""
         return self.problem.posterior.space.vector(self.mode.values)
+
+    @cached_property
+    def causes(self) -> Causes | None:
+        """What would explain a fit that leaves more than noise."""
+        return None if like_noise(self.left) else causes(self.problem.posterior, self.best)
 
     @cached_property
     def leaning(self) -> Mapping[str, tuple[str, ...]]:

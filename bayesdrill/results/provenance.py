@@ -86,18 +86,14 @@ def _of_experiments(problem: Problem) -> dict[str, str]:
     found: dict[str, str] = {}
     for one in problem.observations:
         said = _of_experiment(one.experiment) | _of_sensors(one) | _of_noise(one)
-        found |= {_of(name, one): value for name, value in said.items()}
+        found |= {one.entitled(name): value for name, value in said.items()}
     return found
-
-
-def _of(name: str, one: Observation) -> str:
-    return f"{name} of {one.label}" if one.label else name
 
 
 def _of_sensors(one: Observation) -> dict[str, str]:
     """What they are told beside the rig's parameters, where there is anything."""
-    sensing = getattr(one.response, "sensing", None)
-    if sensing is None or sensing.nothing:
+    sensing = one.response.sensing
+    if sensing.nothing:
         return {}
     found = {"the sensors": sensing.in_words, "the start": sensing.start_in_words}
     return {name: said for name, said in found.items() if said}
@@ -137,7 +133,7 @@ def _noise_held(config: Config, problem: Problem, own: OwnUnits) -> dict[str, st
         for k, sigma in one.noise.held().items():
             if isinstance(sigma, float):
                 shown = experiments.common_or_own(config, noise_name(names[k]), one.label)
-                found[_of(f"the noise of {names[k]}", one)] = own.said(shown, sigma, 6)
+                found[one.entitled(f"the noise of {names[k]}")] = own.said(shown, sigma, 6)
     return found
 
 

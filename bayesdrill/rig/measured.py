@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from bayesdrill.record.experiment import Experiment, frozen
 from bayesdrill.rig import steady
 from bayesdrill.rig.dense import Dense
-from bayesdrill.rig.models.linear import Model, dynamics
+from bayesdrill.rig.models.linear import Model, driven, dynamics
 from bayesdrill.rig.models.tangent import Tangent
 from bayesdrill.rig.response import Response
 from bayesdrill.rig.sensing import Sensing, wired
@@ -170,9 +170,7 @@ class Measured:
         )
         found = self._cut(self._tangent.signals(both, begin, earlier, shift, slopes))
         if shift is not None:
-            self._mend_before(
-                found, shift, ahead, begin, earlier, slopes, (matrix, by_input, forcing)
-            )
+            self._mend_before(found, shift, ahead, begin, earlier, (matrix, by_input, forcing))
         return found
 
     def _mend_before(
@@ -182,7 +180,6 @@ class Measured:
         ahead: Array,
         begin: Array,
         earlier: Array,
-        slopes: Array,
         numbers: tuple[Array, Array, Array],
     ) -> None:
         """Before the start the states go on straight, and not as the rig moves."""
@@ -210,8 +207,7 @@ class Measured:
     @cached_property
     def _weights(self) -> Array:
         """`(K, X)`."""
-        channels = self.experiment.channels
-        return np.array([[c.weights.get(n, 0.0) for n in self.model.states] for c in channels])
+        return self.experiment.weights(self.model.states)
 
     def _told(self, full: Array) -> Array:
         """The parameters of the wired rig, of all."""
@@ -304,13 +300,10 @@ def _numbers(model: Model, experiment: Experiment, told: Array) -> tuple[Array, 
     """`A (n, X, X)`, `B (n, X, S)` of the sampled inputs, and what is constant `(n, X)`."""
     named = dict(zip(model.parameters, told.T, strict=True))
     linear, n = model.linear(named), len(told)
-    index = {name: k for k, name in enumerate(model.states)}
     sampled = list(experiment.series)
-    by_input, forcing = np.zeros((n, len(index), len(sampled))), np.zeros((n, len(index)))
-    for row, value in linear.c.items():
-        forcing[:, index[row]] += value
+    by_input = np.zeros((n, len(model.states), len(sampled)))
     for (row, name), value in linear.B.items():
-        forcing[:, index[row]] += value * experiment.constant.get(name, 0.0)
         if name in sampled:
-            by_input[:, index[row], sampled.index(name)] += value
-    return dynamics(linear, model.states, n), by_input, forcing
+            by_input[:, model.states.index(row), sampled.index(name)] += value
+    constant = driven(linear, model.states, n, experiment.constant)
+    return dynamics(linear, model.states, n), by_input, constant

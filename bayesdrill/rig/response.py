@@ -10,7 +10,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,7 @@ from bayesdrill.record.experiment import Experiment, frozen
 from bayesdrill.rig.kernels import LANES, Kernels, Layout, compile_kernels, scratch_size
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.models.tangent import DOT, Tangent
+from bayesdrill.rig.sensing import Sensing
 
 Array = NDArray[np.float64]
 
@@ -52,6 +53,8 @@ class Response:
 
     def __setstate__(self, state: Mapping[str, Any]) -> None:
         self.__init__(state["model"], state["experiment"])  # type: ignore[misc]
+
+    sensing: ClassVar = Sensing()  # perfect sensors, and a start that is known
 
     @property
     def parameters(self) -> tuple[str, ...]:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from bayesdrill.record.experiment import Experiment
 from bayesdrill.rig.models.linear import Model
+from bayesdrill.rig.sensing import Sensing
 
 Array = NDArray[np.float64]
 
@@ -28,6 +29,11 @@ class Simulator(Protocol):
 
     @property
     def experiment(self) -> Experiment: ...
+
+    @property
+    def sensing(self) -> Sensing:
+        """What it is told beside the rig's parameters."""
+        ...
 
     def signals(self, full: Array) -> Array:
         """The channels without noise, `(W, T, K)`."""

@@ -5,15 +5,14 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 
-from bayesdrill.basics.errors import InputError
-from bayesdrill.basics.errors import Problem as Wrong
+from bayesdrill.basics.errors import InputError, of_each
 from bayesdrill.inference.likelihood import Likelihood, Part
 from bayesdrill.inference.noise.contract import Noise
 from bayesdrill.inference.noise.mixed import with_gaps
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.problem import Problem
 from bayesdrill.inference.unknowns import Unknown, of_label
-from bayesdrill.record.experiment import Experiment, raise_if_any
+from bayesdrill.record.experiment import Experiment
 from bayesdrill.rig.measured import simulator
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.simulator import Simulator
@@ -33,7 +32,9 @@ def problem(config: Config, views: Sequence[View], experiments: Sequence[Experim
     rig = build.model(config)
     labels = [view.label for view in views]
     parts, told, levels = [], dict[str, Declared](), dict[str, Unknown]()
-    for view, (response, own, scatter) in zip(views, _each(rig, views, experiments), strict=True):
+    pairs = zip(views, experiments, strict=True)
+    made = of_each(lambda pair: _told_and_noise(pair[0], rig, pair[1]), pairs)
+    for view, (response, own, scatter) in zip(views, made, strict=True):
         renamed = {each.name: common_or_own(config, each.name, view.label) for each in own}
         for each in own:
             told.setdefault(renamed[each.name], each.of(view.label, renamed[each.name]))
@@ -74,19 +75,11 @@ def problem(config: Config, views: Sequence[View], experiments: Sequence[Experim
     )
 
 
-def _each(
-    model: Model, views: Sequence[View], experiments: Sequence[Experiment]
-) -> list[tuple[Simulator, list[Declared], Noise]]:
-    """What is wrong with any of them is told at once."""
-    made, problems = [], list[Wrong]()
-    for view, experiment in zip(views, experiments, strict=True):
-        try:
-            response, told = simulated(view, model, experiment)
-            made.append((response, told, _noise(view, model, response.experiment)))
-        except InputError as error:
-            problems += error.problems
-    raise_if_any(list(dict.fromkeys(problems)))
-    return made
+def _told_and_noise(
+    view: View, model: Model, experiment: Experiment
+) -> tuple[Simulator, list[Declared], Noise]:
+    response, told = simulated(view, model, experiment)
+    return response, told, _noise(view, model, response.experiment)
 
 
 def _noise(view: View, model: Model, experiment: Experiment) -> Noise:

@@ -9,13 +9,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdrill.basics.errors import InputError
+from bayesdrill.basics.errors import InputError, of_each
 from bayesdrill.basics.errors import Problem as Wrong
 from bayesdrill.basics.units import Unit
 from bayesdrill.inference.problem import Problem
 from bayesdrill.insight import derived
 from bayesdrill.insight.identifiability.study import Asked
-from bayesdrill.record.experiment import Experiment, raise_if_any
 from bayesdrill.record.formats import Table
 from bayesdrill.setup import assembling, build, loading, own_units, reading
 from bayesdrill.setup.config import Config
@@ -61,7 +60,8 @@ def assemble(config: Config, source: Source, table: Table | None = None) -> Job:
     `table`: the record, where it is in no file.
     """
     every = views(config, source)
-    problem = assembling.problem(config, every, _records(every, table))
+    records = of_each(lambda view: reading.read(view.config, view.source, table), every)
+    problem = assembling.problem(config, every, records)
     posterior = problem.posterior
     start = posterior.space.vector(posterior.space.start)
     if not np.isfinite(posterior.density(start[None])[0]):
@@ -77,18 +77,6 @@ def assemble(config: Config, source: Source, table: Table | None = None) -> Job:
         named = [source.problem(("derived", name), text) for name, text in impossible.items()]
         raise InputError(named)
     return Job(config=config, source=source, problem=problem)
-
-
-def _records(every: Sequence[View], table: Table | None) -> list[Experiment]:
-    """What is wrong with any of them is told at once."""
-    found, problems = list[Experiment](), list[Wrong]()
-    for view in every:
-        try:
-            found.append(reading.read(view.config, view.source, table))
-        except InputError as error:
-            problems += error.problems
-    raise_if_any(list(dict.fromkeys(problems)))
-    return found
 
 
 def _unsteady(every: Sequence[View], problem: Problem, start: Array) -> list[Wrong]:

@@ -131,17 +131,17 @@ def _of_column(
 def _of_states(config: Config, model: Model) -> Iterator[Entry]:
     """Those with a prior; what is held or `free` is said elsewhere."""
     for name in model.states:
-        given, symbol = getattr(config.initial, name), vocabulary.STATES[name]
+        given, symbol = getattr(config.initial, name), symbol_of_state(name)
         if isinstance(given, SignedPrior):
             yield Entry(
                 place=("initial", name),
                 kind="state",
                 of=name,
-                name=state_name(name),
+                name=symbol.name,
                 spec=given,
                 unit=symbol.unit,
                 si=symbol.unit,
-                latex=rf"{symbol.latex}(0)",
+                latex=symbol.latex,
             )
 
 

@@ -7,9 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from oracles import NOMINAL
-from rigs import experiment, vector
+from rigs import experiment, unknown, vector
 
-from bayesdrill.basics.symbols import PARAMETERS
 from bayesdrill.engines.climb import climb
 from bayesdrill.inference.likelihood import Likelihood
 from bayesdrill.inference.noise.contract import Noisy
@@ -17,7 +16,7 @@ from bayesdrill.inference.noise.white import White
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.priors import Uniform
 from bayesdrill.inference.surface import PosteriorSurface
-from bayesdrill.inference.unknowns import ParameterSpace, Unknown
+from bayesdrill.inference.unknowns import ParameterSpace
 from bayesdrill.insight.identifiability.scenes import Scenery
 from bayesdrill.insight.moments import half_a_sample
 from bayesdrill.insight.nuisances import Causes, causes
@@ -52,13 +51,7 @@ def seen(sensing: Sensing, told: list[float], start: dict[str, float] | None = N
 def believed(record: Experiment, sensing: Sensing | None = None) -> Posterior:
     """As if the sensors were perfect and the rig at rest before."""
     unknowns = tuple(
-        Unknown(
-            symbol=PARAMETERS[name],
-            role="rig",
-            prior=Uniform(0.3 * NOMINAL[name], 3 * NOMINAL[name]),
-            start=NOMINAL[name],
-        )
-        for name in FREE
+        unknown(name, Uniform(0.3 * NOMINAL[name], 3 * NOMINAL[name])) for name in FREE
     )
     fixed = dict(zip(MotorShaft.parameters, TRUTH.tolist(), strict=True))
     noisy = [

@@ -7,9 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from oracles import NOMINAL, ORDER
-from rigs import experiment, vector
+from rigs import experiment, unknown, vector
 
-from bayesdrill.basics.symbols import PARAMETERS
 from bayesdrill.engines.climb import climb
 from bayesdrill.inference.likelihood import Likelihood, Part
 from bayesdrill.inference.noise.contract import Noisy
@@ -17,7 +16,7 @@ from bayesdrill.inference.noise.white import White
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.priors import Uniform
 from bayesdrill.inference.surface import PosteriorSurface
-from bayesdrill.inference.unknowns import ParameterSpace, Unknown
+from bayesdrill.inference.unknowns import ParameterSpace
 from bayesdrill.insight.identifiability.scenes import Scenery
 from bayesdrill.insight.repeats import Repeat, repeats
 from bayesdrill.report import repeat_words
@@ -51,13 +50,7 @@ def compared(stiffer: float, seed: int = 0) -> tuple[Repeat, ...]:
             )
         )
     unknowns = tuple(
-        Unknown(
-            symbol=PARAMETERS[name],
-            role="rig",
-            prior=Uniform(0.5 * NOMINAL[name], 2 * NOMINAL[name]),
-            start=NOMINAL[name],
-        )
-        for name in FREE
+        unknown(name, Uniform(0.5 * NOMINAL[name], 2 * NOMINAL[name])) for name in FREE
     )
     fixed = {name: NOMINAL[name] for name in ORDER if name not in FREE}
     space = ParameterSpace(model=ORDER, unknowns=unknowns, fixed=fixed)
@@ -97,9 +90,7 @@ def test_one_experiment_has_none_to_compare() -> None:
     assert repeat_words.sentence((), FREE) == ""
     space = ParameterSpace(
         model=ORDER,
-        unknowns=(
-            Unknown(symbol=PARAMETERS["k_s"], role="rig", prior=Uniform(0.1, 1), start=0.26),
-        ),
+        unknowns=(unknown("k_s", Uniform(0.1, 1)),),
         fixed={name: NOMINAL[name] for name in ORDER if name != "k_s"},
     )
     noise = White.of([Noisy(channel=c, sigma=1.0, start=1.0) for c in record.channels], 50)

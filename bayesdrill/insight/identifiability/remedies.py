@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from bayesdrill.insight.identifiability import information
 from bayesdrill.insight.identifiability.information import Information
-from bayesdrill.insight.identifiability.scenes import Scene, Scenery, weights
+from bayesdrill.insight.identifiability.scenes import Scene, Scenery
 from bayesdrill.insight.identifiability.structure import Exponents
 from bayesdrill.record.experiment import usual_inputs
 from bayesdrill.rig.vocabulary import STATES
@@ -114,7 +114,7 @@ def _more_channels(scenery: Scenery, theta: Array) -> Iterator[tuple[str, Scene]
     """Each state that is not measured yet, with the signal-to-noise ratio of the others."""
     motions = scenery.motions(theta)
     ratio = np.median([scenery.swing(theta, motion, k) for k, motion in enumerate(motions)])
-    seen = [weights(one.experiment, scenery.states) for one in scenery.likelihood.observations]
+    seen = [one.experiment.weights(scenery.states) for one in scenery.likelihood.observations]
     spreads = np.median([motion.std(axis=0) for motion in motions], axis=0)
     for name, unit, spread in zip(scenery.states, np.eye(len(spreads)), spreads, strict=True):
         new = any(np.linalg.matrix_rank(np.vstack([w, unit])) > len(w) for w in seen)
@@ -146,7 +146,7 @@ def _largest_change(scenery: Scenery, theta: Array, other: Scene) -> float:
     found = []
     pairs = zip(scenery.motions(theta), scenery.motions(theta, other), strict=True)
     for one, (before, after) in zip(scenery.likelihood.observations, pairs, strict=True):
-        here, there = (x @ weights(one.experiment, scenery.states).T for x in (before, after))
+        here, there = (x @ one.experiment.weights(scenery.states).T for x in (before, after))
         with np.errstate(all="ignore"):  # of a channel that stands still: no number, or infinite
             found.append(np.max(np.ptp(there - here, axis=0) / np.ptp(here, axis=0)))
     return float(np.max(found))

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from bayesdrill.inference.laplace import natural_spread
 from bayesdrill.inference.likelihood import Likelihood, Observation
 from bayesdrill.inference.unknowns import MOVES
-from bayesdrill.record.experiment import Channel, Experiment
+from bayesdrill.record.experiment import of_states
 
 Array = NDArray[np.float64]
 
@@ -68,12 +68,27 @@ class Scenery:
         """`sensitivities` of all records, and of as many others of the same sensors in a scene."""
         return self._of_rig(np.vstack([self.every(theta), self.every(theta, scene)]))
 
+    def alone(self, rows: Array, rest: Array) -> tuple[Array, Array]:
+        """`R (m, m)` and `b (m,)` of rows `(n, m + k)`, and what is left over the noise, `rest (n,)`.
+
+        These rows alone know the rig's unknowns as `R' R`, and would move them by `R^-1 b`, whatever the
+        nuisances are.
+        """
+        m = len(self.unknowns)
+        matrix = self._with_priors(np.insert(rows, m, rest, axis=1), m + 1)
+        found = without(matrix, m + 1)
+        return found[:m, :m], found[:m, m]
+
     def _of_rig(self, rows: Array) -> Array:
         m = len(self.unknowns)
         if not self.nuisances or not np.isfinite(rows).all():
             return rows[:, :m]
-        held = np.hstack([np.zeros((len(self._known), m)), np.diag(self._known)])
-        return without(np.vstack([rows, held]), m)
+        return without(self._with_priors(rows, m), m)
+
+    def _with_priors(self, rows: Array, before: int) -> Array:
+        """Of nuisances, which stand in the columns from `before` on."""
+        held = np.hstack([np.zeros((len(self._known), before)), np.diag(self._known)])
+        return np.vstack([rows, held])
 
     def every(self, theta: Array, scene: Scene = AS_IT_IS) -> Array:
         """`(n, m + k)`: of nuisances as well, on their natural scale."""
@@ -97,7 +112,7 @@ class Scenery:
         one = self.likelihood.observations[which]
         sigma = one.scales(theta[None])[0]
         return float(
-            np.median((motion @ weights(one.experiment, self.states).T).std(axis=0) / sigma)
+            np.median((motion @ one.experiment.weights(self.states).T).std(axis=0) / sigma)
         )
 
 
@@ -109,11 +124,6 @@ def without(rows: Array, m: int) -> Array:
     return np.asarray(np.vstack([left, np.zeros((m - len(left), m))]) if len(left) < m else left)
 
 
-def weights(experiment: Experiment, states: tuple[str, ...]) -> Array:
-    """Channels as sums of states: `(K, X)`."""
-    return np.array([[c.weights.get(name, 0.0) for name in states] for c in experiment.channels])
-
-
 class _Stage:
     """One experiment with its states for further channels, whose inputs can all be changed."""
 
@@ -123,10 +133,7 @@ class _Stage:
         n = len(experiment.t)
         self._base = {name: experiment.series.get(name, np.zeros(n)) for name in model.inputs}
         self._late = (np.arange(n) >= n // 2).astype(float)
-        every = tuple(
-            Channel(name=f"state {name}", weights={name: 1.0}, unit="", latex="", latex_unit="")
-            for name in model.states
-        )
+        every = of_states(model.states)
         shown = dataclasses.replace(
             experiment,
             y=np.zeros((n, self._k + len(every))),
@@ -141,12 +148,7 @@ class _Stage:
     def whitened(self, full: Array, along: Array, theta: Array, scene: Scene) -> Array:
         """Rows over the noise, zero where nothing was measured: `(n, m + k)`."""
         slopes = self._run(full, along, scene)[1]
-        one, own = self._one, theta[None, self._one.own]
-        mine = np.where(one.experiment.seen, slopes[:, :, : self._k], 0.0)
-        if one.noise.white:
-            rows = mine / one.scales(theta[None])[0]
-        else:
-            rows = one.noise.inform(mine, np.repeat(own, len(mine), axis=0))
+        rows = self._one.informed(slopes[:, :, : self._k], theta)
         places = [self._states.index(name) for name in scene.extra]
         more = slopes[:, :, [self._k + place for place in places]]
         if places:

@@ -37,6 +37,19 @@ def dynamics(linear: Linear, states: tuple[str, ...], n: int) -> Array:
     return matrix
 
 
+def driven(
+    linear: Linear, states: tuple[str, ...], n: int, inputs: Mapping[str, Array | float]
+) -> Array:
+    """`B u + c`, `(n, X)`, with `inputs` that are numbers or `(n,)`; what is not named is zero."""
+    index = {name: k for k, name in enumerate(states)}
+    out = np.zeros((n, len(states)))
+    for row, value in linear.c.items():
+        out[:, index[row]] += value
+    for (row, name), value in linear.B.items():
+        out[:, index[row]] += value * inputs.get(name, 0.0)
+    return out
+
+
 class Model(Protocol):
     """A rig: a frozen dataclass whose annotated fields are its constants, entries of `model:`.
 

@@ -5,13 +5,13 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from bayesdrill.basics.errors import InputError, Problem
+from bayesdrill.basics.errors import InputError, of_each
 from bayesdrill.setup.guessing.columns import LEAST
 from bayesdrill.setup.guessing.drafts import Sensor
 from bayesdrill.setup.guessing.examine import Examined, as_told, examine, hopeless
@@ -40,16 +40,16 @@ class Experiments:
 def experiments(records: Sequence[Path], gear: float | None) -> Experiments:
     """Raises `InputError` where nothing can be made of a file, or not of all together."""
     _refuse_twice(records)
-    examined = _each(lambda path: examine(path, gear), records)
+    examined = of_each(lambda path: examine(path, gear), records)
     inputs = [one for one in examined if one.only_inputs]
     channels = [one for one in examined if not one.only_inputs]
-    _each(_refuse_without_channels, channels or inputs)
+    of_each(_refuse_without_channels, channels or inputs)
     lead = min(channels, key=_unsure)
-    channels = _each(lambda one: one if one is lead else as_told(one, lead), channels)
+    channels = of_each(lambda one: one if one is lead else as_told(one, lead), channels)
     beside: list[Examined | None] = [None] * len(channels)
     if inputs:
         best = min(inputs, key=lambda one: one.doubts)
-        inputs = _each(lambda one: one if one is best else as_told(one, best), inputs)
+        inputs = of_each(lambda one: one if one is best else as_told(one, best), inputs)
         beside = [*_paired(channels, inputs)]
     names = labels([one.path for one in channels]) if len(channels) > 1 else [""]
     every = tuple(
@@ -57,20 +57,6 @@ def experiments(records: Sequence[Path], gear: float | None) -> Experiments:
         for name, one, other in zip(names, channels, beside, strict=True)
     )
     return Experiments(every, next(one for one in every if one.of.path == lead.path))
-
-
-def _each[T, S](do: Callable[[T], S], those: Sequence[T]) -> list[S]:
-    """What is wrong with any of them, at once."""
-    found: list[S] = []
-    problems: list[Problem] = []
-    for one in those:
-        try:
-            found.append(do(one))
-        except InputError as error:
-            problems += error.problems
-    if problems:
-        raise InputError(problems)
-    return found
 
 
 def _refuse_without_channels(one: Examined) -> None:
