@@ -1,0 +1,173 @@
+"""Friction that is dry: efforts against a speed, or a current, that can stop it and do no more.
+
+    at' = ... - (entry of B) * T         T = sgn(at) size   while it moves,
+                                         |T| <= size        while it sticks
+
+`Friction` names an effort of a rig and its law.  Its effort is a column of the rig's `B`, whose entry in
+the row that it is `against` is negative.  Laws give sizes, never signs: they see how fast it moves.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+from bayesdrill.basics.arithmetic import exp, size
+from bayesdrill.rig.models.linear import Named
+
+
+class Law(Protocol):
+    """Frozen: kernels are kept by the rigs that they were made of.
+
+    `parameters` that it names; `seen`: states and inputs that it names beside the speed; `steady`:
+    whether its size is that of the parameters alone.
+    """
+
+    @property
+    def parameters(self) -> tuple[str, ...]: ...
+
+    @property
+    def seen(self) -> tuple[str, ...]: ...
+
+    @property
+    def steady(self) -> bool: ...
+
+    def size(self, p: Named, speed: Any, seen: Mapping[str, Any]) -> Any:
+        """At a `speed` that is not negative."""
+        ...
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Friction:
+    """`name`: its column of `B`; `against`: a state; `holds`: the angle that stays where it is while it
+    sticks; `where`: in words, such as `at rotor 1`.
+    """
+
+    name: str
+    against: str
+    law: Law
+    holds: str | None = None
+    where: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Coulomb:
+    """As much as the parameter `sliding`, at any speed."""
+
+    sliding: str
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        return (self.sliding,)
+
+    @property
+    def seen(self) -> tuple[str, ...]:
+        return ()
+
+    @property
+    def steady(self) -> bool:
+        return True
+
+    def size(self, p: Named, speed: Any, seen: Mapping[str, Any]) -> Any:
+        return p[self.sliding]
+
+
+@dataclass(frozen=True, slots=True)
+class Stribeck:
+    """`sliding + (static - sliding) exp(-(|w|/scale)^power)`, `times`: w for one of the state."""
+
+    sliding: str
+    static: str
+    scale: str
+    power: int = 1
+    times: float = 1.0
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        return (self.sliding, self.static, self.scale)
+
+    @property
+    def seen(self) -> tuple[str, ...]:
+        return ()
+
+    @property
+    def steady(self) -> bool:
+        return False
+
+    def size(self, p: Named, speed: Any, seen: Mapping[str, Any]) -> Any:
+        sliding: Any = p[self.sliding]
+        share = exp(-((speed * self.times / p[self.scale]) ** self.power))
+        return sliding + (p[self.static] - sliding) * share
+
+
+@dataclass(frozen=True, slots=True)
+class BitRock:
+    """`W b_0 (tanh(b_1 |w|) + b_2 |w| / (1 + b_3 w^2))` under the weight W on the bit.
+
+    It vanishes with the speed, so that nothing sticks.  The law of a drill-string code of LAVI,
+    COPPE/UFRJ, with W the weight on bit [N].
+    """
+
+    factor: str
+    stiff: str
+    hump: str
+    width: str
+    weight: str
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        return (self.factor, self.stiff, self.hump, self.width)
+
+    @property
+    def seen(self) -> tuple[str, ...]:
+        return (self.weight,)
+
+    @property
+    def steady(self) -> bool:
+        return False
+
+    def size(self, p: Named, speed: Any, seen: Mapping[str, Any]) -> Any:
+        decay = exp(-2.0 * (p[self.stiff] * speed))
+        rising = (1.0 - decay) / (1.0 + decay)
+        hump = p[self.hump] * speed / (1.0 + p[self.width] * speed**2)
+        return seen[self.weight] * p[self.factor] * (rising + hump)
+
+
+@dataclass(frozen=True, slots=True)
+class Losing:
+    """`law`, None for nothing, and what a gear with an efficiency loses: (1/eta - 1) of the torque that it passes on.
+
+    That torque, on the side of the friction, is `factor k (angle_2 - angle_1)`, as the parameter `stiffness`
+    has it.  Where the load drives, the gear's efficiency is 2 - 1/eta.
+    """
+
+    law: Law | None
+    efficiency: str
+    stiffness: str
+    angles: tuple[str, str]
+    factor: float
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        own = (self.efficiency, self.stiffness)
+        return own if self.law is None else (*self.law.parameters, *own)
+
+    @property
+    def seen(self) -> tuple[str, ...]:
+        return self.angles if self.law is None else (*self.law.seen, *self.angles)
+
+    @property
+    def steady(self) -> bool:
+        return False
+
+    def size(self, p: Named, speed: Any, seen: Mapping[str, Any]) -> Any:
+        first, second = self.angles
+        passed = size(p[self.stiffness] * (seen[second] - seen[first])) * self.factor
+        lost = (1.0 / p[self.efficiency] - 1.0) * passed
+        return lost if self.law is None else self.law.size(p, speed, seen) + lost
+
+
+def frictions_of(model: Any) -> tuple[Friction, ...]:
+    """None of a rig that is linear."""
+    return getattr(model, "frictions", ())
