@@ -173,6 +173,12 @@ class Mask:
     def both(self, other: Mask) -> Mask:
         return Mask(self.b, self.b.and_(self.value, other.value))
 
+    def turned(self) -> Mask:
+        return Mask(self.b, self.b.not_(self.value))
+
+    def without(self, other: Mask) -> Mask:
+        return self.both(other.turned())
+
     def either(self, other: Mask) -> Mask:
         return Mask(self.b, self.b.or_(self.value, other.value))
 

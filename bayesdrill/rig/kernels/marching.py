@@ -21,7 +21,7 @@ from bayesdrill.rig.kernels.lanes import (
     whole_numbers,
 )
 from bayesdrill.rig.kernels.pieces import Own, Shape
-from bayesdrill.rig.kernels.rubbing import Kind, Number, Rub, Step, Taken, total
+from bayesdrill.rig.kernels.rubbing import Kind, Number, Past, Rub, Step, total
 
 
 class Writer:
@@ -142,19 +142,26 @@ class Writer:
         return here + (earlier - here) * share
 
     def start(self) -> list[ir.Value]:
-        """What is carried from step to step: states and, where they change, sizes of frictions."""
+        """What is carried from step to step: the state and, as far as it changes, the past."""
         state = self.part("x0")
-        sizes = [] if self.step.steady else self.step.sizes(state, self.drive(I64(0))[1])
-        return self.kind.flat([*state, *sizes])
+        return self._carried(state, self.step.begun(state, self.drive(I64(0))[1]))
 
-    def once(self, node: ir.Value, carried: Sequence[ir.Value]) -> tuple[Taken, list[ir.Value]]:
-        """A step, and what is carried on."""
-        numbers, x = self.kind.shaped(carried), self.x_count
-        steady = self.step.steady
-        sizes = [rub.size for rub in self.step.rubs] if steady else numbers[x:]
+    def _carried(self, state: list[Number], past: Past) -> list[ir.Value]:
+        sizes = [] if self.step.steady else past.sizes
+        return self.kind.flat([*state, *past.efforts, *sizes, *past.trends])
+
+    def once(
+        self, node: ir.Value, carried: Sequence[ir.Value]
+    ) -> tuple[list[Number], list[Number], list[ir.Value]]:
+        """A step: the new state, the efforts, and what is carried on."""
+        numbers, x, e = self.kind.shaped(carried), self.x_count, len(self.step.rubs)
+        rest = numbers[x + e :]
+        steady = [rub.size for rub in self.step.rubs] if self.step.steady else rest[:e]
+        trends = rest if self.step.steady else rest[e:]
+        past = Past(numbers[x : x + e], steady, trends)
         drive, middle = self.drive(node)
-        taken = self.step.taken(numbers[:x], sizes, drive, middle)
-        return taken, self.kind.flat([*taken.state, *([] if steady else taken.sizes)])
+        new, past = self.step.taken(numbers[:x], past, drive, middle)
+        return new, past.efforts, self._carried(new, past)
 
     def march(self) -> None:
         """From sample to sample; channels see the states there."""
@@ -166,14 +173,14 @@ class Writer:
         carried, totals = rest[: len(start)], rest[len(start) :]
         state = self.kind.shaped(carried)[: self.x_count]
         if shape.single:
-            taken, last = self.once(node, carried)
-            totals = self.observe(samples.index, state, taken.efforts, totals)
+            _, efforts, last = self.once(node, carried)
+            totals = self.observe(samples.index, state, efforts, totals)
             samples.close([b.add(node, I64(1)), *last, *totals])
         else:
             totals = self.observe(samples.index, state, [], totals)
             count = b.load(b.gep(self.a["pieces"], [samples.index]))
             pieces = Loop(b, count, carried, "pieces")
-            _, last = self.once(b.add(node, pieces.index), pieces.carried)
+            _, _, last = self.once(b.add(node, pieces.index), pieces.carried)
             pieces.close(last)
             samples.close([b.add(node, count), *last, *totals])
         self.keep(totals)
@@ -211,7 +218,8 @@ class Writer:
         if self.shape.sums:
             y = b.load(b.gep(self.a["y"], [flat]))
             left = b.fsub(splat(b, y), value.value)
-            left = b.select(b.fcmp_ordered("ord", y, y), left, vector(0.0))
+            if self.shape.gaps:
+                left = b.select(b.fcmp_ordered("ord", y, y), left, vector(0.0))
             return [fma(b, left, left, totals[k])]
         row = b.mul(b.mul(self.group, self.a["samples"]), I64(k_count))
         place = b.mul(b.add(row, flat), I64(self.shape.numbers))

@@ -39,16 +39,16 @@ def emit_trace(w: Writer) -> None:
     nodes = Loop(b, w.a["nodes"], w.start(), "nodes")
     state = w.kind.shaped(nodes.carried)[: w.x_count]
     drive, _ = w.drive(nodes.index)
-    taken, last = w.once(nodes.index, nodes.carried)
-    after = rates.of(state, drive, taken.efforts)
-    before = rates.of(taken.state, drive, taken.efforts, late=True)
+    new, efforts, last = w.once(nodes.index, nodes.carried)
+    after = rates.of(state, drive, efforts)
+    before = rates.of(new, drive, efforts, late=True)
     for k in range(w.k_count):
         kept = [w.seen(k, state, []), *(_seen_rate(w, k, rate) for rate in (after, before))]
         _keep(w, nodes.index, k, kept)
     nodes.close(last)
     zero: Number = Lane(b, vector(0.0))
     for k in range(w.k_count):
-        _keep(w, w.a["nodes"], k, [w.seen(k, taken.state, []), zero, zero])
+        _keep(w, w.a["nodes"], k, [w.seen(k, new, []), zero, zero])
 
 
 def _keep(w: Writer, node: ir.Value, k: int, kept: Sequence[Number]) -> None:
