@@ -197,6 +197,16 @@ _EXP = (
 )
 
 
+def _even_odd(b: ir.IRBuilder, weights: list[ir.Value], x: ir.Value) -> ir.Value:
+    """A polynomial, pairs of its terms at a time: chains of a few operations (Estrin)."""
+    while len(weights) > 1:
+        ends = [*weights, None] if len(weights) % 2 else weights
+        pairs = zip(ends[::2], ends[1::2], strict=True)
+        weights = [low if high is None else fma(b, high, x, low) for low, high in pairs]
+        x = b.fmul(x, x)
+    return weights[0]
+
+
 def emit_exp(b: ir.IRBuilder, value: ir.Value) -> ir.Value:
     """Of numbers up to 700, to 2e-9: a power of two and a short polynomial."""
     low = b.fcmp_ordered("<", value, vector(_LEAST_POWER))
@@ -204,8 +214,6 @@ def emit_exp(b: ir.IRBuilder, value: ir.Value) -> ir.Value:
     shifted = fma(b, value, vector(1.0 / math.log(2.0)), vector(_ROUNDER))
     whole = b.fsub(shifted, vector(_ROUNDER))
     rest = fma(b, whole, vector(-math.log(2.0)), value)
-    total = vector(_EXP[-1])
-    for weight in reversed(_EXP[:-1]):
-        total = fma(b, total, rest, vector(weight))
+    total = _even_odd(b, [vector(weight) for weight in _EXP], rest)
     power = b.shl(b.bitcast(shifted, INT_VEC), whole_numbers(52))
     return b.bitcast(b.add(b.bitcast(total, INT_VEC), power), VEC)

@@ -21,7 +21,7 @@ from bayesdrill.rig.kernels.lanes import (
     whole_numbers,
 )
 from bayesdrill.rig.kernels.pieces import Own, Shape
-from bayesdrill.rig.kernels.rubbing import Kind, Number, Past, Rub, Step, total
+from bayesdrill.rig.kernels.rubbing import Kind, Number, Past, Rub, Step, fused, total
 
 
 class Writer:
@@ -194,7 +194,9 @@ class Writer:
         """What channel k makes of it."""
         values = dict(enumerate([*state, None, *efforts]))
         terms = [(row, values[r]) for r, row in self.rows[k].items() if r != self.x_count]
-        return total(self.rows[k].get(self.x_count, Lane(self.b, vector(0.0))), terms)
+        start = self.rows[k].get(self.x_count)
+        found = total(start, terms)
+        return Lane(self.b, vector(0.0)) if found is None else found
 
     def observe(
         self,
@@ -203,26 +205,37 @@ class Writer:
         efforts: Sequence[Number],
         totals: Sequence[ir.Value],
     ) -> list[ir.Value]:
-        return [
-            new
-            for k in range(self.k_count)
-            for new in self.told(sample, k, self.seen(k, state, efforts), totals)
-        ]
+        """New sums of squares, or none where there are signals."""
+        if not self.shape.sums:
+            for k in range(self.k_count):
+                self.show(sample, k, self.seen(k, state, efforts))
+            return []
+        found = []
+        for k, row in enumerate(self.rows):
+            left = self.measured(sample, k)
+            for r, weight in row.items():
+                value = Lane(self.b, vector(1.0)) if r == self.x_count else state[r]
+                left = fused(-weight, value, left)
+            found.append(self.summed(sample, k, left, totals[k]))
+        return found
 
-    def told(
-        self, sample: ir.Value, k: int, value: Number, totals: Sequence[ir.Value]
-    ) -> list[ir.Value]:
-        """To its sum of squares, which is given back, or to the signals."""
+    def measured(self, sample: ir.Value, k: int) -> Lane:
+        flat = self.b.add(self.b.mul(sample, I64(self.k_count)), I64(k))
+        return Lane(self.b, splat(self.b, self.b.load(self.b.gep(self.a["y"], [flat]))))
+
+    def summed(self, sample: ir.Value, k: int, left: Lane, sum_: ir.Value) -> ir.Value:
+        """With the square of what is left of a sample, if that was seen."""
+        b, value = self.b, left.value
+        if self.shape.gaps:
+            y = self.measured(sample, k).value
+            value = b.select(b.fcmp_ordered("ord", y, y), value, vector(0.0))
+        return fma(b, value, value, sum_)
+
+    def show(self, sample: ir.Value, k: int, value: Number) -> None:
+        """To the signals."""
         b, k_count = self.b, self.k_count
         flat = b.add(b.mul(sample, I64(k_count)), I64(k))
-        if self.shape.sums:
-            y = b.load(b.gep(self.a["y"], [flat]))
-            left = b.fsub(splat(b, y), value.value)
-            if self.shape.gaps:
-                left = b.select(b.fcmp_ordered("ord", y, y), left, vector(0.0))
-            return [fma(b, left, left, totals[k])]
         row = b.mul(b.mul(self.group, self.a["samples"]), I64(k_count))
         place = b.mul(b.add(row, flat), I64(self.shape.numbers))
         for n, register in enumerate(self.kind.flat([value])):
             store(b, register, b.gep(self.a["out"], [place]), n)
-        return []

@@ -123,7 +123,11 @@ def emit_reading(w: Writer) -> None:
     for k in range(w.k_count):
         when = t + shifts[k] * (-1.0 / shape.span)
         value = _read(w, k, when, begins[k])
-        totals += w.told(samples.index, k, value, samples.carried)
+        if shape.sums:
+            left = w.measured(samples.index, k) - value
+            totals.append(w.summed(samples.index, k, left, samples.carried[k]))
+        else:
+            w.show(samples.index, k, value)
     samples.close(totals)
     w.keep(totals)
 

@@ -226,17 +226,11 @@ class Step:
         return where(back, -turned, turned), keeps.either(passes)
 
     def _moved(self, free: list[Number], efforts: list[Number]) -> list[Number]:
-        return [
-            total(
-                one,
-                [
-                    (rub.column[i], effort)
-                    for rub, effort in zip(self.rubs, efforts, strict=True)
-                    if i in rub.column
-                ],
-            )
-            for i, one in enumerate(free)
-        ]
+        new = list(free)
+        for rub, effort in zip(self.rubs, efforts, strict=True):
+            for i, entry in rub.column.items():
+                new[i] = fused(entry, effort, new[i])
+        return new
 
     def _stopped(self, new: list[Number], slips: list[Mask]) -> list[Number]:
         new = list(new)
@@ -281,16 +275,16 @@ def total(start: Number | None, terms: Sequence[tuple[Number, Number]]) -> Numbe
     half = (len(terms) + 1) // 2
     first = start
     for left, right in terms[:half]:
-        first = _fused(left, right, first)
+        first = fused(left, right, first)
     if len(terms) == half:
         return first
     second = None
     for left, right in terms[half:]:
-        second = _fused(left, right, second)
+        second = fused(left, right, second)
     return first + second
 
 
-def _fused(left: Number, right: Number, sum_: Number | None) -> Number:
+def fused(left: Number, right: Number, sum_: Number | None) -> Number:
     """left * right + sum_; a slope of 0.0 is none."""
     one, other = dual(left), dual(right)
     if not isinstance(left, Dual) and not isinstance(right, Dual) and not isinstance(sum_, Dual):
