@@ -105,24 +105,32 @@ class Lane:
         return other.value if isinstance(other, Lane) else vector(float(other))
 
     def __add__(self, other: Lane | float) -> Lane:
+        if not isinstance(other, Lane | float | int):
+            return NotImplemented
         return Lane(self.b, self.b.fadd(self.value, self._of(other)))
 
     def __radd__(self, other: float) -> Lane:
         return self + other
 
     def __sub__(self, other: Lane | float) -> Lane:
+        if not isinstance(other, Lane | float | int):
+            return NotImplemented
         return Lane(self.b, self.b.fsub(self.value, self._of(other)))
 
     def __rsub__(self, other: float) -> Lane:
         return Lane(self.b, self.b.fsub(self._of(other), self.value))
 
     def __mul__(self, other: Lane | float) -> Lane:
+        if not isinstance(other, Lane | float | int):
+            return NotImplemented
         return Lane(self.b, self.b.fmul(self.value, self._of(other)))
 
     def __rmul__(self, other: float) -> Lane:
         return self * other
 
     def __truediv__(self, other: Lane | float) -> Lane:
+        if not isinstance(other, Lane | float | int):
+            return NotImplemented
         return Lane(self.b, self.b.fdiv(self.value, self._of(other)))
 
     def __rtruediv__(self, other: float) -> Lane:
