@@ -11,6 +11,7 @@ from bayesdrill.rig.kernels.gathering import gather, splat_whole
 from bayesdrill.rig.kernels.lanes import (
     I64,
     INT_VEC,
+    VEC,
     Lane,
     Loop,
     fma,
@@ -31,7 +32,7 @@ class Writer:
         self, b: ir.IRBuilder, shape: Shape, arguments: dict[str, ir.Value], e: ir.Value
     ) -> None:
         self.b, self.shape, self.a, self.e = b, shape, arguments, e
-        self.kind = Kind(b, shape.dual)
+        self.kind, self.spans = Kind(b, shape.dual), b.alloca(VEC)
         self.x_count, self.k_count = len(shape.model.states), len(shape.pattern)
 
     # Numbers: a Lane, or a Dual of two.
@@ -52,7 +53,9 @@ class Writer:
         self.group, self.own = group, Own(shape).of(b, self.a["own"], group)
         model = shape.model
         self.parameters = dict(zip(model.parameters, self.part("parameters"), strict=True))
-        b.call(exponential, [self.own["parameters"], self.e])
+        self.span = Lane(b, splat(b, b.load(self.a["span"])))
+        store(b, self.span.value, self.spans, 0)
+        b.call(exponential, [self.own["parameters"], self.spans, self.e])
         self.rows = self._rows()
         self.step = self._step()
 
@@ -115,8 +118,9 @@ class Writer:
         found = [self._input(node, k) for k in range(len(shape.columns))]
         middle: dict[str, Number] = dict(shape.constant)
         for k, name in enumerate(shape.series):
-            rise = found[len(shape.series) + k] * 0.5 if shape.first_order else None
-            middle[name] = found[k] if rise is None else found[k] + rise
+            middle[name] = found[k]
+            if shape.first_order:
+                middle[name] = found[k] + found[len(shape.series) + k] * (self.span * 0.5)
         return {first + k: number for k, number in enumerate(found)}, middle
 
     def _input(self, node: ir.Value, k: int) -> Number:
