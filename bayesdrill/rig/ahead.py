@@ -106,7 +106,7 @@ class Ahead:
 
     @cached_property
     def _over_steps(self) -> Array:
-        return self._of_steps(np.arange(self.nodes + 2) * self.span)
+        return self._of_steps(np.asarray(np.arange(self.nodes + 2) * self.span))
 
     def _of_steps(self, nodes: Array) -> Array:
         t = self._t - self._t[0]
@@ -137,4 +137,4 @@ def _means(nodes: Array, t: Array, held: Array) -> Array:
     """Over steps, of what is held from sample to sample."""
     whole = np.concatenate([[0.0], np.cumsum(held[:-1] * np.diff(t))])
     beyond = np.clip(nodes - t[-1], 0.0, None) * held[-1]
-    return np.diff(np.interp(nodes, t, whole) + beyond) / np.diff(nodes)
+    return np.asarray(np.diff(np.interp(nodes, t, whole) + beyond) / np.diff(nodes))

@@ -152,17 +152,15 @@ class Writer:
 
     def _carried(self, state: list[Number], past: Past) -> list[ir.Value]:
         sizes = [] if self.step.steady else past.sizes
-        return self.kind.flat([*state, *past.efforts, *sizes, *past.trends])
+        return self.kind.flat([*state, *past.efforts, *sizes])
 
     def once(
         self, node: ir.Value, carried: Sequence[ir.Value]
     ) -> tuple[list[Number], list[Number], list[ir.Value]]:
         """A step: the new state, the efforts, and what is carried on."""
         numbers, x, e = self.kind.shaped(carried), self.x_count, len(self.step.rubs)
-        rest = numbers[x + e :]
-        steady = [rub.size for rub in self.step.rubs] if self.step.steady else rest[:e]
-        trends = rest if self.step.steady else rest[e:]
-        past = Past(numbers[x : x + e], steady, trends)
+        sizes = [rub.size for rub in self.step.rubs] if self.step.steady else numbers[x + e :]
+        past = Past(numbers[x : x + e], sizes)
         drive, middle = self.drive(node)
         new, past = self.step.taken(numbers[:x], past, drive, middle)
         return new, past.efforts, self._carried(new, past)
