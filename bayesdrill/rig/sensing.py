@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 
 from bayesdrill.basics.symbols import Symbol
 from bayesdrill.rig import vocabulary
+from bayesdrill.rig.models.friction import Friction, frictions_of
 from bayesdrill.rig.models.linear import Linear, Model, Named
 
 
@@ -106,6 +107,10 @@ class Wired:
     @property
     def inputs(self) -> tuple[str, ...]:
         return self.rig.inputs
+
+    @property
+    def frictions(self) -> tuple[Friction, ...]:
+        return frictions_of(self.rig)
 
     def linear(self, p: Named) -> Linear:
         found, gains, offsets = self.rig.linear(p), dict(self.input_gains), dict(self.input_offsets)
