@@ -61,8 +61,8 @@ def _check_steady(found: Collector, config: Config, model: Model) -> None:
     """The inputs give all but where the angles begin."""
     if frictions_of(model):
         message = (
-            "where a rig that rubs turns steadily, or sticks, is not worked out; write `initial: free`, or "
-            "the states there"
+            "where a rig that rubs turns steadily, or sticks, is not worked out; write "
+            "`initial: free`, or the states there"
         )
         found.add(("initial",), message)
         return
