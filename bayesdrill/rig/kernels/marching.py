@@ -118,9 +118,10 @@ class Writer:
         found = [self._input(node, k) for k in range(len(shape.columns))]
         middle: dict[str, Number] = dict(shape.constant)
         for k, name in enumerate(shape.series):
-            middle[name] = found[k]
+            number = found[k] + middle.get(name, 0.0)
             if shape.first_order:
-                middle[name] = found[k] + found[len(shape.series) + k] * (self.span * 0.5)
+                number = number + found[len(shape.series) + k] * (self.span * 0.5)
+            middle[name] = number
         return {first + k: number for k, number in enumerate(found)}, middle
 
     def _input(self, node: ir.Value, k: int) -> Number:

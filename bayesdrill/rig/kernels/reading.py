@@ -84,7 +84,7 @@ class _Rates:
             i = states.index(row)
             if name in driven:
                 self.rows[i][w.x_count + 1 + driven.index(name)] = self._number(value)
-            elif constant.get(name, 0.0) != 0.0:
+            if constant.get(name, 0.0) != 0.0:
                 self.base[i] = self.base[i] + value * constant[name]
 
     def _number(self, value: Number) -> Number:
