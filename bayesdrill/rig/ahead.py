@@ -87,11 +87,22 @@ class Ahead:
         return (np.nan_to_num(whole), *shares)
 
     def inputs(self, margin: int, after: int) -> Array:
-        """`(margin + N + 1 + after + margin, S)`, with rises `(..., 2 S)`: constant outside the record."""
-        known = self._over_steps
-        tail = np.repeat(self._last[None], after + margin, axis=0)
-        head = np.repeat(self._first[None], margin, axis=0)
-        return np.ascontiguousarray(np.concatenate([head, known, tail]))
+        """Over each step `(N + 1 + after, S)`, with rises `2 S`; `margin` rows stand before and behind.
+
+        Outside the record they are constant.
+        """
+        # Few sizes, each kept.
+        margin, after = (1 << n.bit_length() if n else 0 for n in (margin, after))
+        if (margin, after) not in self._kept:
+            tail = np.repeat(self._last[None], after + margin, axis=0)
+            head = np.repeat(self._first[None], margin, axis=0)
+            known = np.concatenate([head, self._over_steps, tail])
+            self._kept[margin, after] = np.ascontiguousarray(known)[margin:]
+        return self._kept[margin, after]
+
+    @cached_property
+    def _kept(self) -> dict[tuple[int, int], Array]:
+        return {}
 
     @cached_property
     def _over_steps(self) -> Array:

@@ -36,6 +36,7 @@ class Shape:
     `series`: sampled inputs, of which `late` have a lag of each walker; `pattern (K, R)`: entries of
     rows that may differ from zero, over states, one and (where `efforts`) what frictions do.  `dual`:
     with slopes.  `read`: channels have times of their own.  `single`: a sample at each step.
+    `gaps`: samples without a number.
     """
 
     model: Model
@@ -50,6 +51,7 @@ class Shape:
     read: bool
     single: bool
     efforts: bool
+    gaps: bool
 
     @property
     def frictions(self) -> tuple[Friction, ...]:

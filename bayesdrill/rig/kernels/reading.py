@@ -39,16 +39,16 @@ def emit_trace(w: Writer) -> None:
     nodes = Loop(b, w.a["nodes"], w.start(), "nodes")
     state = w.kind.shaped(nodes.carried)[: w.x_count]
     drive, _ = w.drive(nodes.index)
-    taken, last = w.once(nodes.index, nodes.carried)
-    after = rates.of(state, drive, taken.efforts)
-    before = rates.of(taken.state, drive, taken.efforts, late=True)
+    new, efforts, last = w.once(nodes.index, nodes.carried)
+    after = rates.of(state, drive, efforts)
+    before = rates.of(new, drive, efforts, late=True)
     for k in range(w.k_count):
         kept = [w.seen(k, state, []), *(_seen_rate(w, k, rate) for rate in (after, before))]
         _keep(w, nodes.index, k, kept)
     nodes.close(last)
     zero: Number = Lane(b, vector(0.0))
     for k in range(w.k_count):
-        _keep(w, w.a["nodes"], k, [w.seen(k, taken.state, []), zero, zero])
+        _keep(w, w.a["nodes"], k, [w.seen(k, new, []), zero, zero])
 
 
 def _keep(w: Writer, node: ir.Value, k: int, kept: Sequence[Number]) -> None:
@@ -123,7 +123,11 @@ def emit_reading(w: Writer) -> None:
     for k in range(w.k_count):
         when = t + shifts[k] * (-1.0 / shape.span)
         value = _read(w, k, when, begins[k])
-        totals += w.told(samples.index, k, value, samples.carried)
+        if shape.sums:
+            left = w.measured(samples.index, k) - value
+            totals.append(w.summed(samples.index, k, left, samples.carried[k]))
+        else:
+            w.show(samples.index, k, value)
     samples.close(totals)
     w.keep(totals)
 
