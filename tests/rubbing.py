@@ -39,8 +39,7 @@ class Rig:
 
     p: Mapping[str, float]
     i_m: float = 1 / 8
-    power_m: int = 1
-    power_1: int = 1
+    power: int = 1
 
     def get(self, name: str) -> float:
         return self.p.get(name, 1.0 if name == "eta" else 0.0)
@@ -59,11 +58,11 @@ class Rig:
         """Of rub `k` at a `speed` (w_3, w_1 or i) that is not negative; `twist` likewise."""
         if k == 2:
             return self.get("v_d")
-        end, power = (("m", self.power_m), ("1", self.power_1))[k]
+        end = "m1"[k]
         found = self.get(f"t_c{end}")
         if f"t_s{end}" in self.p:
             ratio = speed / self.p[f"w_s{end}"]  # below zero where SciPy tries too long a step
-            share = math.exp(min(-(ratio**power), 30.0))
+            share = math.exp(min(-(ratio**self.power), 30.0))
             found += (self.p[f"t_s{end}"] - found) * share
         if k == 0:
             found += self.loss * self.i_m * self.p["k_s"] * twist
@@ -177,6 +176,9 @@ class Moved:
         return np.asarray(left / scale)
 
 
+Drive = Callable[[float], tuple[float, float]]  # voltage and load at a time
+
+
 @dataclass
 class Course:
     """What is kept while it runs; `at`: the times that are asked for."""
@@ -190,34 +192,33 @@ class Course:
     rows: list[tuple[np.ndarray, np.ndarray, float, Modes]] = field(default_factory=list)
     events: int = 0
 
-    def run(self, until: float, v: tuple[float, float], t_1: float) -> None:
-        """With a voltage `v[0] + v[1] (t - now)` and a load that is constant."""
-        began, events = self.t, self.events
-        self.modes = self.rig.decided(self.y[:5].tolist(), v[0], t_1, self.modes)
-        self.note(v[0], t_1)
-        while self._smooth(until, (v[0] + v[1] * (self.t - began), v[1]), t_1):
+    def run(self, until: float, drive: Drive) -> None:
+        """Under inputs that are smooth until then."""
+        events = self.events
+        self.note(drive)
+        while self._smooth(until, drive):
             self.events += 1
             if self.events - events > MOST_EVENTS:
                 raise RuntimeError(f"more than {MOST_EVENTS} events before {until} s")
 
-    def note(self, v: float, t_1: float) -> None:
-        """What it is now, if it is asked for."""
+    def note(self, drive: Drive) -> None:
+        """What sticks now, and what it does if it is asked for."""
+        self.modes = self.rig.decided(self.y[:5].tolist(), *drive(self.t), self.modes)
         if len(self.rows) < len(self.at) and self.at[len(self.rows)] == self.t:
-            self._keep(self.y, v, t_1)
+            self._keep(self.t, self.y, drive)
 
-    def _keep(self, y: np.ndarray, v: float, t_1: float) -> None:
-        _, rubs = self.rig.efforts(y[:5].tolist(), v, t_1, self.modes)
-        self.rows.append((y, np.array(rubs), v, self.modes))
+    def _keep(self, t: float, y: np.ndarray, drive: Drive) -> None:
+        _, rubs = self.rig.efforts(y[:5].tolist(), *drive(t), self.modes)
+        self.rows.append((y, np.array(rubs), drive(t)[0], self.modes))
 
-    def _smooth(self, until: float, v: tuple[float, float], t_1: float) -> bool:
+    def _smooth(self, until: float, drive: Drive) -> bool:
         """On to the next event, or to the end; whether there was an event."""
-        begin, modes, rig = self.t, self.modes, self.rig
-        events = [*self._events(begin, v, t_1)]
+        modes, rig, events = self.modes, self.rig, [*self._events(drive)]
         ahead = self.at[len(self.rows) :]
-        asked = ahead[(ahead > begin) & (ahead < until)]
+        asked = ahead[(ahead > self.t) & (ahead < until)]
         solved = solve_ivp(
-            lambda t, y: rig.rate(y[:5].tolist(), v[0] + v[1] * (t - begin), t_1, modes),
-            (begin, until),
+            lambda t, y: rig.rate(y[:5].tolist(), *drive(t), modes),
+            (self.t, until),
             self.y,
             method="DOP853",
             rtol=1e-10,
@@ -230,17 +231,17 @@ class Course:
             raise RuntimeError(solved.message)
         for t, y in zip(solved.t, np.transpose(solved.y), strict=True):
             if t < until:
-                self._keep(y, v[0] + v[1] * (t - begin), t_1)
+                self._keep(float(t), y, drive)
         if solved.status == 0:
             self.t, self.y = until, solved.y[:, -1]
             return False
         which = next(k for k, times in enumerate(solved.t_events) if len(times))
         self.t = float(solved.t_events[which][0])
         self.y = np.array(solved.y_events[which][0])
-        self._arrive(events[which].of, v[0] + v[1] * (self.t - begin), t_1)
+        self._arrive(events[which].of, drive)  # type: ignore[attr-defined]
         return True
 
-    def _events(self, begin: float, v: tuple[float, float], t_1: float):
+    def _events(self, drive: Drive):
         """Of each, a function that falls to zero; `of`: its rub, 3 for the twist."""
         rig, modes = self.rig, self.modes
 
@@ -255,25 +256,24 @@ class Course:
                     return float(sign * y[row] + NEAR)
 
                 def holds(t: float, y: np.ndarray, k: int = k) -> float:
-                    x, now = y[:5].tolist(), v[0] + v[1] * (t - begin)
-                    force = abs(rig.driving(x, now, t_1)[k])
+                    x = y[:5].tolist()
+                    force = abs(rig.driving(x, *drive(t))[k])
                     return rig.size(k, 0.0, abs(x[0] - x[1])) - force
 
                 yield _falling(slows if sign else holds, k)
         if rig.loss > 0:
             yield _falling(twisted, 3)
 
-    def _arrive(self, of: int, v: float, t_1: float) -> None:
+    def _arrive(self, of: int, drive: Drive) -> None:
         """At an event: what moved is held or turns, what was held goes."""
-        found = list(self.modes)
+        found, inputs = list(self.modes), drive(self.t)
         if of == 3:
             found[3] = -found[3]
         else:
             self.y[ROWS[of]] = 0.0
             x = self.y[:5].tolist()
-            force = self.rig.driving(x, v, t_1)[of]
-            goes = int(math.copysign(1, force))
-            found[of] = self.rig.at_rest(of, x, v, t_1) if found[of] else goes
+            goes = int(math.copysign(1, self.rig.driving(x, *inputs)[of]))
+            found[of] = self.rig.at_rest(of, x, *inputs) if found[of] else goes
         self.modes = (found[0], found[1], found[2], found[3])
 
 
@@ -295,9 +295,9 @@ def simulate(
 ) -> Moved:
     """From `knots[0]` on, at times `at` (None: at `knots`), which may go on beyond the last knot.
 
-    `v` at the `knots (N,)`, held or straight between them, or what gives it of the number of a knot
-    and the states there; `t_1` is held.  `longest`: a step of SciPy, well below what may happen
-    twice between two looks at the events.
+    `v` and `t_1` at the `knots (N,)` are held, or straight between them; `v` may also be what gives
+    it of the number of a knot and the states there.  `longest`: a step of SciPy, well below what may
+    happen twice between two looks at the events.
     """
     asked = knots if at is None else at
     y = np.zeros(5 + len(TAKEN) + 3)
@@ -305,17 +305,14 @@ def simulate(
         y[STATES.index(name)] = value
     course = Course(rig, asked, float(knots[0]), y, (1, 1, 1, 1), longest)
     loads = np.broadcast_to(t_1, knots.shape)
-    ends = np.append(knots[1:], max(asked[-1], knots[-1]))
-    given = np.zeros(len(knots))
+    ends = np.append(knots[1:], max(asked[-1], knots[-1])).tolist()
     for k, end in enumerate(ends):
-        given[k] = v(k, course.y[:5]) if callable(v) else v[k]
-        bent = first_order and k + 1 < len(knots) and not callable(v)
-        slope = (v[k + 1] - v[k]) / (end - knots[k]) if bent else 0.0  # type: ignore[index]
-        goes_on = not callable(v) and not first_order and _same(k, v, loads)
+        given = np.full(k + 2, v(k, course.y[:5])) if callable(v) else v
+        drive = _drive(k, knots, (given, loads), first_order and not callable(v))
+        goes_on = not callable(v) and not first_order and _same(k, given, loads)
         if end > course.t and not goes_on:
-            course.run(float(end), (float(given[k]), float(slope)), float(loads[k]))
-    course.modes = rig.decided(course.y[:5].tolist(), given[-1], loads[-1], course.modes)
-    course.note(float(given[-1]), float(loads[-1]))
+            course.run(end, drive)
+    course.note(drive)
     states = np.array([y for y, _, _, _ in course.rows])
     modes = np.array([modes[:3] for *_, modes in course.rows])
     n = 5 + len(TAKEN)
@@ -330,6 +327,16 @@ def simulate(
         v=np.array([v for _, _, v, _ in course.rows]),
         events=course.events,
     )
+
+
+def _drive(k: int, knots: np.ndarray, inputs: tuple[np.ndarray, ...], straight: bool) -> Drive:
+    """From knot `k` to the next."""
+    now, load = (float(u[k]) for u in inputs)
+    if not straight or k + 1 == len(knots):
+        return lambda t: (now, load)
+    begin, step = float(knots[k]), float(knots[k + 1] - knots[k])
+    rise, more = (float(u[k + 1] - u[k]) / step for u in inputs)
+    return lambda t: (now + rise * (t - begin), load + more * (t - begin))
 
 
 def _same(k: int, *inputs: np.ndarray) -> bool:

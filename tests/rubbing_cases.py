@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 import math
 from collections.abc import Mapping
@@ -59,12 +60,7 @@ class Case:
         return tuple(name for name in self.rig.p if name not in ORDER)
 
     def with_parameters(self, **values: float) -> Rig:
-        return Rig(
-            p={**self.rig.p, **values},
-            i_m=self.rig.i_m,
-            power_m=self.rig.power_m,
-            power_1=self.rig.power_1,
-        )
+        return dataclasses.replace(self.rig, p={**self.rig.p, **values})
 
 
 def _loop(t: np.ndarray):
@@ -112,7 +108,7 @@ def _other() -> Case:
     p |= {"t_cm": 0.031, "t_sm": 0.047, "w_sm": 2.9, "t_c1": 0.17, "t_s1": 0.26, "w_s1": 0.8}
     t = 2.5 + 0.008 * np.arange(501)
     return Case(
-        rig=Rig(p=p, i_m=1 / 3.7, power_m=2, power_1=1),
+        rig=Rig(p=p, i_m=1 / 3.7, power=2),
         t=t,
         v=5.0 * np.sin(2.1 * t) - 1.5 * np.cos(0.7 * t),
         first_order=True,

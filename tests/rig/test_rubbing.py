@@ -177,16 +177,15 @@ def projected(case: Case, until: int, parts: int) -> np.ndarray:
     """
     rig, h = case.rig, float(case.t[1] - case.t[0]) / parts
     masses, i_m = rig.masses, rig.i_m
-    found = moved_of(case)
+    found, loads = moved_of(case), np.broadcast_to(case.t_1, case.t.shape)
     x = found.states[0].tolist()
     out = []
     for k in range(until):
         out.append(list(x))
         for q in range(parts):
-            v = found.v[k]
-            if case.first_order:
-                v += (found.v[k + 1] - v) * q / parts
-            load = float(np.broadcast_to(case.t_1, case.t.shape)[k])
+            share = q / parts if case.first_order else 0.0
+            v = found.v[k] + (found.v[k + 1] - found.v[k]) * share
+            load = loads[k] + (loads[k + 1] - loads[k]) * share
             driving = rig.driving(x, v, load)
             speeds = [x[3] / i_m, x[2], x[4]]
             for e in range(3):
@@ -228,9 +227,8 @@ def test_the_torque_is_what_the_momentum_lacks() -> None:
     assert fine.states[::100] == pytest.approx(found.states, rel=1e-8, abs=1e-8)
     w_1, w_2 = fine.of("w_1"), fine.of("w_2")
     shaft = p["k_s"] * (fine.of("theta_1") - fine.of("theta_2")) + p["c_s"] * (w_1 - w_2)
-    load = np.repeat(case.t_1[:-1], 100)
-    torque = shaft + p["c_1"] * w_1
-    mean = 0.5 * (torque[1:] + torque[:-1]) + load
+    torque = shaft + p["c_1"] * w_1 + np.interp(fine.t, t, case.t_1)
+    mean = 0.5 * (torque[1:] + torque[:-1])
     gone = np.append(0.0, np.cumsum(mean)) * (t[1] - t[0]) / 100
     lacks = -p["j_1"] * (w_1 - w_1[0]) - gone
     assert fine.impulses[:, RUBS.index("friction_1")] == pytest.approx(lacks, abs=1e-5)
