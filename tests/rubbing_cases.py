@@ -117,9 +117,23 @@ def _other() -> Case:
     )
 
 
+def _sine() -> Case:
+    """Friction at both ends, of a constant size, numbers of the nominal rig; slowly to and fro."""
+    t = 0.01 * np.arange(601)
+    return Case(rig=_reversing().rig, t=t, v=3.0 * np.sin(1.3 * t))
+
+
+def _falling() -> Case:
+    """Static friction at rotor 1 alone, from reversal to reversal."""
+    p = {**NOMINAL, "t_f": 0.0, "t_c1": 0.25, "t_s1": 0.4, "w_s1": 0.5}
+    return dataclasses.replace(_reversing(), rig=Rig(p=p))
+
+
 CASES = {
     "stick slip": _stick_slip(),
     "reversing": _reversing(),
+    "sine": _sine(),
+    "falling": _falling(),
     "static": _static(),
     "servo": _servo(),
     "other": _other(),
@@ -129,3 +143,7 @@ CASES = {
 @functools.cache
 def moved(name: str) -> Moved:
     return CASES[name].moved()
+
+
+def moved_of(case: Case) -> Moved:
+    return moved(next(name for name, one in CASES.items() if one is case))

@@ -7,8 +7,8 @@ import math
 import numpy as np
 import pytest
 from oracles import NOMINAL, by_radau
-from rubbing import RUBS, STATES, Moved, Rig, simulate
-from rubbing_cases import CASES, Case, moved
+from rubbing import RUBS, STATES, Rig, simulate
+from rubbing_cases import CASES, Case, moved, moved_of
 
 FREE = {
     **NOMINAL,
@@ -196,10 +196,6 @@ def projected(case: Case, until: int, parts: int) -> np.ndarray:
             x[0] += h * x[2]
             x[1] += h * x[3]
     return np.array(out)
-
-
-def moved_of(case: Case) -> Moved:
-    return moved(next(name for name, one in CASES.items() if one is case))
 
 
 @pytest.mark.parametrize(
