@@ -138,7 +138,6 @@ class Stepped:
                 late=tuple(n for n in w.inputs if n in self.sensing.input_lags),
                 constant=tuple(one.constant.items()),
                 first_order=one.first_order and bool(w.inputs),
-                span=ahead.span,
                 pattern=pattern,
                 **kind,
             )
@@ -169,6 +168,7 @@ class Stepped:
         each = (k,) if sums else (n, k, shape.numbers)
         out = np.empty((len(own), *each, LANES))
         blocks: dict[str, Any] = {
+            "span": np.array([ahead.span]),
             "own": own,
             "u": ahead.inputs(ahead.margin(parts["lag"][0]), after),
             "pieces": ahead.counts,

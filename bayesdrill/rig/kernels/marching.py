@@ -11,6 +11,7 @@ from bayesdrill.rig.kernels.gathering import gather, splat_whole
 from bayesdrill.rig.kernels.lanes import (
     I64,
     INT_VEC,
+    VEC,
     Lane,
     Loop,
     fma,
@@ -31,7 +32,7 @@ class Writer:
         self, b: ir.IRBuilder, shape: Shape, arguments: dict[str, ir.Value], e: ir.Value
     ) -> None:
         self.b, self.shape, self.a, self.e = b, shape, arguments, e
-        self.kind = Kind(b, shape.dual)
+        self.kind, self.spans = Kind(b, shape.dual), b.alloca(VEC)
         self.x_count, self.k_count = len(shape.model.states), len(shape.pattern)
 
     # Numbers: a Lane, or a Dual of two.
@@ -52,7 +53,9 @@ class Writer:
         self.group, self.own = group, Own(shape).of(b, self.a["own"], group)
         model = shape.model
         self.parameters = dict(zip(model.parameters, self.part("parameters"), strict=True))
-        b.call(exponential, [self.own["parameters"], self.e])
+        self.span = Lane(b, splat(b, b.load(self.a["span"])))
+        store(b, self.span.value, self.spans, 0)
+        b.call(exponential, [self.own["parameters"], self.spans, self.e])
         self.rows = self._rows()
         self.step = self._step()
 
@@ -115,8 +118,9 @@ class Writer:
         found = [self._input(node, k) for k in range(len(shape.columns))]
         middle: dict[str, Number] = dict(shape.constant)
         for k, name in enumerate(shape.series):
-            rise = found[len(shape.series) + k] * 0.5 if shape.first_order else None
-            middle[name] = found[k] if rise is None else found[k] + rise
+            middle[name] = found[k]
+            if shape.first_order:
+                middle[name] = found[k] + found[len(shape.series) + k] * (self.span * 0.5)
         return {first + k: number for k, number in enumerate(found)}, middle
 
     def _input(self, node: ir.Value, k: int) -> Number:
@@ -148,17 +152,15 @@ class Writer:
 
     def _carried(self, state: list[Number], past: Past) -> list[ir.Value]:
         sizes = [] if self.step.steady else past.sizes
-        return self.kind.flat([*state, *past.efforts, *sizes, *past.trends])
+        return self.kind.flat([*state, *past.efforts, *sizes])
 
     def once(
         self, node: ir.Value, carried: Sequence[ir.Value]
     ) -> tuple[list[Number], list[Number], list[ir.Value]]:
         """A step: the new state, the efforts, and what is carried on."""
         numbers, x, e = self.kind.shaped(carried), self.x_count, len(self.step.rubs)
-        rest = numbers[x + e :]
-        steady = [rub.size for rub in self.step.rubs] if self.step.steady else rest[:e]
-        trends = rest if self.step.steady else rest[e:]
-        past = Past(numbers[x : x + e], steady, trends)
+        sizes = [rub.size for rub in self.step.rubs] if self.step.steady else numbers[x + e :]
+        past = Past(numbers[x : x + e], sizes)
         drive, middle = self.drive(node)
         new, past = self.step.taken(numbers[:x], past, drive, middle)
         return new, past.efforts, self._carried(new, past)

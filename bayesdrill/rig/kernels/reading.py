@@ -64,7 +64,7 @@ def _seen_rate(w: Writer, k: int, rates: Sequence[Number]) -> Number:
     """How much channel k changes in a step."""
     terms = [(row, rates[r]) for r, row in w.rows[k].items() if r < w.x_count]
     zero = Lane(w.b, vector(0.0))
-    return total(zero, terms) * w.shape.span
+    return total(zero, terms) * w.span
 
 
 class _Rates:
@@ -105,7 +105,9 @@ class _Rates:
         values |= {first + len(w.shape.columns) + e: one for e, one in enumerate(efforts)}
         if late and w.shape.first_order:
             s = len(w.shape.series)
-            values |= {first + k: drive[first + k] + drive[first + s + k] for k in range(s)}
+            values |= {
+                first + k: drive[first + k] + drive[first + s + k] * w.span for k in range(s)
+            }
         return [
             total(base, [(entry, values[k]) for k, entry in row.items()])
             for row, base in zip(self.rows, self.base, strict=True)
@@ -121,7 +123,7 @@ def emit_reading(w: Writer) -> None:
     t = Lane(b, splat(b, b.load(b.gep(w.a["t"], [samples.index]))))
     totals: list[ir.Value] = []
     for k in range(w.k_count):
-        when = t + shifts[k] * (-1.0 / shape.span)
+        when = t - shifts[k] / w.span
         value = _read(w, k, when, begins[k])
         if shape.sums:
             left = w.measured(samples.index, k) - value

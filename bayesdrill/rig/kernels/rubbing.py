@@ -26,9 +26,6 @@ from bayesdrill.rig.models.friction import Law
 Number = Any  # a Lane, or a Dual of them
 Column = Mapping[int, Number]
 
-# In which order efforts are found, each with the others as known: those of the last step at first.
-ORDERS = {0: (), 1: (0,), 2: (0, 1), 3: (0, 1, 2, 0, 1, 2)}
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Rub:
@@ -89,11 +86,10 @@ def _register(number: Lane | float) -> ir.Value:
 
 @dataclass(frozen=True, slots=True)
 class Past:
-    """Of the last step: efforts, sizes of frictions, and how the states that are `looked_at` changed."""
+    """Of the last step: efforts, and sizes of frictions."""
 
     efforts: list[Number]
     sizes: list[Number]
-    trends: list[Number]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -120,10 +116,17 @@ class Step:
         named = {i for i, name in enumerate(self.states) if name in names}
         return sorted(named | {rub.row for rub in unsteady})
 
+    @property
+    def _order(self) -> list[int]:
+        """In which efforts are found, each with the others as known: those of the last step at first.
+
+        What stops a current comes first, and once more: it and the motor act on each other strongly.
+        """
+        every = sorted(range(len(self.rubs)), key=lambda e: self.rubs[e].holds is not None)
+        return every * (1 + any(rub.holds is None for rub in self.rubs))
+
     def begun(self, state: list[Number], inputs: Mapping[str, Number]) -> Past:
-        zero = Lane(self.kind.b, vector(0.0))
-        sizes = self._sizes({rub.row: size(state[rub.row]) for rub in self.rubs}, state, inputs)
-        return Past([zero for _ in self.rubs], sizes, [zero for _ in self.looked_at])
+        return Past([Lane(self.kind.b, vector(0.0)) for _ in self.rubs], self.sizes(state, inputs))
 
     def taken(
         self, state: list[Number], past: Past, drive: Column, inputs: Mapping[str, Number]
@@ -142,8 +145,7 @@ class Step:
         )
         x, e = len(state), len(self.rubs)
         new, efforts, sizes = every[:x], every[x : x + e], every[x + e :]
-        trends = [new[i] - state[i] for i in self.looked_at]
-        return new, Past(efforts, sizes or past.sizes, trends)
+        return new, Past(efforts, sizes or past.sizes)
 
     def _all_keep(self, old: list[Number], new: list[Number]) -> Mask:
         first, *rest = (_keeps(old[rub.row], new[rub.row]) for rub in self.rubs)
@@ -154,37 +156,45 @@ class Step:
     def _slipping(
         self, free: list[Number], state: list[Number], past: Past, inputs: Mapping[str, Number]
     ) -> list[Number]:
-        """Where no speed changes its sign: in its middle the last step goes on."""
+        """Where no speed changes its sign: it is looked ahead with the last step's sizes."""
         sizes = past.sizes
         if not self.steady:
-            middle = list(state)
-            for i, trend in zip(self.looked_at, past.trends, strict=True):
-                middle[i] = state[i] + trend * 0.5
-            sizes = self._sizes({i: size(middle[i]) for i in self.looked_at}, middle, inputs)
-        efforts = [signed(one, state[rub.row]) for one, rub in zip(sizes, self.rubs, strict=True)]
+            ahead = self._moved(free, self._against(state, sizes), self.looked_at)
+            sizes = self._between(state, ahead, inputs)
+        efforts = self._against(state, sizes)
         return [*self._moved(free, efforts), *efforts, *([] if self.steady else sizes)]
 
     def _turning(
         self, free: list[Number], state: list[Number], past: Past, inputs: Mapping[str, Number]
     ) -> list[Number]:
-        """Where one may: it is looked ahead with the last step's sizes."""
         sizes = past.sizes
         efforts, slips = self._efforts(free, state, past.efforts, sizes)
         if not self.steady:
             ahead = self._stopped(self._moved(free, efforts), slips)
-            middle = [(one + other) * 0.5 for one, other in zip(state, ahead, strict=True)]
-            rates = {i: (size(state[i]) + size(ahead[i])) * 0.5 for i in self.looked_at}
-            sizes = self._sizes(rates, middle, inputs)
+            sizes = self._between(state, ahead, inputs)
             efforts, slips = self._efforts(free, state, efforts, sizes)
         new = self._held(self._stopped(self._moved(free, efforts), slips), state, slips)
         return [*new, *efforts, *([] if self.steady else sizes)]
 
-    def _sizes(
-        self, rates: Column, state: list[Number], inputs: Mapping[str, Number]
+    def _against(self, state: list[Number], sizes: list[Number]) -> list[Number]:
+        return [signed(one, state[rub.row]) for one, rub in zip(sizes, self.rubs, strict=True)]
+
+    def _between(
+        self, state: list[Number], ahead: list[Number], inputs: Mapping[str, Number]
     ) -> list[Number]:
+        speeds, middle = {rub.row for rub in self.rubs}, list(state)
+        for i in self.looked_at:
+            here, there = state[i], ahead[i]
+            turned = i in speeds
+            middle[i] = (size(here) + size(there) if turned else here + there) * 0.5
+        return self.sizes(middle, inputs)
+
+    def sizes(self, state: list[Number], inputs: Mapping[str, Number]) -> list[Number]:
         seen = {**dict(zip(self.states, state, strict=True)), **inputs}
         return [
-            rub.law.size(self.parameters, rates[rub.row], seen) if rub.size is None else rub.size
+            rub.law.size(self.parameters, size(state[rub.row]), seen)
+            if rub.size is None
+            else rub.size
             for rub in self.rubs
         ]
 
@@ -194,7 +204,7 @@ class Step:
         """And where they let slip."""
         known = list(before)
         slips: dict[int, Mask] = {}
-        for e in ORDERS[len(self.rubs)]:
+        for e in self._order:
             rub = self.rubs[e]
             others = [
                 (self.rubs[k].column[rub.row], effort)
@@ -225,11 +235,14 @@ class Step:
         )
         return where(back, -turned, turned), keeps.either(passes)
 
-    def _moved(self, free: list[Number], efforts: list[Number]) -> list[Number]:
+    def _moved(
+        self, free: list[Number], efforts: list[Number], only: Sequence[int] | None = None
+    ) -> list[Number]:
+        """All states, or `only` those right."""
         new = list(free)
         for rub, effort in zip(self.rubs, efforts, strict=True):
-            for i, entry in rub.column.items():
-                new[i] = fused(entry, effort, new[i])
+            for i in (i for i in rub.column if only is None or i in only):
+                new[i] = fused(rub.column[i], effort, new[i])
         return new
 
     def _stopped(self, new: list[Number], slips: list[Mask]) -> list[Number]:
@@ -270,7 +283,7 @@ def _keeps(old: Number, new: Number) -> Mask:
     return Mask(one.b, one.b.fcmp_ordered(">", product, vector(0.0)))
 
 
-def total(start: Number | None, terms: Sequence[tuple[Number, Number]]) -> Number:
+def total(start: Number, terms: Sequence[tuple[Number, Number]]) -> Number:
     """Sum of products, in two halves: a step takes as long as its longest chain of additions."""
     half = (len(terms) + 1) // 2
     first = start
@@ -278,20 +291,20 @@ def total(start: Number | None, terms: Sequence[tuple[Number, Number]]) -> Numbe
         first = fused(left, right, first)
     if len(terms) == half:
         return first
-    second = None
+    second: Number = None
     for left, right in terms[half:]:
         second = fused(left, right, second)
     return first + second
 
 
-def fused(left: Number, right: Number, sum_: Number | None) -> Number:
+def fused(left: Number, right: Number, sum_: Number) -> Number:
     """left * right + sum_; a slope of 0.0 is none."""
     one, other = dual(left), dual(right)
     if not isinstance(left, Dual) and not isinstance(right, Dual) and not isinstance(sum_, Dual):
         return _lane(left, right, sum_)
     before = dual(sum_) if sum_ is not None else None
     value = _lane(one.value, other.value, before.value if before else None)
-    slope = before.slope if before else 0.0
+    slope: Number = before.slope if before else 0.0
     for factor, change in ((one.slope, other.value), (one.value, other.slope)):
         if not _nothing(factor) and not _nothing(change):
             slope = _lane(factor, change, None if _nothing(slope) else slope)
