@@ -199,7 +199,13 @@ def projected(case: Case, until: int, parts: int) -> np.ndarray:
 
 
 @pytest.mark.parametrize(
-    ("name", "until"), [("reversing", 420), ("static", 330), ("servo", 160), ("other", 200)]
+    ("name", "until"),
+    [
+        ("reversing", 420),
+        ("other", 200),
+        pytest.param("static", 330, marks=pytest.mark.slow),
+        pytest.param("servo", 160, marks=pytest.mark.slow),
+    ],
 )
 def test_ever_shorter_steps_of_another_rule_come_to_it(name: str, until: int) -> None:
     """First order: four times as many parts, a quarter of the distance."""
@@ -212,6 +218,7 @@ def test_ever_shorter_steps_of_another_rule_come_to_it(name: str, until: int) ->
     assert off[1] < 5e-3
 
 
+@pytest.mark.slow
 def test_the_torque_is_what_the_momentum_lacks() -> None:
     """Impulses of the rotor's friction: j_1 w_1 and what the shaft and the load gave."""
     found, case = moved("other"), CASES["other"]

@@ -19,6 +19,8 @@ from bayesdrill.rig.stepped import Stepped
 
 W_1, W_2 = 2, 3
 FALLS = ("stick slip", "falling", "static", "other")  # cases of sizes that change with the speed
+QUICK = ("stick slip", "falling", "sine", "other")
+LONG = [pytest.param(n, marks=[pytest.mark.slow] * (n not in QUICK)) for n in CASES]
 
 
 def off(name: str, pieces: int) -> np.ndarray:
@@ -27,7 +29,7 @@ def off(name: str, pieces: int) -> np.ndarray:
 
 
 def test_a_step_to_a_sample_is_enough_for_friction_of_a_constant_size() -> None:
-    """Of a noise of 0.1 rad/s; mutant killed: a step in which the sign changes has the new sign's friction."""
+    """Of a noise of 0.1 rad/s; mutant killed: friction of one sign in a step in which it changes."""
     assert off("sine", 1)[W_1] < 5e-4
     assert off("reversing", 1)[W_1] < 2e-3
 
@@ -38,7 +40,7 @@ def test_friction_that_falls_with_the_speed_is_of_second_order() -> None:
         assert off("falling", pieces)[W_1] < limit
 
 
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("name", LONG)
 def test_shorter_steps_come_to_the_oracle(name: str) -> None:
     """64 times shorter: at least so much nearer, and by second order where sizes change."""
     largest = np.abs(moved(name).states).max(axis=0)
@@ -48,7 +50,7 @@ def test_shorter_steps_come_to_the_oracle(name: str) -> None:
     assert fine.max() < coarse.max() / 64 ** (1.7 if name in FALLS else 1.0)
 
 
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("name", LONG)
 def test_efforts_are_what_the_oracle_has_in_a_step(name: str) -> None:
     """Its mean over a step: the same where nothing happens in it."""
     true, case = moved(name), CASES[name]
@@ -65,11 +67,11 @@ def test_efforts_are_what_the_oracle_has_in_a_step(name: str) -> None:
     assert motion.states[0] == pytest.approx(states(case, 16), abs=1e-12)
 
 
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("name", LONG)
 @pytest.mark.parametrize("pieces", [1, 4])
 def test_what_sticks_does_not_move_at_all(name: str, pieces: int) -> None:
     """Mutants killed: a speed that is stopped to rounding only, an angle that creeps."""
-    case, true, found = CASES[name], moved(name), states(CASES[name], pieces)
+    true, found = moved(name), states(CASES[name], pieces)
     for k, (angle, speed) in ((0, (1, W_2)), (1, (0, W_1))):
         held = true.stuck[:, k]
         # So long that steps cannot be in doubt of it.
@@ -83,8 +85,8 @@ def test_what_sticks_does_not_move_at_all(name: str, pieces: int) -> None:
 
 
 def taken(case: Case, every: int) -> tuple[float, float, float]:
-    """Energies of motion in steps of a sample, which is a `every`-th of the case's: supplied less
-    turned into heat and less stored, over all supplied; and work of the frictions here and in the oracle.
+    """Energies of motion in steps of a sample, which is a `every`-th of the case's: supplied less turned
+    into heat and less stored, over all supplied; and work of the frictions, here and in the oracle.
     """
     t = np.linspace(case.t[0], case.t[-1], every * (len(case.t) - 1) + 1)
     held = np.minimum(np.arange(len(t)) // every, len(case.t) - 1)
@@ -125,7 +127,14 @@ def taken(case: Case, every: int) -> tuple[float, float, float]:
     return (supplied - spent - work - kept) / scale, work, float(true.taken["friction"][-1])
 
 
-@pytest.mark.parametrize(("name", "every"), [("reversing", 16), ("static", 16), ("other", 32)])
+@pytest.mark.parametrize(
+    ("name", "every"),
+    [
+        ("reversing", 16),
+        pytest.param("static", 16, marks=pytest.mark.slow),
+        pytest.param("other", 32, marks=pytest.mark.slow),
+    ],
+)
 def test_energies_close(name: str, every: int) -> None:
     """What is supplied is stored, or turned into heat, or taken by friction: as much as the oracle's."""
     left, work, true = taken(CASES[name], every)
