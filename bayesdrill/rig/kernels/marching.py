@@ -156,16 +156,18 @@ class Writer:
         return self._carried(state, self.step.begun(state, self.drive(I64(0))[1]))
 
     def _carried(self, state: list[Number], past: Past) -> list[ir.Value]:
-        sizes = [] if self.step.steady else past.sizes
-        return self.kind.flat([*state, *past.efforts, *sizes])
+        changing = [] if self.step.steady else [*past.sizes, *past.trends]
+        return self.kind.flat([*state, *past.efforts, *changing])
 
     def once(
         self, node: ir.Value, carried: Sequence[ir.Value]
     ) -> tuple[list[Number], list[Number], list[ir.Value]]:
         """A step: the new state, the efforts, and what is carried on."""
         numbers, x, e = self.kind.shaped(carried), self.x_count, len(self.step.rubs)
-        sizes = [rub.size for rub in self.step.rubs] if self.step.steady else numbers[x + e :]
-        past = Past(numbers[x : x + e], sizes)
+        sizes, trends = numbers[x + e : x + 2 * e], numbers[x + 2 * e :]
+        if self.step.steady:
+            sizes, trends = [rub.size for rub in self.step.rubs], []
+        past = Past(numbers[x : x + e], sizes, trends)
         drive, middle = self.drive(node)
         new, past = self.step.taken(numbers[:x], past, drive, middle)
         return new, past.efforts, self._carried(new, past)

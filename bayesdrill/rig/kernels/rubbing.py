@@ -97,10 +97,11 @@ class At:
 
 @dataclass(frozen=True, slots=True)
 class Past:
-    """Of the last step: efforts, and sizes of frictions."""
+    """Of the last step: efforts, sizes of frictions, and how much these changed."""
 
     efforts: list[Number]
     sizes: list[Number]
+    trends: list[Number]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -137,7 +138,8 @@ class Step:
         return every * (1 + any(rub.holds is None for rub in self.rubs))
 
     def begun(self, state: list[Number], inputs: Mapping[str, Number]) -> Past:
-        return Past([Lane(self.kind.b, vector(0.0)) for _ in self.rubs], self.sizes(state, inputs))
+        nothing = [Lane(self.kind.b, vector(0.0)) for _ in self.rubs]
+        return Past(nothing, self.sizes(state, inputs), nothing)
 
     def taken(
         self, state: list[Number], past: Past, drive: Column, inputs: Mapping[str, Number]
@@ -155,8 +157,10 @@ class Step:
             keeps.turned(), quick, lambda: self._turning(free, state, past, drive, inputs)
         )
         x, e = len(state), len(self.rubs)
-        new, efforts, sizes = every[:x], every[x : x + e], every[x + e :]
-        return new, Past(efforts, sizes or past.sizes)
+        new, efforts = every[:x], every[x : x + e]
+        if self.steady:
+            return new, Past(efforts, past.sizes, past.trends)
+        return new, Past(efforts, every[x + e : x + 2 * e], every[x + 2 * e :])
 
     def _all_keep(self, old: list[Number], new: list[Number]) -> Mask:
         first, *rest = (_keeps(old[rub.row], new[rub.row]) for rub in self.rubs)
@@ -167,13 +171,16 @@ class Step:
     def _slipping(
         self, free: list[Number], state: list[Number], past: Past, inputs: Mapping[str, Number]
     ) -> list[Number]:
-        """Where no speed changes its sign: it is looked ahead with the last step's sizes."""
-        sizes = past.sizes
-        if not self.steady:
-            ahead = self._moved(free, self._against(state, sizes), self.looked_at)
-            sizes = self._between(state, ahead, inputs)
+        """Where no speed changes its sign: it is looked ahead with sizes that go on as they did."""
+        if self.steady:
+            efforts = self._against(state, past.sizes)
+            return [*self._moved(free, efforts), *efforts]
+        likely = [one + trend for one, trend in zip(past.sizes, past.trends, strict=True)]
+        ahead = self._moved(free, self._against(state, likely), self.looked_at)
+        sizes = self._between(state, ahead, inputs)
         efforts = self._against(state, sizes)
-        return [*self._moved(free, efforts), *efforts, *([] if self.steady else sizes)]
+        trends = [one - before for one, before in zip(sizes, past.sizes, strict=True)]
+        return [*self._moved(free, efforts), *efforts, *sizes, *trends]
 
     def _turning(
         self,
@@ -190,7 +197,13 @@ class Step:
             sizes = self._between(state, ahead, inputs)
             efforts, slips = self._efforts(free, state, efforts, sizes, rest)
         new = self._held(self._stopped(self._moved(free, efforts), slips), state, slips)
-        return [*new, *efforts, *([] if self.steady else sizes)]
+        return [*new, *efforts] if self.steady else [*new, *efforts, *sizes, *self._no_trends]
+
+    @property
+    def _no_trends(self) -> list[Number]:
+        """What turns does not go on as it did."""
+        zero = Lane(self.kind.b, vector(0.0))
+        return [Dual(zero, zero) if self.kind.dual else zero for _ in self.rubs]
 
     def _at_rest(
         self, state: list[Number], drive: Column, inputs: Mapping[str, Number]
