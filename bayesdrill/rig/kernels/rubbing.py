@@ -97,9 +97,8 @@ class At:
 
 @dataclass(frozen=True, slots=True)
 class Past:
-    """Of the last step: efforts, sizes of frictions, and how much these changed."""
+    """Of the last step: sizes of frictions, and how much these changed."""
 
-    efforts: list[Number]
     sizes: list[Number]
     trends: list[Number]
 
@@ -130,7 +129,7 @@ class Step:
 
     @property
     def _order(self) -> list[int]:
-        """In which efforts are found, each with the others as known: those of the last step at first.
+        """In which efforts are found, each with the others as known: at first as if nothing turned.
 
         What stops a current comes first, and once more: it and the motor act on each other strongly.
         """
@@ -139,18 +138,18 @@ class Step:
 
     def begun(self, state: list[Number], inputs: Mapping[str, Number]) -> Past:
         nothing = [Lane(self.kind.b, vector(0.0)) for _ in self.rubs]
-        return Past(nothing, self.sizes(state, inputs), nothing)
+        return Past(self.sizes(state, inputs), nothing)
 
     def taken(
         self, state: list[Number], past: Past, drive: Column, inputs: Mapping[str, Number]
-    ) -> tuple[list[Number], Past]:
-        """`inputs` by name, at its middle."""
+    ) -> tuple[list[Number], list[Number], Past]:
+        """New state, efforts, and what is past then; `inputs` by name, in the middle of the step."""
         free = [
             total(self.base.get(i), [(entry, _of(k, state, drive)) for k, entry in row.items()])
             for i, row in enumerate(self.phi)
         ]
         if not self.rubs:
-            return free, past
+            return free, [], past
         quick = self._slipping(free, state, past, inputs)
         keeps = self._all_keep(state, quick)
         every = self.kind.rarely(
@@ -159,8 +158,8 @@ class Step:
         x, e = len(state), len(self.rubs)
         new, efforts = every[:x], every[x : x + e]
         if self.steady:
-            return new, Past(efforts, past.sizes, past.trends)
-        return new, Past(efforts, every[x + e : x + 2 * e], every[x + 2 * e :])
+            return new, efforts, past
+        return new, efforts, Past(every[x + e : x + 2 * e], every[x + 2 * e :])
 
     def _all_keep(self, old: list[Number], new: list[Number]) -> Mask:
         first, *rest = (_keeps(old[rub.row], new[rub.row]) for rub in self.rubs)
@@ -191,11 +190,11 @@ class Step:
         inputs: Mapping[str, Number],
     ) -> list[Number]:
         sizes, rest = past.sizes, self._at_rest(state, drive, inputs)
-        efforts, slips = self._efforts(free, state, past.efforts, sizes, rest)
+        efforts, slips = self._efforts(free, state, sizes, rest)
         if not self.steady:
             ahead = self._stopped(self._moved(free, efforts), slips)
             sizes = self._between(state, ahead, inputs)
-            efforts, slips = self._efforts(free, state, efforts, sizes, rest)
+            efforts, slips = self._efforts(free, state, sizes, rest)
         new = self._held(self._stopped(self._moved(free, efforts), slips), state, slips)
         return [*new, *efforts] if self.steady else [*new, *efforts, *sizes, *self._no_trends]
 
@@ -243,12 +242,14 @@ class Step:
         self,
         free: list[Number],
         state: list[Number],
-        before: list[Number],
         sizes: list[Number],
         rest: list[At],
     ) -> tuple[list[Number], list[Mask]]:
         """And where they let slip."""
-        known = list(before)
+        known = [
+            where(_moving(state[rub.row]), signed(most, state[rub.row]), at.held)
+            for rub, most, at in zip(self.rubs, sizes, rest, strict=True)
+        ]
         slips: dict[int, Mask] = {}
         for e in self._order:
             rub = self.rubs[e]
