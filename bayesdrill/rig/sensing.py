@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 
 from bayesdrill.basics.symbols import Symbol
 from bayesdrill.rig import vocabulary
+from bayesdrill.rig.models.friction import Friction, frictions_of
 from bayesdrill.rig.models.linear import Linear, Model, Named
 
 
@@ -19,6 +20,7 @@ from bayesdrill.rig.models.linear import Linear, Model, Named
 class Sensing:
     """Names of parameters by what they belong to: channels, inputs, states.
 
+    `input_lags`: by how much later than its record the rig feels an input, each by itself.
     `delay`: of all inputs, or of the moment at which constant ones are switched on.  `states`: of the
     start; `steady`: the rest of it is the steady state under the first inputs.
     """
@@ -28,6 +30,7 @@ class Sensing:
     lags: Mapping[str, str] = field(default_factory=dict)
     input_gains: Mapping[str, str] = field(default_factory=dict)
     input_offsets: Mapping[str, str] = field(default_factory=dict)
+    input_lags: Mapping[str, str] = field(default_factory=dict)
     delay: str | None = None
     states: Mapping[str, str] = field(default_factory=dict)
     steady: bool = False
@@ -38,7 +41,8 @@ class Sensing:
         return tuple(dict.fromkeys(self._every()))
 
     def _every(self) -> Iterator[str]:
-        for of in (self.gains, self.offsets, self.lags, self.input_gains, self.input_offsets):
+        inputs = (self.input_gains, self.input_offsets, self.input_lags)
+        for of in (self.gains, self.offsets, self.lags, *inputs):
             yield from of.values()
         if self.delay is not None:
             yield self.delay
@@ -59,7 +63,9 @@ class Sensing:
         """What each of them has: `twist: gain, lag; v: offset; inputs: delay`."""
         found: dict[str, list[str]] = {}
         kinds = (("gain", self.gains), ("offset", self.offsets), ("lag", self.lags))
-        inputs = (("gain", self.input_gains), ("offset", self.input_offsets))
+        inputs = (
+            ("gain", self.input_gains), ("offset", self.input_offsets), ("lag", self.input_lags)
+        )  # fmt: skip
         for kind, named in (*kinds, *inputs):
             for of in named:
                 found.setdefault(of, []).append(kind)
@@ -106,6 +112,10 @@ class Wired:
     @property
     def inputs(self) -> tuple[str, ...]:
         return self.rig.inputs
+
+    @property
+    def frictions(self) -> tuple[Friction, ...]:
+        return frictions_of(self.rig)
 
     def linear(self, p: Named) -> Linear:
         found, gains, offsets = self.rig.linear(p), dict(self.input_gains), dict(self.input_offsets)
