@@ -1,7 +1,7 @@
 """What could be behind a fit that leaves more than noise: each a number that is not unknown yet.
 
-Gains, offsets and lags of channels, the offset of a measured voltage, the states at the start, and efforts
-that the rig lacks (`rig.effects`).
+Gains, offsets and lags of channels, the offset of a measured voltage, the states at the start, and physics
+that the rig offers and has not been given.
 """
 
 from __future__ import annotations
@@ -20,20 +20,25 @@ from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.priors import Prior, TruncatedNormal, Uniform
 from bayesdrill.inference.unknowns import ParameterSpace, Unknown, of_label
 from bayesdrill.record.experiment import of_states, usual_inputs
-from bayesdrill.rig.effects import EFFECTS, Effect, entries
-from bayesdrill.rig.models.linear import Model
+from bayesdrill.rig.models.composed import offers, with_named
+from bayesdrill.rig.models.friction import frictions_of
+from bayesdrill.rig.models.linear import Linear, Model
 
 Array = NDArray[np.float64]
 
 Kind = Literal["gain", "offset", "lag", "input offset", "start", "rig"]
 
 LATEST = 20  # samples: how far a lag is sought
+ZERO = np.zeros(1)
+
+# What a rig may be without, each by the parameter that switches it on.
+LACKS = ("t_cm", "t_c1", "v_d", "c_1", "c_s")
 
 
 @dataclass(frozen=True, slots=True)
 class Candidate:
-    """`of`: a channel, an input, a state, or the parameter of an effect; `label`: of an experiment, empty
-    for the rig, which all share; `step`: of a lag, from one sample to the next.
+    """`of`: a channel, an input, a state, or a parameter that the rig lacks; `label`: of an experiment,
+    empty for the rig, which all share; `step`: of a lag, from one sample to the next.
     """
 
     kind: Kind
@@ -42,7 +47,6 @@ class Candidate:
     neutral: float
     prior: Prior
     step: float = 0.0
-    effect: Effect | None = None
 
     @property
     def name(self) -> str:
@@ -105,32 +109,23 @@ def of_start(one: Observation, space: ParameterSpace, theta: Array) -> list[Cand
 def of_rig(
     every: tuple[Observation, ...], space: ParameterSpace, theta: Array
 ) -> Iterator[Candidate]:
-    """What the rig has not, as far as it can have it; `theta (D,)`: where it moves."""
+    """What the rig offers and has not, as far as it can have it; `theta (D,)`: where it moves."""
     model = every[0].response.model
-    motions = [motion(one, space, theta) for one in every]
-    p = rig_at(every[0], space, theta)
-    for effect in EFFECTS:
-        if effect.parameter not in model.parameters and possible(model, effect, p):
-            size = max(_size(model, effect, p, one) for one in motions)
-            if size > 0:
-                prior = TruncatedNormal(0.0, size, -math.inf, math.inf)
-                yield Candidate("rig", effect.parameter, "", 0.0, prior, effect=effect)
-
-
-def possible(model: Model, effect: Effect, p: Mapping[str, float]) -> bool:
-    """Whether the rig has a place for it."""
-    try:
-        entries(model, effect.place, p)
-    except KeyError:
-        return False
-    return all(name in model.states for name in effect.states)
+    names = [name for name in LACKS if name in offers(model) and name not in model.parameters]
+    moved = (
+        [(rig_at(one, space, theta), motion(one, space, theta)) for one in every] if names else []
+    )
+    for name in names:
+        size = max(_size(with_named(model, (name,)), name, p, states) for p, states in moved)
+        if size > 0:
+            yield Candidate("rig", name, "", 0.0, Uniform(0.0, size))
 
 
 def rig_at(one: Observation, space: ParameterSpace, theta: Array) -> dict[str, float]:
     """The rig's parameters at `theta (D,)`."""
     told = one.told(space.full(theta[None]))[0]
     names = one.response.model.parameters
-    return dict(zip(names, map(float, told[: len(names)]), strict=True))
+    return dict(zip(names, map(float, told[: len(names)]), strict=False))
 
 
 def motion(one: Observation, space: ParameterSpace, theta: Array) -> Array:
@@ -141,15 +136,27 @@ def motion(one: Observation, space: ParameterSpace, theta: Array) -> Array:
     return np.asarray(one.response.of(shown).signals(one.told(space.full(theta[None])))[0])
 
 
-def _size(model: Model, effect: Effect, p: Mapping[str, float], states: Array) -> float:
-    """Of the effect's parameter: what would do as much as all that acts there, `states (T, X)`."""
-    rates = model.linear(p).A
+def _size(model: Model, name: str, p: Mapping[str, float], states: Array) -> float:
+    """What the parameter would be if it did as much as all else that acts where it does.
+
+    `states (T, X)`: of the motion without it.
+    """
+    without, alone = (model.linear({**p, name: value}) for value in (0.0, 1.0))
     named = dict(zip(model.states, states.T, strict=True))
-    moved = float(np.sqrt(np.mean(effect.shape(named) ** 2)))
     found = [0.0]
-    for row, entry in entries(model, effect.place, p).items():
-        parts = [abs(value) * np.abs(named[at]) for (to, at), value in rates.items() if to == row]
-        acting = float(np.sqrt(np.mean(sum(parts, np.zeros(len(states))) ** 2)))
-        if entry and moved:
-            found.append(acting / (abs(entry) * moved))
+    for row in model.states:
+        acting = _rates(without, row, named)
+        changed = [(k, x) for k, x in alone.A.items() if k[0] == row and x != without.A.get(k, 0.0)]
+        own = sum((np.asarray(x - without.A.get(k, 0.0)) * named[k[1]] for k, x in changed), ZERO)
+        for one in frictions_of(model):
+            if one.law.parameters == (name,) and (row, one.name) in alone.B:
+                own = own + np.asarray(alone.B[row, one.name]) * np.sign(named[one.against])
+        if (size := float(np.sqrt(np.mean(own**2)))) > 0:
+            found.append(acting / size)
     return max(found)
+
+
+def _rates(linear: Linear, row: str, named: Mapping[str, Array]) -> float:
+    """The root mean square of all that acts there, taken as if it acted one way."""
+    parts = [np.abs(x * named[k[1]]) for k, x in linear.A.items() if k[0] == row]
+    return float(np.sqrt(np.mean(sum(parts, ZERO) ** 2)))

@@ -6,6 +6,8 @@ from the MAP.
 
 from __future__ import annotations
 
+import dataclasses
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -22,17 +24,21 @@ Array = NDArray[np.float64]
 
 STEPS = 60  # uphill
 TRIED = (0.0, 3.0, -3.0)  # samples: lags from which it is sought
-AGAIN = 4  # times: signs of a motion that the efforts themselves change
 SURE = 5.0  # sds, of what is named
 NOISE = 1.1  # mean square over the noise's, below which nothing more is tried
 WORTH = 0.3  # of what is unexplained so far, that each thing named must explain
 ROUNDING = 1e-12
 EXPLAINS = 0.5  # of what the fit leaves beyond noise: with less, nothing is named
 MOST_NAMED = 5
+PROMISES = 0.3  # of what is left, to first order, for what is worth a search
+ALIKE = 0.1  # of what is left: two explanations that differ by less are equals
 
+SENSORS: frozenset[Kind] = frozenset({"gain", "offset", "lag", "input offset"})
 STAGES: tuple[frozenset[Kind], ...] = (
-    frozenset({"gain", "offset", "lag", "input offset"}),
-    frozenset({"gain", "offset", "lag", "input offset", "start"}),
+    SENSORS,
+    SENSORS | {"start"},
+    SENSORS | {"rig"},
+    SENSORS | {"rig", "start"},
 )
 
 
@@ -51,88 +57,150 @@ class Cause:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Causes:
-    """`share`: of what is left beyond noise, that they explain together; `found`: what matters; `rest`:
-    the mean square that they leave, over the noise's.
+    """`share`: of what is left beyond noise, that they explain together, or, where the noise is unknown, of
+    what passed for it; `found`: what matters; `rest`: the mean square that they leave, over the noise's;
+    `beyond`: what of it is more than noise or, where that is unknown, what still passes for it; `other`:
+    explains as much.
     """
 
     share: float
     rest: float
     found: tuple[Cause, ...]
+    beyond: float = 0.0
+    other: Causes | None = None
 
     @property
     def explains(self) -> bool:
         return self.share >= EXPLAINS and bool(self.found)
 
+    @property
+    def lacking(self) -> tuple[str, ...]:
+        """Parameters that the rig lacks."""
+        return tuple(one.of for one in self.found if one.kind == "rig")
+
 
 def causes(posterior: Posterior, theta: Array) -> Causes | None:
-    """At the MAP `theta (D,)`; None where nothing can be tried."""
+    """At the MAP `theta (D,)`; None where nothing can be tried.
+
+    What takes more to explain must leave so much less.  Where sensors and the start explain it, what
+    the rig lacks may do so as well.
+    """
     best: Causes | None = None
+    known = not any(one.noise.unknowns for one in posterior.likelihood.observations)
     for kinds in STAGES:
         found = _tried(posterior, theta, kinds)
-        if found is not None and (best is None or found.share > best.share):
+        if found is not None and (best is None or found.beyond < (1.0 - WORTH) * best.beyond):
             best = found
-        if best is not None and best.rest < NOISE:
+        if best is not None and known and best.rest < NOISE:
             break
-    return best
+    if best is None or not best.explains or best.lacking:
+        return best
+    rig = _Trial.of(posterior, theta, frozenset({"rig"}))
+    other = rig.outcome() if rig is not None and rig.promises() else None
+    alike = other is not None and other.explains and other.share > best.share - ALIKE
+    return dataclasses.replace(best, other=other) if alike else best
 
 
 def _tried(posterior: Posterior, theta: Array, kinds: frozenset[Kind]) -> Causes | None:
-    wide = widened(posterior, theta, kinds)
-    if not wide.every:
-        return None
-    count, m = _Left.of(posterior, theta, wide.posterior), _before(posterior)
-    top = _climbed(wide, theta, m)
-    if top is None:
-        return None
-    wide, u = top
-    every, wider = wide.every, wide.posterior
-    there = wider.coordinates.to_physical(u)[0]
-    left = count.at(posterior, theta)
-    explained = left - count.at(wider, there)
-    if left <= count.floor or explained <= 0:
-        return None
-    noisy = max(1.0, (left - explained) / count.numbers)
-    surface = PosteriorSurface(wider, physical=True)
-    curvature = surface.expand(u, np.eye(len(there))).curvature[0]
-    # In units of what each would be known to alone, so that its diagonal is one.
-    own = 1.0 / np.sqrt(np.maximum(np.diag(curvature), 1e-300))
-    steps = own * wider.coordinates.slopes(there[None])[0]
-    scaled = curvature * own[:, None] * own
-    inverse = np.linalg.pinv(scaled, hermitian=True)
-    sds = np.maximum(steps * np.sqrt(np.maximum(np.diag(inverse), 0.0)), 1e-300)
-    tried_at = slice(m, m + len(every))
-    off = (there[tried_at] - [c.neutral for c in every]) / steps[tried_at]
-    chosen = _chosen(scaled, m, off, every, SURE**2 * noisy)
-    named = [
-        Cause(kind=c.kind, of=c.of, experiment=c.label, value=float(there[k]), sd=float(sds[k]))
-        for group in chosen
-        for k, c in enumerate(every, start=m)
-        if c.group == group
-    ]
-    share = min(explained / (left - count.floor), 1.0)
-    return Causes(share=share, rest=(left - explained) / count.numbers, found=tuple(named))
+    trial = _Trial.of(posterior, theta, kinds)
+    return None if trial is None else trial.outcome()
 
 
-def _before(posterior: Posterior) -> int:
-    """The place of what is tried among the unknowns."""
-    return len(posterior.space.unknowns) - len(posterior.space.columns("noise"))
+@dataclass(frozen=True, slots=True)
+class _Trial:
+    """Of what is `wide`, from the MAP `theta (D,)` of `posterior` on."""
+
+    posterior: Posterior
+    theta: Array
+    wide: Widened
+    count: _Left
+
+    @classmethod
+    def of(cls, posterior: Posterior, theta: Array, kinds: frozenset[Kind]) -> _Trial | None:
+        """None where there is nothing to try, or nothing to explain."""
+        wide = widened(posterior, theta, kinds)
+        if not wide.every:
+            return None
+        count = _Left.of(posterior, theta, wide.posterior)
+        return cls(posterior, theta, wide, count) if count.before > count.floor else None
+
+    @property
+    def tried(self) -> slice:
+        """Places of what is tried among the unknowns."""
+        first = len(self.theta) - len(self.posterior.space.columns("noise"))
+        return slice(first, first + len(self.wide.every))
+
+    def starts(self) -> Array:
+        """In coordinates: with each lag from which it is sought."""
+        every, m = self.wide.every, self.tried.start
+        lags = TRIED if any(c.step for c in every) else (0.0,)
+        rows = [[c.at(lag) for c in every] for lag in lags]
+        full = [np.concatenate([self.theta[:m], row, self.theta[m:]]) for row in rows]
+        return self.wide.posterior.coordinates.from_physical(np.array(full))
+
+    def promises(self) -> bool:
+        """Whether it would explain much, were the response straight."""
+        surface = PosteriorSurface(self.wide.posterior, physical=True)
+        u = np.clip(self.starts()[:1], surface.low, surface.high)
+        here = surface.expand(u, np.eye(u.shape[1]))
+        new = np.zeros(u.shape[1], dtype=bool)
+        new[self.tried] = True
+        gains = [_gain(here.slope[0], here.curvature[0], free) for free in (new | ~new, ~new)]
+        return 2.0 * (gains[0] - gains[1]) > PROMISES * (self.count.before - self.count.floor)
+
+    def outcome(self) -> Causes | None:
+        """None where it comes to nothing."""
+        posterior, wider, count = self.posterior, self.wide.posterior, self.count
+        surface = PosteriorSurface(wider, physical=True)
+        top = climb(surface, self.starts(), STEPS)
+        which = int(np.argmax(top.value))
+        if not np.isfinite(top.value[which]):
+            return None
+        u = top.u[[which]]
+        there = wider.coordinates.to_physical(u)[0]
+        rest = count.at(wider, there) / count.numbers
+        explained = count.before / count.numbers - rest
+        if explained <= 0:
+            return None
+        curvature = surface.expand(u, np.eye(len(there))).curvature[0]
+        share = min(explained * count.numbers / (count.before - count.floor), 1.0)
+        beyond = max(rest - 1.0, 0.0)
+        if not count.floor:
+            beyond = _narrowed(posterior, self.theta, wider, there)
+            share = 1.0 - beyond
+        named = self._named(there, curvature, SURE**2 * max(1.0, rest))
+        return Causes(share=share, rest=rest, found=named, beyond=beyond)
+
+    def _named(self, there: Array, curvature: Array, least: float) -> tuple[Cause, ...]:
+        """At the maximum `there (E,)`, where the cost is bent by `curvature (E, E)`."""
+        every, m = self.wide.every, self.tried.start
+        # In units of what each would be known to alone, so that its diagonal is one.
+        own = 1.0 / np.sqrt(np.maximum(np.diag(curvature), 1e-300))
+        steps = own * self.wide.posterior.coordinates.slopes(there[None])[0]
+        scaled = curvature * own[:, None] * own
+        inverse = np.linalg.pinv(scaled, hermitian=True)
+        sds = np.maximum(steps * np.sqrt(np.maximum(np.diag(inverse), 0.0)), 1e-300)
+        off = (there[self.tried] - [c.neutral for c in every]) / steps[self.tried]
+        return tuple(
+            Cause(kind=c.kind, of=c.of, experiment=c.label, value=float(there[k]), sd=float(sds[k]))
+            for group in _chosen(scaled, m, off, every, least)
+            for k, c in enumerate(every, start=m)
+            if c.group == group
+        )
 
 
-def _climbed(wide: Widened, theta: Array, m: int) -> tuple[Widened, Array] | None:
-    """The maximum `(1, D)` from `theta (D,)`, and the signs that go with it; None where there is none."""
-    surface = PosteriorSurface(wide.posterior, physical=True)
-    tried = [[c.at(lag) for c in wide.every] for lag in TRIED]
-    starts = np.array([np.concatenate([theta[:m], row, theta[m:]]) for row in tried])
-    coordinates = wide.posterior.coordinates
-    top = climb(surface, coordinates.from_physical(starts), STEPS)
-    which = int(np.argmax(top.value))
-    if not np.isfinite(top.value[which]):
-        return None
-    u = top.u[[which]]
-    for _ in range(AGAIN if wide.dry else 0):
-        wide = wide.moving(coordinates.to_physical(u)[0])
-        u = climb(PosteriorSurface(wide.posterior, physical=True), u, STEPS).u
-    return wide, u
+def _gain(slope: Array, curvature: Array, free: NDArray[np.bool_]) -> float:
+    """Of the log density, by a step of what is `free (D,)` alone."""
+    own = 1.0 / np.sqrt(np.maximum(np.diag(curvature)[free], 1e-300))
+    scaled = curvature[np.ix_(free, free)] * own[:, None] * own + ROUNDING * np.eye(len(own))
+    return float(0.5 * (slope[free] * own) @ np.linalg.solve(scaled, slope[free] * own))
+
+
+def _narrowed(posterior: Posterior, theta: Array, wider: Posterior, there: Array) -> float:
+    """The mean square of an unknown noise at `there (E,)`, over that at the MAP `theta (D,)`."""
+    pairs = ((posterior.likelihood, theta), (wider.likelihood, there))
+    before, after = (float(one(at[None])[0]) / one.numbers for one, at in pairs)
+    return math.exp(min(2.0 * (before - after), 0.0))
 
 
 def _chosen(
@@ -174,21 +242,23 @@ def _cost(scaled: Array, m: int, off: Array, held: Sequence[bool]) -> float:
 
 @dataclass(frozen=True, slots=True)
 class _Left:
-    """Sums of squares over the noise of the MAP, of the samples that both likelihoods see."""
+    """Sums of squares over the noise of the MAP, of the samples that both likelihoods see; `before`: of
+    the MAP; `floor`: what noise alone leaves of it, zero where it is unknown.
+    """
 
     scales: list[Array]
     seen: list[NDArray[np.bool_]]
+    before: float
     floor: float
 
     @classmethod
     def of(cls, posterior: Posterior, theta: Array, wider: Posterior) -> _Left:
         known = not any(one.noise.unknowns for one in posterior.likelihood.observations)
         seen = [one.experiment.seen for one in wider.likelihood.observations]
-        return cls(
-            scales=[one.scales(theta[None])[0] for one in posterior.likelihood.observations],
-            seen=seen,
-            floor=float(sum(each.sum() for each in seen)) if known else 0.0,
-        )
+        scales = [one.scales(theta[None])[0] for one in posterior.likelihood.observations]
+        floor = float(sum(each.sum() for each in seen)) if known else 0.0
+        without = cls(scales=scales, seen=seen, before=0.0, floor=floor)
+        return dataclasses.replace(without, before=without.at(posterior, theta))
 
     @property
     def numbers(self) -> float:

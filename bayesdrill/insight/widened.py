@@ -17,8 +17,8 @@ from bayesdrill.inference.unknowns import ParameterSpace
 from bayesdrill.insight import candidates
 from bayesdrill.insight.candidates import LATEST, Candidate, Kind
 from bayesdrill.record.experiment import Experiment, frozen
-from bayesdrill.rig.effects import Lacking
-from bayesdrill.rig.measured import simulator
+from bayesdrill.rig.choosing import simulator
+from bayesdrill.rig.models.composed import with_named
 
 Array = NDArray[np.float64]
 
@@ -29,26 +29,6 @@ class Widened:
 
     posterior: Posterior
     every: tuple[Candidate, ...]
-
-    @property
-    def dry(self) -> tuple[Candidate, ...]:
-        """What goes by the signs of a motion."""
-        return tuple(c for c in self.every if c.effect is not None and c.effect.dry)
-
-    def moving(self, theta: Array) -> Widened:
-        """With the signs of the motion at `theta (D,)` of it."""
-        if not self.dry:
-            return self
-        space, likelihood = self.posterior.space, self.posterior.likelihood
-        made = []
-        for one in likelihood.observations:
-            states = candidates.motion(one, space, theta)
-            series = {**one.experiment.series, **_signs(self.dry, one, states)}
-            made.append(dataclasses.replace(one, response=one.response.with_series(series)))
-        again = dataclasses.replace(likelihood, observations=tuple(made))
-        return dataclasses.replace(
-            self, posterior=dataclasses.replace(self.posterior, likelihood=again)
-        )
 
 
 def widened(posterior: Posterior, theta: Array, kinds: frozenset[Kind]) -> Widened:
@@ -61,8 +41,7 @@ def widened(posterior: Posterior, theta: Array, kinds: frozenset[Kind]) -> Widen
         if "start" in kinds:
             own += candidates.of_start(one, space, theta)
         tried += own
-        states = candidates.motion(one, space, theta) if rig else np.empty((0, 0))
-        parts.append(_part(one, space, own, rig, states, late="start" in kinds))
+        parts.append(_part(one, space, own, rig, late="start" in kinds))
     noise = len(space.unknowns) - len(space.columns("noise"))
     new = tuple(c.unknown for c in tried)
     wider = dataclasses.replace(
@@ -81,7 +60,6 @@ def _part(
     space: ParameterSpace,
     own: Sequence[Candidate],
     rig: Sequence[Candidate],
-    states: Array,
     *,
     late: bool,
 ) -> Part:
@@ -102,13 +80,9 @@ def _part(
         states=with_new("start", old.states),
     )
     experiment, noise = _without_first(one) if late else (one.experiment, one.noise)
-    model = one.response.model
-    if rig:
-        signs = _signs([c for c in rig if c.effect is not None and c.effect.dry], one, states)
-        experiment = dataclasses.replace(experiment, series={**experiment.series, **signs})
-        effects = tuple(c.effect for c in rig if c.effect is not None)
-        model = Lacking(model, effects, tuple(c.name for c in rig))
-    response = simulator(model, experiment, sensing)
+    model = with_named(one.response.model, [c.of for c in rig])
+    response = simulator(model, experiment, sensing, getattr(one.response, "pieces", 1))
+    told |= {c.of: c.name for c in rig}
     return Part(
         response=response,
         noise=noise,
@@ -116,12 +90,6 @@ def _part(
         levels=one.levels(space),
         label=one.label,
     )
-
-
-def _signs(dry: Sequence[Candidate], one: Observation, states: Array) -> dict[str, Array]:
-    """An input `(T,)` of each, of a motion `states (T, X)`."""
-    named = dict(zip(one.response.model.states, states.T, strict=True))
-    return {c.name: c.effect.shape(named) for c in dry if c.effect is not None}
 
 
 def _without_first(one: Observation) -> tuple[Experiment, Noise]:

@@ -93,6 +93,20 @@ class Ahead:
         head = np.repeat(self._first[None], margin, axis=0)
         return np.ascontiguousarray(np.concatenate([head, known, tail]))
 
+    def felt(self, which: int, lag: Array) -> tuple[Array, Array]:
+        """One of the inputs, late by `lag (W,)`, at the beginning of each step, and its rise: `(W, N)`."""
+        margin = self.margin(lag[:, None])
+        rows = self.inputs(margin, 0)
+        whole, share = (part[:, None] for part in self.delays([lag]))
+        at = margin + np.arange(self.nodes) - whole.astype(np.int64)
+
+        def late(column: int) -> Array:
+            here, earlier = rows[at, column], rows[np.maximum(at - 1, 0), column]
+            return np.asarray(here + (earlier - here) * share)
+
+        values = late(which)
+        return values, late(which + self._rises) if self._rises else np.zeros_like(values)
+
     @cached_property
     def _over_steps(self) -> Array:
         return self._of_steps(np.arange(self.nodes + 2) * self.span)
