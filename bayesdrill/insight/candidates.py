@@ -1,7 +1,7 @@
 """What could be behind a fit that leaves more than noise: each a number that is not unknown yet.
 
-Gains, offsets and lags of channels, the offset of a measured voltage, the states at the start, and physics
-that the rig offers and has not been given.
+Gains, offsets and lags of channels, the offset of a measured voltage, the states at the start, and
+physics that the rig offers and has not been given.
 """
 
 from __future__ import annotations

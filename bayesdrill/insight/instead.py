@@ -37,7 +37,7 @@ class Instead:
 
 
 def instead(problem: Problem, theta: Array) -> Instead | None:
-    """What fits the record with the table about as well as the MAP `theta (D,)` without; the best of it."""
+    """What fits the record with the table about as well as the MAP `theta (D,)` without; the best."""
     posterior = problem.posterior
     wide = widened(posterior, theta, frozenset({"rig"}))
     held = [k for k, name in enumerate(posterior.space.free) if name in problem.nominal]

@@ -1,4 +1,4 @@
-"""A posterior in which more is unknown: numbers of sensors, of starts, and efforts that its rig lacks."""
+"""A posterior in which more is unknown: of sensors, of starts, and what its rig lacks."""
 
 from __future__ import annotations
 

@@ -105,18 +105,18 @@ class Ahead:
         return {}
 
     def felt(self, which: int, lag: Array) -> tuple[Array, Array]:
-        """One of the inputs, late by `lag (W,)`, at the beginning of each step, and its rise: `(W, N)`."""
-        margin = self.margin(lag[:, None])
-        rows = self.inputs(margin, 0)
+        """One of the inputs, late by `lag (W,)`, as steps begin, and its slope: `(W, N)` each."""
+        rows = np.concatenate([self._first[None], self._over_steps, self._last[None]])
         whole, share = (part[:, None] for part in self.delays([lag]))
-        at = margin + np.arange(self.nodes) - whole.astype(np.int64)
+        at = 1 + np.arange(self.nodes) - whole.astype(np.int64)
+        here, earlier = (np.clip(at - back, 0, len(rows) - 1) for back in (0, 1))
 
         def late(column: int) -> Array:
-            here, earlier = rows[at, column], rows[np.maximum(at - 1, 0), column]
-            return np.asarray(here + (earlier - here) * share)
+            now = rows[here, column]
+            return np.asarray(now + (rows[earlier, column] - now) * share)
 
         values = late(which)
-        return values, late(which + self._rises) if self._rises else np.zeros_like(values)
+        return values, late(which + self._slopes) if self._slopes else np.zeros_like(values)
 
     @cached_property
     def _over_steps(self) -> Array:

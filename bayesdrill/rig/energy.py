@@ -1,12 +1,12 @@
-"""Where the energy of a rig goes, from its equations alone: inputs, resistance, damping, friction, what is stored.
+"""Where the energy of a rig goes, by its equations: to resistance, damping, friction, or into store.
 
 Of a rig of a motor, a shaft and rotor 1 every entry of x' = A x + B u + c is a power once it is known
-what its rows weigh: j_1 by the load `t_1`, the inertia at the gearbox by the shaft, which acts at both of
-its ends alike, l_m by the voltage `v`.  What a parameter takes is what is missing where it is zero.
+what its rows weigh: j_1 by the load `t_1`, the inertia at the gearbox by the shaft, which acts at both
+of its ends alike, l_m by the voltage `v`.  What a parameter takes is what is missing where it is zero.
 
 Over a step with constant efforts and straight inputs all of it is exact: integrals of squares of
-exponentials, by doubling.  Where a speed changes its sign within a step, the effort is the mean of it, and
-the sum closes to the order of the steps; `Energies.open` says by how much it does not.
+exponentials, by doubling.  Where a speed changes its sign within a step, the effort is the mean over
+it, and the sum closes to the order of the step; `Energies.open` says by how much it does not.
 """
 
 from __future__ import annotations
@@ -21,9 +21,10 @@ from scipy.linalg import expm
 
 from bayesdrill.rig.models.friction import frictions_of
 from bayesdrill.rig.models.linear import Model, dynamics
-from bayesdrill.rig.stepped import Steps, Stepped
+from bayesdrill.rig.stepped import Stepped, Steps
 
 Array = NDArray[np.float64]
+Whole = NDArray[np.intp]
 
 LOSSES = (
     "r_m",
@@ -40,8 +41,8 @@ SHORT = 0.25  # of the fastest motion: a span over which quadrature is exact to 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Energies:
     """J, from the first of the times `t (N,)` on: `given` by inputs; `lost`, to parameters and frictions
-    by name; `converted`: what a motor gives beyond what it takes, where k_T is not k_e; `stored`: at each
-    time.
+    by name; `converted`: what a motor gives beyond what it takes, where k_T is not k_e; `stored`: at
+    each time.
     """
 
     t: Array
@@ -77,9 +78,7 @@ def energies(rig: Stepped, full: Array) -> Energies:
     x = len(model.states)
     taken = np.zeros((len(forms), len(z)))
     for rows, held in _patterns(model, z[:, :x]):
-        over = _over_step(
-            _generator(model, p, steps.span, held), np.stack([*forms.values()]), steps.span
-        )
+        over = _over_step(_generator(model, p, held), np.stack([*forms.values()]), steps.span)
         taken[:, rows] = np.einsum("nz,fzy,ny->fn", z[rows], over, z[rows], optimize=True)
     whole = np.concatenate([np.zeros((len(forms), 1)), np.cumsum(taken, axis=1)[:, :-1]], axis=1)
     named = dict(zip(forms, whole, strict=True))
@@ -107,7 +106,7 @@ def _weights(model: Model, p: Mapping[str, float]) -> dict[str, float]:
 
 
 def _forms(model: Model, p: Mapping[str, float]) -> tuple[dict[str, Array], Array]:
-    """Powers into the rig as forms of (states, 1, inputs, rises, efforts): of inputs, parameters,
+    """Powers into the rig as forms of (states, 1, inputs, slopes, efforts): of inputs, parameters,
     frictions, and, named by nothing, of the rest; and twice the stored energy as a form of states.
     """
     linear, places, weights = model.linear(p), _places(model), _weights(model, p)
@@ -140,11 +139,11 @@ def _autonomous(model: Model, p: Mapping[str, float], stored: Array, n: int) -> 
 
 
 def _extended(model: Model, steps: Steps) -> Array:
-    """Of one walker, `(N, Z)`: states, 1, inputs, by how much they rise in a step, efforts."""
+    """Of one walker, `(N, Z)`: states, 1, inputs and their slopes, efforts."""
     n = len(steps.t)
     felt = [steps.felt[name][0] for name in model.inputs]
-    rises = [steps.rises[name][0] for name in model.inputs]
-    driven = np.stack([*felt, *rises], axis=1) if felt else np.empty((n, 0))
+    slopes = [steps.slopes[name][0] for name in model.inputs]
+    driven = np.stack([*felt, *slopes], axis=1) if felt else np.empty((n, 0))
     motion = steps.motion
     return np.concatenate([motion.states[0], np.ones((n, 1)), driven, motion.efforts[0]], axis=1)
 
@@ -157,7 +156,7 @@ def _places(model: Model) -> dict[str, int]:
     return places | {one.name: first + k for k, one in enumerate(frictions)}
 
 
-def _generator(model: Model, p: Mapping[str, float], span: float, held: Sequence[str]) -> Array:
+def _generator(model: Model, p: Mapping[str, float], held: Sequence[str]) -> Array:
     """How what `_extended` has changes with time, where the states `held` do not."""
     linear, x, places = model.linear(p), len(model.states), _places(model)
     u = len(model.inputs)
@@ -168,12 +167,12 @@ def _generator(model: Model, p: Mapping[str, float], span: float, held: Sequence
         made[model.states.index(row), x] = np.asarray(value).item()
     for (row, name), value in linear.B.items():
         made[model.states.index(row), places[name]] += np.asarray(value).item()
-    made[range(x + 1, x + 1 + u), range(x + 1 + u, x + 1 + 2 * u)] = 1.0 / span
+    made[range(x + 1, x + 1 + u), range(x + 1 + u, x + 1 + 2 * u)] = 1.0
     made[[model.states.index(name) for name in held]] = 0.0
     return made
 
 
-def _patterns(model: Model, states: Array) -> Iterator[tuple[Array, tuple[str, ...]]]:
+def _patterns(model: Model, states: Array) -> Iterator[tuple[Whole, tuple[str, ...]]]:
     """Which steps `(N,)` have the same states held, by frictions that stick through all of them."""
     frictions = frictions_of(model)
     still = np.zeros((len(states), len(frictions)), dtype=bool)

@@ -42,15 +42,15 @@ class Motion:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Steps:
-    """Steps of one length `span` [s] that begin at `t (N,)`: `motion` there, and what the rig feels of each
-    input: `felt (W, N)`, and `rises (W, N)` by how much it rises over the step.
+    """Steps of one length `span` [s] that begin at `t (N,)`: `motion` there, and what the rig feels of
+    each input: `felt (W, N)`, and `slopes (W, N)` with which it goes on through the step.
     """
 
     t: Array
     span: float
     motion: Motion
     felt: Mapping[str, Array]
-    rises: Mapping[str, Array]
+    slopes: Mapping[str, Array]
 
 
 @dataclass(frozen=True)
@@ -124,19 +124,19 @@ class Stepped:
         x, e, n = len(self.model.states), len(frictions_of(self.model)), self._ahead.nodes
         with np.errstate(all="ignore"):
             every = self._run(nodes, full, efforts=True)[:, :n]
-        felt, rises = self._felt(full)
+        felt, slopes = self._felt(full)
         return Steps(
             t=self._walkers.knots[0][0] + self._ahead.span * np.arange(n),
             span=self._ahead.span,
             motion=Motion(states=every[..., :x], efforts=every[..., x : x + e]),
             felt=felt,
-            rises=rises,
+            slopes=slopes,
         )
 
     def _felt(self, full: Array) -> tuple[dict[str, Array], dict[str, Array]]:
-        """Inputs at the beginning of steps, and their rises, `(W, N)` each."""
+        """Inputs at the beginning of steps, and their slopes, `(W, N)` each."""
         w, sensing, zero = self._walkers, self.sensing, np.zeros((len(full), self._ahead.nodes))
-        felt, rises = dict[str, Array](), dict[str, Array]()
+        felt, slopes = dict[str, Array](), dict[str, Array]()
 
         def told(names: Mapping[str, str], name: str, usual: float) -> Array:
             found = w.column(names[name], full) if name in names else np.full(len(full), usual)
@@ -145,13 +145,13 @@ class Stepped:
         for name in self.model.inputs:
             if name in w.inputs:
                 lag = told(sensing.input_lags, name, 0.0)
-                u, rise = self._ahead.felt(w.inputs.index(name), lag)
+                u, slope = self._ahead.felt(w.inputs.index(name), lag)
             else:
-                u, rise = zero + self.experiment.constant.get(name, 0.0), zero
+                u, slope = zero + self.experiment.constant.get(name, 0.0), zero
             gain = told(sensing.input_gains, name, 1.0)[:, None]
             felt[name] = gain * u + told(sensing.input_offsets, name, 0.0)[:, None]
-            rises[name] = gain * rise
-        return felt, rises
+            slopes[name] = gain * slope
+        return felt, slopes
 
     # What the kernels are told.
 
