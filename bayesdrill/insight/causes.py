@@ -58,9 +58,9 @@ class Cause:
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Causes:
     """`share`: of what is left beyond noise, that they explain together, or, where the noise is unknown,
-    of what passed for it; `found`: what matters; `rest`: the mean square that they leave, over the noise's;
-    `beyond`: what of it is more than noise or, where that is unknown, what still passes for it; `other`:
-    explains as much.
+    of what passed for it; `found`: what matters; `rest`: the mean square that they leave, over the
+    noise's; `beyond`: what of it is more than noise or, where that is unknown, what still passes for it;
+    `other`: explains as much.
     """
 
     share: float
