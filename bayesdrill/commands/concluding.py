@@ -18,6 +18,7 @@ from bayesdrill.insight.identifiability.scenes import Scenery
 from bayesdrill.insight.moments import half_a_sample
 from bayesdrill.insight.repeats import repeats
 from bayesdrill.report import (
+    energy_words,
     nuisance_words,
     record_words,
     repeat_words,
@@ -89,6 +90,7 @@ def entries(found: View) -> dict[str, Any]:
         "fit": residual_words.as_data(found.left),
         "repeats": repeat_words.as_data(found.repeats, found.names_of_rig),
         "causes": nuisance_words.as_data(found.causes),
+        **({"energy": energy_words.as_data(found.accounts)} if found.accounts else {}),
         "verdict": None
         if found.judged is None
         else verdict_words.as_data(found.judged.verdict, table, converged=c.converged),

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 from bayesdrill.insight.verdict import Judgement, Verdict
 from bayesdrill.report import (
     derived_words,
+    energy_words,
     identify_words,
     marks,
     nuisance_words,
@@ -28,6 +29,7 @@ from bayesdrill.report.sections import (
     Table,
 )
 from bayesdrill.report.view import View
+from bayesdrill.rig.models.friction import frictions_of
 from bayesdrill.setup.build import compared_with
 
 FOUND = "nothing found: energy, poles and sampling are as in a real rig"
@@ -43,6 +45,7 @@ def sections(run: View, pictures: Sequence[Picture] = ()) -> tuple[Section, ...]
         Section("Parameters", _parameters(run)),
         *((_against(judged.verdict),) if judged is not None else ()),
         *_repeats(run),
+        *_energy(run),
         *shown,
         *(_shown(judged, len(run.problem.observations)) if judged is not None else ()),
         Section("What follows from these", (_following(run),), brief=False),
@@ -87,6 +90,16 @@ def _repeats(run: View) -> Iterator[Section]:
         yield Section(
             "From one experiment to the next", (said, repeat_words.table(run.repeats, names), read)
         )
+
+
+def _energy(run: View) -> Iterator[Section]:
+    """Of a rig that rubs."""
+    frictions = frictions_of(run.problem.model)
+    for one in run.accounts:
+        where = f" in {one.label}" if one.label else ""
+        shown = energy_words.table(one, frictions)
+        read = Note(energy_words.note(one))
+        yield Section(f"Where the energy goes{where}", (shown, read), brief=False)
 
 
 def _parameters(run: View) -> tuple[Block, ...]:
