@@ -62,6 +62,10 @@ class Stepped:
     sensing: Sensing
     pieces: int = 1
 
+    def __getstate__(self) -> dict[str, Any]:
+        """Without what is compiled."""
+        return {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
+
     @property
     def parameters(self) -> tuple[str, ...]:
         return self._walkers.parameters

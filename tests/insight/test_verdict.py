@@ -238,9 +238,9 @@ def given(entry: object) -> dict[str, float]:
 
 
 def test_tolerances_by_number_and_by_symbol() -> None:
-    assert given(0.05) == dict.fromkeys(ORDER, 0.05)
+    assert given(0.05) == dict.fromkeys(PARAMETERS, 0.05)
     found = given({"default": 0.05, "k_s": 0.1})
-    assert found == {**dict.fromkeys(ORDER, 0.05), "k_s": 0.1}
+    assert found == {**dict.fromkeys(PARAMETERS, 0.05), "k_s": 0.1}
     assert given({"k_s": 0.1})["r_m"] == 0.0
 
 

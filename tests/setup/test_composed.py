@@ -291,7 +291,7 @@ def test_lines_of_a_first_config_switch_it_on(tmp_path: Path) -> None:
 
 
 def test_arrays_with_damping_find_it_again() -> None:
-    x, rng = moved(0.02, 0.0), np.random.default_rng(4)
+    x, rng = moved(0.02, NOMINAL["r_m"] / 2), np.random.default_rng(4)
     channels = {
         name: bd.Channel(x[:, k] + 0.01 * rng.standard_normal(T), unit, 0.01)
         for name, k, unit in (("w_1", 2, "rad/s"), ("w_2", 3, "rad/s"))
@@ -300,7 +300,9 @@ def test_arrays_with_damping_find_it_again() -> None:
     given = dict.fromkeys(NOMINAL, "nominal") | {
         "c_s": {"prior": "half_normal", "scale": 0.05},
         "k_s": box,
-        "r_s": 0.0,
+        "r_s": "r_m/2",
+        "j_2": 0.0,
+        "c_1": "c_s*1.0e-6",
     }
     t = DT * np.arange(T)
     case = bd.case(t, channels, {"v": 8.0}, given, nominal="tables_2_3")

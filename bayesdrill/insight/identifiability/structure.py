@@ -40,8 +40,14 @@ class Structure:
 
 
 def null_space(sensitivities: Sequence[Array]) -> Array:
-    """Directions of log unknowns that change nothing at any of the points: `(n, m)` rows."""
-    reduced = [np.linalg.qr(s / np.linalg.norm(s), mode="r") for s in sensitivities]
+    """Directions of log unknowns that change nothing at any of the points: `(n, m)` rows.
+
+    Points at which nothing moves, as of a rig that sticks from the start, say nothing.
+    """
+    moving = [s / size for s in sensitivities if (size := np.linalg.norm(s)) > 0]
+    if not moving:
+        return np.eye(sensitivities[0].shape[1])
+    reduced = [np.linalg.qr(s, mode="r") for s in moving]
     _, values, rows = np.linalg.svd(np.concatenate(reduced))
     rank = int(np.sum(values > RANK_TOLERANCE * values[0]))
     return np.asarray(rows[rank:])
@@ -56,8 +62,8 @@ def analyse(
     null = null_space(sensitivities)
     found = sparse_basis(null)
     proven = tuple(exponents for exponents in found if unchanged(exponents))
-    each = [null_space([one]) for one in sensitivities]
-    blind = min(map(len, each))
+    each = [null_space([one]) for one in sensitivities if one.any()]
+    blind = min(map(len, each), default=len(null))
     if blind > len(null):  # of a sum only the sum may show: its direction turns with its terms
         hidden = np.concatenate(each)
     elif len(proven) == len(null):

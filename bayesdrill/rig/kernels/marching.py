@@ -22,6 +22,7 @@ from bayesdrill.rig.kernels.lanes import (
     whole_numbers,
 )
 from bayesdrill.rig.kernels.pieces import Own, Shape
+from bayesdrill.rig.kernels.rates import Rates
 from bayesdrill.rig.kernels.rubbing import Kind, Number, Past, Rub, Step, fused, total
 
 
@@ -85,11 +86,12 @@ class Writer:
     def _step(self) -> Step:
         shape, x = self.shape, self.x_count
         first = x + 1 + len(shape.columns)
-        rubs = []
+        rubs, rates = [], Rates(self.b, shape, self.parameters)
         for e, friction in enumerate(shape.frictions):
             row = shape.model.states.index(friction.against)
             column = {i: self._entry(i, first + e) for i in range(x)}
             kept = {i: value for i, value in column.items() if value is not None}
+            acts = -rates.rows[row][first + e]  # a unit of it, on the rate
             steady = friction.law.steady
             known = friction.law.size(self.parameters, 0.0, {}) if steady else None
             rub = Rub(
@@ -97,6 +99,8 @@ class Writer:
                 holds=None if friction.holds is None else shape.model.states.index(friction.holds),
                 column=kept,
                 over=-1.0 / kept[row],
+                pull={k: entry / acts for k, entry in rates.rows[row].items() if k < first},
+                pull_base=rates.base[row] / acts,
                 law=friction.law,
                 size=known,
             )
@@ -118,9 +122,10 @@ class Writer:
         found = [self._input(node, k) for k in range(len(shape.columns))]
         middle: dict[str, Number] = dict(shape.constant)
         for k, name in enumerate(shape.series):
-            middle[name] = found[k]
+            number = found[k] + middle.get(name, 0.0)
             if shape.first_order:
-                middle[name] = found[k] + found[len(shape.series) + k] * (self.span * 0.5)
+                number = number + found[len(shape.series) + k] * (self.span * 0.5)
+            middle[name] = number
         return {first + k: number for k, number in enumerate(found)}, middle
 
     def _input(self, node: ir.Value, k: int) -> Number:

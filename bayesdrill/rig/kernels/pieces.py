@@ -106,7 +106,7 @@ class _Entries:
         for (row, name), value in linear.B.items():
             if name in places:
                 found.append((index[row], places[name], value))
-            elif constant.get(name, 0.0) != 0.0:
+            if constant.get(name, 0.0) != 0.0:
                 found.append((index[row], x, value * constant[name]))
         rising = [name for name in places if f"{name} slope" in places]
         return found + [(places[name], places[f"{name} slope"], 1.0) for name in rising]

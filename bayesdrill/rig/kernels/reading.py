@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from llvmlite import ir
 
 from bayesdrill.basics.arithmetic import where
-from bayesdrill.basics.duals import Dual, dual
+from bayesdrill.basics.duals import dual
 from bayesdrill.rig.kernels.gathering import gather_own
 from bayesdrill.rig.kernels.lanes import (
     F64,
@@ -27,6 +27,7 @@ from bayesdrill.rig.kernels.lanes import (
     whole_numbers,
 )
 from bayesdrill.rig.kernels.marching import Writer
+from bayesdrill.rig.kernels.rates import Rates
 from bayesdrill.rig.kernels.rubbing import Number, total
 
 KEPT = 3  # the value, and the rates after it and before the next one, times a step
@@ -35,13 +36,13 @@ KEPT = 3  # the value, and the rates after it and before the next one, times a s
 def emit_trace(w: Writer) -> None:
     """Of all nodes; the last has a value alone."""
     b = w.b
-    rates = _Rates(w)
+    rates = Rates(b, w.shape, w.parameters)
     nodes = Loop(b, w.a["nodes"], w.start(), "nodes")
     state = w.kind.shaped(nodes.carried)[: w.x_count]
     drive, _ = w.drive(nodes.index)
     new, efforts, last = w.once(nodes.index, nodes.carried)
     after = rates.of(state, drive, efforts)
-    before = rates.of(new, drive, efforts, late=True)
+    before = rates.of(new, drive, efforts, later=w.span)
     for k in range(w.k_count):
         kept = [w.seen(k, state, []), *(_seen_rate(w, k, rate) for rate in (after, before))]
         _keep(w, nodes.index, k, kept)
@@ -65,53 +66,6 @@ def _seen_rate(w: Writer, k: int, rates: Sequence[Number]) -> Number:
     terms = [(row, rates[r]) for r, row in w.rows[k].items() if r < w.x_count]
     zero = Lane(w.b, vector(0.0))
     return total(zero, terms) * w.span
-
-
-class _Rates:
-    """The right side of the rig's equations."""
-
-    def __init__(self, w: Writer) -> None:
-        self.w = w
-        linear, states = w.shape.model.linear(w.parameters), w.shape.model.states
-        constant, driven = dict(w.shape.constant), w.shape.driven
-        self.rows: list[dict[int, Number]] = [{} for _ in states]
-        self.base: list[Number] = [self._number(0.0) for _ in states]
-        for (row, column), value in linear.A.items():
-            self.rows[states.index(row)][states.index(column)] = self._number(value)
-        for row, value in linear.c.items():
-            self.base[states.index(row)] = self.base[states.index(row)] + value
-        for (row, name), value in linear.B.items():
-            i = states.index(row)
-            if name in driven:
-                self.rows[i][w.x_count + 1 + driven.index(name)] = self._number(value)
-            elif constant.get(name, 0.0) != 0.0:
-                self.base[i] = self.base[i] + value * constant[name]
-
-    def _number(self, value: Number) -> Number:
-        plain = not isinstance(value, Lane | Dual)
-        return Lane(self.w.b, vector(float(value))) if plain else value
-
-    def of(
-        self,
-        state: Sequence[Number],
-        drive: dict[int, Number],
-        efforts: Sequence[Number],
-        *,
-        late: bool = False,
-    ) -> list[Number]:
-        """At the beginning of a step, or, `late`, at its end."""
-        w, first = self.w, self.w.x_count + 1
-        values: dict[int, Number] = dict(enumerate(state)) | drive
-        values |= {first + len(w.shape.columns) + e: one for e, one in enumerate(efforts)}
-        if late and w.shape.first_order:
-            s = len(w.shape.series)
-            values |= {
-                first + k: drive[first + k] + drive[first + s + k] * w.span for k in range(s)
-            }
-        return [
-            total(base, [(entry, values[k]) for k, entry in row.items()])
-            for row, base in zip(self.rows, self.base, strict=True)
-        ]
 
 
 def emit_reading(w: Writer) -> None:

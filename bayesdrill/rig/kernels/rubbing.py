@@ -30,13 +30,16 @@ Column = Mapping[int, Number]
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Rub:
     """`row`: the place of its speed; `holds`: of its angle; `column`: what a unit of it does to
-    states in a step, and `over`: minus one over that to its own speed.  `size`: of a law that is steady.
+    states in a step, and `over`: minus one over that to its own speed.  `pull`, `pull_base`: what it
+    has to hold, of states and drive.  `size`: of a law that is steady.
     """
 
     row: int
     holds: int | None
     column: Column
     over: Number
+    pull: Column
+    pull_base: Number
     law: Law
     size: Number | None
 
@@ -82,6 +85,14 @@ class Kind:
 
 def _register(number: Lane | float) -> ir.Value:
     return number.value if isinstance(number, Lane) else vector(number)
+
+
+@dataclass(frozen=True, slots=True)
+class At:
+    """Of a friction at the beginning of a step: what has to be `held`, and its `size` at rest."""
+
+    held: Number
+    size: Number
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,7 +152,7 @@ class Step:
         quick = self._slipping(free, state, past, inputs)
         keeps = self._all_keep(state, quick)
         every = self.kind.rarely(
-            keeps.turned(), quick, lambda: self._turning(free, state, past, inputs)
+            keeps.turned(), quick, lambda: self._turning(free, state, past, drive, inputs)
         )
         x, e = len(state), len(self.rubs)
         new, efforts, sizes = every[:x], every[x : x + e], every[x + e :]
@@ -165,16 +176,33 @@ class Step:
         return [*self._moved(free, efforts), *efforts, *([] if self.steady else sizes)]
 
     def _turning(
-        self, free: list[Number], state: list[Number], past: Past, inputs: Mapping[str, Number]
+        self,
+        free: list[Number],
+        state: list[Number],
+        past: Past,
+        drive: Column,
+        inputs: Mapping[str, Number],
     ) -> list[Number]:
-        sizes = past.sizes
-        efforts, slips = self._efforts(free, state, past.efforts, sizes)
+        sizes, rest = past.sizes, self._at_rest(state, drive, inputs)
+        efforts, slips = self._efforts(free, state, past.efforts, sizes, rest)
         if not self.steady:
             ahead = self._stopped(self._moved(free, efforts), slips)
             sizes = self._between(state, ahead, inputs)
-            efforts, slips = self._efforts(free, state, efforts, sizes)
+            efforts, slips = self._efforts(free, state, efforts, sizes, rest)
         new = self._held(self._stopped(self._moved(free, efforts), slips), state, slips)
         return [*new, *efforts, *([] if self.steady else sizes)]
+
+    def _at_rest(
+        self, state: list[Number], drive: Column, inputs: Mapping[str, Number]
+    ) -> list[At]:
+        still = list(state)
+        for rub in self.rubs:
+            still[rub.row] = Lane(self.kind.b, vector(0.0))
+        held = [
+            total(rub.pull_base, [(entry, _of(k, state, drive)) for k, entry in rub.pull.items()])
+            for rub in self.rubs
+        ]
+        return [At(one, most) for one, most in zip(held, self.sizes(still, inputs), strict=True)]
 
     def _against(self, state: list[Number], sizes: list[Number]) -> list[Number]:
         return [signed(one, state[rub.row]) for one, rub in zip(sizes, self.rubs, strict=True)]
@@ -199,7 +227,12 @@ class Step:
         ]
 
     def _efforts(
-        self, free: list[Number], state: list[Number], before: list[Number], sizes: list[Number]
+        self,
+        free: list[Number],
+        state: list[Number],
+        before: list[Number],
+        sizes: list[Number],
+        rest: list[At],
     ) -> tuple[list[Number], list[Mask]]:
         """And where they let slip."""
         known = list(before)
@@ -211,12 +244,16 @@ class Step:
                 for k, effort in enumerate(known)
                 if k != e and rub.row in self.rubs[k].column
             ]
-            stop = total(free[rub.row], others) * rub.over
-            known[e], slips[e] = self._effort(stop, state[rub.row], rub.over, sizes[e])
+            stop, speed = total(free[rub.row], others) * rub.over, state[rub.row]
+            moving = self._of_moving(stop, speed, rub.over, sizes[e], rest[e])
+            still = self._of_still(stop, sizes[e], rest[e])
+            moves = _moving(speed)
+            known[e] = where(moves, moving[0], still[0])
+            slips[e] = moving[1].both(moves).either(still[1].without(moves))
         return known, [slips[e] for e in range(len(self.rubs))]
 
-    def _effort(
-        self, stop: Number, speed: Number, over: Number, most: Number
+    def _of_moving(
+        self, stop: Number, speed: Number, over: Number, most: Number, rest: At
     ) -> tuple[Number, Mask]:
         """The mean of it over a step from `speed` on, of which `stop` would make zero; where it slips.
 
@@ -227,13 +264,31 @@ class Step:
         """
         back = below(speed, 0.0)
         ahead, rate = where(back, -stop, stop), size(speed) * over
-        rest = rate - ahead + most  # what drives it backwards, and what holds it
-        keeps, passes = _above(ahead, most), _above(rest, most * 2.0)
+        against = rate - ahead + most  # what drives it backwards, and what brakes it
+        keeps, passes = _above(ahead, most), _above(against, most + rest.size)
         turned = where(keeps, most, ahead)
         (turned,) = self.kind.rarely(
-            passes.without(keeps), [turned], lambda: [most * (rate / rest * 2.0 - 1.0)]
+            passes.without(keeps), [turned], lambda: [most * (rate / against * 2.0 - 1.0)]
         )
         return where(back, -turned, turned), keeps.either(passes)
+
+    def _of_still(self, stop: Number, most: Number, rest: At) -> tuple[Number, Mask]:
+        """From rest: what has to be held rises, or falls, evenly from `rest.held` on, with `stop` in its
+        middle.  Once it is more than friction at rest can hold, the speed slips under `most`.
+        """
+        back = below(stop, 0.0)
+        mean, first = where(back, -stop, stop), where(back, -rest.held, rest.held)
+        last = mean * 2.0 - first
+        slips = _above(last, rest.size).either(_above(mean, rest.size))
+
+        def slipping() -> list[Number]:
+            late = below(first, rest.size)
+            share = where(late, (last - rest.size) / (last - first), 1.0)
+            begin = where(late, rest.size, first)
+            return [mean - share * ((begin + last) * 0.5 - most)]
+
+        (turned,) = self.kind.rarely(slips, [mean], slipping)
+        return where(back, -turned, turned), slips
 
     def _moved(
         self, free: list[Number], efforts: list[Number], only: Sequence[int] | None = None

@@ -54,6 +54,8 @@ class Model(Protocol):
     """A rig: a frozen dataclass whose annotated fields are its constants, entries of `model:`.
 
     Names are those of `basics.symbols`, or of `declares`: symbols of parameters and states of its own.
+    A rig that rubs has `frictions` as well, each a column of `B` (`models.friction`); one that takes
+    more physics where it is named `offers` it, and has what is `added` (`models.composed`).
     """
 
     @property
