@@ -52,6 +52,12 @@ class Rubbing:
         return tuple((float(self.t[a]), float(self.t[b])) for a, b in zip(first, ends, strict=True))
 
     @property
+    def stuck_later(self) -> float:
+        """The same, of what comes after its start from rest."""
+        steps = np.where(np.cumsum(~self.sticks[:-1]) > 0, np.diff(self.t), 0.0)
+        return float(steps[self.sticks[:-1]].sum() / np.diff(self.t).sum())
+
+    @property
     def reversals(self) -> int:
         """How often it goes on the other way."""
         signs = np.sign(self.speed[self.speed != 0.0])

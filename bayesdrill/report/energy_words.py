@@ -37,9 +37,9 @@ UNEQUAL = (
 OPEN = 1e-3  # of all, from which on what does not close is said
 
 READ = (
-    "At the MAP: what came in, and what became of it until the end of the record. `share` is that of all "
-    "that came in, `sd` of it over the posterior. Each is an integral of a power over all steps, exact "
-    "where no speed changes its sign"
+    "At the MAP: what came in, and what became of it until the end of the record. `share` is that of "
+    "all that came in, `sd` of it over the posterior. Each is an integral of a power over all steps, "
+    "exact where no speed changes its sign"
 )
 
 

@@ -8,11 +8,13 @@ from bayesdrill.insight.verdict import Judgement, Verdict
 from bayesdrill.report import (
     derived_words,
     energy_words,
+    friction_words,
     identify_words,
     marks,
     nuisance_words,
     repeat_words,
     residual_words,
+    step_words,
     tables,
     verdict_words,
     words,
@@ -70,7 +72,12 @@ def _verdict(run: View) -> Iterator[Block]:
         yield Sentences(doubts)
     if run.judged is not None:
         n, verdict = len(run.problem.observations), run.judged.verdict
-        yield Sentences(verdict_words.sentences(verdict, table, converged=c.converged, records=n))
+        lacking = nuisance_words.lacking(run.causes)
+        said = verdict_words.sentences(
+            verdict, table, converged=c.converged, records=n, lacking=lacking
+        )
+        more = nuisance_words.instead(run.instead) if c.converged else ()
+        yield Sentences("\n".join([said, *more]))
 
 
 def _fit(run: View) -> Iterator[Block]:
@@ -78,6 +85,8 @@ def _fit(run: View) -> Iterator[Block]:
         yield Sentences(several)
     yield Sentences(residual_words.sentences(run.left, run.clock))
     if said := nuisance_words.explained(run.causes, run.config):
+        yield Sentences(said)
+    if said := step_words.sentences(run.step_errors):
         yield Sentences(said)
 
 
@@ -128,6 +137,8 @@ def _shown(judged: Judgement, records: int) -> Iterator[Section]:
     study = judged.study
     shown = f"{identify_words.structure(study)}\n\n{identify_words.knowledge(study)}"
     whose = "this record" if records == 1 else "these records"
-    yield Section(f"What {whose} can show, at the MAP", (Plain(shown),), brief=False)
+    rubs = friction_words.sentences(study.frictions)
+    said = (Plain(shown), *((Sentences(rubs),) if rubs else ()))
+    yield Section(f"What {whose} can show, at the MAP", said, brief=False)
     physical = Sentences("\n".join(judged.findings) or FOUND)
     yield Section("Physical consistency of the posterior", (physical,), brief=False)

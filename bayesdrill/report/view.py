@@ -15,6 +15,7 @@ from bayesdrill.basics import seeds
 from bayesdrill.basics.units import Unit
 from bayesdrill.engines.mode import Mode
 from bayesdrill.engines.sampling import Sampled
+from bayesdrill.inference.pieces import StepError, step_errors
 from bayesdrill.inference.problem import Problem
 from bayesdrill.inference.residual_checks import Left, like_noise
 from bayesdrill.insight import energy
@@ -129,6 +130,11 @@ class View:
         if not frictions_of(self.problem.model):
             return ()
         return rubbings(self.problem.posterior, self.best, self.some(BANDS))
+
+    @cached_property
+    def step_errors(self) -> tuple[StepError, ...]:
+        """What the steps of a rig that is stepped do at the MAP."""
+        return step_errors(self.problem.posterior.likelihood, self.best)
 
     @cached_property
     def accounts(self) -> tuple[energy.Account, ...]:
