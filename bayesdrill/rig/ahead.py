@@ -42,6 +42,7 @@ class Ahead:
             self.places = (t - t[0]) / self.span
             self.nodes = int(np.ceil(self.places[-1])) + 1
         self.samples = len(t)
+        self.spans = np.array([self.span])
         self._pieces = pieces
 
     @property

@@ -178,19 +178,26 @@ class Stepped:
     def _kernels(self) -> dict[Any, tuple[Kernel, Shape]]:
         return {}
 
-    def _kernel(self, ahead: Ahead, rows: Array, **kind: bool) -> tuple[Kernel, Shape]:
-        """For channels that see the states in all of `rows (..., K, R)`."""
-        pattern = tuple(map(tuple, (rows != 0.0).any(axis=0).tolist()))
-        wanted = (pattern, *kind.values())
+    @cached_property
+    def _pattern(self) -> Array:
+        """`(K, X + 1)`: what channels see of states, and of one."""
+        offset = [channel.name in self.sensing.offsets for channel in self.experiment.channels]
+        return np.column_stack([self._walkers.weights, offset])
+
+    def _kernel(self, *, efforts: bool, **kind: bool) -> tuple[Kernel, Shape]:
+        wanted = (efforts, *kind.values())
         if wanted not in self._kernels:
             w, one = self._walkers, self.experiment
+            rows = _unit_rows(self.model)[0] if efforts else self._pattern
             shape = Shape(
                 model=w.wired,
                 series=w.inputs,
                 late=tuple(n for n in w.inputs if n in self.sensing.input_lags),
                 constant=tuple(one.constant.items()),
                 first_order=one.first_order and bool(w.inputs),
-                pattern=pattern,
+                pattern=tuple(map(tuple, (rows != 0).tolist())),
+                efforts=efforts,
+                gaps=self._gaps,
                 **kind,
             )
             self._kernels[wanted] = compile_stepping(shape), shape
@@ -208,19 +215,20 @@ class Stepped:
         """Sums `(W, K)`, or signals `(W, T, K)`, with slopes `(W, T, K, 2)`."""
         parts = self._parts(full, along)
         if efforts:
-            parts["rows"] = [_unit_rows(parts["rows"][0].shape[2], self.model)]
+            parts["rows"] = [_unit_rows(self.model)]
         read = not efforts and (self.sensing.shifts or not ahead.aligned)
+        single = ahead.single and not read
+        dual = along is not None
         kernel, shape = self._kernel(
-            ahead, np.concatenate(parts["rows"]), sums=sums, dual=along is not None, read=read,
-            single=ahead.single and not read, efforts=efforts, gaps=self._gaps,
-        )  # fmt: skip
+            efforts=efforts, sums=sums, dual=dual, read=read, single=single
+        )
         after = ahead.after(parts["shift"][0]) if read else 0
         own = _in_lanes(len(full), parts, shape, ahead)
         k, n, nodes = len(shape.pattern), ahead.samples, ahead.nodes + after
         each = (k,) if sums else (n, k, shape.numbers)
         out = np.empty((len(own), *each, LANES))
         blocks: dict[str, Any] = {
-            "span": np.array([ahead.span]),
+            "span": ahead.spans,
             "own": own,
             "u": ahead.inputs(ahead.margin(parts["lag"][0]), after),
             "pieces": ahead.counts,
@@ -286,22 +294,25 @@ def _rows(gains: Array, offsets: Array, weights: Array) -> Array:
     return np.concatenate([gains[:, :, None] * weights, offsets[:, :, None]], axis=2)
 
 
-def _unit_rows(width: int, model: Model) -> Array:
-    """Each state, and each effort, for a channel: `(1, X + E, width + E)`."""
+def _unit_rows(model: Model) -> Array:
+    """Each state, and each effort, for a channel: `(1, X + E, X + 1 + E)`."""
     x, e = len(model.states), len(frictions_of(model))
-    rows = np.zeros((1, x + e, width + e))
+    rows = np.zeros((1, x + e, x + 1 + e))
     rows[:, range(x), range(x)] = 1.0
-    rows[:, range(x, x + e), range(width, width + e)] = 1.0
+    rows[:, range(x, x + e), range(x + 1, x + 1 + e)] = 1.0
     return rows
 
 
 def _in_lanes(n: int, parts: Mapping[str, list[Array]], shape: Shape, ahead: Ahead) -> Array:
     """`(G, width, LANES)`, as `Own` has it; the last walker fills the last group."""
-    behind, *shares = ahead.delays(parts["lag"])
-    told = {**parts, "share": shares, "behind": [behind] * len(shares)}
+    told = parts
+    if shape.late:
+        behind, *shares = ahead.delays(parts["lag"])
+        told = {**parts, "share": shares, "behind": [behind] * len(shares)}
     groups, place = -(-n // LANES), 0
-    rows = np.empty((groups * LANES, Own(shape).width))
-    for name in Own(shape).parts:
+    own = Own(shape)
+    rows = np.empty((groups * LANES, own.width))
+    for name in own.parts:
         for part in told[name]:
             flat = part.reshape(len(part), -1)
             rows[:n, place : place + flat.shape[1]] = flat

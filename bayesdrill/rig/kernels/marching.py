@@ -156,19 +156,20 @@ class Writer:
         return self._carried(state, self.step.begun(state, self.drive(I64(0))[1]))
 
     def _carried(self, state: list[Number], past: Past) -> list[ir.Value]:
-        sizes = [] if self.step.steady else past.sizes
-        return self.kind.flat([*state, *past.efforts, *sizes])
+        changing = [] if self.step.steady else [*past.sizes, *past.trends]
+        return self.kind.flat([*state, *changing])
 
     def once(
         self, node: ir.Value, carried: Sequence[ir.Value]
     ) -> tuple[list[Number], list[Number], list[ir.Value]]:
         """A step: the new state, the efforts, and what is carried on."""
         numbers, x, e = self.kind.shaped(carried), self.x_count, len(self.step.rubs)
-        sizes = [rub.size for rub in self.step.rubs] if self.step.steady else numbers[x + e :]
-        past = Past(numbers[x : x + e], sizes)
+        past = Past(numbers[x : x + e], numbers[x + e :])
+        if self.step.steady:
+            past = Past([rub.size for rub in self.step.rubs], [])
         drive, middle = self.drive(node)
-        new, past = self.step.taken(numbers[:x], past, drive, middle)
-        return new, past.efforts, self._carried(new, past)
+        new, efforts, past = self.step.taken(numbers[:x], past, drive, middle)
+        return new, efforts, self._carried(new, past)
 
     def march(self) -> None:
         """From sample to sample; channels see the states there."""

@@ -97,10 +97,10 @@ class At:
 
 @dataclass(frozen=True, slots=True)
 class Past:
-    """Of the last step: efforts, and sizes of frictions."""
+    """Of the last step: sizes of frictions, and how much these changed."""
 
-    efforts: list[Number]
     sizes: list[Number]
+    trends: list[Number]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -129,7 +129,7 @@ class Step:
 
     @property
     def _order(self) -> list[int]:
-        """In which efforts are found, each with the others as known: those of the last step at first.
+        """In which efforts are found, each with the others as known: at first as if nothing turned.
 
         What stops a current comes first, and once more: it and the motor act on each other strongly.
         """
@@ -137,26 +137,29 @@ class Step:
         return every * (1 + any(rub.holds is None for rub in self.rubs))
 
     def begun(self, state: list[Number], inputs: Mapping[str, Number]) -> Past:
-        return Past([Lane(self.kind.b, vector(0.0)) for _ in self.rubs], self.sizes(state, inputs))
+        nothing = [Lane(self.kind.b, vector(0.0)) for _ in self.rubs]
+        return Past(self.sizes(state, inputs), nothing)
 
     def taken(
         self, state: list[Number], past: Past, drive: Column, inputs: Mapping[str, Number]
-    ) -> tuple[list[Number], Past]:
-        """`inputs` by name, at its middle."""
+    ) -> tuple[list[Number], list[Number], Past]:
+        """New state, efforts, and what is past then; `inputs` by name, in the middle of the step."""
         free = [
             total(self.base.get(i), [(entry, _of(k, state, drive)) for k, entry in row.items()])
             for i, row in enumerate(self.phi)
         ]
         if not self.rubs:
-            return free, past
+            return free, [], past
         quick = self._slipping(free, state, past, inputs)
         keeps = self._all_keep(state, quick)
         every = self.kind.rarely(
             keeps.turned(), quick, lambda: self._turning(free, state, past, drive, inputs)
         )
         x, e = len(state), len(self.rubs)
-        new, efforts, sizes = every[:x], every[x : x + e], every[x + e :]
-        return new, Past(efforts, sizes or past.sizes)
+        new, efforts = every[:x], every[x : x + e]
+        if self.steady:
+            return new, efforts, past
+        return new, efforts, Past(every[x + e : x + 2 * e], every[x + 2 * e :])
 
     def _all_keep(self, old: list[Number], new: list[Number]) -> Mask:
         first, *rest = (_keeps(old[rub.row], new[rub.row]) for rub in self.rubs)
@@ -167,13 +170,16 @@ class Step:
     def _slipping(
         self, free: list[Number], state: list[Number], past: Past, inputs: Mapping[str, Number]
     ) -> list[Number]:
-        """Where no speed changes its sign: it is looked ahead with the last step's sizes."""
-        sizes = past.sizes
-        if not self.steady:
-            ahead = self._moved(free, self._against(state, sizes), self.looked_at)
-            sizes = self._between(state, ahead, inputs)
+        """Where no speed changes its sign: it is looked ahead with sizes that go on as they did."""
+        if self.steady:
+            efforts = self._against(state, past.sizes)
+            return [*self._moved(free, efforts), *efforts]
+        likely = [one + trend for one, trend in zip(past.sizes, past.trends, strict=True)]
+        ahead = self._moved(free, self._against(state, likely), self.looked_at)
+        sizes = self._between(state, ahead, inputs)
         efforts = self._against(state, sizes)
-        return [*self._moved(free, efforts), *efforts, *([] if self.steady else sizes)]
+        trends = [one - before for one, before in zip(sizes, past.sizes, strict=True)]
+        return [*self._moved(free, efforts), *efforts, *sizes, *trends]
 
     def _turning(
         self,
@@ -184,13 +190,19 @@ class Step:
         inputs: Mapping[str, Number],
     ) -> list[Number]:
         sizes, rest = past.sizes, self._at_rest(state, drive, inputs)
-        efforts, slips = self._efforts(free, state, past.efforts, sizes, rest)
+        efforts, slips = self._efforts(free, state, sizes, rest)
         if not self.steady:
             ahead = self._stopped(self._moved(free, efforts), slips)
             sizes = self._between(state, ahead, inputs)
-            efforts, slips = self._efforts(free, state, efforts, sizes, rest)
+            efforts, slips = self._efforts(free, state, sizes, rest)
         new = self._held(self._stopped(self._moved(free, efforts), slips), state, slips)
-        return [*new, *efforts, *([] if self.steady else sizes)]
+        return [*new, *efforts] if self.steady else [*new, *efforts, *sizes, *self._no_trends]
+
+    @property
+    def _no_trends(self) -> list[Number]:
+        """What turns does not go on as it did."""
+        zero = Lane(self.kind.b, vector(0.0))
+        return [Dual(zero, zero) if self.kind.dual else zero for _ in self.rubs]
 
     def _at_rest(
         self, state: list[Number], drive: Column, inputs: Mapping[str, Number]
@@ -230,12 +242,14 @@ class Step:
         self,
         free: list[Number],
         state: list[Number],
-        before: list[Number],
         sizes: list[Number],
         rest: list[At],
     ) -> tuple[list[Number], list[Mask]]:
         """And where they let slip."""
-        known = list(before)
+        known = [
+            where(_moving(state[rub.row]), signed(most, state[rub.row]), at.held)
+            for rub, most, at in zip(self.rubs, sizes, rest, strict=True)
+        ]
         slips: dict[int, Mask] = {}
         for e in self._order:
             rub = self.rubs[e]
