@@ -116,7 +116,8 @@ def of_course(scenery: Scenery, theta: Array) -> tuple[str, ...]:
     return (
         f"friction: in {_percent(share)} of the record the motor turns the other way, and t_f, which "
         "keeps its sign, drives instead of braking; cut these samples off (record.window), turn the "
-        "signs of v and of all channels if it always turns so, or do not believe t_f",
+        "signs of v and of all channels if it always turns so, or hold t_f at 0 and name t_cm, friction "
+        "that changes its sign",
     )
 
 

@@ -16,6 +16,8 @@ from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.problem import Problem
 from bayesdrill.inference.residual_checks import Left
 from bayesdrill.inference.unknowns import of_label
+from bayesdrill.insight.rubbing import Rubbing
+from bayesdrill.report.rubbed import Rub, rubs
 from bayesdrill.setup import experiments, own_units
 from bayesdrill.setup.config import Config
 
@@ -51,8 +53,8 @@ class Course:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Fit:
-    """At times `t (T,)`; each in the unit of its label.  `constant`: inputs that do not change; `label`:
-    of the experiment, where there are several.
+    """At times `t (T,)`; each in the unit of its label.  `constant`: inputs that do not change; `rubs`:
+    frictions; `label`: of the experiment, where there are several.
     """
 
     t: Array
@@ -60,6 +62,7 @@ class Fit:
     signals: tuple[Signal, ...]
     courses: tuple[Course, ...] = ()
     constant: tuple[tuple[Symbol, float], ...] = ()
+    rubs: tuple[Rub, ...] = ()
     label: str = ""
 
 
@@ -69,11 +72,16 @@ def every_fit(
     best: Array,
     left: Sequence[Left],
     predictive: Mapping[str, Array] | None = None,
+    rubbing: Sequence[Sequence[Rubbing]] = (),
 ) -> tuple[Fit, ...]:
-    """Of each experiment; see `fitted`."""
+    """Of each experiment; see `fitted`.  `rubbing`: of each, or nothing."""
+    clock, each = own_units.clock(config, problem), rubbing or [()] * len(problem.observations)
     return tuple(
-        fitted(one, problem, experiments.of(config, one.label), best, left, predictive)
-        for one in problem.observations
+        dataclasses.replace(
+            fitted(one, problem, experiments.of(config, one.label), best, left, predictive),
+            rubs=rubs(found, clock),
+        )
+        for one, found in zip(problem.observations, each, strict=True)
     )
 
 
