@@ -109,6 +109,10 @@ STATES = _table(
 INPUTS = _table(
     Symbol("v", "V", "v", "V", "voltage supplied to the motor"),
     Symbol("t_1", "N*m", "t_1", r"N\,m", "friction torque on rotor 1 (load)"),
+    # Of rigs that are moved otherwise than by a voltage.
+    Symbol("w_2", "rad/s", r"\dot\theta_2", "rad/s", "speed imposed on the shaft at the gearbox"),
+    Symbol("t_m", "N*m", "t_m", r"N\,m", "torque that the motor is driven with (motor side)"),
+    Symbol("wob", "N", "W", "N", "weight on the bit"),
 )
 
 AXES = frozenset(

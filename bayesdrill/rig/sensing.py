@@ -3,6 +3,7 @@
 y_k(t) = gain_k c_k . x(t - lag_k - delay) + offset_k        x' = A x + B (gain_u u + offset_u) + c
 
 A delay is one of all that drives the rig, offsets of inputs among it: until then it is at its start.
+The lag of one measured input of several is its own: what the rig feels at t is the record's u(t - lag).
 """
 
 from __future__ import annotations
@@ -19,8 +20,9 @@ from bayesdrill.rig.models.linear import Linear, Model, Named
 class Sensing:
     """Names of parameters by what they belong to: channels, inputs, states.
 
-    `delay`: of all inputs, or of the moment at which constant ones are switched on.  `states`: of the
-    start; `steady`: the rest of it is the steady state under the first inputs.
+    `delay`: of all inputs, or of the moment at which constant ones are switched on; `input_lags`: of
+    single ones, which may come before the record shows them.  `states`: of the start; `steady`: the
+    rest of it is the steady state under the first inputs.
     """
 
     gains: Mapping[str, str] = field(default_factory=dict)
@@ -28,6 +30,7 @@ class Sensing:
     lags: Mapping[str, str] = field(default_factory=dict)
     input_gains: Mapping[str, str] = field(default_factory=dict)
     input_offsets: Mapping[str, str] = field(default_factory=dict)
+    input_lags: Mapping[str, str] = field(default_factory=dict)
     delay: str | None = None
     states: Mapping[str, str] = field(default_factory=dict)
     steady: bool = False
@@ -38,7 +41,8 @@ class Sensing:
         return tuple(dict.fromkeys(self._every()))
 
     def _every(self) -> Iterator[str]:
-        for of in (self.gains, self.offsets, self.lags, self.input_gains, self.input_offsets):
+        of_inputs = (self.input_gains, self.input_offsets, self.input_lags)
+        for of in (self.gains, self.offsets, self.lags, *of_inputs):
             yield from of.values()
         if self.delay is not None:
             yield self.delay
@@ -59,7 +63,11 @@ class Sensing:
         """What each of them has: `twist: gain, lag; v: offset; inputs: delay`."""
         found: dict[str, list[str]] = {}
         kinds = (("gain", self.gains), ("offset", self.offsets), ("lag", self.lags))
-        inputs = (("gain", self.input_gains), ("offset", self.input_offsets))
+        inputs = (
+            ("gain", self.input_gains),
+            ("offset", self.input_offsets),
+            ("lag", self.input_lags),
+        )
         for kind, named in (*kinds, *inputs):
             for of in named:
                 found.setdefault(of, []).append(kind)

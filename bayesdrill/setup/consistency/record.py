@@ -1,10 +1,10 @@
-"""The record and the experiment: channels, time, inputs and the initial state, with their units."""
+"""The record and the experiment: channels, time and the initial state, with their units."""
 
 from __future__ import annotations
 
 import itertools
 
-from bayesdrill.basics import symbols, units
+from bayesdrill.basics import units
 from bayesdrill.basics.entries import strange
 from bayesdrill.basics.expressions import linear_combination
 from bayesdrill.basics.registry import lookup
@@ -19,7 +19,6 @@ from bayesdrill.setup.experiment_entries import ChannelSpec
 from bayesdrill.setup.record_entries import (
     Column,
     FileSpec,
-    InputColumn,
     Series,
     TimeColumn,
     windows,
@@ -31,7 +30,7 @@ def check_channels(found: Collector, config: Config, model: Model) -> None:
     for name, spec in config.record.channels.items():
         place: Place = ("record", "channels", name)
         _check_measured(found, place, spec, model)
-        _check_series(found, place, spec)
+        check_series(found, place, spec)
         if spec.derived_from is not None:
             _check_derived(found, config, place, spec.derived_from)
 
@@ -69,7 +68,7 @@ def _check_derived(found: Collector, config: Config, place: Place, of: str) -> N
         found.add(at, f"'{of}' is itself derived from {every[of].derived_from}; name that channel")
 
 
-def _check_series(found: Collector, place: Place, spec: Series) -> None:
+def check_series(found: Collector, place: Place, spec: Series) -> None:
     _check_address(found, place, spec)
     if isinstance(spec.time, TimeColumn):
         found.run((*place, "time", "unit"), units.factor, spec.time.unit, "s")
@@ -100,33 +99,13 @@ def check_record(found: Collector, config: Config) -> None:
             found.add(("record", "window"), f"{message}; put them in order, apart from each other")
 
 
-def check_inputs(found: Collector, config: Config) -> None:
-    holds = set()
-    for name, symbol in symbols.INPUTS.items():
-        spec = getattr(config.inputs, name)
-        place: Place = ("inputs", name)
-        if isinstance(spec, InputColumn):
-            holds.add(spec.hold)
-            found.run((*place, "unit"), units.factor, spec.unit, symbol.unit)
-            _check_series(found, place, spec)
-        else:
-            _check_quantity(found, place, spec, symbol.unit)
-    if len(holds) > 1:
-        found.add(("inputs",), "all measured inputs need the same `hold:`")
-    if holds and config.initial.time is not None:
-        found.add(
-            ("initial", "time"),
-            "with measured inputs the initial state is that of the first sample; remove this entry",
-        )
-
-
 def check_states(found: Collector, config: Config, model: Model) -> None:
     for name in model.states:
         value = getattr(config.initial, name)
-        _check_quantity(found, ("initial", name), value, vocabulary.STATES[name].unit)
+        check_quantity(found, ("initial", name), value, vocabulary.STATES[name].unit)
 
 
-def _check_quantity(
+def check_quantity(
     found: Collector, place: Place, value: float | number_entries.Quantity, unit: str
 ) -> None:
     if isinstance(value, number_entries.Quantity):
