@@ -13,7 +13,7 @@ from bayesdrill.basics.errors import InputError, Problem, did_you_mean
 from bayesdrill.basics.expressions import linear_combination
 from bayesdrill.record.experiment import Channel, Experiment, frozen, raise_if_any
 from bayesdrill.rig import vocabulary
-from bayesdrill.rig.measured import simulator
+from bayesdrill.rig.choosing import simulator
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.sensing import Sensing
 

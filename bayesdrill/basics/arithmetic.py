@@ -1,6 +1,7 @@
 """What formulas want beside + - * /, for numbers of any kind: arrays, dual numbers, registers of a kernel.
 
-A kind of its own brings methods: `exp`, `below`, `chosen`; all others are NumPy's.
+A kind of its own brings methods: `exp`, `size`, `signed`, `below`, `above`, and
+`chosen` of its masks; all others are NumPy's.
 """
 
 from __future__ import annotations
@@ -41,12 +42,13 @@ def where(mask: Any, yes: Any, no: Any) -> Any:
 
 def size(number: Any) -> Any:
     """Its absolute value; its slope at zero is that from above."""
+    if hasattr(number, "size") and not isinstance(number, np.ndarray | np.generic):
+        return number.size()
     return where(below(number, 0.0), -number, number)
 
 
-def smaller(left: Any, right: Any) -> Any:
-    return where(below(left, right), left, right)
-
-
-def larger(left: Any, right: Any) -> Any:
-    return where(below(left, right), right, left)
+def signed(number: Any, like: Any) -> Any:
+    """What is not negative, with the sign of another."""
+    if hasattr(number, "signed") and not isinstance(like, Dual):
+        return number.signed(like)
+    return where(below(like, 0.0), -number, number)

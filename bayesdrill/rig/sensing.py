@@ -3,7 +3,6 @@
 y_k(t) = gain_k c_k . x(t - lag_k - delay) + offset_k        x' = A x + B (gain_u u + offset_u) + c
 
 A delay is one of all that drives the rig, offsets of inputs among it: until then it is at its start.
-The lag of one measured input of several is its own: what the rig feels at t is the record's u(t - lag).
 """
 
 from __future__ import annotations
@@ -13,6 +12,7 @@ from dataclasses import dataclass, field
 
 from bayesdrill.basics.symbols import Symbol
 from bayesdrill.rig import vocabulary
+from bayesdrill.rig.models.friction import Friction, frictions_of
 from bayesdrill.rig.models.linear import Linear, Model, Named
 
 
@@ -20,9 +20,9 @@ from bayesdrill.rig.models.linear import Linear, Model, Named
 class Sensing:
     """Names of parameters by what they belong to: channels, inputs, states.
 
-    `delay`: of all inputs, or of the moment at which constant ones are switched on; `input_lags`: of
-    single ones, which may come before the record shows them.  `states`: of the start; `steady`: the
-    rest of it is the steady state under the first inputs.
+    `input_lags`: by how much later than its record the rig feels an input, each by itself.
+    `delay`: of all inputs, or of the moment at which constant ones are switched on.  `states`: of the
+    start; `steady`: the rest of it is the steady state under the first inputs.
     """
 
     gains: Mapping[str, str] = field(default_factory=dict)
@@ -41,8 +41,8 @@ class Sensing:
         return tuple(dict.fromkeys(self._every()))
 
     def _every(self) -> Iterator[str]:
-        of_inputs = (self.input_gains, self.input_offsets, self.input_lags)
-        for of in (self.gains, self.offsets, self.lags, *of_inputs):
+        inputs = (self.input_gains, self.input_offsets, self.input_lags)
+        for of in (self.gains, self.offsets, self.lags, *inputs):
             yield from of.values()
         if self.delay is not None:
             yield self.delay
@@ -64,10 +64,8 @@ class Sensing:
         found: dict[str, list[str]] = {}
         kinds = (("gain", self.gains), ("offset", self.offsets), ("lag", self.lags))
         inputs = (
-            ("gain", self.input_gains),
-            ("offset", self.input_offsets),
-            ("lag", self.input_lags),
-        )
+            ("gain", self.input_gains), ("offset", self.input_offsets), ("lag", self.input_lags)
+        )  # fmt: skip
         for kind, named in (*kinds, *inputs):
             for of in named:
                 found.setdefault(of, []).append(kind)
@@ -114,6 +112,10 @@ class Wired:
     @property
     def inputs(self) -> tuple[str, ...]:
         return self.rig.inputs
+
+    @property
+    def frictions(self) -> tuple[Friction, ...]:
+        return frictions_of(self.rig)
 
     def linear(self, p: Named) -> Linear:
         found, gains, offsets = self.rig.linear(p), dict(self.input_gains), dict(self.input_offsets)

@@ -13,7 +13,7 @@ from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.problem import Problem
 from bayesdrill.inference.unknowns import Unknown, of_label
 from bayesdrill.record.experiment import Experiment
-from bayesdrill.rig.measured import simulator
+from bayesdrill.rig.choosing import simulator
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.simulator import Simulator
 from bayesdrill.setup import beginning, build, sensors

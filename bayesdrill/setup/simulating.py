@@ -14,7 +14,7 @@ from bayesdrill.basics import own_files, seeds
 from bayesdrill.basics.errors import InputError, Problem
 from bayesdrill.inference.unknowns import of_label
 from bayesdrill.record.experiment import Experiment, frozen, raise_if_any, times
-from bayesdrill.rig.measured import simulator
+from bayesdrill.rig.choosing import simulator
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.setup import build, given_inputs, number_objects, reading, sensors, writing
 from bayesdrill.setup.config import Config

@@ -21,7 +21,8 @@ from bayesdrill.insight.identifiability.scenes import Scenery
 from bayesdrill.insight.moments import half_a_sample
 from bayesdrill.insight.nuisances import Causes, causes
 from bayesdrill.record.experiment import Experiment
-from bayesdrill.rig.measured import Measured, simulator
+from bayesdrill.rig.choosing import simulator
+from bayesdrill.rig.measured import Measured
 from bayesdrill.rig.models.motor_shaft import MotorShaft
 from bayesdrill.rig.sensing import Sensing
 

@@ -11,7 +11,8 @@ from rigs import experiment, vector
 
 from bayesdrill.record.experiment import Experiment
 from bayesdrill.rig import steady
-from bayesdrill.rig.measured import Measured, simulator
+from bayesdrill.rig.choosing import simulator
+from bayesdrill.rig.measured import Measured
 from bayesdrill.rig.models.motor_shaft import MotorShaft
 from bayesdrill.rig.response import Response
 from bayesdrill.rig.sensing import Sensing

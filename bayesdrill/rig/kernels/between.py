@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from llvmlite import ir
 
-from bayesdrill.rig.kernels.gathering import anywhere, floor, gather, splat_whole, turned
+from bayesdrill.rig.kernels.gathering import anywhere, gather, splat_whole, turned
 from bayesdrill.rig.kernels.lanes import (
     F64,
     I64,
@@ -14,6 +14,7 @@ from bayesdrill.rig.kernels.lanes import (
     VEC,
     VECTORS,
     Loop,
+    floor,
     fma,
     function,
     load,

@@ -5,6 +5,7 @@ from __future__ import annotations
 from llvmlite import ir
 
 from bayesdrill.rig.kernels.lanes import (
+    F64,
     I32,
     I64,
     INT_VEC,
@@ -22,10 +23,6 @@ def splat_whole(b: ir.IRBuilder, scalar: ir.Value) -> ir.Value:
     one = b.insert_element(undefined, scalar, I32(0))
     lanes = ir.Constant(ir.VectorType(I32, LANES), [0] * LANES)
     return b.shuffle_vector(one, undefined, lanes)
-
-
-def floor(b: ir.IRBuilder, value: ir.Value) -> ir.Value:
-    return b.call(intrinsic(b.module, f"llvm.floor.v{LANES}f64", VEC, [VEC]), [value])
 
 
 def largest(b: ir.IRBuilder, values: ir.Value) -> ir.Value:
@@ -51,6 +48,28 @@ def gather(b: ir.IRBuilder, numbers: ir.Value, places: ir.Value) -> ir.Value:
             block_apart = b.block
         with otherwise:
             alike = splat(b, b.load(b.gep(numbers, [first])))
+            block_alike = b.block
+    found = b.phi(VEC)
+    found.add_incoming(apart, block_apart)
+    found.add_incoming(alike, block_alike)
+    return found
+
+
+def gather_own(b: ir.IRBuilder, vectors: ir.Value, places: ir.Value) -> ir.Value:
+    """Of a block of vectors, each lane's number of the vector at its place."""
+    first = b.extract_element(places, I32(0))
+    other = b.icmp_signed("!=", places, splat_whole(b, first))
+    numbers = b.bitcast(vectors, F64.as_pointer())
+    with b.if_else(anywhere(b, other)) as (then, otherwise):
+        with then:
+            apart: ir.Value = ir.Constant(VEC, ir.Undefined)
+            for lane in range(LANES):
+                vector_of = b.mul(b.extract_element(places, I32(lane)), I64(LANES))
+                number = b.load(b.gep(numbers, [b.add(vector_of, I64(lane))]))
+                apart = b.insert_element(apart, number, I32(lane))
+            block_apart = b.block
+        with otherwise:
+            alike = b.load(b.gep(vectors, [first]), align=8)
             block_alike = b.block
     found = b.phi(VEC)
     found.add_incoming(apart, block_apart)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -53,6 +54,10 @@ def function(module: ir.Module, name: str, counts: int, blocks: Sequence[ir.Type
 def intrinsic(module: ir.Module, name: str, result: ir.Type, arguments: list[ir.Type]) -> ir.Value:
     known = module.globals.get(name)
     return known or ir.Function(module, ir.FunctionType(result, arguments), name)
+
+
+def floor(b: ir.IRBuilder, value: ir.Value) -> ir.Value:
+    return b.call(intrinsic(b.module, f"llvm.floor.v{LANES}f64", VEC, [VEC]), [value])
 
 
 def fma(b: ir.IRBuilder, left: ir.Value, right: ir.Value, total: ir.Value) -> ir.Value:
@@ -133,3 +138,68 @@ class Lane:
         for _ in range(power - 1):
             result = result * self
         return result
+
+    # What `basics.arithmetic` asks numbers of a kind for.
+
+    def exp(self) -> Lane:
+        return Lane(self.b, emit_exp(self.b, self.value))
+
+    def size(self) -> Lane:
+        absolute = intrinsic(self.b.module, f"llvm.fabs.v{LANES}f64", VEC, [VEC])
+        return Lane(self.b, self.b.call(absolute, [self.value]))
+
+    def signed(self, like: Lane) -> Lane:
+        copied = intrinsic(self.b.module, f"llvm.copysign.v{LANES}f64", VEC, [VEC, VEC])
+        return Lane(self.b, self.b.call(copied, [self.value, like.value]))
+
+    def below(self, other: Lane | float) -> Mask:
+        return Mask(self.b, self.b.fcmp_ordered("<", self.value, self._of(other)))
+
+    def above(self, other: Lane | float) -> Mask:
+        return Mask(self.b, self.b.fcmp_ordered(">", self.value, self._of(other)))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Mask:
+    """Of lanes."""
+
+    b: ir.IRBuilder
+    value: ir.Value
+
+    def chosen(self, yes: Lane | float, no: Lane | float) -> Lane:
+        one, other = (n.value if isinstance(n, Lane) else vector(float(n)) for n in (yes, no))
+        return Lane(self.b, self.b.select(self.value, one, other))
+
+    def both(self, other: Mask) -> Mask:
+        return Mask(self.b, self.b.and_(self.value, other.value))
+
+    def either(self, other: Mask) -> Mask:
+        return Mask(self.b, self.b.or_(self.value, other.value))
+
+
+_LEAST_POWER = -700.0  # of e; what is smaller still is nothing
+_ROUNDER = 1.5 * 2.0**52  # added to a number, it leaves its nearest whole number in the last bits
+# Of exp(x) for |x| < log(2)/2, least largest relative error: 2e-9.
+_EXP = (
+    1.0000000005541665,
+    1.0000000363231971,
+    0.49999992079816347,
+    0.16666420169852542,
+    0.041668225569617155,
+    0.008374815804161584,
+    0.001383684598538632,
+)
+
+
+def emit_exp(b: ir.IRBuilder, value: ir.Value) -> ir.Value:
+    """Of numbers up to 700, to 2e-9: a power of two and a short polynomial."""
+    low = b.fcmp_ordered("<", value, vector(_LEAST_POWER))
+    value = b.select(low, vector(_LEAST_POWER), value)
+    shifted = fma(b, value, vector(1.0 / math.log(2.0)), vector(_ROUNDER))
+    whole = b.fsub(shifted, vector(_ROUNDER))
+    rest = fma(b, whole, vector(-math.log(2.0)), value)
+    total = vector(_EXP[-1])
+    for weight in reversed(_EXP[:-1]):
+        total = fma(b, total, rest, vector(weight))
+    power = b.shl(b.bitcast(shifted, INT_VEC), whole_numbers(52))
+    return b.bitcast(b.add(b.bitcast(total, INT_VEC), power), VEC)

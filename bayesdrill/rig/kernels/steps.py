@@ -10,12 +10,13 @@ from dataclasses import dataclass
 
 from llvmlite import ir
 
-from bayesdrill.rig.kernels.gathering import floor, splat_whole
+from bayesdrill.rig.kernels.gathering import splat_whole
 from bayesdrill.rig.kernels.lanes import (
     F64,
     I64,
     VEC,
     Loop,
+    floor,
     fma,
     load,
     splat,

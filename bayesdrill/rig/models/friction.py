@@ -97,7 +97,7 @@ class Stribeck:
 
     def size(self, p: Named, speed: Any, seen: Mapping[str, Any]) -> Any:
         sliding: Any = p[self.sliding]
-        share = exp(-((speed * self.times / p[self.scale]) ** self.power))
+        share = exp(-(((self.times / p[self.scale]) * speed) ** self.power))
         return sliding + (p[self.static] - sliding) * share
 
 
@@ -136,10 +136,10 @@ class BitRock:
 
 @dataclass(frozen=True, slots=True)
 class Losing:
-    """`law`, None for nothing, and what a gear with an efficiency loses: (1/eta - 1) of the torque that it passes on.
+    """`law`, None for nothing, and (1/eta - 1) of the torque that a gear with an efficiency passes on.
 
-    That torque, on the side of the friction, is `factor k (angle_2 - angle_1)`, as the parameter `stiffness`
-    has it.  Where the load drives, the gear's efficiency is 2 - 1/eta.
+    That torque, on the side of the friction, is `factor k (angle_2 - angle_1)` with the parameter
+    `stiffness` for k.  Where the load drives, the gear's efficiency is 2 - 1/eta.
     """
 
     law: Law | None

@@ -1,0 +1,220 @@
+"""Step by step through a record: states in registers, and what channels make of them at samples."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from llvmlite import ir
+
+from bayesdrill.basics.duals import Dual
+from bayesdrill.rig.kernels.gathering import gather, splat_whole
+from bayesdrill.rig.kernels.lanes import (
+    I64,
+    INT_VEC,
+    Lane,
+    Loop,
+    fma,
+    load,
+    splat,
+    store,
+    vector,
+    whole_numbers,
+)
+from bayesdrill.rig.kernels.pieces import Own, Shape
+from bayesdrill.rig.kernels.rubbing import Kind, Number, Rub, Step, Taken, total
+
+
+class Writer:
+    """Where a group has its numbers, and the parts of the code."""
+
+    def __init__(
+        self, b: ir.IRBuilder, shape: Shape, arguments: dict[str, ir.Value], e: ir.Value
+    ) -> None:
+        self.b, self.shape, self.a, self.e = b, shape, arguments, e
+        self.kind = Kind(b, shape.dual)
+        self.x_count, self.k_count = len(shape.model.states), len(shape.pattern)
+
+    # Numbers: a Lane, or a Dual of two.
+
+    def number(self, base: ir.Value, index: int, apart: int) -> Number:
+        """At a place of a part of `own`, whose slopes are `apart` vectors behind."""
+        value = Lane(self.b, load(self.b, base, index))
+        if not self.shape.dual:
+            return value
+        return Dual(value, Lane(self.b, load(self.b, base, apart + index)))
+
+    def part(self, name: str) -> list[Number]:
+        count = Own(self.shape).parts[name]
+        return [self.number(self.own[name], k, count) for k in range(count)]
+
+    def begin(self, group: ir.Value, exponential: ir.Function) -> None:
+        b, shape = self.b, self.shape
+        self.group, self.own = group, Own(shape).of(b, self.a["own"], group)
+        model = shape.model
+        self.parameters = dict(zip(model.parameters, self.part("parameters"), strict=True))
+        b.call(exponential, [self.own["parameters"], self.e])
+        self.rows = self._rows()
+        self.step = self._step()
+
+    def _rows(self) -> list[dict[int, Number]]:
+        count, rows = Own(self.shape).r_count, self.part("rows")
+        return [
+            {r: rows[k * count + r] for r, used in enumerate(pattern) if used}
+            for k, pattern in enumerate(self.shape.pattern)
+        ]
+
+    def _entry(self, row: int, column: int) -> Number | None:
+        """Of Phi and what follows it; columns count states, one, and what drives."""
+        layout, x = self.shape.layout, self.x_count
+        n, reach = layout.size, layout.reach
+        place = column if column < x or not self.shape.dual else column + x
+        value = Lane(self.b, load(self.b, self.e, row * n + place)) if reach[row][place] else None
+        if not self.shape.dual:
+            return value
+        slope = None
+        if reach[x + row][place]:
+            slope = Lane(self.b, load(self.b, self.e, (x + row) * n + place))
+        if value is None and slope is None:
+            return None
+        zero = Lane(self.b, vector(0.0))
+        return Dual(zero if value is None else value, 0.0 if slope is None else slope)
+
+    def _step(self) -> Step:
+        shape, x = self.shape, self.x_count
+        first = x + 1 + len(shape.columns)
+        rubs = []
+        for e, friction in enumerate(shape.frictions):
+            row = shape.model.states.index(friction.against)
+            column = {i: self._entry(i, first + e) for i in range(x)}
+            kept = {i: value for i, value in column.items() if value is not None}
+            steady = friction.law.steady
+            known = friction.law.size(self.parameters, 0.0, {}) if steady else None
+            rub = Rub(
+                row=row,
+                holds=None if friction.holds is None else shape.model.states.index(friction.holds),
+                column=kept,
+                over=-1.0 / kept[row],
+                law=friction.law,
+                size=known,
+            )
+            rubs.append(rub)
+        columns = [k for k in range(first) if k != x]
+        phi = [{k: self._entry(i, k) for k in columns} for i in range(x)]
+        return Step(
+            phi=[{k: value for k, value in row.items() if value is not None} for row in phi],
+            base={i: base for i in range(x) if (base := self._entry(i, x)) is not None},
+            rubs=rubs,
+            parameters=self.parameters,
+            states=shape.model.states,
+            kind=self.kind,
+        )
+
+    def drive(self, node: ir.Value) -> tuple[dict[int, Number], dict[str, Number]]:
+        """What a step from a node on is driven by: by column, and by name in its middle."""
+        shape, first = self.shape, self.x_count + 1
+        found = [self._input(node, k) for k in range(len(shape.columns))]
+        middle: dict[str, Number] = dict(shape.constant)
+        for k, name in enumerate(shape.series):
+            rise = found[len(shape.series) + k] * 0.5 if shape.first_order else None
+            middle[name] = found[k] if rise is None else found[k] + rise
+        return {first + k: number for k, number in enumerate(found)}, middle
+
+    def _input(self, node: ir.Value, k: int) -> Number:
+        """A late one is between two rows of the block, each lane at its own."""
+        b, shape, count = self.b, self.shape, len(self.shape.columns)
+        name = shape.series[k % len(shape.series)]
+        if name not in shape.late:
+            place = b.add(b.mul(node, I64(count)), I64(k))
+            return Lane(b, splat(b, b.load(b.gep(self.a["u"], [place]))))
+        late = shape.late.index(name)
+        share = self.number(self.own["share"], late, len(shape.late))
+        behind = b.fptosi(load(b, self.own["behind"], late), INT_VEC)
+        row = b.sub(splat_whole(b, node), behind)
+        here, earlier = (
+            Lane(
+                b,
+                gather(
+                    b, self.a["u"], b.add(b.mul(row, whole_numbers(count)), whole_numbers(k - back))
+                ),
+            )
+            for back in (0, count)
+        )
+        return here + (earlier - here) * share
+
+    def start(self) -> list[ir.Value]:
+        """What is carried from step to step: states and, where they change, sizes of frictions."""
+        state = self.part("x0")
+        sizes = [] if self.step.steady else self.step.sizes(state, self.drive(I64(0))[1])
+        return self.kind.flat([*state, *sizes])
+
+    def once(self, node: ir.Value, carried: Sequence[ir.Value]) -> tuple[Taken, list[ir.Value]]:
+        """A step, and what is carried on."""
+        numbers, x = self.kind.shaped(carried), self.x_count
+        steady = self.step.steady
+        sizes = [rub.size for rub in self.step.rubs] if steady else numbers[x:]
+        drive, middle = self.drive(node)
+        taken = self.step.taken(numbers[:x], sizes, drive, middle)
+        return taken, self.kind.flat([*taken.state, *([] if steady else taken.sizes)])
+
+    def march(self) -> None:
+        """From sample to sample; channels see the states there."""
+        b, shape = self.b, self.shape
+        sums = [vector(0.0)] * self.k_count if shape.sums else []
+        start = self.start()
+        samples = Loop(b, self.a["samples"], [I64(0), *start, *sums], "samples")
+        node, rest = samples.carried[0], samples.carried[1:]
+        carried, totals = rest[: len(start)], rest[len(start) :]
+        state = self.kind.shaped(carried)[: self.x_count]
+        if shape.single:
+            taken, last = self.once(node, carried)
+            totals = self.observe(samples.index, state, taken.efforts, totals)
+            samples.close([b.add(node, I64(1)), *last, *totals])
+        else:
+            totals = self.observe(samples.index, state, [], totals)
+            count = b.load(b.gep(self.a["pieces"], [samples.index]))
+            pieces = Loop(b, count, carried, "pieces")
+            _, last = self.once(b.add(node, pieces.index), pieces.carried)
+            pieces.close(last)
+            samples.close([b.add(node, count), *last, *totals])
+        self.keep(totals)
+
+    def keep(self, totals: Sequence[ir.Value]) -> None:
+        place = self.b.gep(self.a["out"], [self.b.mul(self.group, I64(self.k_count))])
+        for k, value in enumerate(totals):
+            store(self.b, value, place, k)
+
+    def seen(self, k: int, state: Sequence[Number], efforts: Sequence[Number]) -> Number:
+        """What channel k makes of it."""
+        values = dict(enumerate([*state, None, *efforts]))
+        terms = [(row, values[r]) for r, row in self.rows[k].items() if r != self.x_count]
+        return total(self.rows[k].get(self.x_count, Lane(self.b, vector(0.0))), terms)
+
+    def observe(
+        self,
+        sample: ir.Value,
+        state: Sequence[Number],
+        efforts: Sequence[Number],
+        totals: Sequence[ir.Value],
+    ) -> list[ir.Value]:
+        return [
+            new
+            for k in range(self.k_count)
+            for new in self.told(sample, k, self.seen(k, state, efforts), totals)
+        ]
+
+    def told(
+        self, sample: ir.Value, k: int, value: Number, totals: Sequence[ir.Value]
+    ) -> list[ir.Value]:
+        """To its sum of squares, which is given back, or to the signals."""
+        b, k_count = self.b, self.k_count
+        flat = b.add(b.mul(sample, I64(k_count)), I64(k))
+        if self.shape.sums:
+            y = b.load(b.gep(self.a["y"], [flat]))
+            left = b.fsub(splat(b, y), value.value)
+            left = b.select(b.fcmp_ordered("ord", y, y), left, vector(0.0))
+            return [fma(b, left, left, totals[k])]
+        row = b.mul(b.mul(self.group, self.a["samples"]), I64(k_count))
+        place = b.mul(b.add(row, flat), I64(self.shape.numbers))
+        for n, register in enumerate(self.kind.flat([value])):
+            store(b, register, b.gep(self.a["out"], [place]), n)
+        return []

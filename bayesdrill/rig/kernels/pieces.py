@@ -1,0 +1,142 @@
+"""What kernels of rigs that rub, or whose inputs are late, are specialised for and told."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from llvmlite import ir
+
+from bayesdrill.rig.kernels.lanes import I64, NUMBERS, VECTORS
+from bayesdrill.rig.kernels.layout import Layout
+from bayesdrill.rig.models.friction import Friction, frictions_of
+from bayesdrill.rig.models.linear import Model
+from bayesdrill.rig.models.tangent import Tangent
+
+WHOLE = I64.as_pointer()
+
+# T samples; N steps.
+COUNTS = ("groups", "samples", "nodes")
+BLOCKS = {
+    "own": VECTORS,  # (G, `Own.width`): what walkers have of their own
+    "u": NUMBERS,  # (N + 1 + 2 `pad`, columns of inputs)
+    "pieces": WHOLE,  # (T,) steps to the next sample
+    "t": NUMBERS,  # (T,) times of samples, in steps from the first node
+    "y": NUMBERS,  # (T, K)
+    "trace": VECTORS,  # scratch (N + 1, K, 3, numbers of one)
+    "out": VECTORS,  # (G, K) sums, or (G, T, K, numbers of one) signals
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Shape:
+    """What a kernel is specialised for.
+
+    `series`: sampled inputs, of which `late` have a lag of each walker; `pattern (K, R)`: entries of
+    rows that may differ from zero, over states, one and (where `efforts`) what frictions do.  `dual`:
+    with slopes.  `read`: channels have times of their own.  `single`: a sample at each step.
+    """
+
+    model: Model
+    series: tuple[str, ...]
+    late: tuple[str, ...]
+    constant: tuple[tuple[str, float], ...]
+    first_order: bool
+    span: float
+    pattern: tuple[tuple[bool, ...], ...]
+    sums: bool
+    dual: bool
+    read: bool
+    single: bool
+    efforts: bool
+
+    @property
+    def frictions(self) -> tuple[Friction, ...]:
+        return frictions_of(self.model)
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Of the sampled inputs in the block `u`, and in a step."""
+        rises = tuple(f"{name} rises" for name in self.series) if self.first_order else ()
+        return (*self.series, *rises)
+
+    @property
+    def driven(self) -> tuple[str, ...]:
+        """Columns after the constant one."""
+        return (*self.columns, *(friction.name for friction in self.frictions))
+
+    @property
+    def numbers(self) -> int:
+        return 2 if self.dual else 1
+
+    @property
+    def layout(self) -> Layout:
+        model = Tangent(self.model) if self.dual else self.model
+        return Layout(
+            n_parameters=len(model.parameters),
+            n_states=len(model.states),
+            n_series=len(self.driven),
+            first_order=False,
+            entries=_Entries(model, self.driven, self.constant),
+            dt=self.span,
+            lead=0.0,
+            x0=(),
+            channels=(),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class _Entries:
+    """Of the augmented matrix, see `Layout`."""
+
+    model: Model
+    driven: tuple[str, ...]
+    constant: tuple[tuple[str, float], ...]
+
+    def __call__(self, parameters: Sequence[Any]) -> list[tuple[int, int, Any]]:
+        linear = self.model.linear(dict(zip(self.model.parameters, parameters, strict=True)))
+        index = {name: k for k, name in enumerate(self.model.states)}
+        constant, x = dict(self.constant), len(index)
+        places = {name: x + 1 + k for k, name in enumerate(self.driven)}
+        found = [(index[row], index[column], value) for (row, column), value in linear.A.items()]
+        found += [(index[row], x, value) for row, value in linear.c.items()]
+        for (row, name), value in linear.B.items():
+            if name in places:
+                found.append((index[row], places[name], value))
+            elif constant.get(name, 0.0) != 0.0:
+                found.append((index[row], x, value * constant[name]))
+        # A held input rises by its increment over one step.
+        rising = [name for name in places if f"{name} rises" in places]
+        return found + [(places[name], places[f"{name} rises"], 1.0) for name in rising]
+
+
+@dataclass(frozen=True, slots=True)
+class Own:
+    """Parts of the block `own`, and how many numbers each has; with slopes, each part twice."""
+
+    shape: Shape
+
+    @property
+    def parts(self) -> dict[str, int]:
+        shape = self.shape
+        k, x, late = len(shape.pattern), len(shape.model.states), len(shape.late)
+        parts = {"parameters": len(shape.model.parameters), "x0": x, "rows": k * self.r_count}
+        if shape.read:
+            parts |= {"before": x, "shift": k}
+        return parts | {"share": late, "behind": late}
+
+    @property
+    def r_count(self) -> int:
+        shape = self.shape
+        return len(shape.model.states) + 1 + (len(shape.frictions) if shape.efforts else 0)
+
+    @property
+    def width(self) -> int:
+        return self.shape.numbers * sum(self.parts.values())
+
+    def of(self, b: ir.IRBuilder, block: ir.Value, group: ir.Value) -> dict[str, ir.Value]:
+        found, place = {}, b.gep(block, [b.mul(group, I64(self.width))])
+        for name, count in self.parts.items():
+            found[name], place = place, b.gep(place, [I64(self.shape.numbers * count)])
+        return found

@@ -1,0 +1,160 @@
+"""Channels with times of their own: values and rates are kept at all nodes, and read between them.
+
+Between two nodes a channel is the cubic that has its values and its rates at both: the rate after
+the first, with the efforts of this step, and the one before the second.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from llvmlite import ir
+
+from bayesdrill.basics.arithmetic import where
+from bayesdrill.basics.duals import Dual, dual
+from bayesdrill.rig.kernels.gathering import gather_own
+from bayesdrill.rig.kernels.lanes import (
+    F64,
+    I64,
+    INT_VEC,
+    Lane,
+    Loop,
+    Mask,
+    floor,
+    splat,
+    store,
+    vector,
+    whole_numbers,
+)
+from bayesdrill.rig.kernels.marching import Writer
+from bayesdrill.rig.kernels.rubbing import Number, total
+
+KEPT = 3  # the value, and the rates after it and before the next one, times a step
+
+
+def emit_trace(w: Writer) -> None:
+    """Of all nodes; the last has a value alone."""
+    b = w.b
+    rates = _Rates(w)
+    nodes = Loop(b, w.a["nodes"], w.start(), "nodes")
+    state = w.kind.shaped(nodes.carried)[: w.x_count]
+    drive, _ = w.drive(nodes.index)
+    taken, last = w.once(nodes.index, nodes.carried)
+    after = rates.of(state, drive, taken.efforts)
+    before = rates.of(taken.state, drive, taken.efforts, late=True)
+    for k in range(w.k_count):
+        kept = [w.seen(k, state, []), *(_seen_rate(w, k, rate) for rate in (after, before))]
+        _keep(w, nodes.index, k, kept)
+    nodes.close(last)
+    zero: Number = Lane(b, vector(0.0))
+    for k in range(w.k_count):
+        _keep(w, w.a["nodes"], k, [w.seen(k, taken.state, []), zero, zero])
+
+
+def _keep(w: Writer, node: ir.Value, k: int, kept: Sequence[Number]) -> None:
+    b, numbers = w.b, w.shape.numbers
+    place = b.mul(b.add(b.mul(node, I64(w.k_count)), I64(k)), I64(KEPT * numbers))
+    at = b.gep(w.a["trace"], [place])
+    for q, number in enumerate(kept):
+        for n, register in enumerate(w.kind.flat([number])):
+            store(b, register, at, q * numbers + n)
+
+
+def _seen_rate(w: Writer, k: int, rates: Sequence[Number]) -> Number:
+    """How much channel k changes in a step."""
+    terms = [(row, rates[r]) for r, row in w.rows[k].items() if r < w.x_count]
+    zero = Lane(w.b, vector(0.0))
+    return total(zero, terms) * w.shape.span
+
+
+class _Rates:
+    """The right side of the rig's equations."""
+
+    def __init__(self, w: Writer) -> None:
+        self.w = w
+        linear, states = w.shape.model.linear(w.parameters), w.shape.model.states
+        constant, driven = dict(w.shape.constant), w.shape.driven
+        self.rows: list[dict[int, Number]] = [{} for _ in states]
+        self.base: list[Number] = [self._number(0.0) for _ in states]
+        for (row, column), value in linear.A.items():
+            self.rows[states.index(row)][states.index(column)] = self._number(value)
+        for row, value in linear.c.items():
+            self.base[states.index(row)] = self.base[states.index(row)] + value
+        for (row, name), value in linear.B.items():
+            i = states.index(row)
+            if name in driven:
+                self.rows[i][w.x_count + 1 + driven.index(name)] = self._number(value)
+            elif constant.get(name, 0.0) != 0.0:
+                self.base[i] = self.base[i] + value * constant[name]
+
+    def _number(self, value: Number) -> Number:
+        plain = not isinstance(value, Lane | Dual)
+        return Lane(self.w.b, vector(float(value))) if plain else value
+
+    def of(
+        self,
+        state: Sequence[Number],
+        drive: dict[int, Number],
+        efforts: Sequence[Number],
+        *,
+        late: bool = False,
+    ) -> list[Number]:
+        """At the beginning of a step, or, `late`, at its end."""
+        w, first = self.w, self.w.x_count + 1
+        values: dict[int, Number] = dict(enumerate(state)) | drive
+        values |= {first + len(w.shape.columns) + e: one for e, one in enumerate(efforts)}
+        if late and w.shape.first_order:
+            s = len(w.shape.series)
+            values |= {first + k: drive[first + k] + drive[first + s + k] for k in range(s)}
+        return [
+            total(base, [(entry, values[k]) for k, entry in row.items()])
+            for row, base in zip(self.rows, self.base, strict=True)
+        ]
+
+
+def emit_reading(w: Writer) -> None:
+    """Of all samples, each lane at its own time."""
+    b, shape = w.b, w.shape
+    sums = [vector(0.0)] * w.k_count if shape.sums else []
+    shifts, begins = w.part("shift"), _before(w)
+    samples = Loop(b, w.a["samples"], sums, "read")
+    t = Lane(b, splat(b, b.load(b.gep(w.a["t"], [samples.index]))))
+    totals: list[ir.Value] = []
+    for k in range(w.k_count):
+        when = t + shifts[k] * (-1.0 / shape.span)
+        value = _read(w, k, when, begins[k])
+        totals += w.told(samples.index, k, value, samples.carried)
+    samples.close(totals)
+    w.keep(totals)
+
+
+def _before(w: Writer) -> list[Number]:
+    """How much channels change in a step before the start."""
+    return [_seen_rate(w, k, w.part("before")) for k in range(w.k_count)]
+
+
+def _read(w: Writer, k: int, when: Number, begin: Number) -> Number:
+    b = w.b
+    position = dual(when).value.value
+    last = splat(b, b.sitofp(b.sub(w.a["nodes"], I64(1)), F64))
+    node = floor(b, position)
+    node = b.select(b.fcmp_ordered("<", node, last), node, last)
+    node = b.select(b.fcmp_ordered(">", node, vector(0.0)), node, vector(0.0))
+    share = when - Lane(b, node)
+    value, after, before = (_kept(w, node, k, q) for q in range(KEPT))
+    rise = _kept(w, b.fadd(node, vector(1.0)), k, 0) - value
+    bend = rise * 3.0 - after * 2.0 - before
+    turn = after + before - rise * 2.0
+    between = value + share * (after + share * (bend + share * turn))
+    early = Mask(b, b.fcmp_ordered("<", position, vector(0.0)))
+    return where(early, value + share * begin, between)
+
+
+def _kept(w: Writer, node: ir.Value, k: int, q: int) -> Number:
+    b, numbers = w.b, w.shape.numbers
+    row = b.mul(b.fptosi(node, INT_VEC), whole_numbers(w.k_count * KEPT * numbers))
+    found = [
+        gather_own(b, w.a["trace"], b.add(row, whole_numbers((k * KEPT + q) * numbers + n)))
+        for n in range(numbers)
+    ]
+    return w.kind.shaped(found)[0]
