@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from bayesdrill.basics import symbols, units
+from bayesdrill.rig.models.composed import lacking, offers, with_named
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.setup import given_inputs
 from bayesdrill.setup.config import Config
@@ -25,7 +26,7 @@ def check_inputs(found: Collector, config: Config, model: Model | None) -> None:
             check_series(found, place, spec)
         elif spec is not None:
             check_quantity(found, place, spec, given_inputs.unit(entry))
-    if model is not None:
+    if model is not None and not lacking(model):
         _check_wanted(found, config, model)
     _check_angles(found, config)
     _check_holds(found, config)
@@ -45,11 +46,21 @@ def _check_wanted(found: Collector, config: Config, model: Model) -> None:
     for entry in [e for e in given_inputs.ENTRIES if e in given]:
         if entry not in entries:
             own = ", ".join(dict.fromkeys(entries)) or "none"
-            message = f"the model {model.name} has no such input; remove it (its own: {own})"
+            with_more = _with_more(model, entry)
+            also = f", or name {with_more}, with which it has it" if with_more else ""
+            message = f"the model {model.name} has no such input; remove it (its own: {own}){also}"
             found.add(("inputs", entry), message)
     for name in model.inputs:
         if getattr(config.inputs, given_inputs.entry(config, name)) is None:
             found.add(("inputs", name), _missing(config, name))
+
+
+def _with_more(model: Model, entry: str) -> str:
+    """Parameters that give it such an input."""
+    for name, needs in offers(model).items():
+        if entry in with_named(model, (name, *needs)).inputs:
+            return " and ".join((name, *needs))
+    return ""
 
 
 def _missing(config: Config, name: str) -> str:
