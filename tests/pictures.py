@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 TABLE = dict(NOMINAL["tables_2_3"].values)
 SIGMAS = {"w_1": 0.31, "w_2": 0.052, "i": 0.0123, "theta_1": 4.4e-3}
 SYMBOLS = (
-    *PARAMETERS.values(),
+    *(PARAMETERS[name] for name in TABLE),
     noise_symbol("w_1", "rad/s", r"\dot\theta_1", "rad/s"),
     noise_symbol("w_2", "rad/s", r"\dot\theta_2", "rad/s"),
     noise_symbol("i", "A", r"\dot q", "A"),

@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdrill.basics.errors import InputError, Problem
+from bayesdrill.basics.errors import InputError, Problem, did_you_mean
 from bayesdrill.basics.registry import lookup
 from bayesdrill.engines.workers import available
 from bayesdrill.record.experiment import check_time
 from bayesdrill.rig.models import MODELS
+from bayesdrill.rig.models.composed import offers
 from bayesdrill.rig.models.linear import Model
 
 if TYPE_CHECKING:
@@ -51,12 +52,23 @@ def rig(value: Any) -> Model:
     """A model, or that of its name as it is by default."""
     kinds = tuple(MODELS.usable().values())
     if isinstance(value, kinds):
+        _check_added(value)
         return value
     if isinstance(value, str):
         return known(MODELS, value, "rig", "model")()
     raise InputError.one(
         "rig", f"give a name ({', '.join(MODELS)}) or a model, such as MotorShaft()"
     )
+
+
+def _check_added(rig: Model) -> None:
+    added = getattr(rig, "added", ())
+    if not isinstance(added, tuple):
+        raise InputError.one("rig.added", f"give a tuple of names, not {type(added).__name__}")
+    for name in added:
+        if name not in offers(rig):
+            hint = did_you_mean(str(name), offers(rig))
+            raise InputError.one("rig.added", f"{rig.name} has no {name!r} to add{hint}")
 
 
 def known[T](registry: Mapping[str, T], name: Any, place: str, what: str) -> T:

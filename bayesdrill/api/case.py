@@ -223,12 +223,13 @@ def case(
     (docs/config.md).
 
     `inputs`: a number in SI or a measured `Input` for each; `parameters`: for each a number, `"nominal"`
-    or a prior, such as `{"prior": "uniform", "low": 0.5, "high": 1.5, "relative": True}`; `nominal`: a
-    table or values of your own (`{"k_s": 0.27}`); without it a parameter that relies on a table takes
-    `tables_2_3`, and is compared with it; `rig`: a name, or a model such as `MotorShaft(i_m=1 / 8)`;
-    `entries`: further sections, such as `sampler={"ess": 1000}`, and what `record` says beside arrays,
-    such as `record={"missing": "drop"}`.  The rig is at rest at 0 s, with measured inputs at the first
-    sample, unless `initial={"w_1": ...}` says otherwise.  Raises `InputError` with all that is wrong.
+    or a prior, such as `{"prior": "uniform", "low": 0.5, "high": 1.5, "relative": True}` (one that the
+    rig only offers, such as `c_s`, is switched on so); `nominal`: a table or values of your own
+    (`{"k_s": 0.27}`); without it a parameter that relies on a table takes `tables_2_3`, and is compared
+    with it; `rig`: a name, or a model such as `MotorShaft(i_m=1 / 8)`; `entries`: further sections, such
+    as `sampler={"ess": 1000}`, and what `record` says beside arrays, such as `record={"missing":
+    "drop"}`.  The rig is at rest at 0 s, with measured inputs at the first sample, unless
+    `initial={"w_1": ...}` says otherwise.  Raises `InputError` with all that is wrong.
     """
     columns, measured = _columns(t, channels, inputs)
     record = arguments.mapping("record", entries.pop("record", {}), "entries, such as a window")
@@ -236,13 +237,17 @@ def case(
     said += [f"record.{name}" for name in ("file", "format", "time", "channels") if name in record]
     if said:
         raise InputError.one(said[0], "arrays and `rig` say this already; leave it out")
+    model = arguments.rig(rig)
+    believed = dict(arguments.mapping("parameters", parameters, PRIORS))
+    unsaid = [name for name in getattr(model, "added", ()) if name not in believed]
+    raise_if_any([Problem(f"parameters.{n}", f"the rig has it; give {PRIORS}") for n in unsaid])
     given = {
         "name": name,
         "seed": seed,
         "record": {**record, "channels": {key: _entry(key, one) for key, one in channels.items()}},
         "inputs": {**inputs, **{key: _entry(key, one) for key, one in measured.items()}},
-        "model": in_memory.model_entry(arguments.rig(rig)),
-        "parameters": dict(arguments.mapping("parameters", parameters, PRIORS)),
+        "model": in_memory.model_entry(model),
+        "parameters": believed,
         **({} if nominal is None else {"nominal": nominal}),
         **entries,
     }

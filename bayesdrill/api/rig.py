@@ -14,10 +14,13 @@ from bayesdrill.basics.expressions import linear_combination
 from bayesdrill.record.experiment import Channel, Experiment, frozen, raise_if_any
 from bayesdrill.rig import vocabulary
 from bayesdrill.rig.choosing import simulator
+from bayesdrill.rig.models.composed import in_vain, lacking, with_named
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.sensing import Sensing
 
 Array = NDArray[np.float64]
+
+NUMBERS = "a number for each name"
 
 
 def nominal(table: str = symbols.DEFAULT_NOMINAL) -> dict[str, float]:
@@ -39,9 +42,12 @@ def respond(
 
     Times increase, in any steps.  `inputs`: a number, or `(T,)` values between which they are held
     (`zero`) or straight (`first`); loads that are not named are zero.  The state is `initial` (else
-    zero) at 0 s; with measured inputs at the first time.  Raises `InputError` with all that is wrong.
+    zero) at 0 s; with measured inputs at the first time.  To name a parameter that the rig only offers,
+    such as `c_s`, is to switch it on.  Raises `InputError` with all that is wrong.
     """
     own, found = arguments.rig(rig), list[Problem]()
+    own = with_named(own, arguments.mapping("parameters", parameters, NUMBERS))
+    found += [Problem(f"parameters.{n}", in_vain(n, of)) for n, of in lacking(own).items()]
     signals = [signals] if isinstance(signals, str) else signals
     times = arguments.times(t, found)
     values = _numbers(own.parameters, parameters, "parameters", found)
@@ -49,7 +55,7 @@ def respond(
         "initial", {} if initial is None else initial, "a number for each state"
     )
     start = _numbers(own.states, dict.fromkeys(own.states, 0.0) | {**begun}, "initial", found)
-    idle: dict[str, ArrayLike] = {name: 0.0 for name in own.inputs if name != "v"}
+    idle: dict[str, ArrayLike] = {name: 0.0 for name in own.inputs if name == "t_1"}
     given: dict[str, Array] = {}
     for name, value in (idle | {**arguments.mapping("inputs", inputs, "their values")}).items():
         if np.ndim(value):
@@ -82,14 +88,19 @@ def respond(
 def _numbers(
     names: Sequence[str], values: Mapping[str, float], place: str, found: list[Problem]
 ) -> dict[str, float]:
-    """One for each of `names`; parameters are positive."""
-    _check_names(names, arguments.mapping(place, values, "a number for each name"), place, found)
-    positive = place == "parameters"
-    return {
-        name: arguments.number(f"{place}.{name}", values[name], found, positive=positive)
-        for name in names
-        if name in values
-    }
+    """One for each of `names`; parameters are as they may be held."""
+    _check_names(names, arguments.mapping(place, values, NUMBERS), place, found)
+    read = {}
+    for name in (name for name in names if name in values):
+        symbol = vocabulary.PARAMETERS[name] if place == "parameters" else None
+        positive = symbol is not None and symbol.held == "positive"
+        read[name] = arguments.number(f"{place}.{name}", values[name], found, positive=positive)
+        if symbol is not None and symbol.held == "not negative" and read[name] < 0:
+            found.append(Problem(f"{place}.{name}", f"{values[name]!r} is negative"))
+        if symbol is not None and read[name] > symbol.at_most:
+            message = f"{values[name]!r} is more than {symbol.at_most:g}"
+            found.append(Problem(f"{place}.{name}", message))
+    return read
 
 
 def _check_names(

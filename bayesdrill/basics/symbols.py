@@ -1,11 +1,12 @@
 """The one table of symbols: what each means, its unit, its LaTeX, and the nominal tables.
 
-Symbols are the paper's own (Sandoval, Cunha Jr and Sampaio, ENIEF 2013, Table 1).  Note that
-`t_f` is a torque; time is `t` and nothing else.
+The first nine parameters are the paper's own (Sandoval, Cunha Jr and Sampaio, ENIEF 2013, Table 1), the
+others those of further physics.  Note that `t_f` is a torque; time is `t` and nothing else.
 """
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -17,7 +18,8 @@ from typing import Literal
 class Symbol:
     """`unit` is SI, in the notation that pint reads; `latex_unit` is what a figure shows.
 
-    `held`: what a parameter may be held at; whoever is unknown is positive.
+    `held`: what a parameter may be held at; whoever is unknown is positive.  `at_most`: what it cannot
+    exceed.  `typical`: values that are known of rigs, in SI, each with its source.
     """
 
     name: str
@@ -26,6 +28,8 @@ class Symbol:
     latex_unit: str
     meaning: str
     held: Literal["positive", "not negative", "any"] = "positive"
+    at_most: float = math.inf
+    typical: str = ""
 
     @property
     def plain_unit(self) -> str:
@@ -81,6 +85,8 @@ def _table(*rows: Symbol) -> Mapping[str, Symbol]:
     return MappingProxyType({row.name: row for row in rows})
 
 
+_UFRJ = "a drill-string rig (Real, Lobo, Ritto, Pinto, JPSE 170, 2018)"
+
 PARAMETERS = _table(
     Symbol("j_m", "kg*m**2", "j_m", r"kg\,m^2", "moment of inertia of the motor"),
     # A motor may have no damping or friction; one that turns backwards, friction of the other sign.
@@ -96,6 +102,117 @@ PARAMETERS = _table(
     Symbol(
         "t_f", "N*m", "t_f", r"N\,m", "torque of the motor's internal friction (not a time)", "any"
     ),
+    # What a rig may have and is without where it is not named.
+    Symbol(
+        "c_s",
+        "N*m*s/rad",
+        "c_s",
+        r"N\,m\,s/rad",
+        "damping of the shaft",
+        "not negative",
+        typical=f"0.017 fits {_UFRJ}, whose shaft has 4.1 N m/rad",
+    ),
+    Symbol(
+        "j_2",
+        "kg*m**2",
+        "j_2",
+        r"kg\,m^2",
+        "moment of inertia at the output of the gearbox",
+        "not negative",
+        typical="7e-3 is what the paper's estimate of j_m has more than its guess, behind a gear of 8:1",
+    ),
+    Symbol(
+        "r_s",
+        "ohm",
+        "r_s",
+        r"\Omega",
+        "resistance in series with the motor",
+        "not negative",
+        typical="0.2 is what the paper's estimate of r_m has more than its guess",
+    ),
+    Symbol("c_1", "N*m*s/rad", "c_1", r"N\,m\,s/rad", "viscous damping at rotor 1", "not negative"),
+    Symbol(
+        "t_cm",
+        "N*m",
+        "t_{cm}",
+        r"N\,m",
+        "sliding friction at the motor, which changes its sign",
+        "not negative",
+        typical="0.1 is the paper's t_f; 7e-4 fits a small servo with a flexible link",
+    ),
+    Symbol("t_sm", "N*m", "t_{sm}", r"N\,m", "static friction at the motor", "not negative"),
+    Symbol(
+        "w_sm",
+        "rad/s",
+        "w_{sm}",
+        "rad/s",
+        "speed of the motor over which its static friction is lost",
+    ),
+    Symbol(
+        "t_c1",
+        "N*m",
+        "t_{c1}",
+        r"N\,m",
+        "sliding friction at rotor 1",
+        "not negative",
+        typical=f"1.3 to 2.2 is the torque at the bit of {_UFRJ} at 12 to 15 rad/s",
+    ),
+    Symbol("t_s1", "N*m", "t_{s1}", r"N\,m", "static friction at rotor 1", "not negative"),
+    Symbol(
+        "w_s1",
+        "rad/s",
+        "w_{s1}",
+        "rad/s",
+        "speed of rotor 1 over which its static friction is lost",
+    ),
+    Symbol(
+        "v_d",
+        "V",
+        "v_d",
+        "V",
+        "voltage that driver and brushes take, against the sign of the current",
+        "not negative",
+        typical="3.7 is that of an L298 driver at 2 A, by its data sheet",
+    ),
+    Symbol(
+        "eta",
+        "1",
+        r"\eta",
+        "",
+        "efficiency of the gear",
+        at_most=1.0,
+        typical="0.87 is that of a small spur gearbox of 6.3:1, 0.9 of each mesh (Machine Design, A "
+        "second look at gearbox efficiencies)",
+    ),
+    Symbol(
+        "j_s",
+        "kg*m**2",
+        "j_s",
+        r"kg\,m^2",
+        "moment of inertia of the shaft itself",
+        typical="1.5e-7 is that of the paper's shaft, of steel",
+    ),
+    # Of a bit that cuts rock, under a weight.
+    Symbol(
+        "b_0",
+        "m",
+        "b_0",
+        "m",
+        "torque at the bit over the weight on it, at high speed",
+        typical="0.024 of a full-scale bit (a code of LAVI, COPPE/UFRJ)",
+    ),
+    Symbol(
+        "b_1", "s/rad", "b_1", r"s/rad", "how steeply the torque at the bit begins with its speed"
+    ),
+    Symbol(
+        "b_2",
+        "s/rad",
+        "b_2",
+        r"s/rad",
+        "how high the hump of the torque at the bit is at low speed",
+        "not negative",
+    ),
+    Symbol("b_3", "s**2/rad**2", "b_3", r"s^2/rad^2", "how soon that hump ends"),
 )
 
 STATES = _table(

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle, FancyArrowPatch, Polygon, Rectangle
 from matplotlib.path import Path as Route
 
-from bayesdrill.basics.symbols import INPUTS, PARAMETERS, STATES
+from bayesdrill.basics.symbols import DEFAULT_NOMINAL, INPUTS, NOMINAL, PARAMETERS, STATES
 from bayesdrill.report import style
 
 Point = tuple[float, float]
@@ -53,7 +53,8 @@ def heuristic_figure(pairs: Sequence[Pair], iterations: int) -> Figure:
     # There along the upper row and back along the lower one; the decision is last.
     places = [(start + k * pitch, UPPER) for k in range(columns)]
     places += [(start + k * pitch, LOWER) for k in reversed(range(len(pairs) + 1 - columns))]
-    order = list(dict.fromkeys([*(name for pair in pairs for name in pair), *PARAMETERS]))
+    nine = NOMINAL[DEFAULT_NOMINAL].values
+    order = list(dict.fromkeys([*(name for pair in pairs for name in pair), *nine]))
     with style.styled():
         figure, sheet = _sheet(width, UPPER + 0.5 * BOX + 0.1)
         for place, pair in zip(places, pairs, strict=False):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import fields
 from typing import Any
 
 from bayesdrill.basics import sizes
@@ -15,6 +14,7 @@ from bayesdrill.inference.problem import Problem
 from bayesdrill.inference.residual_checks import Left, like_noise
 from bayesdrill.insight import plausibility
 from bayesdrill.report import record_words
+from bayesdrill.rig.models.composed import constants
 from bayesdrill.setup.config import Config
 from bayesdrill.setup.own_units import OwnUnits
 
@@ -44,11 +44,14 @@ def records(problem: Problem) -> str:
 
 
 def model(problem: Problem) -> str:
-    """Its name, and what it holds beside parameters: the gear."""
+    """Its name, what was added to it, and what it holds beside parameters: the gear."""
     rig: Any = problem.model
-    held = [f"{one.name} = {getattr(rig, one.name):.6g}" for one in fields(rig)]
+    held = constants(rig)
+    added = held.pop("added", ())
+    name = f"{rig.name} with {', '.join(added)}" if added else rig.name
+    said = [f"{n} = {x:.6g}" if isinstance(x, float) else f"{n} = {x}" for n, x in held.items()]
     gear = f"; the motor turns {1 / rig.i_m:.4g} times as fast" if hasattr(rig, "i_m") else ""
-    return f"{rig.name} ({', '.join(held)}{gear})" if held else rig.name
+    return f"{name} ({', '.join(said)}{gear})" if said else name
 
 
 def preview(problem: Problem, config: Config, own: OwnUnits) -> str:

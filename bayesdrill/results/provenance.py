@@ -16,6 +16,8 @@ from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.problem import Problem
 from bayesdrill.record.experiment import Experiment
 from bayesdrill.results.run_folder import VERSION_OF
+from bayesdrill.rig.models.composed import constants
+from bayesdrill.rig.models.linear import Model
 from bayesdrill.setup import experiments, sources
 from bayesdrill.setup.config import Config
 from bayesdrill.setup.experiments import WHOSE
@@ -32,7 +34,7 @@ def fingerprint(config: Config, problem: Problem) -> dict[str, str]:
     space = posterior.space
     return {
         **_of_experiments(problem),
-        "the model": repr(problem.model),
+        "the model": _model(problem.model),
         **{f"the prior of {name}": repr(prior) for name, prior in space.priors.items()},
         **{f"{name}, which is held,": repr(value) for name, value in space.fixed.items()},
         **{f"the relation of {name}": r.text for name, r in space.relations.items()},
@@ -55,7 +57,7 @@ def settings(config: Config, problem: Problem, own: OwnUnits) -> dict[str, str]:
     space = posterior.space
     return {
         **_of_experiments(problem),
-        "the model": repr(problem.model),
+        "the model": _model(problem.model),
         **{name: own.believed(name, prior) for name, prior in space.priors.items()},
         **{name: f"held at {own.said(name, value, 6)}" for name, value in space.fixed.items()},
         **{name: r.text for name, r in space.relations.items()},
@@ -79,6 +81,12 @@ def marks(config: Config, problem: Problem, burn_in: str) -> dict[str, str]:
 def records(problem: Problem) -> dict[str, str]:
     """How long each is, and a digest of it, by the names of experiments."""
     return {one.label: _of_experiment(one.experiment)["the record"] for one in problem.observations}
+
+
+def _model(rig: Model) -> str:
+    """As Python has it, without what is as it is by default."""
+    held = ", ".join(f"{name}={value!r}" for name, value in constants(rig).items())
+    return f"{type(rig).__name__}({held})"
 
 
 def _of_experiments(problem: Problem) -> dict[str, str]:

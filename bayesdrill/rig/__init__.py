@@ -7,6 +7,9 @@ from typing import TYPE_CHECKING
 from bayesdrill.basics.late import late
 
 if TYPE_CHECKING:
+    from bayesdrill.rig.models.friction import Coulomb as Coulomb
+    from bayesdrill.rig.models.friction import Friction as Friction
+    from bayesdrill.rig.models.friction import Stribeck as Stribeck
     from bayesdrill.rig.models.linear import Linear as Linear
     from bayesdrill.rig.models.linear import Model as Model
     from bayesdrill.rig.models.linear import Named as Named
@@ -18,12 +21,15 @@ if TYPE_CHECKING:
 __getattr__ = late(
     __name__,
     {
+        "Coulomb": "models.friction",
+        "Friction": "models.friction",
         "Gear": "models.motor_shaft",
         "Linear": "models.linear",
         "Model": "models.linear",
         "MotorShaft": "models.motor_shaft",
         "Named": "models.linear",
         "Response": "response",
+        "Stribeck": "models.friction",
         "TwoRotors": "models.two_rotors",
     },
 )

@@ -8,14 +8,16 @@ from types import MappingProxyType
 from bayesdrill.basics import symbols
 from bayesdrill.basics.symbols import Symbol
 from bayesdrill.rig.models import MODELS
+from bayesdrill.rig.models.composed import with_all
 
 
 def _all(of: str, known: Mapping[str, Symbol]) -> Mapping[str, Symbol]:
     """Those of `known` first: a rig cannot give another meaning to what has one."""
+    every = [with_all(kind()) for kind in MODELS.usable().values()]
     own = {
         symbol.name: symbol
-        for rig in MODELS.usable().values()
-        for symbol in getattr(rig, "declares", ())
+        for rig in every
+        for symbol in rig.declares
         if symbol.name in getattr(rig, of)
     }
     return MappingProxyType({**known, **{n: s for n, s in own.items() if n not in known}})

@@ -6,7 +6,7 @@ by one to collect all mistakes.  `assembling` puts everything together.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 from bayesdrill.basics import symbols, units
@@ -27,6 +27,7 @@ from bayesdrill.insight.identifiability.study import Asked, Thresholds
 from bayesdrill.record.experiment import Channel
 from bayesdrill.rig import vocabulary
 from bayesdrill.rig.models import MODELS
+from bayesdrill.rig.models.composed import with_named
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.setup import number_entries, number_objects
 from bayesdrill.setup.config import Config
@@ -48,9 +49,14 @@ class Measured:
         return self.noisy.channel
 
 
-def model(config: Config) -> Model:
-    """With the constants that the config gives, as far as the model has them."""
-    return made(lookup(MODELS, config.model.name, "model"), config.model)
+def model(config: Config, more: Collection[str] = ()) -> Model:
+    """With the constants that the config gives, as far as the model has them, and with what it offers of
+    the parameters that the config names, or that are `more`.
+    """
+    rig = made(lookup(MODELS, config.model.name, "model"), config.model)
+    given = config.parameters
+    named = [name for name in vocabulary.PARAMETERS if getattr(given, name) is not None]
+    return with_named(rig, {*named, *more})
 
 
 def nominal(config: Config) -> dict[str, float]:
@@ -186,6 +192,8 @@ def space(
         if related is not None:
             relations[name] = related
         elif spec == "nominal":
+            if name not in table:
+                raise ValueError(f"no table has {name}")
             fixed[name] = table[name]
         elif isinstance(spec, float | int):
             fixed[name] = float(spec)

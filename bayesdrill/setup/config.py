@@ -33,7 +33,7 @@ from bayesdrill.setup.experiment_entries import (
     RecordSpec,
     named_state,
 )
-from bayesdrill.setup.number_entries import HELD, QuantitySpec, parameter_spec, shape
+from bayesdrill.setup.number_entries import QuantitySpec, ending, held, parameter_spec, shape
 from bayesdrill.setup.output_entries import MOST_NAMED, OutputSpec
 
 Searches = Annotated[int, Field(ge=1, le=1000)]
@@ -56,12 +56,12 @@ class ModelBase(Strict):
 
 
 def _per_symbol(
-    name: str, base: type[Strict], kind: Callable[[str], Any], doc: str
+    name: str, base: type[Strict], kind: Callable[[symbols.Symbol], Any], doc: str
 ) -> type[Strict]:
     """`kind` of a symbol: what may stand there."""
     fields: dict[str, Any] = {
         symbol.name: (
-            kind(symbol.name) | None,
+            kind(symbol) | None,
             Field(None, description=f"{symbol.meaning} [{symbol.unit}]"),
         )
         for symbol in vocabulary.PARAMETERS.values()
@@ -71,10 +71,6 @@ def _per_symbol(
 
 
 Named = Annotated[list[str], Field(max_length=MOST_NAMED)]
-
-
-def _held(name: str) -> Any:
-    return HELD[vocabulary.PARAMETERS[name].held]
 
 
 Tolerance = Annotated[float, Field(ge=0, lt=1)]
@@ -127,14 +123,18 @@ class _SimulationBase(Strict):
 Parameters = _per_symbol(
     "Parameters",
     Strict,
-    lambda name: parameter_spec(_held(name)),
-    "A prior, a number, `nominal`, a tie or a formula.",
+    lambda symbol: parameter_spec(held(symbol)),
+    "A prior, a number, `nominal`, a tie or a formula; what the model only offers is off unless it is "
+    "named.",
 )
 Nominal = _per_symbol(
-    "Nominal", _NominalBase, lambda _: Positive, "A table and what differs from it."
+    "Nominal",
+    _NominalBase,
+    lambda symbol: ending(symbol, Positive),
+    "A table and what differs from it.",
 )
 Simulation = _per_symbol(
-    "Simulation", _SimulationBase, _held, "Grid and true values of `bayesdrill simulate`."
+    "Simulation", _SimulationBase, held, "Grid and true values of `bayesdrill simulate`."
 )
 
 

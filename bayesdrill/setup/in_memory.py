@@ -16,6 +16,7 @@ from bayesdrill.basics.errors import Problem
 from bayesdrill.basics.own_files import RECORD
 from bayesdrill.record.experiment import raise_if_any
 from bayesdrill.record.formats import Table
+from bayesdrill.rig.models.composed import constants
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.setup import loading
 from bayesdrill.setup.job import Job, assemble
@@ -48,7 +49,8 @@ def as_csv(columns: Mapping[str, Array]) -> str:
 
 def model_entry(rig: Model) -> dict[str, Any]:
     """As `model:` of a config has it."""
-    return {"name": rig.name, **{entry: getattr(rig, entry) for entry in entries_of(type(rig))}}
+    own = entries_of(type(rig))
+    return {"name": rig.name, **{n: x for n, x in constants(rig).items() if n in own}}
 
 
 def _as_yaml(entries: Mapping[str, Any]) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Annotated, Any, Literal
@@ -16,6 +17,7 @@ from bayesdrill.basics.entries import (
     Positive,
     Strict,
 )
+from bayesdrill.basics.symbols import Symbol
 
 
 def shape(value: Any) -> str:
@@ -114,9 +116,23 @@ def parameter_spec(number: Any) -> Any:
     ]
 
 
-HELD: Mapping[str, Any] = MappingProxyType(
+_HELD: Mapping[str, Any] = MappingProxyType(
     {"positive": Positive, "not negative": NonNegative, "any": Number}
 )
+
+
+def held(symbol: Symbol) -> Any:
+    """What a parameter may be held at."""
+    return ending(symbol, _HELD[symbol.held])
+
+
+def ending(symbol: Symbol, number: Any) -> Any:
+    """Such a `number` of a parameter, which may end somewhere."""
+    if math.isinf(symbol.at_most):
+        return number
+    return Annotated[number, Field(le=symbol.at_most)]
+
+
 SigmaSpec = Annotated[
     Annotated[Positive, Tag("<number>")] | Annotated[PriorSpec, Tag("<mapping>")],
     Discriminator(shape),

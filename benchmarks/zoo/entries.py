@@ -142,8 +142,8 @@ def measured(name: str, hold: str = "zero") -> Entry:
 
 
 def parameters(rest: str | Entry, **own: float | str | Entry) -> Entry:
-    """All nine: `rest` for those that are not named."""
-    return {name: own.get(name, rest) for name in symbols.PARAMETERS}
+    """All nine, `rest` for those that are not named, and what else is."""
+    return {**dict.fromkeys(symbols.NOMINAL[symbols.DEFAULT_NOMINAL].values, rest), **own}
 
 
 def box(low: float = 0.5, high: float = 1.5) -> Entry:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -53,7 +54,13 @@ def test_units_agree_with_the_equations() -> None:
         for name, s in table.items()
     }
     second = registry.Quantity(1.0, "s")
-    volts = [unit["l_m"] * unit["i"] / second, unit["r_m"] * unit["i"], unit["k_e"] * unit["w_2"]]
+    volts = [
+        unit["l_m"] * unit["i"] / second,
+        unit["r_m"] * unit["i"],
+        unit["r_s"] * unit["i"],
+        unit["k_e"] * unit["w_2"],
+        unit["v_d"],
+    ]
     torques = [
         unit["j_m"] * unit["w_2"] / second,
         unit["c_m"] * unit["w_2"],
@@ -62,8 +69,14 @@ def test_units_agree_with_the_equations() -> None:
         unit["j_1"] * unit["w_1"] / second,
         unit["t_f"],
         unit["t_1"],
+        unit["j_2"] * unit["w_2"] / second,
+        unit["c_s"] * unit["w_1"],
+        unit["c_1"] * unit["w_1"],
+        *(unit[name] for name in ("t_cm", "t_sm", "t_c1", "t_s1")),
+        unit["k_s"] * unit["theta_1"] / unit["eta"],
     ]
-    for terms, balance in ((volts, unit["v"]), (torques, unit["t_f"])):
+    speeds = [unit["w_sm"], unit["w_s1"]]
+    for terms, balance in ((volts, unit["v"]), (torques, unit["t_f"]), (speeds, unit["w_1"])):
         for term in terms:
             assert term.to(balance.units).magnitude == pytest.approx(1.0)
 
@@ -86,9 +99,18 @@ def test_models_speak_in_symbols(name: str) -> None:
 
 @pytest.mark.parametrize("name", symbols.PARAMETERS)
 def test_the_documents_have_a_row_for_every_parameter(name: str) -> None:
-    text = (Path(__file__).parents[2] / "docs" / "config.md").read_text()
+    page = "config.md" if name in PARAMETERS else "rigs.md"
+    text = (Path(__file__).parents[2] / "docs" / page).read_text()
     (row,) = (line for line in text.splitlines() if line.startswith(f"| `{name}` |"))
-    _, _, unit, side, meaning, _, _ = (cell.strip() for cell in row.split("|"))
+    _, _, unit, *cells, _ = (cell.strip() for cell in row.split(" | ".strip()))
     symbol = symbols.PARAMETERS[name]
-    assert (unit, meaning) == (symbol.plain_unit, symbol.meaning)
-    assert side == ("shaft" if name in ("k_s", "j_1") else "motor")
+    assert unit == symbol.plain_unit
+    if name in PARAMETERS:
+        side, meaning, _ = cells
+        assert side == ("shaft" if name in ("k_s", "j_1") else "motor")
+    else:
+        meaning, adds, hidden_by, typical = cells
+        assert typical == symbol.typical
+        assert adds
+        assert {*re.findall(r"`(\w+)`", hidden_by)} & {*symbols.PARAMETERS} - {name}
+    assert meaning == symbol.meaning

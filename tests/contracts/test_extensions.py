@@ -33,7 +33,7 @@ record:
     w_1: {column: w_1, unit: rad/s, sigma: 0.2, noise: {name: toy_memory, correlation: 0.4}}
     w_2: {column: w_2, unit: rad/s, sigma: 0.1, noise: toy_memory}
 inputs: {v: 8.0}
-nominal: {table: tables_2_3, c_s: 0.004}
+nominal: {table: tables_2_3, tau_s: 0.015}
 parameters:
   j_m: nominal
   c_m: nominal
@@ -44,7 +44,7 @@ parameters:
   k_s: nominal
   j_1: nominal
   t_f: nominal
-  c_s: {prior: log_uniform, low: 0.1, high: 10, relative: true}
+  tau_s: {prior: log_uniform, low: 0.1, high: 10, relative: true}
 map: {method: toy_compass, shortest: 1.0e-3}
 sampler: {ensembles: 4, walkers: 32, ess: 400, moves: {toy_walk: 0.1, independence: 0.9}}
 output: {figures: [toy_order], predictive_draws: 10}
@@ -74,6 +74,7 @@ def test_the_toys_pass_the_contracts() -> None:
     assert done.returncode == 0, done.stdout
     passed = set(re.findall(r"toy_[a-z]+(?=[^.\w])", done.stdout))
     assert passed == {
+        "toy_braked",
         "toy_damped",
         "toy_memory",
         "toy_walk",
@@ -99,8 +100,8 @@ def test_a_run_with_nothing_but_toys(tmp_path: Path) -> None:
     assert done.returncode == 0, done.stdout + done.stderr
     rows = list(csv.DictReader((tmp_path / "out" / "summary.csv").read_text().splitlines()))
     found = {row["name"]: row for row in rows}
-    assert list(found) == ["k_e", "c_s", "rho_w_2"]
-    assert abs(float(found["c_s"]["mean"]) - 0.004) < 5 * float(found["c_s"]["sd"])
+    assert list(found) == ["k_e", "tau_s", "rho_w_2"]
+    assert abs(float(found["tau_s"]["mean"]) - 0.015) < 5 * float(found["tau_s"]["sd"])
     assert abs(float(found["rho_w_2"]["mean"]) - 0.1) < 5 * float(found["rho_w_2"]["sd"])
     assert (tmp_path / "out" / "figures" / "toy_order.png").stat().st_size > 1000
     white = (
@@ -127,6 +128,7 @@ BROKEN = """
 import dataclasses, math
 from typing import ClassVar
 from bayesdrill.basics.symbols import Symbol
+from bayesdrill.rig import Coulomb, Friction
 from bayesdrill.rig.models.motor_shaft import PARAMETERS, MotorShaft
 
 class NoDataclass:
@@ -147,6 +149,48 @@ class OtherName(Base):
 
 class Right(Base):
     name = "right"
+
+class Known(Base):
+    name = "known"
+    declares = (Symbol("c_s", "N*m*s/rad", "c_s", "N", "of the shaft, as the house has it"),)
+    parameters = (*MotorShaft.parameters, "c_s")
+    def linear(self, p):
+        return MotorShaft(added=("c_s",)).linear(p)
+
+class Brake(Base):
+    name = "brake"
+    frictions = (Friction(name="friction_1", against="w_1", law=Coulomb("t_f")),)
+    def linear(self, p):
+        found = MotorShaft().linear(p)
+        column = {("w_1", "friction_1"): -1.0 / p["j_1"]}
+        return dataclasses.replace(found, B={**found.B, **column})
+
+class NoColumn(Brake):
+    name = "no_column"
+    def linear(self, p):
+        return MotorShaft().linear(p)
+
+class NoState(Brake):
+    name = "no_state"
+    frictions = (Friction(name="friction_1", against="w_3", law=Coulomb("t_x")),)
+
+class TakenName(Brake):
+    name = "taken_name"
+    frictions = (Friction(name="t_1", against="w_1", law=Coulomb("t_f")),)
+
+class Rough:
+    parameters, seen, steady = ("t_f",), (), True
+    def size(self, p, speed, seen):
+        return math.tanh(speed) * p["t_f"]
+
+class NoLaw(Brake):
+    name = "no_law"
+    frictions = (Friction(name="friction_1", against="w_1", law=Rough()),)
+
+@dataclasses.dataclass(frozen=True)
+class NoDefault(Base):
+    i_m: float
+    name = "no_default"
 
 class NoSymbol(Base):
     name = "no_symbol"
@@ -179,6 +223,17 @@ RIGS = {
     "no_symbol": ("broken_rigs:NoSymbol", "no symbol is declared of c_x"),
     "other_unit": ("broken_rigs:OtherUnit", "it declares j_1 in m; that is kg*m**2"),
     "exponential": ("broken_rigs:Exponential", "more than + - * / and whole powers"),
+    "no_column": (
+        "broken_rigs:NoColumn",
+        "`linear` has no column of the friction friction_1 in `B`",
+    ),
+    "no_state": (
+        "broken_rigs:NoState",
+        "the friction friction_1 names w_3, t_x, which the rig has",
+    ),
+    "taken_name": ("broken_rigs:TakenName", "a friction is called t_1, which is something else"),
+    "no_law": ("broken_rigs:NoLaw", "the friction friction_1: its law wants what it does not name"),
+    "no_default": ("broken_rigs:NoDefault", "each field wants a default (TypeError"),
     "other_state": ("broken_rigs:OtherState", "`linear` names w_3, no state or input of it"),
 }
 OTHERS = ("noise", "format", "optimiser")
@@ -206,7 +261,8 @@ def test_what_is_none_is_named_and_takes_no_other_with_it(tmp_path: Path) -> Non
     (tmp_path / "broken_rigs.py").write_text(BROKEN)
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: broken\nVersion: 1.0\n")
     lines = [f"{name} = {value}" for name, (value, _) in RIGS.items()]
-    lines = ["[bayesdrill.rig]", "right = broken_rigs:Right", *lines]
+    fine = [f"{name.lower()} = broken_rigs:{name}" for name in ("Right", "Known", "Brake")]
+    lines = ["[bayesdrill.rig]", *fine, *lines]
     for what in OTHERS:
         lines += [f"[bayesdrill.{what}]", "odd = fractions:Fraction"]
     (info / "entry_points.txt").write_text("\n".join(lines) + "\n")
@@ -215,7 +271,7 @@ def test_what_is_none_is_named_and_takes_no_other_with_it(tmp_path: Path) -> Non
     done = subprocess.run(command, env=environment, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     told = json.loads(done.stdout)
-    assert {"right", "motor_shaft"} <= {*told["usable"]}
+    assert {"right", "known", "brake", "motor_shaft"} <= {*told["usable"]}
     assert {*told["said"]} == {*RIGS}
     assert not {*RIGS} & {*told["usable"]}
     for name, (value, says) in RIGS.items():

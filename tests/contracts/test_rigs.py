@@ -1,11 +1,14 @@
-"""What holds of every rig: names with symbols, exact responses and slopes, entries of a config.
+"""What holds of every rig: names with symbols, exact responses and slopes, entries of a config; each as
+it is, and with all that it offers.
 
-Mutants killed: a parameter without a symbol, a slope of another rig, a constant that no config gives.
+Mutants killed: a parameter without a symbol, a slope of another rig, a constant that no config gives, a
+friction that drives.
 """
 
 from __future__ import annotations
 
 import dataclasses
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,44 +20,76 @@ from bayesdrill.basics import symbols
 from bayesdrill.basics.entries import entries_of, made
 from bayesdrill.rig import vocabulary
 from bayesdrill.rig.models import MODELS
+from bayesdrill.rig.models.composed import offers, with_all
+from bayesdrill.rig.models.friction import frictions_of
 from bayesdrill.rig.models.linear import Model, dynamics
 from bayesdrill.rig.response import Response
 from bayesdrill.setup.config import ModelSpec, Parameters
 
 N, DT = 40, 0.004
-POINT = np.exp(np.random.default_rng(7).uniform(-0.2, 0.2, 20))
+POINT = np.exp(np.random.default_rng(7).uniform(-0.2, 0.2, 50))
+
+PLAIN = {name: kind() for name, kind in MODELS.items()}
+WHOLE = {f"{name} with all": with_all(rig) for name, rig in PLAIN.items() if offers(rig)}
+RIGS: dict[str, Model] = PLAIN | WHOLE
 
 
-def values(rig: type[Model]) -> np.ndarray:
-    """`(1, P)`: near nominal; of its own parameters a small number."""
+def values(rig: Model) -> np.ndarray:
+    """`(1, P)`: near nominal; of other parameters a small number."""
     usual = [NOMINAL.get(name, 2e-3) for name in rig.parameters]
     return np.array([usual]) * POINT[: len(usual)]
 
 
-def response(rig: type[Model]) -> Response:
+def response(rig: Model) -> Response:
     measures = {name: {name: 1.0} for name in rig.states}
-    return Response(rig(), experiment(N, DT, measures=measures))
+    return Response(rig, experiment(N, DT, measures=measures))
 
 
-@pytest.mark.parametrize("name", MODELS)
+@pytest.mark.parametrize("name", RIGS)
 def test_its_names_have_symbols_and_places_in_a_config(name: str) -> None:
-    rig = MODELS[name]
-    assert rig.name == name
+    rig = RIGS[name]
+    kind: Any = type(rig)
+    assert rig.name == kind.name == name.removesuffix(" with all")
     assert {*rig.parameters} <= {*vocabulary.PARAMETERS} & {*Parameters.model_fields}
     assert {*rig.states} <= {*vocabulary.STATES}
     assert {*rig.inputs} <= {*symbols.INPUTS}
     assert {one.name for one in rig.declares} <= {*rig.parameters, *rig.states}
-    fields = {field.name for field in dataclasses.fields(rig)}
-    assert fields == {*entries_of(rig)} <= {*ModelSpec.model_fields}
-    assert made(rig, ModelSpec(name=name)) == rig()
-    hash(rig())
+    fields = {field.name for field in dataclasses.fields(kind)} - {"added"}
+    assert fields == {*entries_of(kind)} <= {*ModelSpec.model_fields}
+    assert made(kind, ModelSpec(name=rig.name)) == kind() == PLAIN[rig.name]
+    assert rig.parameters == (*kind.parameters, *getattr(rig, "added", ()))
+    assert {*offers(kind)} == {*rig.parameters} - {*kind.parameters} or rig == kind()
+    assert {name for needs in offers(kind).values() for name in needs} <= {*offers(kind)}
+    hash(rig)
 
 
-@pytest.mark.parametrize("name", MODELS)
+@pytest.mark.parametrize("name", RIGS)
+def test_its_frictions_brake_and_are_told_apart(name: str) -> None:
+    rig, p = RIGS[name], values(RIGS[name])[0]
+    named = dict(zip(rig.parameters, p, strict=True))
+    frictions, columns = frictions_of(rig), rig.linear(named).B
+    names = [one.name for one in frictions]
+    taken = [*names, *rig.parameters, *rig.states, *symbols.INPUTS]
+    assert len({*taken}) == len(taken)
+    assert {name for _, name in columns} <= {*rig.inputs, *names}
+    for one in frictions:
+        assert [row for row, column in columns if column == one.name] == [one.against]
+        assert columns[one.against, one.name] < 0
+        assert one.holds is None or vocabulary.STATES[one.holds].unit == "rad"
+        assert {*one.law.parameters} <= {*rig.parameters}
+        assert {*one.law.seen} <= {*rig.states, *rig.inputs}
+        assert one.where
+        seen = {state: np.array([0.3, -0.2]) for state in one.law.seen}
+        for speed in (0.0, 1e-3, 2.0, 1e3):
+            size = np.broadcast_to(one.law.size(named, np.full(2, speed), seen), 2)
+            assert ((size >= 0) & np.isfinite(size)).all()
+
+
+@pytest.mark.parametrize("name", RIGS)
 def test_its_response_is_the_matrix_exponential(name: str) -> None:
-    rig, p = MODELS[name], values(MODELS[name])
+    rig, p = RIGS[name], values(RIGS[name])
     named = dict(zip(rig.parameters, p[0], strict=True))
-    linear = rig().linear(named)
+    linear = rig.linear(named)
     states = list(rig.states)
     augmented = np.zeros((len(states) + 1, len(states) + 1))
     augmented[:-1, :-1] = dynamics(linear, rig.states, 1)[0]
@@ -73,9 +108,9 @@ def test_its_response_is_the_matrix_exponential(name: str) -> None:
     assert found / scale == pytest.approx(np.array(exact) / scale, abs=1e-9)
 
 
-@pytest.mark.parametrize("name", MODELS)
+@pytest.mark.parametrize("name", RIGS)
 def test_its_sensitivities_are_differences(name: str) -> None:
-    rig, p = MODELS[name], values(MODELS[name])
+    rig, p = RIGS[name], values(RIGS[name])
     of = response(rig)
     along = np.diag(p[0])[None]
     slopes = of.sensitivities(p, along)[0]
@@ -87,9 +122,9 @@ def test_its_sensitivities_are_differences(name: str) -> None:
         assert slopes[k] / scale == pytest.approx(numeric / scale, abs=1e-4), name_
 
 
-@pytest.mark.parametrize("name", MODELS)
+@pytest.mark.parametrize("name", RIGS)
 def test_its_sums_are_those_of_its_signals(name: str) -> None:
-    rig, p = MODELS[name], values(MODELS[name])
+    rig, p = RIGS[name], values(RIGS[name])
     of = response(rig)
     y = 1.01 * of.signals(p)[0] + 0.1
     of = of.with_record(y)

@@ -86,7 +86,7 @@ def test_texts_are_apart_inside_the_page_and_off_the_lines(name: str) -> None:
 
 
 def test_the_rig_shows_the_nine_parameters() -> None:
-    assert {name for text in texts(picture("rig")) for name in names(text)} == set(PARAMETERS)
+    assert {name for text in texts(picture("rig")) for name in names(text)} == set(CHAIN)
 
 
 def test_what_is_measured_has_a_frame_of_its_own() -> None:
@@ -143,7 +143,7 @@ def test_each_pair_has_a_box_and_its_two_cells_are_dark(name: str) -> None:
     assert len(boxes) == len(pairs)
     lowest = [text for text in texts(figure) if text.get_position()[1] < 0.5 and names(text)]
     order = [names(text)[0] for text in sorted(lowest, key=lambda text: text.get_position()[0])]
-    assert sorted(order) == sorted(PARAMETERS)
+    assert sorted(order) == sorted(CHAIN)
     words = [(text, box(text)) for text in texts(figure)]
     cells = [p for p in figure.axes[0].patches if isinstance(p, Rectangle) and p not in boxes]
     places = [p.get_window_extent() for p in cells]

@@ -13,6 +13,7 @@ from typing import Any
 
 import pytest
 from documents import (
+    DOCS,
     DOCUMENTS,
     NOTEBOOKS,
     ROOT,
@@ -211,8 +212,11 @@ REST: dict[str, Any] = {
 ANY_CHANNEL = {"theta_1": {"column": "a", "unit": "rad", "sigma": 0.1}}
 
 
-@pytest.mark.parametrize("block", blocks(ROOT / "docs" / "record.md", "yaml"))
-def test_every_block_of_the_page_on_records_is_valid(block: str, tmp_path: Path) -> None:
+COMPLETED = [block for page in ("record", "rigs") for block in blocks(DOCS / f"{page}.md", "yaml")]
+
+
+@pytest.mark.parametrize("block", COMPLETED)
+def test_every_block_of_the_pages_on_records_and_rigs_is_valid(block: str, tmp_path: Path) -> None:
     """Completed with what it leaves out."""
     yaml = YAML(typ="safe")
     given = yaml.load(block)

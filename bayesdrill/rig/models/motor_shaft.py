@@ -1,4 +1,4 @@
-"""The paper's rig: DC motor, gearbox, slender shaft, rotor.
+"""The paper's rig: DC motor, gearbox, slender shaft, rotor; and more physics where it is named.
 
     theta_1' = w_1
     theta_2' = w_2
@@ -11,22 +11,48 @@ printed there has two errors that its own equations correct: A(5,1) is `i_m^2 k_
 over j_1) and A(6,5) is `-k_e/(i_m l_m)` (printed `-i_n k_e/l_m`).  What they do shows in
 `as_printed`.  The charge `q` never feeds back and is left out here.
 
-Assumes: rigid gearbox without loss or play, massless and undamped shaft, friction `t_f` of
-constant sign (one-way rotation), `t_1` the load torque on rotor 1.
+Assumes: rigid gearbox without play, massless shaft, friction `t_f` of constant sign (one-way rotation),
+`t_1` the load torque on rotor 1.  What is `added` goes beyond that:
+
+    j_2    j_m + i_m^2 j_2 in the place of j_m: inertia at the output of the gearbox
+    r_s    r_m + r_s in the place of r_m
+    c_s    k_s (theta_1 - theta_2) + c_s (w_1 - w_2) in the place of k_s (theta_1 - theta_2)
+    c_1    w_1' = ... - (c_1/j_1) w_1
+    t_cm   w_2' = ... - (i_m/j_m) T, |T| = t_cm against w_2; with t_sm and w_sm by Stribeck's law, whose
+           speed is that of the motor, w_2/i_m
+    t_c1   w_1' = ... - T/j_1, |T| = t_c1 against w_1; with t_s1 and w_s1 by Stribeck's law
+    v_d    i' = ... - (v_d/l_m) sgn i
+    eta    T at the motor grows by (1/eta - 1) i_m k_s |theta_2 - theta_1|
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Annotated, ClassVar
+from types import MappingProxyType
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import AfterValidator, Field
 
 from bayesdrill.basics.entries import Positive
 from bayesdrill.basics.symbols import Symbol
+from bayesdrill.rig.models.composed import Names, Offers, dry
+from bayesdrill.rig.models.friction import Coulomb, Friction, Losing, Stribeck
 from bayesdrill.rig.models.linear import Linear, Named
 
 PARAMETERS = ("j_m", "c_m", "k_e", "k_T", "r_m", "l_m", "k_s", "j_1", "t_f")
+OFFERS: Offers = MappingProxyType(
+    {
+        **dict.fromkeys(("c_s", "j_2", "r_s", "c_1", "t_cm"), ()),
+        "t_sm": ("t_cm", "w_sm"),
+        "w_sm": ("t_cm", "t_sm"),
+        "t_c1": (),
+        "t_s1": ("t_c1", "w_s1"),
+        "w_s1": ("t_c1", "t_s1"),
+        "v_d": (),
+        "eta": (),
+    }
+)
 
 
 def _slows(i_m: float) -> float:
@@ -43,39 +69,100 @@ Gear = Annotated[
     AfterValidator(_slows),
     Field(description="Gear reduction factor, at most 1 (8:1 is 0.125)."),
 ]
+Power = Annotated[
+    Literal[1, 2], Field(description="Of the speed in the exponential of static friction.")
+]
 
 
 @dataclass(frozen=True, slots=True)
 class MotorShaft:
-    """`i_m` is the gear reduction factor: theta_2 = i_m theta_3, with theta_3 the motor's angle."""
+    """`i_m` is the gear reduction factor: theta_2 = i_m theta_3, with theta_3 the motor's angle.
+
+    `stribeck`: the power of the speed in Stribeck's law; `added`: names of further parameters, of those
+    that it `offers`.
+    """
 
     i_m: Gear = 1 / 8
+    stribeck: Power = 1
+    added: tuple[str, ...] = ()
 
     name: ClassVar[str] = "motor_shaft"
     declares: ClassVar[tuple[Symbol, ...]] = ()
-    parameters: ClassVar[tuple[str, ...]] = PARAMETERS
+    offers: ClassVar[Offers] = OFFERS
+    parameters: ClassVar[Names] = Names(PARAMETERS)
     states: ClassVar[tuple[str, ...]] = ("theta_1", "theta_2", "w_1", "w_2", "i")
     inputs: ClassVar[tuple[str, ...]] = ("v", "t_1")
 
+    @property
+    def frictions(self) -> tuple[Friction, ...]:
+        """At the motor, at rotor 1, and of the current."""
+        of_motor = Stribeck("t_cm", "t_sm", "w_sm", self.stribeck, times=1 / self.i_m)
+        motor = dry(self.added, of_motor)
+        if "eta" in self.added:
+            motor = Losing(motor, "eta", "k_s", ("theta_1", "theta_2"), self.i_m)
+        rotor = dry(self.added, Stribeck("t_c1", "t_s1", "w_s1", self.stribeck))
+        drop = Coulomb("v_d") if "v_d" in self.added else None
+        every = (
+            ("friction_m", "w_2", motor, "theta_2", "at the motor"),
+            ("friction_1", "w_1", rotor, "theta_1", "at rotor 1"),
+            ("drop", "i", drop, None, "of the current"),
+        )
+        return tuple(
+            Friction(name=name, against=against, law=law, holds=holds, where=where)
+            for name, against, law, holds, where in every
+            if law is not None
+        )
+
+    def lumped(self, p: Named) -> Named:
+        """With `j_2` and `r_s` in `j_m` and `r_m`, as the equations have them."""
+        found = dict(p)
+        if "j_2" in self.added:
+            found["j_m"] = p["j_m"] + self.i_m**2 * p["j_2"]
+        if "r_s" in self.added:
+            found["r_m"] = p["r_m"] + p["r_s"]
+        return found
+
     def linear(self, p: Named) -> Linear:
-        i_m = self.i_m
+        i_m, p = self.i_m, self.lumped(p)
         j_m, c_m, k_e, k_T = p["j_m"], p["c_m"], p["k_e"], p["k_T"]
         r_m, l_m, k_s, j_1, t_f = p["r_m"], p["l_m"], p["k_s"], p["j_1"], p["t_f"]
         rotor = k_s / j_1
         shaft = i_m**2 * k_s / j_m
+        a: dict[tuple[str, str], Any] = {
+            ("theta_1", "w_1"): 1.0,
+            ("theta_2", "w_2"): 1.0,
+            ("w_1", "theta_1"): -rotor,
+            ("w_1", "theta_2"): rotor,
+            ("w_2", "theta_1"): shaft,
+            ("w_2", "theta_2"): -shaft,
+            ("w_2", "w_2"): -c_m / j_m,
+            ("w_2", "i"): i_m * k_T / j_m,
+            ("i", "w_2"): -k_e / (i_m * l_m),
+            ("i", "i"): -r_m / l_m,
+        }
         return Linear(
-            A={
-                ("theta_1", "w_1"): 1.0,
-                ("theta_2", "w_2"): 1.0,
-                ("w_1", "theta_1"): -rotor,
-                ("w_1", "theta_2"): rotor,
-                ("w_2", "theta_1"): shaft,
-                ("w_2", "theta_2"): -shaft,
-                ("w_2", "w_2"): -c_m / j_m,
-                ("w_2", "i"): i_m * k_T / j_m,
-                ("i", "w_2"): -k_e / (i_m * l_m),
-                ("i", "i"): -r_m / l_m,
-            },
-            B={("w_1", "t_1"): -1.0 / j_1, ("i", "v"): 1.0 / l_m},
+            A=self._damped(a, p),
+            B={("w_1", "t_1"): -1.0 / j_1, ("i", "v"): 1.0 / l_m, **self._rubbed(p)},
             c={"w_2": -i_m * t_f / j_m},
         )
+
+    def _damped(
+        self, plain: Mapping[tuple[str, str], Any], p: Named
+    ) -> Mapping[tuple[str, str], Any]:
+        a, i_m = dict(plain), self.i_m
+        if "c_s" in self.added:
+            rotor, shaft = p["c_s"] / p["j_1"], i_m**2 * p["c_s"] / p["j_m"]
+            a["w_1", "w_1"], a["w_1", "w_2"] = -rotor, rotor
+            a["w_2", "w_1"], a["w_2", "w_2"] = shaft, a["w_2", "w_2"] - shaft
+        if "c_1" in self.added:
+            a["w_1", "w_1"] = a.get(("w_1", "w_1"), 0.0) - p["c_1"] / p["j_1"]
+        return a
+
+    def _rubbed(self, p: Named) -> dict[tuple[str, str], Any]:
+        """The columns of the frictions."""
+        slows = {"w_1": ("j_1", -1.0), "w_2": ("j_m", -self.i_m), "i": ("l_m", -1.0)}
+        found = {}
+        for one in self.frictions:
+            by, times = slows[one.against]
+            found[one.against, one.name] = times / p[by]
+        return found

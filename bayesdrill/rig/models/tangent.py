@@ -44,6 +44,11 @@ class Tangent:
     def inputs(self) -> tuple[str, ...]:
         return self.rig.inputs
 
+    @property
+    def frictions(self) -> tuple[()]:
+        """None of its own: the columns of the rig's, and their derivatives, stand in its `B`."""
+        return ()
+
     def linear(self, p: Named) -> Linear:
         duals: Any = {name: Dual(p[name], p[name + DOT]) for name in self.rig.parameters}
         rig = self.rig.linear(duals)

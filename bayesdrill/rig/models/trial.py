@@ -5,8 +5,13 @@ from __future__ import annotations
 import dataclasses
 from typing import Any
 
+import numpy as np
+
 from bayesdrill.basics import symbols
+from bayesdrill.basics.duals import Dual
 from bayesdrill.basics.entries import entries_of
+from bayesdrill.rig.models.composed import offers, with_all
+from bayesdrill.rig.models.friction import frictions_of
 
 WANTED = ("name", "parameters", "states", "inputs", "declares", "linear")
 
@@ -22,8 +27,18 @@ def tried(name: str, rig: Any) -> None:
     if named.name != name:
         raise ValueError(f"its name is '{named.name}', and its entry point's '{name}'")
     entries_of(rig)
-    _known(named)
-    _moves(named)
+    plain = _made(rig)
+    for one in (plain, with_all(plain)) if offers(plain) else (plain,):
+        _known(one)
+        _rubs(one)
+        _moves(one)
+
+
+def _made(kind: Any) -> Any:
+    try:
+        return kind()
+    except Exception as error:
+        raise ValueError(f"each field wants a default ({type(error).__name__}: {error})") from None
 
 
 def _known(rig: Any) -> None:
@@ -61,9 +76,34 @@ class _Number:
         return self
 
 
+def _rubs(rig: Any) -> None:
+    """Frictions have names of their own, states and parameters of the rig, and laws that can be read."""
+    taken = [*rig.states, *rig.inputs, *rig.parameters]
+    for one in frictions_of(rig):
+        if one.name in taken:
+            raise ValueError(f"a friction is called {one.name}, which is something else already")
+        taken.append(one.name)
+        holds = [] if one.holds is None else [one.holds]
+        strange = [name for name in (one.against, *holds) if name not in rig.states]
+        strange += [name for name in one.law.parameters if name not in rig.parameters]
+        strange += [n for n in one.law.seen if n not in (*rig.states, *rig.inputs)]
+        if strange:
+            raise ValueError(
+                f"the friction {one.name} names {', '.join(strange)}, which the rig has not"
+            )
+        some: Any = Dual(np.ones(2), np.ones(2))
+        p, seen = (dict.fromkeys(names, some) for names in (one.law.parameters, one.law.seen))
+        try:
+            one.law.size(p, some, seen)
+        except Exception as error:
+            wanted = "its law wants what it does not name, or more than `basics.arithmetic`"
+            why = f"{type(error).__name__}: {error}"
+            raise ValueError(f"the friction {one.name}: {wanted} ({why})") from None
+
+
 def _moves(rig: Any) -> None:
     try:
-        linear = rig().linear({name: _Number() for name in rig.parameters})
+        linear = rig.linear({name: _Number() for name in rig.parameters})
     except Exception as error:
         wanted = (
             "`linear` wants a parameter that is not there, or more than + - * / and whole powers"
@@ -71,6 +111,10 @@ def _moves(rig: Any) -> None:
         raise ValueError(f"{wanted} ({type(error).__name__}: {error})") from None
     rows = {row for row, _ in (*linear.A, *linear.B)} | {*linear.c}
     strange = {*rows, *(column for _, column in linear.A)} - {*rig.states}
-    strange |= {name for _, name in linear.B} - {*rig.inputs}
+    columns = {one.name: one.against for one in frictions_of(rig)}
+    strange |= {name for _, name in linear.B} - {*rig.inputs, *columns}
     if strange:
         raise ValueError(f"`linear` names {', '.join(sorted(strange))}, no state or input of it")
+    idle = [name for name, row in columns.items() if (row, name) not in linear.B]
+    if idle:
+        raise ValueError(f"`linear` has no column of the friction {', '.join(idle)} in `B`")

@@ -11,6 +11,8 @@ r_s   resistance in series with the motor: driver, leads, brushes
 Times i_m, the second equation with the third in it has (j_m + i_m^2 j_2) theta_2'': the rig is a
 `motor_shaft` with that inertia and with the resistance r_m + r_s.  So a record shows no more of it:
 both scales of a `motor_shaft` stay open, though they are no common factors here.
+
+It is the `motor_shaft` to which both are added, held: one that may have a prior is named there.
 """
 
 from __future__ import annotations
@@ -44,13 +46,13 @@ class TwoRotors:
     states: ClassVar[tuple[str, ...]] = MotorShaft.states
     inputs: ClassVar[tuple[str, ...]] = MotorShaft.inputs
 
-    def _added(self) -> dict[str, float]:
-        """To the motor's own values, what the rest of the rig adds to them."""
-        return {"j_m": self.i_m**2 * self.j_2, "r_m": self.r_s}
-
     def whole(self, p: Named) -> Named:
-        """Parameters of the `motor_shaft` which this rig is."""
-        return {**p, **{name: p[name] + constant for name, constant in self._added().items()}}
+        """Parameters of the plain `motor_shaft` which this rig is."""
+        lumped = MotorShaft(self.i_m, added=("j_2", "r_s")).lumped(self._held(p))
+        return {name: lumped[name] for name in p}
 
     def linear(self, p: Named) -> Linear:
-        return MotorShaft(self.i_m).linear(self.whole(p))
+        return MotorShaft(self.i_m, added=("j_2", "r_s")).linear(self._held(p))
+
+    def _held(self, p: Named) -> Named:
+        return {**p, "j_2": self.j_2, "r_s": self.r_s}

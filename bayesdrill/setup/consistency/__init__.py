@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from bayesdrill.basics.errors import Problem
+from bayesdrill.rig import vocabulary
 from bayesdrill.setup import build
 from bayesdrill.setup.config import Config
 from bayesdrill.setup.consistency import inputs, record, sensing, several, unknowns, work
@@ -21,7 +22,8 @@ def check(
     `alone`: whether there is no other experiment, so that it is known what all unknowns are called.
     """
     found = Collector(source, spoilt)
-    model = found.run(("model", "name"), build.model, config)
+    told = [name for name in vocabulary.PARAMETERS if found.spoilt(("parameters", name))]
+    model = found.run(("model", "name"), build.model, config, told)
     nominal = found.run(("nominal", "table"), build.nominal, config)
     if model is not None:
         unknowns.check_model(found, config, model)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
+from typing import Any
 
 import numpy as np
 
@@ -12,6 +14,7 @@ from bayesdrill.basics.formulas import Expression, RelationError
 from bayesdrill.inference.unknowns import ParameterSpace
 from bayesdrill.rig import vocabulary
 from bayesdrill.rig.models import MODELS
+from bayesdrill.rig.models.composed import in_vain, lacking, offers, with_all
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.setup import build, number_entries, number_objects
 from bayesdrill.setup.config import Config
@@ -41,15 +44,65 @@ def check_parameters(
                     f"missing; to hold it write {_usual(name, nominal)}a number",
                 )
         elif name not in model.parameters:
-            found.add(place, f"the model {model.name} has no such parameter; remove it")
+            found.add(place, f"the model {model.name} has no {name}; {_way_out(name)}")
         elif spec == "nominal" and name not in nominal:
-            found.add(place, f"no table has {name}; give a number, or `nominal: {{{name}: ...}}`")
+            found.add(place, f"{_no_table(name)}; give a number, or `nominal: {{{name}: ...}}`")
         elif isinstance(spec, number_entries.PriorBase):
-            built = found.run(place, number_objects.prior, spec, nominal.get(name))
-            if built is not None:
-                found.run(
-                    place, number_objects.start, spec, built, build.compared(config).get(name)
-                )
+            if spec.relative and name not in nominal:
+                way_out = f"`nominal: {{{name}: ...}}`, or leave out `relative:`"
+                found.add(place, f"{_no_table(name)}, to be relative to; give {way_out}")
+            else:
+                _check_prior(found, config, name, spec, nominal.get(name))
+    _check_added(found, config, model)
+
+
+def _check_prior(
+    found: Collector,
+    config: Config,
+    name: str,
+    spec: Any,
+    nominal: float | None,
+) -> None:
+    place, most = ("parameters", name), vocabulary.PARAMETERS[name].at_most
+    built = found.run(place, number_objects.prior, spec, nominal)
+    if built is None:
+        return
+    if built.high > most:
+        reaches = "has no end" if math.isinf(built.high) else f"goes up to {built.high:.6g}"
+        ends = f"such as {{prior: uniform, low: {0.5 * most:g}, high: {most:g}}}"
+        found.add(place, f"the prior {reaches}, and {name} is at most {most:g}; let it end, {ends}")
+        return
+    found.run(place, number_objects.start, spec, built, build.compared(config).get(name))
+
+
+def _way_out(name: str) -> str:
+    """For a parameter of another model."""
+    every = {n: with_all(kind()) for n, kind in MODELS.usable().items()}
+    having = [n for n, rig in every.items() if name in rig.parameters]
+    return f"remove it, or take model.name: {' or '.join(having)}" if having else "remove it"
+
+
+def _no_table(name: str) -> str:
+    """With what is known of it."""
+    typical = vocabulary.PARAMETERS[name].typical
+    return f"no table has {name}" + (f" ({typical})" if typical else "")
+
+
+def _check_added(found: Collector, config: Config, model: Model) -> None:
+    """What is named means something, and nothing is said of what is not named."""
+    said: set[str] = set()
+    for name, missing in lacking(model).items():
+        if name not in said:
+            found.add(("parameters", name), in_vain(name, missing))
+        said |= {*offers(model)[name]}
+    for section in ("nominal", "simulation"):
+        given = getattr(config, section)
+        for name in vocabulary.PARAMETERS:
+            if name not in model.parameters and getattr(given, name, None) is not None:
+                offered = name in offers(model)
+                why = "not named in `parameters:`" if offered else f"not of the model {model.name}"
+                also = "; name it there, or remove this" if offered else "; remove this"
+                found.add((section, name), f"{name} is {why}{also}")
 
 
 def _usual(name: str, nominal: Mapping[str, float]) -> str:
@@ -99,14 +152,15 @@ def _check_values(
     named = space.named(theta)
     for name, relation in related.items():
         values = np.broadcast_to(named[name], len(theta))
-        good = (values >= SMALLEST) & (values <= LARGEST)
+        most = min(LARGEST, vocabulary.PARAMETERS[name].at_most)
+        good = (values >= SMALLEST) & (values <= most)
         if not good.all():
             k = int(np.argmin(good))
             found.add(
                 ("parameters", name),
                 f"'{relation.text}' is {values[k]:.3g} at {100 * np.mean(~good):.3g} % of what the "
-                "priors allow, and must be positive (and at most 1e30); mend the formula or narrow the "
-                "priors",
+                f"priors allow, and must be positive (and at most {most:g}); mend the formula or "
+                "narrow the priors",
             )
 
 

@@ -12,6 +12,8 @@ from bayesdrill.setup.guessing.several import Experiment
 from bayesdrill.setup.guessing.start import Start
 
 SPREAD = 1.0  # of the logarithm of a parameter: nobody has said anything of this rig
+DAMPING = 0.01  # N m s/rad, which adds 6 % of the critical damping to the paper's rig
+FRICTION = 0.1  # N m, as much as the paper's motor has
 
 
 def page(found: Found, name: str) -> str:
@@ -152,6 +154,19 @@ def _parameters(*, turns_back: bool) -> list[str]:
         else:
             prior = f"{{prior: log_normal, median: 1, sd_log: {SPREAD:g}, relative: true}}"
             lines.append(f"  {name}: {prior}")
+    return [*lines, *_more(turns_back=turns_back)]
+
+
+def _more(*, turns_back: bool) -> list[str]:
+    """Physics that is off: lines that need only lose their sign."""
+    shown = {"c_s": DAMPING} | ({"t_cm": FRICTION} if turns_back else {})
+    which = "damping and friction are" if turns_back else "damping is"
+    lines = comment(
+        f"Further {which} switched on by naming it, see docs/rigs.md; take the # away:", 2
+    )
+    for name, scale in shown.items():
+        entry = f"  # {name}: {{prior: half_normal, scale: {scale:g}}}"
+        lines.append(f"{entry:<48}# {symbols.PARAMETERS[name].plain_unit}, {_meaning(name)}")
     return lines
 
 

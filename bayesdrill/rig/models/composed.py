@@ -1,0 +1,79 @@
+"""Physics that a rig takes when its parameter is named, and is without when it is not.
+
+A rig that is composed has a class-level `offers`: parameters, each with the names that it means nothing
+without; and a field `added`, the names that this one has.  `parameters`, `linear` and `frictions` of an
+instance follow from `added`.  Other rigs have neither.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any
+
+from bayesdrill.rig.models.friction import Coulomb, Law, Stribeck
+from bayesdrill.rig.models.linear import Model
+
+Offers = Mapping[str, tuple[str, ...]]
+
+NOTHING: Offers = MappingProxyType({})
+
+
+@dataclass(frozen=True, slots=True)
+class Names:
+    """Those of a rig's parameters: `always`, of the class too, and behind them what is `added`."""
+
+    always: tuple[str, ...]
+
+    def __get__(self, rig: Any, kind: type | None = None) -> tuple[str, ...]:
+        return self.always if rig is None else (*self.always, *rig.added)
+
+
+def offers(rig: Any) -> Offers:
+    """Of a rig or of its class."""
+    found: Offers = getattr(rig, "offers", NOTHING)
+    return found
+
+
+def with_named(rig: Model, names: Collection[str]) -> Model:
+    """With what it has, and what it offers of these, in its own order."""
+    wanted = {*names, *getattr(rig, "added", ())}
+    added = tuple(name for name in offers(rig) if name in wanted)
+    if not added:
+        return rig
+    found: Model = dataclasses.replace(rig, added=added)  # type: ignore[type-var]
+    return found
+
+
+def with_all(rig: Model) -> Model:
+    """With all that it offers."""
+    return with_named(rig, offers(rig))
+
+
+def lacking(rig: Model) -> dict[str, tuple[str, ...]]:
+    """What is added in vain, each with what it means nothing without."""
+    added: tuple[str, ...] = getattr(rig, "added", ())
+    needed = {name: offers(rig).get(name, ()) for name in added}
+    found = {name: tuple(n for n in needs if n not in added) for name, needs in needed.items()}
+    return {name: missing for name, missing in found.items() if missing}
+
+
+def in_vain(name: str, missing: Collection[str]) -> str:
+    """In words."""
+    others = " and ".join(missing)
+    return f"{name} means nothing without {others}; name {others} too, or remove {name}"
+
+
+def constants(rig: Any) -> dict[str, Any]:
+    """Its gear, and other fields that are not as they are by default, with their values."""
+    every = {one.name: (getattr(rig, one.name), one.default) for one in dataclasses.fields(rig)}
+    return {n: value for n, (value, usual) in every.items() if n == "i_m" or value != usual}
+
+
+def dry(added: Collection[str], law: Stribeck) -> Law | None:
+    """`law`, where static friction is added; sliding friction alone; or none."""
+    if all(name in added for name in law.parameters):
+        return law
+    return Coulomb(law.sliding) if law.sliding in added else None

@@ -1,0 +1,290 @@
+"""A rig that is composed: each added physics against the balances of motor, gear, shaft and rotor.
+
+Mutants killed: the gear once or not at all at j_2 and c_s; a damping on one side alone; Stribeck at the
+speed of the shaft; a column of friction with the wrong inertia; an operation more for what is not named.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+import pytest
+import scipy.linalg
+from llvmlite import ir
+from oracles import ORDER, skewed
+from rigs import STATES, experiment
+
+from bayesdrill.rig.kernels.exponential import emit_exponential
+from bayesdrill.rig.kernels.recurrence import emit_response
+from bayesdrill.rig.measured import Measured
+from bayesdrill.rig.models import composed
+from bayesdrill.rig.models.friction import frictions_of
+from bayesdrill.rig.models.linear import Linear, Model, dynamics
+from bayesdrill.rig.models.motor_shaft import OFFERS, MotorShaft
+from bayesdrill.rig.models.tangent import DOT, Tangent
+from bayesdrill.rig.models.two_rotors import TwoRotors
+from bayesdrill.rig.response import Response, layout
+from bayesdrill.rig.sensing import Sensing, wired
+
+I_M = 0.2
+MORE = {
+    "c_s": 0.013, "j_2": 7.3e-3, "r_s": 0.21, "c_1": 4.1e-3, "t_cm": 0.07, "t_sm": 0.11, "w_sm": 1.9,
+    "t_c1": 0.31, "t_s1": 0.52, "w_s1": 0.43, "v_d": 0.83, "eta": 0.87,
+}  # fmt: skip
+START = {"theta_1": 0.7, "theta_2": -0.4, "w_1": 1.3, "w_2": -2.1, "i": 0.6}
+PUSHES = ("v", "t_1", "friction_m", "friction_1", "drop")
+LINEAR = [(), ("c_s",), ("j_2",), ("r_s",), ("c_1",), ("c_s", "c_1"), ("c_s", "j_2", "r_s", "c_1")]
+
+
+def balances(p: dict[str, float], x: np.ndarray, push: dict[str, float]) -> np.ndarray:
+    """Rates (5,) of theta_1, theta_2, w_1, w_2, i from the balances of each body by itself.
+
+    Unknown: w_1', w_2', w_3', i' and the torque t_2 that the gearbox puts on its output.  Frictions are
+    efforts against the speeds of motor and rotor, and the current.
+    """
+    twist, turning = x[0] - x[1], x[2] - x[3]
+    w_1, w_2, i = x[2:]
+    w_3 = w_2 / I_M
+    shaft = p["k_s"] * twist + p.get("c_s", 0.0) * turning
+    masses = np.zeros((5, 5))
+    masses[0, 0] = p["j_1"]
+    masses[1, 1], masses[1, 4] = p.get("j_2", 0.0), -1.0
+    masses[2, 2], masses[2, 4] = p["j_m"], I_M
+    masses[3, 3] = p["l_m"]
+    masses[4, 1], masses[4, 2] = 1.0, -I_M
+    rest = [
+        -shaft - p.get("c_1", 0.0) * w_1 - push.get("t_1", 0.0) - push.get("friction_1", 0.0),
+        shaft,
+        p["k_T"] * i - p["c_m"] * w_3 - p["t_f"] - push.get("friction_m", 0.0),
+        push.get("v", 0.0)
+        - (p["r_m"] + p.get("r_s", 0.0)) * i
+        - p["k_e"] * w_3
+        - push.get("drop", 0.0),
+        0.0,
+    ]
+    w_1_dot, w_2_dot, _, i_dot, _ = np.linalg.solve(masses, rest)
+    return np.array([w_1, w_2, w_1_dot, w_2_dot, i_dot])
+
+
+def by_hand(p: dict[str, float]) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
+    """A (5, 5), what is constant (5,), and the column of each push."""
+    still = balances(p, np.zeros(5), {})
+    a = np.array([balances(p, x, {}) - still for x in np.eye(5)]).T
+    return a, still, {name: balances(p, np.zeros(5), {name: 1.0}) - still for name in PUSHES}
+
+
+def exact(p: dict[str, float], t: np.ndarray, push: dict[str, float]) -> np.ndarray:
+    """States (T, 5) from `START`, by SciPy's exponential of the balances."""
+    a, still, columns = by_hand(p)
+    whole = np.zeros((6, 6))
+    whole[:5, :5] = a
+    whole[:5, 5] = still + sum(size * columns[name] for name, size in push.items())
+    start = np.append([START[name] for name in STATES], 1.0)
+    return np.array([(scipy.linalg.expm(whole * s) @ start)[:5] for s in t])
+
+
+def parameters(added: tuple[str, ...]) -> dict[str, float]:
+    return skewed() | {name: MORE[name] for name in added}
+
+
+def vector(rig: Model, p: dict[str, float]) -> np.ndarray:
+    return np.array([[p[name] for name in rig.parameters]])
+
+
+@pytest.mark.parametrize("added", [*LINEAR, tuple(OFFERS)], ids="+".join)
+def test_it_is_what_the_balances_of_its_bodies_give(added: tuple[str, ...]) -> None:
+    p, rig = parameters(added), MotorShaft(I_M, added=added)
+    linear = rig.linear(p)
+    a, still, columns = by_hand(p)
+    assert dynamics(linear, STATES, 1)[0] == pytest.approx(a, rel=1e-12)
+    assert [linear.c.get(name, 0.0) for name in STATES] == pytest.approx(still, rel=1e-12)
+    assert {name for _, name in linear.B} == {*rig.inputs, *(one.name for one in rig.frictions)}
+    for name in {name for _, name in linear.B}:
+        own = [linear.B.get((state, name), 0.0) for state in STATES]
+        assert own == pytest.approx(columns[name], rel=1e-12), name
+
+
+@pytest.mark.parametrize("added", LINEAR, ids="+".join)
+@pytest.mark.parametrize("any_time", [False, True])
+def test_its_response_is_that_of_the_balances(added: tuple[str, ...], any_time: bool) -> None:
+    p, rig, push = parameters(added), MotorShaft(I_M, added=added), {"v": 5.5, "t_1": 0.03}
+    record = experiment(61, 0.03, constant=push, start=START)
+    true = exact(p, record.t, push)
+    of = Measured(rig, record, Sensing()) if any_time else Response(rig, record)
+    scale = np.abs(true).max(axis=0)
+    assert of.signals(vector(rig, p))[0] / scale == pytest.approx(true / scale, abs=1e-9)
+    if added:
+        without = MotorShaft(I_M)
+        found = Response(without, record).signals(vector(without, p))[0]
+        assert np.max(np.abs(found - true) / scale) > 1e-3
+
+
+def test_a_damping_that_vanishes_is_none() -> None:
+    record = experiment(61, 0.03, start=START)
+    plain, rig = MotorShaft(I_M), MotorShaft(I_M, added=("c_s", "c_1"))
+    without = Response(plain, record).signals(vector(plain, skewed()))[0]
+    small = np.array([0.0, 1e-6, 1e-5])
+    full = np.repeat(vector(rig, skewed() | MORE), 3, axis=0)
+    full[:, 9:] = small[:, None]
+    none, one, ten = Response(rig, record).signals(full)
+    scale = np.abs(without).max(axis=0)
+    assert none / scale == pytest.approx(without / scale, abs=1e-12)
+    ratio = np.abs(ten - without).max(axis=0) / np.abs(one - without).max(axis=0)
+    assert ratio == pytest.approx(np.full(5, 10.0), rel=1e-3)
+
+
+def test_an_inertia_and_a_resistance_more_are_those_of_the_motor() -> None:
+    """Only the sums show: what one has more, the other has less."""
+    record = experiment(61, 0.03, start=START)
+    rig, p = MotorShaft(I_M, added=("j_2", "r_s")), parameters(("j_2", "r_s"))
+    moved = p | {"j_2": p["j_2"] - 2e-3, "j_m": p["j_m"] + I_M**2 * 2e-3}
+    moved |= {"r_s": p["r_s"] - 0.13, "r_m": p["r_m"] + 0.13}
+    lumped = p | {"j_m": p["j_m"] + I_M**2 * p["j_2"], "r_m": p["r_m"] + p["r_s"]}
+    whole = Response(rig, record).signals(vector(rig, p))[0]
+    scale = np.abs(whole).max(axis=0)
+    assert Response(rig, record).signals(vector(rig, moved))[0] / scale == pytest.approx(
+        whole / scale, abs=1e-11
+    )
+    plain = MotorShaft(I_M)
+    assert Response(plain, record).signals(vector(plain, lumped))[0] / scale == pytest.approx(
+        whole / scale, abs=1e-11
+    )
+    held = TwoRotors(I_M, p["j_2"], p["r_s"])
+    assert Response(held, record).signals(vector(held, p)).tobytes() == whole.tobytes()
+    assert held.whole(skewed()) == {name: lumped[name] for name in ORDER}
+
+
+def test_a_rotor_without_a_shaft_runs_down_by_its_damping() -> None:
+    rig = MotorShaft(I_M, added=("c_1",))
+    p = parameters(("c_1",)) | {"k_s": 1e-25}
+    record = experiment(201, 0.1, constant={"v": 0.0, "t_1": 0.0}, start={"w_1": 3.0})
+    found = Response(rig, record).signals(vector(rig, p))[0]
+    rate = p["c_1"] / p["j_1"]
+    assert found[:, 2] == pytest.approx(3.0 * np.exp(-rate * record.t), rel=1e-9)
+    assert found[:, 0] == pytest.approx(3.0 / rate * (1 - np.exp(-rate * record.t)), rel=1e-9)
+
+
+def test_a_twist_between_two_free_inertias_dies_out_by_the_damping_of_the_shaft() -> None:
+    rig = MotorShaft(I_M, added=("c_s",))
+    p = parameters(("c_s",)) | {"k_T": 1e-25, "c_m": 0.0, "t_f": 0.0}
+    record = experiment(201, 0.02, constant={"v": 0.0}, start={"theta_1": 0.3})
+    found = Response(rig, record).signals(vector(rig, p))[0]
+    inertia = 1 / (1 / p["j_1"] + I_M**2 / p["j_m"])
+    omega = math.sqrt(p["k_s"] / inertia)
+    zeta = p["c_s"] / (2 * inertia * omega)
+    turns = omega * math.sqrt(1 - zeta**2)
+    swing = np.cos(turns * record.t) + zeta * omega / turns * np.sin(turns * record.t)
+    twist = 0.3 * np.exp(-zeta * omega * record.t) * swing
+    assert found[:, 0] - found[:, 1] == pytest.approx(twist, abs=1e-10)
+
+
+@dataclass(frozen=True, slots=True)
+class Plain:
+    """The nine-parameter rig, written out."""
+
+    i_m: float = 1 / 8
+
+    name: ClassVar[str] = "plain"
+    declares: ClassVar[tuple[Any, ...]] = ()
+    parameters: ClassVar[tuple[str, ...]] = ORDER
+    states: ClassVar[tuple[str, ...]] = STATES
+    inputs: ClassVar[tuple[str, ...]] = ("v", "t_1")
+
+    def linear(self, p: Any) -> Linear:
+        i_m = self.i_m
+        rotor, shaft = p["k_s"] / p["j_1"], i_m**2 * p["k_s"] / p["j_m"]
+        return Linear(
+            A={
+                ("theta_1", "w_1"): 1.0,
+                ("theta_2", "w_2"): 1.0,
+                ("w_1", "theta_1"): -rotor,
+                ("w_1", "theta_2"): rotor,
+                ("w_2", "theta_1"): shaft,
+                ("w_2", "theta_2"): -shaft,
+                ("w_2", "w_2"): -p["c_m"] / p["j_m"],
+                ("w_2", "i"): i_m * p["k_T"] / p["j_m"],
+                ("i", "w_2"): -p["k_e"] / (i_m * p["l_m"]),
+                ("i", "i"): -p["r_m"] / p["l_m"],
+            },
+            B={("w_1", "t_1"): -1.0 / p["j_1"], ("i", "v"): 1.0 / p["l_m"]},
+            c={"w_2": -i_m * p["t_f"] / p["j_m"]},
+        )
+
+
+def code(rig: Model, series: bool) -> str:
+    """What is handed to the compiler."""
+    u = {"v": np.ones(20)} if series else {}
+    own, module = layout(rig, experiment(20, start=START, series=u)), ir.Module("rig")
+    emit_response(module, own, emit_exponential(module, own, "step", own.dt), None, sums=True)
+    return str(module)
+
+
+@pytest.mark.parametrize("series", [False, True])
+def test_what_is_not_named_costs_not_an_operation(series: bool) -> None:
+    assert code(MotorShaft(), series) == code(Plain(), series)
+    assert code(MotorShaft(added=("r_s",)), series) != code(Plain(), series)
+    assert MotorShaft(stribeck=2).linear(skewed()) == Plain().linear(skewed())
+    theta, record = vector(Plain(), skewed()), experiment(30, start=START)
+    for of in (Response, lambda rig, one: Measured(rig, one, Sensing(delay="t_0"))):
+        full = theta if of is Response else np.append(theta, [[0.004]], axis=1)
+        one, other = of(MotorShaft(), record), of(Plain(), record)
+        assert one.signals(full).tobytes() == other.signals(full).tobytes()
+
+
+def test_its_frictions_have_the_laws_of_what_is_named() -> None:
+    """Sizes by hand, at a speed of the shaft of 0.3 rad/s; the motor turns five times as fast."""
+    every = {one.name: one for one in MotorShaft(I_M, 2, tuple(OFFERS)).frictions}
+    assert list(every) == ["friction_m", "friction_1", "drop"]
+    assert [one.against for one in every.values()] == ["w_2", "w_1", "i"]
+    assert [one.holds for one in every.values()] == ["theta_2", "theta_1", None]
+    p, seen = parameters(tuple(OFFERS)), {"theta_1": 0.9, "theta_2": 0.2}
+    lost = (1 / 0.87 - 1) * I_M * p["k_s"] * 0.7
+    rubs = 0.07 + 0.04 * math.exp(-((0.3 / I_M / 1.9) ** 2))
+    assert every["friction_m"].law.size(p, 0.3, seen) == pytest.approx(rubs + lost, rel=1e-12)
+    back = {"theta_1": 0.2, "theta_2": 0.9}
+    assert every["friction_m"].law.size(p, 0.3, back) == pytest.approx(rubs + lost, rel=1e-12)
+    stuck = 0.31 + 0.21 * math.exp(-((0.3 / 0.43) ** 2))
+    assert every["friction_1"].law.size(p, 0.3, {}) == pytest.approx(stuck, rel=1e-12)
+    assert every["drop"].law.size(p, 0.3, {}) == 0.83
+    (one,) = MotorShaft(I_M, added=("t_cm", "t_sm", "w_sm")).frictions
+    plain = 0.07 + 0.04 * math.exp(-0.3 / I_M / 1.9)
+    assert one.law.size(p, 0.3, {}) == pytest.approx(plain, rel=1e-12)
+    (one,) = MotorShaft(I_M, added=("t_cm",)).frictions
+    assert (one.law.steady, one.law.size(p, 0.3, {})) == (True, 0.07)
+    (one,) = MotorShaft(I_M, added=("eta",)).frictions
+    assert one.law.size(p, 0.3, seen) == pytest.approx(lost, rel=1e-12)
+    assert not MotorShaft(I_M, added=("c_s", "j_2", "r_s", "c_1")).frictions
+
+
+def test_frictions_pass_through_the_sensors_of_inputs_and_not_through_slopes() -> None:
+    rig = MotorShaft(I_M, added=("j_2", "t_cm", "v_d"))
+    behind = wired(rig, Sensing(input_gains={"v": "gain_v"}, input_offsets={"v": "offset_v"}))
+    assert frictions_of(behind) == rig.frictions
+    assert frictions_of(wired(MotorShaft(), Sensing(input_gains={"v": "gain_v"}))) == ()
+    p = parameters(("j_2", "t_cm", "v_d")) | {"gain_v": 1.1, "offset_v": 0.3}
+    plain, through = rig.linear(p), behind.linear(p)
+    for column in (("w_2", "friction_m"), ("i", "drop")):
+        assert through.B[column] == plain.B[column]
+    assert through.c["i"] == pytest.approx(0.3 / p["l_m"])
+    tangent = Tangent(rig)
+    assert frictions_of(tangent) == ()
+    moved = dict.fromkeys((name + DOT for name in rig.parameters), 0.0) | {"j_2" + DOT: 1.0}
+    slope = tangent.linear(p | moved).B["w_2" + DOT, "friction_m"]
+    up, down = (rig.linear(p | {"j_2": p["j_2"] + h}).B["w_2", "friction_m"] for h in (1e-6, -1e-6))
+    assert slope == pytest.approx((up - down) / 2e-6, rel=1e-6)
+
+
+def test_names_of_a_rig_and_of_its_kind() -> None:
+    """Other packages read them off the class."""
+    rig = composed.with_named(MotorShaft(0.1, 2), ["eta", "k_s", "w_s1", "c_s", "nothing"])
+    assert rig == MotorShaft(0.1, 2, ("c_s", "w_s1", "eta"))
+    assert rig.parameters == (*ORDER, "c_s", "w_s1", "eta")
+    assert MotorShaft.parameters == MotorShaft(0.1).parameters == ORDER
+    assert composed.with_named(rig, ["v_d"]).parameters == (*ORDER, "c_s", "w_s1", "v_d", "eta")
+    assert composed.with_named(TwoRotors(), ["c_s"]) == TwoRotors()
+    assert composed.lacking(rig) == {"w_s1": ("t_c1", "t_s1")}
+    assert composed.constants(rig) == {"i_m": 0.1, "stribeck": 2, "added": rig.added}
+    assert composed.constants(MotorShaft()) == {"i_m": 0.125}
