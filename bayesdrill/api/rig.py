@@ -11,6 +11,7 @@ from bayesdrill.api import arguments
 from bayesdrill.basics import symbols
 from bayesdrill.basics.errors import InputError, Problem, did_you_mean
 from bayesdrill.basics.expressions import linear_combination
+from bayesdrill.inference import pieces
 from bayesdrill.record.experiment import Channel, Experiment, frozen, raise_if_any
 from bayesdrill.rig import vocabulary
 from bayesdrill.rig.choosing import simulator
@@ -81,7 +82,7 @@ def respond(
         t_start=float(times[0]) if series else min(0.0, float(times[0])),
     )
     theta = np.array([[values[name] for name in own.parameters]])
-    response = simulator(own, experiment, Sensing()).signals(theta)[0]
+    response = simulator(own, experiment, Sensing(), pieces.MOST).signals(theta)[0]
     return {name: response[:, k] for k, name in enumerate(signals)}
 
 

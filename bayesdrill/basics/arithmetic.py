@@ -1,4 +1,4 @@
-"""What formulas want beside + - * /, for numbers of any kind: arrays, dual numbers, registers of a kernel.
+"""What formulas want beside + - * /, for numbers of any kind: arrays, duals, registers of a kernel.
 
 A kind of its own brings methods: `exp`, `size`, `signed`, `below`, `above`, and
 `chosen` of its masks; all others are NumPy's.

@@ -20,7 +20,7 @@ class Ahead:
     """Nodes from the first of `t (T,)` on, `pieces` of them to the usual sample, `span` apart.
 
     Inputs `series`, each `(T,)`, go from sample to sample (`first_order`) or are held; over a step
-    they are what they are at its beginning and by how much they rise, or their mean.
+    they are what they are at its beginning and their slope, or their mean.
     """
 
     def __init__(
@@ -87,15 +87,26 @@ class Ahead:
         return (np.nan_to_num(whole), *shares)
 
     def inputs(self, margin: int, after: int) -> Array:
-        """`(margin + N + 1 + after + margin, S)`, with rises `(..., 2 S)`: constant outside the record."""
-        known = self._over_steps
-        tail = np.repeat(self._last[None], after + margin, axis=0)
-        head = np.repeat(self._first[None], margin, axis=0)
-        return np.ascontiguousarray(np.concatenate([head, known, tail]))
+        """Over each step `(N + 1 + after, S)`, with slopes `2 S`; `margin` rows stand before and behind.
+
+        Outside the record they are constant.
+        """
+        # Few sizes, each kept.
+        margin, after = (1 << n.bit_length() if n else 0 for n in (margin, after))
+        if (margin, after) not in self._kept:
+            tail = np.repeat(self._last[None], after + margin, axis=0)
+            head = np.repeat(self._first[None], margin, axis=0)
+            known = np.concatenate([head, self._over_steps, tail])
+            self._kept[margin, after] = np.ascontiguousarray(known)[margin:]
+        return self._kept[margin, after]
+
+    @cached_property
+    def _kept(self) -> dict[tuple[int, int], Array]:
+        return {}
 
     @cached_property
     def _over_steps(self) -> Array:
-        return self._of_steps(np.arange(self.nodes + 2) * self.span)
+        return self._of_steps(np.asarray(np.arange(self.nodes + 2) * self.span))
 
     def _of_steps(self, nodes: Array) -> Array:
         t = self._t - self._t[0]
@@ -103,7 +114,7 @@ class Ahead:
             return np.zeros((len(nodes) - 1, 0))
         if self._first_order:
             at = np.array([np.interp(nodes, t, u) for u in self._series]).T
-            return np.concatenate([at[:-1], np.diff(at, axis=0)], axis=1)
+            return np.concatenate([at[:-1], np.diff(at, axis=0) / self.span], axis=1)
         if self.aligned:
             near = np.searchsorted(t, nodes[:-1] + 0.5 * self.span, side="right") - 1
             return np.array([u[near] for u in self._series]).T
@@ -111,14 +122,14 @@ class Ahead:
 
     @property
     def _first(self) -> Array:
-        return np.array([u[0] for u in self._series] + [0.0] * self._rises)
+        return np.array([u[0] for u in self._series] + [0.0] * self._slopes)
 
     @property
     def _last(self) -> Array:
-        return np.array([u[-1] for u in self._series] + [0.0] * self._rises)
+        return np.array([u[-1] for u in self._series] + [0.0] * self._slopes)
 
     @property
-    def _rises(self) -> int:
+    def _slopes(self) -> int:
         return len(self._series) if self._first_order else 0
 
 
@@ -126,4 +137,4 @@ def _means(nodes: Array, t: Array, held: Array) -> Array:
     """Over steps, of what is held from sample to sample."""
     whole = np.concatenate([[0.0], np.cumsum(held[:-1] * np.diff(t))])
     beyond = np.clip(nodes - t[-1], 0.0, None) * held[-1]
-    return np.diff(np.interp(nodes, t, whole) + beyond) / np.diff(nodes)
+    return np.asarray(np.diff(np.interp(nodes, t, whole) + beyond) / np.diff(nodes))

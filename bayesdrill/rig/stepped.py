@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from bayesdrill.record.experiment import Experiment, frozen
 from bayesdrill.rig.ahead import Ahead
 from bayesdrill.rig.kernels import LANES
-from bayesdrill.rig.kernels.stepping import BLOCKS, COUNTS, Kernel, Own, Shape, compile_stepping
+from bayesdrill.rig.kernels.stepping import BLOCKS, Kernel, Own, Shape, compile_stepping
 from bayesdrill.rig.models.friction import frictions_of
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.sensing import Sensing
@@ -118,17 +118,31 @@ class Stepped:
             t = t[0] + self.experiment.dt * np.arange(len(t))
         return Ahead(t, series, self.experiment.first_order, self.pieces)
 
-    def _shape(self, ahead: Ahead, rows: Array, **kind: bool) -> Shape:
-        return Shape(
-            model=self._walkers.wired,
-            series=self._walkers.inputs,
-            late=tuple(n for n in self._walkers.inputs if n in self.sensing.input_lags),
-            constant=tuple(self.experiment.constant.items()),
-            first_order=self.experiment.first_order and bool(self._walkers.inputs),
-            span=ahead.span,
-            pattern=tuple(map(tuple, (rows != 0.0).any(axis=0).tolist())),
-            **kind,
-        )
+    @cached_property
+    def _gaps(self) -> bool:
+        return bool(np.isnan(self._walkers.padded).any())
+
+    @cached_property
+    def _kernels(self) -> dict[Any, tuple[Kernel, Shape]]:
+        return {}
+
+    def _kernel(self, ahead: Ahead, rows: Array, **kind: bool) -> tuple[Kernel, Shape]:
+        """For channels that see the states in all of `rows (..., K, R)`."""
+        pattern = tuple(map(tuple, (rows != 0.0).any(axis=0).tolist()))
+        wanted = (pattern, *kind.values())
+        if wanted not in self._kernels:
+            w, one = self._walkers, self.experiment
+            shape = Shape(
+                model=w.wired,
+                series=w.inputs,
+                late=tuple(n for n in w.inputs if n in self.sensing.input_lags),
+                constant=tuple(one.constant.items()),
+                first_order=one.first_order and bool(w.inputs),
+                pattern=pattern,
+                **kind,
+            )
+            self._kernels[wanted] = compile_stepping(shape), shape
+        return self._kernels[wanted]
 
     def _run(
         self,
@@ -142,71 +156,77 @@ class Stepped:
         """Sums `(W, K)`, or signals `(W, T, K)`, with slopes `(W, T, K, 2)`."""
         parts = self._parts(full, along)
         if efforts:
-            parts["rows"] = [_unit_rows(len(full), parts["rows"][0].shape[2], self.model)]
-        parts["rows"] = [np.ascontiguousarray(rows) for rows in parts["rows"]]
-        rows = np.concatenate(parts["rows"])
+            parts["rows"] = [_unit_rows(parts["rows"][0].shape[2], self.model)]
         read = not efforts and (self.sensing.shifts or not ahead.aligned)
-        shape = self._shape(
-            ahead, rows, sums=sums, dual=along is not None, read=read,
-            single=ahead.single and not read, efforts=efforts,
+        kernel, shape = self._kernel(
+            ahead, np.concatenate(parts["rows"]), sums=sums, dual=along is not None, read=read,
+            single=ahead.single and not read, efforts=efforts, gaps=self._gaps,
         )  # fmt: skip
-        kernel = compile_stepping(shape)
-        margin = ahead.margin(parts["lag"][0])
         after = ahead.after(parts["shift"][0]) if read else 0
-        own = _in_lanes(parts, shape, ahead)
-        y = np.ascontiguousarray(self._walkers.padded if not efforts else NONE)
-        k, n = rows.shape[1], ahead.samples
+        own = _in_lanes(len(full), parts, shape, ahead)
+        k, n, nodes = len(shape.pattern), ahead.samples, ahead.nodes + after
         each = (k,) if sums else (n, k, shape.numbers)
         out = np.empty((len(own), *each, LANES))
-        nodes = ahead.nodes + after
         blocks: dict[str, Any] = {
+            "span": np.array([ahead.span]),
             "own": own,
-            "u": ahead.inputs(margin, after)[margin:],  # rows before are looked at, too
+            "u": ahead.inputs(ahead.margin(parts["lag"][0]), after),
             "pieces": ahead.counts,
             "t": ahead.places,
-            "y": y,
+            "y": NONE if efforts else self._walkers.padded,
             "trace": np.empty((nodes + 1) * k * 3 * shape.numbers * LANES) if read else NONE,
             "out": out,
         }
-        self._call(kernel, (len(own), n, nodes), blocks)
+        kernel.run(len(own), n, nodes, *(blocks[name].ctypes.data for name in BLOCKS))
         found = np.moveaxis(out, -1, 1).reshape(-1, *each)[: len(full)]
         return found[..., 0] if not sums and along is None else found
 
-    @staticmethod
-    def _call(kernel: Kernel, counts: tuple[int, int, int], blocks: dict[str, Any]) -> None:
-        assert len(counts) == len(COUNTS)
-        kernel.run(*counts, *(blocks[name].ctypes.data for name in BLOCKS))
-
     def _parts(self, full: Array, along: Array | None) -> dict[str, list[Array]]:
-        """Each part of `own (W, ...)`, and its slopes."""
-        w, n = self._walkers, len(full)
-        of, weights = w.numbers(full), w.weights
-        begin, gains = w.begin(of, full), w.gains(full)
-        parts = {
-            "parameters": [w.told(full)],
-            "x0": [begin],
-            "rows": [_rows(gains, w.of_channels(self.sensing.offsets, full), weights)],
-            "before": [w.before(of, begin)],
-            "shift": [w.later(full)],
-            "lag": [w.of_inputs(self.sensing.input_lags, full)],
-        }
+        """Each part of `own (W, ...)`, or `(1, ...)` where walkers have the same; and its slopes."""
+        w, sensing = self._walkers, self.sensing
+        parts = {"parameters": [w.told(full)], **self._same}
+        if not sensing.nothing:
+            of = w.numbers(full) if w.moves else None
+            begin = w.begin(of, full)
+            parts |= {
+                "x0": [begin],
+                "rows": [_rows(w.gains(full), w.of_channels(sensing.offsets, full), w.weights)],
+                "before": [w.before(of, begin)],
+                "shift": [w.later(full)],
+                "lag": [w.of_inputs(sensing.input_lags, full)],
+            }
         if along is None:
             return parts
-        tangent = w.tangent_numbers(full, along)
+        return {name: [*parts[name], slope] for name, slope in self._slopes(full, along).items()}
+
+    @cached_property
+    def _same(self) -> dict[str, list[Array]]:
+        """Of perfect sensors, and a start that is known."""
+        w, k = self._walkers, len(self.experiment.channels)
+        start = [[self.experiment.start.get(name, 0.0) for name in self.model.states]]
+        return {
+            "x0": [np.array(start)],
+            "rows": [_rows(np.ones((1, k)), np.zeros((1, k)), w.weights)],
+            "before": [np.zeros((1, len(self.model.states)))],
+            "shift": [np.zeros((1, k))],
+            "lag": [np.zeros((1, 0))],
+        }
+
+    def _slopes(self, full: Array, along: Array) -> dict[str, Array]:
+        w, sensing = self._walkers, self.sensing
+        tangent = w.tangent_numbers(full, along) if w.moves else None
         begin_slope = w.begin_slope(tangent, along)
-        gain_slopes = w.of_channels(self.sensing.gains, along)
-        offset_slopes = w.of_channels(self.sensing.offsets, along)
+        begin = w.begin(w.numbers(full) if w.moves else None, full)
         both = np.concatenate([begin, begin_slope], axis=1)
-        slopes = {
+        gains = w.of_channels(sensing.gains, along)
+        return {
             "parameters": w.told(along),
             "x0": begin_slope,
-            "rows": _rows(gain_slopes, offset_slopes, weights),
+            "rows": _rows(gains, w.of_channels(sensing.offsets, along), w.weights),
             "before": w.before_slope(tangent, both),
             "shift": w.later(along),
-            "lag": w.of_inputs(self.sensing.input_lags, along),
+            "lag": w.of_inputs(sensing.input_lags, along),
         }
-        assert all(len(slope) == n for slope in slopes.values())
-        return {name: [value[0], slopes[name]] for name, value in parts.items()}
 
 
 def _rows(gains: Array, offsets: Array, weights: Array) -> Array:
@@ -214,22 +234,25 @@ def _rows(gains: Array, offsets: Array, weights: Array) -> Array:
     return np.concatenate([gains[:, :, None] * weights, offsets[:, :, None]], axis=2)
 
 
-def _unit_rows(n: int, width: int, model: Model) -> Array:
-    """Each state, and each effort, for a channel."""
+def _unit_rows(width: int, model: Model) -> Array:
+    """Each state, and each effort, for a channel: `(1, X + E, width + E)`."""
     x, e = len(model.states), len(frictions_of(model))
-    rows = np.zeros((n, x + e, width + e))
+    rows = np.zeros((1, x + e, width + e))
     rows[:, range(x), range(x)] = 1.0
     rows[:, range(x, x + e), range(width, width + e)] = 1.0
     return rows
 
 
-def _in_lanes(parts: Mapping[str, list[Array]], shape: Shape, ahead: Ahead) -> Array:
+def _in_lanes(n: int, parts: Mapping[str, list[Array]], shape: Shape, ahead: Ahead) -> Array:
     """`(G, width, LANES)`, as `Own` has it; the last walker fills the last group."""
     behind, *shares = ahead.delays(parts["lag"])
     told = {**parts, "share": shares, "behind": [behind] * len(shares)}
-    n = len(behind)
-    blocks = [part.reshape(n, -1) for name in Own(shape).parts for part in told[name]]
-    flat = np.concatenate(blocks, axis=1)
-    groups = -(-n // LANES)
-    whole = np.concatenate([flat, np.repeat(flat[-1:], groups * LANES - n, axis=0)])
-    return np.ascontiguousarray(whole.reshape(groups, LANES, -1).transpose(0, 2, 1))
+    groups, place = -(-n // LANES), 0
+    rows = np.empty((groups * LANES, Own(shape).width))
+    for name in Own(shape).parts:
+        for part in told[name]:
+            flat = part.reshape(len(part), -1)
+            rows[:n, place : place + flat.shape[1]] = flat
+            place += flat.shape[1]
+    rows[n:] = rows[n - 1]
+    return np.ascontiguousarray(rows.reshape(groups, LANES, -1).transpose(0, 2, 1))

@@ -30,7 +30,7 @@ class Walkers:
     experiment: Experiment
     sensing: Sensing
 
-    @property
+    @cached_property
     def parameters(self) -> tuple[str, ...]:
         return (*self.model.parameters, *self.sensing.names)
 
@@ -40,7 +40,11 @@ class Walkers:
 
     def told(self, full: Array) -> Array:
         """The parameters of the wired rig, of all."""
-        return full[:, [self.parameters.index(name) for name in self.wired.parameters]]
+        return full[:, self._places]
+
+    @cached_property
+    def _places(self) -> list[int]:
+        return [self.parameters.index(name) for name in self.wired.parameters]
 
     def column(self, name: str, full: Array) -> Array:
         return full[:, self.parameters.index(name)]
@@ -70,9 +74,14 @@ class Walkers:
         """`(W, T, ...)` of samples alone."""
         return signals[:, 1:] if self.lead else signals
 
-    @property
+    @cached_property
     def inputs(self) -> tuple[str, ...]:
         return tuple(self.experiment.series)
+
+    @cached_property
+    def moves(self) -> bool:
+        """Whether the rig may turn, or carry a current, before the first sample."""
+        return self.sensing.moves(self.experiment.start)
 
     @cached_property
     def first_inputs(self) -> Array:
@@ -124,12 +133,13 @@ class Walkers:
         both = np.concatenate([self.told(full), self.told(along)], axis=1)
         return numbers(Tangent(self.wired), self.experiment, both)
 
-    def begin(self, of: Numbers, full: Array) -> Array:
-        """The state at the start, `(W, X)`."""
-        matrix, by_input, forcing = of
+    def begin(self, of: Numbers | None, full: Array) -> Array:
+        """The state at the start, `(W, X)`; `of` None will do where nothing `moves`."""
         names = self.model.states
         out = np.empty((len(full), len(names)))
         if self.sensing.steady:
+            assert of is not None
+            matrix, by_input, forcing = of
             out[:] = steady.states(matrix, forcing + by_input @ self.first_inputs, self.angles)
             return self._turned(out, full, held=self.experiment.start)
         for k, name in enumerate(names):
@@ -139,12 +149,13 @@ class Walkers:
             )
         return out
 
-    def begin_slope(self, of: Numbers, along: Array) -> Array:
+    def begin_slope(self, of: Numbers | None, along: Array) -> Array:
         """Of what the tangent's numbers are `(n, 2 X, ...)`."""
-        matrix, by_input, forcing = of
         x = len(self.model.states)
         out = np.zeros((len(along), x))
         if self.sensing.steady:
+            assert of is not None
+            matrix, by_input, forcing = of
             drive = forcing + by_input @ self.first_inputs
             out[:] = steady.state_slopes(
                 matrix[:, :x, :x], drive[:, :x], matrix[:, x:, :x], drive[:, x:], self.angles
@@ -167,15 +178,16 @@ class Walkers:
             break
         return states
 
-    def before(self, of: Numbers, start: Array) -> Array:
+    def before(self, of: Numbers | None, start: Array) -> Array:
         """How states change before the start: not at all of a rig at rest."""
-        if not self.sensing.moves(self.experiment.start):
+        if not self.moves:
             return np.zeros_like(start)
+        assert of is not None
         matrix, by_input, forcing = of
         moved = np.einsum("nxy,ny->nx", matrix, start) + forcing
         return np.asarray(moved + by_input @ self.first_inputs)
 
-    def before_slope(self, of: Numbers, begin: Array) -> Array:
+    def before_slope(self, of: Numbers | None, begin: Array) -> Array:
         x = len(self.model.states)
         return self.before(of, begin)[:, x:]
 

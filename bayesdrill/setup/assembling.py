@@ -6,6 +6,7 @@ import itertools
 from collections.abc import Sequence
 
 from bayesdrill.basics.errors import InputError, of_each
+from bayesdrill.inference import pieces
 from bayesdrill.inference.likelihood import Likelihood, Part
 from bayesdrill.inference.noise.contract import Noise
 from bayesdrill.inference.noise.mixed import with_gaps
@@ -57,6 +58,8 @@ def problem(config: Config, views: Sequence[View], experiments: Sequence[Experim
         likelihood=Likelihood.joint(unknowns, parts),
         coordinates=unknowns.coordinates(),
     )
+    if config.model.pieces is None:
+        posterior = pieces.chosen(posterior, unknowns.vector(unknowns.start))
     table, published = {**build.compared(config)}, build.published(config)
     tolerance = build.tolerance(config)
     for name, label in itertools.product(config.own, labels):
@@ -128,7 +131,7 @@ def simulated(view: View, model: Model, experiment: Experiment) -> tuple[Simulat
         wrong = _unseen(view, model, seen)
     if wrong:
         raise InputError([view.source.problem(place, said) for place, said in wrong.items()])
-    return simulator(model, seen, sensing), told
+    return simulator(model, seen, sensing, view.config.model.pieces or 1), told
 
 
 def _unseen(view: View, model: Model, experiment: Experiment) -> dict[Place, str]:

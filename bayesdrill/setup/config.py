@@ -53,6 +53,11 @@ class ModelBase(Strict):
     """A rig and its constants; each model has some of them, with its own defaults."""
 
     name: str = Field("motor_shaft", description="The model.")
+    pieces: Count | None = Field(
+        None,
+        description="Steps between two samples of a rig that rubs; default: as many as keep their error "
+        "below a tenth of the noise.",
+    )
 
 
 def _per_symbol(

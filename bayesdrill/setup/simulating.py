@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from bayesdrill.basics import own_files, seeds
 from bayesdrill.basics.errors import InputError, Problem
+from bayesdrill.inference import pieces
 from bayesdrill.inference.unknowns import of_label
 from bayesdrill.record.experiment import Experiment, frozen, raise_if_any, times
 from bayesdrill.rig.choosing import simulator
@@ -63,7 +64,7 @@ def one(view: View, seed: int, target: Path | None = None, index: int = 0) -> st
     rig = build.model(config)
     measured = build.channels(config, rig)
     sensing = sensors.sensing(config, rig)
-    response = simulator(rig, experiment, sensing)
+    response = simulator(rig, experiment, sensing, pieces.MOST)
     values = truth(config, rig, view.label) | _told(view, rig)
     full = np.array([[values[name] for name in response.parameters]])
     signals = response.signals(full)[0]

@@ -105,24 +105,32 @@ class Lane:
         return other.value if isinstance(other, Lane) else vector(float(other))
 
     def __add__(self, other: Lane | float) -> Lane:
+        if not isinstance(other, Lane | float | int):
+            return NotImplemented
         return Lane(self.b, self.b.fadd(self.value, self._of(other)))
 
     def __radd__(self, other: float) -> Lane:
         return self + other
 
     def __sub__(self, other: Lane | float) -> Lane:
+        if not isinstance(other, Lane | float | int):
+            return NotImplemented
         return Lane(self.b, self.b.fsub(self.value, self._of(other)))
 
     def __rsub__(self, other: float) -> Lane:
         return Lane(self.b, self.b.fsub(self._of(other), self.value))
 
     def __mul__(self, other: Lane | float) -> Lane:
+        if not isinstance(other, Lane | float | int):
+            return NotImplemented
         return Lane(self.b, self.b.fmul(self.value, self._of(other)))
 
     def __rmul__(self, other: float) -> Lane:
         return self * other
 
     def __truediv__(self, other: Lane | float) -> Lane:
+        if not isinstance(other, Lane | float | int):
+            return NotImplemented
         return Lane(self.b, self.b.fdiv(self.value, self._of(other)))
 
     def __rtruediv__(self, other: float) -> Lane:
@@ -173,6 +181,12 @@ class Mask:
     def both(self, other: Mask) -> Mask:
         return Mask(self.b, self.b.and_(self.value, other.value))
 
+    def turned(self) -> Mask:
+        return Mask(self.b, self.b.not_(self.value))
+
+    def without(self, other: Mask) -> Mask:
+        return self.both(other.turned())
+
     def either(self, other: Mask) -> Mask:
         return Mask(self.b, self.b.or_(self.value, other.value))
 
@@ -191,6 +205,16 @@ _EXP = (
 )
 
 
+def _even_odd(b: ir.IRBuilder, weights: list[ir.Value], x: ir.Value) -> ir.Value:
+    """A polynomial, pairs of its terms at a time: chains of a few operations (Estrin)."""
+    while len(weights) > 1:
+        ends = [*weights, None] if len(weights) % 2 else weights
+        pairs = zip(ends[::2], ends[1::2], strict=True)
+        weights = [low if high is None else fma(b, high, x, low) for low, high in pairs]
+        x = b.fmul(x, x)
+    return weights[0]
+
+
 def emit_exp(b: ir.IRBuilder, value: ir.Value) -> ir.Value:
     """Of numbers up to 700, to 2e-9: a power of two and a short polynomial."""
     low = b.fcmp_ordered("<", value, vector(_LEAST_POWER))
@@ -198,8 +222,6 @@ def emit_exp(b: ir.IRBuilder, value: ir.Value) -> ir.Value:
     shifted = fma(b, value, vector(1.0 / math.log(2.0)), vector(_ROUNDER))
     whole = b.fsub(shifted, vector(_ROUNDER))
     rest = fma(b, whole, vector(-math.log(2.0)), value)
-    total = vector(_EXP[-1])
-    for weight in reversed(_EXP[:-1]):
-        total = fma(b, total, rest, vector(weight))
+    total = _even_odd(b, [vector(weight) for weight in _EXP], rest)
     power = b.shl(b.bitcast(shifted, INT_VEC), whole_numbers(52))
     return b.bitcast(b.add(b.bitcast(total, INT_VEC), power), VEC)

@@ -11,6 +11,7 @@ from bayesdrill.rig.kernels.gathering import gather, splat_whole
 from bayesdrill.rig.kernels.lanes import (
     I64,
     INT_VEC,
+    VEC,
     Lane,
     Loop,
     fma,
@@ -21,7 +22,7 @@ from bayesdrill.rig.kernels.lanes import (
     whole_numbers,
 )
 from bayesdrill.rig.kernels.pieces import Own, Shape
-from bayesdrill.rig.kernels.rubbing import Kind, Number, Rub, Step, Taken, total
+from bayesdrill.rig.kernels.rubbing import Kind, Number, Past, Rub, Step, fused, total
 
 
 class Writer:
@@ -31,7 +32,7 @@ class Writer:
         self, b: ir.IRBuilder, shape: Shape, arguments: dict[str, ir.Value], e: ir.Value
     ) -> None:
         self.b, self.shape, self.a, self.e = b, shape, arguments, e
-        self.kind = Kind(b, shape.dual)
+        self.kind, self.spans = Kind(b, shape.dual), b.alloca(VEC)
         self.x_count, self.k_count = len(shape.model.states), len(shape.pattern)
 
     # Numbers: a Lane, or a Dual of two.
@@ -52,7 +53,9 @@ class Writer:
         self.group, self.own = group, Own(shape).of(b, self.a["own"], group)
         model = shape.model
         self.parameters = dict(zip(model.parameters, self.part("parameters"), strict=True))
-        b.call(exponential, [self.own["parameters"], self.e])
+        self.span = Lane(b, splat(b, b.load(self.a["span"])))
+        store(b, self.span.value, self.spans, 0)
+        b.call(exponential, [self.own["parameters"], self.spans, self.e])
         self.rows = self._rows()
         self.step = self._step()
 
@@ -115,8 +118,9 @@ class Writer:
         found = [self._input(node, k) for k in range(len(shape.columns))]
         middle: dict[str, Number] = dict(shape.constant)
         for k, name in enumerate(shape.series):
-            rise = found[len(shape.series) + k] * 0.5 if shape.first_order else None
-            middle[name] = found[k] if rise is None else found[k] + rise
+            middle[name] = found[k]
+            if shape.first_order:
+                middle[name] = found[k] + found[len(shape.series) + k] * (self.span * 0.5)
         return {first + k: number for k, number in enumerate(found)}, middle
 
     def _input(self, node: ir.Value, k: int) -> Number:
@@ -142,19 +146,24 @@ class Writer:
         return here + (earlier - here) * share
 
     def start(self) -> list[ir.Value]:
-        """What is carried from step to step: states and, where they change, sizes of frictions."""
+        """What is carried from step to step: the state and, as far as it changes, the past."""
         state = self.part("x0")
-        sizes = [] if self.step.steady else self.step.sizes(state, self.drive(I64(0))[1])
-        return self.kind.flat([*state, *sizes])
+        return self._carried(state, self.step.begun(state, self.drive(I64(0))[1]))
 
-    def once(self, node: ir.Value, carried: Sequence[ir.Value]) -> tuple[Taken, list[ir.Value]]:
-        """A step, and what is carried on."""
-        numbers, x = self.kind.shaped(carried), self.x_count
-        steady = self.step.steady
-        sizes = [rub.size for rub in self.step.rubs] if steady else numbers[x:]
+    def _carried(self, state: list[Number], past: Past) -> list[ir.Value]:
+        sizes = [] if self.step.steady else past.sizes
+        return self.kind.flat([*state, *past.efforts, *sizes])
+
+    def once(
+        self, node: ir.Value, carried: Sequence[ir.Value]
+    ) -> tuple[list[Number], list[Number], list[ir.Value]]:
+        """A step: the new state, the efforts, and what is carried on."""
+        numbers, x, e = self.kind.shaped(carried), self.x_count, len(self.step.rubs)
+        sizes = [rub.size for rub in self.step.rubs] if self.step.steady else numbers[x + e :]
+        past = Past(numbers[x : x + e], sizes)
         drive, middle = self.drive(node)
-        taken = self.step.taken(numbers[:x], sizes, drive, middle)
-        return taken, self.kind.flat([*taken.state, *([] if steady else taken.sizes)])
+        new, past = self.step.taken(numbers[:x], past, drive, middle)
+        return new, past.efforts, self._carried(new, past)
 
     def march(self) -> None:
         """From sample to sample; channels see the states there."""
@@ -166,14 +175,14 @@ class Writer:
         carried, totals = rest[: len(start)], rest[len(start) :]
         state = self.kind.shaped(carried)[: self.x_count]
         if shape.single:
-            taken, last = self.once(node, carried)
-            totals = self.observe(samples.index, state, taken.efforts, totals)
+            _, efforts, last = self.once(node, carried)
+            totals = self.observe(samples.index, state, efforts, totals)
             samples.close([b.add(node, I64(1)), *last, *totals])
         else:
             totals = self.observe(samples.index, state, [], totals)
             count = b.load(b.gep(self.a["pieces"], [samples.index]))
             pieces = Loop(b, count, carried, "pieces")
-            _, last = self.once(b.add(node, pieces.index), pieces.carried)
+            _, _, last = self.once(b.add(node, pieces.index), pieces.carried)
             pieces.close(last)
             samples.close([b.add(node, count), *last, *totals])
         self.keep(totals)
@@ -187,7 +196,9 @@ class Writer:
         """What channel k makes of it."""
         values = dict(enumerate([*state, None, *efforts]))
         terms = [(row, values[r]) for r, row in self.rows[k].items() if r != self.x_count]
-        return total(self.rows[k].get(self.x_count, Lane(self.b, vector(0.0))), terms)
+        start = self.rows[k].get(self.x_count)
+        found = total(start, terms)
+        return Lane(self.b, vector(0.0)) if found is None else found
 
     def observe(
         self,
@@ -196,25 +207,37 @@ class Writer:
         efforts: Sequence[Number],
         totals: Sequence[ir.Value],
     ) -> list[ir.Value]:
-        return [
-            new
-            for k in range(self.k_count)
-            for new in self.told(sample, k, self.seen(k, state, efforts), totals)
-        ]
+        """New sums of squares, or none where there are signals."""
+        if not self.shape.sums:
+            for k in range(self.k_count):
+                self.show(sample, k, self.seen(k, state, efforts))
+            return []
+        found = []
+        for k, row in enumerate(self.rows):
+            left = self.measured(sample, k)
+            for r, weight in row.items():
+                value = Lane(self.b, vector(1.0)) if r == self.x_count else state[r]
+                left = fused(-weight, value, left)
+            found.append(self.summed(sample, k, left, totals[k]))
+        return found
 
-    def told(
-        self, sample: ir.Value, k: int, value: Number, totals: Sequence[ir.Value]
-    ) -> list[ir.Value]:
-        """To its sum of squares, which is given back, or to the signals."""
+    def measured(self, sample: ir.Value, k: int) -> Lane:
+        flat = self.b.add(self.b.mul(sample, I64(self.k_count)), I64(k))
+        return Lane(self.b, splat(self.b, self.b.load(self.b.gep(self.a["y"], [flat]))))
+
+    def summed(self, sample: ir.Value, k: int, left: Lane, sum_: ir.Value) -> ir.Value:
+        """With the square of what is left of a sample, if that was seen."""
+        b, value = self.b, left.value
+        if self.shape.gaps:
+            y = self.measured(sample, k).value
+            value = b.select(b.fcmp_ordered("ord", y, y), value, vector(0.0))
+        return fma(b, value, value, sum_)
+
+    def show(self, sample: ir.Value, k: int, value: Number) -> None:
+        """To the signals."""
         b, k_count = self.b, self.k_count
         flat = b.add(b.mul(sample, I64(k_count)), I64(k))
-        if self.shape.sums:
-            y = b.load(b.gep(self.a["y"], [flat]))
-            left = b.fsub(splat(b, y), value.value)
-            left = b.select(b.fcmp_ordered("ord", y, y), left, vector(0.0))
-            return [fma(b, left, left, totals[k])]
         row = b.mul(b.mul(self.group, self.a["samples"]), I64(k_count))
         place = b.mul(b.add(row, flat), I64(self.shape.numbers))
         for n, register in enumerate(self.kind.flat([value])):
             store(b, register, b.gep(self.a["out"], [place]), n)
-        return []

@@ -19,6 +19,7 @@ WHOLE = I64.as_pointer()
 # T samples; N steps.
 COUNTS = ("groups", "samples", "nodes")
 BLOCKS = {
+    "span": NUMBERS,  # one: that of a step
     "own": VECTORS,  # (G, `Own.width`): what walkers have of their own
     "u": NUMBERS,  # (N + 1 + 2 `pad`, columns of inputs)
     "pieces": WHOLE,  # (T,) steps to the next sample
@@ -36,6 +37,7 @@ class Shape:
     `series`: sampled inputs, of which `late` have a lag of each walker; `pattern (K, R)`: entries of
     rows that may differ from zero, over states, one and (where `efforts`) what frictions do.  `dual`:
     with slopes.  `read`: channels have times of their own.  `single`: a sample at each step.
+    `gaps`: samples without a number.
     """
 
     model: Model
@@ -43,13 +45,13 @@ class Shape:
     late: tuple[str, ...]
     constant: tuple[tuple[str, float], ...]
     first_order: bool
-    span: float
     pattern: tuple[tuple[bool, ...], ...]
     sums: bool
     dual: bool
     read: bool
     single: bool
     efforts: bool
+    gaps: bool
 
     @property
     def frictions(self) -> tuple[Friction, ...]:
@@ -58,8 +60,8 @@ class Shape:
     @property
     def columns(self) -> tuple[str, ...]:
         """Of the sampled inputs in the block `u`, and in a step."""
-        rises = tuple(f"{name} rises" for name in self.series) if self.first_order else ()
-        return (*self.series, *rises)
+        slopes = tuple(f"{name} slope" for name in self.series) if self.first_order else ()
+        return (*self.series, *slopes)
 
     @property
     def driven(self) -> tuple[str, ...]:
@@ -79,7 +81,7 @@ class Shape:
             n_series=len(self.driven),
             first_order=False,
             entries=_Entries(model, self.driven, self.constant),
-            dt=self.span,
+            dt=1.0,
             lead=0.0,
             x0=(),
             channels=(),
@@ -106,9 +108,8 @@ class _Entries:
                 found.append((index[row], places[name], value))
             elif constant.get(name, 0.0) != 0.0:
                 found.append((index[row], x, value * constant[name]))
-        # A held input rises by its increment over one step.
-        rising = [name for name in places if f"{name} rises" in places]
-        return found + [(places[name], places[f"{name} rises"], 1.0) for name in rising]
+        rising = [name for name in places if f"{name} slope" in places]
+        return found + [(places[name], places[f"{name} slope"], 1.0) for name in rising]
 
 
 @dataclass(frozen=True, slots=True)

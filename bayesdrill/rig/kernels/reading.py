@@ -39,16 +39,16 @@ def emit_trace(w: Writer) -> None:
     nodes = Loop(b, w.a["nodes"], w.start(), "nodes")
     state = w.kind.shaped(nodes.carried)[: w.x_count]
     drive, _ = w.drive(nodes.index)
-    taken, last = w.once(nodes.index, nodes.carried)
-    after = rates.of(state, drive, taken.efforts)
-    before = rates.of(taken.state, drive, taken.efforts, late=True)
+    new, efforts, last = w.once(nodes.index, nodes.carried)
+    after = rates.of(state, drive, efforts)
+    before = rates.of(new, drive, efforts, late=True)
     for k in range(w.k_count):
         kept = [w.seen(k, state, []), *(_seen_rate(w, k, rate) for rate in (after, before))]
         _keep(w, nodes.index, k, kept)
     nodes.close(last)
     zero: Number = Lane(b, vector(0.0))
     for k in range(w.k_count):
-        _keep(w, w.a["nodes"], k, [w.seen(k, taken.state, []), zero, zero])
+        _keep(w, w.a["nodes"], k, [w.seen(k, new, []), zero, zero])
 
 
 def _keep(w: Writer, node: ir.Value, k: int, kept: Sequence[Number]) -> None:
@@ -64,7 +64,7 @@ def _seen_rate(w: Writer, k: int, rates: Sequence[Number]) -> Number:
     """How much channel k changes in a step."""
     terms = [(row, rates[r]) for r, row in w.rows[k].items() if r < w.x_count]
     zero = Lane(w.b, vector(0.0))
-    return total(zero, terms) * w.shape.span
+    return total(zero, terms) * w.span
 
 
 class _Rates:
@@ -105,7 +105,9 @@ class _Rates:
         values |= {first + len(w.shape.columns) + e: one for e, one in enumerate(efforts)}
         if late and w.shape.first_order:
             s = len(w.shape.series)
-            values |= {first + k: drive[first + k] + drive[first + s + k] for k in range(s)}
+            values |= {
+                first + k: drive[first + k] + drive[first + s + k] * w.span for k in range(s)
+            }
         return [
             total(base, [(entry, values[k]) for k, entry in row.items()])
             for row, base in zip(self.rows, self.base, strict=True)
@@ -121,9 +123,13 @@ def emit_reading(w: Writer) -> None:
     t = Lane(b, splat(b, b.load(b.gep(w.a["t"], [samples.index]))))
     totals: list[ir.Value] = []
     for k in range(w.k_count):
-        when = t + shifts[k] * (-1.0 / shape.span)
+        when = t - shifts[k] / w.span
         value = _read(w, k, when, begins[k])
-        totals += w.told(samples.index, k, value, samples.carried)
+        if shape.sums:
+            left = w.measured(samples.index, k) - value
+            totals.append(w.summed(samples.index, k, left, samples.carried[k]))
+        else:
+            w.show(samples.index, k, value)
     samples.close(totals)
     w.keep(totals)
 

@@ -10,8 +10,9 @@ taken at the mean of the speeds at both ends.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 from llvmlite import ir
@@ -24,9 +25,6 @@ from bayesdrill.rig.models.friction import Law
 
 Number = Any  # a Lane, or a Dual of them
 Column = Mapping[int, Number]
-
-# In which order efforts are found, each with those before it: they act on each other through the rig.
-ORDERS = {0: (), 1: (0,), 2: (0, 1, 0), 3: (0, 1, 2, 0, 1, 2, 0, 1, 2)}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -64,25 +62,37 @@ class Kind:
         n = len(lanes) // 2
         return [Dual(value, slope) for value, slope in zip(lanes[:n], lanes[n:], strict=True)]
 
+    def rarely(
+        self, mask: Mask, usual: list[Number], other: Callable[[], list[Number]]
+    ) -> list[Number]:
+        """`other` in lanes of a mask, worked out where there is any; the rest has what is usual."""
+        b = self.b
+        before, ones = b.block, self.flat(usual)
+        with b.if_then(anywhere(b, mask.value), likely=False):
+            pairs = zip(other(), usual, strict=True)
+            others = self.flat([where(mask, one, instead) for one, instead in pairs])
+            inside = b.block
+        found = []
+        for one, instead in zip(ones, others, strict=True):
+            found.append(b.phi(one.type))
+            found[-1].add_incoming(one, before)
+            found[-1].add_incoming(instead, inside)
+        return self.shaped(found)
+
 
 def _register(number: Lane | float) -> ir.Value:
     return number.value if isinstance(number, Lane) else vector(number)
 
 
 @dataclass(frozen=True, slots=True)
-class Taken:
-    """The state after a step, its efforts, and the frictions' sizes."""
+class Past:
+    """Of the last step: efforts, and sizes of frictions."""
 
-    state: list[Number]
     efforts: list[Number]
     sizes: list[Number]
 
-    @property
-    def every(self) -> list[Number]:
-        return [*self.state, *self.efforts, *self.sizes]
 
-
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class Step:
     """`phi[row]`: what columns of (states, drive) do to a state; `base[row]`: what is constant."""
 
@@ -98,41 +108,44 @@ class Step:
         """Whether no size ever changes."""
         return all(rub.size is not None for rub in self.rubs)
 
+    @cached_property
+    def looked_at(self) -> list[int]:
+        """Places of states that sizes change with."""
+        unsteady = [rub for rub in self.rubs if rub.size is None]
+        names = {name for rub in unsteady for name in rub.law.seen}
+        named = {i for i, name in enumerate(self.states) if name in names}
+        return sorted(named | {rub.row for rub in unsteady})
+
+    @property
+    def _order(self) -> list[int]:
+        """In which efforts are found, each with the others as known: those of the last step at first.
+
+        What stops a current comes first, and once more: it and the motor act on each other strongly.
+        """
+        every = sorted(range(len(self.rubs)), key=lambda e: self.rubs[e].holds is not None)
+        return every * (1 + any(rub.holds is None for rub in self.rubs))
+
+    def begun(self, state: list[Number], inputs: Mapping[str, Number]) -> Past:
+        return Past([Lane(self.kind.b, vector(0.0)) for _ in self.rubs], self.sizes(state, inputs))
+
     def taken(
-        self,
-        state: list[Number],
-        sizes: list[Number],
-        drive: Column,
-        inputs: Mapping[str, Number],
-    ) -> Taken:
-        """From `state`, where the last step's `sizes` are known; `inputs` by name, at its middle."""
+        self, state: list[Number], past: Past, drive: Column, inputs: Mapping[str, Number]
+    ) -> tuple[list[Number], Past]:
+        """`inputs` by name, at its middle."""
         free = [
             total(self.base.get(i), [(entry, _of(k, state, drive)) for k, entry in row.items()])
             for i, row in enumerate(self.phi)
         ]
         if not self.rubs:
-            return Taken(free, [], [])
-        quick = self._slipping(free, state, sizes, inputs)
-        b, kind = self.kind.b, self.kind
-        keeps = self._all_keep(state, quick.state)
-        before, ones = b.block, kind.flat(quick.every)
-        with b.if_then(anywhere(b, b.not_(keeps.value)), likely=False):
-            slow = self._turning(free, state, inputs)
-            # A walker gets what it would get without its neighbours.
-            others = kind.flat(
-                [
-                    where(keeps, one, other)
-                    for one, other in zip(quick.every, slow.every, strict=True)
-                ]
-            )
-            inside = b.block
-        found = []
-        for one, other in zip(ones, others, strict=True):
-            found.append(b.phi(one.type))
-            found[-1].add_incoming(one, before)
-            found[-1].add_incoming(other, inside)
-        every, x, e = kind.shaped(found), len(state), len(self.rubs)
-        return Taken(every[:x], every[x : x + e], every[x + e :])
+            return free, past
+        quick = self._slipping(free, state, past, inputs)
+        keeps = self._all_keep(state, quick)
+        every = self.kind.rarely(
+            keeps.turned(), quick, lambda: self._turning(free, state, past, inputs)
+        )
+        x, e = len(state), len(self.rubs)
+        new, efforts, sizes = every[:x], every[x : x + e], every[x + e :]
+        return new, Past(efforts, sizes or past.sizes)
 
     def _all_keep(self, old: list[Number], new: list[Number]) -> Mask:
         first, *rest = (_keeps(old[rub.row], new[rub.row]) for rub in self.rubs)
@@ -141,97 +154,96 @@ class Step:
         return first
 
     def _slipping(
-        self,
-        free: list[Number],
-        state: list[Number],
-        sizes: list[Number],
-        inputs: Mapping[str, Number],
-    ) -> Taken:
-        """Where no speed changes its sign: the speeds ahead are those of the last step's sizes."""
+        self, free: list[Number], state: list[Number], past: Past, inputs: Mapping[str, Number]
+    ) -> list[Number]:
+        """Where no speed changes its sign: it is looked ahead with the last step's sizes."""
+        sizes = past.sizes
         if not self.steady:
-            ahead = self._moved(free, self._against(state, sizes), self._looked_at)
+            ahead = self._moved(free, self._against(state, sizes), self.looked_at)
             sizes = self._between(state, ahead, inputs)
         efforts = self._against(state, sizes)
-        return Taken(self._moved(free, efforts), efforts, sizes)
+        return [*self._moved(free, efforts), *efforts, *([] if self.steady else sizes)]
 
     def _turning(
-        self, free: list[Number], state: list[Number], inputs: Mapping[str, Number]
-    ) -> Taken:
-        sizes = self.sizes(state, inputs)
-        efforts, slips = self._efforts(free, state, sizes)
+        self, free: list[Number], state: list[Number], past: Past, inputs: Mapping[str, Number]
+    ) -> list[Number]:
+        sizes = past.sizes
+        efforts, slips = self._efforts(free, state, past.efforts, sizes)
         if not self.steady:
             ahead = self._stopped(self._moved(free, efforts), slips)
             sizes = self._between(state, ahead, inputs)
-            efforts, slips = self._efforts(free, state, sizes)
-        new = self._stopped(self._moved(free, efforts), slips)
-        return Taken(self._held(new, state, slips), efforts, sizes)
+            efforts, slips = self._efforts(free, state, efforts, sizes)
+        new = self._held(self._stopped(self._moved(free, efforts), slips), state, slips)
+        return [*new, *efforts, *([] if self.steady else sizes)]
 
     def _against(self, state: list[Number], sizes: list[Number]) -> list[Number]:
         return [signed(one, state[rub.row]) for one, rub in zip(sizes, self.rubs, strict=True)]
 
-    def sizes(self, state: list[Number], inputs: Mapping[str, Number]) -> list[Number]:
-        """At the speeds of a state."""
-        return self._of_laws([size(state[rub.row]) for rub in self.rubs], state, inputs)
-
     def _between(
         self, state: list[Number], ahead: list[Number], inputs: Mapping[str, Number]
     ) -> list[Number]:
-        rates = [(size(state[r.row]) + size(ahead[r.row])) * 0.5 for r in self.rubs]
-        looked = self._looked_at
-        middle = [
-            (one + other) * 0.5 if i in looked else one
-            for i, (one, other) in enumerate(zip(state, ahead, strict=True))
-        ]
-        return self._of_laws(rates, middle, inputs)
+        speeds, middle = {rub.row for rub in self.rubs}, list(state)
+        for i in self.looked_at:
+            here, there = state[i], ahead[i]
+            turned = i in speeds
+            middle[i] = (size(here) + size(there) if turned else here + there) * 0.5
+        return self.sizes(middle, inputs)
 
-    @property
-    def _looked_at(self) -> set[int]:
-        """Places of the states that laws have to see."""
-        names = {name for rub in self.rubs for name in rub.law.seen}
-        return {rub.row for rub in self.rubs} | {
-            i for i, name in enumerate(self.states) if name in names
-        }
-
-    def _of_laws(
-        self, rates: list[Number], state: list[Number], inputs: Mapping[str, Number]
-    ) -> list[Number]:
+    def sizes(self, state: list[Number], inputs: Mapping[str, Number]) -> list[Number]:
         seen = {**dict(zip(self.states, state, strict=True)), **inputs}
         return [
-            rub.law.size(self.parameters, rate, seen) if rub.size is None else rub.size
-            for rub, rate in zip(self.rubs, rates, strict=True)
+            rub.law.size(self.parameters, size(state[rub.row]), seen)
+            if rub.size is None
+            else rub.size
+            for rub in self.rubs
         ]
 
     def _efforts(
-        self, free: list[Number], state: list[Number], sizes: list[Number]
+        self, free: list[Number], state: list[Number], before: list[Number], sizes: list[Number]
     ) -> tuple[list[Number], list[Mask]]:
         """And where they let slip."""
-        known: dict[int, Number] = {}
+        known = list(before)
         slips: dict[int, Mask] = {}
-        for e in ORDERS[len(self.rubs)]:
+        for e in self._order:
             rub = self.rubs[e]
             others = [
                 (self.rubs[k].column[rub.row], effort)
-                for k, effort in known.items()
+                for k, effort in enumerate(known)
                 if k != e and rub.row in self.rubs[k].column
             ]
             stop = total(free[rub.row], others) * rub.over
-            known[e], slips[e] = _effort(stop, state[rub.row], rub.over, sizes[e])
-        return [known[e] for e in range(len(self.rubs))], [slips[e] for e in range(len(self.rubs))]
+            known[e], slips[e] = self._effort(stop, state[rub.row], rub.over, sizes[e])
+        return known, [slips[e] for e in range(len(self.rubs))]
+
+    def _effort(
+        self, stop: Number, speed: Number, over: Number, most: Number
+    ) -> tuple[Number, Mask]:
+        """The mean of it over a step from `speed` on, of which `stop` would make zero; where it slips.
+
+        With signs turned so that the speed is not negative, and in units of the effort: as long as
+        stop > most, the speed stays positive.  Else it is zero after a share of the step, and remains
+        so if what drives it there, stop - speed, is no more than friction can hold; if not, it goes on
+        backwards.
+        """
+        back = below(speed, 0.0)
+        ahead, rate = where(back, -stop, stop), size(speed) * over
+        rest = rate - ahead + most  # what drives it backwards, and what holds it
+        keeps, passes = _above(ahead, most), _above(rest, most * 2.0)
+        turned = where(keeps, most, ahead)
+        (turned,) = self.kind.rarely(
+            passes.without(keeps), [turned], lambda: [most * (rate / rest * 2.0 - 1.0)]
+        )
+        return where(back, -turned, turned), keeps.either(passes)
 
     def _moved(
-        self, free: list[Number], efforts: list[Number], only: set[int] | None = None
+        self, free: list[Number], efforts: list[Number], only: Sequence[int] | None = None
     ) -> list[Number]:
-        return [
-            total(
-                one,
-                [
-                    (rub.column[i], effort)
-                    for rub, effort in zip(self.rubs, efforts, strict=True)
-                    if i in rub.column and (only is None or i in only)
-                ],
-            )
-            for i, one in enumerate(free)
-        ]
+        """All states, or `only` those right."""
+        new = list(free)
+        for rub, effort in zip(self.rubs, efforts, strict=True):
+            for i in (i for i in rub.column if only is None or i in only):
+                new[i] = fused(rub.column[i], effort, new[i])
+        return new
 
     def _stopped(self, new: list[Number], slips: list[Mask]) -> list[Number]:
         new = list(new)
@@ -246,23 +258,6 @@ class Step:
                 moved = moves.either(_moving(old[rub.row]))
                 new[rub.holds] = where(moved, new[rub.holds], old[rub.holds])
         return new
-
-
-def _effort(stop: Number, speed: Number, over: Number, most: Number) -> tuple[Number, Mask]:
-    """The mean of it over a step from `speed` on, of which `stop` would make zero; and where it slips.
-
-    With signs turned so that the speed is not negative, and in units of the effort: as long as
-    stop > most, the speed stays positive.  Else it is zero after a share of the step, and remains so if
-    what drives it there, stop - speed, is no more than friction can hold; if not, it goes on backwards.
-    """
-    back = below(speed, 0.0)
-    ahead, rate = where(back, -stop, stop), size(speed) * over
-    rest = rate - ahead + most  # what drives it backwards, and what holds it
-    share = rate / rest
-    passing = most * (share * 2.0 - 1.0)
-    keeps, passes = _above(ahead, most), _above(rest, most * 2.0)
-    turned = where(keeps, most, where(passes, passing, ahead))
-    return where(back, -turned, turned), keeps.either(passes)
 
 
 def _of(k: int, state: Sequence[Number], drive: Column) -> Number:
@@ -288,28 +283,28 @@ def _keeps(old: Number, new: Number) -> Mask:
     return Mask(one.b, one.b.fcmp_ordered(">", product, vector(0.0)))
 
 
-def total(start: Number | None, terms: Sequence[tuple[Number, Number]]) -> Number:
+def total(start: Number, terms: Sequence[tuple[Number, Number]]) -> Number:
     """Sum of products, in two halves: a step takes as long as its longest chain of additions."""
     half = (len(terms) + 1) // 2
     first = start
     for left, right in terms[:half]:
-        first = _fused(left, right, first)
+        first = fused(left, right, first)
     if len(terms) == half:
         return first
-    second = None
+    second: Number = None
     for left, right in terms[half:]:
-        second = _fused(left, right, second)
+        second = fused(left, right, second)
     return first + second
 
 
-def _fused(left: Number, right: Number, sum_: Number | None) -> Number:
+def fused(left: Number, right: Number, sum_: Number) -> Number:
     """left * right + sum_; a slope of 0.0 is none."""
     one, other = dual(left), dual(right)
     if not isinstance(left, Dual) and not isinstance(right, Dual) and not isinstance(sum_, Dual):
         return _lane(left, right, sum_)
     before = dual(sum_) if sum_ is not None else None
     value = _lane(one.value, other.value, before.value if before else None)
-    slope = before.slope if before else 0.0
+    slope: Number = before.slope if before else 0.0
     for factor, change in ((one.slope, other.value), (one.value, other.slope)):
         if not _nothing(factor) and not _nothing(change):
             slope = _lane(factor, change, None if _nothing(slope) else slope)

@@ -31,7 +31,7 @@ class Kernel:
 @lru_cache(maxsize=64)
 def compile_stepping(shape: Shape) -> Kernel:
     module = ir.Module("stepping")
-    exponential = emit_exponential(module, shape.layout, "step", shape.span)
+    exponential = emit_exponential(module, shape.layout, "step", None)
     made = function(module, "stepping", len(COUNTS), list(BLOCKS.values()))
     b = ir.IRBuilder(made.append_basic_block())
     e = b.alloca(VEC, I64(shape.layout.size**2))
