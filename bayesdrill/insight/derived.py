@@ -26,6 +26,7 @@ Array = NDArray[np.float64]
 CURRENT = "i"
 _TRIED = 1000  # draws from the priors, at which formulas are tried
 _LARGEST = 1e150  # whose square is still a number
+_FAST = 100.0  # times the slowest pair: what swings so fast is within a part, and nobody sees it
 _FLAT = 1e-7  # relative imaginary part below which a pole is real: rounding of a double one
 
 
@@ -195,7 +196,9 @@ def poles(model: Model, linear: Linear, n: int) -> dict[str, Array]:
     size = np.abs(found)
     with np.errstate(all="ignore"):
         swings = np.abs(found.imag) > _FLAT * size
-        damping = np.where(swings, -found.real / size, np.inf)
+        slowest = np.where(swings, size, np.inf).min(axis=1, keepdims=True)
+        seen = swings & (size <= _FAST * slowest)
+        damping = np.where(seen, -found.real / size, np.inf)
         least = np.argmin(damping, axis=1)[:, None]
         times = np.where(swings, np.nan, -1.0 / found.real)
     none = ~swings.any(axis=1)

@@ -28,7 +28,7 @@ from bayesdrill.record.experiment import Channel
 from bayesdrill.rig import vocabulary
 from bayesdrill.rig.models import MODELS
 from bayesdrill.rig.models.composed import with_named
-from bayesdrill.rig.models.linear import Model
+from bayesdrill.rig.models.linear import Model, outer_of
 from bayesdrill.setup import number_entries, number_objects
 from bayesdrill.setup.config import Config
 from bayesdrill.setup.experiment_entries import ChannelSpec
@@ -126,7 +126,7 @@ def optimiser(config: Config) -> Optimiser:
 def initial_state(config: Config, model: Model) -> dict[str, float]:
     """What is held of it, SI; of a steady start only what is named."""
     initial = config.initial
-    given = {name: getattr(initial, name) for name in model.states}
+    given = {name: getattr(initial, name) for name in outer_of(model)}
     return {
         name: number_objects.si(value, vocabulary.STATES[name].unit)
         for name, value in given.items()
@@ -252,4 +252,6 @@ def noise(channels: Sequence[Measured], n_samples: int) -> Noise:
 def channels(config: Config, model: Model) -> list[Measured]:
     """Those that are evidence: what is only derived from another is not."""
     every = config.record.channels.items()
-    return [measured(name, spec, model.states) for name, spec in every if spec.derived_from is None]
+    return [
+        measured(name, spec, outer_of(model)) for name, spec in every if spec.derived_from is None
+    ]

@@ -143,7 +143,9 @@ class _InitialBase(Strict):
     )
 
 
-_states: dict[str, Any] = dict.fromkeys(vocabulary.STATES, (StateSpec, 0.0))
+_states: dict[str, Any] = {
+    name: (StateSpec, 0.0) for name in vocabulary.STATES if name not in vocabulary.INNER
+}
 Initial: type[_InitialBase] = create_model(
     "Initial",
     __base__=_InitialBase,

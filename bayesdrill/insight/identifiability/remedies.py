@@ -19,7 +19,7 @@ from bayesdrill.insight.identifiability.information import Information
 from bayesdrill.insight.identifiability.scenes import Scene, Scenery
 from bayesdrill.insight.identifiability.structure import Exponents
 from bayesdrill.record.experiment import usual_inputs
-from bayesdrill.rig.vocabulary import STATES
+from bayesdrill.rig.vocabulary import INNER, STATES
 
 Array = NDArray[np.float64]
 
@@ -122,7 +122,9 @@ def _more_channels(scenery: Scenery, theta: Array) -> Iterator[tuple[str, Scene]
     seen = [one.experiment.weights(scenery.states) for one in scenery.likelihood.observations]
     spreads = np.median([motion.std(axis=0) for motion in motions], axis=0)
     for name, unit, spread in zip(scenery.states, np.eye(len(spreads)), spreads, strict=True):
-        new = any(np.linalg.matrix_rank(np.vstack([w, unit])) > len(w) for w in seen)
+        new = name not in INNER and any(
+            np.linalg.matrix_rank(np.vstack([w, unit])) > len(w) for w in seen
+        )
         sigma = float(spread / ratio)
         if new and sigma > 0:
             yield (

@@ -4,17 +4,17 @@
     theta_2' = w_2                                         w_2: the speed that is imposed, an input
     w_1' = -(k_s/j_1)(theta_1 - theta_2) - t_1/j_1
 
-`t_1` is the load torque on rotor 1: of a drill string the torque at the bit, measured or, where its law is
-`added`, computed.  What is `added`:
+`t_1` is the load torque on rotor 1: of a drill string the torque at the bit, measured or, where its law
+is `added`, computed.  What is `added`:
 
     c_s    k_s (theta_1 - theta_2) + c_s (w_1 - w_2) in the place of k_s (theta_1 - theta_2)
     c_1    w_1' = ... - (c_1/j_1) w_1
     t_c1   w_1' = ... - T/j_1, |T| = t_c1 against w_1; with t_s1 and w_s1 by Stribeck's law
-    b_0, b_1, b_2, b_3   w_1' = ... - T/j_1, T = W b_0 (tanh(b_1 |w_1|) + b_2 |w_1| / (1 + b_3 w_1^2)) against
-           w_1, where the input `wob` is the weight W on the bit
+    b_0, b_1, b_2, b_3
+           w_1' = ... - T/j_1 against w_1, T = W b_0 (tanh(b_1 |w_1|) + b_2 |w_1| / (1 + b_3 w_1^2)),
+           where the input `wob` is the weight W on the bit
 
-The speed is what is given between samples too.  An angle that goes straight from sample to sample turns at
-a speed that is held, so that nothing is lost by giving it so.
+An angle that is imposed, straight from sample to sample, is the speed that is held between them.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """The paper's rig with a shaft that has an inertia of its own, `j_s`, as `elements` equal pieces.
 
-Each piece is a spring n k_s, with half of its inertia j_s/n at either end: what is at the ends of the shaft
-adds to j_1 and, through the gear, to j_m.  At node k, the share s = k/n of the way from the gearbox to
-rotor 1, the shaft is at
+Each piece is a spring n k_s, with half of its inertia j_s/n at either end: what is at the ends of the
+shaft adds to j_1 and, through the gear, to j_m.  At node k, the share s = k/n of the way from the
+gearbox to rotor 1, the shaft is at
 
     theta_2 + s (theta_1 - theta_2) + phi_k
 
@@ -13,8 +13,8 @@ so that all phi_k, and their rates, are zero in a shaft that is straight: a star
     w_1'    = ... + n k_s phi_(n-1) / (j_1 + j_s/2n)
     w_2'    = ... + i_m^2 n k_s phi_1 / (j_m + i_m^2 j_s/2n)
 
-with the rest of w_1' and w_2' as in `motor_shaft`.  The damping `c_s` goes with k_s in all of it.  For the
-paper's shaft it makes no difference (`j_s` is 1.5e-7 kg m^2): that can be seen with it.
+with the rest of w_1' and w_2' as in `motor_shaft`.  The damping `c_s` goes with k_s in all of it.  For
+the paper's shaft it makes no difference (`j_s` is 1.5e-7 kg m^2): that can be seen with it.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from bayesdrill.rig.models.friction import Friction
 from bayesdrill.rig.models.linear import Linear, Named
 from bayesdrill.rig.models.motor_shaft import OFFERS, PARAMETERS, Gear, MotorShaft, Power
 
-MOST = 8
+MOST = 4
 Elements = Annotated[
     int, Field(ge=1, le=MOST, description="Equal pieces of which the shaft is made.")
 ]
@@ -51,7 +51,7 @@ class LongShaft:
     """`i_m`, `stribeck`, `added`: as of a `MotorShaft`."""
 
     i_m: Gear = 1 / 8
-    elements: Elements = 4
+    elements: Elements = MOST
     stribeck: Power = 1
     added: tuple[str, ...] = ()
 
