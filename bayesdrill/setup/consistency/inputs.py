@@ -51,7 +51,9 @@ def _check_wanted(found: Collector, config: Config, model: Model) -> None:
             message = f"the model {model.name} has no such input; remove it (its own: {own}){also}"
             found.add(("inputs", entry), message)
     for name in model.inputs:
-        if getattr(config.inputs, given_inputs.entry(config, name)) is None:
+        angle = ("inputs", given_inputs.IMPOSED.get(name, name))
+        none = getattr(config.inputs, given_inputs.entry(config, name)) is None
+        if none and not found.spoilt(angle):
             found.add(("inputs", name), _missing(config, name))
 
 
