@@ -175,9 +175,7 @@ def test_units_are_those_of_the_columns(tmp_path: Path) -> None:
 
 
 def test_an_imposed_angle_is_its_speed_between_samples(tmp_path: Path) -> None:
-    """Whatever is added to it, and however it wraps.  Mutants killed: the angle for its speed, a start at
-    zero.
-    """
+    """However it wraps.  Mutants killed: the angle for its speed, a start at zero."""
     rates = np.diff(ANGLE) / np.diff(T)
     for column in ("angle", "turned, wraps: true"):
         found = built(tmp_path, (TOP[0], TOP[1].replace("angle", column)))
