@@ -7,8 +7,8 @@ from itertools import groupby
 from typing import Any
 
 from bayesdrill.basics import symbols, units
+from bayesdrill.insight.causes import Cause, Causes
 from bayesdrill.insight.moments import Moment
-from bayesdrill.insight.nuisances import Cause, Causes
 from bayesdrill.setup import experiments, own_units
 from bayesdrill.setup.config import Config
 

@@ -17,11 +17,11 @@ from bayesdrill.engines.mode import Mode
 from bayesdrill.engines.sampling import Sampled
 from bayesdrill.inference.problem import Problem
 from bayesdrill.inference.residual_checks import Left, like_noise
+from bayesdrill.insight.causes import Causes, causes
 from bayesdrill.insight.derived import Derived, derive, summarise, with_products
 from bayesdrill.insight.derived import Row as Following
 from bayesdrill.insight.diagnostics import Row
 from bayesdrill.insight.leaning import leaning
-from bayesdrill.insight.nuisances import Causes, causes
 from bayesdrill.insight.repeats import Repeat
 from bayesdrill.insight.verdict import Judgement
 from bayesdrill.report import residual_words, words

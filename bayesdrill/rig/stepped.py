@@ -40,6 +40,19 @@ class Motion:
     efforts: Array
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Steps:
+    """Steps of one length `span` [s] that begin at `t (N,)`: `motion` there, and what the rig feels of
+    each input: `felt (W, N)`, and `slopes (W, N)` with which it goes on through the step.
+    """
+
+    t: Array
+    span: float
+    motion: Motion
+    felt: Mapping[str, Array]
+    slopes: Mapping[str, Array]
+
+
 @dataclass(frozen=True)
 class Stepped:
     """See `simulator.Simulator`; parameters are the model's, then those that `sensing` names."""
@@ -104,6 +117,41 @@ class Stepped:
         share = share[None, :, None]
         states = every[:, last, :x] * (1 - share) + every[:, last + 1, :x] * share
         return Motion(states=states, efforts=every[:, last, x : x + e])
+
+    def steps(self, full: Array) -> Steps:
+        """Of all steps to the last sample, which is where the last one begins."""
+        nodes = self._ahead.every_node()
+        x, e, n = len(self.model.states), len(frictions_of(self.model)), self._ahead.nodes
+        with np.errstate(all="ignore"):
+            every = self._run(nodes, full, efforts=True)[:, :n]
+        felt, slopes = self._felt(full)
+        return Steps(
+            t=self._walkers.knots[0][0] + self._ahead.span * np.arange(n),
+            span=self._ahead.span,
+            motion=Motion(states=every[..., :x], efforts=every[..., x : x + e]),
+            felt=felt,
+            slopes=slopes,
+        )
+
+    def _felt(self, full: Array) -> tuple[dict[str, Array], dict[str, Array]]:
+        """Inputs at the beginning of steps, and their slopes, `(W, N)` each."""
+        w, sensing, zero = self._walkers, self.sensing, np.zeros((len(full), self._ahead.nodes))
+        felt, slopes = dict[str, Array](), dict[str, Array]()
+
+        def told(names: Mapping[str, str], name: str, usual: float) -> Array:
+            found = w.column(names[name], full) if name in names else np.full(len(full), usual)
+            return np.asarray(found)
+
+        for name in self.model.inputs:
+            if name in w.inputs:
+                lag = told(sensing.input_lags, name, 0.0)
+                u, slope = self._ahead.felt(w.inputs.index(name), lag)
+            else:
+                u, slope = zero + self.experiment.constant.get(name, 0.0), zero
+            gain = told(sensing.input_gains, name, 1.0)[:, None]
+            felt[name] = gain * u + told(sensing.input_offsets, name, 0.0)[:, None]
+            slopes[name] = gain * slope
+        return felt, slopes
 
     # What the kernels are told.
 

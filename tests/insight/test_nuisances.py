@@ -19,7 +19,7 @@ from bayesdrill.inference.surface import PosteriorSurface
 from bayesdrill.inference.unknowns import ParameterSpace
 from bayesdrill.insight.identifiability.scenes import Scenery
 from bayesdrill.insight.moments import half_a_sample
-from bayesdrill.insight.nuisances import Causes, causes
+from bayesdrill.insight.causes import Causes, causes
 from bayesdrill.record.experiment import Experiment
 from bayesdrill.rig.choosing import simulator
 from bayesdrill.rig.measured import Measured
