@@ -251,7 +251,7 @@ def _rows(indices: NDArray[np.intp], where: Callable[[int], str]) -> str:
 
 def usual_inputs(experiment: Experiment) -> dict[str, float]:
     """SI: of what drives a rig the root mean square, for a scale; of the others the mean."""
-    found = {"v": 1.0, **experiment.constant}
+    found = dict(experiment.constant)
     for name, series in experiment.series.items():
         size = np.sqrt(np.mean(series**2)) if name in DRIVES else np.mean(series)
         found[name] = float(size)

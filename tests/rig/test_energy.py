@@ -114,7 +114,9 @@ def test_of_rigs_that_rub_it_is_the_oracle_s(name: str) -> None:
 
 
 def _sum(found: Energies, *names: str) -> np.ndarray:
-    return np.asarray(sum((found.lost[n] for n in names if n in found.lost), np.zeros(len(found.t))))
+    return np.asarray(
+        sum((found.lost[n] for n in names if n in found.lost), np.zeros(len(found.t)))
+    )
 
 
 def test_it_closes_the_better_the_shorter_the_steps() -> None:
