@@ -202,7 +202,7 @@ def poles(model: Model, linear: Linear, n: int) -> dict[str, Array]:
         least = np.argmin(damping, axis=1)[:, None]
         times = np.where(swings, np.nan, -1.0 / found.real)
     none = ~swings.any(axis=1)
-    fastest = np.argmax(size, axis=1)[:, None]
+    fastest = np.argmax(np.where(swings & ~seen, 0.0, size), axis=1)[:, None]
     current = CURRENT in model.states
     slow = (~swings).sum(axis=1) == (2 if current else 1)  # of the current, and of the motor
     values = {

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 from collections.abc import Callable
 
@@ -159,3 +160,12 @@ def test_dry_friction_and_rock_add_up() -> None:
 def test_without_a_law_it_asks_for_no_weight() -> None:
     assert shaft()[0].inputs == ("w_2", "t_1")
     assert DrivenShaft().parameters == ("k_s", "j_1")
+
+
+def test_a_steady_start_is_twisted_by_the_load_and_turns_with_the_top() -> None:
+    rig, theta = shaft()
+    one = measured(w_2=SPEED, t_1=LOAD)
+    one = dataclasses.replace(one, start={"theta_2": 0.12})
+    first = simulator(rig, one, Sensing(steady=True)).signals(theta)[0, 0]
+    twist = -(LOAD[0] + P["c_1"] * SPEED[0]) / P["k_s"]
+    assert first == pytest.approx([0.12 + twist, 0.12, SPEED[0], twist], rel=1e-9)
