@@ -134,10 +134,10 @@ MUTANTS = [
         "tests/insight/test_derived_of_others.py::test_what_drives_a_rig_is_usual_by_its_size",
     ),
     Mutant(
-        "a late input taken for a late channel",
-        "insight/causes.py",
-        "kinds == LATE and best.share > NEARLY",
-        "kinds == LATE and best.share > 2.0",
+        "inputs that are never late",
+        "insight/candidates.py",
+        "for name in every[1:]:",
+        "for name in every[2:]:",
         "tests/insight/test_late_inputs.py::test_a_late_torque_is_named_with_the_line_of_a_config",
     ),
     Mutant(

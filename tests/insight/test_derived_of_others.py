@@ -61,7 +61,7 @@ def test_the_swing_of_a_long_shaft_is_not_one_within_it() -> None:
 
 
 def test_what_drives_a_rig_is_usual_by_its_size() -> None:
-    """Torque and speed that go both ways too; a load by its mean.  Mutant killed: the mean of a drive."""
+    """Of one that goes both ways too; a load by its mean.  Mutant killed: the mean of a drive."""
     both = np.array([3.0, -4.0, 3.0, -4.0])
     series = {"w_2": both, "t_1": both + 2.0}
     found = usual_inputs(experiment(4, constant={}, series=series))

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import bayesdrill as bd
 from bayesdrill.basics.errors import InputError
 from bayesdrill.rig.stepped import Stepped
 from bayesdrill.setup import loading, reading, simulating
@@ -265,3 +266,16 @@ def test_what_no_record_tells_of_a_late_input_is_left_out(tmp_path: Path) -> Non
     still = ("simulation: {truth: {w_1_0: 95, theta_1_0: -0.4}}\n", "")
     one = built(tmp_path, LAGGED, at_rest, still).problem.experiment
     assert one.t[one.seen[:, 0]][[0, -1]] == pytest.approx((5.0, 6.95))
+
+
+def test_init_says_what_else_may_move_a_rig_of_which_no_column_is_a_voltage(tmp_path: Path) -> None:
+    """Where the motion of the upper end is among the columns."""
+    columns = {"t [s]": T, "bit [rad/s]": SPEED[::-1], "load [N*m]": TORQUE}
+    save(tmp_path, "bit.csv", **columns)
+    save(tmp_path, "both.csv", **columns, **{"top [rad/s]": SPEED})
+    said = []
+    for name in ("both", "bit"):
+        bd.init(tmp_path / f"{name}.csv")
+        said.append((tmp_path / f"{name}.yaml").read_text())
+    assert ["driven_shaft" in text for text in said] == [True, False]
+    assert "`w_2: {column: ..., unit: ...}`" in " ".join(said[0].replace("#", "").split())
