@@ -1,7 +1,7 @@
 """What could be behind a fit that leaves more than noise: each a number that is not unknown yet.
 
-Gains, offsets and lags of channels, the offset of a measured voltage, the states at the start, and
-physics that the rig offers and has not been given.
+Gains, offsets and lags of channels, the offset of a measured voltage, lags of single inputs, the states
+at the start, and physics that the rig offers and has not been given.
 """
 
 from __future__ import annotations
@@ -19,16 +19,18 @@ from bayesdrill.basics.symbols import Symbol
 from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.priors import Prior, TruncatedNormal, Uniform
 from bayesdrill.inference.unknowns import ParameterSpace, Unknown, of_label
-from bayesdrill.record.experiment import of_states, usual_inputs
+from bayesdrill.record.experiment import DRIVES, of_states, usual_inputs
 from bayesdrill.rig.models.composed import offers, with_named
 from bayesdrill.rig.models.friction import frictions_of
-from bayesdrill.rig.models.linear import Linear, Model
+from bayesdrill.rig.models.linear import Linear, Model, inner_of
 
 Array = NDArray[np.float64]
 
-Kind = Literal["gain", "offset", "lag", "input offset", "start", "rig"]
+Kind = Literal["gain", "offset", "lag", "input offset", "input lag", "start", "rig"]
 
 LATEST = 20  # samples: how far a lag is sought
+SLOW, SHARE = 0.1, 0.05  # s, of the record: how far that of an input is, where samples come faster
+APART = 6  # steps from none to the largest lag of an input
 ZERO = np.zeros(1)
 
 # What a rig may be without, each by the parameter that switches it on.
@@ -85,10 +87,25 @@ def of_sensors(one: Observation) -> Iterator[Candidate]:
         if channel.name not in sensing.lags and sensing.delay is None:
             late = Uniform(-latest, latest)
             yield Candidate("lag", channel.name, one.label, 0.0, late, experiment.dt)
-    size = usual_inputs(experiment)["v"]
     if "v" in experiment.series and "v" not in sensing.input_offsets:
+        size = usual_inputs(experiment)["v"]
         prior = TruncatedNormal(0.0, 0.3 * size, -math.inf, math.inf)
         yield Candidate("input offset", "v", one.label, 0.0, prior)
+    yield from _of_late_inputs(one)
+
+
+def _of_late_inputs(one: Observation) -> Iterator[Candidate]:
+    """All but the first, as lags of channels stand for that of all."""
+    experiment, sensing = one.experiment, one.response.sensing
+    every = sorted(experiment.series, key=lambda name: name not in DRIVES)
+    if sensing.delay is not None or set(sensing.input_lags) & set(every[:1]):
+        return
+    duration = float(experiment.t[-1] - experiment.t[0])
+    latest = max(LATEST * experiment.dt, min(SLOW, SHARE * duration))
+    for name in every[1:]:
+        if name not in sensing.input_lags:
+            late = Uniform(-latest, latest)
+            yield Candidate("input lag", name, one.label, 0.0, late, latest / APART)
 
 
 def of_start(one: Observation, space: ParameterSpace, theta: Array) -> list[Candidate]:
@@ -101,7 +118,7 @@ def of_start(one: Observation, space: ParameterSpace, theta: Array) -> list[Cand
     return [
         Candidate("start", name, one.label, held, TruncatedNormal(held, far, -math.inf, math.inf))
         for name, far in zip(model.states, reach, strict=True)
-        if name not in sensing.states and far > 0
+        if name not in (*sensing.states, *inner_of(model)) and far > 0
         for held in [float(experiment.start.get(name, 0.0))]
     ]
 

@@ -33,8 +33,13 @@ MOST_NAMED = 5
 PROMISES = 0.3  # of what is left, to first order, for what is worth a search
 ALIKE = 0.1  # of what is left: two explanations that differ by less are equals
 
-SENSORS: frozenset[Kind] = frozenset({"gain", "offset", "lag", "input offset"})
+SENSORS: frozenset[Kind] = frozenset({"gain", "offset", "lag", "input offset", "input lag"})
+LATE: frozenset[Kind] = frozenset({"input lag"})
+NEARLY = (
+    0.97  # of what the fit leaves: where late inputs alone explain it, nothing else need be late
+)
 STAGES: tuple[frozenset[Kind], ...] = (
+    LATE,
     SENSORS,
     SENSORS | {"start"},
     SENSORS | {"rig"},
@@ -91,7 +96,8 @@ def causes(posterior: Posterior, theta: Array) -> Causes | None:
         found = _tried(posterior, theta, kinds)
         if found is not None and (best is None or found.beyond < (1.0 - WORTH) * best.beyond):
             best = found
-        if best is not None and known and best.rest < NOISE:
+        enough = best is not None and kinds == LATE and best.share > NEARLY
+        if enough or (best is not None and known and best.rest < NOISE):
             break
     if best is None or not best.explains or best.lacking:
         return best

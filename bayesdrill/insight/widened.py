@@ -77,6 +77,7 @@ def _part(
         offsets=with_new("offset", old.offsets),
         lags=with_new("lag", old.lags),
         input_offsets=with_new("input offset", old.input_offsets),
+        input_lags=with_new("input lag", old.input_lags),
         states=with_new("start", old.states),
     )
     experiment, noise = _without_first(one) if late else (one.experiment, one.noise)

@@ -99,13 +99,13 @@ def fitted(
     experiment = one.experiment
     clock = own_units.clock(config, problem)
     courses, constant = [], []
-    for name, symbol in symbols.INPUTS.items():
+    for name in (n for n in symbols.INPUTS if n in {*experiment.series, *experiment.constant}):
         unit = own_units.given(config, name)
-        label = dataclasses.replace(symbol, latex_unit=unit.latex)
+        label = dataclasses.replace(symbols.INPUTS[name], latex_unit=unit.latex)
         if name in experiment.series:
             values = experiment.series[name] / unit.factor
             courses.append(Course(label=label, values=values, straight=experiment.first_order))
-        elif name == "v" or experiment.constant.get(name, 0.0):  # no load need not be said
+        elif name != "t_1" or experiment.constant[name]:  # no load need not be said
             constant.append((label, experiment.constant[name] / unit.factor))
     return Fit(
         t=experiment.t / clock.factor,

@@ -15,6 +15,7 @@ from bayesdrill.rig import vocabulary
 from bayesdrill.setup import experiments, own_units
 from bayesdrill.setup.config import Config
 
+LAGS = ("lag", "input lag")
 WIDER = 2.0  # times what was found, of a prior that is proposed
 
 # Parameters that a rig may lack.
@@ -148,7 +149,8 @@ def _said(kind: str, of: str, group: Sequence[Cause], config: Config) -> str:
         for one in group
     )
     largest = max(group, key=lambda one: abs(one.value))
-    if kind == "lag":
+    if kind in LAGS:
+        of = f"inputs.{of}" if kind == "input lag" else of
         bound = WIDER * abs(largest.value)
         low, high = (0.0, bound) if largest.value > 0 else (-bound, 0.0)
         return f"a lag of {of}: {each}: say `lag: {{prior: uniform, low: {low:.3g}, high: {high:.3g}}}`"
@@ -171,7 +173,7 @@ def _unit(cause: Cause, config: Config) -> units.Unit:
 
 
 def _number(cause: Cause, config: Config) -> str:
-    if cause.kind == "lag":
+    if cause.kind in LAGS:
         return f"{1e3 * cause.value:.3g} ms"
     unit = _unit(cause, config)
     return f"{cause.value / unit.factor:.3g} {symbols.plain(unit.name)}".strip()

@@ -84,7 +84,7 @@ class Writer:
         return Dual(zero if value is None else value, 0.0 if slope is None else slope)
 
     def _step(self) -> Step:
-        shape, x = self.shape, self.x_count
+        shape, x, s = self.shape, self.x_count, len(self.shape.series)
         first = x + 1 + len(shape.columns)
         rubs, rates = [], Rates(self.b, shape, self.parameters)
         for e, friction in enumerate(shape.frictions):
@@ -113,6 +113,8 @@ class Writer:
             rubs=rubs,
             parameters=self.parameters,
             states=shape.model.states,
+            span=self.span,
+            slopes={x + 1 + k: x + 1 + s + k for k in range(s)} if shape.first_order else {},
             kind=self.kind,
         )
 

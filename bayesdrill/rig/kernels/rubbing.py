@@ -43,6 +43,11 @@ class Rub:
     law: Law
     size: Number | None
 
+    def held(self, state: Sequence[Number], drive: Column) -> Number:
+        """What it takes to keep the speed as it is."""
+        terms = [(entry, _of(k, state, drive)) for k, entry in self.pull.items()]
+        return total(self.pull_base, terms)
+
 
 @dataclass(frozen=True, slots=True)
 class Kind:
@@ -105,13 +110,17 @@ class Past:
 
 @dataclass(frozen=True, kw_only=True)
 class Step:
-    """`phi[row]`: what columns of (states, drive) do to a state; `base[row]`: what is constant."""
+    """`phi[row]`: what columns of (states, drive) do to a state; `base[row]`: what is constant;
+    `slopes`: columns of inputs, and those of their slopes.
+    """
 
     phi: Sequence[Column]
     base: Mapping[int, Number]
     rubs: Sequence[Rub]
     parameters: Mapping[str, Number]
     states: tuple[str, ...]
+    span: Number
+    slopes: Mapping[int, int]
     kind: Kind
 
     @property
@@ -190,11 +199,12 @@ class Step:
         inputs: Mapping[str, Number],
     ) -> list[Number]:
         sizes, rest = past.sizes, self._at_rest(state, drive, inputs)
-        efforts, slips = self._efforts(free, state, sizes, rest)
+        later = self._later(drive)
+        efforts, slips = self._efforts(free, state, later, sizes, rest)
         if not self.steady:
             ahead = self._stopped(self._moved(free, efforts), slips)
             sizes = self._between(state, ahead, inputs)
-            efforts, slips = self._efforts(free, state, sizes, rest)
+            efforts, slips = self._efforts(free, state, later, sizes, rest)
         new = self._held(self._stopped(self._moved(free, efforts), slips), state, slips)
         return [*new, *efforts] if self.steady else [*new, *efforts, *sizes, *self._no_trends]
 
@@ -204,16 +214,18 @@ class Step:
         zero = Lane(self.kind.b, vector(0.0))
         return [Dual(zero, zero) if self.kind.dual else zero for _ in self.rubs]
 
+    def _later(self, drive: Column) -> Column:
+        """At the end of the step."""
+        ends = {k: drive[k] + drive[slope] * self.span for k, slope in self.slopes.items()}
+        return {**drive, **ends}
+
     def _at_rest(
         self, state: list[Number], drive: Column, inputs: Mapping[str, Number]
     ) -> list[At]:
         still = list(state)
         for rub in self.rubs:
             still[rub.row] = Lane(self.kind.b, vector(0.0))
-        held = [
-            total(rub.pull_base, [(entry, _of(k, state, drive)) for k, entry in rub.pull.items()])
-            for rub in self.rubs
-        ]
+        held = [rub.held(state, drive) for rub in self.rubs]
         return [At(one, most) for one, most in zip(held, self.sizes(still, inputs), strict=True)]
 
     def _against(self, state: list[Number], sizes: list[Number]) -> list[Number]:
@@ -242,10 +254,11 @@ class Step:
         self,
         free: list[Number],
         state: list[Number],
+        drive: Column,
         sizes: list[Number],
         rest: list[At],
     ) -> tuple[list[Number], list[Mask]]:
-        """And where they let slip."""
+        """And where they let slip; `drive` at the end of the step."""
         known = [
             where(_moving(state[rub.row]), signed(most, state[rub.row]), at.held)
             for rub, most, at in zip(self.rubs, sizes, rest, strict=True)
@@ -260,7 +273,9 @@ class Step:
             ]
             stop, speed = total(free[rub.row], others) * rub.over, state[rub.row]
             moving = self._of_moving(stop, speed, rub.over, sizes[e], rest[e])
-            still = self._of_still(stop, sizes[e], rest[e])
+            stopped = [stop if k == e else effort for k, effort in enumerate(known)]
+            there = self._moved(free, stopped, [k for k in rub.pull if k < len(free)])
+            still = self._of_still(stop, rub.held(there, drive), sizes[e], rest[e])
             moves = _moving(speed)
             known[e] = where(moves, moving[0], still[0])
             slips[e] = moving[1].both(moves).either(still[1].without(moves))
@@ -286,20 +301,23 @@ class Step:
         )
         return where(back, -turned, turned), keeps.either(passes)
 
-    def _of_still(self, stop: Number, most: Number, rest: At) -> tuple[Number, Mask]:
-        """From rest: what has to be held rises, or falls, evenly from `rest.held` on, with `stop` in its
-        middle.  Once it is more than friction at rest can hold, the speed slips under `most`.
+    def _of_still(self, stop: Number, later: Number, most: Number, rest: At) -> tuple[Number, Mask]:
+        """From rest: what has to be held goes from `rest.held` to `later`, in the mean `stop`.
+
+        Once it is more than friction at rest can hold, the speed slips under `most`.
         """
         back = below(stop, 0.0)
-        mean, first = where(back, -stop, stop), where(back, -rest.held, rest.held)
-        last = mean * 2.0 - first
+        mean, first, last = (where(back, -one, one) for one in (stop, rest.held, later))
         slips = _above(last, rest.size).either(_above(mean, rest.size))
 
         def slipping() -> list[Number]:
-            late = below(first, rest.size)
-            share = where(late, (last - rest.size) / (last - first), 1.0)
-            begin = where(late, rest.size, first)
-            return [mean - share * ((begin + last) * 0.5 - most)]
+            # Straight from the first to the middle, and on to the last.
+            middle = (mean * 6.0 - first - last) * 0.25
+            halves = [_beyond(*ends, rest.size) for ends in ((first, middle), (middle, last))]
+            share = (halves[0][0] + halves[1][0]) * 0.5
+            driving = (halves[0][1] + halves[1][1]) * 0.5
+            bent = mean - (first + middle * 2.0 + last) * 0.25
+            return [mean - driving - share * (rest.size - most + bent)]
 
         (turned,) = self.kind.rarely(slips, [mean], slipping)
         return where(back, -turned, turned), slips
@@ -327,6 +345,16 @@ class Step:
                 moved = moves.either(_moving(old[rub.row]))
                 new[rub.holds] = where(moved, new[rub.holds], old[rub.holds])
         return new
+
+
+def _beyond(first: Number, last: Number, limit: Number) -> tuple[Number, Number]:
+    """For what share of a straight way it is beyond a limit, and by how much in the mean."""
+    begins, ends, rises = _above(first, limit), _above(last, limit), _above(last, first)
+    far, near = where(rises, last, first), where(rises, first, last)
+    crosses = begins.either(ends).without(begins.both(ends))
+    share = where(crosses, (far - limit) / (far - near), where(begins, 1.0, 0.0))
+    over = where(begins.both(ends), (first + last) * 0.5 - limit, share * (far - limit) * 0.5)
+    return share, over
 
 
 def _of(k: int, state: Sequence[Number], drive: Column) -> Number:
