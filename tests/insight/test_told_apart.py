@@ -24,6 +24,7 @@ from bayesdrill.report.friction_words import sentences
 from bayesdrill.rig import vocabulary
 from bayesdrill.rig.choosing import simulator
 from bayesdrill.rig.models.composed import with_named
+from bayesdrill.rig.models.driven_shaft import DrivenShaft
 from bayesdrill.rig.models.motor_shaft import MotorShaft
 from bayesdrill.rig.sensing import Sensing
 
@@ -215,3 +216,4 @@ def test_the_voltage_that_holds_it_at_rest(added: dict[str, float]) -> None:
     volts = NOMINAL["r_m"] * torque / NOMINAL["k_T"] + added.get("v_d", 0.0)
     assert stops_below(rig, p) == pytest.approx(volts, rel=1e-9)
     assert stops_below(MotorShaft(), {**NOMINAL, "t_f": 0.0}) == pytest.approx(0.0, abs=1e-12)
+    assert stops_below(DrivenShaft(), {}) == 0.0
