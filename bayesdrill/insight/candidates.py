@@ -166,7 +166,7 @@ def _size(model: Model, name: str, p: Mapping[str, float], states: Array) -> flo
         changed = [(k, x) for k, x in alone.A.items() if k[0] == row and x != without.A.get(k, 0.0)]
         own = sum((np.asarray(x - without.A.get(k, 0.0)) * named[k[1]] for k, x in changed), ZERO)
         for one in frictions_of(model):
-            if one.law.parameters == (name,) and (row, one.name) in alone.B:
+            if name in one.law.parameters and (row, one.name) in alone.B:
                 own = own + np.asarray(alone.B[row, one.name]) * np.sign(named[one.against])
         if (size := float(np.sqrt(np.mean(own**2)))) > 0:
             found.append(acting / size)

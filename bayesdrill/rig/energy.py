@@ -26,6 +26,7 @@ from bayesdrill.rig.stepped import Stepped, Steps
 Array = NDArray[np.float64]
 Whole = NDArray[np.intp]
 
+STATES = frozenset(("theta_1", "theta_2", "w_1", "w_2", "i"))  # whose rows can be weighed
 LOSSES = (
     "r_m",
     "r_s",
@@ -61,6 +62,8 @@ class Energies:
 def can_tell(model: Model) -> bool:
     """Whether rows of the rig can be weighed."""
     p = dict.fromkeys(model.parameters, 1.0)
+    if not {*model.states} <= STATES:
+        return False
     try:
         _weights(model, p)
     except (KeyError, ZeroDivisionError):

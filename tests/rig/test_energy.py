@@ -13,7 +13,10 @@ from rubbing_cases import CASES, moved
 from stepping import parameters, stepped
 
 from bayesdrill.rig.energy import Energies, can_tell, energies
+from bayesdrill.rig.models.driven_shaft import DrivenShaft
 from bayesdrill.rig.models.linear import Linear
+from bayesdrill.rig.models.long_shaft import LongShaft
+from bayesdrill.rig.models.motor import Motor
 from bayesdrill.rig.models.motor_shaft import MotorShaft
 from bayesdrill.rig.models.two_rotors import TwoRotors
 from bayesdrill.rig.sensing import Sensing
@@ -163,3 +166,6 @@ def test_rigs_whose_rows_cannot_be_weighed_are_left_alone() -> None:
     assert can_tell(MotorShaft())
     assert can_tell(TwoRotors(j_2=1e-3))
     assert not can_tell(Loadless())
+    assert not can_tell(LongShaft())
+    assert not can_tell(DrivenShaft())
+    assert not can_tell(Motor())

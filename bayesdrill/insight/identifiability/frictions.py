@@ -238,14 +238,15 @@ class _Scene:
     def _scenes(self) -> Iterator[tuple[str, float | None, Array]]:
         """What it is, its voltage, and the rows of all that would then be known."""
         every = self.scenery.likelihood.observations
+        if "v" not in self.model.inputs:
+            return
         size = float(np.mean([usual_inputs(one.experiment)["v"] for one in every]))
         stop = stops_below(self.model, self.rig)
         if any("v" in one.experiment.series for one in every):
             yield "turned", None, self._another(-1.0)
             if 0 < stop < size:
                 yield "stops", BELOW * stop, self._another(BELOW * stop / size)
-        else:
-            v = self.scenery.usual_input("v")
+        elif v := self.scenery.usual_input("v"):
             yield "turned half-way", None, self._late(-2.0 * v)
             if 0 < stop < abs(v):
                 low = float(np.sign(v)) * BELOW * stop
@@ -263,8 +264,11 @@ class _Scene:
 def stops_below(model: Model, p: Mapping[str, float]) -> float:
     """The voltage that holds it at the very edge of turning, against all friction as it slips; V.
 
-    Below it the rig comes to rest: friction at rest is no less.  Zero where none holds it.
+    Below it the rig comes to rest: friction at rest is no less.  Zero where none holds it, or nothing
+    is driven by a voltage.
     """
+    if "w_2" not in model.states or "v" not in model.inputs:
+        return 0.0
     frictions = frictions_of(model)
     quick = dict.fromkeys((*model.states, *model.inputs), 0.0)
     sizes = {f.name: float(np.asarray(f.law.size(p, 1e6, quick))) for f in frictions}
