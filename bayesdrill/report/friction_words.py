@@ -37,7 +37,7 @@ def _alike(one: Alike) -> str:
     because = f" ({'; '.join(why)})" if why else ""
     return (
         f"friction: {one.name} can hardly be told from {listed(one.rivals)}{because}: if {known} known, "
-        f"its sd would be {one.fall:.2g} times smaller{_proposed(one.name, one.proposals)}"
+        f"its sd would be {_about(one.fall)} times smaller{_proposed(one.name, one.proposals)}"
     )
 
 
@@ -69,7 +69,12 @@ def _proposed(name: str, proposals: Sequence[Proposal]) -> str:
 
 def _experiments(proposals: Sequence[Proposal]) -> Iterator[str]:
     for one in proposals:
-        yield f"{EXPERIMENTS[one.what].format(volts=one.volts)} (sd {one.shrink:.2g} times smaller)"
+        yield f"{EXPERIMENTS[one.what].format(volts=one.volts)} (sd {_about(one.shrink)} times smaller)"
+
+
+def _about(times: float) -> str:
+    """Two digits, and no powers of ten."""
+    return f"{float(f'{times:.2g}'):g}"
 
 
 def listed(names: Sequence[str]) -> str:
