@@ -233,7 +233,7 @@ MUTANTS = [
     ),
     Mutant(
         "the slope of a steady start without the angle that is held",
-        "rig/measured.py",
+        "rig/walkers.py",
         "held=dict.fromkeys(self.experiment.start, 0.0)",
         "held={}",
         "tests/rig/test_measured.py::test_slopes_of_a_steady_start_leave_a_held_angle_where_it_is",
@@ -1336,7 +1336,7 @@ MUTANTS = [
     Mutant(
         "only directions that are blind everywhere alike count",
         "insight/identifiability/structure.py",
-        "blind = min(map(len, each))",
+        "blind = min(map(len, each), default=len(null))",
         "blind = len(null)",
         "tests/insight/test_identifiability.py::"
         "test_a_direction_that_turns_from_place_to_place_is_still_blind",

@@ -21,9 +21,10 @@ from bayesdrill.rig.kernels.lanes import (
     vector,
     whole_numbers,
 )
+from bayesdrill.rig.kernels.numbers import Kind, Number, fused, total
 from bayesdrill.rig.kernels.pieces import Own, Shape
 from bayesdrill.rig.kernels.rates import Rates
-from bayesdrill.rig.kernels.rubbing import Kind, Number, Past, Rub, Step, fused, total
+from bayesdrill.rig.kernels.rubbing import Past, Rub, Step
 
 
 class Writer:
