@@ -29,7 +29,8 @@ def completed(base: Mapping[str, Any], piece: Mapping[str, Any]) -> dict[str, An
 
     Of another rig it has inputs and parameters of its own.
     """
-    if (rig := piece.get("model", {}).get("name", "motor_shaft")) != "motor_shaft":
+    rig = piece.get("model", {}).get("name", "motor_shaft")
+    if rig != "motor_shaft" and "parameters" in piece:
         channels = base["record"]["channels"]
         shown = {name: channels[name] for name in channels if name in MODELS[rig]().states}
         record = {**base["record"], "channels": shown}
