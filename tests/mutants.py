@@ -31,6 +31,71 @@ class Mutant:
 
 MUTANTS = [
     Mutant(
+        "what explains as much is kept to itself",
+        "insight/causes.py",
+        "return dataclasses.replace(best, other=other) if alike else best",
+        "return best",
+        "tests/insight/test_lacking.py::test_where_both_would_do_both_are_said",
+    ),
+    Mutant(
+        "a table that is tried with physics is free to change",
+        "insight/instead.py",
+        "fixed[[*held, *range(m, m + len(wide.every))]] = True",
+        "fixed[[*range(m, m + len(wide.every))]] = True",
+        "tests/insight/test_lacking.py::test_a_table_is_right_with_what_is_missing",
+    ),
+    Mutant(
+        "an experiment instead of one more",
+        "insight/identifiability/frictions.py",
+        "return np.vstack([self.rows, self.scenery.every(self.theta, scene)])",
+        "return self.scenery.every(self.theta, scene)",
+        "tests/insight/test_told_apart.py::test_what_is_proposed_does_what_is_said",
+    ),
+    Mutant(
+        "what is known is never worse than what it is like",
+        "insight/identifiability/frictions.py",
+        "if alone < KNOWN or fall < ALIKE:",
+        "if fall < ALIKE:",
+        "tests/insight/test_told_apart.py::test_two_levels_and_both_ways_tell_it",
+    ),
+    Mutant(
+        "a supply that is felt as it is recorded",
+        "rig/stepped.py",
+        "felt[name] = gain * u + told(sensing.input_offsets, name, 0.0)[:, None]",
+        "felt[name] = u",
+        "tests/rig/test_energy.py::test_without_friction_it_closes_to_rounding",
+    ),
+    Mutant(
+        "the motor weighed as rotor 1",
+        "rig/energy.py",
+        '"w_2": j_1 * linear.A["w_1", "theta_2"] / linear.A["w_2", "theta_1"],',
+        '"w_2": j_1,',
+        "tests/rig/test_energy.py::test_each_part_is_the_integral_of_its_power",
+    ),
+    Mutant(
+        "what sticks taken to move",
+        "rig/energy.py",
+        "still[:-1, e] = zero[:-1] & zero[1:]",
+        "still[:-1, e] = False",
+        "tests/rig/test_energy.py::test_what_is_held_takes_nothing",
+    ),
+    Mutant(
+        "a friction at the speed of the shaft",
+        "insight/rubbing.py",
+        "return Curve(speeds=speeds * rubbing.gear, sizes=np.asarray(signed))",
+        "return Curve(speeds=speeds, sizes=np.asarray(signed))",
+        "tests/report/test_rubbing.py::"
+        "test_a_law_is_drawn_at_the_speeds_of_the_motor_with_map_and_nominal_values",
+    ),
+    Mutant(
+        "a passing zero taken for sticking",
+        "insight/rubbing.py",
+        "sticks=np.append(still[:-1] & still[1:], False),",
+        "sticks=np.append(np.abs(speed[1:]) < 1.0, False),",
+        "tests/report/test_rubbing.py::"
+        "test_the_fit_shows_frictions_with_their_bands_and_where_they_stick",
+    ),
+    Mutant(
         "a late input moves the unknowns the other way",
         "insight/moments.py",
         "moved = np.linalg.lstsq(",
