@@ -132,6 +132,18 @@ def test_it_closes_the_better_the_shorter_the_steps() -> None:
     assert left[2] < 0.5 * left[1]
 
 
+def test_what_is_held_takes_nothing() -> None:
+    """Rotor 1 sticks while the motor winds up the shaft: all that comes in goes elsewhere."""
+    case = CASES["stick slip"]
+    rig = stepped(case)
+    found = energies(rig, parameters(case)[0])
+    steps = rig.steps(parameters(case))
+    still = steps.motion.states[0, :, 2] == 0.0
+    held = still[:-1] & still[1:]
+    assert held.sum() > 20
+    assert not np.diff(found.lost["friction_1"])[held].any()
+
+
 def test_a_rig_at_rest_takes_nothing() -> None:
     """Everything is held, all the time."""
     case = CASES["reversing"]

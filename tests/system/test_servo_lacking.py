@@ -1,0 +1,59 @@
+"""A servo that other code simulated, fitted without its friction: what is said of that.
+
+The whole records do not come with the project: where they are not, nothing is tested.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+import bayesdrill as bd
+from bayesdrill.inference import residual_checks
+from bayesdrill.insight.causes import causes
+
+SHARED = Path(__file__).resolve().parents[3] / "shared" / "data" / "simulated_servo"
+TRUTH = {"t_cm": 2.5e-3, "t_c1": 6e-3}  # rotor 1 has 12e-3 N m at rest
+
+CONFIG = """
+name: servo
+seed: 3
+record:
+  file: {file}
+  time: {{column: "time [ms]", unit: ms}}
+  channels:
+    theta_2: {{column: "theta [deg]", unit: deg, sigma: 0.05}}
+    alpha: {{column: "alpha [deg]", unit: deg, measures: theta_1 - theta_2, sigma: 0.03}}
+inputs:
+  v: {{column: "voltage [V]", unit: V}}
+model: {{name: motor_shaft, i_m: 0.0714285714}}
+nominal:
+  {{j_m: 4.95e-6, c_m: 2.2e-6, k_e: 0.022, k_T: 0.022, r_m: 1.98, l_m: 0.66e-3, k_s: 0.99,
+   j_1: 2.64e-3}}
+parameters:
+  {{j_m: {box}, c_m: {box}, k_e: {box}, k_s: {box}, j_1: {box},
+   k_T: nominal, r_m: nominal, l_m: nominal, t_f: 0.0}}
+map: {{starts: 2, evaluations: 500}}
+"""
+BOX = "{prior: uniform, low: 0.1, high: 10, relative: true}"
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not SHARED.is_dir(), reason="records that do not come with the project")
+@pytest.mark.parametrize("name", ["square", "sweep", "slow"])
+def test_the_offset_of_the_supply_and_both_frictions_are_named(name: str, tmp_path: Path) -> None:
+    path = tmp_path / f"{name}.yaml"
+    path.write_text(CONFIG.format(file=SHARED / f"{name}.csv", box=BOX))
+    case = bd.load(path)
+    posterior = case.job.problem.posterior
+    theta = posterior.space.vector(case.find_map(processes=1).mode.values)
+    left = residual_checks.left(posterior.likelihood, theta)
+    assert max(one.rms for one in left) > 100
+    found = causes(posterior, theta)
+    assert found is not None
+    sizes = {(one.kind, one.of): one.value for one in found.found}
+    assert sizes["input offset", "v"] == pytest.approx(-0.06, abs=0.002)
+    assert sizes["rig", "t_cm"] == pytest.approx(TRUTH["t_cm"], rel=0.15)
+    assert TRUTH["t_c1"] < 1.05 * sizes["rig", "t_c1"] < 2.2 * TRUTH["t_c1"]
+    assert found.rest < 20
