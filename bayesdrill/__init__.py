@@ -46,6 +46,9 @@ if TYPE_CHECKING:
     from bayesdrill.basics.errors import InputError as InputError
     from bayesdrill.commands.identify import Findings as Findings
     from bayesdrill.insight.verdict import Verdict as Verdict
+    from bayesdrill.rig.models.driven_shaft import DrivenShaft as DrivenShaft
+    from bayesdrill.rig.models.long_shaft import LongShaft as LongShaft
+    from bayesdrill.rig.models.motor import Motor as Motor
     from bayesdrill.rig.models.motor_shaft import MotorShaft as MotorShaft
     from bayesdrill.rig.models.two_rotors import TwoRotors as TwoRotors
 
@@ -77,6 +80,9 @@ _PLACES = {
     "InputError": "basics.errors",
     "Findings": "commands.identify",
     "Verdict": "insight.verdict",
+    "DrivenShaft": "rig.models.driven_shaft",
+    "LongShaft": "rig.models.long_shaft",
+    "Motor": "rig.models.motor",
     "MotorShaft": "rig.models.motor_shaft",
     "TwoRotors": "rig.models.two_rotors",
 }

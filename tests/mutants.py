@@ -31,6 +31,116 @@ class Mutant:
 
 MUTANTS = [
     Mutant(
+        "an imposed angle for its speed",
+        "record/angles.py",
+        "speeds = np.diff(x) / np.diff(t)",
+        "speeds = x[:-1]",
+        "tests/rig/test_driven_shaft.py::"
+        "test_an_angle_straight_between_samples_is_a_speed_that_is_held",
+    ),
+    Mutant(
+        "an imposed angle that begins at zero",
+        "setup/reading.py",
+        "begin[entry] = float(np.interp(t[0], clock, values))",
+        "begin[entry] = 0.0",
+        "tests/setup/test_inputs.py::test_an_imposed_angle_is_its_speed_between_samples",
+    ),
+    Mutant(
+        "the lag of one input for the delay of all",
+        "setup/sensors.py",
+        'late = one.kind == "lag" and alone',
+        'late = one.kind == "lag"',
+        "tests/setup/test_inputs.py::test_one_measured_input_has_the_delay_of_all",
+    ),
+    Mutant(
+        "samples that an input moved after the end of the record",
+        "setup/beginning.py",
+        "& (first < 0.0)",
+        "& (first > 0.0)",
+        "tests/setup/test_inputs.py::test_what_no_record_tells_of_a_late_input_is_left_out",
+    ),
+    Mutant(
+        "an input that the model has not, taken without a word",
+        "setup/consistency/inputs.py",
+        "if entry not in entries:",
+        "if not entries:",
+        "tests/setup/test_inputs.py::test_a_mistake_is_told_at_its_entry[a voltage]",
+    ),
+    Mutant(
+        "the damping of the shaft against rotor 1 alone",
+        "rig/models/driven_shaft.py",
+        'b["w_1", "w_2"] = -p["c_s"] / j_1, p["c_s"] / j_1',
+        'b["w_1", "w_2"] = -p["c_s"] / j_1, 0.0 / j_1',
+        "tests/rig/test_driven_shaft.py::"
+        "test_measured_speed_and_torque_move_it_as_the_equations_do",
+    ),
+    Mutant(
+        "the torque of rock without the weight on the bit",
+        "rig/models/friction.py",
+        "return seen[self.weight] * p[self.factor] * (rising + hump)",
+        "return 500.0 * p[self.factor] * (rising + hump)",
+        "tests/rig/test_driven_shaft.py::test_rock_holds_the_bit_as_its_law_and_the_weight_say",
+    ),
+    Mutant(
+        "the torque of a motor not seen through the gear",
+        "rig/models/motor.py",
+        'b["w_2", "t_m"] = i_m / j_m',
+        'b["w_2", "t_m"] = 1.0 / j_m',
+        "tests/rig/test_motor.py::test_a_torque_brings_it_to_speed_as_an_exponential",
+    ),
+    Mutant(
+        "the gear of a motor twice in its current",
+        "rig/models/motor.py",
+        '-p["k_e"] / (i_m * l_m)',
+        '-p["k_e"] / (i_m**2 * l_m)',
+        "tests/rig/test_motor.py::test_a_voltage_drives_it_through_its_circuit",
+    ),
+    Mutant(
+        "the inertia of the shaft whole at each of its ends",
+        "rig/models/long_shaft.py",
+        'half = p["j_s"] / (2.0 * self.elements)',
+        'half = p["j_s"] / self.elements',
+        "tests/rig/test_long_shaft.py::"
+        "test_pieces_come_to_the_wave_equation_as_their_number_squared",
+    ),
+    Mutant(
+        "nodes of a shaft as if its ends stood still",
+        "rig/models/long_shaft.py",
+        "within[of] = within.get(of, 0.0) - share * value",
+        "within[of] = within.get(of, 0.0)",
+        "tests/rig/test_long_shaft.py::test_it_moves_as_its_pieces_do",
+    ),
+    Mutant(
+        "the least damped pair of poles, however fast",
+        "insight/derived.py",
+        "seen = swings & (size <= _FAST * slowest)",
+        "seen = swings",
+        "tests/insight/test_derived_of_others.py::"
+        "test_the_swing_of_a_long_shaft_is_not_one_within_it",
+    ),
+    Mutant(
+        "the time of a motor without a circuit for that of a current",
+        "insight/derived.py",
+        "[:, 0] if current else _none(n)",
+        "[:, 0]",
+        "tests/insight/test_derived_of_others.py::"
+        "test_a_motor_has_the_times_of_what_it_consists_of",
+    ),
+    Mutant(
+        "the mean of what drives a rig both ways",
+        "record/experiment.py",
+        "if name in DRIVES else np.mean(series)",
+        'if name == "v" else np.mean(series)',
+        "tests/insight/test_derived_of_others.py::test_what_drives_a_rig_is_usual_by_its_size",
+    ),
+    Mutant(
+        "inputs that are never late",
+        "insight/candidates.py",
+        "for name in every[1:]:",
+        "for name in every[2:]:",
+        "tests/insight/test_late_inputs.py::test_a_late_torque_is_named_with_the_line_of_a_config",
+    ),
+    Mutant(
         "a late input moves the unknowns the other way",
         "insight/moments.py",
         "moved = np.linalg.lstsq(",
@@ -123,7 +233,7 @@ MUTANTS = [
     ),
     Mutant(
         "the slope of a steady start without the angle that is held",
-        "rig/measured.py",
+        "rig/walkers.py",
         "held=dict.fromkeys(self.experiment.start, 0.0)",
         "held={}",
         "tests/rig/test_measured.py::test_slopes_of_a_steady_start_leave_a_held_angle_where_it_is",
@@ -174,8 +284,8 @@ MUTANTS = [
     Mutant(
         "a derived channel that counts",
         "setup/build.py",
-        " for name, spec in every if spec.derived_from is None]",
-        " for name, spec in every]",
+        " for name, spec in every if spec.derived_from is None\n    ]",
+        " for name, spec in every\n    ]",
         "tests/setup/test_records_as_they_come.py::"
         "test_a_derived_channel_is_compared_and_not_counted",
     ),
@@ -1226,7 +1336,7 @@ MUTANTS = [
     Mutant(
         "only directions that are blind everywhere alike count",
         "insight/identifiability/structure.py",
-        "blind = min(map(len, each))",
+        "blind = min(map(len, each), default=len(null))",
         "blind = len(null)",
         "tests/insight/test_identifiability.py::"
         "test_a_direction_that_turns_from_place_to_place_is_still_blind",

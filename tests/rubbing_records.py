@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from pathlib import Path
 
 import numpy as np
 from oracles import NOMINAL
-from rubbing import Moved, Rig, simulate
+from rubbing import Rig, simulate
 from rubbing_cases import SERVO
 
 DEGREE = math.pi / 180
@@ -57,13 +56,17 @@ record:
   time: {{column: t, unit: ms}}
   channels:
     theta_2: {{column: theta_2, unit: deg, sigma: {{prior: log_uniform, low: 0.01, high: 1}}}}
-    twist: {{column: twist, unit: deg, measures: theta_1 - theta_2, sigma: {{prior: log_uniform, low: 0.01, high: 1}}}}
+    twist:
+      column: twist
+      unit: deg
+      measures: theta_1 - theta_2
+      sigma: {{prior: log_uniform, low: 0.01, high: 1}}
 inputs:
   v: {{column: v, unit: V}}
 model: {{i_m: {i_m}}}
 nominal:
-  {{table: tables_2_3, j_m: 4.95e-6, c_m: 2.2e-6, k_e: 0.022, k_T: 0.022, r_m: 1.98, l_m: 0.66e-3, k_s: 0.99,
-   j_1: 2.64e-3, t_f: 1.0e-3}}
+  {{table: tables_2_3, j_m: 4.95e-6, c_m: 2.2e-6, k_e: 0.022, k_T: 0.022, r_m: 1.98, l_m: 0.66e-3,
+   k_s: 0.99, j_1: 2.64e-3, t_f: 1.0e-3}}
 parameters:
   j_m: {box}
   c_m: {{prior: log_uniform, low: 0.1, high: 10, relative: true}}

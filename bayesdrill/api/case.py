@@ -267,7 +267,10 @@ def _columns(
             found.append(Problem(f"channels.{name}", f"give {CHANNELS}, not {type(one).__name__}"))
     measured = {}
     for name, given in arguments.mapping("inputs", inputs, INPUTS).items():
-        if isinstance(given, Input):
+        if isinstance(given, Input) and name in channels:
+            said = "an input has this name; give the channel another, with `measures`"
+            found.append(Problem(f"channels.{name}", said))
+        elif isinstance(given, Input):
             measured[name] = given
             every[name] = arguments.series(f"inputs.{name}", given.values, found)
         elif not isinstance(given, Mapping):

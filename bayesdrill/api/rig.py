@@ -56,7 +56,7 @@ def respond(
         "initial", {} if initial is None else initial, "a number for each state"
     )
     start = _numbers(own.states, dict.fromkeys(own.states, 0.0) | {**begun}, "initial", found)
-    idle: dict[str, ArrayLike] = {name: 0.0 for name in own.inputs if name != "v"}
+    idle: dict[str, ArrayLike] = {name: 0.0 for name in own.inputs if name == "t_1"}
     given: dict[str, Array] = {}
     for name, value in (idle | {**arguments.mapping("inputs", inputs, "their values")}).items():
         if np.ndim(value):

@@ -81,7 +81,19 @@ ON_REQUEST = ("rank", "autocorrelation", "predictive_check")
 RUN_FIGURES: Registry[None] = Registry(
     "figure",
     dict.fromkeys(
-        ("corner", "invariants", "ridge", "trace", "prior_posterior", "fit", *ON_REQUEST)
+        (
+            *(
+                "corner",
+                "invariants",
+                "ridge",
+                "trace",
+                "prior_posterior",
+                "friction",
+                "energy",
+                "fit",
+            ),
+            *ON_REQUEST,
+        )
     ),
 )
 
@@ -92,7 +104,7 @@ POSTERIOR = Kind(
     (
         *("chain.h5", "map.json", *CONFIGS, "posterior.nc", "summary.csv", "summary.md"),
         *("derived.csv", "verdict.csv", "table.tex", "report.html"),
-        *figures(*RUN_FIGURES, "fit_#", formats=FORMATS),
+        *figures(*RUN_FIGURES, "fit_#", "friction_#", "energy_#", formats=FORMATS),
         *UNFINISHED.files,
     ),
     kept=(RECORD,),  # its config may be started over from this very folder

@@ -184,6 +184,35 @@ PARAMETERS = _table(
         typical="0.87 is that of a small spur gearbox of 6.3:1, 0.9 of each mesh (Machine Design, A "
         "second look at gearbox efficiencies)",
     ),
+    Symbol(
+        "j_s",
+        "kg*m**2",
+        "j_s",
+        r"kg\,m^2",
+        "moment of inertia of the shaft itself",
+        typical="1.5e-7 is that of the paper's shaft, of steel",
+    ),
+    # Of a bit that cuts rock, under a weight.
+    Symbol(
+        "b_0",
+        "m",
+        "b_0",
+        "m",
+        "torque at the bit over the weight on it, at high speed",
+        typical="0.024 of a full-scale bit (a code of LAVI, COPPE/UFRJ)",
+    ),
+    Symbol(
+        "b_1", "s/rad", "b_1", r"s/rad", "how steeply the torque at the bit begins with its speed"
+    ),
+    Symbol(
+        "b_2",
+        "s/rad",
+        "b_2",
+        r"s/rad",
+        "how high the hump of the torque at the bit is at low speed",
+        "not negative",
+    ),
+    Symbol("b_3", "s**2/rad**2", "b_3", r"s^2/rad^2", "how soon that hump ends"),
 )
 
 STATES = _table(
@@ -197,6 +226,10 @@ STATES = _table(
 INPUTS = _table(
     Symbol("v", "V", "v", "V", "voltage supplied to the motor"),
     Symbol("t_1", "N*m", "t_1", r"N\,m", "friction torque on rotor 1 (load)"),
+    # Of rigs that are moved otherwise than by a voltage.
+    Symbol("w_2", "rad/s", r"\dot\theta_2", "rad/s", "speed imposed on the shaft at the gearbox"),
+    Symbol("t_m", "N*m", "t_m", r"N\,m", "torque that the motor is driven with (motor side)"),
+    Symbol("wob", "N", "W", "N", "weight on the bit"),
 )
 
 AXES = frozenset(

@@ -18,10 +18,12 @@ from bayesdrill.insight.identifiability.scenes import Scenery
 from bayesdrill.insight.moments import half_a_sample
 from bayesdrill.insight.repeats import repeats
 from bayesdrill.report import (
+    energy_words,
     nuisance_words,
     record_words,
     repeat_words,
     residual_words,
+    step_words,
     tables,
     verdict_words,
 )
@@ -89,6 +91,9 @@ def entries(found: View) -> dict[str, Any]:
         "fit": residual_words.as_data(found.left),
         "repeats": repeat_words.as_data(found.repeats, found.names_of_rig),
         "causes": nuisance_words.as_data(found.causes),
+        **nuisance_words.instead_as_data(found.instead if c.converged else None),
+        **({"pieces": step_words.as_data(found.step_errors)} if found.step_errors else {}),
+        **({"energy": energy_words.as_data(found.accounts)} if found.accounts else {}),
         "verdict": None
         if found.judged is None
         else verdict_words.as_data(found.judged.verdict, table, converged=c.converged),

@@ -20,8 +20,8 @@ from bayesdrill.insight.identifiability.profile import Fitter, Profile, profile
 from bayesdrill.insight.identifiability.scenes import Scenery
 from bayesdrill.insight.identifiability.study import Study, study_of
 from bayesdrill.insight.moments import Moment, half_a_sample
+from bayesdrill.report import friction_words, nuisance_words
 from bayesdrill.report import identify_words as words
-from bayesdrill.report import nuisance_words
 from bayesdrill.report.widths import WIDTHS
 from bayesdrill.setup.job import Job
 
@@ -96,9 +96,10 @@ def preflight(job: Job, scenery: Scenery) -> str:
         return "no parameter of the rig is unknown: only sensors, starts or noise are looked for"
     posterior = job.problem.posterior
     start = posterior.space.vector(posterior.space.start)
-    said = words.brief(study_of(scenery, posterior, start, job.asked))
+    study = study_of(scenery, posterior, start, job.asked)
+    said = [words.brief(study), friction_words.sentences(study.frictions)]
     late = nuisance_words.moment(half_a_sample(scenery, start))
-    return "\n".join([said, *late, *plausibility.of_course(scenery, start)])
+    return "\n".join([*filter(None, said), *late, *plausibility.of_course(scenery, start)])
 
 
 def check_place(folder: Path, *, force: bool) -> None:

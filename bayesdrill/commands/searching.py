@@ -14,7 +14,7 @@ from bayesdrill.engines import maxima, mode
 from bayesdrill.engines.mode import Mode, Search
 from bayesdrill.engines.workers import Crew
 from bayesdrill.inference import residual_checks
-from bayesdrill.insight.nuisances import causes
+from bayesdrill.insight.causes import causes
 from bayesdrill.report import nuisance_words, residual_words, words
 from bayesdrill.setup import build
 from bayesdrill.setup.job import Job

@@ -17,7 +17,9 @@ Array = NDArray[np.float64]
 
 FINER = 16  # times as many pieces are taken for the truth
 ENOUGH = 0.1  # of the noise: what steps may do to a sample
-MOST = 64  # pieces that are taken by themselves
+SAFE = 0.7  # of that, where they are chosen: elsewhere than where they are looked at in the end
+NUMBERS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64)  # of pieces that are taken by themselves
+MOST = NUMBERS[-1]
 MOST_STEPS = 4_000_000  # that a truth may take
 
 
@@ -46,7 +48,7 @@ def step_errors(likelihood: Likelihood, theta: Array) -> tuple[StepError, ...]:
 
 
 def chosen(posterior: Posterior, theta: Array) -> Posterior:
-    """With as few pieces, 1, 2, 4, ..., as are enough at `theta (D,)`."""
+    """With as few pieces, of `NUMBERS`, as are enough at `theta (D,)`."""
     likelihood = posterior.likelihood
     full = likelihood.space.full(theta[None])
     made = [
@@ -65,14 +67,13 @@ def _stepped(likelihood: Likelihood) -> Iterator[tuple[Observation, Stepped]]:
 
 
 def _fine(one: Observation, full: Array, theta: Array) -> Observation:
-    pieces = 1
-    while True:
-        response = one.response
-        assert isinstance(response, Stepped)
+    response, tried = one.response, one
+    assert isinstance(response, Stepped)
+    for pieces in NUMBERS:
         tried = dataclasses.replace(one, response=response.finer(pieces))
-        if pieces >= MOST or not _error(tried, full, theta).worst > ENOUGH:
-            return tried
-        pieces *= 2
+        if not _error(tried, full, theta).worst > SAFE * ENOUGH:
+            break
+    return tried
 
 
 def _error(one: Observation, full: Array, theta: Array) -> StepError:

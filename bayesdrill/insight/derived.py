@@ -23,8 +23,10 @@ from bayesdrill.rig.steady import angles_of, ends, turning, turns
 
 Array = NDArray[np.float64]
 
+CURRENT = "i"
 _TRIED = 1000  # draws from the priors, at which formulas are tried
 _LARGEST = 1e150  # whose square is still a number
+_FAST = 100.0  # times the slowest pair: what swings so fast is within a part, and nobody sees it
 _FLAT = 1e-7  # relative imaginary part below which a pole is real: rounding of a double one
 
 
@@ -194,17 +196,20 @@ def poles(model: Model, linear: Linear, n: int) -> dict[str, Array]:
     size = np.abs(found)
     with np.errstate(all="ignore"):
         swings = np.abs(found.imag) > _FLAT * size
-        damping = np.where(swings, -found.real / size, np.inf)
+        slowest = np.where(swings, size, np.inf).min(axis=1, keepdims=True)
+        seen = swings & (size <= _FAST * slowest)
+        damping = np.where(seen, -found.real / size, np.inf)
         least = np.argmin(damping, axis=1)[:, None]
         times = np.where(swings, np.nan, -1.0 / found.real)
     none = ~swings.any(axis=1)
-    fastest = np.argmax(size, axis=1)[:, None]
-    two = (~swings).sum(axis=1) == 2
+    fastest = np.argmax(np.where(swings & ~seen, 0.0, size), axis=1)[:, None]
+    current = CURRENT in model.states
+    slow = (~swings).sum(axis=1) == (2 if current else 1)  # of the current, and of the motor
     values = {
         "omega_n": np.where(none, np.nan, np.take_along_axis(size, least, axis=1)[:, 0]),
         "zeta": np.where(none, np.nan, np.take_along_axis(damping, least, axis=1)[:, 0]),
-        "tau_e": np.take_along_axis(times, fastest, axis=1)[:, 0],
-        "tau_m": np.where(two, np.max(np.where(swings, -np.inf, times), axis=1), np.nan),
+        "tau_e": np.take_along_axis(times, fastest, axis=1)[:, 0] if current else _none(n),
+        "tau_m": np.where(slow, np.max(np.where(swings, -np.inf, times), axis=1), np.nan),
     }
     return {name: np.where(bad, np.nan, value) for name, value in values.items()}
 
@@ -221,7 +226,13 @@ def steady(model: Model, linear: Linear, n: int, inputs: Mapping[str, float]) ->
     turned = turns(matrix, angles)
     found = ends(turning(matrix, angles) if turned else matrix, pushed)
     speed = found[:, angles[0]] if turned else 0.0 * found[:, angles[0]]
-    return {"w_end": speed, "i_end": found[:, model.states.index("i")]}
+    current = CURRENT in model.states
+    at_end = found[:, model.states.index(CURRENT)] if current else _none(n)
+    return {"w_end": speed, "i_end": at_end}
+
+
+def _none(n: int) -> Array:
+    return np.full(n, np.nan)
 
 
 def summarise(derived: Derived) -> tuple[Row, ...]:

@@ -66,7 +66,9 @@ def _step(experiment: Experiment) -> float:
 
 def _told(one: Observation) -> bool:
     sensing = one.response.sensing
-    return sensing.delay is not None or len(sensing.lags) == len(one.experiment.channels)
+    every_input = bool(sensing.input_lags) and len(sensing.input_lags) == len(one.experiment.series)
+    every_channel = len(sensing.lags) == len(one.experiment.channels)
+    return sensing.delay is not None or every_input or every_channel
 
 
 def _later(one: Observation, scenery: Scenery, theta: Array, motion: Array) -> Array:

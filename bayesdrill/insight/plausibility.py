@@ -89,7 +89,7 @@ def of_nominal(problem: Problem) -> tuple[str, ...]:
     model = problem.model
     found = poles(model, {name: np.array([values[name]]) for name in model.parameters})[0]
     return (
-        *_energy_of_nominal(values),
+        *_energy_of_nominal({n: x for n, x in values.items() if n in model.parameters}),
         *_geometry({name: values[name] for name in GEOMETRY if name in table}),
         *_poles(found[None], _step(problem)),
     )
@@ -107,6 +107,8 @@ def of_course(scenery: Scenery, theta: Array) -> tuple[str, ...]:
     """Of the motion at unknowns `theta (D,)`: whether friction brakes all the time."""
     likelihood = scenery.likelihood
     rig = likelihood.observations[0].response.model
+    if "t_f" not in rig.parameters:
+        return ()
     t_f = float(likelihood.rig(theta[None])[0, rig.parameters.index("t_f")])
     speeds = [motion[:, scenery.states.index("w_2")] for motion in scenery.motions(theta)]
     other_way = [np.sign(t_f) * w < -APPRECIABLE * np.abs(w).max() for w in speeds]
@@ -116,7 +118,8 @@ def of_course(scenery: Scenery, theta: Array) -> tuple[str, ...]:
     return (
         f"friction: in {_percent(share)} of the record the motor turns the other way, and t_f, which "
         "keeps its sign, drives instead of braking; cut these samples off (record.window), turn the "
-        "signs of v and of all channels if it always turns so, or do not believe t_f",
+        "signs of v and of all channels if it always turns so, or hold t_f at 0 and name t_cm, friction "
+        "that changes its sign",
     )
 
 
@@ -133,6 +136,8 @@ def poles(model: Model, values: Mapping[str, Array]) -> NDArray[np.complex128]:
 
 
 def _energy_of_nominal(values: Mapping[str, float]) -> list[str]:
+    if not {"k_T", "k_e"} <= {*values}:
+        return []
     ratio = values["k_T"] / values["k_e"]
     if ratio <= 1 + APPRECIABLE:
         return []
@@ -143,6 +148,8 @@ def _energy_of_nominal(values: Mapping[str, float]) -> list[str]:
 
 
 def _energy_of_draws(values: Mapping[str, Array], known: Information) -> list[str]:
+    if not {"k_T", "k_e"} <= {*values}:
+        return []
     ratio = values["k_T"] / values["k_e"]
     share = float(np.mean(ratio > 1 + APPRECIABLE))
     if share <= FEW:

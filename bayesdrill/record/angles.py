@@ -26,6 +26,20 @@ def unwrapped(x: Array, period: float) -> tuple[Array, int]:
     return x - period * np.concatenate([[0.0], np.cumsum(turns)]), int(np.sum(turns != 0))
 
 
+def held_speeds(x: Array, t: Array) -> Array:
+    """`(T,)`: an angle `x (T,)` that is straight between its samples turns at these speeds after each.
+
+    Of the last one nothing is known: it is that of the one before.
+    """
+    speeds = np.diff(x) / np.diff(t)
+    return np.append(speeds, speeds[-1:] if len(speeds) else 0.0)
+
+
+def turned(w: Array, t: Array, begin: float) -> Array:
+    """The angle `(T,)` again, of speeds `w (T,)` that are held after each sample."""
+    return np.concatenate([[begin], begin + np.cumsum(w[:-1] * np.diff(t))])
+
+
 def quotients(x: Array, t: Array) -> dict[str, Array]:
     """Difference quotients of `x (T,)`, `(T - 2,)`, at all samples but the first and the last."""
     slopes = np.diff(x) / np.diff(t)

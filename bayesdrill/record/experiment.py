@@ -15,6 +15,7 @@ Array = NDArray[np.float64]
 
 EARLIEST_DAY, LATEST_DAY = 20_000, 800_000  # of the calendars of Excel and MATLAB, in our time
 COARSE = 0.1  # of all steps: more that are zero are no mistake of single rows
+DRIVES = ("v", "w_2", "t_m")  # inputs without which a rig would stand still
 STEP_TOLERANCE = 1e-3  # how far a time step may be from the usual one, relative
 
 
@@ -249,8 +250,9 @@ def _rows(indices: NDArray[np.intp], where: Callable[[int], str]) -> str:
 
 
 def usual_inputs(experiment: Experiment) -> dict[str, float]:
-    """SI: the voltage's root mean square, for a scale; the mean of the others."""
-    means = dict(experiment.constant)
-    means |= {name: float(np.mean(series)) for name, series in experiment.series.items()}
-    series = experiment.series.get("v", np.array([experiment.constant.get("v", 0.0)]))
-    return {**means, "v": float(np.sqrt(np.mean(series**2))) or 1.0}
+    """SI: of what drives a rig the root mean square, for a scale; of the others the mean."""
+    found = dict(experiment.constant)
+    for name, series in experiment.series.items():
+        size = np.sqrt(np.mean(series**2)) if name in DRIVES else np.mean(series)
+        found[name] = float(size)
+    return found | {name: abs(found[name]) or 1.0 for name in DRIVES if name in found}

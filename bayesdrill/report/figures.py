@@ -19,8 +19,9 @@ from bayesdrill.inference.priors import flat_in_logs
 from bayesdrill.inference.problem import Problem
 from bayesdrill.inference.residual_checks import Left
 from bayesdrill.report import derived_words, words
-from bayesdrill.report.view import Drawing, View
+from bayesdrill.report.view import BANDS, Drawing, View
 from bayesdrill.report.widths import WIDTHS
+from bayesdrill.rig.models.friction import frictions_of
 from bayesdrill.setup.config import Config
 
 if TYPE_CHECKING:
@@ -35,7 +36,10 @@ RIDGE = (
 )
 TRACE = "What the walkers of each ensemble did, step by step."
 PRIOR_POSTERIOR = "Prior against posterior of each parameter: what the record has added."
+FRICTION = "Each friction against its speed: its law, where the record saw it, and nominal values."
+ENERGY = "Where the energy goes: what came in, and what became of it, in joules and as shares."
 FIT = "Record, model at the MAP and posterior predictive band; beside them what is left, and the noise."
+FIT_RUBBED = f"{FIT} Below: what rubs, and when it sticks."
 FIT_ALONE = "Record and model at the MAP; beside them what is left, and the noise."
 RANK = "Whether the ensembles see the same: ranks of the draws of each among those of all."
 AUTOCORRELATION = "How long the walkers remember: autocorrelation, its time and its window."
@@ -122,7 +126,36 @@ def _fit(run: View) -> tuple[Drawing, ...]:
 
     group = run.tree["posterior_predictive"]
     draws = {str(name): np.asarray(values) for name, values in group.data_vars.items()}
-    return _fits(every_fit(run.problem, run.config, run.best, run.left, draws), run.width, FIT)
+    found = every_fit(run.problem, run.config, run.best, run.left, draws, run.rubbing)
+    return _fits(found, run.width, FIT_RUBBED if run.rubbing else FIT)
+
+
+def _friction(run: View) -> tuple[Drawing, ...]:
+    """Of a rig that rubs."""
+    from bayesdrill.report.friction_plot import friction_figure
+    from bayesdrill.report.rubbed import laws
+
+    drawings = []
+    for one, found in zip(run.problem.observations, run.rubbing, strict=False):
+        shown = laws(one, found, run.problem, run.best, run.some(BANDS))
+        says = _captioned(one.label, FRICTION)
+        drawings.append(Drawing(friction_figure, (shown, run.width), says=says))
+    return tuple(drawings)
+
+
+def _energy(run: View) -> tuple[Drawing, ...]:
+    from bayesdrill.report.energy_plot import energy_figure
+    from bayesdrill.report.energy_words import balance
+
+    frictions = frictions_of(run.problem.model)
+    return tuple(
+        Drawing(
+            energy_figure,
+            (balance(one, frictions, run.clock), run.width),
+            says=_captioned(one.label, ENERGY),
+        )
+        for one in run.accounts
+    )
 
 
 def fits_alone(
@@ -191,6 +224,8 @@ FIGURES: Registry[Recipe] = Registry(
         "ridge": _ridge,
         "trace": _trace,
         "prior_posterior": _prior_posterior,
+        "friction": _friction,
+        "energy": _energy,
         "fit": _fit,  # last of those usually drawn: its draws take a while
         "rank": _rank,
         "autocorrelation": _autocorrelation,

@@ -1,4 +1,4 @@
-"""The page of the fit: inputs above, then each channel with what is left of it, beside or below."""
+"""The page of the fit: inputs, each channel with what is left of it beside or below, frictions."""
 
 from __future__ import annotations
 
@@ -14,7 +14,9 @@ FIT_SHARE = 0.6  # of the width, for the signals, where the residuals are beside
 
 @dataclass(frozen=True, slots=True)
 class _Sizes:
-    """Inches: `row` of signals, `rest` of residuals, `course` of an input, `legend` above signals."""
+    """Inches: `row` of signals, `rest` of residuals, `course` of an input or a friction, `legend` above
+    signals.
+    """
 
     row: float
     rest: float
@@ -34,7 +36,8 @@ _NARROW = _Sizes(0.95, 0.55, 0.55, 0.68, 0.27, 0.38, 0.0, 0.1, 0.17, 0.5)
 
 @dataclass(frozen=True, slots=True)
 class FitPage:
-    """`courses`: a panel for each input; `rows`: signals and residuals of each channel.
+    """`courses`: a panel for each input; `rows`: signals and residuals of each channel; `rubs`: a panel
+    for each friction.
 
     `said`: the height in the figure, as a share, of the line that says what is constant.
     """
@@ -42,15 +45,16 @@ class FitPage:
     figure: Figure
     courses: list[Axes]
     rows: list[tuple[Axes, Axes]]
+    rubs: list[Axes]
     said: float
     left: float
 
     @property
     def panels(self) -> list[Axes]:
-        return [*self.courses, *(panel for row in self.rows for panel in row)]
+        return [*self.courses, *(panel for row in self.rows for panel in row), *self.rubs]
 
 
-def build(n: int, n_courses: int, width: float, *, constant: bool) -> FitPage:
+def build(n: int, n_courses: int, n_rubs: int, width: float, *, constant: bool) -> FitPage:
     """For `n` channels; times are written at the foot of each column only."""
     beside = width >= style.DOUBLE
     size = _WIDE if beside else _NARROW
@@ -58,7 +62,8 @@ def build(n: int, n_courses: int, width: float, *, constant: bool) -> FitPage:
     inputs = n_courses * (size.course + size.gap_y) + (size.line if n_courses else 0.0)
     said = size.line if constant and (n_courses or not beside) else 0.0  # or above the one legend
     top = 0.06 + said + inputs + size.legend
-    height = top + n * channel + (n - 1) * size.gap_y + size.bottom
+    rubbing = size.gap_y + size.line + n_rubs * (size.course + size.gap_y) if n_rubs else 0.0
+    height = top + n * channel + (n - 1) * size.gap_y + rubbing + size.bottom
     figure = Figure(figsize=(width, height))
     free = width - size.left - size.right - (size.gap_x if beside else 0.0)
     share = FIT_SHARE * free if beside else free
@@ -82,6 +87,13 @@ def build(n: int, n_courses: int, width: float, *, constant: bool) -> FitPage:
         else:
             rest = panel(size.left, y + size.row + size.gap_y, share, size.rest)
         rows.append((signals, rest))
-    for foot in rows[-1] if beside else rows[-1][1:]:
+    y = top + n * (channel + size.gap_y) + size.line
+    rubs = [
+        panel(size.left, y + k * (size.course + size.gap_y), share, size.course)
+        for k in range(n_rubs)
+    ]
+    signals, rest = rows[-1]
+    left = rubs[-1] if rubs else signals
+    for foot in (left, rest) if beside else (rubs or [rest])[-1:]:
         foot.tick_params(labelbottom=True)
-    return FitPage(figure, courses, rows, 1 - 0.06 / height, size.left / width)
+    return FitPage(figure, courses, rows, rubs, 1 - 0.06 / height, size.left / width)

@@ -18,6 +18,7 @@ from bayesdrill.insight.diagnostics import HDI_PROBABILITY
 from bayesdrill.report import fit_page, residual_words, round_numbers, style
 from bayesdrill.report.fit_page import FitPage
 from bayesdrill.report.fitted import Course, Fit, Signal
+from bayesdrill.report.rubbed import Rub
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -36,7 +37,7 @@ def fit_figure(fit: Fit, width: float = style.DOUBLE) -> Figure:
     time = style.scale(float(t[0]), float(t[-1]), margin=0.01)
     with style.styled(width):
         page = fit_page.build(
-            len(fit.signals), len(fit.courses), width, constant=bool(fit.constant)
+            *(len(fit.signals), len(fit.courses), len(fit.rubs)), width, constant=bool(fit.constant)
         )
         for panel, course in zip(page.courses, fit.courses, strict=True):
             _course(panel, course, time, t)
@@ -45,6 +46,8 @@ def fit_figure(fit: Fit, width: float = style.DOUBLE) -> Figure:
             band = _band(signal, drawn)
             _signals(left, signal, time, t, drawn, band)
             _residuals(right, signal, time, t)
+        for panel, rub in zip(page.rubs, fit.rubs, strict=True):
+            _rub(panel, rub, time, t)
         _times(page, time, fit.time)
         _legends(page, fit, beside=width >= style.DOUBLE)
     return page.figure
@@ -90,6 +93,12 @@ DOT: dict[str, Any] = {**style.DOTS, "color": "0.45", "alpha": 0.8, "zorder": 1}
 MODEL: dict[str, Any] = {"color": style.BLACK, "linewidth": 0.9}
 EDGE: dict[str, Any] = {"color": style.BLACK, "linewidth": 0.6, "linestyle": (0, (4, 2))}
 BAND: dict[str, Any] = {"color": style.LIGHT, "linewidth": 0}
+STICKS: dict[str, Any] = {
+    "facecolor": "none",
+    "edgecolor": style.MIDDLE,
+    "hatch": "/////",
+    "linewidth": 0,
+}
 
 
 def _size(n: int) -> dict[str, float]:
@@ -104,6 +113,20 @@ def _course(panel: Axes, course: Course, time: style.Scale, t: Array) -> None:
     scale = _numbers(panel, course.label, float(u.min()), float(u.max()), 3)
     style_of = "default" if course.straight else "steps-post"
     panel.plot(time(t[drawn]), scale(u[drawn]), drawstyle=style_of, **MODEL)
+
+
+def _rub(panel: Axes, rub: Rub, time: style.Scale, t: Array) -> None:
+    """Held from sample to sample, as it acts; where it sticks the panel is hatched."""
+    drawn = extremes(rub.effort, LINE)
+    band = rub.effort[None] if rub.band is None else rub.band
+    far = max(float(np.abs(band).max()), float(np.abs(rub.effort).max()))
+    scale = _numbers(panel, rub.label, -far, far, 3)
+    for begin, end in rub.sticks:
+        panel.axvspan(float(time(begin)), float(time(end)), zorder=0, **STICKS)
+    if rub.band is not None:
+        look: dict[str, Any] = {**BAND, "step": "post", "zorder": 1}
+        panel.fill_between(time(t[drawn]), *scale(band[:, drawn]), **look)
+    panel.plot(time(t[drawn]), scale(rub.effort[drawn]), drawstyle="steps-post", zorder=2, **MODEL)
 
 
 def _signals(
@@ -182,6 +205,10 @@ def _legends(page: FitPage, fit: Fit, *, beside: bool) -> None:
         _legend(right, {"measured minus model at the MAP": dot, **rest}, 1)
     else:
         _legend(left, signals | rest, 2, 0.02 - page.left / left.get_position().width)
+    if fit.rubs:
+        rubs = {"friction at the MAP": line, "it sticks": Patch(**STICKS)}
+        known = {} if fit.rubs[0].band is None else {f"{SHARE} posterior": band}
+        _legend(page.rubs[0], rubs | known, 3)
     if fit.courses:
         _legend(page.courses[0], {STRAIGHT if fit.courses[0].straight else HELD: line}, 1)
     if fit.constant:

@@ -16,6 +16,8 @@ from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.problem import Problem
 from bayesdrill.inference.residual_checks import Left
 from bayesdrill.inference.unknowns import of_label
+from bayesdrill.insight.rubbing import Rubbing
+from bayesdrill.report.rubbed import Rub, rubs
 from bayesdrill.setup import experiments, own_units
 from bayesdrill.setup.config import Config
 
@@ -51,8 +53,8 @@ class Course:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Fit:
-    """At times `t (T,)`; each in the unit of its label.  `constant`: inputs that do not change; `label`:
-    of the experiment, where there are several.
+    """At times `t (T,)`; each in the unit of its label.  `constant`: inputs that do not change; `rubs`:
+    frictions; `label`: of the experiment, where there are several.
     """
 
     t: Array
@@ -60,6 +62,7 @@ class Fit:
     signals: tuple[Signal, ...]
     courses: tuple[Course, ...] = ()
     constant: tuple[tuple[Symbol, float], ...] = ()
+    rubs: tuple[Rub, ...] = ()
     label: str = ""
 
 
@@ -69,11 +72,16 @@ def every_fit(
     best: Array,
     left: Sequence[Left],
     predictive: Mapping[str, Array] | None = None,
+    rubbing: Sequence[Sequence[Rubbing]] = (),
 ) -> tuple[Fit, ...]:
-    """Of each experiment; see `fitted`."""
+    """Of each experiment; see `fitted`.  `rubbing`: of each, or nothing."""
+    clock, each = own_units.clock(config, problem), rubbing or [()] * len(problem.observations)
     return tuple(
-        fitted(one, problem, experiments.of(config, one.label), best, left, predictive)
-        for one in problem.observations
+        dataclasses.replace(
+            fitted(one, problem, experiments.of(config, one.label), best, left, predictive),
+            rubs=rubs(found, clock),
+        )
+        for one, found in zip(problem.observations, each, strict=True)
     )
 
 
@@ -91,13 +99,13 @@ def fitted(
     experiment = one.experiment
     clock = own_units.clock(config, problem)
     courses, constant = [], []
-    for name, symbol in symbols.INPUTS.items():
+    for name in (n for n in symbols.INPUTS if n in {*experiment.series, *experiment.constant}):
         unit = own_units.given(config, name)
-        label = dataclasses.replace(symbol, latex_unit=unit.latex)
+        label = dataclasses.replace(symbols.INPUTS[name], latex_unit=unit.latex)
         if name in experiment.series:
             values = experiment.series[name] / unit.factor
             courses.append(Course(label=label, values=values, straight=experiment.first_order))
-        elif name == "v" or experiment.constant.get(name, 0.0):  # no load need not be said
+        elif name != "t_1" or experiment.constant[name]:  # no load need not be said
             constant.append((label, experiment.constant[name] / unit.factor))
     return Fit(
         t=experiment.t / clock.factor,

@@ -10,6 +10,7 @@ from bayesdrill.insight.identifiability.profile import Profile
 from bayesdrill.insight.identifiability.remedies import Remedy
 from bayesdrill.insight.identifiability.structure import Exponents
 from bayesdrill.insight.identifiability.study import Known, Study
+from bayesdrill.report import friction_words
 from bayesdrill.report.sections import aligned
 
 MOST_REMEDIES = 8
@@ -36,7 +37,8 @@ def product(names: Sequence[str], exponents: Sequence[float]) -> str:
 
 def full(study: Study) -> str:
     """All that `identify` prints."""
-    parts = [structure(study), knowledge(study), nuisances(study), remedies(study)]
+    rubs = friction_words.sentences(study.frictions)
+    parts = [structure(study), knowledge(study), nuisances(study), rubs, remedies(study)]
     return "\n\n".join(part for part in parts if part).rstrip()
 
 

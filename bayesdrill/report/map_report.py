@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from bayesdrill.basics import own_files
 from bayesdrill.engines.mode import Mode
 from bayesdrill.inference import residual_checks
+from bayesdrill.inference.pieces import step_errors
 from bayesdrill.inference.problem import Problem
 from bayesdrill.inference.residual_checks import Left
 from bayesdrill.report import (
@@ -20,6 +21,7 @@ from bayesdrill.report import (
     prediction,
     provenance_words,
     residual_words,
+    step_words,
     tables,
     words,
 )
@@ -62,7 +64,9 @@ class MapReport:
         read = f"`dev. %` is the deviation of the MAP from the nominal value ({table})."
         own = OwnUnits.of(self.config, self.problem)
         clock = own_units.clock(self.config, self.problem)
-        fit = Sentences(residual_words.sentences(self.left, clock))
+        steps = step_words.sentences(step_errors(self.problem.posterior.likelihood, self.best))
+        said = residual_words.sentences(self.left, clock)
+        fit = Sentences("\n".join(filter(None, [said, steps])))
         searches = Sentences(words.mode(self.mode, own))
         shown = tables.of_mode(own.rows(tables.mode_rows(self.problem, self.mode)))
         shape = own_files.shown(self.config.output.formats)

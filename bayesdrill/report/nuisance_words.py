@@ -1,18 +1,31 @@
-"""What sensors, the start and the moment of a step have to do with a fit, in sentences."""
+"""What sensors, the start, physics that is missing and the moment of a step have to do with a fit."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+import math
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import groupby
 from typing import Any
 
 from bayesdrill.basics import symbols, units
+from bayesdrill.insight.causes import NOISE, Cause, Causes
+from bayesdrill.insight.instead import Instead
 from bayesdrill.insight.moments import Moment
-from bayesdrill.insight.nuisances import Cause, Causes
+from bayesdrill.rig import vocabulary
 from bayesdrill.setup import experiments, own_units
 from bayesdrill.setup.config import Config
 
+LAGS = ("lag", "input lag")
 WIDER = 2.0  # times what was found, of a prior that is proposed
+
+# Parameters that a rig may lack.
+LACKED: Mapping[str, str] = {
+    "t_cm": "dry friction at the motor",
+    "t_c1": "dry friction at rotor 1",
+    "v_d": "a voltage drop of driver and brushes",
+    "c_1": "viscous damping at rotor 1",
+    "c_s": "damping of the shaft",
+}
 
 
 def explained(found: Causes | None, config: Config) -> str:
@@ -21,17 +34,57 @@ def explained(found: Causes | None, config: Config) -> str:
         return ""
     if not found.explains:
         return (
-            "fit: no gain, offset or lag of a sensor and no other start explains what is left (at "
-            f"most {100 * found.share:.0f} % of it): look at units, gear, inputs and the model"
+            "fit: no gain, offset or lag of a sensor, no other start and no friction or damping that "
+            f"the rig offers explains what is left (at most {100 * found.share:.0f} % of it): look at "
+            "units, gear, inputs and the model"
         )
+    still = f" (down to {math.sqrt(found.rest):.2g} sigma)" if found.rest > NOISE else ""
     said = [
-        _said(kind, of, list(group), config)
-        for (kind, of), group in groupby(found.found, key=_group)
+        f"fit: {_percent(found.share)} of what is left beyond noise would be explained{still} by",
+        *_each(found, config),
     ]
-    return (
-        f"fit: {100 * found.share:.3g} % of what is left beyond noise would be explained by\n"
-        + "\n".join(f"  - {one}" for one in said)
+    if found.other is not None:
+        said += ["fit: or, as well as by these, by", *_each(found.other, config)]
+    return "\n".join(said)
+
+
+def _each(found: Causes, config: Config) -> Iterable[str]:
+    for (kind, of), group in groupby(found.found, key=_group):
+        yield f"  - {_said(kind, of, list(group), config)}"
+
+
+def _percent(share: float) -> str:
+    """Never more than it is."""
+    return f"{math.floor(1000 * share) / 10:.3g} %"
+
+
+def lacking(found: Causes | None) -> str:
+    """What the model misses, for a verdict that stands on it; empty where nothing is known."""
+    if found is None or not found.explains:
+        return ""
+    names = found.lacking or (found.other.lacking if found.other is not None else ())
+    return " and ".join(f"{LACKED[name]} ({name})" for name in names)
+
+
+def instead(found: Instead | None) -> Iterable[str]:
+    """A table that may be right after all."""
+    if found is None:
+        return
+    how = "better than" if found.lost < 0 else "about as well as"
+    yield (
+        f"before the table is blamed: its values with {_missing(found.parameter, found.value)} explain "
+        f"the record {how} any without; {_named(found.parameter, found.value)}, and ask again"
     )
+
+
+def _missing(name: str, value: float) -> str:
+    unit = vocabulary.PARAMETERS[name].plain_unit
+    return f"{LACKED[name]} of {value:.3g} {unit}"
+
+
+def _named(name: str, value: float) -> str:
+    """How a config switches it on."""
+    return f"say `parameters: {{{name}: {{prior: uniform, low: 0, high: {WIDER * value:.2g}}}}}`"
 
 
 def as_data(found: Causes | None) -> dict[str, Any] | None:
@@ -40,6 +93,7 @@ def as_data(found: Causes | None) -> dict[str, Any] | None:
         return None
     return {
         "share": round(found.share, 4),
+        "left_over_sigma": round(math.sqrt(found.rest), 4),
         "by": [
             {
                 "kind": one.kind,
@@ -50,7 +104,16 @@ def as_data(found: Causes | None) -> dict[str, Any] | None:
             }
             for one in found.found
         ],
+        **({} if found.other is None else {"or": as_data(found.other)}),
     }
+
+
+def instead_as_data(found: Instead | None) -> dict[str, Any]:
+    """An entry of `run.json`, SI, where there is something to say."""
+    if found is None:
+        return {}
+    said = {"parameter": found.parameter, "value": found.value, "log_likelihood": -found.lost}
+    return {"instead": said}
 
 
 def moment(found: Moment | None) -> Iterable[str]:
@@ -78,12 +141,16 @@ def _said(kind: str, of: str, group: Sequence[Cause], config: Config) -> str:
         inside = {one.experiment for one in group}
         where = f" ({', '.join(sorted(inside))})" if inside != {""} else ""
         return f"another state at the start{where}: say `initial: free`"
+    if kind == "rig":
+        (one,) = group
+        return f"{_missing(one.of, one.value)}: {_named(one.of, one.value)}"
     each = ", ".join(
         f"{_number(one, config)}{f' in {one.experiment}' if one.experiment else ''}"
         for one in group
     )
     largest = max(group, key=lambda one: abs(one.value))
-    if kind == "lag":
+    if kind in LAGS:
+        of = f"inputs.{of}" if kind == "input lag" else of
         bound = WIDER * abs(largest.value)
         low, high = (0.0, bound) if largest.value > 0 else (-bound, 0.0)
         return f"a lag of {of}: {each}: say `lag: {{prior: uniform, low: {low:.3g}, high: {high:.3g}}}`"
@@ -106,7 +173,7 @@ def _unit(cause: Cause, config: Config) -> units.Unit:
 
 
 def _number(cause: Cause, config: Config) -> str:
-    if cause.kind == "lag":
+    if cause.kind in LAGS:
         return f"{1e3 * cause.value:.3g} ms"
     unit = _unit(cause, config)
     return f"{cause.value / unit.factor:.3g} {symbols.plain(unit.name)}".strip()

@@ -59,7 +59,9 @@ TABLES: Mapping[str, Callable[[View], str | None]] = MappingProxyType(
 )
 
 
-_SEVERAL = tuple(f"fit_{k}" for k in range(1, MOST_NAMED + 1))  # of as many experiments
+_SEVERAL = tuple(  # of as many experiments
+    f"{stem}_{k}" for stem in ("fit", "friction", "energy") for k in range(1, MOST_NAMED + 1)
+)
 
 
 def everything(view: View, folder: Folder, crew: Crew) -> tuple[str, ...]:

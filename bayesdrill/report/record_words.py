@@ -7,14 +7,14 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdrill.basics import symbols, units
+from bayesdrill.basics import units
 from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.problem import Problem
 from bayesdrill.insight import suspicions as suspected
 from bayesdrill.record import clocks
 from bayesdrill.record.experiment import Experiment
 from bayesdrill.report.sections import aligned
-from bayesdrill.setup import build, experiments
+from bayesdrill.setup import build, experiments, given_inputs
 from bayesdrill.setup.config import Config
 from bayesdrill.setup.record_entries import Column, TimeColumn
 
@@ -44,9 +44,12 @@ def _columns(one: Observation, problem: Problem, config: Config) -> str:
         channel = config.record.channels[name]
         lines.append(_line(name, channel.measures or name, channel, values / entry.factor))
     held = "first" if experiment.first_order else "zero"
-    for name, given in build.measured_inputs(config).items():
-        factor = units.factor(given.unit, symbols.INPUTS[name].unit)
-        lines.append(_line(name, f"input, hold: {held}", given, experiment.series[name] / factor))
+    for name, given in given_inputs.measured(config).items():
+        own = given_inputs.entry(config, name)
+        factor = units.factor(given.unit, given_inputs.unit(own))
+        values = given_inputs.as_given(config, experiment, name) / factor
+        how = "angle" if own != name else f"hold: {held}"
+        lines.append(_line(own, f"input, {how}", given, values))
     sampling = clocks.in_words(experiment.t)
     return f"{one.entitled('columns')} ({sampling}):\n{aligned(lines, left={0, 1, 2, 3})}"
 

@@ -7,11 +7,14 @@ from collections.abc import Iterator, Sequence
 from bayesdrill.insight.verdict import Judgement, Verdict
 from bayesdrill.report import (
     derived_words,
+    energy_words,
+    friction_words,
     identify_words,
     marks,
     nuisance_words,
     repeat_words,
     residual_words,
+    step_words,
     tables,
     verdict_words,
     words,
@@ -28,6 +31,7 @@ from bayesdrill.report.sections import (
     Table,
 )
 from bayesdrill.report.view import View
+from bayesdrill.rig.models.friction import frictions_of
 from bayesdrill.setup.build import compared_with
 
 FOUND = "nothing found: energy, poles and sampling are as in a real rig"
@@ -43,6 +47,7 @@ def sections(run: View, pictures: Sequence[Picture] = ()) -> tuple[Section, ...]
         Section("Parameters", _parameters(run)),
         *((_against(judged.verdict),) if judged is not None else ()),
         *_repeats(run),
+        *_energy(run),
         *shown,
         *(_shown(judged, len(run.problem.observations)) if judged is not None else ()),
         Section("What follows from these", (_following(run),), brief=False),
@@ -67,7 +72,12 @@ def _verdict(run: View) -> Iterator[Block]:
         yield Sentences(doubts)
     if run.judged is not None:
         n, verdict = len(run.problem.observations), run.judged.verdict
-        yield Sentences(verdict_words.sentences(verdict, table, converged=c.converged, records=n))
+        lacking = nuisance_words.lacking(run.causes)
+        said = verdict_words.sentences(
+            verdict, table, converged=c.converged, records=n, lacking=lacking
+        )
+        more = nuisance_words.instead(run.instead) if c.converged else ()
+        yield Sentences("\n".join([said, *more]))
 
 
 def _fit(run: View) -> Iterator[Block]:
@@ -75,6 +85,8 @@ def _fit(run: View) -> Iterator[Block]:
         yield Sentences(several)
     yield Sentences(residual_words.sentences(run.left, run.clock))
     if said := nuisance_words.explained(run.causes, run.config):
+        yield Sentences(said)
+    if said := step_words.sentences(run.step_errors):
         yield Sentences(said)
 
 
@@ -87,6 +99,16 @@ def _repeats(run: View) -> Iterator[Section]:
         yield Section(
             "From one experiment to the next", (said, repeat_words.table(run.repeats, names), read)
         )
+
+
+def _energy(run: View) -> Iterator[Section]:
+    """Of a rig that rubs."""
+    frictions = frictions_of(run.problem.model)
+    for one in run.accounts:
+        where = f" in {one.label}" if one.label else ""
+        shown = energy_words.table(one, frictions)
+        read = Note(energy_words.note(one))
+        yield Section(f"Where the energy goes{where}", (shown, read), brief=False)
 
 
 def _parameters(run: View) -> tuple[Block, ...]:
@@ -115,6 +137,8 @@ def _shown(judged: Judgement, records: int) -> Iterator[Section]:
     study = judged.study
     shown = f"{identify_words.structure(study)}\n\n{identify_words.knowledge(study)}"
     whose = "this record" if records == 1 else "these records"
-    yield Section(f"What {whose} can show, at the MAP", (Plain(shown),), brief=False)
+    rubs = friction_words.sentences(study.frictions)
+    said = (Plain(shown), *((Sentences(rubs),) if rubs else ()))
+    yield Section(f"What {whose} can show, at the MAP", said, brief=False)
     physical = Sentences("\n".join(judged.findings) or FOUND)
     yield Section("Physical consistency of the posterior", (physical,), brief=False)

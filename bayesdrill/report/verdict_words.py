@@ -33,14 +33,16 @@ EXPLAINED = (
 NONE = "verdict: none, because the run did not converge; the numbers may be wrong"
 
 
-def sentences(found: Verdict, table: str, *, converged: bool = True, records: int = 1) -> str:
+def sentences(
+    found: Verdict, table: str, *, converged: bool = True, records: int = 1, lacking: str = ""
+) -> str:
     """The whole in a sentence, then what is not determined and what is pressed.
 
-    `records`: of how many experiments it is.
+    `records`: of how many experiments it is; `lacking`: what the model may miss.
     """
     if not converged:
         return NONE
-    whole = [_whole(found, table, records), *([] if found.fits else [_doubt()])]
+    whole = [_whole(found, table, records), *([] if found.fits else [_doubt(lacking)])]
     return "\n".join([*whole, *_opened(found), *_not_determined(found), *_pressed(found)])
 
 
@@ -91,11 +93,12 @@ def _whole(found: Verdict, table: str, records: int = 1) -> str:
     return f"{opening}; {every} with {table}{together}"
 
 
-def _doubt() -> str:
+def _doubt(lacking: str) -> str:
     """What a verdict is worth whose fit is not noise."""
+    missing = f": it may miss {lacking}, which would bend what it has" if lacking else ""
     return (
         "IN DOUBT: the verdict holds only if the model does, and the fit, which leaves more than noise, "
-        "is evidence against the model"
+        f"is evidence against the model{missing}"
     )
 
 

@@ -15,19 +15,24 @@ from bayesdrill.basics import seeds
 from bayesdrill.basics.units import Unit
 from bayesdrill.engines.mode import Mode
 from bayesdrill.engines.sampling import Sampled
+from bayesdrill.inference.pieces import StepError, step_errors
 from bayesdrill.inference.problem import Problem
 from bayesdrill.inference.residual_checks import Left, like_noise
+from bayesdrill.insight import energy
+from bayesdrill.insight.causes import Causes, causes
 from bayesdrill.insight.derived import Derived, derive, summarise, with_products
 from bayesdrill.insight.derived import Row as Following
 from bayesdrill.insight.diagnostics import Row
+from bayesdrill.insight.instead import Instead, instead
 from bayesdrill.insight.leaning import leaning
-from bayesdrill.insight.nuisances import Causes, causes
 from bayesdrill.insight.repeats import Repeat
+from bayesdrill.insight.rubbing import Rubbing, rubbings
 from bayesdrill.insight.verdict import Judgement
 from bayesdrill.report import residual_words, words
 from bayesdrill.report.sparing import Sparing
 from bayesdrill.report.widths import WIDTHS
 from bayesdrill.results import provenance
+from bayesdrill.rig.models.friction import frictions_of
 from bayesdrill.setup import own_units
 from bayesdrill.setup.config import Config
 from bayesdrill.setup.own_units import OwnUnits, Shown
@@ -37,6 +42,8 @@ if TYPE_CHECKING:
     from xarray import DataTree
 
 Array = NDArray[np.float64]
+
+BANDS, ACCOUNTS = 100, 25  # draws
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,6 +112,36 @@ class View:
     def causes(self) -> Causes | None:
         """What would explain a fit that leaves more than noise."""
         return None if like_noise(self.left) else causes(self.problem.posterior, self.best)
+
+    @cached_property
+    def instead(self) -> Instead | None:
+        """Of a table that would be blamed: what the rig may lack."""
+        if self.judged is None or not self.judged.verdict.far:
+            return None
+        return instead(self.problem, self.best)
+
+    def some(self, n: int) -> Array:
+        """At most `n` draws `(n, D)`, evenly spaced."""
+        return self.draws[:: max(1, -(-len(self.draws) // n))]
+
+    @cached_property
+    def rubbing(self) -> tuple[tuple[Rubbing, ...], ...]:
+        """Of each experiment; nothing where the rig does not rub."""
+        if not frictions_of(self.problem.model):
+            return ()
+        return rubbings(self.problem.posterior, self.best, self.some(BANDS))
+
+    @cached_property
+    def step_errors(self) -> tuple[StepError, ...]:
+        """What the steps of a rig that is stepped do at the MAP."""
+        return step_errors(self.problem.posterior.likelihood, self.best)
+
+    @cached_property
+    def accounts(self) -> tuple[energy.Account, ...]:
+        """Where the energy goes, of a rig that rubs."""
+        if not frictions_of(self.problem.model):
+            return ()
+        return energy.accounts(self.problem.posterior, self.best, self.some(ACCOUNTS))
 
     @cached_property
     def leaning(self) -> Mapping[str, tuple[str, ...]]:

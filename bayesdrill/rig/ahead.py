@@ -42,6 +42,7 @@ class Ahead:
             self.places = (t - t[0]) / self.span
             self.nodes = int(np.ceil(self.places[-1])) + 1
         self.samples = len(t)
+        self.spans = np.array([self.span])
         self._pieces = pieces
 
     @property
@@ -103,6 +104,20 @@ class Ahead:
     @cached_property
     def _kept(self) -> dict[tuple[int, int], Array]:
         return {}
+
+    def felt(self, which: int, lag: Array) -> tuple[Array, Array]:
+        """One of the inputs, late by `lag (W,)`, as steps begin, and its slope: `(W, N)` each."""
+        rows = np.concatenate([self._first[None], self._over_steps, self._last[None]])
+        whole, share = (part[:, None] for part in self.delays([lag]))
+        at = 1 + np.arange(self.nodes) - whole.astype(np.int64)
+        here, earlier = (np.clip(at - back, 0, len(rows) - 1) for back in (0, 1))
+
+        def late(column: int) -> Array:
+            now = rows[here, column]
+            return np.asarray(now + (rows[earlier, column] - now) * share)
+
+        values = late(which)
+        return values, late(which + self._slopes) if self._slopes else np.zeros_like(values)
 
     @cached_property
     def _over_steps(self) -> Array:

@@ -40,6 +40,19 @@ class Motion:
     efforts: Array
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Steps:
+    """Steps of one length `span` [s] that begin at `t (N,)`: `motion` there, and what the rig feels of
+    each input: `felt (W, N)`, and `slopes (W, N)` with which it goes on through the step.
+    """
+
+    t: Array
+    span: float
+    motion: Motion
+    felt: Mapping[str, Array]
+    slopes: Mapping[str, Array]
+
+
 @dataclass(frozen=True)
 class Stepped:
     """See `simulator.Simulator`; parameters are the model's, then those that `sensing` names."""
@@ -109,6 +122,41 @@ class Stepped:
         states = every[:, last, :x] * (1 - share) + every[:, last + 1, :x] * share
         return Motion(states=states, efforts=every[:, last, x : x + e])
 
+    def steps(self, full: Array) -> Steps:
+        """Of all steps to the last sample, which is where the last one begins."""
+        nodes = self._ahead.every_node()
+        x, e, n = len(self.model.states), len(frictions_of(self.model)), self._ahead.nodes
+        with np.errstate(all="ignore"):
+            every = self._run(nodes, full, efforts=True)[:, :n]
+        felt, slopes = self._felt(full)
+        return Steps(
+            t=self._walkers.knots[0][0] + self._ahead.span * np.arange(n),
+            span=self._ahead.span,
+            motion=Motion(states=every[..., :x], efforts=every[..., x : x + e]),
+            felt=felt,
+            slopes=slopes,
+        )
+
+    def _felt(self, full: Array) -> tuple[dict[str, Array], dict[str, Array]]:
+        """Inputs at the beginning of steps, and their slopes, `(W, N)` each."""
+        w, sensing, zero = self._walkers, self.sensing, np.zeros((len(full), self._ahead.nodes))
+        felt, slopes = dict[str, Array](), dict[str, Array]()
+
+        def told(names: Mapping[str, str], name: str, usual: float) -> Array:
+            found = w.column(names[name], full) if name in names else np.full(len(full), usual)
+            return np.asarray(found)
+
+        for name in self.model.inputs:
+            if name in w.inputs:
+                lag = told(sensing.input_lags, name, 0.0)
+                u, slope = self._ahead.felt(w.inputs.index(name), lag)
+            else:
+                u, slope = zero + self.experiment.constant.get(name, 0.0), zero
+            gain = told(sensing.input_gains, name, 1.0)[:, None]
+            felt[name] = gain * u + told(sensing.input_offsets, name, 0.0)[:, None]
+            slopes[name] = gain * slope
+        return felt, slopes
+
     # What the kernels are told.
 
     @cached_property
@@ -130,19 +178,26 @@ class Stepped:
     def _kernels(self) -> dict[Any, tuple[Kernel, Shape]]:
         return {}
 
-    def _kernel(self, ahead: Ahead, rows: Array, **kind: bool) -> tuple[Kernel, Shape]:
-        """For channels that see the states in all of `rows (..., K, R)`."""
-        pattern = tuple(map(tuple, (rows != 0.0).any(axis=0).tolist()))
-        wanted = (pattern, *kind.values())
+    @cached_property
+    def _pattern(self) -> Array:
+        """`(K, X + 1)`: what channels see of states, and of one."""
+        offset = [channel.name in self.sensing.offsets for channel in self.experiment.channels]
+        return np.column_stack([self._walkers.weights, offset])
+
+    def _kernel(self, *, efforts: bool, **kind: bool) -> tuple[Kernel, Shape]:
+        wanted = (efforts, *kind.values())
         if wanted not in self._kernels:
             w, one = self._walkers, self.experiment
+            rows = _unit_rows(self.model)[0] if efforts else self._pattern
             shape = Shape(
                 model=w.wired,
                 series=w.inputs,
                 late=tuple(n for n in w.inputs if n in self.sensing.input_lags),
                 constant=tuple(one.constant.items()),
                 first_order=one.first_order and bool(w.inputs),
-                pattern=pattern,
+                pattern=tuple(map(tuple, (rows != 0).tolist())),
+                efforts=efforts,
+                gaps=self._gaps,
                 **kind,
             )
             self._kernels[wanted] = compile_stepping(shape), shape
@@ -160,19 +215,20 @@ class Stepped:
         """Sums `(W, K)`, or signals `(W, T, K)`, with slopes `(W, T, K, 2)`."""
         parts = self._parts(full, along)
         if efforts:
-            parts["rows"] = [_unit_rows(parts["rows"][0].shape[2], self.model)]
+            parts["rows"] = [_unit_rows(self.model)]
         read = not efforts and (self.sensing.shifts or not ahead.aligned)
+        single = ahead.single and not read
+        dual = along is not None
         kernel, shape = self._kernel(
-            ahead, np.concatenate(parts["rows"]), sums=sums, dual=along is not None, read=read,
-            single=ahead.single and not read, efforts=efforts, gaps=self._gaps,
-        )  # fmt: skip
+            efforts=efforts, sums=sums, dual=dual, read=read, single=single
+        )
         after = ahead.after(parts["shift"][0]) if read else 0
         own = _in_lanes(len(full), parts, shape, ahead)
         k, n, nodes = len(shape.pattern), ahead.samples, ahead.nodes + after
         each = (k,) if sums else (n, k, shape.numbers)
         out = np.empty((len(own), *each, LANES))
         blocks: dict[str, Any] = {
-            "span": np.array([ahead.span]),
+            "span": ahead.spans,
             "own": own,
             "u": ahead.inputs(ahead.margin(parts["lag"][0]), after),
             "pieces": ahead.counts,
@@ -238,22 +294,25 @@ def _rows(gains: Array, offsets: Array, weights: Array) -> Array:
     return np.concatenate([gains[:, :, None] * weights, offsets[:, :, None]], axis=2)
 
 
-def _unit_rows(width: int, model: Model) -> Array:
-    """Each state, and each effort, for a channel: `(1, X + E, width + E)`."""
+def _unit_rows(model: Model) -> Array:
+    """Each state, and each effort, for a channel: `(1, X + E, X + 1 + E)`."""
     x, e = len(model.states), len(frictions_of(model))
-    rows = np.zeros((1, x + e, width + e))
+    rows = np.zeros((1, x + e, x + 1 + e))
     rows[:, range(x), range(x)] = 1.0
-    rows[:, range(x, x + e), range(width, width + e)] = 1.0
+    rows[:, range(x, x + e), range(x + 1, x + 1 + e)] = 1.0
     return rows
 
 
 def _in_lanes(n: int, parts: Mapping[str, list[Array]], shape: Shape, ahead: Ahead) -> Array:
     """`(G, width, LANES)`, as `Own` has it; the last walker fills the last group."""
-    behind, *shares = ahead.delays(parts["lag"])
-    told = {**parts, "share": shares, "behind": [behind] * len(shares)}
+    told = parts
+    if shape.late:
+        behind, *shares = ahead.delays(parts["lag"])
+        told = {**parts, "share": shares, "behind": [behind] * len(shares)}
     groups, place = -(-n // LANES), 0
-    rows = np.empty((groups * LANES, Own(shape).width))
-    for name in Own(shape).parts:
+    own = Own(shape)
+    rows = np.empty((groups * LANES, own.width))
+    for name in own.parts:
         for part in told[name]:
             flat = part.reshape(len(part), -1)
             rows[:n, place : place + flat.shape[1]] = flat

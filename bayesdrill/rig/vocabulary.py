@@ -9,14 +9,19 @@ from bayesdrill.basics import symbols
 from bayesdrill.basics.symbols import Symbol
 from bayesdrill.rig.models import MODELS
 from bayesdrill.rig.models.composed import with_all
+from bayesdrill.rig.models.linear import Model, inner_of
+
+
+def _rigs() -> list[Model]:
+    """Each with all that it offers."""
+    return [with_all(kind()) for kind in MODELS.usable().values()]
 
 
 def _all(of: str, known: Mapping[str, Symbol]) -> Mapping[str, Symbol]:
     """Those of `known` first: a rig cannot give another meaning to what has one."""
-    every = [with_all(kind()) for kind in MODELS.usable().values()]
     own = {
         symbol.name: symbol
-        for rig in every
+        for rig in _rigs()
         for symbol in rig.declares
         if symbol.name in getattr(rig, of)
     }
@@ -25,3 +30,4 @@ def _all(of: str, known: Mapping[str, Symbol]) -> Mapping[str, Symbol]:
 
 PARAMETERS = _all("parameters", symbols.PARAMETERS)
 STATES = _all("states", symbols.STATES)
+INNER = frozenset(name for rig in _rigs() for name in inner_of(rig))  # of no start

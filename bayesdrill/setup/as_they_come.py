@@ -12,7 +12,7 @@ from bayesdrill.record import angles, glitches
 from bayesdrill.record.experiment import Odd
 from bayesdrill.record.glitches import Spans
 from bayesdrill.setup.experiment_entries import ChannelSpec
-from bayesdrill.setup.record_entries import InputColumn, Series, mask
+from bayesdrill.setup.record_entries import AngleColumn, InputColumn, Series, mask
 from bayesdrill.setup.sources import Clock, Sources
 from bayesdrill.setup.yaml_source import Place
 
@@ -80,7 +80,7 @@ def caused(clock: Clock, inputs: list[Column]) -> Mask:
 
 def unwrapped(sources: Sources, one: Column, turn: float, findings: Findings) -> Column:
     """`turn`: how much of the column's unit one turn is; NaN where it is no angle."""
-    wraps = one.spec.wraps if isinstance(one.spec, ChannelSpec) else None
+    wraps = one.spec.wraps if isinstance(one.spec, ChannelSpec | AngleColumn) else None
     if not wraps:
         return one
     period = turn if wraps is True else float(wraps)

@@ -136,7 +136,8 @@ def simulated(view: View, model: Model, experiment: Experiment) -> tuple[Simulat
 
 def _unseen(view: View, model: Model, experiment: Experiment) -> dict[Place, str]:
     """Channels of which the lags leave nothing."""
-    delays = [e.place for e in sensors.entries(view.config, model) if e.kind == "delay"]
+    late = [e for e in sensors.entries(view.config, model) if e.kind in ("lag", "delay")]
+    delays = [e.place for e in late if e.place[0] == "inputs"]
     hidden: dict[Place, list[str]] = {}
     for name, left in zip(experiment.names, experiment.counts, strict=True):
         if left < 2:

@@ -107,21 +107,33 @@ def _driven(name: str, experiment: Experiment, model: Model, values: Named) -> f
 def beyond_lags(
     experiment: Experiment, sensing: Sensing, values: Mapping[str, float | Prior]
 ) -> Experiment:
-    """Of a rig that moves at the start, without the samples that show what was before it."""
-    if not (sensing.shifts and sensing.moves(experiment.start)):
-        return experiment
+    """Without the samples that show what no record tells: of a rig that moves at the start, what was
+    before it; of an input that the record shows late, what came after its end.
+    """
     y, told = np.array(experiment.y), list(experiment.told)
-    delay = 0.0 if sensing.delay is None else _most(values[sensing.delay])
+    late = sensing.shifts or bool(sensing.input_lags)
+    moves, t = late and sensing.moves(experiment.start), experiment.t
+    felt = [_ends(values[name]) for name in sensing.input_lags.values()]
+    first = min([0.0, *(low for low, _ in felt)])
+    last = max([0.0, *(high for _, high in felt)])
+    if sensing.delay is not None:
+        last += _ends(values[sensing.delay])[1]
     for k, channel in enumerate(experiment.channels):
         own = sensing.lags.get(channel.name)
-        late = delay + (0.0 if own is None else _most(values[own]))
-        before = (experiment.t < experiment.t_start + late) & ~np.isnan(y[:, k])
-        if before.any():
-            y[before, k] = np.nan
-            told.append(
-                f"{channel.name}: {int(before.sum())} samples are left out, as they may show what was "
-                "before the start (lag)"
-            )
+        least, most = (0.0, 0.0) if own is None else _ends(values[own])
+        seen = ~np.isnan(y[:, k])
+        before = seen & (t < experiment.t_start + last + most) & moves
+        after = seen & (t > t[-1] + first + least + 1e-9 * experiment.dt) & (first < 0.0)
+        for those, what in (
+            (before, "was before the start (lag)"),
+            (after, "an input did after the end of the record (lag)"),
+        ):
+            if those.any():
+                y[those, k] = np.nan
+                count = f"{channel.name}: {int(those.sum())} samples"
+                told.append(f"{count} are left out, as they may show what {what}")
+    if len(told) == len(experiment.told):
+        return experiment
     return dataclasses.replace(experiment, y=frozen(y), told=tuple(told))
 
 
@@ -171,7 +183,9 @@ def _per_second(unit: str) -> str:
     return "rad/s" if unit == "rad" else f"{unit} (its value there)"
 
 
-def _most(value: float | Prior) -> float:
+def _ends(value: float | Prior) -> tuple[float, float]:
+    """As small, and as large, as a lag may be."""
     if isinstance(value, float):
-        return value
-    return float(value.quantile(np.array([1 - FURTHEST]))[0])
+        return value, value
+    low, high = value.quantile(np.array([FURTHEST, 1 - FURTHEST]))
+    return float(low), float(high)

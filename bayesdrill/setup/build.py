@@ -28,12 +28,11 @@ from bayesdrill.record.experiment import Channel
 from bayesdrill.rig import vocabulary
 from bayesdrill.rig.models import MODELS
 from bayesdrill.rig.models.composed import with_named
-from bayesdrill.rig.models.linear import Model
-from bayesdrill.setup import number_entries
+from bayesdrill.rig.models.linear import Model, outer_of
+from bayesdrill.setup import number_entries, number_objects
 from bayesdrill.setup.config import Config
 from bayesdrill.setup.experiment_entries import ChannelSpec
 from bayesdrill.setup.number_objects import prior, quantity, relation, rescaled, start
-from bayesdrill.setup.record_entries import InputColumn
 from bayesdrill.setup.sensors import Declared
 
 
@@ -124,32 +123,12 @@ def optimiser(config: Config) -> Optimiser:
     return made(lookup(OPTIMISERS, config.map.method, "method"), config.map)
 
 
-def si(value: float | number_entries.Quantity, unit: str) -> float:
-    if isinstance(value, number_entries.Quantity):
-        return value.value * units.factor(value.unit, unit)
-    return value
-
-
-def measured_inputs(config: Config) -> dict[str, InputColumn]:
-    every = {name: getattr(config.inputs, name) for name in symbols.INPUTS}
-    return {name: spec for name, spec in every.items() if isinstance(spec, InputColumn)}
-
-
-def constant_inputs(config: Config) -> dict[str, float]:
-    """SI."""
-    return {
-        name: si(getattr(config.inputs, name), symbol.unit)
-        for name, symbol in symbols.INPUTS.items()
-        if name not in measured_inputs(config)
-    }
-
-
 def initial_state(config: Config, model: Model) -> dict[str, float]:
     """What is held of it, SI; of a steady start only what is named."""
     initial = config.initial
-    given = {name: getattr(initial, name) for name in model.states}
+    given = {name: getattr(initial, name) for name in outer_of(model)}
     return {
-        name: si(value, vocabulary.STATES[name].unit)
+        name: number_objects.si(value, vocabulary.STATES[name].unit)
         for name, value in given.items()
         if isinstance(value, float | int | number_entries.Quantity)
         and (initial.state != "steady" or name in initial.model_fields_set)
@@ -159,7 +138,7 @@ def initial_state(config: Config, model: Model) -> dict[str, float]:
 def measured(name: str, spec: ChannelSpec, states: tuple[str, ...]) -> Measured:
     if not name.isidentifier():
         raise ValueError(f"'{name}' cannot name a channel; use letters, digits and `_`")
-    if name in {*symbols.INPUTS, *symbols.AXES}:
+    if name not in states and name in {*symbols.INPUTS, *symbols.AXES}:
         raise ValueError(f"{name} has a meaning of its own here; choose another name")
     if spec.measures is None and name not in states:
         raise ValueError(
@@ -273,4 +252,6 @@ def noise(channels: Sequence[Measured], n_samples: int) -> Noise:
 def channels(config: Config, model: Model) -> list[Measured]:
     """Those that are evidence: what is only derived from another is not."""
     every = config.record.channels.items()
-    return [measured(name, spec, model.states) for name, spec in every if spec.derived_from is None]
+    return [
+        measured(name, spec, outer_of(model)) for name, spec in every if spec.derived_from is None
+    ]

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Discriminator, Field, Tag, create_model
 
+from bayesdrill.basics import symbols
 from bayesdrill.basics.entries import Number, Strict, chosen
 from bayesdrill.inference.noise import NOISES
 from bayesdrill.record.formats import FORMATS
@@ -13,6 +14,7 @@ from bayesdrill.rig import vocabulary
 from bayesdrill.setup.number_entries import Quantity, SigmaSpec, shape
 from bayesdrill.setup.output_entries import MOST_NAMED
 from bayesdrill.setup.record_entries import (
+    AngleColumn,
     Column,
     DecimateSpec,
     InputColumn,
@@ -44,6 +46,12 @@ InputSpec = Annotated[
     | Annotated[InputColumn, Tag("<column>")],
     Discriminator(_shape),
 ]
+
+
+def _said(name: str) -> str:
+    """Of an input."""
+    one = symbols.INPUTS[name]
+    return f"{one.meaning} [{one.plain_unit}]"
 
 
 class NoiseBase(Strict):
@@ -105,8 +113,17 @@ else:
 
 
 class Inputs(Strict):
-    v: InputSpec
-    t_1: InputSpec = 0.0
+    """Those of the rig: which it has, and wants, is for its model to say."""
+
+    v: InputSpec | None = Field(None, description=_said("v"))
+    t_1: InputSpec = Field(0.0, description=_said("t_1"))
+    w_2: InputSpec | None = Field(None, description=_said("w_2"))
+    theta_2: AngleColumn | None = Field(
+        None,
+        description="[rad] In the place of w_2: the angle that is imposed, as it was measured.",
+    )
+    t_m: InputSpec | None = Field(None, description=_said("t_m"))
+    wob: InputSpec | None = Field(None, description=_said("wob"))
     t_0: SensorSpec | None = Field(
         None,
         description="[s] how much later than recorded all inputs act; of constant ones, the moment at "
@@ -126,7 +143,9 @@ class _InitialBase(Strict):
     )
 
 
-_states: dict[str, Any] = dict.fromkeys(vocabulary.STATES, (StateSpec, 0.0))
+_states: dict[str, Any] = {
+    name: (StateSpec, 0.0) for name in vocabulary.STATES if name not in vocabulary.INNER
+}
 Initial: type[_InitialBase] = create_model(
     "Initial",
     __base__=_InitialBase,

@@ -30,7 +30,6 @@ _STAND_INS: dict[Place, Any] = {
     ("record", "time"): {"rate": 1.0},
     ("record", "channels"): {"theta_1": {"column": 1, "unit": "rad", "sigma": 1.0}},
     ("inputs",): {},
-    ("inputs", "v"): 0.0,
     ("parameters",): {},
 }
 

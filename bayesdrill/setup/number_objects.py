@@ -91,6 +91,12 @@ def start(
     return value
 
 
+def si(value: float | number_entries.Quantity, unit: str) -> float:
+    if isinstance(value, number_entries.Quantity):
+        return value.value * units.factor(value.unit, unit)
+    return value
+
+
 def rescaled(spec: Any, factor: float) -> Any:
     changes = {
         key: getattr(spec, key) * factor for key in _SCALED if key in type(spec).model_fields

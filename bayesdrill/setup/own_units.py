@@ -48,7 +48,7 @@ def channel(config: Config, one: Channel) -> Unit:
 
 
 def given(config: Config, name: str) -> Unit:
-    """Of an input."""
+    """Of an input; SI of a speed that was given as an angle."""
     spec, symbol = getattr(config.inputs, name), symbols.INPUTS[name]
     unit = spec.unit if isinstance(spec, Column | Quantity) else symbol.unit
     return units.shown(unit, symbol.unit, symbol.latex_unit)

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdrill.basics import sizes, symbols, units
+from bayesdrill.basics import sizes, units
 from bayesdrill.basics.entries import made
 from bayesdrill.basics.errors import InputError
-from bayesdrill.record import clocks
+from bayesdrill.record import angles, clocks
 from bayesdrill.record.experiment import (
     Experiment,
     Odd,
@@ -22,11 +22,11 @@ from bayesdrill.record.experiment import (
     raise_if_any,
 )
 from bayesdrill.record.formats import CsvOptions, Table
-from bayesdrill.setup import as_they_come, build, derivatives, sources, thinning
+from bayesdrill.setup import as_they_come, build, derivatives, given_inputs, sources, thinning
 from bayesdrill.setup.as_they_come import Column, Findings
 from bayesdrill.setup.config import Config
 from bayesdrill.setup.experiment_entries import RecordSpec
-from bayesdrill.setup.record_entries import InputColumn, Series, windows
+from bayesdrill.setup.record_entries import AngleColumn, InputColumn, Series, windows
 from bayesdrill.setup.sources import Clock, Sources, at
 from bayesdrill.setup.yaml_source import Place, Source
 
@@ -73,7 +73,7 @@ class _Reader:
             sizes.check_record(len(t), y.shape[1])
         except ValueError as error:
             raise InputError([self._source.problem(("record", "file"), str(error))]) from None
-        series = self._inputs(t, columns)
+        series, turned = self._inputs(t, columns)
         raise_if_any(self._sources.problems)
         noise = build.noise(measured, len(t))
         n_unknown = len(build.space(config, model, noise.unknowns).free)
@@ -84,12 +84,10 @@ class _Reader:
             t=frozen(t),
             y=frozen(y),
             channels=tuple(entry.channel for entry in measured),
-            constant=build.constant_inputs(config),
+            constant=given_inputs.constant(config, model),
             series={name: frozen(values) for name, values in series.items()},
-            first_order=any(
-                spec.hold == "first" for spec in build.measured_inputs(config).values()
-            ),
-            start=build.initial_state(config, model),
+            first_order=any(map(_straight, given_inputs.measured(config).values())),
+            start=build.initial_state(config, model) | turned,
             t_start=self._t_start(t, has_series=bool(series)),
             told=tuple(findings.told),
             odd=tuple(findings.odd),
@@ -152,35 +150,43 @@ class _Reader:
     def _rows(self, t: Array, clock: Array) -> NDArray[np.intp]:
         return clocks.places(t, clock) if self._sources.several else np.arange(len(t))
 
-    def _inputs(self, t: Array, columns: dict[Place, Column]) -> dict[str, Array]:
-        """SI, at every time."""
-        series = {}
-        for name, spec in build.measured_inputs(self._config).items():
-            one = columns["inputs", name]
+    def _inputs(
+        self, t: Array, columns: dict[Place, Column]
+    ) -> tuple[dict[str, Array], dict[str, float]]:
+        """SI, at every time; and the angles at which those begin that are imposed as angles."""
+        series, begin = dict[str, Array](), dict[str, float]()
+        for name, spec in given_inputs.measured(self._config).items():
+            entry = given_inputs.entry(self._config, name)
+            one = columns["inputs", entry]
             missing = int(np.isnan(one.values).sum())
             if missing:
                 self._findings.told.append(
-                    f"{name}: {missing} samples are bridged, hold: {spec.hold}"
+                    f"{entry}: {missing} samples are bridged, hold: {spec.hold}"
                 )
             values = as_they_come.bridged(self._sources, one)
-            values = values * units.factor(spec.unit, symbols.INPUTS[name].unit)
+            values = values * units.factor(spec.unit, given_inputs.unit(entry))
+            if isinstance(spec, AngleColumn):
+                clock = one.clock.t
+                begin[entry] = float(np.interp(t[0], clock, values))
+                values = angles.held_speeds(values, clock)
             series[name] = values if not self._sources.several else self._held(t, one, values)
-        return series
+        return series, begin
 
     def _held(self, t: Array, one: Column, values: Array) -> Array:
         """Of an input on a clock of its own: exact, as its own times are among those of the record."""
         clock, slack = one.clock.t, 1e-9 * float(np.ptp(t)) / len(t)
         straight = isinstance(one.spec, InputColumn) and one.spec.hold == "first"
+        rule = "" if isinstance(one.spec, AngleColumn) else ", or `hold: zero`"
         late, early = clock[0] > t[0] + slack, clock[-1] < t[-1] - slack
         if late or (early and straight):
             message = (
                 f"{one.name} is known from {clock[0]:g} to {clock[-1]:g} s, and the record goes from "
                 f"{t[0]:g} to {t[-1]:g} s; give a record.window inside both"
             )
-            self._sources.add(one.place, message + ("" if late else ", or `hold: zero`"))
+            self._sources.add(one.place, message + ("" if late else rule))
         elif early:
             self._findings.told.append(f"{one.name}: held after its last sample at {clock[-1]:g} s")
-        return clocks.held(t, clock, values, first_order=straight)
+        return clocks.held(t, clock, values, first_order=_straight(one.spec))
 
     def _column(self, place: Place, spec: Series) -> Column | None:
         clock, values = self._sources.clock(place), self._sources.column(place, spec)
@@ -250,6 +256,12 @@ class _Reader:
             )
             raise InputError([self._source.problem(("record", "time"), message)])
         return min(begin, float(time[0]))
+
+
+def _straight(spec: Series) -> bool:
+    """Whether an input goes from one sample straight to the next; of an angle, its speed does not."""
+    angle = isinstance(spec, AngleColumn)
+    return isinstance(spec, InputColumn) and spec.hold == "first" and not angle
 
 
 def _turn(spec: Series) -> float:

@@ -111,6 +111,12 @@ class Series(Column, Sensed):
     mask: MaskEntry | None = Field(None, description="Samples that are not used.")
 
 
+WrapsEntry = Annotated[
+    Annotated[bool, Tag("<flag>")] | Annotated[Positive, Tag("<number>")],
+    Discriminator(_flag_or_number),
+]
+
+
 class InputColumn(Series):
     hold: Literal["zero", "first"] = Field(
         "zero", description="Between samples: constant (zero) or linear (first order)."
@@ -120,10 +126,13 @@ class InputColumn(Series):
     )
 
 
-WrapsEntry = Annotated[
-    Annotated[bool, Tag("<flag>")] | Annotated[Positive, Tag("<number>")],
-    Discriminator(_flag_or_number),
-]
+class AngleColumn(InputColumn):
+    """An angle that is imposed."""
+
+    hold: Literal["first"] = Field("first", description="It is straight between samples.")
+    wraps: WrapsEntry | None = Field(
+        None, description="It begins again: `true` after a turn, or after so much [unit]."
+    )
 
 
 class DecimateSpec(Strict):

@@ -18,8 +18,9 @@ from bayesdrill.basics.symbols import Symbol
 from bayesdrill.inference.priors import LogNormal, Prior, TruncatedNormal, Uniform
 from bayesdrill.inference.unknowns import Role, labelled
 from bayesdrill.rig import vocabulary
-from bayesdrill.rig.models.linear import Model
+from bayesdrill.rig.models.linear import Model, outer_of
 from bayesdrill.rig.sensing import Sensing
+from bayesdrill.setup import given_inputs
 from bayesdrill.setup.config import Config
 from bayesdrill.setup.experiment_entries import InputQuantity
 from bayesdrill.setup.number_entries import Quantity
@@ -41,7 +42,10 @@ FEWEST = 1e-9  # of a prior's sd: below it, numbers hold no more than one value
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Entry:
-    """One entry of the config: `of` names the channel, input or state; `unit` is its own, in SI `si`."""
+    """One entry of the config: `of` names the channel, input or state; `unit` is its own, in SI `si`.
+
+    A delay is that of all inputs; the lag of an input is its own.
+    """
 
     place: Place
     kind: Kind
@@ -86,9 +90,11 @@ def entries(config: Config, model: Model) -> Iterator[Entry]:
     for name, symbol in symbols.INPUTS.items():
         given = getattr(config.inputs, name)
         if isinstance(given, InputColumn | InputQuantity):
-            yield from _of_column(
-                ("inputs", name), name, given, given.unit, symbol.unit, symbol.latex
-            )
+            alone = len(given_inputs.measured(config)) == 1
+            found = _of_column(("inputs", name), name, given, given.unit, symbol.unit, symbol.latex)
+            for one in found:
+                late = one.kind == "lag" and alone
+                yield dataclasses.replace(one, kind="delay") if late else one
     if config.inputs.t_0 is not None:
         yield Entry(
             place=("inputs", "t_0"),
@@ -106,19 +112,18 @@ def entries(config: Config, model: Model) -> Iterator[Entry]:
 def _of_column(
     place: Place, name: str, spec: object, unit: str, si: str, latex: str
 ) -> Iterator[Entry]:
-    is_input = place[0] == "inputs"
-    for kind, own, own_si, sign in (
+    kinds: tuple[tuple[Kind, str, str, str], ...] = (
         ("gain", "1", "1", "g"),
         ("offset", unit, si, "b"),
         ("lag", "s", "s", r"\tau"),
-    ):
+    )
+    for kind, own, own_si, sign in kinds:
         given = getattr(spec, kind, None)
         if given is None:
             continue
-        of_inputs = kind == "lag" and is_input
         yield Entry(
             place=(*place, kind),
-            kind="delay" if of_inputs else kind,  # type: ignore[arg-type]
+            kind=kind,
             of=name,
             name=f"{kind}_{name}",
             spec=given,
@@ -130,7 +135,7 @@ def _of_column(
 
 def _of_states(config: Config, model: Model) -> Iterator[Entry]:
     """Those with a prior; what is held or `free` is said elsewhere."""
-    for name in model.states:
+    for name in outer_of(model):
         given, symbol = getattr(config.initial, name), symbol_of_state(name)
         if isinstance(given, SignedPrior):
             yield Entry(
@@ -150,12 +155,13 @@ def state_name(state: str) -> str:
 
 
 def free_states(config: Config, model: Model) -> tuple[str, ...]:
-    """States of the start whose priors the record has to give."""
+    """States of the start whose priors the record has to give; an angle that is imposed has none."""
     initial = config.initial
-    words = [name for name in model.states if getattr(initial, name) == "free"]
+    own = [name for name in outer_of(model) if name not in given_inputs.imposed(config)]
+    words = [name for name in own if getattr(initial, name) == "free"]
     if initial.state == "free":
-        words += [name for name in model.states if name not in initial.model_fields_set]
-    return tuple(dict.fromkeys(name for name in model.states if name in words))
+        words += [name for name in own if name not in initial.model_fields_set]
+    return tuple(dict.fromkeys(name for name in own if name in words))
 
 
 def declared(entry: Entry) -> Declared:
@@ -239,12 +245,12 @@ def _meaning(entry: Entry) -> str:
 def sensing(config: Config, model: Model) -> Sensing:
     """By the names of single experiments."""
     found = list(entries(config, model))
-    measured = [n for n in symbols.INPUTS if isinstance(getattr(config.inputs, n), InputColumn)]
     delays = [entry for entry in found if entry.kind == "delay"]
-    if len(delays) > 1 or (delays and delays[0].of and len(measured) > 1):
+    single = [entry for entry in found if entry.kind == "lag" and entry.place[0] == "inputs"]
+    if len(delays) > 1 or (delays and single):
         raise ValueError(
-            "all inputs have one delay; give it as `t_0:` of `inputs:` alone, or shift the time of one "
-            "input's file"
+            "all inputs have one delay, `t_0:`, or each that is measured its own, `lag:`; give one of "
+            "the two"
         )
 
     def of(kind: Kind, *, inputs: bool) -> dict[str, str]:
@@ -259,6 +265,7 @@ def sensing(config: Config, model: Model) -> Sensing:
         lags=of("lag", inputs=False),
         input_gains=of("gain", inputs=True),
         input_offsets=of("offset", inputs=True),
+        input_lags=of("lag", inputs=True),
         delay=delays[0].name if delays else None,
         states=of("state", inputs=False) | states,
         steady=config.initial.state == "steady",

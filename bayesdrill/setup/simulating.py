@@ -17,7 +17,7 @@ from bayesdrill.inference.unknowns import of_label
 from bayesdrill.record.experiment import Experiment, frozen, raise_if_any, times
 from bayesdrill.rig.choosing import simulator
 from bayesdrill.rig.models.linear import Model
-from bayesdrill.setup import build, number_objects, reading, sensors, writing
+from bayesdrill.setup import build, given_inputs, number_objects, reading, sensors, writing
 from bayesdrill.setup.config import Config
 from bayesdrill.setup.experiments import View, views
 from bayesdrill.setup.yaml_source import Source
@@ -101,7 +101,7 @@ def check_place(text: str, target: Path, record: Path, *, force: bool) -> None:
 def grid(config: Config, source: Source) -> Experiment:
     """Times and inputs, those of `simulation:` or else of the record; what was measured is no matter."""
     simulation: Any = config.simulation
-    series = list(build.measured_inputs(config))
+    series = list(given_inputs.measured(config))
     if simulation is None or simulation.duration is None:
         return reading.read(config, source)
     if series:
@@ -121,7 +121,7 @@ def grid(config: Config, source: Source) -> Experiment:
         t=frozen(t),
         y=frozen(np.zeros((len(t), len(channels)))),
         channels=channels,
-        constant=build.constant_inputs(config),
+        constant=given_inputs.constant(config, rig),
         series={},
         first_order=False,
         start=build.initial_state(config, rig),

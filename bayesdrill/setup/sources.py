@@ -15,7 +15,7 @@ from bayesdrill.basics.errors import InputError, Problem
 from bayesdrill.record.clocks import on_grid
 from bayesdrill.record.experiment import check_time
 from bayesdrill.record.formats import FORMATS, Table, format_of, variable_name
-from bayesdrill.setup import build
+from bayesdrill.setup import given_inputs
 from bayesdrill.setup.config import Config
 from bayesdrill.setup.record_entries import Column, FileSpec, Series, TimeColumn, TimeRate, windows
 from bayesdrill.setup.yaml_source import Place, Source
@@ -28,7 +28,8 @@ ELSEWHERE = "; if the times of this file stand elsewhere, give this entry its ow
 def entries(config: Config) -> dict[Place, Series]:
     """Channels, then measured inputs, by their places."""
     channels = {("record", "channels", name): s for name, s in config.record.channels.items()}
-    return channels | {("inputs", name): s for name, s in build.measured_inputs(config).items()}
+    inputs = given_inputs.measured(config).items()
+    return channels | {("inputs", given_inputs.entry(config, name)): s for name, s in inputs}
 
 
 def file_of(spec: Series) -> FileSpec | None:

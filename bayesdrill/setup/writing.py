@@ -10,11 +10,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdrill.basics import symbols, units
+from bayesdrill.basics import units
 from bayesdrill.basics.errors import InputError
 from bayesdrill.record.experiment import Experiment
 from bayesdrill.record.formats import check_options, format_of, text_table
-from bayesdrill.setup import reading, sources
+from bayesdrill.setup import given_inputs, reading, sources
 from bayesdrill.setup.config import Config
 from bayesdrill.setup.experiment_entries import ChannelSpec
 from bayesdrill.setup.record_entries import Column, TimeColumn
@@ -99,10 +99,11 @@ def _columns(config: Config, source: Source, experiment: Experiment, y: Array) -
     for (name, spec), channel in zip(config.record.channels.items(), y.T, strict=True):
         place = ("record", "channels", name)
         columns.append(_Column(place, _name(source, place, spec), channel))
-    for name, series in experiment.series.items():
-        place, spec = ("inputs", name), getattr(config.inputs, name)
-        values = series / units.factor(spec.unit, symbols.INPUTS[name].unit)
-        columns.append(_Column(place, _name(source, place, spec), values))
+    for name, given in given_inputs.measured(config).items():
+        place = ("inputs", given_inputs.entry(config, name))
+        factor = units.factor(given.unit, given_inputs.unit(place[1]))
+        values = given_inputs.as_given(config, experiment, name) / factor
+        columns.append(_Column(place, _name(source, place, given), values))
     return columns
 
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.linalg import expm
 
 from bayesdrill.rig.models.linear import dynamics
-from bayesdrill.setup import build, simulating
+from bayesdrill.setup import build, given_inputs, simulating
 from bayesdrill.setup.config import Config
 
 Array = NDArray[np.float64]
@@ -40,7 +40,7 @@ class Plant:
             whole[k, n + 1] = linear.B.get((state, "v"), 0.0)
         whole[n + 1, n + 2] = 1.0 / dt
         after = expm(whole * dt)
-        measured = build.measured_inputs(config)
+        measured = given_inputs.measured(config)
         return cls(
             states=model.states,
             first_order=any(spec.hold == "first" for spec in measured.values()),

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from benchmarks.zoo import beliefs, driven, sensors, steps, unsound
+from benchmarks.zoo import beliefs, driven, rubs, sensors, steps, unsound
 from benchmarks.zoo.row import Row
 
 
 def every() -> tuple[Row, ...]:
-    return (*steps.rows(), *driven.rows(), *sensors.rows(), *beliefs.rows(), *unsound.rows())
+    sound = (*steps.rows(), *driven.rows(), *rubs.rows(), *sensors.rows(), *beliefs.rows())
+    return (*sound, *unsound.rows())
 
 
 def chosen(names: list[str] | None = None, *, quick: bool = False) -> tuple[Row, ...]:

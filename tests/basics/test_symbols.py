@@ -83,10 +83,10 @@ def test_units_agree_with_the_equations() -> None:
 
 @pytest.mark.parametrize("name", MODELS)
 def test_models_speak_in_symbols(name: str) -> None:
-    model = MODELS[name](1 / 8)
+    model = MODELS[name]()
     assert model.name == name
     assert set(model.parameters) <= set(symbols.PARAMETERS)
-    assert set(model.states) <= set(symbols.STATES)
+    assert set(model.states) <= {*symbols.STATES, *(one.name for one in model.declares)}
     assert set(model.inputs) <= set(symbols.INPUTS)
     linear = model.linear(dict.fromkeys(model.parameters, 2.0))
     for row, column in linear.A:

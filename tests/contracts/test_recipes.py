@@ -30,14 +30,16 @@ FAST = {"ensembles": 4, "walkers": 32, "ess": 400}
 
 @cache
 def run() -> bd.Run:
-    """Of a rig in which one symmetry is left, so that every figure has something to show."""
-    exact = bd.respond("motor_shaft", {**NOMINAL, "k_s": 0.29}, T, {"v": 6.0}, "w_2")["w_2"]
+    """Of a rig that rubs and has one symmetry left, so that every figure has something to show."""
+    truth = {**NOMINAL, "k_s": 0.29, "t_cm": 0.02}
+    exact = bd.respond("motor_shaft", truth, T, {"v": 6.0}, "w_2")["w_2"]
     noise = 0.1 * np.random.default_rng(6).standard_normal(len(T))
     case = bd.case(
         T,
         channels={"w_2": bd.Channel(exact + noise, "rad/s", 0.1)},
         inputs={"v": 6.0},
-        parameters=dict.fromkeys(NOMINAL, "nominal") | dict.fromkeys(("r_m", "k_T", "l_m"), BOX),
+        parameters={**dict.fromkeys(NOMINAL, "nominal"), "t_cm": 0.02}
+        | dict.fromkeys(("r_m", "k_T", "l_m"), BOX),
         sampler=FAST,
         seed=3,
     )
@@ -62,7 +64,7 @@ inputs:
   t_1: {value: 20, unit: mN*m}
 parameters:
   {j_m: nominal, c_m: nominal, k_e: nominal, k_T: nominal, r_m: nominal, l_m: nominal, j_1: nominal,
-  t_f: 1.0e-3, k_s: {prior: uniform, low: 0.1, high: 0.5}}
+  t_f: 1.0e-3, t_cm: 0.02, k_s: {prior: uniform, low: 0.1, high: 0.5}}
 sampler: {ensembles: 4, walkers: 32, ess: 400}
 """
 
@@ -71,7 +73,7 @@ sampler: {ensembles: 4, walkers: 32, ess: 400}
 def abroad() -> bd.Run:
     """Time in ms, a twist in degrees, a speed in rpm, a voltage in mV that goes both ways."""
     v = np.where(np.arange(len(T)) // 40 % 2 == 0, 6.0, -6.0)
-    truth = {**NOMINAL, "t_f": 1e-3, "k_s": 0.29}
+    truth = {**NOMINAL, "t_f": 1e-3, "t_cm": 0.02, "k_s": 0.29}
     inputs = {"v": v, "t_1": 0.02}
     exact = bd.respond("motor_shaft", truth, T, inputs, ["theta_1", "theta_2", "w_2"])
     rng = np.random.default_rng(6)
@@ -129,6 +131,8 @@ def test_it_speaks_the_units_of_the_user(name: str, size: str) -> None:
     if name in ("corner", "trace", "prior_posterior"):
         assert r"\sigma_{\mathrm{twist}}$" in said
         assert r"\mathrm{deg}" in said
+    if name == "energy":
+        assert r"\mathrm{ms}" in said
     if name == "fit":
         for unit in ("deg", "rpm", "ms", "mV"):
             assert rf"\mathrm{{{unit}}}" in said, unit

@@ -17,9 +17,9 @@ from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.priors import Uniform
 from bayesdrill.inference.surface import PosteriorSurface
 from bayesdrill.inference.unknowns import ParameterSpace
+from bayesdrill.insight.causes import Causes, causes
 from bayesdrill.insight.identifiability.scenes import Scenery
 from bayesdrill.insight.moments import half_a_sample
-from bayesdrill.insight.nuisances import Causes, causes
 from bayesdrill.record.experiment import Experiment
 from bayesdrill.rig.choosing import simulator
 from bayesdrill.rig.measured import Measured

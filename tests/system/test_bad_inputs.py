@@ -261,7 +261,7 @@ KEYS = [
         "unknown input",
         ("  v: 8.0", "  v: 8.0\n  u: 3"),
         at="  u: 3",
-        says=("inputs.u: unknown key", "known: t_0, t_1, v"),
+        says=("inputs.u: unknown key", "known: t_0, t_1, t_m, theta_2, v, w_2"),
     ),
     case(
         "unknown state in initial",

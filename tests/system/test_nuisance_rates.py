@@ -11,7 +11,7 @@ from scipy.stats import binom
 
 import bayesdrill as bd
 from bayesdrill.inference import residual_checks
-from bayesdrill.insight.nuisances import causes
+from bayesdrill.insight.causes import causes
 
 RECORDS = 100
 INSIDE = 0.94  # of the intervals looked at

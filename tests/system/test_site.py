@@ -15,6 +15,7 @@ from ruamel.yaml import YAML
 
 import bayesdrill as bd
 from bayesdrill.cli import app
+from bayesdrill.rig.models import MODELS
 from bayesdrill.rig.models.linear import dynamics
 from bayesdrill.setup import loading
 from bayesdrill.setup.config import Config
@@ -24,7 +25,15 @@ YAML_SAFE = YAML(typ="safe", pure=True)
 
 
 def completed(base: Mapping[str, Any], piece: Mapping[str, Any]) -> dict[str, Any]:
-    """What a piece has in a section replaces what the base has there."""
+    """What a piece has in a section replaces what the base has there.
+
+    Of another rig it has inputs and parameters of its own.
+    """
+    if (rig := piece.get("model", {}).get("name", "motor_shaft")) != "motor_shaft":
+        channels = base["record"]["channels"]
+        shown = {name: channels[name] for name in channels if name in MODELS[rig]().states}
+        record = {**base["record"], "channels": shown}
+        base = {"name": base["name"], "seed": base["seed"], "record": record}
     sections = {
         name: {**base[name], **one} if isinstance(base.get(name), Mapping) else one
         for name, one in piece.items()

@@ -13,19 +13,26 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from bayesdrill.basics.symbols import INPUTS
 from bayesdrill.insight.identifiability import information
 from bayesdrill.insight.identifiability.information import Information
 from bayesdrill.insight.identifiability.scenes import Scene, Scenery
 from bayesdrill.insight.identifiability.structure import Exponents
 from bayesdrill.record.experiment import usual_inputs
-from bayesdrill.rig.vocabulary import STATES
+from bayesdrill.rig.vocabulary import INNER, STATES
 
 Array = NDArray[np.float64]
 
 WEIGHED_TO = 0.01  # what fixing or weighing a part is taken to give: one per cent
 TIES = (("k_T", "k_e"),)  # equal in SI by conservation of energy in an ideal motor
 LOAD_SHARE = 0.1  # of a channel's range: what the known load that is tried changes at most
-OTHER_VOLTAGE = 0.5  # of the usual one, in the second half of the record or in another one
+OTHER = 0.5  # times the usual drive, in the second half of the record or in another one
+# What drives rigs: in words, and how one lets go of it.
+DRIVES = {
+    "v": ("voltage", "motor terminals shorted"),
+    "w_2": ("imposed speed", ""),
+    "t_m": ("torque of the motor", "no torque"),
+}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -88,7 +95,7 @@ def _tried(scenery: Scenery, theta: Array, now: Information) -> Iterator[tuple[s
             equal = np.zeros(len(names))
             equal[names.index(one)], equal[names.index(other)] = 1.0, -1.0
             yield f"tie {one} = {other}", now.with_knowledge(equal, WEIGHED_TO)
-    for what, scene in _other_voltages(scenery):
+    for what, scene in _other_drives(scenery):
         sensitivities = scenery.repeated(theta, scene)
         if np.isfinite(sensitivities).all():
             yield what, information.from_sensitivities(names, sensitivities)
@@ -98,16 +105,14 @@ def _tried(scenery: Scenery, theta: Array, now: Information) -> Iterator[tuple[s
             yield what, information.from_sensitivities(names, sensitivities)
 
 
-def _other_voltages(scenery: Scenery) -> Iterator[tuple[str, Scene]]:
-    """The experiments there are, once more with less of it."""
-    sizes = [usual_inputs(one.experiment)["v"] for one in scenery.likelihood.observations]
-    driven = any(
-        one.experiment.constant.get("v", 0.0) or "v" in one.experiment.series
-        for one in scenery.likelihood.observations
-    )
-    if driven:
-        size = OTHER_VOLTAGE * float(np.mean(sizes))
-        yield f"another experiment at {size:.3g} V", Scene(times={"v": OTHER_VOLTAGE})
+def _other_drives(scenery: Scenery) -> Iterator[tuple[str, Scene]]:
+    """The experiments there are, once more with less of what drives the rig."""
+    every = [one.experiment for one in scenery.likelihood.observations]
+    for name in (n for n in DRIVES if n in scenery.inputs):
+        if any(one.constant.get(name, 0.0) or name in one.series for one in every):
+            size = OTHER * float(np.mean([usual_inputs(one)[name] for one in every]))
+            unit = INPUTS[name].plain_unit
+            yield f"another experiment at {size:.3g} {unit}", Scene(times={name: OTHER})
 
 
 def _more_channels(scenery: Scenery, theta: Array) -> Iterator[tuple[str, Scene]]:
@@ -117,7 +122,9 @@ def _more_channels(scenery: Scenery, theta: Array) -> Iterator[tuple[str, Scene]
     seen = [one.experiment.weights(scenery.states) for one in scenery.likelihood.observations]
     spreads = np.median([motion.std(axis=0) for motion in motions], axis=0)
     for name, unit, spread in zip(scenery.states, np.eye(len(spreads)), spreads, strict=True):
-        new = any(np.linalg.matrix_rank(np.vstack([w, unit])) > len(w) for w in seen)
+        new = name not in INNER and any(
+            np.linalg.matrix_rank(np.vstack([w, unit])) > len(w) for w in seen
+        )
         sigma = float(spread / ratio)
         if new and sigma > 0:
             yield (
@@ -128,12 +135,17 @@ def _more_channels(scenery: Scenery, theta: Array) -> Iterator[tuple[str, Scene]
 
 def _other_inputs(scenery: Scenery, theta: Array) -> Iterator[tuple[str, Scene]]:
     """A change of each input half-way through the record."""
-    v = scenery.usual_input("v")
-    if v != 0.0:
-        voltage = f"change the voltage to {OTHER_VOLTAGE * v:.3g} V half-way"
-        yield voltage, Scene(late={"v": (OTHER_VOLTAGE - 1.0) * v})
-        coast = "let the rig coast down half-way (motor terminals shorted)"
-        yield coast, Scene(late={"v": -v})
+    for name, (what, free) in DRIVES.items():
+        usual = scenery.usual_input(name) if name in scenery.inputs else 0.0
+        if usual == 0.0:
+            continue
+        said = f"change the {what} to {OTHER * usual:.3g} {INPUTS[name].plain_unit} half-way"
+        yield said, Scene(late={name: (OTHER - 1.0) * usual})
+        if free:
+            coast = f"let the rig coast down half-way ({free})"
+            yield coast, Scene(late={name: -usual})
+    if "t_1" not in scenery.inputs:
+        return
     change = _largest_change(scenery, theta, Scene(late={"t_1": 1.0}))
     if 0 < change < np.inf:
         load = LOAD_SHARE / change

@@ -13,6 +13,7 @@ from bayesdrill.basics import seeds
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.priors import spread_of_log
 from bayesdrill.insight.identifiability import structure
+from bayesdrill.insight.identifiability.frictions import NOTHING, Told, told_apart
 from bayesdrill.insight.identifiability.information import (
     Direction,
     Information,
@@ -99,6 +100,7 @@ class Study:
     information: Information
     remedies: tuple[Remedy, ...]
     nuisances: tuple[Nuisance, ...] = ()
+    frictions: Told = NOTHING
 
     @property
     def directions(self) -> tuple[Direction, ...]:
@@ -129,6 +131,7 @@ def study(
         information=known,
         remedies=remedies(scenery, theta, found.symmetries, prior_sd, of_interest or names),
         nuisances=_nuisances(scenery, posterior, theta, thresholds),
+        frictions=told_apart(scenery, posterior, theta),
     )
 
 

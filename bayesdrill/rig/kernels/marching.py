@@ -21,9 +21,10 @@ from bayesdrill.rig.kernels.lanes import (
     vector,
     whole_numbers,
 )
+from bayesdrill.rig.kernels.numbers import Kind, Number, fused, total
 from bayesdrill.rig.kernels.pieces import Own, Shape
 from bayesdrill.rig.kernels.rates import Rates
-from bayesdrill.rig.kernels.rubbing import Kind, Number, Past, Rub, Step, fused, total
+from bayesdrill.rig.kernels.rubbing import Past, Rub, Step
 
 
 class Writer:
@@ -84,7 +85,7 @@ class Writer:
         return Dual(zero if value is None else value, 0.0 if slope is None else slope)
 
     def _step(self) -> Step:
-        shape, x = self.shape, self.x_count
+        shape, x, s = self.shape, self.x_count, len(self.shape.series)
         first = x + 1 + len(shape.columns)
         rubs, rates = [], Rates(self.b, shape, self.parameters)
         for e, friction in enumerate(shape.frictions):
@@ -113,6 +114,8 @@ class Writer:
             rubs=rubs,
             parameters=self.parameters,
             states=shape.model.states,
+            span=self.span,
+            slopes={x + 1 + k: x + 1 + s + k for k in range(s)} if shape.first_order else {},
             kind=self.kind,
         )
 
@@ -157,20 +160,19 @@ class Writer:
 
     def _carried(self, state: list[Number], past: Past) -> list[ir.Value]:
         changing = [] if self.step.steady else [*past.sizes, *past.trends]
-        return self.kind.flat([*state, *past.efforts, *changing])
+        return self.kind.flat([*state, *changing])
 
     def once(
         self, node: ir.Value, carried: Sequence[ir.Value]
     ) -> tuple[list[Number], list[Number], list[ir.Value]]:
         """A step: the new state, the efforts, and what is carried on."""
         numbers, x, e = self.kind.shaped(carried), self.x_count, len(self.step.rubs)
-        sizes, trends = numbers[x + e : x + 2 * e], numbers[x + 2 * e :]
+        past = Past(numbers[x : x + e], numbers[x + e :])
         if self.step.steady:
-            sizes, trends = [rub.size for rub in self.step.rubs], []
-        past = Past(numbers[x : x + e], sizes, trends)
+            past = Past([rub.size for rub in self.step.rubs], [])
         drive, middle = self.drive(node)
-        new, past = self.step.taken(numbers[:x], past, drive, middle)
-        return new, past.efforts, self._carried(new, past)
+        new, efforts, past = self.step.taken(numbers[:x], past, drive, middle)
+        return new, efforts, self._carried(new, past)
 
     def march(self) -> None:
         """From sample to sample; channels see the states there."""

@@ -125,7 +125,7 @@ class Own:
         parts = {"parameters": len(shape.model.parameters), "x0": x, "rows": k * self.r_count}
         if shape.read:
             parts |= {"before": x, "shift": k}
-        return parts | {"share": late, "behind": late}
+        return parts | ({"share": late, "behind": late} if late else {})
 
     @property
     def r_count(self) -> int:

@@ -8,8 +8,8 @@ from llvmlite import ir
 
 from bayesdrill.basics.duals import Dual
 from bayesdrill.rig.kernels.lanes import Lane, vector
+from bayesdrill.rig.kernels.numbers import Number, total
 from bayesdrill.rig.kernels.pieces import Shape
-from bayesdrill.rig.kernels.rubbing import Number, total
 
 
 class Rates:

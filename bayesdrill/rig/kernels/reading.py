@@ -27,8 +27,8 @@ from bayesdrill.rig.kernels.lanes import (
     whole_numbers,
 )
 from bayesdrill.rig.kernels.marching import Writer
+from bayesdrill.rig.kernels.numbers import Number, total
 from bayesdrill.rig.kernels.rates import Rates
-from bayesdrill.rig.kernels.rubbing import Number, total
 
 KEPT = 3  # the value, and the rates after it and before the next one, times a step
 

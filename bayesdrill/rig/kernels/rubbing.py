@@ -10,21 +10,24 @@ taken at the mean of the speeds at both ends.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
-
-from llvmlite import ir
 
 from bayesdrill.basics.arithmetic import below, signed, size, where
-from bayesdrill.basics.duals import Dual, dual
-from bayesdrill.rig.kernels.gathering import anywhere
-from bayesdrill.rig.kernels.lanes import Lane, Mask, fma, vector
+from bayesdrill.basics.duals import Dual
+from bayesdrill.rig.kernels.lanes import Lane, Mask, vector
+from bayesdrill.rig.kernels.numbers import (
+    Column,
+    Kind,
+    Number,
+    above,
+    fused,
+    keeps_sign,
+    moving,
+    total,
+)
 from bayesdrill.rig.models.friction import Law
-
-Number = Any  # a Lane, or a Dual of them
-Column = Mapping[int, Number]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -43,48 +46,10 @@ class Rub:
     law: Law
     size: Number | None
 
-
-@dataclass(frozen=True, slots=True)
-class Kind:
-    """Of numbers: registers, or, `dual`, registers with slopes."""
-
-    b: ir.IRBuilder
-    dual: bool
-
-    def flat(self, numbers: Sequence[Number]) -> list[ir.Value]:
-        """As registers, slopes after values."""
-        if not self.dual:
-            return [_register(number) for number in numbers]
-        duals = [dual(number) for number in numbers]
-        return [*(_register(d.value) for d in duals), *(_register(d.slope) for d in duals)]
-
-    def shaped(self, registers: Sequence[ir.Value]) -> list[Number]:
-        lanes = [Lane(self.b, value) for value in registers]
-        if not self.dual:
-            return list(lanes)
-        n = len(lanes) // 2
-        return [Dual(value, slope) for value, slope in zip(lanes[:n], lanes[n:], strict=True)]
-
-    def rarely(
-        self, mask: Mask, usual: list[Number], other: Callable[[], list[Number]]
-    ) -> list[Number]:
-        """`other` in lanes of a mask, worked out where there is any; the rest has what is usual."""
-        b = self.b
-        before, ones = b.block, self.flat(usual)
-        with b.if_then(anywhere(b, mask.value), likely=False):
-            pairs = zip(other(), usual, strict=True)
-            others = self.flat([where(mask, one, instead) for one, instead in pairs])
-            inside = b.block
-        found = []
-        for one, instead in zip(ones, others, strict=True):
-            found.append(b.phi(one.type))
-            found[-1].add_incoming(one, before)
-            found[-1].add_incoming(instead, inside)
-        return self.shaped(found)
-
-
-def _register(number: Lane | float) -> ir.Value:
-    return number.value if isinstance(number, Lane) else vector(number)
+    def held(self, state: Sequence[Number], drive: Column) -> Number:
+        """What it takes to keep the speed as it is."""
+        terms = [(entry, _of(k, state, drive)) for k, entry in self.pull.items()]
+        return total(self.pull_base, terms)
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,22 +62,25 @@ class At:
 
 @dataclass(frozen=True, slots=True)
 class Past:
-    """Of the last step: efforts, sizes of frictions, and how much these changed."""
+    """Of the last step: sizes of frictions, and how much these changed."""
 
-    efforts: list[Number]
     sizes: list[Number]
     trends: list[Number]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Step:
-    """`phi[row]`: what columns of (states, drive) do to a state; `base[row]`: what is constant."""
+    """`phi[row]`: what columns of (states, drive) do to a state; `base[row]`: what is constant;
+    `slopes`: columns of inputs, and those of their slopes.
+    """
 
     phi: Sequence[Column]
     base: Mapping[int, Number]
     rubs: Sequence[Rub]
     parameters: Mapping[str, Number]
     states: tuple[str, ...]
+    span: Number
+    slopes: Mapping[int, int]
     kind: Kind
 
     @property
@@ -130,7 +98,7 @@ class Step:
 
     @property
     def _order(self) -> list[int]:
-        """In which efforts are found, each with the others as known: those of the last step at first.
+        """In which efforts are found, each with the others as known: at first as if nothing turned.
 
         What stops a current comes first, and once more: it and the motor act on each other strongly.
         """
@@ -139,18 +107,18 @@ class Step:
 
     def begun(self, state: list[Number], inputs: Mapping[str, Number]) -> Past:
         nothing = [Lane(self.kind.b, vector(0.0)) for _ in self.rubs]
-        return Past(nothing, self.sizes(state, inputs), nothing)
+        return Past(self.sizes(state, inputs), nothing)
 
     def taken(
         self, state: list[Number], past: Past, drive: Column, inputs: Mapping[str, Number]
-    ) -> tuple[list[Number], Past]:
-        """`inputs` by name, at its middle."""
+    ) -> tuple[list[Number], list[Number], Past]:
+        """New state, efforts, and what is past then; `inputs` by name, in the middle of the step."""
         free = [
             total(self.base.get(i), [(entry, _of(k, state, drive)) for k, entry in row.items()])
             for i, row in enumerate(self.phi)
         ]
         if not self.rubs:
-            return free, past
+            return free, [], past
         quick = self._slipping(free, state, past, inputs)
         keeps = self._all_keep(state, quick)
         every = self.kind.rarely(
@@ -159,11 +127,11 @@ class Step:
         x, e = len(state), len(self.rubs)
         new, efforts = every[:x], every[x : x + e]
         if self.steady:
-            return new, Past(efforts, past.sizes, past.trends)
-        return new, Past(efforts, every[x + e : x + 2 * e], every[x + 2 * e :])
+            return new, efforts, past
+        return new, efforts, Past(every[x + e : x + 2 * e], every[x + 2 * e :])
 
     def _all_keep(self, old: list[Number], new: list[Number]) -> Mask:
-        first, *rest = (_keeps(old[rub.row], new[rub.row]) for rub in self.rubs)
+        first, *rest = (keeps_sign(old[rub.row], new[rub.row]) for rub in self.rubs)
         for one in rest:
             first = first.both(one)
         return first
@@ -191,11 +159,12 @@ class Step:
         inputs: Mapping[str, Number],
     ) -> list[Number]:
         sizes, rest = past.sizes, self._at_rest(state, drive, inputs)
-        efforts, slips = self._efforts(free, state, past.efforts, sizes, rest)
+        later = self._later(drive)
+        efforts, slips = self._efforts(free, state, later, sizes, rest)
         if not self.steady:
             ahead = self._stopped(self._moved(free, efforts), slips)
             sizes = self._between(state, ahead, inputs)
-            efforts, slips = self._efforts(free, state, efforts, sizes, rest)
+            efforts, slips = self._efforts(free, state, later, sizes, rest)
         new = self._held(self._stopped(self._moved(free, efforts), slips), state, slips)
         return [*new, *efforts] if self.steady else [*new, *efforts, *sizes, *self._no_trends]
 
@@ -205,16 +174,18 @@ class Step:
         zero = Lane(self.kind.b, vector(0.0))
         return [Dual(zero, zero) if self.kind.dual else zero for _ in self.rubs]
 
+    def _later(self, drive: Column) -> Column:
+        """At the end of the step."""
+        ends = {k: drive[k] + drive[slope] * self.span for k, slope in self.slopes.items()}
+        return {**drive, **ends}
+
     def _at_rest(
         self, state: list[Number], drive: Column, inputs: Mapping[str, Number]
     ) -> list[At]:
         still = list(state)
         for rub in self.rubs:
             still[rub.row] = Lane(self.kind.b, vector(0.0))
-        held = [
-            total(rub.pull_base, [(entry, _of(k, state, drive)) for k, entry in rub.pull.items()])
-            for rub in self.rubs
-        ]
+        held = [rub.held(state, drive) for rub in self.rubs]
         return [At(one, most) for one, most in zip(held, self.sizes(still, inputs), strict=True)]
 
     def _against(self, state: list[Number], sizes: list[Number]) -> list[Number]:
@@ -243,12 +214,15 @@ class Step:
         self,
         free: list[Number],
         state: list[Number],
-        before: list[Number],
+        drive: Column,
         sizes: list[Number],
         rest: list[At],
     ) -> tuple[list[Number], list[Mask]]:
-        """And where they let slip."""
-        known = list(before)
+        """And where they let slip; `drive` at the end of the step."""
+        known = [
+            where(moving(state[rub.row]), signed(most, state[rub.row]), at.held)
+            for rub, most, at in zip(self.rubs, sizes, rest, strict=True)
+        ]
         slips: dict[int, Mask] = {}
         for e in self._order:
             rub = self.rubs[e]
@@ -258,11 +232,13 @@ class Step:
                 if k != e and rub.row in self.rubs[k].column
             ]
             stop, speed = total(free[rub.row], others) * rub.over, state[rub.row]
-            moving = self._of_moving(stop, speed, rub.over, sizes[e], rest[e])
-            still = self._of_still(stop, sizes[e], rest[e])
-            moves = _moving(speed)
-            known[e] = where(moves, moving[0], still[0])
-            slips[e] = moving[1].both(moves).either(still[1].without(moves))
+            slipping = self._of_moving(stop, speed, rub.over, sizes[e], rest[e])
+            stopped = [stop if k == e else effort for k, effort in enumerate(known)]
+            there = self._moved(free, stopped, [k for k in rub.pull if k < len(free)])
+            still = self._of_still(stop, rub.held(there, drive), sizes[e], rest[e])
+            moves = moving(speed)
+            known[e] = where(moves, slipping[0], still[0])
+            slips[e] = slipping[1].both(moves).either(still[1].without(moves))
         return known, [slips[e] for e in range(len(self.rubs))]
 
     def _of_moving(
@@ -278,27 +254,30 @@ class Step:
         back = below(speed, 0.0)
         ahead, rate = where(back, -stop, stop), size(speed) * over
         against = rate - ahead + most  # what drives it backwards, and what brakes it
-        keeps, passes = _above(ahead, most), _above(against, most + rest.size)
+        keeps, passes = above(ahead, most), above(against, most + rest.size)
         turned = where(keeps, most, ahead)
         (turned,) = self.kind.rarely(
             passes.without(keeps), [turned], lambda: [most * (rate / against * 2.0 - 1.0)]
         )
         return where(back, -turned, turned), keeps.either(passes)
 
-    def _of_still(self, stop: Number, most: Number, rest: At) -> tuple[Number, Mask]:
-        """From rest: what has to be held rises, or falls, evenly from `rest.held` on, with `stop` in its
-        middle.  Once it is more than friction at rest can hold, the speed slips under `most`.
+    def _of_still(self, stop: Number, later: Number, most: Number, rest: At) -> tuple[Number, Mask]:
+        """From rest: what has to be held goes from `rest.held` to `later`, in the mean `stop`.
+
+        Once it is more than friction at rest can hold, the speed slips under `most`.
         """
         back = below(stop, 0.0)
-        mean, first = where(back, -stop, stop), where(back, -rest.held, rest.held)
-        last = mean * 2.0 - first
-        slips = _above(last, rest.size).either(_above(mean, rest.size))
+        mean, first, last = (where(back, -one, one) for one in (stop, rest.held, later))
+        slips = above(last, rest.size).either(above(mean, rest.size))
 
         def slipping() -> list[Number]:
-            late = below(first, rest.size)
-            share = where(late, (last - rest.size) / (last - first), 1.0)
-            begin = where(late, rest.size, first)
-            return [mean - share * ((begin + last) * 0.5 - most)]
+            # Straight from the first to the middle, and on to the last.
+            middle = (mean * 6.0 - first - last) * 0.25
+            halves = [_beyond(*ends, rest.size) for ends in ((first, middle), (middle, last))]
+            share = (halves[0][0] + halves[1][0]) * 0.5
+            driving = (halves[0][1] + halves[1][1]) * 0.5
+            bent = mean - (first + middle * 2.0 + last) * 0.25
+            return [mean - driving - share * (rest.size - most + bent)]
 
         (turned,) = self.kind.rarely(slips, [mean], slipping)
         return where(back, -turned, turned), slips
@@ -323,68 +302,20 @@ class Step:
         """Angles of speeds that were and are zero."""
         for rub, moves in zip(self.rubs, slips, strict=True):
             if rub.holds is not None:
-                moved = moves.either(_moving(old[rub.row]))
+                moved = moves.either(moving(old[rub.row]))
                 new[rub.holds] = where(moved, new[rub.holds], old[rub.holds])
         return new
 
 
+def _beyond(first: Number, last: Number, limit: Number) -> tuple[Number, Number]:
+    """For what share of a straight way it is beyond a limit, and by how much in the mean."""
+    begins, ends, rises = above(first, limit), above(last, limit), above(last, first)
+    far, near = where(rises, last, first), where(rises, first, last)
+    crosses = begins.either(ends).without(begins.both(ends))
+    share = where(crosses, (far - limit) / (far - near), where(begins, 1.0, 0.0))
+    over = where(begins.both(ends), (first + last) * 0.5 - limit, share * (far - limit) * 0.5)
+    return share, over
+
+
 def _of(k: int, state: Sequence[Number], drive: Column) -> Number:
     return state[k] if k < len(state) else drive[k]
-
-
-def _above(one: Number, other: Number) -> Mask:
-    """NaN is above all."""
-    left, right = dual(one).value, dual(other).value
-    return Mask(left.b, left.b.fcmp_unordered(">", left.value, right.value))
-
-
-def _moving(speed: Number) -> Mask:
-    """NaN moves."""
-    value = dual(speed).value
-    return Mask(value.b, value.b.fcmp_unordered("!=", value.value, vector(0.0)))
-
-
-def _keeps(old: Number, new: Number) -> Mask:
-    """Whether a speed has the sign that it had; what is zero has none."""
-    one, other = dual(old).value, dual(new).value
-    product = one.b.fmul(one.value, other.value)
-    return Mask(one.b, one.b.fcmp_ordered(">", product, vector(0.0)))
-
-
-def total(start: Number, terms: Sequence[tuple[Number, Number]]) -> Number:
-    """Sum of products, in two halves: a step takes as long as its longest chain of additions."""
-    half = (len(terms) + 1) // 2
-    first = start
-    for left, right in terms[:half]:
-        first = fused(left, right, first)
-    if len(terms) == half:
-        return first
-    second: Number = None
-    for left, right in terms[half:]:
-        second = fused(left, right, second)
-    return first + second
-
-
-def fused(left: Number, right: Number, sum_: Number) -> Number:
-    """left * right + sum_; a slope of 0.0 is none."""
-    one, other = dual(left), dual(right)
-    if not isinstance(left, Dual) and not isinstance(right, Dual) and not isinstance(sum_, Dual):
-        return _lane(left, right, sum_)
-    before = dual(sum_) if sum_ is not None else None
-    value = _lane(one.value, other.value, before.value if before else None)
-    slope: Number = before.slope if before else 0.0
-    for factor, change in ((one.slope, other.value), (one.value, other.slope)):
-        if not _nothing(factor) and not _nothing(change):
-            slope = _lane(factor, change, None if _nothing(slope) else slope)
-    return Dual(value, slope)
-
-
-def _nothing(number: Number) -> bool:
-    return isinstance(number, float) and number == 0.0
-
-
-def _lane(left: Lane, right: Lane, sum_: Lane | None) -> Lane:
-    b = left.b
-    if sum_ is None:
-        return Lane(b, b.fmul(left.value, right.value))
-    return Lane(b, fma(b, left.value, right.value, sum_.value))

@@ -135,6 +135,29 @@ class BitRock:
 
 
 @dataclass(frozen=True, slots=True)
+class Both:
+    """One and another at the same place."""
+
+    one: Law
+    other: Law
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        return (*self.one.parameters, *self.other.parameters)
+
+    @property
+    def seen(self) -> tuple[str, ...]:
+        return (*self.one.seen, *self.other.seen)
+
+    @property
+    def steady(self) -> bool:
+        return self.one.steady and self.other.steady
+
+    def size(self, p: Named, speed: Any, seen: Mapping[str, Any]) -> Any:
+        return self.one.size(p, speed, seen) + self.other.size(p, speed, seen)
+
+
+@dataclass(frozen=True, slots=True)
 class Losing:
     """`law`, None for nothing, and (1/eta - 1) of the torque that a gear with an efficiency passes on.
 

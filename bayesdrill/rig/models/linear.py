@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -79,3 +79,14 @@ class Model(Protocol):
         and nothing else.
         """
         ...
+
+
+def inner_of(model: Any) -> tuple[str, ...]:
+    """States that no start names and no sensor sees: within a part, zero where nothing moves it."""
+    found: tuple[str, ...] = getattr(model, "inner", ())
+    return found
+
+
+def outer_of(model: Model) -> tuple[str, ...]:
+    """All others."""
+    return tuple(name for name in model.states if name not in inner_of(model))

@@ -6,7 +6,7 @@ from bayesdrill.basics.errors import Problem
 from bayesdrill.rig import vocabulary
 from bayesdrill.setup import build
 from bayesdrill.setup.config import Config
-from bayesdrill.setup.consistency import record, sensing, several, unknowns, work
+from bayesdrill.setup.consistency import inputs, record, sensing, several, unknowns, work
 from bayesdrill.setup.consistency.collector import Collector
 from bayesdrill.setup.consistency.several import check_experiments
 from bayesdrill.setup.yaml_source import Place, Source
@@ -46,7 +46,7 @@ def check(
                 (key,), "there is one experiment alone; remove this entry, or add `experiments:`"
             )
     record.check_record(found, config)
-    record.check_inputs(found, config)
+    inputs.check_inputs(found, config, model)
     work.check_simulation(found, config)
     work.check_calibration(found, config)
     if alone:

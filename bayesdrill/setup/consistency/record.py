@@ -1,17 +1,17 @@
-"""The record and the experiment: channels, time, inputs and the initial state, with their units."""
+"""The record and the experiment: channels, time and the initial state, with their units."""
 
 from __future__ import annotations
 
 import itertools
 
-from bayesdrill.basics import symbols, units
+from bayesdrill.basics import units
 from bayesdrill.basics.entries import strange
 from bayesdrill.basics.expressions import linear_combination
 from bayesdrill.basics.registry import lookup
 from bayesdrill.inference.noise import NOISES
 from bayesdrill.record.formats import FORMATS
 from bayesdrill.rig import vocabulary
-from bayesdrill.rig.models.linear import Model
+from bayesdrill.rig.models.linear import Model, outer_of
 from bayesdrill.setup import build, number_entries
 from bayesdrill.setup.config import Config
 from bayesdrill.setup.consistency.collector import Collector
@@ -19,7 +19,6 @@ from bayesdrill.setup.experiment_entries import ChannelSpec
 from bayesdrill.setup.record_entries import (
     Column,
     FileSpec,
-    InputColumn,
     Series,
     TimeColumn,
     windows,
@@ -31,7 +30,7 @@ def check_channels(found: Collector, config: Config, model: Model) -> None:
     for name, spec in config.record.channels.items():
         place: Place = ("record", "channels", name)
         _check_measured(found, place, spec, model)
-        _check_series(found, place, spec)
+        check_series(found, place, spec)
         if spec.derived_from is not None:
             _check_derived(found, config, place, spec.derived_from)
 
@@ -42,8 +41,8 @@ def _check_measured(found: Collector, place: Place, spec: ChannelSpec, model: Mo
     combines = {str(place[-1]): 1.0}
     if spec.measures is not None:
         text, at = spec.measures, (*place, "measures")
-        combines = found.run(at, linear_combination, text, model.states) or {}
-    states = [vocabulary.STATES[state] for state in combines if state in model.states]
+        combines = found.run(at, linear_combination, text, outer_of(model)) or {}
+    states = [vocabulary.STATES[state] for state in combines if state in outer_of(model)]
     if states:
         found.run((*place, "unit"), units.factor, spec.unit, states[0].unit)
     kind = found.run((*place, "noise"), lookup, NOISES, spec.noise.name, "noise")
@@ -54,9 +53,9 @@ def _check_measured(found: Collector, place: Place, spec: ChannelSpec, model: Mo
             found.add((*place, "noise", entry), message)
     known = spec.model_copy(update={"sigma": 1.0})
     if len(found.problems) == before:
-        found.run(place, build.measured, place[-1], known, model.states)
+        found.run(place, build.measured, place[-1], known, outer_of(model))
     if len(found.problems) == before:
-        one = found.run((*place, "sigma"), build.measured, place[-1], spec, model.states)
+        one = found.run((*place, "sigma"), build.measured, place[-1], spec, outer_of(model))
         if one is not None:
             found.run((*place, "noise"), build.noise, [one], 1)
 
@@ -69,7 +68,7 @@ def _check_derived(found: Collector, config: Config, place: Place, of: str) -> N
         found.add(at, f"'{of}' is itself derived from {every[of].derived_from}; name that channel")
 
 
-def _check_series(found: Collector, place: Place, spec: Series) -> None:
+def check_series(found: Collector, place: Place, spec: Series) -> None:
     _check_address(found, place, spec)
     if isinstance(spec.time, TimeColumn):
         found.run((*place, "time", "unit"), units.factor, spec.time.unit, "s")
@@ -100,33 +99,13 @@ def check_record(found: Collector, config: Config) -> None:
             found.add(("record", "window"), f"{message}; put them in order, apart from each other")
 
 
-def check_inputs(found: Collector, config: Config) -> None:
-    holds = set()
-    for name, symbol in symbols.INPUTS.items():
-        spec = getattr(config.inputs, name)
-        place: Place = ("inputs", name)
-        if isinstance(spec, InputColumn):
-            holds.add(spec.hold)
-            found.run((*place, "unit"), units.factor, spec.unit, symbol.unit)
-            _check_series(found, place, spec)
-        else:
-            _check_quantity(found, place, spec, symbol.unit)
-    if len(holds) > 1:
-        found.add(("inputs",), "all measured inputs need the same `hold:`")
-    if holds and config.initial.time is not None:
-        found.add(
-            ("initial", "time"),
-            "with measured inputs the initial state is that of the first sample; remove this entry",
-        )
-
-
 def check_states(found: Collector, config: Config, model: Model) -> None:
-    for name in model.states:
+    for name in outer_of(model):
         value = getattr(config.initial, name)
-        _check_quantity(found, ("initial", name), value, vocabulary.STATES[name].unit)
+        check_quantity(found, ("initial", name), value, vocabulary.STATES[name].unit)
 
 
-def _check_quantity(
+def check_quantity(
     found: Collector, place: Place, value: float | number_entries.Quantity, unit: str
 ) -> None:
     if isinstance(value, number_entries.Quantity):

@@ -35,7 +35,7 @@ def _voltage(found: Found) -> list[str]:
             "no column is a voltage. Write the supply here, in V: a number if it was constant, else "
             "`{column: ..., unit: V, hold: zero}`; `bayesdrill check` asks for it"
         )
-        return [*review([doubt], 2), "  # v: 8.0"]
+        return [*review([doubt, *_imposed(found)], 2), "  # v: 8.0"]
     head = [*(line for why in v.why for line in comment(why, 2)), *review(v.doubts, 2)]
     if known := constant(found):
         doubt = f"{v.name} is the same in every row, taken as there from the start on"
@@ -54,6 +54,17 @@ def _voltage(found: Found) -> list[str]:
         *review([hold, off], 2),
         *_column(found, "v", v),
         f"      offset: {{prior: normal, mean: 0, sd: {SUPPLY * largest:.2g}}}}}",
+    ]
+
+
+def _imposed(found: Found) -> list[str]:
+    """What else may move the rig, where the motion of the gearbox is known and no voltage is."""
+    top = [one.name for one in found.channels if one.name in ("w_2", "theta_2")]
+    if not top:
+        return []
+    return [
+        f"or {top[0]} was imposed, whatever moved it: then it is no channel but an input, `{top[0]}: "
+        "{column: ..., unit: ...}`, of `model: {name: driven_shaft}`, which has no motor (docs/rigs.md)"
     ]
 
 

@@ -1,0 +1,279 @@
+"""What would explain what the fit leaves: sensors, the start, efforts that the rig lacks.
+
+What is not unknown yet becomes so with a wide prior, all of it together, and the maximum is sought again
+from the MAP.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayesdrill.engines.climb import climb
+from bayesdrill.inference.posterior import Posterior
+from bayesdrill.inference.surface import PosteriorSurface
+from bayesdrill.insight.candidates import Candidate, Kind
+from bayesdrill.insight.widened import Widened, widened
+
+Array = NDArray[np.float64]
+
+STEPS = 60  # uphill
+TRIED = (0.0, 3.0, -3.0)  # samples: lags from which it is sought
+SURE = 5.0  # sds, of what is named
+NOISE = 1.1  # mean square over the noise's, below which nothing more is tried
+WORTH = 0.3  # of what is unexplained so far, that each thing named must explain
+ROUNDING = 1e-12
+EXPLAINS = 0.5  # of what the fit leaves beyond noise: with less, nothing is named
+MOST_NAMED = 5
+PROMISES = 0.3  # of what is left, to first order, for what is worth a search
+ALIKE = 0.1  # of what is left: two explanations that differ by less are equals
+
+SENSORS: frozenset[Kind] = frozenset({"gain", "offset", "lag", "input offset", "input lag"})
+LATE: frozenset[Kind] = frozenset({"input lag"})
+NEARLY = (
+    0.97  # of what the fit leaves: where late inputs alone explain it, nothing else need be late
+)
+STAGES: tuple[frozenset[Kind], ...] = (
+    LATE,
+    SENSORS,
+    SENSORS | {"start"},
+    SENSORS | {"rig"},
+    SENSORS | {"rig", "start"},
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Cause:
+    """One of those: `of` a channel, an input or a state of one `experiment`, or the parameter that the
+    rig lacks; `value`, `sd` in SI.
+    """
+
+    kind: Kind
+    of: str
+    experiment: str
+    value: float
+    sd: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Causes:
+    """`share`: of what is left beyond noise, that they explain together, or, where the noise is unknown,
+    of what passed for it; `found`: what matters; `rest`: the mean square that they leave, over the
+    noise's; `beyond`: what of it is more than noise or, where that is unknown, what still passes for it;
+    `other`: explains as much.
+    """
+
+    share: float
+    rest: float
+    found: tuple[Cause, ...]
+    beyond: float = 0.0
+    other: Causes | None = None
+
+    @property
+    def explains(self) -> bool:
+        return self.share >= EXPLAINS and bool(self.found)
+
+    @property
+    def lacking(self) -> tuple[str, ...]:
+        """Parameters that the rig lacks."""
+        return tuple(one.of for one in self.found if one.kind == "rig")
+
+
+def causes(posterior: Posterior, theta: Array) -> Causes | None:
+    """At the MAP `theta (D,)`; None where nothing can be tried.
+
+    What takes more to explain must leave so much less.  Where sensors and the start explain it, what
+    the rig lacks may do so as well.
+    """
+    best: Causes | None = None
+    known = not any(one.noise.unknowns for one in posterior.likelihood.observations)
+    for kinds in STAGES:
+        found = _tried(posterior, theta, kinds)
+        if found is not None and (best is None or found.beyond < (1.0 - WORTH) * best.beyond):
+            best = found
+        enough = best is not None and kinds == LATE and best.share > NEARLY
+        if enough or (best is not None and known and best.rest < NOISE):
+            break
+    if best is None or not best.explains or best.lacking:
+        return best
+    rig = _Trial.of(posterior, theta, frozenset({"rig"}))
+    other = rig.outcome() if rig is not None and rig.promises() else None
+    alike = other is not None and other.explains and other.share > best.share - ALIKE
+    return dataclasses.replace(best, other=other) if alike else best
+
+
+def _tried(posterior: Posterior, theta: Array, kinds: frozenset[Kind]) -> Causes | None:
+    trial = _Trial.of(posterior, theta, kinds)
+    return None if trial is None else trial.outcome()
+
+
+@dataclass(frozen=True, slots=True)
+class _Trial:
+    """Of what is `wide`, from the MAP `theta (D,)` of `posterior` on."""
+
+    posterior: Posterior
+    theta: Array
+    wide: Widened
+    count: _Left
+
+    @classmethod
+    def of(cls, posterior: Posterior, theta: Array, kinds: frozenset[Kind]) -> _Trial | None:
+        """None where there is nothing to try, or nothing to explain."""
+        wide = widened(posterior, theta, kinds)
+        if not wide.every:
+            return None
+        count = _Left.of(posterior, theta, wide.posterior)
+        return cls(posterior, theta, wide, count) if count.before > count.floor else None
+
+    @property
+    def tried(self) -> slice:
+        """Places of what is tried among the unknowns."""
+        first = len(self.theta) - len(self.posterior.space.columns("noise"))
+        return slice(first, first + len(self.wide.every))
+
+    def starts(self) -> Array:
+        """In coordinates: with each lag from which it is sought."""
+        every, m = self.wide.every, self.tried.start
+        lags = TRIED if any(c.step for c in every) else (0.0,)
+        rows = [[c.at(lag) for c in every] for lag in lags]
+        full = [np.concatenate([self.theta[:m], row, self.theta[m:]]) for row in rows]
+        return self.wide.posterior.coordinates.from_physical(np.array(full))
+
+    def promises(self) -> bool:
+        """Whether it would explain much, were the response straight."""
+        surface = PosteriorSurface(self.wide.posterior, physical=True)
+        u = np.clip(self.starts()[:1], surface.low, surface.high)
+        here = surface.expand(u, np.eye(u.shape[1]))
+        new = np.zeros(u.shape[1], dtype=bool)
+        new[self.tried] = True
+        gains = [_gain(here.slope[0], here.curvature[0], free) for free in (new | ~new, ~new)]
+        return 2.0 * (gains[0] - gains[1]) > PROMISES * (self.count.before - self.count.floor)
+
+    def outcome(self) -> Causes | None:
+        """None where it comes to nothing."""
+        posterior, wider, count = self.posterior, self.wide.posterior, self.count
+        surface = PosteriorSurface(wider, physical=True)
+        top = climb(surface, self.starts(), STEPS)
+        which = int(np.argmax(top.value))
+        if not np.isfinite(top.value[which]):
+            return None
+        u = top.u[[which]]
+        there = wider.coordinates.to_physical(u)[0]
+        rest = count.at(wider, there) / count.numbers
+        explained = count.before / count.numbers - rest
+        if explained <= 0:
+            return None
+        curvature = surface.expand(u, np.eye(len(there))).curvature[0]
+        share = min(explained * count.numbers / (count.before - count.floor), 1.0)
+        beyond = max(rest - 1.0, 0.0)
+        if not count.floor:
+            beyond = _narrowed(posterior, self.theta, wider, there)
+            share = 1.0 - beyond
+        named = self._named(there, curvature, SURE**2 * max(1.0, rest))
+        return Causes(share=share, rest=rest, found=named, beyond=beyond)
+
+    def _named(self, there: Array, curvature: Array, least: float) -> tuple[Cause, ...]:
+        """At the maximum `there (E,)`, where the cost is bent by `curvature (E, E)`."""
+        every, m = self.wide.every, self.tried.start
+        # In units of what each would be known to alone, so that its diagonal is one.
+        own = 1.0 / np.sqrt(np.maximum(np.diag(curvature), 1e-300))
+        steps = own * self.wide.posterior.coordinates.slopes(there[None])[0]
+        scaled = curvature * own[:, None] * own
+        inverse = np.linalg.pinv(scaled, hermitian=True)
+        sds = np.maximum(steps * np.sqrt(np.maximum(np.diag(inverse), 0.0)), 1e-300)
+        off = (there[self.tried] - [c.neutral for c in every]) / steps[self.tried]
+        return tuple(
+            Cause(kind=c.kind, of=c.of, experiment=c.label, value=float(there[k]), sd=float(sds[k]))
+            for group in _chosen(scaled, m, off, every, least)
+            for k, c in enumerate(every, start=m)
+            if c.group == group
+        )
+
+
+def _gain(slope: Array, curvature: Array, free: NDArray[np.bool_]) -> float:
+    """Of the log density, by a step of what is `free (D,)` alone."""
+    own = 1.0 / np.sqrt(np.maximum(np.diag(curvature)[free], 1e-300))
+    scaled = curvature[np.ix_(free, free)] * own[:, None] * own + ROUNDING * np.eye(len(own))
+    return float(0.5 * (slope[free] * own) @ np.linalg.solve(scaled, slope[free] * own))
+
+
+def _narrowed(posterior: Posterior, theta: Array, wider: Posterior, there: Array) -> float:
+    """The mean square of an unknown noise at `there (E,)`, over that at the MAP `theta (D,)`."""
+    pairs = ((posterior.likelihood, theta), (wider.likelihood, there))
+    before, after = (float(one(at[None])[0]) / one.numbers for one, at in pairs)
+    return math.exp(min(2.0 * (before - after), 0.0))
+
+
+def _chosen(
+    scaled: Array, m: int, off: Array, every: Sequence[Candidate], least: float
+) -> list[tuple[str, str]]:
+    """What matters most, one after the other: of the same thing in all experiments together.
+
+    `off (n,)`: how far each is from what it is without it; the costs of that are taken as quadratic,
+    all else as free to adapt.
+    """
+    groups, chosen = list(dict.fromkeys(c.group for c in every)), list[tuple[str, str]]()
+    now = _cost(scaled, m, off, [True] * len(every))
+    while len(chosen) < MOST_NAMED:
+        rest = [group for group in groups if group not in chosen]
+        if not rest:
+            break
+        costs = [
+            _cost(scaled, m, off, [c.group not in (*chosen, group) for c in every])
+            for group in rest
+        ]
+        best = int(np.argmin(costs))
+        if now - costs[best] < max(least, WORTH * now):
+            break
+        chosen.append(rest[best])
+        now = costs[best]
+    return chosen
+
+
+def _cost(scaled: Array, m: int, off: Array, held: Sequence[bool]) -> float:
+    """Of holding these `off` where the fit wants them, with all others free, as `scaled` has it."""
+    kept = m + np.flatnonzero(held)
+    free = np.setdiff1d(np.arange(len(scaled)), kept)
+    inner = scaled[np.ix_(free, free)] + ROUNDING * np.eye(len(free))
+    cross = scaled[np.ix_(free, kept)]
+    left = scaled[np.ix_(kept, kept)] - cross.T @ np.linalg.solve(inner, cross)
+    by = off[np.flatnonzero(held)]
+    return float(by @ left @ by)
+
+
+@dataclass(frozen=True, slots=True)
+class _Left:
+    """Sums of squares over the noise of the MAP, of the samples that both likelihoods see; `before`: of
+    the MAP; `floor`: what noise alone leaves of it, zero where it is unknown.
+    """
+
+    scales: list[Array]
+    seen: list[NDArray[np.bool_]]
+    before: float
+    floor: float
+
+    @classmethod
+    def of(cls, posterior: Posterior, theta: Array, wider: Posterior) -> _Left:
+        known = not any(one.noise.unknowns for one in posterior.likelihood.observations)
+        seen = [one.experiment.seen for one in wider.likelihood.observations]
+        scales = [one.scales(theta[None])[0] for one in posterior.likelihood.observations]
+        floor = float(sum(each.sum() for each in seen)) if known else 0.0
+        without = cls(scales=scales, seen=seen, before=0.0, floor=floor)
+        return dataclasses.replace(without, before=without.at(posterior, theta))
+
+    @property
+    def numbers(self) -> float:
+        return float(sum(each.sum() for each in self.seen))
+
+    def at(self, posterior: Posterior, theta: Array) -> float:
+        full, total = posterior.space.full(theta[None]), 0.0
+        every = zip(posterior.likelihood.observations, self.scales, self.seen, strict=True)
+        for one, scale, seen in every:
+            rest = np.where(seen, one.residuals(full).samples[0], 0.0) / scale
+            total += float((rest**2).sum())
+        return total

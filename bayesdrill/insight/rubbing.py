@@ -1,0 +1,152 @@
+"""What frictions do in a record: how fast, how large, where they stick."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayesdrill.inference.likelihood import Observation
+from bayesdrill.inference.posterior import Posterior
+from bayesdrill.rig.models.friction import Friction, frictions_of
+from bayesdrill.rig.stepped import Stepped
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+SPEEDS = 200  # of each sign, at which a law is drawn: ...
+NEAREST = 1e-4  # ... from this share of the largest one on, as static friction falls near zero
+BEYOND = 1.05  # of the largest speed of the record
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Rubbing:
+    """One friction in one experiment, at samples `t (T,)`: of the MAP its `speed`, `effort` and where it
+    `sticks` until the next sample, `(T,)`; `efforts (N, T)` of draws.  `gear`: its own speed is so many
+    times that of the state.
+    """
+
+    friction: Friction
+    label: str
+    t: Array
+    speed: Array
+    effort: Array
+    sticks: Flags
+    efforts: Array
+    gear: float
+
+    @property
+    def stuck(self) -> float:
+        """The share of the time."""
+        steps = np.diff(self.t)
+        return float(steps[self.sticks[:-1]].sum() / steps.sum())
+
+    @property
+    def intervals(self) -> tuple[tuple[float, float], ...]:
+        """When it sticks."""
+        edges = np.diff(np.concatenate([[0], self.sticks.astype(int), [0]]))
+        first, last = np.flatnonzero(edges > 0), np.flatnonzero(edges < 0)
+        ends = np.minimum(last, len(self.t) - 1)
+        return tuple((float(self.t[a]), float(self.t[b])) for a, b in zip(first, ends, strict=True))
+
+    @property
+    def stuck_later(self) -> float:
+        """The same, of what comes after its start from rest."""
+        steps = np.where(np.cumsum(~self.sticks[:-1]) > 0, np.diff(self.t), 0.0)
+        return float(steps[self.sticks[:-1]].sum() / np.diff(self.t).sum())
+
+    @property
+    def reversals(self) -> int:
+        """How often it goes on the other way."""
+        signs = np.sign(self.speed[self.speed != 0.0])
+        return int(np.count_nonzero(np.diff(signs)))
+
+    @property
+    def slowest(self) -> float:
+        """The least speed of its own once it has gone at half of its greatest; what comes before is a
+        start from rest.
+        """
+        size = np.abs(self.speed) * self.gear
+        first = int(np.argmax(size >= 0.5 * size.max()))
+        return float(size[first:].min())
+
+    @property
+    def fastest(self) -> float:
+        return float(np.abs(self.speed).max() * self.gear)
+
+
+def rubbings(posterior: Posterior, theta: Array, draws: Array) -> tuple[tuple[Rubbing, ...], ...]:
+    """Of each experiment, at the MAP `theta (D,)` and draws `(N, D)`; empty where nothing rubs."""
+    return tuple(
+        tuple(_of(one, posterior, theta, draws)) for one in posterior.likelihood.observations
+    )
+
+
+def _of(one: Observation, posterior: Posterior, theta: Array, draws: Array) -> Iterator[Rubbing]:
+    rig = one.response
+    if not isinstance(rig, Stepped):
+        return
+    told = one.told(posterior.space.full(np.vstack([theta[None], draws])))
+    motion = rig.motion(told)
+    for e, friction in enumerate(frictions_of(rig.model)):
+        speed = motion.states[0, :, rig.model.states.index(friction.against)]
+        still = speed == 0.0
+        yield Rubbing(
+            friction=friction,
+            label=one.label,
+            t=np.asarray(rig.experiment.t),
+            speed=speed,
+            effort=motion.efforts[0, :, e],
+            sticks=np.append(still[:-1] & still[1:], False),
+            efforts=motion.efforts[1:, :, e],
+            gear=geared(rig, friction),
+        )
+
+
+def geared(rig: Stepped, friction: Friction) -> float:
+    """How many times as fast the motor turns as what its friction is said to be against."""
+    return 1.0 / float(getattr(rig.model, "i_m", 1.0)) if friction.against == "w_2" else 1.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Curve:
+    """A law at its own `speeds (G,)`: `sizes (W, G)` of so many walkers, signed as the speeds."""
+
+    speeds: Array
+    sizes: Array
+
+
+def curve(one: Observation, rubbing: Rubbing, full: Array) -> Curve:
+    """Of parameters `full (W, P)`, over the speeds that the record saw; where a law sees more than the
+    speed, at the root mean square of that.
+    """
+    rig, friction = one.response, rubbing.friction
+    assert isinstance(rig, Stepped)
+    far = BEYOND * float(np.abs(rubbing.speed).max()) or 1.0
+    one_way = far * np.geomspace(NEAREST, 1.0, SPEEDS)
+    speeds = np.concatenate([-one_way[::-1], [0.0], one_way])
+    told = one.told(full)
+    names = rig.model.parameters
+    p = {name: told[:, k, None] for k, name in enumerate(names)}
+    seen = {name: np.asarray(x) for name, x in _seen(rig, friction, told[:1]).items()}
+    sizes = friction.law.size(p, np.abs(speeds), seen)
+    signed = np.broadcast_to(sizes, (len(told), len(speeds))) * np.sign(speeds)
+    return Curve(speeds=speeds * rubbing.gear, sizes=np.asarray(signed))
+
+
+def _seen(rig: Stepped, friction: Friction, told: Array) -> dict[str, float]:
+    """States, and inputs, that the law looks at; of two angles only their difference counts."""
+    steps = rig.steps(told)
+    found = {}
+    for name in friction.law.seen:
+        if name in rig.model.states:
+            continue
+        found[name] = float(np.sqrt(np.mean(steps.felt[name] ** 2)))
+    angles = [name for name in friction.law.seen if name in rig.model.states]
+    if len(angles) == 2:
+        first, second = (steps.motion.states[0, :, rig.model.states.index(n)] for n in angles)
+        found[angles[0]] = 0.0
+        found[angles[1]] = float(np.sqrt(np.mean((second - first) ** 2)))
+    return found

@@ -1,0 +1,205 @@
+"""Where the energy of a rig goes, by its equations: to resistance, damping, friction, or into store.
+
+Of a rig of a motor, a shaft and rotor 1 every entry of x' = A x + B u + c is a power once it is known
+what its rows weigh: j_1 by the load `t_1`, the inertia at the gearbox by the shaft, which acts at both
+of its ends alike, l_m by the voltage `v`.  What a parameter takes is what is missing where it is zero.
+
+Over a step with constant efforts and straight inputs all of it is exact: integrals of squares of
+exponentials, by doubling.  Where a speed changes its sign within a step, the effort is the mean over
+it, and the sum closes to the order of the step; `Energies.open` says by how much it does not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import expm
+
+from bayesdrill.rig.models.friction import frictions_of
+from bayesdrill.rig.models.linear import Model, dynamics
+from bayesdrill.rig.stepped import Stepped, Steps
+
+Array = NDArray[np.float64]
+Whole = NDArray[np.intp]
+
+STATES = frozenset(("theta_1", "theta_2", "w_1", "w_2", "i"))  # whose rows can be weighed
+LOSSES = (
+    "r_m",
+    "r_s",
+    "c_m",
+    "c_s",
+    "c_1",
+    "t_f",
+)  # parameters that take power, where they are named
+NODES, WEIGHTS = np.polynomial.legendre.leggauss(8)
+SHORT = 0.25  # of the fastest motion: a span over which quadrature is exact to rounding
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Energies:
+    """J, from the first of the times `t (N,)` on: `given` by inputs; `lost`, to parameters and frictions
+    by name; `converted`: what a motor gives beyond what it takes, where k_T is not k_e; `stored`: at
+    each time.
+    """
+
+    t: Array
+    given: Mapping[str, Array]
+    lost: Mapping[str, Array]
+    converted: Array
+    stored: Array
+
+    @property
+    def open(self) -> Array:
+        """What is not accounted for `(N,)`: zero, but for steps in which a speed changes its sign."""
+        came = sum(self.given.values(), self.converted) + self.stored[0]
+        return np.asarray(came - sum(self.lost.values(), self.stored))
+
+
+def can_tell(model: Model) -> bool:
+    """Whether rows of the rig can be weighed."""
+    p = dict.fromkeys(model.parameters, 1.0)
+    if not {*model.states} <= STATES:
+        return False
+    try:
+        _weights(model, p)
+    except (KeyError, ZeroDivisionError):
+        return False
+    return True
+
+
+def energies(rig: Stepped, full: Array) -> Energies:
+    """Of one walker, `full (P,)`, at each of the rig's steps."""
+    model = rig.model
+    steps = rig.steps(full[None])
+    p = {name: float(x) for name, x in zip(model.parameters, full, strict=False)}
+    z = _extended(model, steps)
+    forms, stored = _forms(model, p)
+    x = len(model.states)
+    taken = np.zeros((len(forms), len(z)))
+    for rows, held in _patterns(model, z[:, :x]):
+        over = _over_step(_generator(model, p, held), np.stack([*forms.values()]), steps.span)
+        taken[:, rows] = np.einsum("nz,fzy,ny->fn", z[rows], over, z[rows], optimize=True)
+    whole = np.concatenate([np.zeros((len(forms), 1)), np.cumsum(taken, axis=1)[:, :-1]], axis=1)
+    named = dict(zip(forms, whole, strict=True))
+    given = {name: named.pop(name) for name in model.inputs if name in named}
+    converted = named.pop("")
+    states = z[:, :x]
+    return Energies(
+        t=steps.t,
+        given=given,
+        lost={name: -some for name, some in named.items()},
+        converted=converted,
+        stored=0.5 * np.einsum("nx,xy,ny->n", states, stored, states, optimize=True),
+    )
+
+
+def _weights(model: Model, p: Mapping[str, float]) -> dict[str, float]:
+    """Of rows: the inertias as the shaft has them, and the inductance."""
+    linear: Any = model.linear(p)
+    j_1 = -1.0 / linear.B["w_1", "t_1"]
+    return {
+        "w_1": j_1,
+        "w_2": j_1 * linear.A["w_1", "theta_2"] / linear.A["w_2", "theta_1"],
+        "i": 1.0 / linear.B["i", "v"],
+    }
+
+
+def _forms(model: Model, p: Mapping[str, float]) -> tuple[dict[str, Array], Array]:
+    """Powers into the rig as forms of (states, 1, inputs, slopes, efforts): of inputs, parameters,
+    frictions, and, named by nothing, of the rest; and twice the stored energy as a form of states.
+    """
+    linear, places, weights = model.linear(p), _places(model), _weights(model, p)
+    n = len(model.states) + 1 + 2 * len(model.inputs) + len(frictions_of(model))
+    stored = np.diag([weights.get(name, 0.0) for name in model.states])
+    first, second = model.states.index("theta_1"), model.states.index("theta_2")
+    k_s = weights["w_1"] * float(np.asarray(linear.A["w_1", "theta_2"]))
+    stored[np.ix_([first, second], [first, second])] += k_s * np.array([[1.0, -1.0], [-1.0, 1.0]])
+    forms: dict[str, Array] = {}
+    for (row, name), value in linear.B.items():
+        form = forms.setdefault(name, np.zeros((n, n)))
+        form[model.states.index(row), places[name]] += weights[row] * float(np.asarray(value))
+    whole = _autonomous(model, p, stored, n)
+    rest = whole.copy()
+    for name in LOSSES:
+        if name in model.parameters:
+            forms[name] = whole - _autonomous(model, {**p, name: 0.0}, stored, n)
+            rest -= forms[name]
+    return {**forms, "": rest}, stored
+
+
+def _autonomous(model: Model, p: Mapping[str, float], stored: Array, n: int) -> Array:
+    """x' S (A x + c), as a form."""
+    linear, x = model.linear(p), len(model.states)
+    form = np.zeros((n, n))
+    form[:x, :x] = stored @ dynamics(linear, model.states, 1)[0]
+    for row, value in linear.c.items():
+        form[:x, x] += stored[:, model.states.index(row)] * float(np.asarray(value))
+    return form
+
+
+def _extended(model: Model, steps: Steps) -> Array:
+    """Of one walker, `(N, Z)`: states, 1, inputs and their slopes, efforts."""
+    n = len(steps.t)
+    felt = [steps.felt[name][0] for name in model.inputs]
+    slopes = [steps.slopes[name][0] for name in model.inputs]
+    driven = np.stack([*felt, *slopes], axis=1) if felt else np.empty((n, 0))
+    motion = steps.motion
+    return np.concatenate([motion.states[0], np.ones((n, 1)), driven, motion.efforts[0]], axis=1)
+
+
+def _places(model: Model) -> dict[str, int]:
+    """Of inputs and efforts in that."""
+    x, frictions = len(model.states), frictions_of(model)
+    first = x + 1 + 2 * len(model.inputs)
+    places = {name: x + 1 + k for k, name in enumerate(model.inputs)}
+    return places | {one.name: first + k for k, one in enumerate(frictions)}
+
+
+def _generator(model: Model, p: Mapping[str, float], held: Sequence[str]) -> Array:
+    """How what `_extended` has changes with time, where the states `held` do not."""
+    linear, x, places = model.linear(p), len(model.states), _places(model)
+    u = len(model.inputs)
+    n = x + 1 + 2 * u + len(frictions_of(model))
+    made = np.zeros((n, n))
+    made[:x, :x] = dynamics(linear, model.states, 1)[0]
+    for row, value in linear.c.items():
+        made[model.states.index(row), x] = np.asarray(value).item()
+    for (row, name), value in linear.B.items():
+        made[model.states.index(row), places[name]] += np.asarray(value).item()
+    made[range(x + 1, x + 1 + u), range(x + 1 + u, x + 1 + 2 * u)] = 1.0
+    made[[model.states.index(name) for name in held]] = 0.0
+    return made
+
+
+def _patterns(model: Model, states: Array) -> Iterator[tuple[Whole, tuple[str, ...]]]:
+    """Which steps `(N,)` have the same states held, by frictions that stick through all of them."""
+    frictions = frictions_of(model)
+    still = np.zeros((len(states), len(frictions)), dtype=bool)
+    for e, one in enumerate(frictions):
+        zero = states[:, model.states.index(one.against)] == 0.0
+        still[:-1, e] = zero[:-1] & zero[1:]
+    for pattern in np.unique(still, axis=0):
+        names = [(one.against, one.holds) for one, on in zip(frictions, pattern, strict=True) if on]
+        held = tuple(name for pair in names for name in pair if name is not None)
+        yield np.flatnonzero((still == pattern).all(axis=1)), held
+
+
+def _over_step(generator: Array, forms: Array, span: float) -> Array:
+    """Integrals over a step of z' F z for `forms (f, Z, Z)`, as forms of z at its beginning.
+
+    Over a short span by quadrature; then twice as long at a time.
+    """
+    fastest = max(float(np.abs(np.linalg.eigvals(generator)).max()) * span, 1e-300)
+    doublings = max(0, int(np.ceil(np.log2(fastest / SHORT))))
+    short = span / 2**doublings
+    at = expm(generator * (0.5 * short * (NODES + 1.0))[:, None, None])
+    whole = np.einsum("k,kxz,fxy,kyw->fzw", 0.5 * short * WEIGHTS, at, forms, at, optimize=True)
+    once = expm(generator * short)
+    for _ in range(doublings):
+        whole = whole + once.T @ whole @ once
+        once = once @ once
+    return np.asarray(whole)

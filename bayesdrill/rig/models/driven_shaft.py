@@ -1,0 +1,91 @@
+"""A shaft whose upper end is moved as it was measured, and a rotor: no motor.
+
+    theta_1' = w_1
+    theta_2' = w_2                                         w_2: the speed that is imposed, an input
+    w_1' = -(k_s/j_1)(theta_1 - theta_2) - t_1/j_1
+
+`t_1` is the load torque on rotor 1: of a drill string the torque at the bit, measured or, where its law
+is `added`, computed.  What is `added`:
+
+    c_s    k_s (theta_1 - theta_2) + c_s (w_1 - w_2) in the place of k_s (theta_1 - theta_2)
+    c_1    w_1' = ... - (c_1/j_1) w_1
+    t_c1   w_1' = ... - T/j_1, |T| = t_c1 against w_1; with t_s1 and w_s1 by Stribeck's law
+    b_0, b_1, b_2, b_3
+           w_1' = ... - T/j_1 against w_1, T = W b_0 (tanh(b_1 |w_1|) + b_2 |w_1| / (1 + b_3 w_1^2)),
+           where the input `wob` is the weight W on the bit
+
+An angle that is imposed, straight from sample to sample, is the speed that is held between them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any, ClassVar
+
+from bayesdrill.basics.symbols import Symbol
+from bayesdrill.rig.models.composed import Names, Offers, dry
+from bayesdrill.rig.models.friction import BitRock, Both, Friction, Law, Stribeck
+from bayesdrill.rig.models.linear import Linear, Named
+from bayesdrill.rig.models.motor_shaft import Power
+
+WEIGHT = "wob"
+ROCK = BitRock("b_0", "b_1", "b_2", "b_3", WEIGHT)
+OFFERS: Offers = MappingProxyType(
+    {
+        "c_s": (),
+        "c_1": (),
+        "t_c1": (),
+        "t_s1": ("t_c1", "w_s1"),
+        "w_s1": ("t_c1", "t_s1"),
+        **{one: tuple(n for n in ROCK.parameters if n != one) for one in ROCK.parameters},
+    }
+)
+
+
+@dataclass(frozen=True, slots=True)
+class DrivenShaft:
+    """`stribeck`, `added`: as of a `MotorShaft`."""
+
+    stribeck: Power = 1
+    added: tuple[str, ...] = ()
+
+    name: ClassVar[str] = "driven_shaft"
+    declares: ClassVar[tuple[Symbol, ...]] = ()
+    offers: ClassVar[Offers] = OFFERS
+    parameters: ClassVar[Names] = Names(("k_s", "j_1"))
+    states: ClassVar[tuple[str, ...]] = ("theta_1", "theta_2", "w_1")
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        return ("w_2", "t_1", WEIGHT) if self._drills else ("w_2", "t_1")
+
+    @property
+    def frictions(self) -> tuple[Friction, ...]:
+        """At rotor 1."""
+        law: Law | None = dry(self.added, Stribeck("t_c1", "t_s1", "w_s1", self.stribeck))
+        if self._drills:
+            law = ROCK if law is None else Both(law, ROCK)
+        if law is None:
+            return ()
+        where = "at rotor 1"
+        return (Friction(name="friction_1", against="w_1", law=law, holds="theta_1", where=where),)
+
+    def linear(self, p: Named) -> Linear:
+        k_s, j_1 = p["k_s"], p["j_1"]
+        a: dict[tuple[str, str], Any] = {
+            ("theta_1", "w_1"): 1.0,
+            ("w_1", "theta_1"): -k_s / j_1,
+            ("w_1", "theta_2"): k_s / j_1,
+        }
+        b: dict[tuple[str, str], Any] = {("theta_2", "w_2"): 1.0, ("w_1", "t_1"): -1.0 / j_1}
+        if "c_s" in self.added:
+            a["w_1", "w_1"], b["w_1", "w_2"] = -p["c_s"] / j_1, p["c_s"] / j_1
+        if "c_1" in self.added:
+            a["w_1", "w_1"] = a.get(("w_1", "w_1"), 0.0) - p["c_1"] / j_1
+        b |= {("w_1", one.name): -1.0 / j_1 for one in self.frictions}
+        return Linear(A=a, B=b, c={})
+
+    @property
+    def _drills(self) -> bool:
+        return all(name in self.added for name in ROCK.parameters)

@@ -1,0 +1,121 @@
+"""The paper's rig with a shaft that has an inertia of its own, `j_s`, as `elements` equal pieces.
+
+Each piece is a spring n k_s, with half of its inertia j_s/n at either end: what is at the ends of the
+shaft adds to j_1 and, through the gear, to j_m.  At node k, the share s = k/n of the way from the
+gearbox to rotor 1, the shaft is at
+
+    theta_2 + s (theta_1 - theta_2) + phi_k
+
+so that all phi_k, and their rates, are zero in a shaft that is straight: a start need not name them.
+
+    phi_k'  = dphi_k
+    dphi_k' = (n^2 k_s/j_s)(phi_(k-1) - 2 phi_k + phi_(k+1)) - (1 - s) w_2' - s w_1'
+    w_1'    = ... + n k_s phi_(n-1) / (j_1 + j_s/2n)
+    w_2'    = ... + i_m^2 n k_s phi_1 / (j_m + i_m^2 j_s/2n)
+
+with the rest of w_1' and w_2' as in `motor_shaft`.  The damping `c_s` goes with k_s in all of it.  For
+the paper's shaft it makes no difference (`j_s` is 1.5e-7 kg m^2): that can be seen with it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated, Any, ClassVar
+
+from pydantic import Field
+
+from bayesdrill.basics.symbols import Symbol
+from bayesdrill.rig.models.composed import Names, Offers
+from bayesdrill.rig.models.friction import Friction
+from bayesdrill.rig.models.linear import Linear, Named
+from bayesdrill.rig.models.motor_shaft import OFFERS, PARAMETERS, Gear, MotorShaft, Power
+
+MOST = 4
+Elements = Annotated[
+    int, Field(ge=1, le=MOST, description="Equal pieces of which the shaft is made.")
+]
+
+
+def _declared() -> tuple[Symbol, ...]:
+    """Not in rad, as they do not turn with the rig."""
+    what = "of the shaft within, beyond the straight line between its ends"
+    nodes = range(1, MOST)
+    return (
+        *(Symbol(f"phi_{k}", "1", rf"\varphi_{k}", "", f"angle {what}") for k in nodes),
+        *(Symbol(f"dphi_{k}", "1/s", rf"\dot\varphi_{k}", "1/s", f"speed {what}") for k in nodes),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class LongShaft:
+    """`i_m`, `stribeck`, `added`: as of a `MotorShaft`."""
+
+    i_m: Gear = 1 / 8
+    elements: Elements = MOST
+    stribeck: Power = 1
+    added: tuple[str, ...] = ()
+
+    name: ClassVar[str] = "long_shaft"
+    declares: ClassVar[tuple[Symbol, ...]] = _declared()
+    offers: ClassVar[Offers] = OFFERS
+    parameters: ClassVar[Names] = Names((*PARAMETERS, "j_s"))
+    inputs: ClassVar[tuple[str, ...]] = MotorShaft.inputs
+
+    @property
+    def inner(self) -> tuple[str, ...]:
+        """States that no start needs to name."""
+        nodes = range(1, self.elements)
+        return (*(f"phi_{k}" for k in nodes), *(f"dphi_{k}" for k in nodes))
+
+    @property
+    def states(self) -> tuple[str, ...]:
+        return (*MotorShaft.states, *self.inner)
+
+    @property
+    def frictions(self) -> tuple[Friction, ...]:
+        return self._ends.frictions
+
+    def linear(self, p: Named) -> Linear:
+        own, n = self._with_ends(p), self.elements
+        ends = self._ends.linear(own)
+        a, b, c = dict(ends.A), dict(ends.B), dict(ends.c)
+        if n == 1:
+            return ends
+        springs = [("phi", n * p["k_s"])]
+        springs += [("dphi", n * p["c_s"])] if "c_s" in self.added else []
+        j_m = self._ends.lumped(own)["j_m"]
+        for name, strength in springs:
+            a["w_1", f"{name}_{n - 1}"] = strength / own["j_1"]
+            a["w_2", f"{name}_1"] = self.i_m**2 * strength / j_m
+        rows: dict[Any, Any] = {**a, **b, **{(row, None): x for row, x in c.items()}}
+        for k in range(1, n):
+            a[f"phi_{k}", f"dphi_{k}"] = 1.0
+            within = self._within(k, springs, p["j_s"] / n)
+            for (row, of), value in rows.items():
+                if row in ("w_1", "w_2"):
+                    share = k / n if row == "w_1" else 1.0 - k / n
+                    within[of] = within.get(of, 0.0) - share * value
+            for of, value in within.items():
+                if of is None:
+                    c[f"dphi_{k}"] = value
+                else:
+                    (a if of in self.states else b)[f"dphi_{k}", of] = value
+        return Linear(A=a, B=b, c=c)
+
+    def _within(self, k: int, springs: list[tuple[str, Any]], inertia: Any) -> dict[Any, Any]:
+        """What the pieces beside it do to node k."""
+        found: dict[Any, Any] = {}
+        for name, strength in springs:
+            for node, times in ((k - 1, 1.0), (k, -2.0), (k + 1, 1.0)):
+                if 0 < node < self.elements:
+                    found[f"{name}_{node}"] = times * strength / inertia
+        return found
+
+    def _with_ends(self, p: Named) -> Named:
+        """What is of the shaft at its ends, with rotor 1 and the motor."""
+        half = p["j_s"] / (2.0 * self.elements)
+        return {**p, "j_1": p["j_1"] + half, "j_m": p["j_m"] + self.i_m**2 * half}
+
+    @property
+    def _ends(self) -> MotorShaft:
+        return MotorShaft(self.i_m, self.stribeck, self.added)

@@ -1,0 +1,107 @@
+"""A motor alone, with whatever turns rigidly with it: driven by a measured torque, or by a voltage.
+
+    theta_2' = w_2
+    w_2' = -(c_m/j_m) w_2 + (i_m/j_m) t_m                  t_m: the torque of the motor, an input
+
+Where the motor's circuit is named (`k_e k_T r_m l_m`) a voltage drives it, and `t_m` is k_T i:
+
+    w_2' = -(c_m/j_m) w_2 + (i_m k_T/j_m) i
+    i'   = -(k_e/(i_m l_m)) w_2 - (r_m/l_m) i + v/l_m
+
+Angle and speed are those behind the gear, as in `motor_shaft`: of a motor without one (`i_m` 1, which is
+the default here) its own.  All parameters are at the motor, before the gear.  What else is `added`:
+
+    t_f    w_2' = ... - i_m t_f/j_m: friction of constant sign
+    j_2    j_m + i_m^2 j_2 in the place of j_m
+    r_s    r_m + r_s in the place of r_m
+    t_cm   w_2' = ... - (i_m/j_m) T, |T| = t_cm against w_2; with t_sm and w_sm by Stribeck's law, whose
+           speed is that of the motor, w_2/i_m
+    v_d    i' = ... - (v_d/l_m) sgn i
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any, ClassVar
+
+from bayesdrill.basics.symbols import Symbol
+from bayesdrill.rig.models.composed import Names, Offers, dry
+from bayesdrill.rig.models.friction import Coulomb, Friction, Stribeck
+from bayesdrill.rig.models.linear import Linear, Named
+from bayesdrill.rig.models.motor_shaft import Gear, Power
+
+CIRCUIT = ("k_e", "k_T", "r_m", "l_m")
+OFFERS: Offers = MappingProxyType(
+    {
+        **{one: tuple(n for n in CIRCUIT if n != one) for one in CIRCUIT},
+        "t_f": (),
+        "j_2": (),
+        "r_s": CIRCUIT,
+        "t_cm": (),
+        "t_sm": ("t_cm", "w_sm"),
+        "w_sm": ("t_cm", "t_sm"),
+        "v_d": CIRCUIT,
+    }
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Motor:
+    """`i_m`, `stribeck`, `added`: as of a `MotorShaft`."""
+
+    i_m: Gear = 1.0
+    stribeck: Power = 1
+    added: tuple[str, ...] = ()
+
+    name: ClassVar[str] = "motor"
+    declares: ClassVar[tuple[Symbol, ...]] = ()
+    offers: ClassVar[Offers] = OFFERS
+    parameters: ClassVar[Names] = Names(("j_m", "c_m"))
+
+    @property
+    def states(self) -> tuple[str, ...]:
+        return ("theta_2", "w_2", "i") if self._wired else ("theta_2", "w_2")
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        return ("v",) if self._wired else ("t_m",)
+
+    @property
+    def frictions(self) -> tuple[Friction, ...]:
+        """At the motor, and of the current."""
+        law = dry(self.added, Stribeck("t_cm", "t_sm", "w_sm", self.stribeck, times=1 / self.i_m))
+        drop = Coulomb("v_d") if self._wired and "v_d" in self.added else None
+        every = (
+            ("friction_m", "w_2", law, "theta_2", "at the motor"),
+            ("drop", "i", drop, None, "of the current"),
+        )
+        return tuple(
+            Friction(name=name, against=against, law=law, holds=holds, where=where)
+            for name, against, law, holds, where in every
+            if law is not None
+        )
+
+    def linear(self, p: Named) -> Linear:
+        i_m, j_m = self.i_m, p["j_m"]
+        if "j_2" in self.added:
+            j_m = j_m + i_m**2 * p["j_2"]
+        a: dict[tuple[str, str], Any] = {("theta_2", "w_2"): 1.0, ("w_2", "w_2"): -p["c_m"] / j_m}
+        b: dict[tuple[str, str], Any] = {}
+        if self._wired:
+            l_m, r_m = p["l_m"], p["r_m"]
+            a["w_2", "i"] = i_m * p["k_T"] / j_m
+            a["i", "w_2"] = -p["k_e"] / (i_m * l_m)
+            a["i", "i"] = -(r_m + p["r_s"] if "r_s" in self.added else r_m) / l_m
+            b["i", "v"] = 1.0 / l_m
+        else:
+            b["w_2", "t_m"] = i_m / j_m
+        for one in self.frictions:
+            b[one.against, one.name] = -i_m / j_m if one.against == "w_2" else -1.0 / p["l_m"]
+        c = {"w_2": -i_m * p["t_f"] / j_m} if "t_f" in self.added else {}
+        return Linear(A=a, B=b, c=c)
+
+    @property
+    def _wired(self) -> bool:
+        """Whether it has a circuit."""
+        return all(name in self.added for name in CIRCUIT)

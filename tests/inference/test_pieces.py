@@ -1,0 +1,60 @@
+"""How fine steps are: chosen from the noise, and looked at where the posterior is highest."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from rubbing_cases import CASES, moved
+from stepping import experiment_of, model_of, parameters
+
+from bayesdrill.inference.coordinates import Coordinates
+from bayesdrill.inference.likelihood import Likelihood
+from bayesdrill.inference.noise.contract import Noisy
+from bayesdrill.inference.noise.white import White
+from bayesdrill.inference.pieces import ENOUGH, NUMBERS, chosen, step_errors
+from bayesdrill.inference.posterior import Posterior
+from bayesdrill.inference.unknowns import ParameterSpace
+from bayesdrill.rig.sensing import Sensing
+from bayesdrill.rig.stepped import Stepped
+
+NAME = "falling"
+CASE = CASES[NAME]
+
+
+def likelihood(sigma: float, pieces: int = 1) -> Likelihood:
+    """Of a rig whose friction falls with the speed; all is known of it."""
+    model, record = model_of(CASE), experiment_of(CASE)
+    noise = White.of(
+        [Noisy(channel=c, sigma=sigma, start=sigma) for c in record.channels], len(record.t)
+    )
+    values = dict(zip(model.parameters, parameters(CASE)[0], strict=True))
+    space = ParameterSpace(model=model.parameters, unknowns=(), fixed=values)
+    return Likelihood.of(space, (Stepped(model, record, Sensing(), pieces), noise))
+
+
+def off(pieces: int) -> np.ndarray:
+    """The largest distance of each state from the oracle `(K,)`."""
+    rig = Stepped(model_of(CASE), experiment_of(CASE), Sensing(), pieces)
+    return np.asarray(np.abs(rig.signals(parameters(CASE))[0] - moved(NAME).states).max(axis=0))
+
+
+@pytest.mark.parametrize("pieces", [1, 4])
+def test_errors_are_those_from_the_oracle(pieces: int) -> None:
+    """In sd of the noise; mutants killed: another sd, a truth that is no finer."""
+    (found,) = step_errors(likelihood(0.03, pieces), np.zeros(0))
+    assert found.pieces == pieces
+    assert np.array(found.errors) * 0.03 == pytest.approx(off(pieces), rel=0.05)
+
+
+@pytest.mark.parametrize("sigma", [0.3, 0.01])
+def test_as_few_pieces_are_chosen_as_are_enough(sigma: float) -> None:
+    posterior = Posterior(
+        space=likelihood(sigma).space,
+        likelihood=likelihood(sigma),
+        coordinates=Coordinates((), (), ()),
+    )
+    response = chosen(posterior, np.zeros(0)).likelihood.observations[0].response
+    assert isinstance(response, Stepped)
+    fewer = NUMBERS[NUMBERS.index(response.pieces) - 1]
+    assert off(response.pieces).max() < ENOUGH * sigma
+    assert response.pieces == 1 or off(fewer).max() > 0.5 * ENOUGH * sigma

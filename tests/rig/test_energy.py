@@ -1,0 +1,171 @@
+"""Where the energy goes: against the oracle's powers, and a sum that closes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import numpy as np
+import pytest
+from oracles import skewed
+from rigs import experiment
+from rubbing_cases import CASES, moved
+from stepping import parameters, stepped
+
+from bayesdrill.rig.energy import Energies, can_tell, energies
+from bayesdrill.rig.models.driven_shaft import DrivenShaft
+from bayesdrill.rig.models.linear import Linear
+from bayesdrill.rig.models.long_shaft import LongShaft
+from bayesdrill.rig.models.motor import Motor
+from bayesdrill.rig.models.motor_shaft import MotorShaft
+from bayesdrill.rig.models.two_rotors import TwoRotors
+from bayesdrill.rig.sensing import Sensing
+from bayesdrill.rig.stepped import Stepped
+
+T = 0.01 * np.arange(401)
+SENSING = Sensing(input_gains={"v": "g"}, input_offsets={"v": "o"}, input_lags={"v": "l"})
+TOLD = (0.87, 0.9, 0.023)
+LINEAR = skewed() | {"c_s": 2e-3, "r_s": 0.1, "c_1": 1.2e-3}
+
+
+def drive() -> np.ndarray:
+    return 6.0 * np.sign(np.sin(4.0 * T + 0.3)) + 1.0
+
+
+def total(found: Energies) -> float:
+    """All that went to and fro."""
+    every = [*found.given.values(), *found.lost.values(), found.converted]
+    return float(sum(np.abs(part).max() for part in every))
+
+
+def linear(*, first_order: bool, sensing: Sensing = SENSING) -> Energies:
+    """Of a rig without friction, behind a supply that is not what it says."""
+    rig = MotorShaft(1 / 6, added=("c_s", "r_s", "c_1"))
+    one = experiment(
+        len(T), 0.01, series={"v": drive()}, constant={"t_1": 0.07}, first_order=first_order,
+        start={"w_1": 3.0, "w_2": -1.0, "theta_1": 0.4, "i": 0.2},
+    )  # fmt: skip
+    told = TOLD if sensing.names else ()
+    full = np.array([*(LINEAR[name] for name in rig.parameters), *told])
+    return energies(Stepped(rig, one, sensing), full)
+
+
+@pytest.mark.parametrize("first_order", [False, True])
+def test_without_friction_it_closes_to_rounding(first_order: bool) -> None:
+    """Mutants killed: a row that weighs something else, an input as it was recorded."""
+    found = linear(first_order=first_order)
+    assert np.abs(found.open).max() < 1e-11 * total(found)
+    assert abs(found.converted[-1]) > 0.01 * found.given["v"][-1]  # k_T is not k_e
+    assert found.stored[0] > 0
+
+
+def test_each_part_is_the_integral_of_its_power() -> None:
+    """Oracle: Simpson's rule over powers that are typed in, of states at a sixteenth of a sample."""
+    rig = MotorShaft(1 / 6, added=("c_s", "r_s", "c_1"))
+    one = experiment(
+        len(T), 0.01, series={"v": drive()}, constant={"t_1": 0.07}, start={"w_1": 3.0}
+    )
+    full = np.array([LINEAR[name] for name in rig.parameters])
+    fine, p = Stepped(rig, one, Sensing(), 16), LINEAR
+    theta_1, theta_2, w_1, w_2, i = fine.steps(full[None]).motion.states[0].T
+    held = np.repeat(drive(), 16)[: len(i) - 1]
+    w_3, twisting = w_2 * 6, (w_1 - w_2) ** 2
+    powers = {
+        "r_m": p["r_m"] * i**2, "r_s": p["r_s"] * i**2, "c_m": p["c_m"] * w_3**2,
+        "c_s": p["c_s"] * twisting, "c_1": p["c_1"] * w_1**2, "t_f": p["t_f"] * w_3,
+    }  # fmt: skip
+    found = energies(Stepped(rig, one, Sensing()), full)
+    for name, power in powers.items():
+        assert found.lost[name][-1] == pytest.approx(_simpson(power), rel=1e-4), name
+    assert set(found.lost) == set(powers)
+    half = 0.5 * (held * i[:-1] + held * i[1:]) * 0.01 / 16
+    assert found.given["v"][-1] == pytest.approx(half.sum(), rel=1e-3)
+    assert found.given["t_1"][-1] == pytest.approx(-0.07 * (theta_1[-1] - theta_1[0]), rel=1e-9)
+    gained = (p["k_T"] - p["k_e"]) * i * w_3
+    assert found.converted[-1] == pytest.approx(_simpson(gained), rel=1e-3)
+    kinetic = p["j_1"] * w_1**2 + p["j_m"] * w_3**2 + p["l_m"] * i**2
+    stored = 0.5 * (kinetic + p["k_s"] * (theta_1 - theta_2) ** 2)
+    assert found.stored[-1] == pytest.approx(stored[-1], rel=1e-12)
+
+
+def _simpson(power: np.ndarray) -> float:
+    """Over steps of a sixteenth of 10 ms."""
+    return float((power[0:-1:2] + 4 * power[1::2] + power[2::2]).sum() * 0.01 / 16 / 3)
+
+
+@pytest.mark.parametrize("name", ["sine", "servo", "other", "stick slip"])
+def test_of_rigs_that_rub_it_is_the_oracle_s(name: str) -> None:
+    """Mutants killed: a speed that sticks taken to move, work of an effort of the wrong sign."""
+    case, true = CASES[name], moved(name)
+    found = energies(stepped(case, 8), parameters(case)[0])
+    scale = total(found)
+    kinds = {
+        "supply": found.given["v"],
+        "load": -found.given["t_1"],
+        "motor": -found.converted,
+        "resistor": _sum(found, "r_m", "r_s"),
+        "viscous": _sum(found, "c_m", "c_s", "c_1"),
+        "constant": _sum(found, "t_f"),
+        "friction": _sum(found, "friction_m", "friction_1", "drop"),
+    }
+    assert {*kinds} == {*true.taken}
+    for kind, part in kinds.items():
+        assert np.abs(part[::8] - true.taken[kind]).max() < 1e-3 * scale, kind
+    stored = sum(true.stored.values())
+    assert np.abs(found.stored[::8] - stored).max() < 1e-3 * scale
+    assert np.abs(found.open).max() < 1e-3 * scale
+
+
+def _sum(found: Energies, *names: str) -> np.ndarray:
+    return np.asarray(
+        sum((found.lost[n] for n in names if n in found.lost), np.zeros(len(found.t)))
+    )
+
+
+def test_it_closes_the_better_the_shorter_the_steps() -> None:
+    case = CASES["reversing"]
+    left = [
+        np.abs(energies(stepped(case, pieces), parameters(case)[0]).open).max()
+        for pieces in (1, 4, 16)
+    ]
+    assert left[1] < 0.5 * left[0]
+    assert left[2] < 0.5 * left[1]
+
+
+def test_a_rig_at_rest_takes_nothing() -> None:
+    """Everything is held, all the time."""
+    case = CASES["reversing"]
+    still = replace(stepped(case).experiment, series={"v": np.zeros(len(case.t))})
+    found = energies(stepped(case, record=still), parameters(case)[0])
+    assert total(found) == 0.0
+
+
+def test_a_delay_of_sensors_changes_no_energy() -> None:
+    with_lags = Sensing(lags={"theta_1": "l"})
+    rig = MotorShaft(1 / 6)
+    one = experiment(len(T), 0.01, series={"v": drive()}, constant={"t_1": 0.0})
+    full = np.array([skewed()[name] for name in rig.parameters])
+    plain = energies(Stepped(rig, one, Sensing()), full)
+    late = energies(Stepped(rig, one, with_lags), np.append(full, 0.03))
+    assert plain.stored == pytest.approx(late.stored)
+
+
+@dataclass(frozen=True, slots=True)
+class Loadless(MotorShaft):
+    """Nobody knows what rotor 1 weighs."""
+
+    inputs: ClassVar[tuple[str, ...]] = ("v",)
+
+    def linear(self, p) -> Linear:
+        found = MotorShaft(self.i_m).linear(p)
+        b = {key: value for key, value in found.B.items() if key[1] != "t_1"}
+        return Linear(A=found.A, B=b, c=found.c)
+
+
+def test_rigs_whose_rows_cannot_be_weighed_are_left_alone() -> None:
+    assert can_tell(MotorShaft())
+    assert can_tell(TwoRotors(j_2=1e-3))
+    assert not can_tell(Loadless())
+    assert not can_tell(LongShaft())
+    assert not can_tell(DrivenShaft())
+    assert not can_tell(Motor())

@@ -1,0 +1,119 @@
+"""A motor alone: against closed forms and matrix exponentials typed in here, and the paper's rig."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from oracles import NOMINAL
+from rigs import experiment
+from scipy.integrate import solve_ivp
+from scipy.linalg import expm
+
+from bayesdrill.record.experiment import Experiment
+from bayesdrill.rig.choosing import simulator
+from bayesdrill.rig.models.composed import lacking, with_named
+from bayesdrill.rig.models.linear import dynamics
+from bayesdrill.rig.models.motor import Motor
+from bayesdrill.rig.models.motor_shaft import MotorShaft
+from bayesdrill.rig.sensing import Sensing
+
+P = {"j_m": 1.4e-4, "c_m": 9.3e-5, "t_f": 0.037}
+CIRCUIT = {"k_e": 0.061, "k_T": 0.057, "r_m": 0.41, "l_m": 9e-4}
+DT, N = 0.02, 250
+T = DT * np.arange(N)
+TORQUE = np.where(T < 2.0, 0.05, 0.065)
+
+
+def motor(i_m: float = 1.0, **values: float) -> tuple[Motor, np.ndarray]:
+    rig = with_named(Motor(i_m), values)
+    return rig, np.array([[values[name] for name in rig.parameters]])
+
+
+def driven(rig: Motor, **inputs: float | np.ndarray) -> Experiment:
+    constant = {name: u for name, u in inputs.items() if np.ndim(u) == 0}
+    series = {name: u for name, u in inputs.items() if np.ndim(u)}
+    measures = {name: {name: 1.0} for name in rig.states}
+    start = {"theta_2": 0.7, "w_2": 12.0}
+    return experiment(N, DT, constant=constant, series=series, start=start, measures=measures)
+
+
+def test_a_torque_brings_it_to_speed_as_an_exponential() -> None:
+    """Speeds and angles in closed form, before and after a step of the torque, behind a gear of 4:1.
+
+    Mutants killed: the torque not seen through the gear, friction that helps.
+    """
+    i_m = 0.25
+    rig, theta = motor(i_m, **P)
+    found = simulator(rig, driven(rig, t_m=TORQUE), Sensing()).signals(theta)[0]
+    decay, before = P["c_m"] / P["j_m"], T < 2.0
+
+    def course(t: np.ndarray, torque: float, begin: tuple[float, float]) -> np.ndarray:
+        end = i_m * (torque - P["t_f"]) / P["c_m"]
+        left = (begin[1] - end) * np.exp(-decay * t)
+        angle = begin[0] + end * t + (begin[1] - end) * (1 - np.exp(-decay * t)) / decay
+        return np.column_stack([angle, end + left])
+
+    first = course(T[before], 0.05, (0.7, 12.0))
+    at_step = course(np.array([2.0]), 0.05, (0.7, 12.0))[0]
+    then = course(T[~before] - 2.0, 0.065, (at_step[0], at_step[1]))
+    assert found == pytest.approx(np.vstack([first, then]), rel=1e-10)
+
+
+def test_a_voltage_drives_it_through_its_circuit() -> None:
+    """Mutants killed: the gear twice in the current, the resistance in series left out."""
+    i_m, r_s, j_2 = 0.2, 0.13, 3e-3
+    rig, theta = motor(i_m, **P, **CIRCUIT, r_s=r_s, j_2=j_2)
+    assert rig.inputs == ("v",)
+    j = P["j_m"] + i_m**2 * j_2
+    k_e, k_T, r_m, l_m = CIRCUIT.values()
+    a = np.zeros((4, 4))
+    a[0, 1] = 1.0
+    a[1, 1:] = -P["c_m"] / j, i_m * k_T / j, -i_m * P["t_f"] / j
+    a[2, 1:] = -k_e / i_m / l_m, -(r_m + r_s) / l_m, 9.0 / l_m
+    start = np.array([0.7, 12.0, 0.0, 1.0])
+    exact = np.array([(expm(a * t) @ start)[:3] for t in T])
+    found = simulator(rig, driven(rig, v=9.0), Sensing()).signals(theta)[0]
+    assert found == pytest.approx(exact, rel=1e-9, abs=1e-9)
+
+
+def test_it_is_the_papers_rig_without_shaft_and_rotor() -> None:
+    rig = with_named(Motor(1 / 8), NOMINAL)
+    whole, alone = MotorShaft().linear(NOMINAL | {"k_s": 1e-300}), rig.linear(NOMINAL)
+    kept = [MotorShaft.states.index(name) for name in rig.states]
+    assert dynamics(alone, rig.states, 1)[0] == pytest.approx(
+        dynamics(whole, MotorShaft.states, 1)[0][np.ix_(kept, kept)]
+    )
+    assert alone.c == whole.c
+    assert dict(alone.B) == {key: x for key, x in whole.B.items() if key == ("i", "v")}
+
+
+def test_dry_friction_lets_it_stand_until_the_torque_is_larger() -> None:
+    """It stands, breaks loose, and comes to rest again: SciPy between the events, which are known."""
+    rig, theta = motor(j_m=1.4e-4, c_m=9.3e-5, t_cm=0.04)
+    torque = np.where(T < 1.0, 0.03, np.where(T < 2.5, 0.06, 0.0))
+    one = driven(rig, t_m=torque)
+    one = dataclasses.replace(one, start={})
+    found = simulator(rig, one, Sensing(), 8).signals(theta)[0]
+    assert (found[T <= 1.0] == 0.0).all()
+    loose = (T > 1.0) & (T <= 2.5)
+    at = (T[loose] - 1.0)[:, None]
+    end = (0.06 - 0.04) / 9.3e-5
+    assert found[loose, 1:] == pytest.approx(end * (1 - np.exp(-at * 9.3e-5 / 1.4e-4)), rel=1e-9)
+    top = found[T == 2.5, 1][0]
+
+    def brakes(_: float, w: np.ndarray) -> np.ndarray:
+        return (-9.3e-5 * w - 0.04) / 1.4e-4
+
+    stop = solve_ivp(brakes, (0, 5), [top], events=lambda _, w: w[0], rtol=1e-10).t_events[0][0]
+    assert (found[2.5 + stop + DT < T, 1] == 0.0).all()
+    assert (found[(T > 2.5) & (2.5 + stop - DT > T), 1] > 0.0).all()
+
+
+def test_half_a_circuit_is_none() -> None:
+    rig = with_named(Motor(), ("k_e", "r_m", "v_d"))
+    assert rig.inputs == ("t_m",)
+    assert lacking(rig) == {
+        "k_e": ("k_T", "l_m"), "r_m": ("k_T", "l_m"), "v_d": ("k_T", "l_m")
+    }  # fmt: skip
