@@ -139,6 +139,8 @@ MUTANTS = [
         "for name in every[1:]:",
         "for name in every[2:]:",
         "tests/insight/test_late_inputs.py::test_a_late_torque_is_named_with_the_line_of_a_config",
+    ),
+    Mutant(
         "what explains as much is kept to itself",
         "insight/causes.py",
         "return dataclasses.replace(best, other=other) if alike else best",
