@@ -44,7 +44,7 @@ def test_shorter_steps_come_to_the_oracle(name: str) -> None:
     """128 times shorter: by more than first order, whatever happens in a step."""
     largest = np.abs(moved(name).states).max(axis=0)
     coarse, fine = off(name, 1) / largest, off(name, 128) / largest
-    assert coarse.max() < 3e-2
+    assert coarse.max() < 5e-2
     assert fine.max() < 2e-5
     assert fine.max() < coarse.max() / 128**1.5
 
