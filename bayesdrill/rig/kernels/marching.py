@@ -24,7 +24,10 @@ from bayesdrill.rig.kernels.lanes import (
 from bayesdrill.rig.kernels.numbers import Kind, Number, fused, total
 from bayesdrill.rig.kernels.pieces import Own, Shape
 from bayesdrill.rig.kernels.rates import Rates
-from bayesdrill.rig.kernels.rubbing import Past, Rub, Step
+from bayesdrill.rig.kernels.regime import Regime
+from bayesdrill.rig.kernels.rub import Rub
+from bayesdrill.rig.kernels.rubbing import Going, Past, Step
+from bayesdrill.rig.kernels.turning import step_on
 
 
 class Writer:
@@ -36,6 +39,8 @@ class Writer:
         self.b, self.shape, self.a, self.e = b, shape, arguments, e
         self.kind, self.spans = Kind(b, shape.dual), b.alloca(VEC)
         self.x_count, self.k_count = len(shape.model.states), len(shape.pattern)
+        columns = self.x_count + 1 + len(shape.columns)
+        self.room = b.alloca(VEC, I64(Regime.size(self.x_count, columns, len(shape.frictions))))
 
     # Numbers: a Lane, or a Dual of two.
 
@@ -60,6 +65,7 @@ class Writer:
         b.call(exponential, [self.own["parameters"], self.spans, self.e])
         self.rows = self._rows()
         self.step = self._step()
+        self.regime = self._regime()
 
     def _rows(self) -> list[dict[int, Number]]:
         count, rows = Own(self.shape).r_count, self.part("rows")
@@ -103,7 +109,7 @@ class Writer:
                 pull={k: entry / acts for k, entry in rates.rows[row].items() if k < first},
                 pull_base=rates.base[row] / acts,
                 law=friction.law,
-                size=known,
+                steady=known,
             )
             rubs.append(rub)
         columns = [k for k in range(first) if k != x]
@@ -116,7 +122,19 @@ class Writer:
             states=shape.model.states,
             span=self.span,
             slopes={x + 1 + k: x + 1 + s + k for k in range(s)} if shape.first_order else {},
+            first=first,
             kind=self.kind,
+        )
+
+    def _regime(self) -> Regime:
+        step, shape = self.step, self.shape
+        return Regime(
+            kind=self.kind,
+            rows=step.rows(),
+            rubs=step.rubs,
+            first=step.first,
+            shows=shape.read or shape.efforts,
+            block=self.room,
         )
 
     def drive(self, node: ir.Value) -> tuple[dict[int, Number], dict[str, Number]]:
@@ -155,23 +173,29 @@ class Writer:
 
     def start(self) -> list[ir.Value]:
         """What is carried from step to step: the state and, as far as it changes, the past."""
-        state = self.part("x0")
-        return self._carried(state, self.step.begun(state, self.drive(I64(0))[1]))
+        state, step = self.part("x0"), self.step
+        if not step.rubs:
+            return self.kind.flat(state)
+        self.regime.set(state)
+        every = step.sizes(state, self.drive(I64(0))[1])
+        sizes = [every[e] for e in step.varying]
+        return self._carried(state, Past(sizes, [self.kind.zero() for _ in sizes]))
 
     def _carried(self, state: list[Number], past: Past) -> list[ir.Value]:
-        changing = [] if self.step.steady else [*past.sizes, *past.trends]
-        return self.kind.flat([*state, *changing])
+        return self.kind.flat([*state, *past.sizes, *past.trends])
 
     def once(
         self, node: ir.Value, carried: Sequence[ir.Value]
     ) -> tuple[list[Number], list[Number], list[ir.Value]]:
-        """A step: the new state, the efforts, and what is carried on."""
-        numbers, x, e = self.kind.shaped(carried), self.x_count, len(self.step.rubs)
-        past = Past(numbers[x : x + e], numbers[x + e :])
-        if self.step.steady:
-            past = Past([rub.size for rub in self.step.rubs], [])
-        drive, middle = self.drive(node)
-        new, efforts, past = self.step.taken(numbers[:x], past, drive, middle)
+        """A step: the new state, the efforts (where they are shown), and what is carried on."""
+        numbers, x, step = self.kind.shaped(carried), self.x_count, self.step
+        v, state = len(step.varying), numbers[:x]
+        past = Past(numbers[x : x + v], numbers[x + v :])
+        drive, inputs = self.drive(node)
+        if not step.rubs:
+            new = step.free(state, drive)
+            return new, [], self.kind.flat(new)
+        new, efforts, past = step_on(Going(step, self.regime), state, past, drive, inputs)
         return new, efforts, self._carried(new, past)
 
     def march(self) -> None:
