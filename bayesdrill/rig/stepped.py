@@ -18,12 +18,13 @@ from numpy.typing import NDArray
 
 from bayesdrill.record.experiment import Experiment, frozen
 from bayesdrill.rig.ahead import Ahead
-from bayesdrill.rig.kernels import LANES
+from bayesdrill.rig.kernels import LANES, Tally
 from bayesdrill.rig.kernels.stepping import BLOCKS, Kernel, Own, Shape, compile_stepping
+from bayesdrill.rig.kernels.tally import LOGS, NEIGHBOURS, SQUARES
 from bayesdrill.rig.models.friction import frictions_of
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.sensing import Sensing
-from bayesdrill.rig.sums import normal
+from bayesdrill.rig.sums import log_sums, normal
 from bayesdrill.rig.walkers import Walkers
 
 Array = NDArray[np.float64]
@@ -95,7 +96,15 @@ class Stepped:
 
     def squares(self, full: Array) -> Array:
         with np.errstate(all="ignore"):
-            return self._run(self._ahead, full, sums=True)
+            return self._run(self._ahead, full, tally=SQUARES)[..., 0]
+
+    def neighbours(self, full: Array) -> Array:
+        with np.errstate(all="ignore"):
+            return self._run(self._ahead, full, tally=NEIGHBOURS)
+
+    def logs(self, full: Array, weights: Array) -> Array:
+        with np.errstate(all="ignore"):
+            return log_sums(self._run(self._ahead, full, tally=LOGS, weights=weights))
 
     def sensitivities(self, full: Array, along: Array) -> Array:
         return self.course(full, along)[1]
@@ -184,8 +193,8 @@ class Stepped:
         offset = [channel.name in self.sensing.offsets for channel in self.experiment.channels]
         return np.column_stack([self._walkers.weights, offset])
 
-    def _kernel(self, *, efforts: bool, **kind: bool) -> tuple[Kernel, Shape]:
-        wanted = (efforts, *kind.values())
+    def _kernel(self, *, efforts: bool, tally: Tally | None, **kind: bool) -> tuple[Kernel, Shape]:
+        wanted = (efforts, tally, *kind.values())
         if wanted not in self._kernels:
             w, one = self._walkers, self.experiment
             rows = _unit_rows(self.model)[0] if efforts else self._pattern
@@ -198,6 +207,7 @@ class Stepped:
                 pattern=tuple(map(tuple, (rows != 0).tolist())),
                 efforts=efforts,
                 gaps=self._gaps,
+                tally=tally,
                 **kind,
             )
             self._kernels[wanted] = compile_stepping(shape), shape
@@ -209,23 +219,26 @@ class Stepped:
         full: Array,
         along: Array | None = None,
         *,
-        sums: bool = False,
+        tally: Tally | None = None,
+        weights: Array | None = None,
         efforts: bool = False,
     ) -> Array:
-        """Sums `(W, K)`, or signals `(W, T, K)`, with slopes `(W, T, K, 2)`."""
+        """A tally `(W, K, n)`, or signals `(W, T, K)`, with slopes `(W, T, K, 2)`."""
         parts = self._parts(full, along)
+        if weights is not None:
+            parts["weight"] = [weights]
         if efforts:
             parts["rows"] = [_unit_rows(self.model)]
         read = not efforts and (self.sensing.shifts or not ahead.aligned)
         single = ahead.single and not read
         dual = along is not None
         kernel, shape = self._kernel(
-            efforts=efforts, sums=sums, dual=dual, read=read, single=single
+            efforts=efforts, tally=tally, dual=dual, read=read, single=single
         )
         after = ahead.after(parts["shift"][0]) if read else 0
         own = _in_lanes(len(full), parts, shape, ahead)
         k, n, nodes = len(shape.pattern), ahead.samples, ahead.nodes + after
-        each = (k,) if sums else (n, k, shape.numbers)
+        each = (n, k, shape.numbers) if tally is None else (k, tally.count)
         out = np.empty((len(own), *each, LANES))
         blocks: dict[str, Any] = {
             "span": ahead.spans,
@@ -239,7 +252,7 @@ class Stepped:
         }
         kernel.run(len(own), n, nodes, *(blocks[name].ctypes.data for name in BLOCKS))
         found = np.moveaxis(out, -1, 1).reshape(-1, *each)[: len(full)]
-        return found[..., 0] if not sums and along is None else found
+        return found[..., 0] if tally is None and along is None else found
 
     def _parts(self, full: Array, along: Array | None) -> dict[str, list[Array]]:
         """Each part of `own (W, ...)`, or `(1, ...)` where walkers have the same; and its slopes."""
