@@ -18,11 +18,13 @@ from numpy.typing import NDArray
 
 from bayesdrill.record.experiment import Experiment, frozen
 from bayesdrill.rig.ahead import Ahead
+from bayesdrill.rig.kernels import Tally
 from bayesdrill.rig.kernels.stepping import Shape, compile_stepping
+from bayesdrill.rig.kernels.tally import LOGS, NEIGHBOURS, SQUARES
 from bayesdrill.rig.models.friction import frictions_of
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.sensing import Sensing
-from bayesdrill.rig.sums import normal
+from bayesdrill.rig.sums import log_sums, normal
 from bayesdrill.rig.told import Told
 from bayesdrill.rig.walkers import Walkers
 
@@ -94,7 +96,15 @@ class Stepped:
 
     def squares(self, full: Array) -> Array:
         with np.errstate(all="ignore"):
-            return self._run(self._ahead, full, sums=True)
+            return self._run(self._ahead, full, tally=SQUARES)[..., 0]
+
+    def neighbours(self, full: Array) -> Array:
+        with np.errstate(all="ignore"):
+            return self._run(self._ahead, full, tally=NEIGHBOURS)
+
+    def logs(self, full: Array, weights: Array) -> Array:
+        with np.errstate(all="ignore"):
+            return log_sums(self._run(self._ahead, full, tally=LOGS, weights=weights))
 
     def sensitivities(self, full: Array, along: Array) -> Array:
         return self.course(full, along)[1]
@@ -187,8 +197,8 @@ class Stepped:
         offset = [channel.name in self.sensing.offsets for channel in self.experiment.channels]
         return np.column_stack([self._walkers.weights, offset])
 
-    def _told(self, ahead: Ahead, **kind: bool) -> Told:
-        wanted = (id(ahead), *kind.values())
+    def _told(self, ahead: Ahead, *, tally: Tally | None, **kind: bool) -> Told:
+        wanted = (id(ahead), tally, *kind.values())
         if wanted not in self._tellings:
             w, one = self._walkers, self.experiment
             rows = _unit_rows(self.model)[0] if kind["efforts"] else self._pattern
@@ -200,6 +210,7 @@ class Stepped:
                 first_order=one.first_order and bool(w.inputs),
                 pattern=tuple(map(tuple, (rows != 0).tolist())),
                 gaps=self._gaps,
+                tally=tally,
                 **kind,
             )
             self._tellings[wanted] = Told(compile_stepping(shape), shape, ahead, w.padded)
@@ -211,19 +222,22 @@ class Stepped:
         full: Array,
         along: Array | None = None,
         *,
-        sums: bool = False,
+        tally: Tally | None = None,
+        weights: Array | None = None,
         efforts: bool = False,
     ) -> Array:
-        """Sums `(W, K)`, or signals `(W, T, K)`, with slopes `(W, T, K, 2)`."""
+        """A tally `(W, K, n)`, or signals `(W, T, K)`, with slopes `(W, T, K, 2)`."""
         parts = self._parts(full, along)
+        if weights is not None:
+            parts["weight"] = [weights]
         if efforts:
             parts["rows"] = [_unit_rows(self.model)]
         read = not efforts and (self._shifts or not ahead.aligned)
         single = ahead.single and not read
         dual = along is not None
-        told = self._told(ahead, efforts=efforts, sums=sums, dual=dual, read=read, single=single)
+        told = self._told(ahead, efforts=efforts, tally=tally, dual=dual, read=read, single=single)
         found = told.run(len(full), parts)
-        return found[..., 0] if not sums and along is None else found
+        return found[..., 0] if tally is None and along is None else found
 
     @cached_property
     def _perfect(self) -> bool:

@@ -64,13 +64,14 @@ class Told:
     def run(self, n: int, parts: Mapping[str, list[Array]]) -> Array:
         """Of n walkers, each part `(W, ...)`, or `(1, ...)` where they have the same; and its slopes.
 
-        Sums `(W, K)`, or signals `(W, T, K, numbers of one)`.
+        A tally `(W, K, n)`, or signals `(W, T, K, numbers of one)`.
         """
         shape, ahead = self.shape, self.ahead
         k, numbers = len(shape.pattern), shape.numbers
         after = ahead.after(parts["shift"][0]) if shape.read else 0
         own, nodes = self._in_lanes(n, parts), ahead.nodes + after
-        each = (k,) if shape.sums else (ahead.samples, k, numbers)
+        signals = (ahead.samples, k, numbers)
+        each = signals if shape.tally is None else (k, shape.tally.count)
         out = np.empty((len(own), *each, LANES))
         trace = np.empty((nodes + 1) * k * 3 * numbers * LANES) if shape.read else NONE
         margin = ahead.margin(parts["lag"][0]) if shape.late else 0

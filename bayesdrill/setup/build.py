@@ -176,7 +176,7 @@ def measured(name: str, spec: ChannelSpec, states: tuple[str, ...]) -> Measured:
     )
     sigma, begin = _sigma(spec, factor)
     kind, entries = spec.noise.name, spec.noise.model_dump(exclude={"name"})
-    noisy = Noisy(channel=channel, sigma=sigma, start=begin, entries=entries)
+    noisy = Noisy(channel=channel, sigma=sigma, start=begin, entries=entries, factor=factor)
     return Measured(factor, kind, noisy)
 
 

@@ -119,8 +119,8 @@ class _SimulationBase(Strict):
     truth: Annotated[
         dict[str, Number],
         Field(
-            description="Of sensors, starts, and what is own of an experiment, by the names of the "
-            "unknowns, in their units; default: where their priors start."
+            description="Of sensors, starts, what noise has beside its sigma, and what is own of an "
+            "experiment, by the names of the unknowns, in their units; default: where priors start."
         ),
     ] = Field(default_factory=dict)
 

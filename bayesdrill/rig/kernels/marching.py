@@ -14,7 +14,6 @@ from bayesdrill.rig.kernels.lanes import (
     VEC,
     Lane,
     Loop,
-    fma,
     load,
     splat,
     store,
@@ -201,7 +200,7 @@ class Writer:
     def march(self) -> None:
         """From sample to sample; channels see the states there."""
         b, shape = self.b, self.shape
-        sums = [vector(0.0)] * self.k_count if shape.sums else []
+        sums = shape.tally.begun(self.k_count) if shape.tally is not None else []
         start = self.start()
         samples = Loop(b, self.a["samples"], [I64(0), *start, *sums], "samples")
         node, rest = samples.carried[0], samples.carried[1:]
@@ -221,7 +220,7 @@ class Writer:
         self.keep(totals)
 
     def keep(self, totals: Sequence[ir.Value]) -> None:
-        place = self.b.gep(self.a["out"], [self.b.mul(self.group, I64(self.k_count))])
+        place = self.b.gep(self.a["out"], [self.b.mul(self.group, I64(len(totals)))])
         for k, value in enumerate(totals):
             store(self.b, value, place, k)
 
@@ -240,8 +239,8 @@ class Writer:
         efforts: Sequence[Number],
         totals: Sequence[ir.Value],
     ) -> list[ir.Value]:
-        """New sums of squares, or none where there are signals."""
-        if not self.shape.sums:
+        """New sums, or none where there are signals."""
+        if self.shape.tally is None:
             for k in range(self.k_count):
                 self.show(sample, k, self.seen(k, state, efforts))
             return []
@@ -251,20 +250,25 @@ class Writer:
             for r, weight in row.items():
                 value = Lane(self.b, vector(1.0)) if r == self.x_count else state[r]
                 left = fused(-weight, value, left)
-            found.append(self.summed(sample, k, left, totals[k]))
+            found += self.summed(sample, k, left, totals)
         return found
 
     def measured(self, sample: ir.Value, k: int) -> Lane:
         flat = self.b.add(self.b.mul(sample, I64(self.k_count)), I64(k))
         return Lane(self.b, splat(self.b, self.b.load(self.b.gep(self.a["y"], [flat]))))
 
-    def summed(self, sample: ir.Value, k: int, left: Lane, sum_: ir.Value) -> ir.Value:
-        """With the square of what is left of a sample, if that was seen."""
-        b, value = self.b, left.value
+    def summed(
+        self, sample: ir.Value, k: int, left: Lane, totals: Sequence[ir.Value]
+    ) -> list[ir.Value]:
+        """The tally of channel k, among `totals`, with what is left of a sample, if that was seen."""
+        b, value, seen, tally = self.b, left.value, None, self.shape.tally
+        assert tally is not None
         if self.shape.gaps:
             y = self.measured(sample, k).value
-            value = b.select(b.fcmp_ordered("ord", y, y), value, vector(0.0))
-        return fma(b, value, value, sum_)
+            seen = b.fcmp_ordered("ord", y, y)
+            value = b.select(seen, value, vector(0.0))
+        weight = load(b, self.own["weight"], k) if tally.weighed else None
+        return tally.added(b, totals[k * tally.count : (k + 1) * tally.count], value, seen, weight)
 
     def show(self, sample: ir.Value, k: int, value: Number) -> None:
         """To the signals."""
