@@ -31,6 +31,35 @@ class Mutant:
 
 MUTANTS = [
     Mutant(
+        "an evidence of draws inside the prior alone",
+        "engines/evidence.py",
+        "z = z, float(of_q.sum() / tried / of_p.mean())",
+        "z = z, float(of_q.mean() / of_p.mean())",
+        "tests/engines/test_evidence.py::test_it_is_the_integral_of_the_density[boxed-5]",
+    ),
+    Mutant(
+        "the error of an evidence as if walkers remembered nothing",
+        "engines/evidence.py",
+        "walkers = of_p.mean(axis=1).ravel()",
+        "walkers = of_p.ravel()",
+        "tests/engines/test_evidence.py::test_the_standard_error_is_that_of_repetitions",
+    ),
+    Mutant(
+        "the volume of a basis forgotten on the way back",
+        "engines/samplers/ridge.py",
+        "return np.concatenate([psi, e], axis=1), log_det + sheet.frame.log_volume",
+        "return np.concatenate([psi, e], axis=1), log_det",
+        "tests/engines/test_evidence.py::test_it_is_the_integral_of_the_density[wild-2]",
+    ),
+    Mutant(
+        "wide priors of what the record leaves alone",
+        "insight/vagueness.py",
+        "if decades > DECADES and float(np.log(x).std()) < NARROWED * wide:",
+        "if decades > DECADES:",
+        "tests/insight/test_vagueness.py::"
+        "test_what_the_record_leaves_alone_costs_nothing_however_wide",
+    ),
+    Mutant(
         "an imposed angle for its speed",
         "record/angles.py",
         "speeds = np.diff(x) / np.diff(t)",
