@@ -31,6 +31,48 @@ class Mutant:
 
 MUTANTS = [
     Mutant(
+        "runs of other records compared all the same",
+        "commands/comparing.py",
+        'held_out = f", held out {apart}" if apart else ""',
+        'digest, held_out = "", ""',
+        "tests/system/test_compare.py::test_what_is_held_out_is_no_evidence_and_another_record",
+    ),
+    Mutant(
+        "the best model against the first alone",
+        "insight/comparison.py",
+        'model, noise = gain["model"] > SURE, gain["noise"] > SURE',
+        "model = noise = True",
+        "tests/insight/test_comparison.py::test_the_word_is_that_of_the_odds",
+    ),
+    Mutant(
+        "odds without their standard error",
+        "insight/comparison.py",
+        'if gain["first"] > SURE + error else',
+        'if gain["first"] > SURE else',
+        "tests/insight/test_comparison.py::test_the_word_is_that_of_the_odds[by chance]",
+    ),
+    Mutant(
+        "vague priors that the best has, too",
+        "insight/comparison.py",
+        "if one.beliefs[each.name] != top.beliefs.get(each.name)",
+        "if each.name",
+        "tests/insight/test_comparison.py::test_vague_priors_are_named_where_they_may_have_decided",
+    ),
+    Mutant(
+        "weights of samples left out the wrong way round",
+        "insight/prediction_scores.py",
+        "smoothed(log_p[differ])",
+        "smoothed(-log_p[differ])",
+        "tests/insight/test_prediction_scores.py::test_each_sample_without_itself",
+    ),
+    Mutant(
+        "samples held out, and fitted all the same",
+        "setup/reading.py",
+        "y[away] = np.nan",
+        "pass",
+        "tests/insight/test_prediction_scores.py::test_what_is_held_out_is_predicted_by_the_rest",
+    ),
+    Mutant(
         "an evidence of draws inside the prior alone",
         "engines/evidence.py",
         "z = z, float(of_q.sum() / tried / of_p.mean())",
