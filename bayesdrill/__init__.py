@@ -8,6 +8,7 @@
     run.judge(); run.plot_corner(); run.to_arviz()
     run.save("results/mine"); bd.open("results/mine")
     bd.overlay(["results/mine", run])               # several runs side by side
+    bd.compare(["results/mine", run])               # which model of one record is the more probable
 
 With files and folders, as the command line: `bd.init`, `bd.example`, `bd.simulate`, `case.run`,
 `bd.publish`, `bd.calibration`, `bd.citation`.
@@ -28,6 +29,8 @@ if TYPE_CHECKING:
     from bayesdrill.api.case import case as case
     from bayesdrill.api.case import load as load
     from bayesdrill.api.citation import citation as citation
+    from bayesdrill.api.compare import Comparison as Comparison
+    from bayesdrill.api.compare import compare as compare
     from bayesdrill.api.example import example as example
     from bayesdrill.api.files import calibration as calibration
     from bayesdrill.api.files import publish as publish
@@ -63,6 +66,8 @@ _PLACES = {
     "load": "api.case",
     "calibration": "api.files",
     "citation": "api.citation",
+    "Comparison": "api.compare",
+    "compare": "api.compare",
     "example": "api.example",
     "publish": "api.files",
     "schema": "api.files",

@@ -31,6 +31,77 @@ class Mutant:
 
 MUTANTS = [
     Mutant(
+        "runs of other records compared all the same",
+        "commands/comparing.py",
+        'held_out = f", held out {apart}" if apart else ""',
+        'digest, held_out = "", ""',
+        "tests/system/test_compare.py::test_what_is_held_out_is_no_evidence_and_another_record",
+    ),
+    Mutant(
+        "the best model against the first alone",
+        "insight/comparison.py",
+        'model, noise = gain["model"] > SURE, gain["noise"] > SURE',
+        "model = noise = True",
+        "tests/insight/test_comparison.py::test_the_word_is_that_of_the_odds",
+    ),
+    Mutant(
+        "odds without their standard error",
+        "insight/comparison.py",
+        'if gain["first"] > SURE + error else',
+        'if gain["first"] > SURE else',
+        "tests/insight/test_comparison.py::test_the_word_is_that_of_the_odds[by chance]",
+    ),
+    Mutant(
+        "vague priors that the best has, too",
+        "insight/comparison.py",
+        "if one.beliefs[each.name] != top.beliefs.get(each.name)",
+        "if each.name",
+        "tests/insight/test_comparison.py::test_vague_priors_are_named_where_they_may_have_decided",
+    ),
+    Mutant(
+        "weights of samples left out the wrong way round",
+        "insight/prediction_scores.py",
+        "smoothed(log_p[differ])",
+        "smoothed(-log_p[differ])",
+        "tests/insight/test_prediction_scores.py::test_each_sample_without_itself",
+    ),
+    Mutant(
+        "samples held out, and fitted all the same",
+        "setup/reading.py",
+        "y[away] = np.nan",
+        "pass",
+        "tests/insight/test_prediction_scores.py::test_what_is_held_out_is_predicted_by_the_rest",
+    ),
+    Mutant(
+        "an evidence of draws inside the prior alone",
+        "engines/evidence.py",
+        "z = z, float(of_q.sum() / tried / of_p.mean())",
+        "z = z, float(of_q.mean() / of_p.mean())",
+        "tests/engines/test_evidence.py::test_it_is_the_integral_of_the_density[boxed-5]",
+    ),
+    Mutant(
+        "the error of an evidence as if walkers remembered nothing",
+        "engines/evidence.py",
+        "walkers = of_p.mean(axis=1).ravel()",
+        "walkers = of_p.ravel()",
+        "tests/engines/test_evidence.py::test_the_standard_error_is_that_of_repetitions",
+    ),
+    Mutant(
+        "the volume of a basis forgotten on the way back",
+        "engines/samplers/ridge.py",
+        "return np.concatenate([psi, e], axis=1), log_det + sheet.frame.log_volume",
+        "return np.concatenate([psi, e], axis=1), log_det",
+        "tests/engines/test_evidence.py::test_it_is_the_integral_of_the_density[wild-2]",
+    ),
+    Mutant(
+        "wide priors of what the record leaves alone",
+        "insight/vagueness.py",
+        "if decades > DECADES and float(np.log(x).std()) < NARROWED * wide:",
+        "if decades > DECADES:",
+        "tests/insight/test_vagueness.py::"
+        "test_what_the_record_leaves_alone_costs_nothing_however_wide",
+    ),
+    Mutant(
         "an imposed angle for its speed",
         "record/angles.py",
         "speeds = np.diff(x) / np.diff(t)",

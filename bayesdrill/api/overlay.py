@@ -82,6 +82,19 @@ def overlay(runs: Sequence[single.Run | str | Path], names: Sequence[str] | None
         raise InputError.one("runs", "give a list of runs or of their folders")
     every = list(runs)
     overlaying.check_number(len(every))
+    own, opened, places = named_runs(every, names)
+    units = overlaying.units([one.job for one in opened])
+    layers = [
+        overlaying.layer(name, one.job, one.mode, one.sampled, units)
+        for name, one in zip(own, opened, strict=True)
+    ]
+    return Overlay(OverlayReport(tuple(layers), units), tuple(places))
+
+
+def named_runs(
+    every: Sequence[single.Run | str | Path], names: Sequence[str] | None
+) -> tuple[list[str], list[single.Run], list[Path | None]]:
+    """Their names, all different; the runs; and where they are."""
     if names is not None and len(names) != len(every):
         raise InputError.one("names", f"{len(names)} names of {len(every)} runs")
     opened = [_opened(one) for one in every]
@@ -90,13 +103,7 @@ def overlay(runs: Sequence[single.Run | str | Path], names: Sequence[str] | None
         one.job.config.name if place is None else place.resolve().name
         for one, place in zip(opened, places, strict=True)
     ]
-    own = overlaying.distinct([str(name) for name in names or usual])
-    units = overlaying.units([one.job for one in opened])
-    layers = [
-        overlaying.layer(name, one.job, one.mode, one.sampled, units)
-        for name, one in zip(own, opened, strict=True)
-    ]
-    return Overlay(OverlayReport(tuple(layers), units), tuple(places))
+    return overlaying.distinct([str(name) for name in names or usual]), opened, places
 
 
 def check_place(

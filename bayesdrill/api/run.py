@@ -16,6 +16,7 @@ from bayesdrill.api import arguments
 from bayesdrill.api.pictures import for_notebooks
 from bayesdrill.basics.errors import InputError
 from bayesdrill.commands import concluding, mapping, pipeline
+from bayesdrill.engines.evidence import Evidence
 from bayesdrill.engines.mode import Mode
 from bayesdrill.engines.sampling import Sampled
 from bayesdrill.insight.verdict import Verdict
@@ -105,6 +106,11 @@ class Run:
     def draws(self) -> dict[str, Array]:
         """Nearly independent draws of each unknown, `(ensembles, draws)`, SI."""
         return {name: self.sampled.draws[..., d] for d, name in enumerate(self.job.problem.names)}
+
+    @property
+    def evidence(self) -> Evidence | None:
+        """How probable the record is under the model: `log_z` and its standard `error`."""
+        return self.sampled.evidence
 
     def judge(self) -> Judged:
         """What fit and draws say of the nominal table."""

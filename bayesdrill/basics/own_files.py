@@ -123,6 +123,12 @@ OVERLAY = Kind(
     ("overlay.csv", "overlay.md", "report.html", *figures("corner", "intervals")),
     again="make them anew with --force, or give another --output",
 )
+COMPARE = Kind(
+    "compare",
+    RUN,
+    ("comparison.csv", "comparison.md", "report.html", *figures("comparison")),
+    again="make them anew with --force, or give another --output",
+)
 MAP = Kind(
     "map",
     RUN,

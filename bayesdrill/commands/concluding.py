@@ -19,6 +19,7 @@ from bayesdrill.insight.moments import half_a_sample
 from bayesdrill.insight.repeats import repeats
 from bayesdrill.report import (
     energy_words,
+    evidence_words,
     nuisance_words,
     record_words,
     repeat_words,
@@ -109,6 +110,7 @@ def entries(found: View) -> dict[str, Any]:
         "ess_bulk": round(float(np.min(c.ess_bulk)), 1),
         "acceptance": [round(float(x), 4) for x in sampled.acceptance],
         "failures": sampled.failures,
+        **evidence_words.as_data(found.evidence, found.vague),
         **_learnt(found.problem, found.mode, sampled),
     }
 

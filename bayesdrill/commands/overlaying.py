@@ -101,8 +101,8 @@ def publish(
             style.save(drawing.figure(*drawing.arguments), figures, name, own)
         folder.write_text("report.html", report.page(figures))
         files = {name: own_files.digest(output / name) for name in folder.made()}
-        told = [_told(*pair, output) for pair in zip(report.layers, runs, strict=True)]
-        folder.write_run(status="finished", runs=told, reasons=list(report.reasons), files=files)
+        listed = [told(*pair, output) for pair in zip(report.layers, runs, strict=True)]
+        folder.write_run(status="finished", runs=listed, reasons=list(report.reasons), files=files)
 
 
 def _note(report: OverlayReport) -> dict[str, str]:
@@ -115,7 +115,7 @@ def mark(report: OverlayReport) -> str:
     return " ".join(layer.mark for layer in report.layers)
 
 
-def _told(of: Layer, run: Path | None, output: Path) -> dict[str, str | None]:
+def told(of: Layer, run: Path | None, output: Path) -> dict[str, str | None]:
     """For `run.json`."""
     place = None
     if run is not None:

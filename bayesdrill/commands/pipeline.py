@@ -24,13 +24,13 @@ from bayesdrill.commands.identify import preflight
 from bayesdrill.engines import mode
 from bayesdrill.engines.learning.learn import Nowhere
 from bayesdrill.engines.mode import Mode, Other, Search
-from bayesdrill.engines.sampling import Sampled, loaded, sample, stored
+from bayesdrill.engines.sampling import Sampled, loaded, sample, stored, weighed
 from bayesdrill.engines.shelf import Memory, Shelf
 from bayesdrill.engines.workers import Crew
 from bayesdrill.insight.diagnostics import Row
 from bayesdrill.insight.identifiability.scenes import Scenery
 from bayesdrill.insight.verdict import Verdict
-from bayesdrill.report import publish, words
+from bayesdrill.report import evidence_words, publish, words
 from bayesdrill.report.run_report import sections
 from bayesdrill.report.sections import as_text
 from bayesdrill.report.view import View
@@ -164,7 +164,8 @@ def _made(output: Path) -> tuple[Job, dict[str, str]]:
 def _finished(job: Job, folder: Folder) -> tuple[Mode, Sampled]:
     posterior, path = job.problem.posterior, folder.path
     again = stored(posterior, plan(job.config), folder.pieces, str(path))
-    sampled = dataclasses.replace(again, held=held(run_folder.read_run(path) or {}))
+    run = run_folder.read_run(path) or {}
+    sampled = dataclasses.replace(again, held=held(run), evidence=evidence_words.of_data(run))
     found = read_mode(path / MAP_FILE)
     if found is None:
         message = "is not there; continue with --resume, which searches the MAP again"
@@ -217,10 +218,11 @@ def _sample(job: Job, crew: Crew, found: Mode, shelf: Shelf, report: Reporter) -
     posterior = job.problem.posterior
     tops = mode.tops(posterior, found)
     try:
-        return sample(crew, posterior, tops, plan(job.config), shelf, report)
+        sampled = sample(crew, posterior, tops, plan(job.config), shelf, report)
     except Nowhere as error:
         message = f"{error}; the record and the priors do not go together, check units and values"
         raise InputError([job.source.problem(("parameters",), message)]) from None
+    return weighed(posterior, sampled, job.config.seed)
 
 
 def _finish_chain(job: Job, folder: Folder, sampled: Sampled) -> None:

@@ -13,10 +13,11 @@ from typing import Any
 
 from bayesdrill.basics import own_files
 from bayesdrill.basics.errors import InputError, Problem
-from bayesdrill.basics.own_files import MAP, OVERLAY, POSTERIOR, Kind
-from bayesdrill.commands import mapping, overlaying, pipeline
+from bayesdrill.basics.own_files import COMPARE, MAP, OVERLAY, POSTERIOR, Kind
+from bayesdrill.commands import comparing, mapping, overlaying, pipeline
 from bayesdrill.commands.concluding import concluded
-from bayesdrill.report import overlay_report, publish
+from bayesdrill.report import comparison_report, overlay_report, publish
+from bayesdrill.report.comparison_report import ComparisonReport
 from bayesdrill.report.overlay_report import OverlayReport
 from bayesdrill.results import provenance, run_folder
 from bayesdrill.setup import experiments, loading, sources, yaml_source
@@ -70,7 +71,7 @@ def verify(folder: Path) -> Verified:
     run = run_folder.read_run(folder)
     way = None if run is None else _WAYS.get(str(run.get("job")))
     if run is None or way is None:
-        message = "no results of `bayesdrill posterior`, `map` or an overlay are here"
+        message = "no results of `bayesdrill posterior`, `map`, `compare` or an overlay are here"
         raise InputError.one(str(folder), message)
     files = run.get("files")
     if run.get("status") != "finished" or not isinstance(files, dict):
@@ -132,6 +133,30 @@ def _of_overlay(folder: Path, run: Mapping[str, Any]) -> Iterator[Problem]:
     yield from _figures(folder, OVERLAY, mark, overlaying.TITLE)
 
 
+def _of_comparison(folder: Path, run: Mapping[str, Any]) -> Iterator[Problem]:
+    models, told = [], run["runs"]
+    for one in told:
+        if one["folder"] is None:
+            continue
+        place = folder / one["folder"]
+        try:
+            job, found, sampled = pipeline.read(place)
+            named = one["name"], str(place), job, found, sampled, job.units
+            model = comparing.contender(*named)
+        except InputError as error:
+            yield from error.problems
+            continue
+        if model.layer.mark != one["run"]:
+            yield Problem(str(place), "is another run than the one that was compared with others")
+        else:
+            models.append(model)
+    if len(models) == len(told):
+        text = ComparisonReport(tuple(models), SI).texts[comparison_report.TABLE]
+        yield from _tables(folder, {comparison_report.TABLE: text}, "the chains")
+    mark = " ".join(one["run"] for one in told)
+    yield from _figures(folder, COMPARE, mark, comparing.TITLE)
+
+
 _WAYS: Mapping[str, _Way] = MappingProxyType(
     {
         POSTERIOR.job: _Way(
@@ -140,6 +165,7 @@ _WAYS: Mapping[str, _Way] = MappingProxyType(
         MAP.job: _Way(
             MAP, _of_map, "config, record, maximum", "table and prediction follow from the maximum"
         ),
+        COMPARE.job: _Way(COMPARE, _of_comparison, "runs", "the table follows from their chains"),
         OVERLAY.job: _Way(OVERLAY, _of_overlay, "runs", "the table follows from their chains"),
     }
 )

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
 
 from bayesdrill.basics.errors import InputError
 from bayesdrill.basics.progress import Reporter
@@ -23,6 +24,7 @@ from bayesdrill.engines.convergence import (
     length,
     thinned,
 )
+from bayesdrill.engines.evidence import Evidence, evidence
 from bayesdrill.engines.learning.learn import Learnt
 from bayesdrill.engines.learning.settled import bound
 from bayesdrill.engines.preparation import begin, fits, prepare
@@ -59,7 +61,7 @@ class Sampled:
     """`theta (E, S, W, D)` physical; `pieces` of each ensemble as they were saved.
 
     `learnt`: what the proposal was learnt from, and `held (M,)`: how many of the draws each maximum
-    has; None where a chain was only read again.
+    has; None where a chain was only read again.  `evidence`: where it was asked for, see `weighed`.
     """
 
     pieces: list[list[Piece]]
@@ -67,6 +69,7 @@ class Sampled:
     convergence: Convergence
     learnt: Learnt | None = None
     held: Array | None = None
+    evidence: Evidence | None = None
 
     @property
     def draws(self) -> Array:
@@ -177,6 +180,20 @@ def sample(
     report.update(1.0, "")
     z = posterior.coordinates.from_physical(sampled.draws.reshape(-1, maxima.shape[1]))
     return dataclasses.replace(sampled, held=learnt.shares(z, len(maxima)))
+
+
+def weighed(posterior: Posterior, sampled: Sampled, seed: int) -> Sampled:
+    """With the evidence of the posterior, as far as a proposal has been learnt."""
+    if sampled.learnt is None:
+        return sampled
+    since = sampled.convergence.burn_in
+    z, log_p = (
+        _stack([[getattr(piece, name) for piece in chain] for chain in sampled.pieces])[:, since:]
+        for name in ("z", "log_p")
+    )
+    with threadpool_limits(1):
+        found = evidence(posterior, sampled.learnt.proposal, z, log_p, seed)
+    return dataclasses.replace(sampled, evidence=found)
 
 
 def _until_judged(

@@ -57,7 +57,8 @@ class Experiment:
     measured; `constant`: inputs that do not change; `series`: measured inputs, each (T,), held by
     `first_order` or zero-order hold; `start`: the state at time `t_start` <= t[0] (states not named are
     zero).  `told`: what was done to the numbers of the files, in sentences; `odd`: what they look like
-    that a sensor made, not the rig.
+    that a sensor made, not the rig.  `held_out (T, K)`: samples that are no evidence though they were
+    measured, NaN elsewhere; None where there are none.
     """
 
     t: Array
@@ -70,6 +71,7 @@ class Experiment:
     t_start: float
     told: tuple[str, ...] = ()
     odd: tuple[Odd, ...] = ()
+    held_out: Array | None = None
 
     @property
     def dt(self) -> float:

@@ -40,12 +40,12 @@ def sections(
     differs = differing(layers)
     doubts = [_doubt(layer) for layer in layers if layer.warning]
     first = Sentences("\n".join([f"{len(layers)} runs: {_names(layers)}", *doubts]))
-    said = Sentences("\n".join([*_farthest(layers, rows), _what_differs(layers, differs)]))
+    said = Sentences("\n".join([*farthest(layers, rows), _what_differs(layers, differs)]))
     return (
         Section("", (first,)),
-        Section("", (_table(layers, [shown(row, own) for row in rows]), Note(READ), said)),
+        Section("", (table(layers, [shown(row, own) for row in rows]), Note(READ), said)),
         *drawn,
-        Section("What differs between the runs", (_settings(layers, differs),), brief=False),
+        Section("What differs between the runs", (settings(layers, differs),), brief=False),
     )
 
 
@@ -74,7 +74,7 @@ def _doubt(layer: Layer) -> str:
     return f"{layer.name}: {layer.warning}{because}"
 
 
-def _table(layers: Sequence[Layer], rows: Sequence[Row]) -> Table:
+def table(layers: Sequence[Layer], rows: Sequence[Row]) -> Table:
     heads = ("", "unit", "nominal", *(layer.name for layer in layers), APART)
     lines = []
     for row in rows:
@@ -96,7 +96,7 @@ def _cell(place: Place | None) -> str:
     return f"{place.mean:.4g} \N{PLUS-MINUS SIGN} {place.sd:.2g}"
 
 
-def _farthest(layers: Sequence[Layer], rows: Sequence[Row]) -> Iterator[str]:
+def farthest(layers: Sequence[Layer], rows: Sequence[Row]) -> Iterator[str]:
     found = [(row.apart, row) for row in rows if row.apart is not None]
     if not found:
         yield "no unknown is shared by two of the runs"
@@ -132,7 +132,7 @@ def _quantities(layer: Layer) -> set[str]:
     return {*space.free, *space.fixed, *space.relations}
 
 
-def _settings(layers: Sequence[Layer], differs: dict[str, tuple[str | None, ...]]) -> Table | Note:
+def settings(layers: Sequence[Layer], differs: dict[str, tuple[str | None, ...]]) -> Table | Note:
     if not differs:
         return Note("nothing")
     heads = ("", *(layer.name for layer in layers))

@@ -8,6 +8,7 @@ from bayesdrill.insight.verdict import Judgement, Verdict
 from bayesdrill.report import (
     derived_words,
     energy_words,
+    evidence_words,
     friction_words,
     identify_words,
     marks,
@@ -49,6 +50,7 @@ def sections(run: View, pictures: Sequence[Picture] = ()) -> tuple[Section, ...]
         *_repeats(run),
         *_energy(run),
         *shown,
+        *_evidence(run),
         *(_shown(judged, len(run.problem.observations)) if judged is not None else ()),
         Section("What follows from these", (_following(run),), brief=False),
         Section(
@@ -99,6 +101,14 @@ def _repeats(run: View) -> Iterator[Section]:
         yield Section(
             "From one experiment to the next", (said, repeat_words.table(run.repeats, names), read)
         )
+
+
+def _evidence(run: View) -> Iterator[Section]:
+    if run.evidence is not None:
+        said = evidence_words.sentences(
+            run.evidence, run.vague, converged=run.sampled.convergence.converged
+        )
+        yield Section("Evidence", (Sentences(said), Note(evidence_words.EXPLAINED)))
 
 
 def _energy(run: View) -> Iterator[Section]:

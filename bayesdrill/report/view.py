@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 import bayesdrill
 from bayesdrill.basics import seeds
 from bayesdrill.basics.units import Unit
+from bayesdrill.engines.evidence import Evidence
 from bayesdrill.engines.mode import Mode
 from bayesdrill.engines.sampling import Sampled
 from bayesdrill.inference.pieces import StepError, step_errors
@@ -27,6 +28,7 @@ from bayesdrill.insight.instead import Instead, instead
 from bayesdrill.insight.leaning import leaning
 from bayesdrill.insight.repeats import Repeat
 from bayesdrill.insight.rubbing import Rubbing, rubbings
+from bayesdrill.insight.vagueness import Vague, vague
 from bayesdrill.insight.verdict import Judgement
 from bayesdrill.report import residual_words, words
 from bayesdrill.report.sparing import Sparing
@@ -142,6 +144,16 @@ class View:
         if not frictions_of(self.problem.model):
             return ()
         return energy.accounts(self.problem.posterior, self.best, self.some(ACCOUNTS))
+
+    @property
+    def evidence(self) -> Evidence | None:
+        """None where it was not computed, or there was nothing to compute it of."""
+        return self.sampled.evidence
+
+    @cached_property
+    def vague(self) -> tuple[Vague, ...]:
+        """Priors that are too wide for the evidence to mean much."""
+        return vague(self.rows, self.draws, self.problem.posterior.space.priors)
 
     @cached_property
     def leaning(self) -> Mapping[str, tuple[str, ...]]:

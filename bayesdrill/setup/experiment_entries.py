@@ -98,6 +98,11 @@ class RecordBase(Strict):
     window: Windows | None = Field(
         None, description="Use the samples from the first to the second time [s] only; or several."
     )
+    held_out: Windows | None = Field(
+        None,
+        description="Samples from the first to the second time [s], or several such stretches, that are "
+        "no evidence: `compare` says how well each model predicts them.",
+    )
     missing: Literal["drop"] | None = Field(
         None, description="`drop`: of a channel, missing samples are left out; default: an error."
     )

@@ -26,7 +26,7 @@ from bayesdrill.setup import as_they_come, build, derivatives, given_inputs, sou
 from bayesdrill.setup.as_they_come import Column, Findings
 from bayesdrill.setup.config import Config
 from bayesdrill.setup.experiment_entries import RecordSpec
-from bayesdrill.setup.record_entries import AngleColumn, InputColumn, Series, windows
+from bayesdrill.setup.record_entries import AngleColumn, InputColumn, Series, between, windows
 from bayesdrill.setup.sources import Clock, Sources, at
 from bayesdrill.setup.yaml_source import Place, Source
 
@@ -73,6 +73,7 @@ class _Reader:
             sizes.check_record(len(t), y.shape[1])
         except ValueError as error:
             raise InputError([self._source.problem(("record", "file"), str(error))]) from None
+        held = self._held_out(t, y)
         series, turned = self._inputs(t, columns)
         raise_if_any(self._sources.problems)
         noise = build.noise(measured, len(t))
@@ -91,6 +92,7 @@ class _Reader:
             t_start=self._t_start(t, has_series=bool(series)),
             told=tuple(findings.told),
             odd=tuple(findings.odd),
+            held_out=None if held is None else frozen(held),
         )
         return self._decimated(found)
 
@@ -143,9 +145,25 @@ class _Reader:
             y[self._rows(t, one.clock.t[inside]), k] = one.values[inside] * entry.factor
         spans = windows(self._config.record.window)
         if len(spans) > 1:
-            slack = 1e-9 * max(abs(x) for span in spans for x in span)
-            y[~np.any([(t >= a - slack) & (t <= b + slack) for a, b in spans], axis=0)] = np.nan
+            y[~between(t, spans)] = np.nan
         return y
+
+    def _held_out(self, t: Array, y: Array) -> Array | None:
+        """Samples that are taken out of `y`, which is changed: NaN where none is."""
+        spans = windows(self._config.record.held_out)
+        if not spans:
+            return None
+        away = between(t, spans)
+        held = np.where(away[:, None], y, np.nan)
+        y[away] = np.nan
+        count = int(np.sum(~np.isnan(held)))
+        place: Place = ("record", "held_out")
+        if count == 0:
+            self._sources.add(place, "no sample lies in it; give times of the record [s]")
+        elif np.isnan(y).all(axis=0).any():
+            self._sources.add(place, "leaves nothing of a channel; hold less out")
+        self._findings.told.append(f"{count} samples are held out, and are no evidence")
+        return held
 
     def _rows(self, t: Array, clock: Array) -> NDArray[np.intp]:
         return clocks.places(t, clock) if self._sources.several else np.arange(len(t))

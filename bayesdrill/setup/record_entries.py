@@ -4,11 +4,15 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
+import numpy as np
+from numpy.typing import NDArray
 from pydantic import Discriminator, Field, Tag
 
 from bayesdrill.basics.entries import Count, Number, Positive, Strict, chosen
 from bayesdrill.record.formats import FORMATS
 from bayesdrill.setup.sensor_entries import Sensed
+
+Array = NDArray[np.float64]
 
 MOST_SPANS = 1000
 
@@ -139,6 +143,15 @@ class DecimateSpec(Strict):
     """One sample of `factor`, after a filter that lets nothing alias."""
 
     factor: Annotated[int, Field(ge=2, le=1000)]
+
+
+def between(t: Array, spans: list[tuple[float, float]]) -> NDArray[np.bool_]:
+    """Which times `(T,)` lie in one of them, both ends among them."""
+    slack = 1e-9 * max((abs(x) for span in spans for x in span), default=0.0)
+    inside = np.zeros(len(t), dtype=bool)
+    for begin, end in spans:
+        inside |= (t >= begin - slack) & (t <= end + slack)
+    return inside
 
 
 def windows(given: list[float] | list[list[float]] | None) -> list[tuple[float, float]]:

@@ -85,8 +85,9 @@ def test_a_folder_imports_only_folders_nearer_the_ground(path: Path) -> None:
 def test_the_command_line_is_a_user_of_the_api() -> None:
     """It parses, calls and prints: what it can do, Python can."""
     allowed = {"basics", "api", "paper", "guard"}
-    text = re.sub(r"if TYPE_CHECKING:\n(    .*\n)+", "", MODULES["cli"].read_text())
-    used = set(re.findall(r"^ *from bayesdrill\.(\w+)", text, re.M))
+    own = [path.read_text() for path in (PACKAGE / "cli").glob("*.py")]
+    text = re.sub(r"if TYPE_CHECKING:\n(    .*\n)+", "", "".join(own))
+    used = set(re.findall(r"^ *from bayesdrill\.(\w+)", text, re.M)) - {"cli"}
     assert "api" in used <= allowed
 
 

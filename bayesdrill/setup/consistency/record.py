@@ -87,9 +87,10 @@ def check_record(found: Collector, config: Config) -> None:
     if config.record.format is not None:
         found.run(("record", "format"), lookup, FORMATS, config.record.format, "format")
     spans = windows(config.record.window)
-    for begin, end in spans:
-        if not begin < end:
-            found.add(("record", "window"), f"{begin:g} s is not before {end:g} s")
+    for name, given in (("window", spans), ("held_out", windows(config.record.held_out))):
+        for begin, end in given:
+            if not begin < end:
+                found.add(("record", name), f"{begin:g} s is not before {end:g} s")
     for (_, end), (begin, _) in itertools.pairwise(spans):
         if not end < begin:
             message = f"a window that begins at {begin:g} s stands after one that ends at {end:g} s"

@@ -1,0 +1,113 @@
+"""How well draws predict samples: those that were held out, and each one without itself (PSIS-LOO)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import logsumexp
+
+from bayesdrill.inference.likelihood import Observation
+from bayesdrill.inference.posterior import Posterior
+from bayesdrill.inference.residual_checks import Left
+
+Array = NDArray[np.float64]
+
+DRAWS = 800  # looked at
+MOST = 50_000  # samples whose densities are kept for all draws
+AGREED = 1e-12  # of the log densities of a sample: all draws give it the same
+BAD = 0.7  # of Pareto's k, from which on a sample leans on a few draws
+FEW = 0.01  # of the samples may
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HeldOut:
+    """`score`: sum of the logs of the predictive densities of so many `samples`, SI; `each (n,)`."""
+
+    score: float
+    samples: int
+    each: Array
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LeftOut:
+    """Of each sample without itself: `elpd`, its parts `each (n,)`, and the share that is `doubtful`."""
+
+    elpd: float
+    each: Array
+    doubtful: float
+
+
+def held_out(posterior: Posterior, theta: Array) -> HeldOut | None:
+    """By draws `theta (N, D)`; None where nothing is held out."""
+    theta, found = _some(theta), []
+    full = posterior.space.full(theta)
+    for one in posterior.likelihood.observations:
+        held = one.experiment.held_out
+        if held is not None:
+            rest = held - one.signals(full)
+            log_p = one.noise.pointwise(rest, theta[:, one.own])[:, ~np.isnan(held)]
+            found.append(logsumexp(log_p, axis=0) - np.log(len(theta)))
+    if not found:
+        return None
+    each = np.concatenate(found)
+    return HeldOut(score=float(each.sum()), samples=len(each), each=each)
+
+
+def leave_one_out(posterior: Posterior, theta: Array, left: tuple[Left, ...]) -> LeftOut | str:
+    """By draws `theta (N, D)`; or why that would tell nothing."""
+    if refusal := _refusal(posterior, left):
+        return refusal
+    from arviz_stats.base import array_stats  # late: it takes half a second to load
+
+    smoothed: Any = array_stats.psislw
+    theta = _some(theta)
+    full, found = posterior.space.full(theta), []
+    for one in posterior.likelihood.observations:
+        log_p = one.noise.pointwise(one.residuals(full).samples, theta[:, one.own])
+        found.append(log_p[:, one.experiment.seen].T)
+    log_p = np.concatenate(found)
+    each, told = log_p.mean(axis=1), np.zeros(len(log_p))
+    differ = np.ptp(log_p, axis=1) > AGREED  # of those at rest nothing is to be smoothed
+    log_w, told[differ] = smoothed(log_p[differ])
+    each[differ] = logsumexp(log_w + log_p[differ], axis=1)
+    return LeftOut(elpd=float(each.sum()), each=each, doubtful=float((told > BAD).mean()))
+
+
+def _refusal(posterior: Posterior, left: tuple[Left, ...]) -> str:
+    """Empty where samples tell nothing of each other but by the unknowns."""
+    observations = posterior.likelihood.observations
+    if sum(one.numbers for one in observations) > MOST:
+        return f"more than {MOST} samples"
+    if any(remembers(one) for one in observations):
+        return "its noise remembers: a sample that is left out is told by those beside it"
+    coloured = [one for one in left if one.correlated]
+    if coloured:
+        worst = max(coloured, key=lambda one: abs(one.correlation))
+        return (
+            f"what it leaves is not white (correlation of neighbours {worst.correlation:.2f} in "
+            f"{worst.name}): a sample that is left out is told by those beside it"
+        )
+    return ""
+
+
+def remembers(one: Observation) -> bool:
+    """Whether its noise says of a sample what those before it were."""
+    if one.noise.white:
+        return False
+    own = np.ones((1, len(one.noise.unknowns)))
+    if one.noise.unknowns:
+        own[0] = [0.5 * (u.prior.quantile(np.array(0.3)) + u.start) for u in one.noise.unknowns]
+    samples = np.zeros((2, len(one.experiment.t), len(one.experiment.channels)))
+    middle = samples.shape[1] // 2
+    samples[1, middle] = one.noise.scales(own)[0]
+    quiet, struck = one.noise.whiten(samples, np.repeat(own, 2, axis=0))
+    felt = np.abs(struck - quiet)
+    felt[middle] = 0.0
+    return bool(np.nanmax(felt) > AGREED)
+
+
+def _some(theta: Array) -> Array:
+    return theta[:: max(1, -(-len(theta) // DRAWS))]

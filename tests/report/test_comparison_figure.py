@@ -1,0 +1,62 @@
+"""The figure of a comparison as it is rendered: nothing overlaps, and marks stand where numbers are."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from comparisons import CHANNELS, model
+from matplotlib.figure import Figure
+from pictures import clashes, drawn, marked, xy
+
+from bayesdrill.insight.comparison import Contender
+from bayesdrill.insight.overlay import rows
+from bayesdrill.report.comparison_plot import comparison_figure
+from bayesdrill.setup.own_units import SI
+
+
+def models(n: int, unknowns: int, wide: float) -> list[Contender]:
+    """The last is the most probable, and by far."""
+    return [
+        model(
+            f"{'a_long_name_of_a_model_' * (k % 2)}{k}",
+            -wide * (n - 1 - k) / n,
+            rig=str(k),
+            unknowns=unknowns - (k == 0 and unknowns > 1),
+            rms=1.0 + 0.5 * (n - 1 - k) ** 2,
+            correlation=0.2 * (n - 1 - k) % 1.0,
+            moved=0.5 * k,
+        )
+        for k in range(n)
+    ]
+
+
+def figure(given: list[Contender]) -> Figure:
+    return drawn(comparison_figure(given, rows([one.layer for one in given]), SI))
+
+
+@pytest.mark.parametrize(
+    ("n", "unknowns", "wide"), [(2, 1, 0.5), (2, 3, 40.0), (8, 9, 3e5), (24, 5, 2e7)]
+)
+def test_no_texts_overlap(n: int, unknowns: int, wide: float) -> None:
+    assert list(clashes(figure(models(n, unknowns, wide)))) == []
+
+
+def test_marks_stand_where_the_numbers_are() -> None:
+    """Mutant killed: models in the order given, beside names in that of their odds."""
+    given = models(4, 3, 60.0)
+    page = figure(given)
+    odds, left = page.axes[0], page.axes[1]
+    names = [text.get_text() for text in odds.get_yticklabels()]
+    assert names == [one.name for one in reversed(given)]
+    places = dict(zip(names, odds.get_yticks(), strict=True))
+    best = given[-1].log_z
+    for line in marked(odds, "o"):
+        ((x, y),) = xy(line).T
+        one = next(one for one in given if places[one.name] == y)
+        assert x == pytest.approx(best - one.log_z)
+    whole = [line for line in left.get_lines() if line.get_marker() in ("o", "s", "^", "D")]
+    assert len(whole) == len(given) * len(CHANNELS)
+    hollow = {xy(line)[1, 0] for line in whole if line.get_markerfacecolor() == "white"}
+    assert hollow == {places[one.name] for one in given if not one.like_noise}
+    assert len({round(y) for y in hollow}) == 3
+    assert np.ptp([xy(line)[1, 0] for line in whole]) == 3
