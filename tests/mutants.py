@@ -612,16 +612,38 @@ MUTANTS = [
     Mutant(
         "powers of two of a product that are lost",
         "rig/kernels/tally.py",
-        "b.bitcast(b.add(b.bitcast(powers, INT_VEC), power), VEC),",
-        "b.bitcast(power, VEC),",
+        "whole = b.add(b.bitcast(powers, INT_VEC), power)",
+        "whole = power",
         "tests/rig/test_tallies.py::test_tallies_are_those_of_the_samples",
     ),
     Mutant(
         "the weight of the first channel for all",
         "rig/kernels/recurrence.py",
-        "load(b, mine, layout.n_parameters + k) for k in range(weighed)",
-        "load(b, mine, layout.n_parameters) for k in range(weighed)",
+        "own[k * each : (k + 1) * each]",
+        "own[:each]",
         "tests/rig/test_tallies.py::test_tallies_are_those_of_the_samples",
+    ),
+    Mutant(
+        "an interval off zero that has no tail of its own",
+        "rig/kernels/tally.py",
+        "b.fadd(logs, b.select(beyond, log, zero)),",
+        "b.fadd(logs, zero),",
+        "tests/rig/test_tallies.py::test_tallies_are_those_of_the_samples",
+    ),
+    Mutant(
+        "half a width for one over the sd",
+        "rig/kernels/tally.py",
+        "        over, half = weights",
+        "        half, over = weights",
+        "tests/rig/test_tallies.py::test_tallies_are_those_of_the_samples",
+    ),
+    Mutant(
+        "kernels where the difference of two tails is rounded",
+        "inference/noise/quantised.py",
+        "        if fine.any():",
+        "        if False:",
+        "tests/inference/test_noise_members.py::"
+        "test_where_a_step_is_small_beside_sigma_samples_are_asked",
     ),
     Mutant(
         "a memory whose ends are forgotten",

@@ -130,6 +130,9 @@ class Remains:
     def logs(self, weights: Array) -> Array:
         return self.response.logs(self.full, weights)
 
+    def intervals(self, over: Array, half: Array) -> Array:
+        return self.response.intervals(self.full, over, half)
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Part:

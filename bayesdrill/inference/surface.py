@@ -101,6 +101,9 @@ class Fused:
     def logs(self, weights: Array) -> Array:
         return self.every.logs(weights)
 
+    def intervals(self, over: Array, half: Array) -> Array:
+        return self.every.intervals(over, half)
+
 
 def slopes(
     one: Observation, full: Array, along: Array, own: Array
