@@ -31,6 +31,41 @@ class Mutant:
 
 MUTANTS = [
     Mutant(
+        "a missing torque on the wrong side of the gear",
+        "rig/missing_torque.py",
+        'return linear.A[row, "i"] / p["k_T"]',
+        'return 8 * linear.A[row, "i"] / p["k_T"]',
+        "tests/rig/test_missing_torque.py::test_the_likelihood_is_that_of_all_samples_together",
+    ),
+    Mutant(
+        "a missing torque that begins at nothing",
+        "rig/kernels/steadily.py",
+        "m.put(1.0, start, i * n + i)",
+        "m.put(0.0, start, i * n + i)",
+        "tests/rig/test_missing_torque.py::test_the_likelihood_is_that_of_all_samples_together",
+    ),
+    Mutant(
+        "a gain that has settled after a few samples",
+        "rig/kernels/settling.py",
+        "LEAST, MOST = 7, 44",
+        "LEAST, MOST = 2, 3",
+        "tests/rig/test_missing_torque.py::test_one_gain_is_as_good_as_all_of_them",
+    ),
+    Mutant(
+        "a missing torque whose covariance no parameter moves",
+        "inference/noise/shaken.py",
+        "if self.pinned is not None:\n            found[..., :count] = 0.0",
+        "if True:\n            found[..., :count] = 0.0",
+        "tests/inference/test_shaken.py::test_slopes_are_those_of_differences",
+    ),
+    Mutant(
+        "a missing torque beside friction",
+        "setup/missing_torque.py",
+        "    if rubbing:",
+        "    if False:",
+        "tests/setup/test_missing_torque.py::test_what_cannot_be_is_said_with_a_way_out",
+    ),
+    Mutant(
         "an imposed angle for its speed",
         "record/angles.py",
         "speeds = np.diff(x) / np.diff(t)",

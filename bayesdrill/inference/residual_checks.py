@@ -103,7 +103,7 @@ def _of(one: Observation, full: Array, theta: Array, channels: int) -> list[Left
     """`channels`: how many there are in all observations."""
     experiment = one.experiment
     remains = one.residuals(full).samples
-    residuals = one.noise.whiten(remains, theta[:, one.own])[0]
+    residuals = one.noise.whiten(remains, one.scatter(theta))[0]
     return [
         _channel(
             one,

@@ -92,7 +92,7 @@ def _predict(
     for chain, theta in enumerate(draws):
         full = space.full(theta)
         for one in problem.observations:
-            signals, own = one.signals(full), theta[:, one.own]
+            signals, own = one.signals(full), one.scatter(theta)
             fresh = one.noise.draw(signals, own, rng)
             log_p = one.noise.pointwise(one.experiment.y - signals, own)
             for c in (c for c in columns if c.one is one):

@@ -13,11 +13,19 @@ from numpy.typing import NDArray
 from bayesdrill.basics import own_files, seeds
 from bayesdrill.basics.errors import InputError, Problem
 from bayesdrill.inference import pieces
-from bayesdrill.inference.unknowns import of_label
+from bayesdrill.inference.unknowns import Unknown, of_label
 from bayesdrill.record.experiment import Experiment, frozen, raise_if_any, times
 from bayesdrill.rig.choosing import simulator
 from bayesdrill.rig.models.linear import Model
-from bayesdrill.setup import build, given_inputs, number_objects, reading, sensors, writing
+from bayesdrill.setup import (
+    build,
+    given_inputs,
+    missing_torque,
+    number_objects,
+    reading,
+    sensors,
+    writing,
+)
 from bayesdrill.setup.config import Config
 from bayesdrill.setup.experiments import View, views
 from bayesdrill.setup.yaml_source import Source
@@ -70,7 +78,13 @@ def one(view: View, seed: int, target: Path | None = None, index: int = 0) -> st
     signals = response.signals(full)[0]
     noise = build.noise([_known(config, source, entry) for entry in measured], len(signals))
     own = np.array([[unknown.start for unknown in noise.unknowns]])
-    noisy = noise.draw(signals[None], own, seeds.stream(seed, "record", index))[0]
+    rng = seeds.stream(seed, "record", index)
+    if config.missing_torque is None:
+        noisy = noise.draw(signals[None], own, rng)[0]
+    else:
+        shaken = missing_torque.shaken(config, rig, noise, experiment, sensing)
+        sizes = [_size(view, unknown) for unknown in missing_torque.unknowns(config)]
+        noisy = shaken.draw(signals[None], np.concatenate([[sizes], full], axis=1), rng)[0]
     y = noisy / np.array([entry.factor for entry in measured])
     return writing.as_text(config, source, experiment, y)
 
@@ -160,6 +174,13 @@ def _told(view: View, rig: Model) -> dict[str, float]:
         found[each.name], factors[each.name] = each.start, each.factor
     own = {name: _given(given, name, view.label) for name in found}
     return found | {name: x * factors[name] for name, x in own.items() if x is not None}
+
+
+def _size(view: View, unknown: Unknown) -> float:
+    """What is true of a missing torque, in SI; by default where its prior starts."""
+    simulation: Any = view.config.simulation
+    given = _given(simulation.truth if simulation else {}, unknown.name, view.label)
+    return unknown.start if given is None else given
 
 
 def _given(values: Mapping[str, float], name: str, label: str) -> float | None:
