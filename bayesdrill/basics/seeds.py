@@ -21,6 +21,7 @@ Purpose = Literal[
     "starts",
     "scout",
     "rank",
+    "torque",
 ]
 
 _ORDER: tuple[Purpose, ...] = get_args(Purpose)

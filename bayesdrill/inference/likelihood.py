@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayesdrill.inference.noise.contract import Noise
+from bayesdrill.inference.noise.shaken import Shaken
 from bayesdrill.inference.unknowns import ParameterSpace
 from bayesdrill.record.experiment import Experiment
 from bayesdrill.rig.simulator import Simulator
@@ -69,6 +70,20 @@ class Observation:
         """The channels without noise, `(W, T, K)`."""
         return self.response.signals(self.told(full))
 
+    def followed(self, full: Array, theta: Array) -> Array:
+        """The channels without noise, `(W, T, K)`, with what a missing torque moves of them."""
+        signals, noise = self.signals(full), self.noise
+        if not isinstance(noise, Shaken):
+            return signals
+        return signals + noise.moved(self.experiment.y - signals, self.scatter(theta))
+
+    def again(self, signals: Array, theta: Array, rng: np.random.Generator) -> Array:
+        """The record once more `(W, T, K)`: `signals` with fresh noise, and the torque that it had."""
+        noise, own = self.noise, self.scatter(theta)
+        if not isinstance(noise, Shaken):
+            return noise.draw(signals, own, rng)
+        return noise.again(signals, self.experiment.y - signals, own, rng)
+
     def sensitivities(self, full: Array, along: Array) -> Array:
         """See `Simulator.sensitivities`; `along (W, q, P)`."""
         return self.response.sensitivities(self.told(full), self.told(along))
@@ -108,9 +123,9 @@ class Observation:
 
     def pinned(self, theta: Array) -> Observation:
         """With the covariance that its noise has at `theta (D,)`, where that follows from the rig."""
-        if self.space is None:
+        noise = self.noise
+        if self.space is None or not isinstance(noise, Shaken):
             return self
-        noise: Any = self.noise
         own = self.told(self.space.full(theta[None]))[0]
         return dataclasses.replace(self, noise=noise.pin(own))
 
@@ -187,12 +202,11 @@ class Likelihood:
             if columns == list(range(len(space.model))):
                 columns = None
             own = _places([space.free.index(name) for name in one.levels], len(space.free))
-            noise: Any = one.noise
-            wants = getattr(noise, "wants_rig", False)
+            noise, wants = one.noise, isinstance(one.noise, Shaken)
             made.append(
                 Observation(
                     one.response,
-                    noise.of_rig(one.response) if wants else noise,
+                    noise.of_rig(one.response) if isinstance(noise, Shaken) else noise,
                     own,
                     columns,
                     one.label,

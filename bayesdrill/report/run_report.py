@@ -16,6 +16,7 @@ from bayesdrill.report import (
     residual_words,
     step_words,
     tables,
+    torque_words,
     verdict_words,
     words,
 )
@@ -47,6 +48,7 @@ def sections(run: View, pictures: Sequence[Picture] = ()) -> tuple[Section, ...]
         Section("Parameters", _parameters(run)),
         *((_against(judged.verdict),) if judged is not None else ()),
         *_repeats(run),
+        *_torque(run),
         *_energy(run),
         *shown,
         *(_shown(judged, len(run.problem.observations)) if judged is not None else ()),
@@ -99,6 +101,15 @@ def _repeats(run: View) -> Iterator[Section]:
         yield Section(
             "From one experiment to the next", (said, repeat_words.table(run.repeats, names), read)
         )
+
+
+def _torque(run: View) -> Iterator[Section]:
+    """Of a rig whose equations leave one out."""
+    for one in run.shaking:
+        where = f" of {one.label}" if one.label else ""
+        said = Sentences(torque_words.sentence(one))
+        shown = torque_words.table(one)
+        yield Section(f"The missing torque{where}", (said, shown, Note(torque_words.READ)))
 
 
 def _energy(run: View) -> Iterator[Section]:

@@ -27,6 +27,7 @@ from bayesdrill.insight.instead import Instead, instead
 from bayesdrill.insight.leaning import leaning
 from bayesdrill.insight.repeats import Repeat
 from bayesdrill.insight.rubbing import Rubbing, rubbings
+from bayesdrill.insight.shaking import Shaking, shakings
 from bayesdrill.insight.verdict import Judgement
 from bayesdrill.report import residual_words, words
 from bayesdrill.report.sparing import Sparing
@@ -43,7 +44,7 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-BANDS, ACCOUNTS = 100, 25  # draws
+BANDS, ACCOUNTS, PATHS = 100, 25, 300  # draws
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,6 +143,12 @@ class View:
         if not frictions_of(self.problem.model):
             return ()
         return energy.accounts(self.problem.posterior, self.best, self.some(ACCOUNTS))
+
+    @cached_property
+    def shaking(self) -> tuple[Shaking, ...]:
+        """The missing torque of each experiment, where there is one."""
+        rng = seeds.stream(self.config.seed, "torque")
+        return shakings(self.problem.posterior, self.some(PATHS), rng)
 
     @cached_property
     def leaning(self) -> Mapping[str, tuple[str, ...]]:

@@ -93,7 +93,7 @@ def _predict(
         full = space.full(theta)
         for one in problem.observations:
             signals, own = one.signals(full), one.scatter(theta)
-            fresh = one.noise.draw(signals, own, rng)
+            fresh = one.again(signals, theta, rng)
             log_p = one.noise.pointwise(one.experiment.y - signals, own)
             for c in (c for c in columns if c.one is one):
                 predictive[c.name][chain] = fresh[..., c.place]

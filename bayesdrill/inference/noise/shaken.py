@@ -125,9 +125,8 @@ class Shaken:
 
     def pull(self, samples: Array, own: Array) -> Array:
         """What the noise of the sensors has to be, where the torque is what all samples say, over it."""
-        states = self.smooth(samples, own)
-        shown = states @ np.array(self.filtered.noisy.channels).T
-        return np.asarray(np.nan_to_num(samples - shown) / self.scales(own)[:, None, :] ** 2)
+        left = samples - self.moved(samples, own)
+        return np.asarray(np.nan_to_num(left) / self.scales(own)[:, None, :] ** 2)
 
     def draw(self, signals: Array, own: Array, rng: np.random.Generator) -> Array:
         with np.errstate(all="ignore"):
@@ -141,6 +140,25 @@ class Shaken:
         with np.errstate(all="ignore"):
             found = self.filtered.smooth(self.parameters(own), self.scales(own), samples)
         return np.asarray(found)
+
+    def moved(self, samples: Array, own: Array) -> Array:
+        """What the torque moves of each channel, as all samples say it: `(W, T, K)`."""
+        states = self.smooth(samples, own)
+        return np.asarray(states @ np.array(self.filtered.noisy.channels).T)
+
+    def known(self, samples: Array, own: Array, rng: np.random.Generator) -> tuple[Array, Array]:
+        """States drawn with all samples known `(W, T, n)`, as `smooth` has them, and what channels
+        show of them `(W, T, K)`, without noise.
+        """
+        with np.errstate(all="ignore"):
+            fresh, shown = self.filtered.draw(self.parameters(own), self.scales(own), rng)
+        drawn = fresh + self.smooth(samples - shown, own)
+        return drawn, np.asarray(drawn @ np.array(self.filtered.noisy.channels).T)
+
+    def again(self, signals: Array, samples: Array, own: Array, rng: np.random.Generator) -> Array:
+        """Signals `(W, T, K)` with the torque of this very record, and fresh noise."""
+        moved = self.known(samples, own, rng)[1]
+        return self.within.draw(signals + moved, self._levels(own), rng)
 
     def _whitened(self, samples: Array, own: Array) -> tuple[Array, Array]:
         with np.errstate(all="ignore"):
