@@ -48,7 +48,7 @@ def held_out(posterior: Posterior, theta: Array) -> HeldOut | None:
         held = one.experiment.held_out
         if held is not None:
             rest = held - one.signals(full)
-            log_p = one.noise.pointwise(rest, theta[:, one.own])[:, ~np.isnan(held)]
+            log_p = one.noise.pointwise(rest, one.scatter(theta))[:, ~np.isnan(held)]
             found.append(logsumexp(log_p, axis=0) - np.log(len(theta)))
     if not found:
         return None
@@ -66,7 +66,7 @@ def leave_one_out(posterior: Posterior, theta: Array, left: tuple[Left, ...]) ->
     theta = _some(theta)
     full, found = posterior.space.full(theta), []
     for one in posterior.likelihood.observations:
-        log_p = one.noise.pointwise(one.residuals(full).samples, theta[:, one.own])
+        log_p = one.noise.pointwise(one.residuals(full).samples, one.scatter(theta))
         found.append(log_p[:, one.experiment.seen].T)
     log_p = np.concatenate(found)
     each, told = log_p.mean(axis=1), np.zeros(len(log_p))

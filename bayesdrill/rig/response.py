@@ -63,6 +63,11 @@ class Response:
         return self.model.parameters
 
     @property
+    def record(self) -> tuple[Array, Array]:
+        """As kernels read it: channels `(T, K)`, sampled inputs `(T + 1, S)`."""
+        return self._y, self._u
+
+    @property
     def _kernels(self) -> Kernels:
         if self._made is None:
             self._made = compile_kernels(layout(self.model, self.experiment))
