@@ -69,6 +69,7 @@ def test_sensors_and_physics_together() -> None:
     assert named.rest < 1.2
 
 
+@pytest.mark.slow
 def test_what_sensors_explain_is_not_blamed_on_the_rig() -> None:
     """Mutant killed: friction wherever it is as good as anything."""
     posterior = believed(record({}, late=3))

@@ -104,6 +104,7 @@ def test_one_thing_wrong_is_named_with_its_size(
     assert first.value == pytest.approx(value, abs=max(6 * first.sd, 0.02 * abs(value)))
 
 
+@pytest.mark.slow
 def test_a_start_in_motion_is_named() -> None:
     found = told_of(seen(Sensing(), [], {"w_1": 9.0, "w_2": 9.0, "theta_1": 0.3}))
     assert found.explains
@@ -122,6 +123,7 @@ def test_what_is_no_matter_of_sensors_is_not_blamed_on_them() -> None:
     assert not found.explains
 
 
+@pytest.mark.slow
 def test_half_a_sample_moves_what_a_late_step_moves() -> None:
     """Oracle: the fit of a record whose step was given half a sample late; mutant: the other way."""
     clean = experiment(N, DT, measures=MEASURES, constant={"v": 8.0, "t_1": 0.0})

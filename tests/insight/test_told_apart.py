@@ -123,6 +123,7 @@ def test_constant_friction_is_like_friction_that_changes_its_sign_until_the_moto
     assert told(believed(("t_cm", "t_f"), values, SQUARE)).alike == ()
 
 
+@pytest.mark.slow
 def test_what_is_proposed_does_what_is_said() -> None:
     """Mutants killed: the sd of another unknown, an experiment instead of one more."""
     values = {"t_cm": 0.05, "t_f": 0.04}
@@ -170,6 +171,7 @@ def test_a_drop_is_like_k_e_at_one_voltage() -> None:
     assert told(believed(("v_d", "k_e"), {"v_d": 0.5}, levels, steady)).alike == ()
 
 
+@pytest.mark.slow
 def test_damping_of_the_shaft_is_like_that_at_rotor_1() -> None:
     """A short record of a swing; a rig that turns for long knows better."""
     values = {"c_s": 5e-3, "c_1": 5e-3}
@@ -181,6 +183,7 @@ def test_damping_of_the_shaft_is_like_that_at_rotor_1() -> None:
     assert told(believed(("c_s", "c_1"), values, SQUARE)).alike == ()
 
 
+@pytest.mark.slow
 def test_what_a_gear_loses_is_like_friction_at_the_motor() -> None:
     values = {"t_cm": 0.03, "eta": 0.85, "c_1": 0.1}
     steady = {"w_1": 13.0, "w_2": 13.0, "theta_1": -5.0, "i": 1.5}

@@ -53,6 +53,7 @@ def evidence(folder: Path) -> float:
     return float(json.loads((folder / "run.json").read_text())["log_evidence"])
 
 
+@pytest.mark.slow
 def test_table_verdict_and_figure(runs: Path) -> None:
     """A rotor that is held at the wrong inertia: the model, and no noise makes up for it."""
     out = runs / "out"
@@ -80,6 +81,7 @@ def test_table_verdict_and_figure(runs: Path) -> None:
     assert systems.cli("verify", out).status == 0
 
 
+@pytest.mark.slow
 def test_the_same_model_twice_is_neither(runs: Path) -> None:
     found = bd.compare([runs / "given", bd.open(runs / "seeded")], names=["a", "b"])
     assert found.decision.word == "neither"
@@ -88,6 +90,7 @@ def test_the_same_model_twice_is_neither(runs: Path) -> None:
     assert found.plot().axes
 
 
+@pytest.mark.slow
 def test_what_is_held_out_is_no_evidence_and_another_record(runs: Path) -> None:
     """Mutant killed: runs of which one has seen what the other has not."""
     whole = systems.cli("compare", runs / "given", runs / "whole", "-o", runs / "out")
@@ -98,6 +101,7 @@ def test_what_is_held_out_is_no_evidence_and_another_record(runs: Path) -> None:
     assert evidence(runs / "whole") > evidence(runs / "given")
 
 
+@pytest.mark.slow
 def test_a_run_without_evidence_says_how_to_get_it(runs: Path) -> None:
     path = runs / "given" / "run.json"
     run = opened(path.read_bytes())
@@ -112,6 +116,7 @@ def test_a_run_without_evidence_says_how_to_get_it(runs: Path) -> None:
     assert evidence(runs / "given") == before
 
 
+@pytest.mark.slow
 def test_nothing_is_overwritten_unasked(runs: Path) -> None:
     out, two = runs / "out", (runs / "given", runs / "unsure")
     assert systems.cli("compare", *two, "-o", out).status == 0

@@ -141,6 +141,7 @@ def test_every_script_and_notebook_is_python() -> None:
         assert "assert run.converged" in cells(path), path.name
 
 
+@pytest.mark.slow
 def test_every_command_runs_in_order(tree: Path) -> None:
     """One after the other, as the README has them: later ones need what earlier ones left."""
     ran: set[str] = set()
