@@ -79,10 +79,15 @@ def _record_rows(posterior: Posterior, theta: Array) -> Array:
         shifts = np.where(one.experiment.seen, signals[: len(theta)] - signals[len(theta) :], 0.0)
         slopes = _whitened(one, shifts, theta)
         rows.append(np.nan_to_num(slopes.reshape(len(theta), -1), posinf=0.0, neginf=0.0).T)
-        levels.append(
-            np.sqrt(one.noise.expected(theta[one.own]))[:, None] * np.eye(len(theta))[one.own]
-        )
+        levels.append(_root_of(one.noise.expected(theta[one.own])) @ np.eye(len(theta))[one.own])
     return np.vstack([*rows, *levels])
+
+
+def _root_of(information: Array) -> Array:
+    """`R` with R' R the information about the unknowns of a noise, or its diagonal."""
+    if information.ndim == 1:
+        return np.diag(np.sqrt(information))
+    return np.asarray(np.linalg.cholesky(information).T)
 
 
 def _whitened(one: Observation, shifts: Array, theta: Array) -> Array:

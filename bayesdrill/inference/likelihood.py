@@ -123,6 +123,13 @@ class Remains:
     def weighed(self, weights: Array) -> Array:
         return self.squares * weights**2
 
+    @cached_property
+    def neighbours(self) -> Array:
+        return self.response.neighbours(self.full)
+
+    def logs(self, weights: Array) -> Array:
+        return self.response.logs(self.full, weights)
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Part:

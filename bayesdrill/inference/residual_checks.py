@@ -76,8 +76,11 @@ class Left:
     @property
     def unbelievable(self) -> bool:
         """Whether all that is said of the unknowns must not be believed."""
-        too_large = self.large and self.rms > FAR_TOO_LARGE
-        return too_large or (self.correlated and self.correlation > REMEMBERED)
+        return self.far_too_large or (self.correlated and self.correlation > REMEMBERED)
+
+    @property
+    def far_too_large(self) -> bool:
+        return self.large and self.rms > FAR_TOO_LARGE
 
     @property
     def far(self) -> bool:

@@ -94,6 +94,13 @@ class Fused:
     def weighed(self, _: Array) -> Array:
         return self.over_scales
 
+    @property
+    def neighbours(self) -> Array:
+        return self.every.neighbours
+
+    def logs(self, weights: Array) -> Array:
+        return self.every.logs(weights)
+
 
 def slopes(
     one: Observation, full: Array, along: Array, own: Array
@@ -106,8 +113,9 @@ def slopes(
         told, turned, scales = one.told(full), one.told(along), 1.0 / one.noise.scales(own)
         squares, slope, curvature = one.response.normal(told, turned, scales)
         return Fused(left, squares), slope, curvature
-    shifts = one.sensitivities(full, along)  # (W, q, T, K)
-    pull = one.noise.pull(left.samples, own)
+    seen = one.experiment.seen
+    shifts = np.where(seen, one.sensitivities(full, along), 0.0)  # (W, q, T, K)
+    pull = np.where(seen, one.noise.pull(left.samples, own), 0.0)
     slope = np.einsum("wqtk,wtk->wq", shifts, pull)
     rows = np.stack([one.noise.inform(shifts[:, q], own) for q in range(along.shape[1])], axis=1)
     flat = rows.reshape(*rows.shape[:2], -1)
@@ -178,7 +186,11 @@ class PosteriorSurface:
                 levels, owned = by_log[:, one.own], directions[one.own]
                 pulled, bent = one.noise.bend(shown, own)
                 slope = slope + _along(levels * pulled, owned)
-                curvature = curvature + _weighted(owned, bent * levels**2)
+                if bent.ndim == levels.ndim:
+                    curvature = curvature + _weighted(owned, bent * levels**2)
+                else:
+                    bent = levels[:, :, None] * bent * levels[:, None, :]
+                    curvature = curvature + owned.T @ bent @ owned
         return slope, curvature
 
     def _of_prior(self, u: Array) -> tuple[Array, Array]:

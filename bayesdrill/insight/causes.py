@@ -248,11 +248,12 @@ def _cost(scaled: Array, m: int, off: Array, held: Sequence[bool]) -> float:
 
 @dataclass(frozen=True, slots=True)
 class _Left:
-    """Sums of squares over the noise of the MAP, of the samples that both likelihoods see; `before`: of
-    the MAP; `floor`: what noise alone leaves of it, zero where it is unknown.
+    """Sums of squares over the noise of the MAP, of the samples that both likelihoods see; `own (1, n)`:
+    the unknowns of that noise; `before`: of the MAP; `floor`: what noise alone leaves of it, zero where
+    it is unknown.
     """
 
-    scales: list[Array]
+    own: list[Array]
     seen: list[NDArray[np.bool_]]
     before: float
     floor: float
@@ -261,9 +262,9 @@ class _Left:
     def of(cls, posterior: Posterior, theta: Array, wider: Posterior) -> _Left:
         known = not any(one.noise.unknowns for one in posterior.likelihood.observations)
         seen = [one.experiment.seen for one in wider.likelihood.observations]
-        scales = [one.scales(theta[None])[0] for one in posterior.likelihood.observations]
+        own = [theta[None, one.own] for one in posterior.likelihood.observations]
         floor = float(sum(each.sum() for each in seen)) if known else 0.0
-        without = cls(scales=scales, seen=seen, before=0.0, floor=floor)
+        without = cls(own=own, seen=seen, before=0.0, floor=floor)
         return dataclasses.replace(without, before=without.at(posterior, theta))
 
     @property
@@ -272,8 +273,8 @@ class _Left:
 
     def at(self, posterior: Posterior, theta: Array) -> float:
         full, total = posterior.space.full(theta[None]), 0.0
-        every = zip(posterior.likelihood.observations, self.scales, self.seen, strict=True)
-        for one, scale, seen in every:
-            rest = np.where(seen, one.residuals(full).samples[0], 0.0) / scale
-            total += float((rest**2).sum())
+        every = zip(posterior.likelihood.observations, self.own, self.seen, strict=True)
+        for one, own, seen in every:
+            left = one.noise.whiten(one.residuals(full).samples, own)[0]
+            total += float((np.where(seen, left, 0.0) ** 2).sum())
         return total

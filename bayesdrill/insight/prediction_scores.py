@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from bayesdrill.inference.likelihood import Observation
+from bayesdrill.inference.noise.mixed import of_record
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.residual_checks import Left
 
@@ -47,8 +48,11 @@ def held_out(posterior: Posterior, theta: Array) -> HeldOut | None:
     for one in posterior.likelihood.observations:
         held = one.experiment.held_out
         if held is not None:
+            # A record by itself: a noise that remembers is not told what stands beside it.
+            seen = ~np.isnan(held)
+            noise = of_record(one.noise.for_length(len(held)), one.experiment.t, seen)
             rest = held - one.signals(full)
-            log_p = one.noise.pointwise(rest, theta[:, one.own])[:, ~np.isnan(held)]
+            log_p = noise.pointwise(rest, theta[:, one.own])[:, seen]
             found.append(logsumexp(log_p, axis=0) - np.log(len(theta)))
     if not found:
         return None

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from bayesdrill.inference.likelihood import Likelihood, Observation, Part
 from bayesdrill.inference.noise.contract import Noise
-from bayesdrill.inference.noise.mixed import with_gaps
+from bayesdrill.inference.noise.mixed import of_record
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.unknowns import ParameterSpace
 from bayesdrill.insight import candidates
@@ -103,6 +103,6 @@ def _without_first(one: Observation) -> tuple[Experiment, Noise]:
         return experiment, one.noise
     later = dataclasses.replace(experiment, y=frozen(y))
     try:
-        return later, with_gaps(one.noise, later.counts)
+        return later, of_record(one.noise, later.t, later.seen)
     except ValueError:
         return experiment, one.noise

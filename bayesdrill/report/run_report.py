@@ -83,7 +83,7 @@ def _verdict(run: View) -> Iterator[Block]:
 
 
 def _fit(run: View) -> Iterator[Block]:
-    if several := words.maxima(run.mode, run.sampled, run.units):
+    if several := words.maxima(run.mode, run.sampled.held, run.units):
         yield Sentences(several)
     yield Sentences(residual_words.sentences(run.left, run.clock))
     if said := nuisance_words.explained(run.causes, run.config):

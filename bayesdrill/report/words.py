@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from bayesdrill.basics import sizes
 from bayesdrill.basics.symbols import Symbol
 from bayesdrill.engines.convergence import Convergence
@@ -131,16 +134,23 @@ def _findings(problem: Problem, config: Config) -> str:
     return "".join("\n" + one for one in said)
 
 
-def maxima(found: Mode, sampled: Sampled, own: OwnUnits) -> str:
-    """Where the posterior has several maxima, and how much of it each holds; empty for one."""
-    if not found.others or sampled.held is None:
+def maxima(found: Mode, weights: NDArray[np.float64] | None, own: OwnUnits) -> str:
+    """Where the posterior has several maxima, and how much of it each holds, `weights (M,)`; empty for
+    one.
+    """
+    if not found.others or weights is None:
         return ""
-    weights = sampled.held
     names = [
         name
         for name, x in found.values.items()
         if any(_apart(other.values[name], x) for other in found.others)
     ][:MOST_NAMED]
+    if not names:
+        shares = ", ".join(f"{weight:.1%}" for weight in weights)
+        return (
+            f"{len(weights)} maxima of the posterior, within {SAME_PLACE:.0%} of each other in every "
+            f"unknown, between which the walkers pass: {shares} of the draws belong to them"
+        )
     lines = [f"{len(weights)} maxima of the posterior, between which the walkers pass:"]
     for one, weight in zip(found.maxima, weights, strict=True):
         places = ", ".join(f"{name} {own.said(name, one.values[name])}" for name in names)
@@ -155,8 +165,10 @@ def warning(sampled: Sampled, left: Sequence[Left]) -> str:
 
 def misfit(left: Sequence[Left]) -> str:
     """The same of a fit alone."""
-    if any(one.unbelievable for one in left):
+    if any(one.far_too_large for one in left):
         return "DOES NOT FIT: far more than the noise is left"
+    if any(one.unbelievable for one in left):
+        return "DOES NOT FIT: what is left is far from white"
     return "" if like_noise(left) else "MORE THAN NOISE IS LEFT by the fit"
 
 

@@ -45,7 +45,7 @@ class Ahead:
         self.spans = np.array([self.span])
         self._pieces = pieces
 
-    @property
+    @cached_property
     def single(self) -> bool:
         """Whether each step has a sample."""
         return self.aligned and bool((self.counts == 1).all())
@@ -53,7 +53,8 @@ class Ahead:
     def every_node(self) -> Ahead:
         """The same steps, with a sample at each node."""
         made = object.__new__(Ahead)
-        made.__dict__.update(self.__dict__)
+        cached = ("single", "_kept", "_over_steps")
+        made.__dict__.update({k: v for k, v in self.__dict__.items() if k not in cached})
         made.samples = self.nodes + 1
         made.aligned = True
         made.counts = np.ones(self.nodes + 1, np.int64)

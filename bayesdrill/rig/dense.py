@@ -9,10 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayesdrill.rig.grid import Grid, grid, runs
-from bayesdrill.rig.kernels import LANES, Layout
+from bayesdrill.rig.kernels import LANES, Layout, Tally
 from bayesdrill.rig.kernels.dense import BLOCKS, COUNTS, Kernel, Own, Shape, compile_dense
 from bayesdrill.rig.kernels.sensing import row_blocks
 from bayesdrill.rig.kernels.steps import MOST_LEVELS, entries_of
+from bayesdrill.rig.kernels.tally import SQUARES
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.response import Matrix
 
@@ -91,15 +92,22 @@ class Dense:
         y: Array,
     ) -> Array:
         """Sums `(W, K)` of squared residuals of the record `y (T, K)`, where it is not NaN."""
-        out = np.empty((-(-len(parameters) // LANES), y.shape[1], LANES))
+        return self.tallied((parameters, x0, before, shift, rows), y, SQUARES)[..., 0]
+
+    def tallied(
+        self, walkers: tuple[Any, ...], y: Array, tally: Tally, weights: Array | None = None
+    ) -> Array:
+        """`(W, K, n)` of residuals of the record `y (T, K)`; `weights (W, K)` where it is weighed."""
+        n, k_count = len(walkers[0]), y.shape[1]
+        out = np.empty((-(-n // LANES), k_count * tally.count, LANES))
         full = np.empty((len(self._grid.t), y.shape[1]))
         if self._whole:
             full[:-1], full[-1] = y, np.nan
         else:
             full.fill(np.nan)
             full[self._grid.at] = y
-        self._run((parameters, x0, before, shift, rows), full, out, sums=True)
-        return out.transpose(0, 2, 1).reshape(-1, out.shape[1])[: len(parameters)]
+        self._run(walkers, full, out, tally, weights)
+        return out.transpose(0, 2, 1).reshape(-1, k_count, tally.count)[:n]
 
     def signals(
         self,
@@ -113,21 +121,28 @@ class Dense:
         """The channels `(W, T, K)`; NaN where `seen (T, K)` is given and false."""
         n, k_count = rows.shape[:2]
         out = np.empty((-(-n // LANES), len(self._grid.t), k_count, LANES))
-        self._run((parameters, x0, before, shift, rows), NONE, out, sums=False)
+        self._run((parameters, x0, before, shift, rows), NONE, out)
         at = out[:, :-1] if self._whole else out[:, self._grid.at]
         found = np.ascontiguousarray(at.transpose(0, 3, 1, 2).reshape(-1, *at.shape[1:3])[:n])
         if seen is not None:
             found[:, ~seen] = np.nan
         return found
 
-    def _run(self, walkers: tuple[Any, ...], y: Array, out: Array, *, sums: bool) -> None:
+    def _run(
+        self,
+        walkers: tuple[Any, ...],
+        y: Array,
+        out: Array,
+        tally: Tally | None = None,
+        weights: Array | None = None,
+    ) -> None:
         parameters, x0, before, shift, rows = walkers
         late = None
         if shift is not None and shift.any():
             late = _Late(self._grid, np.asarray(shift), rows)
             rows = late.rows
         shifted = late.shifted if late is not None else (False,) * rows.shape[1]
-        kernel, shape = self._kernel(self._used(rows), sums, shifted)
+        kernel, shape = self._kernel(self._used(rows), tally, shifted)
         g, kept = self._grid, self._kept * LANES
         blocks = {
             "y": y,
@@ -146,6 +161,7 @@ class Dense:
             blocks["ladder"] = np.empty((high + MOST_LEVELS) * kept)
             each = (self._cells + 1) * LANES * LANES * row_blocks(shape)
             blocks["rows"] = np.empty(rows.shape[1] * each)
+        own += [] if weights is None else [weights]
         blocks["own"] = _in_lanes(own, Own(shape).width)
         runs_count = len(self._blocks["node"])
         counts = (len(out), len(g.t) - 1, len(g.spans), runs_count, self._cells, high)
@@ -154,11 +170,11 @@ class Dense:
         kernel.run(*counts, *(addresses[name] for name in BLOCKS))
 
     def _kernel(
-        self, pattern: Pattern, sums: bool, shifted: tuple[bool, ...]
+        self, pattern: Pattern, tally: Tally | None, shifted: tuple[bool, ...]
     ) -> tuple[Kernel, Shape]:
-        wanted = (pattern, sums, shifted)
+        wanted = (pattern, tally, shifted)
         if wanted not in self._kernels:
-            shape = Shape(self._layout, pattern, sums, shifted, self._grid.uniform)
+            shape = Shape(self._layout, pattern, tally, shifted, self._grid.uniform)
             self._kernels[wanted] = compile_dense(shape), shape
         return self._kernels[wanted]
 

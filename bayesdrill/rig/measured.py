@@ -16,10 +16,11 @@ from numpy.typing import NDArray
 
 from bayesdrill.record.experiment import Experiment, frozen
 from bayesdrill.rig.dense import Dense
+from bayesdrill.rig.kernels.tally import LOGS, NEIGHBOURS
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.models.tangent import Tangent
 from bayesdrill.rig.sensing import Sensing
-from bayesdrill.rig.sums import normal
+from bayesdrill.rig.sums import log_sums, normal
 from bayesdrill.rig.walkers import Numbers, Walkers
 
 Array = NDArray[np.float64]
@@ -64,6 +65,15 @@ class Measured:
     def squares(self, full: Array) -> Array:
         with np.errstate(all="ignore"):
             return self._dense.squares(*self._settings(full), self._walkers.padded)
+
+    def neighbours(self, full: Array) -> Array:
+        with np.errstate(all="ignore"):
+            return self._dense.tallied(self._settings(full), self._walkers.padded, NEIGHBOURS)
+
+    def logs(self, full: Array, weights: Array) -> Array:
+        with np.errstate(all="ignore"):
+            settings = self._settings(full)
+            return log_sums(self._dense.tallied(settings, self._walkers.padded, LOGS, weights))
 
     def sensitivities(self, full: Array, along: Array) -> Array:
         n, q, _ = along.shape

@@ -16,10 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayesdrill.record.experiment import Experiment, frozen
-from bayesdrill.rig.kernels import LANES, Kernels, Layout, compile_kernels, scratch_size
+from bayesdrill.rig.kernels import LANES, TALLIES, Kernels, Layout, compile_kernels, scratch_size
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.models.tangent import DOT, Tangent
 from bayesdrill.rig.sensing import Sensing
+from bayesdrill.rig.sums import log_sums
 
 Array = NDArray[np.float64]
 
@@ -44,6 +45,7 @@ class Response:
             self._u[:, column] = np.append(u, u[-1])
         # Made when they are first asked for, the tangent's in any case.
         self._made = kernels
+        self._tallies: dict[str, Kernels] = {}
         self._normal: list[tuple[Layout, Kernels]] = []
         self._slopes: list[Response] = []
         self._course: list[Response] = []
@@ -77,6 +79,7 @@ class Response:
         experiment = dataclasses.replace(self.experiment, y=frozen(y))
         made = Response(self.model, experiment, self._kernels)
         made._normal, made._slopes = self._normal, self._slopes  # which no record has a part in
+        made._tallies = self._tallies
         made._course = self._course
         return made
 
@@ -87,21 +90,40 @@ class Response:
         ordered = {name: series[name] for name in self.experiment.series}
         experiment = dataclasses.replace(self.experiment, series=ordered)
         made = Response(self.model, experiment, self._made)
+        made._tallies = self._tallies
         made._course = [one.with_series(series) for one in self._course]
         return made
 
     def squares(self, theta: Array) -> Array:
         """Sum of squared residuals of each channel: `(W, P) -> (W, K)`, SI units squared."""
-        blocks = _in_lanes(theta)
-        out = np.empty((len(blocks), self._y.shape[1], LANES))
-        self._run("misfit", blocks, out)
-        return out.transpose(0, 2, 1).reshape(-1, out.shape[1])[: len(theta)]
+        return self._tallied("misfit", self._kernels, theta)[..., 0]
+
+    def neighbours(self, theta: Array) -> Array:
+        return self._tallied("neighbours", self._made_for("neighbours"), theta)
+
+    def logs(self, theta: Array, weights: Array) -> Array:
+        told = np.concatenate([theta, weights], axis=1)
+        return log_sums(self._tallied("logs", self._made_for("logs"), told))
+
+    def _made_for(self, name: str) -> Kernels:
+        """A tally's, made when it is first asked for."""
+        if name not in self._tallies:
+            own = layout(self.model, self.experiment)
+            self._tallies[name] = compile_kernels(own, (name,))
+        return self._tallies[name]
+
+    def _tallied(self, name: str, kernels: Kernels, told: Array) -> Array:
+        """`(W, K, n)`."""
+        blocks, k_count = _in_lanes(told), self._y.shape[1]
+        out = np.empty((len(blocks), k_count * TALLIES[name].count, LANES))
+        self._run(name, blocks, out, kernels)
+        return out.transpose(0, 2, 1).reshape(-1, k_count, TALLIES[name].count)[: len(told)]
 
     def signals(self, theta: Array) -> Array:
         """The channels themselves: `(W, P) -> (W, T, K)`, SI."""
         blocks = _in_lanes(theta)
         out = np.empty((len(blocks), *self._y.shape, LANES))
-        self._run("signals", blocks, out)
+        self._run("signals", blocks, out, self._kernels)
         rows = out.transpose(0, 3, 1, 2).reshape(-1, *self._y.shape)
         return np.ascontiguousarray(rows[: len(theta)])
 
@@ -154,9 +176,9 @@ class Response:
         k = self._y.shape[1]
         return found[:, 0, :, k:], found[..., :k]
 
-    def _run(self, name: str, blocks: Array, out: Array) -> None:
+    def _run(self, name: str, blocks: Array, out: Array, kernels: Kernels) -> None:
         addresses = (a.ctypes.data for a in (blocks, self._y, self._u, out))
-        self._kernels.named[name](len(blocks), len(self._y), *addresses)
+        kernels.named[name](len(blocks), len(self._y), *addresses)
 
 
 def slopes_of(model: Model, experiment: Experiment) -> Response:

@@ -43,6 +43,16 @@ class Simulator(Protocol):
         """Sums of squared residuals `(W, K)`, without a sample kept."""
         ...
 
+    def neighbours(self, full: Array) -> Array:
+        """Of residuals, likewise: `(W, K, 4)` sums of their squares and of products of those seen one
+        after the other, the last and the first.
+        """
+        ...
+
+    def logs(self, full: Array, weights: Array) -> Array:
+        """Sums `(W, K)` of log(1 + weight times squared residual), with `weights (W, K)`."""
+        ...
+
     def sensitivities(self, full: Array, along: Array) -> Array:
         """d signal along q directions `(W, q, P)` in the space of parameters: `(W, q, T, K)`."""
         ...

@@ -18,16 +18,17 @@ from numpy.typing import NDArray
 
 from bayesdrill.record.experiment import Experiment, frozen
 from bayesdrill.rig.ahead import Ahead
-from bayesdrill.rig.kernels import LANES
-from bayesdrill.rig.kernels.stepping import BLOCKS, Kernel, Own, Shape, compile_stepping
+from bayesdrill.rig.kernels import Tally
+from bayesdrill.rig.kernels.stepping import Shape, compile_stepping
+from bayesdrill.rig.kernels.tally import LOGS, NEIGHBOURS, SQUARES
 from bayesdrill.rig.models.friction import frictions_of
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.sensing import Sensing
-from bayesdrill.rig.sums import normal
+from bayesdrill.rig.sums import log_sums, normal
+from bayesdrill.rig.told import Told
 from bayesdrill.rig.walkers import Walkers
 
 Array = NDArray[np.float64]
-NONE = np.zeros(0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,7 +96,15 @@ class Stepped:
 
     def squares(self, full: Array) -> Array:
         with np.errstate(all="ignore"):
-            return self._run(self._ahead, full, sums=True)
+            return self._run(self._ahead, full, tally=SQUARES)[..., 0]
+
+    def neighbours(self, full: Array) -> Array:
+        with np.errstate(all="ignore"):
+            return self._run(self._ahead, full, tally=NEIGHBOURS)
+
+    def logs(self, full: Array, weights: Array) -> Array:
+        with np.errstate(all="ignore"):
+            return log_sums(self._run(self._ahead, full, tally=LOGS, weights=weights))
 
     def sensitivities(self, full: Array, along: Array) -> Array:
         return self.course(full, along)[1]
@@ -113,7 +122,7 @@ class Stepped:
 
     def motion(self, full: Array) -> Motion:
         """As the rig moves, whatever sensors make of it."""
-        nodes = self._ahead.every_node()
+        nodes = self._nodes
         x, e = len(self.model.states), len(frictions_of(self.model))
         with np.errstate(all="ignore"):
             every = self._run(nodes, full, efforts=True)
@@ -124,7 +133,7 @@ class Stepped:
 
     def steps(self, full: Array) -> Steps:
         """Of all steps to the last sample, which is where the last one begins."""
-        nodes = self._ahead.every_node()
+        nodes = self._nodes
         x, e, n = len(self.model.states), len(frictions_of(self.model)), self._ahead.nodes
         with np.errstate(all="ignore"):
             every = self._run(nodes, full, efforts=True)[:, :n]
@@ -171,11 +180,15 @@ class Stepped:
         return Ahead(t, series, self.experiment.first_order, self.pieces)
 
     @cached_property
+    def _nodes(self) -> Ahead:
+        return self._ahead.every_node()
+
+    @cached_property
     def _gaps(self) -> bool:
         return bool(np.isnan(self._walkers.padded).any())
 
     @cached_property
-    def _kernels(self) -> dict[Any, tuple[Kernel, Shape]]:
+    def _tellings(self) -> dict[Any, Told]:
         return {}
 
     @cached_property
@@ -184,11 +197,11 @@ class Stepped:
         offset = [channel.name in self.sensing.offsets for channel in self.experiment.channels]
         return np.column_stack([self._walkers.weights, offset])
 
-    def _kernel(self, *, efforts: bool, **kind: bool) -> tuple[Kernel, Shape]:
-        wanted = (efforts, *kind.values())
-        if wanted not in self._kernels:
+    def _told(self, ahead: Ahead, *, tally: Tally | None, **kind: bool) -> Told:
+        wanted = (id(ahead), tally, *kind.values())
+        if wanted not in self._tellings:
             w, one = self._walkers, self.experiment
-            rows = _unit_rows(self.model)[0] if efforts else self._pattern
+            rows = _unit_rows(self.model)[0] if kind["efforts"] else self._pattern
             shape = Shape(
                 model=w.wired,
                 series=w.inputs,
@@ -196,12 +209,12 @@ class Stepped:
                 constant=tuple(one.constant.items()),
                 first_order=one.first_order and bool(w.inputs),
                 pattern=tuple(map(tuple, (rows != 0).tolist())),
-                efforts=efforts,
                 gaps=self._gaps,
+                tally=tally,
                 **kind,
             )
-            self._kernels[wanted] = compile_stepping(shape), shape
-        return self._kernels[wanted]
+            self._tellings[wanted] = Told(compile_stepping(shape), shape, ahead, w.padded)
+        return self._tellings[wanted]
 
     def _run(
         self,
@@ -209,43 +222,36 @@ class Stepped:
         full: Array,
         along: Array | None = None,
         *,
-        sums: bool = False,
+        tally: Tally | None = None,
+        weights: Array | None = None,
         efforts: bool = False,
     ) -> Array:
-        """Sums `(W, K)`, or signals `(W, T, K)`, with slopes `(W, T, K, 2)`."""
+        """A tally `(W, K, n)`, or signals `(W, T, K)`, with slopes `(W, T, K, 2)`."""
         parts = self._parts(full, along)
+        if weights is not None:
+            parts["weight"] = [weights]
         if efforts:
             parts["rows"] = [_unit_rows(self.model)]
-        read = not efforts and (self.sensing.shifts or not ahead.aligned)
+        read = not efforts and (self._shifts or not ahead.aligned)
         single = ahead.single and not read
         dual = along is not None
-        kernel, shape = self._kernel(
-            efforts=efforts, sums=sums, dual=dual, read=read, single=single
-        )
-        after = ahead.after(parts["shift"][0]) if read else 0
-        own = _in_lanes(len(full), parts, shape, ahead)
-        k, n, nodes = len(shape.pattern), ahead.samples, ahead.nodes + after
-        each = (k,) if sums else (n, k, shape.numbers)
-        out = np.empty((len(own), *each, LANES))
-        blocks: dict[str, Any] = {
-            "span": ahead.spans,
-            "own": own,
-            "u": ahead.inputs(ahead.margin(parts["lag"][0]), after),
-            "pieces": ahead.counts,
-            "t": ahead.places,
-            "y": NONE if efforts else self._walkers.padded,
-            "trace": np.empty((nodes + 1) * k * 3 * shape.numbers * LANES) if read else NONE,
-            "out": out,
-        }
-        kernel.run(len(own), n, nodes, *(blocks[name].ctypes.data for name in BLOCKS))
-        found = np.moveaxis(out, -1, 1).reshape(-1, *each)[: len(full)]
-        return found[..., 0] if not sums and along is None else found
+        told = self._told(ahead, efforts=efforts, tally=tally, dual=dual, read=read, single=single)
+        found = told.run(len(full), parts)
+        return found[..., 0] if tally is None and along is None else found
+
+    @cached_property
+    def _perfect(self) -> bool:
+        return self.sensing.nothing
+
+    @cached_property
+    def _shifts(self) -> bool:
+        return self.sensing.shifts
 
     def _parts(self, full: Array, along: Array | None) -> dict[str, list[Array]]:
         """Each part of `own (W, ...)`, or `(1, ...)` where walkers have the same; and its slopes."""
         w, sensing = self._walkers, self.sensing
         parts = {"parameters": [w.told(full)], **self._same}
-        if not sensing.nothing:
+        if not self._perfect:
             of = w.numbers(full) if w.moves else None
             begin = w.begin(of, full)
             parts |= {
@@ -301,21 +307,3 @@ def _unit_rows(model: Model) -> Array:
     rows[:, range(x), range(x)] = 1.0
     rows[:, range(x, x + e), range(x + 1, x + 1 + e)] = 1.0
     return rows
-
-
-def _in_lanes(n: int, parts: Mapping[str, list[Array]], shape: Shape, ahead: Ahead) -> Array:
-    """`(G, width, LANES)`, as `Own` has it; the last walker fills the last group."""
-    told = parts
-    if shape.late:
-        behind, *shares = ahead.delays(parts["lag"])
-        told = {**parts, "share": shares, "behind": [behind] * len(shares)}
-    groups, place = -(-n // LANES), 0
-    own = Own(shape)
-    rows = np.empty((groups * LANES, own.width))
-    for name in own.parts:
-        for part in told[name]:
-            flat = part.reshape(len(part), -1)
-            rows[:n, place : place + flat.shape[1]] = flat
-            place += flat.shape[1]
-    rows[n:] = rows[n - 1]
-    return np.ascontiguousarray(rows.reshape(groups, LANES, -1).transpose(0, 2, 1))

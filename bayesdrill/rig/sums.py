@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -10,6 +12,15 @@ from bayesdrill.rig.simulator import Simulator
 Array = NDArray[np.float64]
 
 MOST_BYTES = 6e7  # of sensitivities at a time
+MOST_SQUARES = 1e200  # beyond which a product of their logs may have overflown
+
+
+def log_sums(tally: Array) -> Array:
+    """Of a tally of logs `(W, K, 3)`, see `kernels.tally`: `(W, K)`, NaN where squares overflow."""
+    squares, product, powers = np.moveaxis(tally, -1, 0)
+    whole = np.ascontiguousarray(powers).view(np.int64)
+    found = np.log(product) + math.log(2.0) * whole
+    return np.asarray(np.where(squares < MOST_SQUARES, found, np.nan))
 
 
 def normal(of: Simulator, full: Array, along: Array, scales: Array) -> tuple[Array, Array, Array]:

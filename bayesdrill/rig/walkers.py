@@ -40,11 +40,13 @@ class Walkers:
 
     def told(self, full: Array) -> Array:
         """The parameters of the wired rig, of all."""
-        return full[:, self._places]
+        return full if self._places is None else full[:, self._places]
 
     @cached_property
-    def _places(self) -> list[int]:
-        return [self.parameters.index(name) for name in self.wired.parameters]
+    def _places(self) -> list[int] | None:
+        """None where they are all."""
+        places = [self.parameters.index(name) for name in self.wired.parameters]
+        return None if places == [*range(len(self.parameters))] else places
 
     def column(self, name: str, full: Array) -> Array:
         return full[:, self.parameters.index(name)]

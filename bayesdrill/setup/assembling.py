@@ -9,7 +9,7 @@ from bayesdrill.basics.errors import InputError, of_each
 from bayesdrill.inference import pieces
 from bayesdrill.inference.likelihood import Likelihood, Part
 from bayesdrill.inference.noise.contract import Noise
-from bayesdrill.inference.noise.mixed import with_gaps
+from bayesdrill.inference.noise.mixed import of_record
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.problem import Problem
 from bayesdrill.inference.unknowns import Unknown, of_label
@@ -89,7 +89,7 @@ def _noise(view: View, model: Model, experiment: Experiment) -> Noise:
     """Of the channels of one record."""
     found = build.noise(build.channels(view.config, model), len(experiment.t))
     try:
-        return found if experiment.seen.all() else with_gaps(found, experiment.counts)
+        return of_record(found, experiment.t, experiment.seen)
     except ValueError as error:
         raise InputError([view.source.problem(("record",), str(error))]) from None
 

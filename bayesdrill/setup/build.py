@@ -28,12 +28,16 @@ from bayesdrill.record.experiment import Channel
 from bayesdrill.rig import vocabulary
 from bayesdrill.rig.models import MODELS
 from bayesdrill.rig.models.composed import with_named
+from bayesdrill.rig.models.friction import frictions_of
 from bayesdrill.rig.models.linear import Model, outer_of
 from bayesdrill.setup import number_entries, number_objects
 from bayesdrill.setup.config import Config
 from bayesdrill.setup.experiment_entries import ChannelSpec
 from bayesdrill.setup.number_objects import prior, quantity, relation, rescaled, start
 from bayesdrill.setup.sensors import Declared
+
+RUBBING_WALKERS = 96
+WALKERS_OF_EXPERIMENT = 16  # more: it may bring unknowns of its own
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,6 +61,20 @@ def model(config: Config, more: Collection[str] = ()) -> Model:
     given = config.parameters
     named = [name for name in vocabulary.PARAMETERS if getattr(given, name) is not None]
     return with_named(rig, {*named, *more})
+
+
+def with_walkers(config: Config) -> Config:
+    """Fewer by themselves where the rig rubs: a step of a walker is dear there, and its 256 would tell
+    far more than is asked.
+    """
+    sampler = config.sampler
+    if "walkers" in sampler.model_fields_set or not frictions_of(model(config)):
+        return config
+    walkers = min(
+        sampler.walkers, RUBBING_WALKERS + WALKERS_OF_EXPERIMENT * len(config.experiments)
+    )
+    fewer = sampler.model_copy(update={"walkers": walkers})
+    return config.model_copy(update={"sampler": fewer})
 
 
 def nominal(config: Config) -> dict[str, float]:
@@ -158,7 +176,7 @@ def measured(name: str, spec: ChannelSpec, states: tuple[str, ...]) -> Measured:
     )
     sigma, begin = _sigma(spec, factor)
     kind, entries = spec.noise.name, spec.noise.model_dump(exclude={"name"})
-    noisy = Noisy(channel=channel, sigma=sigma, start=begin, entries=entries)
+    noisy = Noisy(channel=channel, sigma=sigma, start=begin, entries=entries, factor=factor)
     return Measured(factor, kind, noisy)
 
 

@@ -119,8 +119,8 @@ class _SimulationBase(Strict):
     truth: Annotated[
         dict[str, Number],
         Field(
-            description="Of sensors, starts, and what is own of an experiment, by the names of the "
-            "unknowns, in their units; default: where their priors start."
+            description="Of sensors, starts, what noise has beside its sigma, and what is own of an "
+            "experiment, by the names of the unknowns, in their units; default: where priors start."
         ),
     ] = Field(default_factory=dict)
 
@@ -167,7 +167,9 @@ else:  # with what the members of the registries bring
 
 class SamplerSpec(Strict):
     ensembles: Annotated[int, Field(ge=4, le=MOST)] = 4
-    walkers: Annotated[int, Field(ge=4, le=MOST)] = 256
+    walkers: Annotated[int, Field(ge=4, le=MOST)] = Field(
+        256, description="Of each ensemble; where a rig rubs 96, and 16 more with each experiment."
+    )
     moves: Annotated[dict[str, NonNegative], Field(min_length=1)] = Field(
         default_factory=lambda: {
             "differential_evolution": 0.09,

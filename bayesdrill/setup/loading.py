@@ -16,7 +16,7 @@ from pydantic import BaseModel, ValidationError
 from bayesdrill.basics.entries import SMALLEST
 from bayesdrill.basics.errors import InputError, Problem, did_you_mean
 from bayesdrill.inference.priors import PRIORS
-from bayesdrill.setup import consistency, experiments
+from bayesdrill.setup import build, consistency, experiments
 from bayesdrill.setup.config import Config
 from bayesdrill.setup.yaml_source import Place, Source, read
 
@@ -47,6 +47,10 @@ def load(path: Path) -> tuple[Config, Source]:
 
 def validated(source: Source) -> Config:
     """See `load`; of several experiments the config of the first, which names them all."""
+    return build.with_walkers(_validated(source))
+
+
+def _validated(source: Source) -> Config:
     if experiments.EXPERIMENTS not in source.data:
         return _one(source, alone=True)
     alone = experiments.split(source)

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from bayesdrill.basics import own_files, seeds
 from bayesdrill.basics.errors import InputError, Problem
 from bayesdrill.inference import pieces
-from bayesdrill.inference.unknowns import of_label
+from bayesdrill.inference.noise.mixed import of_record
+from bayesdrill.inference.unknowns import Unknown, of_label
 from bayesdrill.record.experiment import Experiment, frozen, raise_if_any, times
 from bayesdrill.rig.choosing import simulator
 from bayesdrill.rig.models.linear import Model
@@ -68,8 +69,9 @@ def one(view: View, seed: int, target: Path | None = None, index: int = 0) -> st
     values = truth(config, rig, view.label) | _told(view, rig)
     full = np.array([[values[name] for name in response.parameters]])
     signals = response.signals(full)[0]
-    noise = build.noise([_known(config, source, entry) for entry in measured], len(signals))
-    own = np.array([[unknown.start for unknown in noise.unknowns]])
+    known = [_known(config, source, entry) for entry in measured]
+    noise = of_record(build.noise(known, len(signals)), experiment.t, experiment.seen)
+    own = np.array([[_true_of_noise(view, unknown) for unknown in noise.unknowns]])
     noisy = noise.draw(signals[None], own, seeds.stream(seed, "record", index))[0]
     y = noisy / np.array([entry.factor for entry in measured])
     return writing.as_text(config, source, experiment, y)
@@ -160,6 +162,17 @@ def _told(view: View, rig: Model) -> dict[str, float]:
         found[each.name], factors[each.name] = each.start, each.factor
     own = {name: _given(given, name, view.label) for name in found}
     return found | {name: x * factors[name] for name, x in own.items() if x is not None}
+
+
+def _true_of_noise(view: View, unknown: Unknown) -> float:
+    """As `simulation.truth` has it, or where its search would start."""
+    simulation: Any = view.config.simulation
+    value = _given(simulation.truth if simulation else {}, unknown.name, view.label)
+    low, high = unknown.between or (unknown.prior.low, unknown.prior.high)
+    if value is None or low < value < high:
+        return unknown.start if value is None else value
+    message = f"{value:g} is impossible; give a number between {low:g} and {high:g}"
+    raise InputError([view.source.problem(("simulation", "truth", unknown.name), message)])
 
 
 def _given(values: Mapping[str, float], name: str, label: str) -> float | None:

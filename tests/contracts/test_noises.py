@@ -6,6 +6,7 @@ size than the density's, whitening that leaves what it should take, channels exc
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -21,6 +22,7 @@ from bayesdrill.inference.likelihood import Likelihood
 from bayesdrill.inference.noise import NOISES
 from bayesdrill.inference.noise.contract import Noise, Noisy
 from bayesdrill.inference.noise.mixed import Mixed, Part
+from bayesdrill.inference.noise.numbers import square
 from bayesdrill.inference.noise.white import White
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.priors import Uniform
@@ -33,9 +35,12 @@ from bayesdrill.rig.response import Response
 Array = NDArray[np.float64]
 SIGMA = (0.3, 0.02)  # unequal
 RECORDS = 4000
+ENTRIES: dict[str, Callable[[float], dict[str, float]]] = {"quantised": lambda s: {"step": 1.5 * s}}
 
 
-def channels(names: tuple[str, ...] = ("w_1", "w_2"), *, known: bool = False) -> list[Noisy]:
+def channels(
+    names: tuple[str, ...] = ("w_1", "w_2"), *, known: bool = False, kind: str = "white"
+) -> list[Noisy]:
     return [
         Noisy(
             channel=Channel(
@@ -43,6 +48,7 @@ def channels(names: tuple[str, ...] = ("w_1", "w_2"), *, known: bool = False) ->
             ),
             sigma=sigma if known else Uniform(0.1 * sigma, 10 * sigma),
             start=sigma,
+            entries=ENTRIES.get(kind, lambda _: {})(sigma),
         )
         for name, sigma in zip(names, SIGMA, strict=False)
     ]
@@ -54,18 +60,30 @@ def mixed(n: int) -> Noise:
     return Mixed((Part(White.of([second], n), (1,)), Part(White.of([first], n), (0,))))
 
 
+def held(n: int) -> Noise:
+    """What else is held; the second channel with a memory, the first with heavy tails."""
+    first, second = channels()
+    parts = (
+        Part(NOISES["ar1"].of([replace(second, entries={"rho": 0.9})], n), (1,)),
+        Part(NOISES["student_t"].of([replace(first, entries={"degrees": 4.0})], n), (0,)),
+    )
+    return Mixed(parts)
+
+
 MADE = {
     **{f"{name}, unknown": kind for name, kind in NOISES.items()},
     **{f"{name}, known": kind for name, kind in NOISES.items()},
     "mixed": None,
+    "held": None,
 }
 
 
 def noise(name: str, n: int) -> Noise:
     kind = MADE[name]
     if kind is None:
-        return mixed(n)
-    return kind.of(channels(known=name.endswith(" known")), n)
+        return mixed(n) if name == "mixed" else held(n)
+    own = channels(known=name.endswith(" known"), kind=name.partition(",")[0])
+    return kind.of(own, n)
 
 
 def truth(of: Noise, w: int = 1) -> Array:
@@ -82,7 +100,14 @@ def drawn(of: Noise, own: Array, n: int, seed: int = 3) -> Array:
 
 def asked(samples: Array) -> SimpleNamespace:
     squares = (samples**2).sum(axis=1)
-    return SimpleNamespace(samples=samples, squares=squares, weighed=lambda w: squares * w**2)
+    products = (samples[:, 1:] * samples[:, :-1]).sum(axis=1)
+    return SimpleNamespace(
+        samples=samples,
+        squares=squares,
+        weighed=lambda w: squares * w**2,
+        neighbours=np.stack([squares, products, samples[:, -1], samples[:, 0]], axis=-1),
+        logs=lambda w: np.log1p(w[:, None] * samples**2).sum(axis=1),
+    )
 
 
 def natural(of: Noise, own: Array, column: int, step: float) -> Array:
@@ -137,7 +162,8 @@ def test_slopes_are_those_of_the_density(name: str) -> None:
     for column in range(len(of.unknowns)):
         up, down = (value(0.0 * shift, natural(of, own, column, h)) for h in (1e-5, -1e-5))
         assert slope[:, column] == pytest.approx((up - down) / 2e-5, rel=1e-5, abs=1e-5)
-        assert (curvature[:, column] > 0).all()
+        assert (square(curvature, own)[:, column, column] > 0).all()
+    assert (np.linalg.eigvalsh(square(curvature, own)) > 0).all()
 
 
 @pytest.mark.parametrize("name", MADE)
@@ -155,10 +181,14 @@ def test_information_is_what_slopes_scatter_over_draws(name: str) -> None:
     twice = of.inform(2.0 * shift[None], own[:1])
     assert twice == pytest.approx(2.0 * of.inform(shift[None], own[:1]))
     slope, _ = of.bend(asked(samples), own)
-    expected = of.expected(own[0])
-    assert expected.shape == (len(of.unknowns),)
-    assert (np.abs(slope.mean(axis=0)) < 5 * np.sqrt(expected / RECORDS)).all()
-    assert slope.var(axis=0) == pytest.approx(expected, rel=0.15)
+    expected = square(of.expected(own[0]), own[0])
+    assert expected.shape == (len(of.unknowns),) * 2
+    size = np.sqrt(np.diag(expected))
+    assert (np.abs(slope.mean(axis=0)) < 5 * size / np.sqrt(RECORDS)).all()
+    scatter = np.atleast_2d(np.cov(slope, rowvar=False)) if of.unknowns else expected
+    assert scatter / np.outer(size, size) == pytest.approx(
+        expected / np.outer(size, size), abs=0.12
+    )
 
 
 @pytest.mark.parametrize("name", MADE)
@@ -175,7 +205,7 @@ def test_what_is_whitened_is_white_and_its_size_is_told(name: str) -> None:
     if of.unknowns:
         begun = np.array([one.start for one in of.unknowns])
         found = of.fitted(samples[0], begun)
-        sd = 1.0 / np.sqrt(of.expected(own[0]))
+        sd = np.sqrt(np.diag(np.linalg.inv(square(of.expected(own[0]), own[0]))))
         plain = np.array([one.between is not None for one in of.unknowns])
         off = np.where(plain, found - own[0], np.log(np.abs(found / own[0])))
         assert (np.abs(off) < 6 * sd).all()
@@ -228,7 +258,9 @@ def test_its_information_is_that_of_the_curvature_at_the_truth(name: str) -> Non
     curvature = PosteriorSurface(of).expand(u, np.eye(len(at))).curvature[0]
     sd = np.sqrt(np.diag(laplace.covariance(of, at)))
     other = np.sqrt(np.diag(np.linalg.inv(curvature)))
-    assert sd == pytest.approx(other, rel=0.3)
+    told = other < 0.5 * PosteriorSurface(of).spread  # of others the priors decide, each in its way
+    assert told[:3].all()
+    assert sd[told] == pytest.approx(other[told], rel=0.3)
 
 
 def test_two_records_say_together_what_each_says() -> None:

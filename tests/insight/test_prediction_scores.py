@@ -97,6 +97,11 @@ def test_what_is_held_out_is_predicted_by_the_rest() -> None:
     rest = (measured() - signal())[AWAY]
     exact = scipy.stats.norm.logpdf(rest, mean, np.hypot(sd, SIGMA)).sum()
     assert found.score == pytest.approx(exact, abs=0.02)
+    red = held_out(
+        case(away=True, noise={"name": "ar1", "rho": 0.6}).job.problem.posterior, draws(~AWAY)
+    )
+    assert red is not None
+    assert red.score < found.score
     run = made.sample(seed=2)  # and the chain is that of the rest, too
     assert run.draws[made.unknowns[0]].mean() == pytest.approx(mean, abs=0.2 * sd)
 

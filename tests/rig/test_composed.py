@@ -19,6 +19,7 @@ from rigs import STATES, experiment
 
 from bayesdrill.rig.kernels.exponential import emit_exponential
 from bayesdrill.rig.kernels.recurrence import emit_response
+from bayesdrill.rig.kernels.tally import SQUARES
 from bayesdrill.rig.measured import Measured
 from bayesdrill.rig.models import composed
 from bayesdrill.rig.models.friction import frictions_of
@@ -218,7 +219,8 @@ def code(rig: Model, series: bool) -> str:
     """What is handed to the compiler."""
     u = {"v": np.ones(20)} if series else {}
     own, module = layout(rig, experiment(20, start=START, series=u)), ir.Module("rig")
-    emit_response(module, own, emit_exponential(module, own, "step", own.dt), None, sums=True)
+    step = emit_exponential(module, own, "step", own.dt)
+    emit_response(module, own, step, None, "misfit", SQUARES)
     return str(module)
 
 

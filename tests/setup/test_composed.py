@@ -338,3 +338,12 @@ def test_a_rig_by_itself_takes_what_is_named() -> None:
         assert [str(one)[: len(says)] for one in caught.value.problems] == [says]
     free = bd.respond("motor_shaft", NOMINAL | {"t_f": 0.0, "c_m": 0.0}, t, {"v": 0.0}, ["w_2"])
     assert np.abs(free["w_2"]).max() == 0.0
+
+
+def test_a_rig_that_rubs_takes_fewer_walkers_unless_it_is_told_how_many(tmp_path: Path) -> None:
+    def walkers(line: str, sampler: str) -> int:
+        return loading.load(config(tmp_path, line, sampler=sampler))[0].sampler.walkers
+
+    assert walkers(C_S, "{ensembles: 5}") == 256
+    assert walkers("t_c1: 0.1", "{ensembles: 5}") == 96
+    assert walkers("t_c1: 0.1", "{walkers: 256}") == 256

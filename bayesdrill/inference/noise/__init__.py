@@ -6,7 +6,10 @@ from typing import Any
 
 from bayesdrill.basics.entries import entries_of
 from bayesdrill.basics.registry import Registry
+from bayesdrill.inference.noise.ar1 import AR1
 from bayesdrill.inference.noise.contract import NoiseKind
+from bayesdrill.inference.noise.quantised import Quantised
+from bayesdrill.inference.noise.student_t import StudentT
 from bayesdrill.inference.noise.white import White
 
 
@@ -19,4 +22,8 @@ def _is_noise(_: str, member: Any) -> None:
     entries_of(member.Entries)
 
 
-NOISES: Registry[NoiseKind] = Registry("noise", {"white": White}, judge=_is_noise)
+NOISES: Registry[NoiseKind] = Registry(
+    "noise",
+    {"white": White, "ar1": AR1, "student_t": StudentT, "quantised": Quantised},
+    judge=_is_noise,
+)

@@ -19,21 +19,29 @@ Array = NDArray[np.float64]
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Noisy:
     """A channel and what its config says of the noise: `sigma` in SI or its prior, with the `start` of a
-    search; `entries`: those that the kind of noise brings, None where they are not given.
+    search; `entries`: those that the kind of noise brings, None where they are not given.  `factor`: how
+    many SI one unit of the column is.
     """
 
     channel: Channel
     sigma: float | Prior
     start: float
     entries: Mapping[str, Any] = field(default_factory=dict)
+    factor: float = 1.0
 
 
 class Residuals(Protocol):
     """Measured minus model at W points of K channels, as far as a noise asks for them.
 
     `squares (W, K)`: their sums, without a sample kept; `weighed`: of the residuals times the noise's
-    own `weights (W, K)`; `samples (W, T, K)`.
+    own `weights (W, K)`; `neighbours (W, K, 4)` and `logs (W, K)`: as `Simulator` has them, without a
+    sample kept either; `samples (W, T, K)`.
     """
+
+    @property
+    def neighbours(self) -> Array: ...
+
+    def logs(self, weights: Array) -> Array: ...
 
     def weighed(self, weights: Array) -> Array: ...
 
@@ -64,7 +72,8 @@ class Noise(Protocol):
         """The same of a record of another length.
 
         A noise that can do without some samples also has `seeing(counts)`: the same where channels have
-        so many each.  Residuals are NaN elsewhere, and stay so when they are whitened.
+        so many each; or, if it matters when they were, `on(t, seen)`: the same at times `t (T,)`, where
+        channels were seen `(T, K)`.  Residuals are NaN elsewhere, and stay so when they are whitened.
         """
         ...
 
@@ -98,12 +107,13 @@ class Noise(Protocol):
 
     def bend(self, residuals: Residuals, own: Array) -> tuple[Array, Array]:
         """Slope and curvature (minus the second derivative, at least the expected one, as a safe step
-        wants) by each of its unknowns, by the log of those that are positive: `(W, n)` each.
+        wants) by each of its unknowns, by the log of those that are positive: `(W, n)` each, or of the
+        curvature the whole matrix `(W, n, n)`.
         """
         ...
 
     def expected(self, own: Array) -> Array:
-        """The curvature `(n,)` that is expected where the noise is as said, at `own (n,)`."""
+        """The curvature, `(n,)` or `(n, n)`, that is expected where the noise is as said; `own (n,)`."""
         ...
 
     def fitted(self, samples: Array, own: Array) -> Array:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayesdrill.inference.noise.contract import Noise, Residuals
+from bayesdrill.inference.noise.numbers import square
 from bayesdrill.inference.unknowns import Unknown
 
 Array = NDArray[np.float64]
@@ -24,8 +25,18 @@ class Part:
     columns: tuple[int, ...]
 
 
-def with_gaps(noise: Noise, counts: tuple[int, ...]) -> Noise:
-    """Of channels with so many samples; raises `ValueError` where a kind must see every one."""
+def of_record(noise: Noise, t: Array, seen: NDArray[np.bool_]) -> Noise:
+    """At times `t (T,)`, of channels that were `seen (T, K)`; raises `ValueError` where a kind must see
+    every sample.
+    """
+    on = getattr(noise, "on", None)
+    if on is not None:
+        made: Noise = on(t, seen)
+        return made
+    return noise if seen.all() else _with_gaps(noise, tuple(int(n) for n in seen.sum(axis=0)))
+
+
+def _with_gaps(noise: Noise, counts: tuple[int, ...]) -> Noise:
     seeing = getattr(noise, "seeing", None)
     if seeing is None:
         raise ValueError(
@@ -50,6 +61,15 @@ class _Some:
     @property
     def samples(self) -> Array:
         return self.every.samples[..., self.columns]
+
+    @property
+    def neighbours(self) -> Array:
+        return self.every.neighbours[:, self.columns]
+
+    def logs(self, weights: Array) -> Array:
+        all_of_them = np.zeros(self.every.squares.shape)
+        all_of_them[:, self.columns] = weights
+        return self.every.logs(all_of_them)[:, self.columns]
 
     def weighed(self, weights: Array) -> Array:
         return self.squares * weights**2
@@ -79,12 +99,10 @@ class Mixed:
             )
         )
 
-    def seeing(self, counts: tuple[int, ...]) -> Mixed:
+    def on(self, t: Array, seen: NDArray[np.bool_]) -> Mixed:
         return Mixed(
             tuple(
-                dataclasses.replace(
-                    p, noise=with_gaps(p.noise, tuple(counts[k] for k in p.columns))
-                )
+                dataclasses.replace(p, noise=of_record(p.noise, t, seen[:, list(p.columns)]))
                 for p in self.parts
             )
         )
@@ -121,10 +139,20 @@ class Mixed:
             for part, some in self._split(own)
         ]
         slopes, curvatures = zip(*found, strict=True)
-        return np.concatenate(slopes, axis=-1), np.concatenate(curvatures, axis=-1)
+        return np.concatenate(slopes, axis=-1), self._apart(curvatures, own)
 
     def expected(self, own: Array) -> Array:
-        return np.concatenate([part.noise.expected(some) for part, some in self._split(own)])
+        return self._apart([part.noise.expected(some) for part, some in self._split(own)], own)
+
+    def _apart(self, curvatures: Sequence[Array], own: Array) -> Array:
+        """What the parts know of their own unknowns, `(..., n, n)`."""
+        out = np.zeros((*own.shape, own.shape[-1]))
+        first = 0
+        for curvature, (_, some) in zip(curvatures, self._split(own), strict=True):
+            mine = slice(first, first + some.shape[-1])
+            out[..., mine, mine] = square(curvature, some)
+            first = mine.stop
+        return out
 
     def fitted(self, samples: Array, own: Array) -> Array:
         return np.concatenate(

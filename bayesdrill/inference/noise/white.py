@@ -53,7 +53,7 @@ class White:
         return dataclasses.replace(self, counts=counts)
 
     @property
-    def _n(self) -> Array:
+    def sizes(self) -> Array:
         """Samples of each channel `(K,)`."""
         return np.array(self.counts or (self.n_samples,) * self.n_channels, dtype=np.float64)
 
@@ -70,8 +70,8 @@ class White:
 
     def log_likelihood(self, residuals: Residuals, own: Array) -> Array:
         sigma = self.scales(own)
-        constant = -0.5 * self._n * math.log(2 * math.pi)
-        return constant - self._n * np.log(sigma) - 0.5 * residuals.squares / sigma**2
+        constant = -0.5 * self.sizes * math.log(2 * math.pi)
+        return constant - self.sizes * np.log(sigma) - 0.5 * residuals.squares / sigma**2
 
     def pointwise(self, samples: Array, own: Array) -> Array:
         sigma = self.scales(own)[:, None, :]
@@ -91,11 +91,11 @@ class White:
         if not self.unknown:
             return np.zeros_like(own), np.zeros_like(own)
         left = residuals.weighed(1.0 / self.scales(own))[:, list(self.unknown)]
-        n = self._n[list(self.unknown)]
+        n = self.sizes[list(self.unknown)]
         return left - n, 2.0 * np.maximum(left, n)
 
     def expected(self, own: Array) -> Array:
-        return 2.0 * self._n[list(self.unknown)]
+        return 2.0 * self.sizes[list(self.unknown)]
 
     def fitted(self, samples: Array, own: Array) -> Array:
         return np.sqrt(np.nanmean(samples**2, axis=0))[list(self.unknown)]

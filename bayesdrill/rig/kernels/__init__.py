@@ -23,8 +23,11 @@ from bayesdrill.rig.kernels.lanes import LANES
 from bayesdrill.rig.kernels.layout import Layout
 from bayesdrill.rig.kernels.normal import emit_normal, scratch_size
 from bayesdrill.rig.kernels.recurrence import emit_response
+from bayesdrill.rig.kernels.tally import LOGS, NEIGHBOURS, SQUARES, Tally
 
-__all__ = ["LANES", "Kernels", "Layout", "compile_kernels", "scratch_size"]
+__all__ = ["LANES", "TALLIES", "Kernels", "Layout", "Tally", "compile_kernels", "scratch_size"]
+
+TALLIES = {"misfit": SQUARES, "neighbours": NEIGHBOURS, "logs": LOGS}
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,8 +36,9 @@ class Kernels:
 
     All arguments but counts are addresses of C-contiguous blocks: `parameters (G, P, LANES)`,
     `y (T, K)`, `u (T + 1, n_series)`.  `misfit` writes sums of squares `(G, K, LANES)`, `signals`
-    `(G, T, K, LANES)`; a lane whose numbers overflow gets NaN.  `normal`: see `kernels.normal`.
-    Those that were not wanted are missing.
+    `(G, T, K, LANES)`; a lane whose numbers overflow gets NaN.  Other `TALLIES` are as `misfit`, with as
+    many numbers `(G, K, n, LANES)` as they have, and weights `(K,)` after the parameters where they are
+    weighed.  `normal`: see `kernels.normal`.  Those that were not wanted are missing.
     """
 
     named: Mapping[str, Callable[..., None]]
@@ -51,7 +55,7 @@ def compile_kernels(layout: Layout, names: tuple[str, ...] = ("misfit", "signals
         if name == "normal":
             emit_normal(module, layout, step, lead)
         else:
-            emit_response(module, layout, step, lead, sums=name == "misfit")
+            emit_response(module, layout, step, lead, name, TALLIES.get(name))
     engine = machine_code(module)
     named = {}
     for name in names:

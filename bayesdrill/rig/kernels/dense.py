@@ -85,7 +85,8 @@ class _Writer:
         self.place = slots(b, layout)
         self.end = [b.alloca(VEC) for _ in range(layout.n_states)]  # the state at the last knot
         # Sums stay in registers, but those of late channels.
-        self.totals = [b.alloca(VEC) for _ in shape.pattern] if shape.sums else []
+        count = I64(shape.tally.count) if shape.tally is not None else None
+        self.totals = [b.alloca(VEC, count) for _ in shape.pattern] if count is not None else []
         self.late = Late(b, a, shape, interval) if interval is not None else None
         self.width, self.least = a.number(0), splat(b, a.number(1))
 
@@ -96,8 +97,10 @@ class _Writer:
         rest = self._tables(m)
         x0 = [load(b, own["x0"], i) for i in range(self.layout.n_states)]
         self.place.write(x0, [vector(0.0)] * self.layout.n_series)
+        begun = self.shape.tally.begun() if self.shape.tally is not None else []
         for total in self.totals:
-            store(b, vector(0.0), total, 0)
+            for n, value in enumerate(begun):
+                store(b, value, total, n)
         if self.late is not None:
             self.late.begin(m, group, own)
         runs = Loop(b, a["runs"], [I64(0)], "runs")
@@ -117,10 +120,10 @@ class _Writer:
         if self.late is not None and self.shape.even:
             with b.if_then(b.icmp_signed(">", a["high"], I64(0))):
                 self._after_the_last(group, own)
-        out = a.row("out", group, len(self.shape.pattern))
+        out = a.row("out", group, self.shape.out_count)
         for k, total in enumerate(self.totals):
-            if not self.shape.shifted[k]:
-                store(b, load(b, total, 0), out, k)
+            for n in range(len(begun) if not self.shape.shifted[k] else 0):
+                store(b, load(b, total, n), out, k * len(begun) + n)
 
     def _after_the_last(self, group: ir.Value, own: dict[str, ir.Value]) -> None:
         """Samples of shifted channels, from the state at the last knot on."""
@@ -162,7 +165,7 @@ class _Writer:
         observe(
             self.a,
             self.shape,
-            own["rows"],
+            own,
             group,
             knot,
             [*state, vector(1.0), *inputs],
@@ -170,7 +173,7 @@ class _Writer:
         )
         if self.late is not None:
             if self.shape.even:
-                self.late.even(group, knot, [*state, vector(1.0), *inputs], slopes)
+                self.late.even(group, own, knot, [*state, vector(1.0), *inputs], slopes)
             else:
                 self.late.interval(group, own, knot, [*state, *inputs], slopes)
         return inputs, slopes

@@ -96,8 +96,11 @@ class Late:
         b, a = self.b, self.a
         channels = Loop(b, I64(sum(self.shape.shifted)), [], "begin")
         k = a.whole("which", channels.index)
-        if self.shape.sums:
-            b.store(vector(0.0), b.gep(a.row("out", group, len(self.shape.pattern)), [k]), align=8)
+        if self.shape.tally is not None:
+            first = b.mul(k, I64(self.shape.tally.count))
+            place = b.gep(a.row("out", group, self.shape.out_count), [first])
+            for n, value in enumerate(self.shape.tally.begun()):
+                store(b, value, place, n)
         for name, of in (("next", "begin"), ("offset", "offset")):
             value = b.fptosi(b.load(b.gep(own[of], [k]), align=8), INT_VEC)
             b.store(value, b.gep(self.own[name], [k]), align=8)
@@ -167,10 +170,12 @@ class Late:
                 value = fma(b, load(b, row, r), one, value)
             sample = splat_whole(b, samples.index)
             due = b.icmp_signed("<", sample, wanted)
-            emit_seen(a, self.shape, group, k, sample, due, value)
+            emit_seen(a, self.shape, own.get("weight"), group, k, sample, due, value)
             samples.close([])
 
-    def even(self, group: ir.Value, knot: ir.Value, z: Values, slopes: Values) -> None:
+    def even(
+        self, group: ir.Value, own: dict[str, ir.Value], knot: ir.Value, z: Values, slopes: Values
+    ) -> None:
         """One sample in each lane, at the same span after every knot."""
         b, a = self.b, self.a
         for k in (k for k, shifted in enumerate(self.shape.shifted) if shifted):
@@ -182,7 +187,8 @@ class Late:
             none = splat_whole(b, a["knots"])
             inside = b.icmp_unsigned("<", sample, none)
             sample = b.select(inside, sample, none)
-            emit_seen(a, self.shape, group, I64(k), sample, inside, value)
+            weight = own.get("weight")
+            emit_seen(a, self.shape, weight, group, I64(k), sample, inside, value)
 
     def interval(
         self, group: ir.Value, own: dict[str, ir.Value], knot: ir.Value, z: Values, slopes: Values
@@ -193,7 +199,7 @@ class Late:
             store(b, value, self.own["z"], place)
         for place, value in enumerate(slopes):
             store(b, value, self.own["rises"], place)
-        known = self.own | {"shift": own["shift"]}
+        known = self.own | {"shift": own["shift"], "weight": own.get("weight", own["shift"])}
         counts = [group, knot, b.load(self.degree), b.load(self.depth)]
         counts += [self.a[name] for name in SHARED_COUNTS]
         blocks = [known[name] for name in OWN_BLOCKS] + [self.a[name] for name in SHARED_BLOCKS]

@@ -14,7 +14,6 @@ from bayesdrill.rig.kernels.lanes import (
     VEC,
     Lane,
     Loop,
-    fma,
     load,
     splat,
     store,
@@ -24,7 +23,10 @@ from bayesdrill.rig.kernels.lanes import (
 from bayesdrill.rig.kernels.numbers import Kind, Number, fused, total
 from bayesdrill.rig.kernels.pieces import Own, Shape
 from bayesdrill.rig.kernels.rates import Rates
-from bayesdrill.rig.kernels.rubbing import Past, Rub, Step
+from bayesdrill.rig.kernels.regime import Regime
+from bayesdrill.rig.kernels.rub import Rub
+from bayesdrill.rig.kernels.rubbing import Going, Past, Step
+from bayesdrill.rig.kernels.turning import step_on
 
 
 class Writer:
@@ -36,6 +38,8 @@ class Writer:
         self.b, self.shape, self.a, self.e = b, shape, arguments, e
         self.kind, self.spans = Kind(b, shape.dual), b.alloca(VEC)
         self.x_count, self.k_count = len(shape.model.states), len(shape.pattern)
+        columns = self.x_count + 1 + len(shape.columns)
+        self.room = b.alloca(VEC, I64(Regime.size(self.x_count, columns, len(shape.frictions))))
 
     # Numbers: a Lane, or a Dual of two.
 
@@ -60,6 +64,7 @@ class Writer:
         b.call(exponential, [self.own["parameters"], self.spans, self.e])
         self.rows = self._rows()
         self.step = self._step()
+        self.regime = self._regime()
 
     def _rows(self) -> list[dict[int, Number]]:
         count, rows = Own(self.shape).r_count, self.part("rows")
@@ -103,7 +108,7 @@ class Writer:
                 pull={k: entry / acts for k, entry in rates.rows[row].items() if k < first},
                 pull_base=rates.base[row] / acts,
                 law=friction.law,
-                size=known,
+                steady=known,
             )
             rubs.append(rub)
         columns = [k for k in range(first) if k != x]
@@ -116,7 +121,19 @@ class Writer:
             states=shape.model.states,
             span=self.span,
             slopes={x + 1 + k: x + 1 + s + k for k in range(s)} if shape.first_order else {},
+            first=first,
             kind=self.kind,
+        )
+
+    def _regime(self) -> Regime:
+        step, shape = self.step, self.shape
+        return Regime(
+            kind=self.kind,
+            rows=step.rows(),
+            rubs=step.rubs,
+            first=step.first,
+            shows=shape.read or shape.efforts,
+            block=self.room,
         )
 
     def drive(self, node: ir.Value) -> tuple[dict[int, Number], dict[str, Number]]:
@@ -155,29 +172,35 @@ class Writer:
 
     def start(self) -> list[ir.Value]:
         """What is carried from step to step: the state and, as far as it changes, the past."""
-        state = self.part("x0")
-        return self._carried(state, self.step.begun(state, self.drive(I64(0))[1]))
+        state, step = self.part("x0"), self.step
+        if not step.rubs:
+            return self.kind.flat(state)
+        self.regime.set(state)
+        every = step.sizes(state, self.drive(I64(0))[1])
+        sizes = [every[e] for e in step.varying]
+        return self._carried(state, Past(sizes, [self.kind.zero() for _ in sizes]))
 
     def _carried(self, state: list[Number], past: Past) -> list[ir.Value]:
-        changing = [] if self.step.steady else [*past.sizes, *past.trends]
-        return self.kind.flat([*state, *changing])
+        return self.kind.flat([*state, *past.sizes, *past.trends])
 
     def once(
         self, node: ir.Value, carried: Sequence[ir.Value]
     ) -> tuple[list[Number], list[Number], list[ir.Value]]:
-        """A step: the new state, the efforts, and what is carried on."""
-        numbers, x, e = self.kind.shaped(carried), self.x_count, len(self.step.rubs)
-        past = Past(numbers[x : x + e], numbers[x + e :])
-        if self.step.steady:
-            past = Past([rub.size for rub in self.step.rubs], [])
-        drive, middle = self.drive(node)
-        new, efforts, past = self.step.taken(numbers[:x], past, drive, middle)
+        """A step: the new state, the efforts (where they are shown), and what is carried on."""
+        numbers, x, step = self.kind.shaped(carried), self.x_count, self.step
+        v, state = len(step.varying), numbers[:x]
+        past = Past(numbers[x : x + v], numbers[x + v :])
+        drive, inputs = self.drive(node)
+        if not step.rubs:
+            new = step.free(state, drive)
+            return new, [], self.kind.flat(new)
+        new, efforts, past = step_on(Going(step, self.regime), state, past, drive, inputs)
         return new, efforts, self._carried(new, past)
 
     def march(self) -> None:
         """From sample to sample; channels see the states there."""
         b, shape = self.b, self.shape
-        sums = [vector(0.0)] * self.k_count if shape.sums else []
+        sums = shape.tally.begun(self.k_count) if shape.tally is not None else []
         start = self.start()
         samples = Loop(b, self.a["samples"], [I64(0), *start, *sums], "samples")
         node, rest = samples.carried[0], samples.carried[1:]
@@ -197,7 +220,7 @@ class Writer:
         self.keep(totals)
 
     def keep(self, totals: Sequence[ir.Value]) -> None:
-        place = self.b.gep(self.a["out"], [self.b.mul(self.group, I64(self.k_count))])
+        place = self.b.gep(self.a["out"], [self.b.mul(self.group, I64(len(totals)))])
         for k, value in enumerate(totals):
             store(self.b, value, place, k)
 
@@ -216,8 +239,8 @@ class Writer:
         efforts: Sequence[Number],
         totals: Sequence[ir.Value],
     ) -> list[ir.Value]:
-        """New sums of squares, or none where there are signals."""
-        if not self.shape.sums:
+        """New sums, or none where there are signals."""
+        if self.shape.tally is None:
             for k in range(self.k_count):
                 self.show(sample, k, self.seen(k, state, efforts))
             return []
@@ -227,20 +250,25 @@ class Writer:
             for r, weight in row.items():
                 value = Lane(self.b, vector(1.0)) if r == self.x_count else state[r]
                 left = fused(-weight, value, left)
-            found.append(self.summed(sample, k, left, totals[k]))
+            found += self.summed(sample, k, left, totals)
         return found
 
     def measured(self, sample: ir.Value, k: int) -> Lane:
         flat = self.b.add(self.b.mul(sample, I64(self.k_count)), I64(k))
         return Lane(self.b, splat(self.b, self.b.load(self.b.gep(self.a["y"], [flat]))))
 
-    def summed(self, sample: ir.Value, k: int, left: Lane, sum_: ir.Value) -> ir.Value:
-        """With the square of what is left of a sample, if that was seen."""
-        b, value = self.b, left.value
+    def summed(
+        self, sample: ir.Value, k: int, left: Lane, totals: Sequence[ir.Value]
+    ) -> list[ir.Value]:
+        """The tally of channel k, among `totals`, with what is left of a sample, if that was seen."""
+        b, value, seen, tally = self.b, left.value, None, self.shape.tally
+        assert tally is not None
         if self.shape.gaps:
             y = self.measured(sample, k).value
-            value = b.select(b.fcmp_ordered("ord", y, y), value, vector(0.0))
-        return fma(b, value, value, sum_)
+            seen = b.fcmp_ordered("ord", y, y)
+            value = b.select(seen, value, vector(0.0))
+        weight = load(b, self.own["weight"], k) if tally.weighed else None
+        return tally.added(b, totals[k * tally.count : (k + 1) * tally.count], value, seen, weight)
 
     def show(self, sample: ir.Value, k: int, value: Number) -> None:
         """To the signals."""

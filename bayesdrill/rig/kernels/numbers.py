@@ -38,21 +38,36 @@ class Kind:
         n = len(lanes) // 2
         return [Dual(value, slope) for value, slope in zip(lanes[:n], lanes[n:], strict=True)]
 
+    def zero(self) -> Number:
+        """With a slope, as what is carried has one."""
+        nothing = Lane(self.b, vector(0.0))
+        return Dual(nothing, nothing) if self.dual else nothing
+
     def rarely(
         self, mask: Mask, usual: list[Number], other: Callable[[], list[Number]]
     ) -> list[Number]:
         """`other` in lanes of a mask, worked out where there is any; the rest has what is usual."""
+
+        def chosen() -> list[Number]:
+            pairs = zip(other(), usual, strict=True)
+            return [where(mask, one, instead) for one, instead in pairs]
+
+        return self.instead(mask, usual, chosen)
+
+    def instead(
+        self, mask: Mask, usual: list[Number], other: Callable[[], list[Number]]
+    ) -> list[Number]:
+        """`other` in all lanes if any is in a mask."""
         b = self.b
         before, ones = b.block, self.flat(usual)
         with b.if_then(anywhere(b, mask.value), likely=False):
-            pairs = zip(other(), usual, strict=True)
-            others = self.flat([where(mask, one, instead) for one, instead in pairs])
+            others = self.flat(other())
             inside = b.block
         found = []
-        for one, instead in zip(ones, others, strict=True):
+        for one, another in zip(ones, others, strict=True):
             found.append(b.phi(one.type))
             found[-1].add_incoming(one, before)
-            found[-1].add_incoming(instead, inside)
+            found[-1].add_incoming(another, inside)
         return self.shaped(found)
 
 
@@ -111,8 +126,17 @@ def moving(speed: Number) -> Mask:
     return Mask(value.b, value.b.fcmp_unordered("!=", value.value, vector(0.0)))
 
 
-def keeps_sign(old: Number, new: Number) -> Mask:
-    """Whether a speed has the sign that it had; what is zero has none."""
-    one, other = dual(old).value, dual(new).value
-    product = one.b.fmul(one.value, other.value)
-    return Mask(one.b, one.b.fcmp_ordered(">", product, vector(0.0)))
+def way_of(speed: Number) -> Lane:
+    """1 or -1 as it goes, 0 where it stands; NaN goes on."""
+    value = dual(speed).value
+    return moving(speed).chosen(Lane(value.b, vector(1.0)).signed(value), 0.0)
+
+
+def sticking(way: Lane) -> Mask:
+    return Mask(way.b, way.b.fcmp_ordered("==", way.value, vector(0.0)))
+
+
+def goes_on(way: Lane, speed: Number) -> Mask:
+    """Whether a speed is as before; what sticks is not said to."""
+    product = way.b.fmul(way.value, dual(speed).value.value)
+    return Mask(way.b, way.b.fcmp_unordered(">", product, vector(0.0)))

@@ -10,6 +10,7 @@ from llvmlite import ir
 
 from bayesdrill.rig.kernels.lanes import I64, NUMBERS, VECTORS
 from bayesdrill.rig.kernels.layout import Layout
+from bayesdrill.rig.kernels.tally import Tally
 from bayesdrill.rig.models.friction import Friction, frictions_of
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.models.tangent import Tangent
@@ -26,7 +27,7 @@ BLOCKS = {
     "t": NUMBERS,  # (T,) times of samples, in steps from the first node
     "y": NUMBERS,  # (T, K)
     "trace": VECTORS,  # scratch (N + 1, K, 3, numbers of one)
-    "out": VECTORS,  # (G, K) sums, or (G, T, K, numbers of one) signals
+    "out": VECTORS,  # (G, K, n) sums, or (G, T, K, numbers of one) signals
 }
 
 
@@ -35,9 +36,9 @@ class Shape:
     """What a kernel is specialised for.
 
     `series`: sampled inputs, of which `late` have a lag of each walker; `pattern (K, R)`: entries of
-    rows that may differ from zero, over states, one and (where `efforts`) what frictions do.  `dual`:
-    with slopes.  `read`: channels have times of their own.  `single`: a sample at each step.
-    `gaps`: samples without a number.
+    rows that may differ from zero, over states, one and (where `efforts`) what frictions do.  `tally`:
+    None for signals.  `dual`: with slopes.  `read`: channels have times of their own.  `single`: a
+    sample at each step.  `gaps`: samples without a number.
     """
 
     model: Model
@@ -46,7 +47,7 @@ class Shape:
     constant: tuple[tuple[str, float], ...]
     first_order: bool
     pattern: tuple[tuple[bool, ...], ...]
-    sums: bool
+    tally: Tally | None
     dual: bool
     read: bool
     single: bool
@@ -125,6 +126,7 @@ class Own:
         parts = {"parameters": len(shape.model.parameters), "x0": x, "rows": k * self.r_count}
         if shape.read:
             parts |= {"before": x, "shift": k}
+        parts |= {"weight": k} if shape.tally is not None and shape.tally.weighed else {}
         return parts | ({"share": late, "behind": late} if late else {})
 
     @property

@@ -71,7 +71,7 @@ def _seen_rate(w: Writer, k: int, rates: Sequence[Number]) -> Number:
 def emit_reading(w: Writer) -> None:
     """Of all samples, each lane at its own time."""
     b, shape = w.b, w.shape
-    sums = [vector(0.0)] * w.k_count if shape.sums else []
+    sums = shape.tally.begun(w.k_count) if shape.tally is not None else []
     shifts, begins = w.part("shift"), _before(w)
     samples = Loop(b, w.a["samples"], sums, "read")
     t = Lane(b, splat(b, b.load(b.gep(w.a["t"], [samples.index]))))
@@ -79,9 +79,9 @@ def emit_reading(w: Writer) -> None:
     for k in range(w.k_count):
         when = t - shifts[k] / w.span
         value = _read(w, k, when, begins[k])
-        if shape.sums:
+        if shape.tally is not None:
             left = w.measured(samples.index, k) - value
-            totals.append(w.summed(samples.index, k, left, samples.carried[k]))
+            totals += w.summed(samples.index, k, left, samples.carried)
         else:
             w.show(samples.index, k, value)
     samples.close(totals)

@@ -18,46 +18,55 @@ from bayesdrill.rig.kernels.lanes import (
     vector,
 )
 from bayesdrill.rig.kernels.layout import Layout
+from bayesdrill.rig.kernels.tally import Tally
 
 
 def emit_response(
-    module: ir.Module, layout: Layout, step: ir.Function, lead: ir.Function | None, *, sums: bool
+    module: ir.Module,
+    layout: Layout,
+    step: ir.Function,
+    lead: ir.Function | None,
+    name: str,
+    tally: Tally | None,
 ) -> None:
-    """`misfit` (with `sums`) or `signals`, see `Kernels`.
+    """What is called `name`, a `tally` or signals, see `Kernels`.
 
     x(k + 1) = Phi x(k) + g + G0 u(k) + G1 (u(k + 1) - u(k)), and what is made of x(k).
     """
     blocks = [VECTORS, NUMBERS, NUMBERS, VECTORS]
-    made = function(module, "misfit" if sums else "signals", 2, blocks)
+    made = function(module, name, 2, blocks)
     n_groups, n_samples, parameters, y, u, out = made.args
     b = ir.IRBuilder(made.append_basic_block())
     n, k_count = layout.size, len(layout.channels)
     e = b.alloca(VEC, I64(n * n))
     groups = Loop(b, n_groups, [], "groups")
-    mine = b.gep(parameters, [b.mul(groups.index, I64(layout.n_parameters))])
+    weighed = k_count if tally is not None and tally.weighed else 0
+    mine = b.gep(parameters, [b.mul(groups.index, I64(layout.n_parameters + weighed))])
+    own = [load(b, mine, layout.n_parameters + k) for k in range(weighed)]
     state = [vector(value) for value in layout.x0]
     if lead is not None:
         b.call(lead, [mine, e])
         state = next_state(b, layout.n_states, _entries(b, layout, e), state, [])
     b.call(step, [mine, e])
     phi = _entries(b, layout, e)
-    totals = [vector(0.0)] * k_count if sums else []
+    totals = tally.begun(k_count) if tally is not None else []
     samples = Loop(b, n_samples, state + totals, "samples")
     state, totals = samples.carried[: len(state)], samples.carried[len(state) :]
     drive = emit_drive(b, layout, u, samples.index)
     for k, weights in enumerate(layout.channels):
         flat = b.add(b.mul(samples.index, I64(k_count)), I64(k))
-        value = splat(b, b.load(b.gep(y, [flat]))) if sums else vector(0.0)
+        value = vector(0.0) if tally is None else splat(b, b.load(b.gep(y, [flat])))
         for weight, x in zip(weights, state, strict=True):
             if weight != 0.0:
-                value = fma(b, vector(-weight if sums else weight), x, value)
-        if sums:
-            totals[k] = fma(b, value, value, totals[k])
+                value = fma(b, vector(weight if tally is None else -weight), x, value)
+        if tally is not None:
+            kept = slice(k * tally.count, (k + 1) * tally.count)
+            totals[kept] = tally.added(b, totals[kept], value, None, own[k] if own else None)
         else:
             row = b.add(b.mul(groups.index, b.mul(n_samples, I64(k_count))), flat)
             store(b, value, b.gep(out, [row]), 0)
     samples.close(next_state(b, layout.n_states, phi, state, drive) + totals)
-    place = b.gep(out, [b.mul(groups.index, I64(k_count))])
+    place = b.gep(out, [b.mul(groups.index, I64(len(totals)))])
     for k, total in enumerate(totals):
         store(b, total, place, k)
     groups.close([])

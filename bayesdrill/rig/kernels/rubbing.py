@@ -2,20 +2,18 @@
 
     x+ = Phi x + g + Gamma u + Gamma_f f
 
-While a speed keeps its sign its effort f is the friction's size, against it.  Where the sign changes, f
-is the mean over the step: of both signs, each for as long as a straight course of the speed has it, or,
-where the speed stays at zero once it is there, what stops it.  A size that changes with the speed is
-taken at the mean of the speeds at both ends.
+As long as each friction slips one way or sticks, the rig is a linear one: its `Regime`.  A size that
+changes with the speed is taken at the mean of the speeds at both ends.  Where a speed changes its sign,
+or what stuck lets go, see `Turning`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
-from bayesdrill.basics.arithmetic import below, signed, size, where
-from bayesdrill.basics.duals import Dual
+from bayesdrill.basics.arithmetic import size
 from bayesdrill.rig.kernels.lanes import Lane, Mask, vector
 from bayesdrill.rig.kernels.numbers import (
     Column,
@@ -23,46 +21,17 @@ from bayesdrill.rig.kernels.numbers import (
     Number,
     above,
     fused,
-    keeps_sign,
-    moving,
+    goes_on,
+    sticking,
     total,
 )
-from bayesdrill.rig.models.friction import Law
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Rub:
-    """`row`: the place of its speed; `holds`: of its angle; `column`: what a unit of it does to
-    states in a step, and `over`: minus one over that to its own speed.  `pull`, `pull_base`: what it
-    has to hold, of states and drive.  `size`: of a law that is steady.
-    """
-
-    row: int
-    holds: int | None
-    column: Column
-    over: Number
-    pull: Column
-    pull_base: Number
-    law: Law
-    size: Number | None
-
-    def held(self, state: Sequence[Number], drive: Column) -> Number:
-        """What it takes to keep the speed as it is."""
-        terms = [(entry, _of(k, state, drive)) for k, entry in self.pull.items()]
-        return total(self.pull_base, terms)
-
-
-@dataclass(frozen=True, slots=True)
-class At:
-    """Of a friction at the beginning of a step: what has to be `held`, and its `size` at rest."""
-
-    held: Number
-    size: Number
+from bayesdrill.rig.kernels.regime import Regime
+from bayesdrill.rig.kernels.rub import Rub, along
 
 
 @dataclass(frozen=True, slots=True)
 class Past:
-    """Of the last step: sizes of frictions, and how much these changed."""
+    """Of the last step: sizes of frictions that vary, and how much these changed."""
 
     sizes: list[Number]
     trends: list[Number]
@@ -71,7 +40,7 @@ class Past:
 @dataclass(frozen=True, kw_only=True)
 class Step:
     """`phi[row]`: what columns of (states, drive) do to a state; `base[row]`: what is constant;
-    `slopes`: columns of inputs, and those of their slopes.
+    `slopes`: columns of inputs, and those of their slopes; `first`: column of the first friction.
     """
 
     phi: Sequence[Column]
@@ -81,119 +50,47 @@ class Step:
     states: tuple[str, ...]
     span: Number
     slopes: Mapping[int, int]
+    first: int
     kind: Kind
 
-    @property
-    def steady(self) -> bool:
-        """Whether no size ever changes."""
-        return all(rub.size is not None for rub in self.rubs)
+    @cached_property
+    def varying(self) -> list[int]:
+        """Frictions whose size is not that of the parameters alone."""
+        return [e for e, rub in enumerate(self.rubs) if rub.steady is None]
 
     @cached_property
     def looked_at(self) -> list[int]:
         """Places of states that sizes change with."""
-        unsteady = [rub for rub in self.rubs if rub.size is None]
+        unsteady = [self.rubs[e] for e in self.varying]
         names = {name for rub in unsteady for name in rub.law.seen}
         named = {i for i, name in enumerate(self.states) if name in names}
         return sorted(named | {rub.row for rub in unsteady})
 
-    @property
-    def _order(self) -> list[int]:
-        """In which efforts are found, each with the others as known: at first as if nothing turned.
+    def rows(self) -> list[dict[int, Number]]:
+        """Of states over all columns."""
+        rows = [dict(row) for row in self.phi]
+        for i, base in self.base.items():
+            rows[i][len(self.phi)] = base
+        for e, rub in enumerate(self.rubs):
+            for i, entry in rub.column.items():
+                rows[i][self.first + e] = entry
+        return rows
 
-        What stops a current comes first, and once more: it and the motor act on each other strongly.
-        """
-        every = sorted(range(len(self.rubs)), key=lambda e: self.rubs[e].holds is not None)
-        return every * (1 + any(rub.holds is None for rub in self.rubs))
+    def sizes(self, state: Sequence[Number], inputs: Mapping[str, Number]) -> list[Number]:
+        seen = {**dict(zip(self.states, state, strict=True)), **inputs}
+        return [rub.size(self.parameters, state[rub.row], seen) for rub in self.rubs]
 
-    def begun(self, state: list[Number], inputs: Mapping[str, Number]) -> Past:
-        nothing = [Lane(self.kind.b, vector(0.0)) for _ in self.rubs]
-        return Past(self.sizes(state, inputs), nothing)
-
-    def taken(
-        self, state: list[Number], past: Past, drive: Column, inputs: Mapping[str, Number]
-    ) -> tuple[list[Number], list[Number], Past]:
-        """New state, efforts, and what is past then; `inputs` by name, in the middle of the step."""
-        free = [
-            total(self.base.get(i), [(entry, _of(k, state, drive)) for k, entry in row.items()])
-            for i, row in enumerate(self.phi)
-        ]
-        if not self.rubs:
-            return free, [], past
-        quick = self._slipping(free, state, past, inputs)
-        keeps = self._all_keep(state, quick)
-        every = self.kind.rarely(
-            keeps.turned(), quick, lambda: self._turning(free, state, past, drive, inputs)
-        )
-        x, e = len(state), len(self.rubs)
-        new, efforts = every[:x], every[x : x + e]
-        if self.steady:
-            return new, efforts, past
-        return new, efforts, Past(every[x + e : x + 2 * e], every[x + 2 * e :])
-
-    def _all_keep(self, old: list[Number], new: list[Number]) -> Mask:
-        first, *rest = (keeps_sign(old[rub.row], new[rub.row]) for rub in self.rubs)
-        for one in rest:
-            first = first.both(one)
-        return first
-
-    def _slipping(
-        self, free: list[Number], state: list[Number], past: Past, inputs: Mapping[str, Number]
-    ) -> list[Number]:
-        """Where no speed changes its sign: it is looked ahead with sizes that go on as they did."""
-        if self.steady:
-            efforts = self._against(state, past.sizes)
-            return [*self._moved(free, efforts), *efforts]
-        likely = [one + trend for one, trend in zip(past.sizes, past.trends, strict=True)]
-        ahead = self._moved(free, self._against(state, likely), self.looked_at)
-        sizes = self._between(state, ahead, inputs)
-        efforts = self._against(state, sizes)
-        trends = [one - before for one, before in zip(sizes, past.sizes, strict=True)]
-        return [*self._moved(free, efforts), *efforts, *sizes, *trends]
-
-    def _turning(
-        self,
-        free: list[Number],
-        state: list[Number],
-        past: Past,
-        drive: Column,
-        inputs: Mapping[str, Number],
-    ) -> list[Number]:
-        sizes, rest = past.sizes, self._at_rest(state, drive, inputs)
-        later = self._later(drive)
-        efforts, slips = self._efforts(free, state, later, sizes, rest)
-        if not self.steady:
-            ahead = self._stopped(self._moved(free, efforts), slips)
-            sizes = self._between(state, ahead, inputs)
-            efforts, slips = self._efforts(free, state, later, sizes, rest)
-        new = self._held(self._stopped(self._moved(free, efforts), slips), state, slips)
-        return [*new, *efforts] if self.steady else [*new, *efforts, *sizes, *self._no_trends]
-
-    @property
-    def _no_trends(self) -> list[Number]:
-        """What turns does not go on as it did."""
-        zero = Lane(self.kind.b, vector(0.0))
-        return [Dual(zero, zero) if self.kind.dual else zero for _ in self.rubs]
-
-    def _later(self, drive: Column) -> Column:
-        """At the end of the step."""
-        ends = {k: drive[k] + drive[slope] * self.span for k, slope in self.slopes.items()}
-        return {**drive, **ends}
-
-    def _at_rest(
-        self, state: list[Number], drive: Column, inputs: Mapping[str, Number]
-    ) -> list[At]:
+    def at_rest(self, state: Sequence[Number], inputs: Mapping[str, Number]) -> list[Number]:
+        """Sizes, if nothing moved."""
         still = list(state)
         for rub in self.rubs:
             still[rub.row] = Lane(self.kind.b, vector(0.0))
-        held = [rub.held(state, drive) for rub in self.rubs]
-        return [At(one, most) for one, most in zip(held, self.sizes(still, inputs), strict=True)]
+        return self.sizes(still, inputs)
 
-    def _against(self, state: list[Number], sizes: list[Number]) -> list[Number]:
-        return [signed(one, state[rub.row]) for one, rub in zip(sizes, self.rubs, strict=True)]
-
-    def _between(
-        self, state: list[Number], ahead: list[Number], inputs: Mapping[str, Number]
+    def between(
+        self, state: Sequence[Number], ahead: Sequence[Number], inputs: Mapping[str, Number]
     ) -> list[Number]:
+        """Sizes in the mean of both ends of a step."""
         speeds, middle = {rub.row for rub in self.rubs}, list(state)
         for i in self.looked_at:
             here, there = state[i], ahead[i]
@@ -201,121 +98,86 @@ class Step:
             middle[i] = (size(here) + size(there) if turned else here + there) * 0.5
         return self.sizes(middle, inputs)
 
-    def sizes(self, state: list[Number], inputs: Mapping[str, Number]) -> list[Number]:
-        seen = {**dict(zip(self.states, state, strict=True)), **inputs}
-        return [
-            rub.law.size(self.parameters, size(state[rub.row]), seen)
-            if rub.size is None
-            else rub.size
-            for rub in self.rubs
-        ]
+    def later(self, drive: Column) -> Column:
+        """At the end of the step."""
+        ends = {k: drive[k] + drive[slope] * self.span for k, slope in self.slopes.items()}
+        return {**drive, **ends}
 
-    def _efforts(
+    def free(self, state: Sequence[Number], drive: Column) -> list[Number]:
+        """New states, if nothing rubbed."""
+        return [total(self.base.get(i), along(row, state, drive)) for i, row in enumerate(self.phi)]
+
+
+@dataclass(frozen=True, slots=True)
+class Going:
+    """A step in which each friction slips on as it did, or sticks on."""
+
+    step: Step
+    regime: Regime
+
+    def taken(
         self,
-        free: list[Number],
         state: list[Number],
+        past: Past,
         drive: Column,
-        sizes: list[Number],
-        rest: list[At],
-    ) -> tuple[list[Number], list[Mask]]:
-        """And where they let slip; `drive` at the end of the step."""
-        known = [
-            where(moving(state[rub.row]), signed(most, state[rub.row]), at.held)
-            for rub, most, at in zip(self.rubs, sizes, rest, strict=True)
-        ]
-        slips: dict[int, Mask] = {}
-        for e in self._order:
-            rub = self.rubs[e]
-            others = [
-                (self.rubs[k].column[rub.row], effort)
-                for k, effort in enumerate(known)
-                if k != e and rub.row in self.rubs[k].column
-            ]
-            stop, speed = total(free[rub.row], others) * rub.over, state[rub.row]
-            slipping = self._of_moving(stop, speed, rub.over, sizes[e], rest[e])
-            stopped = [stop if k == e else effort for k, effort in enumerate(known)]
-            there = self._moved(free, stopped, [k for k in rub.pull if k < len(free)])
-            still = self._of_still(stop, rub.held(there, drive), sizes[e], rest[e])
-            moves = moving(speed)
-            known[e] = where(moves, slipping[0], still[0])
-            slips[e] = slipping[1].both(moves).either(still[1].without(moves))
-        return known, [slips[e] for e in range(len(self.rubs))]
+        inputs: Mapping[str, Number],
+        ways: Sequence[Lane],
+    ) -> tuple[list[Number], list[Number], Past]:
+        """New state, efforts (if the regime shows them) and the past then.
 
-    def _of_moving(
-        self, stop: Number, speed: Number, over: Number, most: Number, rest: At
-    ) -> tuple[Number, Mask]:
-        """The mean of it over a step from `speed` on, of which `stop` would make zero; where it slips.
-
-        With signs turned so that the speed is not negative, and in units of the effort: as long as
-        stop > most, the speed stays positive.  Else it is zero after a share of the step, and remains
-        so if what drives it there, stop - speed, is no more than friction can hold; if not, it goes on
-        backwards.
+        Sizes that vary are those in the middle: it is looked ahead with sizes that go on as they did.
         """
-        back = below(speed, 0.0)
-        ahead, rate = where(back, -stop, stop), size(speed) * over
-        against = rate - ahead + most  # what drives it backwards, and what brakes it
-        keeps, passes = above(ahead, most), above(against, most + rest.size)
-        turned = where(keeps, most, ahead)
-        (turned,) = self.kind.rarely(
-            passes.without(keeps), [turned], lambda: [most * (rate / against * 2.0 - 1.0)]
-        )
-        return where(back, -turned, turned), keeps.either(passes)
+        step, x, varying = self.step, len(state), self.step.varying
+        rows = self.regime.now()
+        columns = [[row.pop(step.first + e, None) for row in rows] for e in varying]
+        new = [total(row.pop(x, None), along(row, state, drive)) for row in rows]
+        if not varying:
+            return new[:x], new[x:], past
 
-    def _of_still(self, stop: Number, later: Number, most: Number, rest: At) -> tuple[Number, Mask]:
-        """From rest: what has to be held goes from `rest.held` to `later`, in the mean `stop`.
+        def with_sizes(sizes: Sequence[Number], only: Sequence[int]) -> list[Number]:
+            moved = list(new)
+            for e, column, one in zip(varying, columns, sizes, strict=True):
+                effort = fused(one, ways[e], None)
+                for i in (i for i in only if column[i] is not None):
+                    moved[i] = fused(column[i], effort, moved[i])
+            return moved
 
-        Once it is more than friction at rest can hold, the speed slips under `most`.
-        """
-        back = below(stop, 0.0)
-        mean, first, last = (where(back, -one, one) for one in (stop, rest.held, later))
-        slips = above(last, rest.size).either(above(mean, rest.size))
+        likely = [one + trend for one, trend in zip(past.sizes, past.trends, strict=True)]
+        ahead = with_sizes(likely, step.looked_at)
+        every = step.between(state, ahead, inputs)
+        sizes = [every[e] for e in varying]
+        trends = [one - before for one, before in zip(sizes, past.sizes, strict=True)]
+        moved = with_sizes(sizes, range(len(rows)))
+        return moved[:x], moved[x:], Past(sizes, trends)
 
-        def slipping() -> list[Number]:
-            # Straight from the first to the middle, and on to the last.
-            middle = (mean * 6.0 - first - last) * 0.25
-            halves = [_beyond(*ends, rest.size) for ends in ((first, middle), (middle, last))]
-            share = (halves[0][0] + halves[1][0]) * 0.5
-            driving = (halves[0][1] + halves[1][1]) * 0.5
-            bent = mean - (first + middle * 2.0 + last) * 0.25
-            return [mean - driving - share * (rest.size - most + bent)]
+    def leaves(self, new: Sequence[Number], ways: Sequence[Lane]) -> Mask:
+        """Lanes in which a speed is not what it was, or sticks."""
+        return _any(goes_on(way, new[rub.row]).turned() for way, rub in self._pairs(ways))
 
-        (turned,) = self.kind.rarely(slips, [mean], slipping)
-        return where(back, -turned, turned), slips
+    def changes(
+        self,
+        new: Sequence[Number],
+        drive: Column,
+        inputs: Mapping[str, Number],
+        ways: Sequence[Lane],
+    ) -> Mask:
+        """Lanes in which a speed changes its sign, or what sticks has more to hold than it can."""
+        step = self.step
+        sizes, later = step.at_rest(new, inputs), step.later(drive)
+        found = []
+        for (way, rub), most in zip(self._pairs(ways), sizes, strict=True):
+            beyond = above(size(rub.held(new, later)), most)
+            still = sticking(way)
+            turned = goes_on(way, new[rub.row]).turned()
+            found.append(beyond.both(still).either(turned.without(still)))
+        return _any(found)
 
-    def _moved(
-        self, free: list[Number], efforts: list[Number], only: Sequence[int] | None = None
-    ) -> list[Number]:
-        """All states, or `only` those right."""
-        new = list(free)
-        for rub, effort in zip(self.rubs, efforts, strict=True):
-            for i in (i for i in rub.column if only is None or i in only):
-                new[i] = fused(rub.column[i], effort, new[i])
-        return new
-
-    def _stopped(self, new: list[Number], slips: list[Mask]) -> list[Number]:
-        new = list(new)
-        for rub, moves in zip(self.rubs, slips, strict=True):
-            new[rub.row] = where(moves, new[rub.row], 0.0)
-        return new
-
-    def _held(self, new: list[Number], old: list[Number], slips: list[Mask]) -> list[Number]:
-        """Angles of speeds that were and are zero."""
-        for rub, moves in zip(self.rubs, slips, strict=True):
-            if rub.holds is not None:
-                moved = moves.either(moving(old[rub.row]))
-                new[rub.holds] = where(moved, new[rub.holds], old[rub.holds])
-        return new
+    def _pairs(self, ways: Sequence[Lane]) -> list[tuple[Lane, Rub]]:
+        return list(zip(ways, self.step.rubs, strict=True))
 
 
-def _beyond(first: Number, last: Number, limit: Number) -> tuple[Number, Number]:
-    """For what share of a straight way it is beyond a limit, and by how much in the mean."""
-    begins, ends, rises = above(first, limit), above(last, limit), above(last, first)
-    far, near = where(rises, last, first), where(rises, first, last)
-    crosses = begins.either(ends).without(begins.both(ends))
-    share = where(crosses, (far - limit) / (far - near), where(begins, 1.0, 0.0))
-    over = where(begins.both(ends), (first + last) * 0.5 - limit, share * (far - limit) * 0.5)
-    return share, over
-
-
-def _of(k: int, state: Sequence[Number], drive: Column) -> Number:
-    return state[k] if k < len(state) else drive[k]
+def _any(masks: Iterable[Mask]) -> Mask:
+    first, *rest = masks
+    for one in rest:
+        first = first.either(one)
+    return first

@@ -20,6 +20,7 @@ from bayesdrill.rig.kernels.lanes import (
     whole_numbers,
 )
 from bayesdrill.rig.kernels.layout import Layout
+from bayesdrill.rig.kernels.tally import Tally
 
 WHOLE = I64.as_pointer()
 
@@ -43,7 +44,7 @@ BLOCKS = {
     "table": VECTORS,  # scratch: nodes
     "ladder": VECTORS,  # scratch of shifts: their ladder, ...
     "rows": NUMBERS,  # ... and their cells
-    "out": VECTORS,  # (G, K) sums or (G, T + 1, K) signals
+    "out": VECTORS,  # (G, K, n) sums or (G, T + 1, K) signals
 }
 
 
@@ -51,19 +52,28 @@ BLOCKS = {
 class Shape:
     """What a kernel is specialised for.
 
-    `pattern (K, R)`: entries of the rows that may differ from zero; `sums` of squares, or signals;
+    `pattern (K, R)`: entries of the rows that may differ from zero; `tally`: None for signals;
     `shifted (K,)`: channels whose times are; `even`: all steps are equal.
     """
 
     layout: Layout
     pattern: tuple[tuple[bool, ...], ...]
-    sums: bool
+    tally: Tally | None
     shifted: tuple[bool, ...]
     even: bool
 
     @property
     def late(self) -> bool:
         return any(self.shifted)
+
+    @property
+    def weighed(self) -> bool:
+        return self.tally is not None and self.tally.weighed
+
+    @property
+    def out_count(self) -> int:
+        """Vectors of a group in `out`, where there are sums."""
+        return len(self.pattern) * (self.tally.count if self.tally is not None else 1)
 
     @property
     def r_count(self) -> int:
@@ -85,7 +95,8 @@ class Own:
             "rows": k * self.shape.r_count,
         }
         late = {"before": x, "shift": k, "share": k, "offset": k, "head": k, "begin": k}
-        return always | (late if self.shape.late else {})
+        found = always | (late if self.shape.late else {})
+        return found | ({"weight": k} if self.shape.weighed else {})
 
     @property
     def width(self) -> int:
@@ -135,7 +146,7 @@ class Arguments:
 def observe(
     a: Arguments,
     shape: Shape,
-    rows: ir.Value,
+    own: dict[str, ir.Value],
     group: ir.Value,
     knot: ir.Value,
     z: list[ir.Value],
@@ -147,38 +158,58 @@ def observe(
         flat = b.add(b.mul(knot, I64(k_count)), I64(k))
         total = vector(0.0)
         for r in (r for r, used in enumerate(shape.pattern[k]) if used):
-            total = fma(b, load(b, rows, k * shape.r_count + r), z[r], total)
-        if shape.sums:
-            y = a.real("y", flat)
-            left = b.fsub(splat(b, y), total)
-            left = b.select(b.fcmp_ordered("ord", y, y), left, vector(0.0))
-            store(b, fma(b, left, left, load(b, totals[k], 0)), totals[k], 0)
+            total = fma(b, load(b, own["rows"], k * shape.r_count + r), z[r], total)
+        if shape.tally is not None:
+            y = splat(b, a.real("y", flat))
+            seen = b.fcmp_ordered("ord", y, y)
+            left = b.select(seen, b.fsub(y, total), vector(0.0))
+            weight = load(b, own["weight"], k) if shape.weighed else None
+            add_to(b, shape.tally, totals[k], left, seen, weight)
         else:
             store(b, total, b.gep(a.signals_of(group, k_count), [flat]), 0)
+
+
+def add_to(
+    b: ir.IRBuilder,
+    tally: Tally,
+    place: ir.Value,
+    left: ir.Value,
+    seen: ir.Value,
+    weight: ir.Value | None,
+) -> None:
+    """To the tally of one channel, which stands at a place."""
+    kept = [load(b, place, n) for n in range(tally.count)]
+    for n, value in enumerate(tally.added(b, kept, left, seen, weight)):
+        store(b, value, place, n)
 
 
 def emit_seen(
     a: Arguments,
     shape: Shape,
+    weight: ir.Value | None,
     group: ir.Value,
     k: ir.Value,
     sample: ir.Value,
     due: ir.Value,
     value: ir.Value,
 ) -> None:
-    """What channel k sees at a sample of each lane that is `due`; sample T is none, but has a place."""
+    """What channel k sees at a sample of each lane that is `due`; sample T is none, but has a place.
+
+    `weight`: where those of the channels stand, if they have any.
+    """
     b, k_count = a.b, len(shape.pattern)
-    if not shape.sums:
+    if shape.tally is None:
         sample = b.select(due, sample, splat_whole(b, a["knots"]))
     flat = b.add(b.mul(sample, whole_numbers(k_count)), splat_whole(b, k))
-    if not shape.sums:
+    if shape.tally is None:
         scatter(b, value, b.bitcast(a.signals_of(group, k_count), NUMBERS), flat)
         return
     y = gather(b, a["y"], flat)
     seen = b.and_(due, b.fcmp_ordered("ord", y, y))
     left = b.select(seen, b.fsub(y, value), vector(0.0))
-    place = b.gep(a.row("out", group, k_count), [k])
-    b.store(fma(b, left, left, b.load(place, align=8)), place, align=8)
+    place = b.gep(a.row("out", group, shape.out_count), [b.mul(k, I64(shape.tally.count))])
+    mine = None if weight is None else b.load(b.gep(weight, [k]), align=8)
+    add_to(b, shape.tally, place, left, seen, mine)
 
 
 def row_blocks(shape: Shape) -> int:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import itertools
 
 from bayesdrill.basics import units
-from bayesdrill.basics.entries import strange
 from bayesdrill.basics.expressions import linear_combination
 from bayesdrill.basics.registry import lookup
 from bayesdrill.inference.noise import NOISES
@@ -14,6 +13,7 @@ from bayesdrill.rig import vocabulary
 from bayesdrill.rig.models.linear import Model, outer_of
 from bayesdrill.setup import build, number_entries
 from bayesdrill.setup.config import Config
+from bayesdrill.setup.consistency import noises
 from bayesdrill.setup.consistency.collector import Collector
 from bayesdrill.setup.experiment_entries import ChannelSpec
 from bayesdrill.setup.record_entries import (
@@ -45,12 +45,9 @@ def _check_measured(found: Collector, place: Place, spec: ChannelSpec, model: Mo
     states = [vocabulary.STATES[state] for state in combines if state in outer_of(model)]
     if states:
         found.run((*place, "unit"), units.factor, spec.unit, states[0].unit)
-    kind = found.run((*place, "noise"), lookup, NOISES, spec.noise.name, "noise")
-    if kind is not None:
-        kinds = {name: one.Entries for name, one in NOISES.usable().items()}
-        vain = strange(("name", "noise"), kinds, kind.Entries, spec.noise)
-        for entry, message in vain.items():
-            found.add((*place, "noise", entry), message)
+    found.run((*place, "noise"), lookup, NOISES, spec.noise.name, "noise")
+    for entry, message in noises.in_vain(spec).items():
+        found.add((*place, "noise", entry), message)
     known = spec.model_copy(update={"sigma": 1.0})
     if len(found.problems) == before:
         found.run(place, build.measured, place[-1], known, outer_of(model))

@@ -12,7 +12,7 @@ from bayesdrill.rig import vocabulary
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.setup import build, number_objects, sensors
 from bayesdrill.setup.config import Config
-from bayesdrill.setup.consistency import unknowns, work
+from bayesdrill.setup.consistency import noises, unknowns, work
 from bayesdrill.setup.consistency.collector import Collector
 from bayesdrill.setup.experiments import common_or_own, split
 from bayesdrill.setup.yaml_source import Source
@@ -64,6 +64,8 @@ def told(config: Config, model: Model, every: Alone) -> list[str]:
     found = [(label, name) for label in every for name in config.own]
     for label, one in every.items():
         found += [(label, name) for name, _ in _of_sensors(one, model)]
+        sizes = {symbols.noise_name(name) for name in one.record.channels}  # `simulation.sigma`
+        found += [(label, name) for name in noises.scatter(one, model) if name not in sizes]
     own = [of_label(name, label) for label, name in found if name not in config.shared]
     return list(dict.fromkeys([*(name for _, name in found), *own]))
 
@@ -82,11 +84,11 @@ def _of_sensors(config: Config, model: Model) -> Iterator[tuple[str, float | Pri
 def _told(config: Config, model: Model) -> dict[str, tuple[float | Prior | None, object]]:
     """Sensors, start and noise of one experiment by name; with what is the same where it is shared."""
     found = {name: (value, value) for name, value in _of_sensors(config, model)}
-    try:
-        levels = build.noise(build.channels(config, model), n_samples=1).unknowns
-    except ValueError:  # said of the channel
-        return {**found, **dict.fromkeys(unknowns.scatter(config, model), (None, None))}
-    return found | {one.name: (one.prior, (one.prior, one.start)) for one in levels}
+    levels = noises.scatter(config, model).items()
+    return found | {
+        name: (None, None) if one is None else (one.prior, (one.prior, one.start))
+        for name, one in levels
+    }
 
 
 def _check_own(found: Collector, config: Config, model: Model) -> None:

@@ -179,13 +179,3 @@ def free_quantities(config: Config) -> list[str]:
 def free(config: Config, model: Model) -> list[str]:
     """Parameters and quantities with a prior."""
     return free_parameters(config, model.parameters) + free_quantities(config)
-
-
-def scatter(config: Config, model: Model) -> list[str]:
-    """Unknowns of the noise."""
-    try:
-        noise = build.noise(build.channels(config, model), n_samples=1)
-    except ValueError:  # said of the channel
-        channels = config.record.channels.items()
-        return [f"sigma_{n}" for n, c in channels if isinstance(c.sigma, number_entries.PriorBase)]
-    return [unknown.name for unknown in noise.unknowns]

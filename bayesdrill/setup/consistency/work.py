@@ -101,7 +101,7 @@ def check_truth(
             place: Place = ("simulation", "sigma", name)
             found.expect(place, name, channels, "there is no such channel")
     for name in simulation.truth if simulation else ():
-        message = "a sensor, a start or an experiment has no such unknown"
+        message = "a sensor, a start, a noise or an experiment has no such unknown"
         found.expect(("simulation", "truth", name), name, told, message)
 
 

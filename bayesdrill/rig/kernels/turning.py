@@ -1,0 +1,207 @@
+"""A step in which a speed changes its sign, or what stuck lets go.
+
+While a speed keeps its sign its effort f is the friction's size, against it.  Where the sign changes, f
+is the mean over the step: of both signs, each for as long as a straight course of the speed has it, or,
+where the speed stays at zero once it is there, what stops it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from bayesdrill.basics.arithmetic import below, signed, size, where
+from bayesdrill.rig.kernels.lanes import Mask
+from bayesdrill.rig.kernels.numbers import Column, Kind, Number, above, fused, moving, total
+from bayesdrill.rig.kernels.rub import Rub
+from bayesdrill.rig.kernels.rubbing import Going, Past, Step
+
+
+def step_on(
+    going: Going, state: list[Number], past: Past, drive: Column, inputs: Mapping[str, Number]
+) -> tuple[list[Number], list[Number], Past]:
+    """New state, efforts (where the regime shows them) and the past then; `inputs` by name, in the
+    middle of the step.  Where something turns, the regime is another from then on.
+    """
+    step, regime, x = going.step, going.regime, len(state)
+    ways = regime.ways()
+    new, efforts, then = going.taken(state, past, drive, inputs, ways)
+    usual = [*new, *efforts, *then.sizes, *then.trends]
+
+    def looked() -> list[Number]:
+        changes = going.changes(new, drive, inputs, ways)
+
+        def turned() -> list[Number]:
+            others = Turning(step).numbers(state, past, drive, inputs, shows=regime.shows)
+            found = [where(changes, *both) for both in zip(others, usual, strict=True)]
+            regime.set(found[:x])
+            return found
+
+        return step.kind.instead(changes, usual, turned)
+
+    every = step.kind.instead(going.leaves(new, ways), usual, looked)
+    e, v = x + len(efforts), len(step.varying)
+    return every[:x], every[x:e], Past(every[e : e + v], every[e + v :])
+
+
+@dataclass(frozen=True, slots=True)
+class At:
+    """Of a friction at the beginning of a step: what has to be `held`, and its `size` at rest."""
+
+    held: Number
+    size: Number
+
+
+@dataclass(frozen=True, slots=True)
+class Turning:
+    step: Step
+
+    @property
+    def _rubs(self) -> Sequence[Rub]:
+        return self.step.rubs
+
+    @property
+    def _kind(self) -> Kind:
+        return self.step.kind
+
+    @property
+    def _order(self) -> list[int]:
+        """In which efforts are found, each with the others as known: at first as if nothing turned.
+
+        What stops a current comes first, and once more: it and the motor act on each other strongly.
+        """
+        every = sorted(range(len(self._rubs)), key=lambda e: self._rubs[e].holds is not None)
+        return every * (1 + any(rub.holds is None for rub in self._rubs))
+
+    def numbers(
+        self,
+        state: list[Number],
+        past: Past,
+        drive: Column,
+        inputs: Mapping[str, Number],
+        *,
+        shows: bool,
+    ) -> list[Number]:
+        """New state, efforts if they are shown, sizes that vary, and trends: none, after a turn."""
+        step = self.step
+        sizes = [rub.steady for rub in self._rubs]
+        for e, one in zip(step.varying, past.sizes, strict=True):
+            sizes[e] = one
+        free, later = step.free(state, drive), step.later(drive)
+        held = [rub.held(state, drive) for rub in self._rubs]
+        rest = [At(*both) for both in zip(held, step.at_rest(state, inputs), strict=True)]
+        efforts, slips = self._efforts(free, state, later, sizes, rest)
+        if step.varying:
+            ahead = self._stopped(self._moved(free, efforts), slips)
+            sizes = step.between(state, ahead, inputs)
+            efforts, slips = self._efforts(free, state, later, sizes, rest)
+        new = self._held(self._stopped(self._moved(free, efforts), slips), state, slips)
+        shown = efforts if shows else []
+        varying = [sizes[e] for e in step.varying]
+        return [*new, *shown, *varying, *(self._kind.zero() for _ in varying)]
+
+    def _efforts(
+        self,
+        free: list[Number],
+        state: list[Number],
+        drive: Column,
+        sizes: list[Number],
+        rest: list[At],
+    ) -> tuple[list[Number], list[Mask]]:
+        """And where they let slip; `drive` at the end of the step."""
+        known = [
+            where(moving(state[rub.row]), signed(most, state[rub.row]), at.held)
+            for rub, most, at in zip(self._rubs, sizes, rest, strict=True)
+        ]
+        slips: dict[int, Mask] = {}
+        for e in self._order:
+            rub = self._rubs[e]
+            others = [
+                (self._rubs[k].column[rub.row], effort)
+                for k, effort in enumerate(known)
+                if k != e and rub.row in self._rubs[k].column
+            ]
+            stop, speed = total(free[rub.row], others) * rub.over, state[rub.row]
+            slipping = self._of_moving(stop, speed, rub.over, sizes[e], rest[e])
+            stopped = [stop if k == e else effort for k, effort in enumerate(known)]
+            there = self._moved(free, stopped, [k for k in rub.pull if k < len(free)])
+            still = self._of_still(stop, rub.held(there, drive), sizes[e], rest[e])
+            moves = moving(speed)
+            known[e] = where(moves, slipping[0], still[0])
+            slips[e] = slipping[1].both(moves).either(still[1].without(moves))
+        return known, [slips[e] for e in range(len(self._rubs))]
+
+    def _of_moving(
+        self, stop: Number, speed: Number, over: Number, most: Number, rest: At
+    ) -> tuple[Number, Mask]:
+        """The mean of it over a step from `speed` on, of which `stop` would make zero; where it slips.
+
+        With signs turned so that the speed is not negative, and in units of the effort: as long as
+        stop > most, the speed stays positive.  Else it is zero after a share of the step, and remains
+        so if what drives it there, stop - speed, is no more than friction can hold; if not, it goes on
+        backwards.
+        """
+        back = below(speed, 0.0)
+        ahead, rate = where(back, -stop, stop), size(speed) * over
+        against = rate - ahead + most  # what drives it backwards, and what brakes it
+        keeps, passes = above(ahead, most), above(against, most + rest.size)
+        turned = where(keeps, most, ahead)
+        (turned,) = self._kind.rarely(
+            passes.without(keeps), [turned], lambda: [most * (rate / against * 2.0 - 1.0)]
+        )
+        return where(back, -turned, turned), keeps.either(passes)
+
+    def _of_still(self, stop: Number, later: Number, most: Number, rest: At) -> tuple[Number, Mask]:
+        """From rest: what has to be held goes from `rest.held` to `later`, in the mean `stop`.
+
+        Once it is more than friction at rest can hold, the speed slips under `most`.
+        """
+        back = below(stop, 0.0)
+        mean, first, last = (where(back, -one, one) for one in (stop, rest.held, later))
+        slips = above(last, rest.size).either(above(mean, rest.size))
+
+        def slipping() -> list[Number]:
+            # Straight from the first to the middle, and on to the last.
+            middle = (mean * 6.0 - first - last) * 0.25
+            halves = [_beyond(*ends, rest.size) for ends in ((first, middle), (middle, last))]
+            share = (halves[0][0] + halves[1][0]) * 0.5
+            driving = (halves[0][1] + halves[1][1]) * 0.5
+            bent = mean - (first + middle * 2.0 + last) * 0.25
+            return [mean - driving - share * (rest.size - most + bent)]
+
+        (turned,) = self._kind.rarely(slips, [mean], slipping)
+        return where(back, -turned, turned), slips
+
+    def _moved(
+        self, free: list[Number], efforts: list[Number], only: Sequence[int] | None = None
+    ) -> list[Number]:
+        """All states, or `only` those right."""
+        new = list(free)
+        for rub, effort in zip(self._rubs, efforts, strict=True):
+            for i in (i for i in rub.column if only is None or i in only):
+                new[i] = fused(rub.column[i], effort, new[i])
+        return new
+
+    def _stopped(self, new: list[Number], slips: list[Mask]) -> list[Number]:
+        new = list(new)
+        for rub, moves in zip(self._rubs, slips, strict=True):
+            new[rub.row] = where(moves, new[rub.row], 0.0)
+        return new
+
+    def _held(self, new: list[Number], old: list[Number], slips: list[Mask]) -> list[Number]:
+        """Angles of speeds that were and are zero."""
+        for rub, moves in zip(self._rubs, slips, strict=True):
+            if rub.holds is not None:
+                moved = moves.either(moving(old[rub.row]))
+                new[rub.holds] = where(moved, new[rub.holds], old[rub.holds])
+        return new
+
+
+def _beyond(first: Number, last: Number, limit: Number) -> tuple[Number, Number]:
+    """For what share of a straight way it is beyond a limit, and by how much in the mean."""
+    begins, ends, rises = above(first, limit), above(last, limit), above(last, first)
+    far, near = where(rises, last, first), where(rises, first, last)
+    crosses = begins.either(ends).without(begins.both(ends))
+    share = where(crosses, (far - limit) / (far - near), where(begins, 1.0, 0.0))
+    over = where(begins.both(ends), (first + last) * 0.5 - limit, share * (far - limit) * 0.5)
+    return share, over

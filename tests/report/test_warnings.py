@@ -1,0 +1,56 @@
+"""What stands over a fit that must not be believed, and of several maxima."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bayesdrill.engines.mode import Mode, Other
+from bayesdrill.inference.residual_checks import Left, Limits
+from bayesdrill.report import words
+from bayesdrill.setup.own_units import OwnUnits
+
+LIMITS = Limits(least=0.95, most=1.05, correlation=0.06, farthest=4.5)
+WHITE = Left(
+    channel="w_1", rms=1.0, share=0.01, correlation=0.0, farthest=3.0, time=1.0, limits=LIMITS
+)
+
+
+@pytest.mark.parametrize(
+    ("found", "said"),
+    [
+        (WHITE, ""),
+        (replace(WHITE, rms=0.2), ""),
+        (replace(WHITE, rms=1.2), "MORE THAN NOISE IS LEFT by the fit"),
+        (replace(WHITE, rms=9.0, correlation=0.9), "DOES NOT FIT: far more than the noise is left"),
+        (replace(WHITE, rms=0.4, correlation=0.9), "DOES NOT FIT: what is left is far from white"),
+    ],
+)
+def test_the_warning_names_what_is_wrong_with_what_is_left(found: Left, said: str) -> None:
+    """Mutant killed: less than the noise, but coloured, called far more than the noise."""
+    assert words.misfit([WHITE, found]) == said
+
+
+@pytest.mark.parametrize(
+    ("elsewhere", "said"),
+    [
+        (2.5, "the one at k_s 2.5"),
+        (2.001, "within 1% of each other in every unknown"),
+    ],
+)
+def test_maxima_are_told_apart_by_their_places_or_said_to_be_close(
+    elsewhere: float, said: str
+) -> None:
+    """Mutant killed: places without a name, where no unknown tells them apart."""
+    other = Other(values={"k_s": elsewhere, "j_1": 3.0}, log_posterior=-1.0)
+    found = Mode(
+        values={"k_s": 2.0, "j_1": 3.0}, log_posterior=0.0, slope={}, gain=0.0, at_bound=(),
+        searches=(), others=(other,),
+    )  # fmt: skip
+    text = words.maxima(found, np.array([0.75, 0.25]), OwnUnits({}))
+    assert said in text
+    assert "75.0%" in text
+    assert "25.0%" in text
+    assert "  \n" not in text
