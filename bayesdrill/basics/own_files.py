@@ -91,6 +91,7 @@ RUN_FIGURES: Registry[None] = Registry(
                 "prior_posterior",
                 "friction",
                 "energy",
+                "torque",
                 "fit",
             ),
             *ON_REQUEST,
@@ -104,8 +105,8 @@ POSTERIOR = Kind(
     RUN,
     (
         *("chain.h5", "map.json", *CONFIGS, "posterior.nc", "summary.csv", "summary.md"),
-        *("derived.csv", "verdict.csv", "table.tex", "report.html"),
-        *figures(*RUN_FIGURES, "fit_#", "friction_#", "energy_#", formats=FORMATS),
+        *("derived.csv", "verdict.csv", "torque.csv", "table.tex", "report.html"),
+        *figures(*RUN_FIGURES, "fit_#", "friction_#", "energy_#", "torque_#", formats=FORMATS),
         *UNFINISHED.files,
     ),
     kept=(RECORD,),  # its config may be started over from this very folder

@@ -22,6 +22,7 @@ Purpose = Literal[
     "scout",
     "rank",
     "evidence",
+    "torque",
 ]
 
 _ORDER: tuple[Purpose, ...] = get_args(Purpose)

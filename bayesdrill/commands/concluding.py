@@ -26,6 +26,7 @@ from bayesdrill.report import (
     residual_words,
     step_words,
     tables,
+    torque_words,
     verdict_words,
 )
 from bayesdrill.report.view import View
@@ -94,6 +95,7 @@ def entries(found: View) -> dict[str, Any]:
         "causes": nuisance_words.as_data(found.causes),
         **nuisance_words.instead_as_data(found.instead if c.converged else None),
         **({"pieces": step_words.as_data(found.step_errors)} if found.step_errors else {}),
+        **({"torque": torque_words.as_data(found.shaking)} if found.shaking else {}),
         **({"energy": energy_words.as_data(found.accounts)} if found.accounts else {}),
         "verdict": None
         if found.judged is None

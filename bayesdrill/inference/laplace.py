@@ -79,7 +79,8 @@ def _record_rows(posterior: Posterior, theta: Array) -> Array:
         shifts = np.where(one.experiment.seen, signals[: len(theta)] - signals[len(theta) :], 0.0)
         slopes = _whitened(one, shifts, theta)
         rows.append(np.nan_to_num(slopes.reshape(len(theta), -1), posinf=0.0, neginf=0.0).T)
-        levels.append(_root_of(one.noise.expected(theta[one.own])) @ np.eye(len(theta))[one.own])
+        information = one.noise.expected(one.scatter(theta[None])[0])
+        levels.append(_root_of(information) @ np.eye(len(theta))[one.own])
     return np.vstack([*rows, *levels])
 
 
@@ -92,7 +93,7 @@ def _root_of(information: Array) -> Array:
 
 def _whitened(one: Observation, shifts: Array, theta: Array) -> Array:
     """`shifts (D, T, K)` of two steps, over the noise at `theta (D,)`."""
-    own = theta[None, one.own]
+    own = one.scatter(theta[None])
     if one.noise.white:
         return np.asarray(shifts / (2 * _STEP * one.noise.scales(own)[0]))
     return one.noise.inform(shifts / (2 * _STEP), np.repeat(own, len(shifts), axis=0))

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayesdrill.inference.noise.contract import Noise
+from bayesdrill.inference.noise.shaken import Shaken
 from bayesdrill.inference.unknowns import ParameterSpace
 from bayesdrill.record.experiment import Experiment
 from bayesdrill.rig.simulator import Simulator
@@ -25,7 +26,8 @@ class Observation:
     """A record, what simulates it, and how it scatters.
 
     `own`: columns of its noise's unknowns among `theta (W, D)`; `columns`: of its simulator's parameters
-    among `full (W, P)`, None for all of them.  `label`: its name among several.
+    among `full (W, P)`, None for all of them.  `label`: its name among several.  `space`: of all,
+    where its noise wants to know the rig.
     """
 
     response: Simulator
@@ -33,6 +35,7 @@ class Observation:
     own: slice | list[int]
     columns: list[int] | None = None
     label: str = ""
+    space: ParameterSpace | None = None
 
     @property
     def experiment(self) -> Experiment:
@@ -45,6 +48,14 @@ class Observation:
     def told(self, full: Array) -> Array:
         """What its simulator takes of parameters `(..., P)`."""
         return full if self.columns is None else full[..., self.columns]
+
+    def scatter(self, theta: Array) -> Array:
+        """What its noise is told at `theta (W, D)`: its unknowns and, if it wants them, the
+        parameters that its simulator is told.
+        """
+        if self.space is None:
+            return theta[:, self.own]
+        return np.concatenate([theta[:, self.own], self.told(self.space.full(theta))], axis=1)
 
     def named(self, own: Sequence[str], every: Sequence[str]) -> dict[str, str]:
         """What the first parameters of its simulator are called among those of all."""
@@ -59,23 +70,37 @@ class Observation:
         """The channels without noise, `(W, T, K)`."""
         return self.response.signals(self.told(full))
 
+    def followed(self, full: Array, theta: Array) -> Array:
+        """The channels without noise, `(W, T, K)`, with what a missing torque moves of them."""
+        signals, noise = self.signals(full), self.noise
+        if not isinstance(noise, Shaken):
+            return signals
+        return signals + noise.moved(self.experiment.y - signals, self.scatter(theta))
+
+    def again(self, signals: Array, theta: Array, rng: np.random.Generator) -> Array:
+        """The record once more `(W, T, K)`: `signals` with fresh noise, and the torque that it had."""
+        noise, own = self.noise, self.scatter(theta)
+        if not isinstance(noise, Shaken):
+            return noise.draw(signals, own, rng)
+        return noise.again(signals, self.experiment.y - signals, own, rng)
+
     def sensitivities(self, full: Array, along: Array) -> Array:
         """See `Simulator.sensitivities`; `along (W, q, P)`."""
         return self.response.sensitivities(self.told(full), self.told(along))
 
     def by_channel(self, full: Array, theta: Array) -> Array:
         """Log likelihood `(W, K)`."""
-        return self.noise.log_likelihood(self.residuals(full), theta[:, self.own])
+        return self.noise.log_likelihood(self.residuals(full), self.scatter(theta))
 
     def scales(self, theta: Array) -> Array:
         """Standard deviations of single samples `(W, K)`, SI."""
-        return self.noise.scales(theta[:, self.own])
+        return self.noise.scales(self.scatter(theta))
 
     def left(self, full: Array, theta: Array) -> Array:
         """Sums of squares `(W, K)` of what is left, over the noise."""
         if self.noise.white:
             return np.asarray(self.response.squares(self.told(full)) / self.scales(theta) ** 2)
-        samples = self.noise.whiten(self.residuals(full).samples, theta[:, self.own])
+        samples = self.noise.whiten(self.residuals(full).samples, self.scatter(theta))
         return np.asarray(np.nansum(samples**2, axis=1))
 
     def informed(self, shifts: Array, theta: Array) -> Array:
@@ -86,7 +111,7 @@ class Observation:
         mine = np.where(self.experiment.seen, shifts, 0.0)
         if self.noise.white:
             return np.asarray(mine / self.scales(theta[None]))
-        return self.noise.inform(mine, np.repeat(theta[None, self.own], len(mine), axis=0))
+        return self.noise.inform(mine, np.repeat(self.scatter(theta[None]), len(mine), axis=0))
 
     def levels(self, space: ParameterSpace) -> list[str]:
         """Names of its noise's unknowns."""
@@ -95,6 +120,14 @@ class Observation:
     def entitled(self, what: str) -> str:
         """`record of slow`, where there are several."""
         return f"{what} of {self.label}" if self.label else what
+
+    def pinned(self, theta: Array) -> Observation:
+        """With the covariance that its noise has at `theta (D,)`, where that follows from the rig."""
+        noise = self.noise
+        if self.space is None or not isinstance(noise, Shaken):
+            return self
+        own = self.told(self.space.full(theta[None]))[0]
+        return dataclasses.replace(self, noise=noise.pin(own))
 
     @property
     def numbers(self) -> int:
@@ -129,6 +162,9 @@ class Remains:
 
     def logs(self, weights: Array) -> Array:
         return self.response.logs(self.full, weights)
+
+    def intervals(self, over: Array, half: Array) -> Array:
+        return self.response.intervals(self.full, over, half)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -176,7 +212,17 @@ class Likelihood:
             if columns == list(range(len(space.model))):
                 columns = None
             own = _places([space.free.index(name) for name in one.levels], len(space.free))
-            made.append(Observation(one.response, one.noise, own, columns, one.label))
+            noise, wants = one.noise, isinstance(one.noise, Shaken)
+            made.append(
+                Observation(
+                    one.response,
+                    noise.of_rig(one.response) if isinstance(noise, Shaken) else noise,
+                    own,
+                    columns,
+                    one.label,
+                    space if wants else None,
+                )
+            )
         return cls(tuple(made), space)
 
     def __call__(self, theta: Array) -> Array:
@@ -206,6 +252,11 @@ class Likelihood:
         """Of each observation, `(W, T, K)`."""
         full = self.space.full(theta)
         return [one.signals(full) for one in self.observations]
+
+    def pinned(self, theta: Array) -> Likelihood:
+        """With covariances as they are at `theta (D,)`."""
+        held = tuple(one.pinned(theta) for one in self.observations)
+        return dataclasses.replace(self, observations=held)
 
     def whitened(self, theta: Array) -> Array:
         """Model minus measured over the noise at `theta (D,)`; zero where nothing was seen: `(n,)`."""

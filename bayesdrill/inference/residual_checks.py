@@ -105,8 +105,8 @@ def left(likelihood: Likelihood, theta: Array) -> tuple[Left, ...]:
 def _of(one: Observation, full: Array, theta: Array, channels: int) -> list[Left]:
     """`channels`: how many there are in all observations."""
     experiment = one.experiment
-    remains = one.residuals(full).samples
-    residuals = one.noise.whiten(remains, theta[:, one.own])[0]
+    remains = experiment.y - one.followed(full, theta)
+    residuals = one.noise.whiten(one.residuals(full).samples, one.scatter(theta))[0]
     return [
         _channel(
             one,

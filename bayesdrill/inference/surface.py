@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -101,6 +101,9 @@ class Fused:
     def logs(self, weights: Array) -> Array:
         return self.every.logs(weights)
 
+    def intervals(self, over: Array, half: Array) -> Array:
+        return self.every.intervals(over, half)
+
 
 def slopes(
     one: Observation, full: Array, along: Array, own: Array
@@ -120,6 +123,25 @@ def slopes(
     rows = np.stack([one.noise.inform(shifts[:, q], own) for q in range(along.shape[1])], axis=1)
     flat = rows.reshape(*rows.shape[:2], -1)
     return left, slope, flat @ flat.swapaxes(1, 2)
+
+
+def _shaken(
+    one: Observation, full: Array, along: Array | None, own: Array, levels: Array
+) -> tuple[Array, Array]:
+    """Slope and curvature of all together, as parameters are in the covariance too; `levels (W, q, n)`:
+    slopes of the noise's unknowns.
+    """
+    noise: Any = one.noise
+    n, q = levels.shape[:2]
+    if along is None:
+        along = np.zeros((n, q, full.shape[1]))
+    told, turned = one.told(full), one.told(along)
+    signals, shifts = one.response.course(told, turned)
+    left = np.nan_to_num(one.experiment.y - signals)
+    found: tuple[Array, Array] = noise.expand(
+        left, -shifts, own, np.concatenate([levels, turned], axis=-1)
+    )
+    return found
 
 
 class PosteriorSurface:
@@ -177,7 +199,12 @@ class PosteriorSurface:
         slope = np.zeros((len(theta), directions.shape[1]))
         curvature = np.zeros((len(theta), directions.shape[1], directions.shape[1]))
         for one in self.posterior.likelihood.observations:
-            own = theta[:, one.own]
+            own = one.scatter(theta)
+            if one.space is not None:
+                moved = coordinates.slopes(theta)[:, None, :] * directions.T
+                pulled, bent = _shaken(one, full, along, own, moved[..., one.own])
+                slope, curvature = slope + pulled, curvature + bent
+                continue
             shown: Remains | Fused = one.residuals(full)
             if along is not None:
                 shown, pulled, bent = slopes(one, full, along, own)

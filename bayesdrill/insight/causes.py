@@ -262,7 +262,7 @@ class _Left:
     def of(cls, posterior: Posterior, theta: Array, wider: Posterior) -> _Left:
         known = not any(one.noise.unknowns for one in posterior.likelihood.observations)
         seen = [one.experiment.seen for one in wider.likelihood.observations]
-        own = [theta[None, one.own] for one in posterior.likelihood.observations]
+        own = [one.scatter(theta[None]) for one in posterior.likelihood.observations]
         floor = float(sum(each.sum() for each in seen)) if known else 0.0
         without = cls(own=own, seen=seen, before=0.0, floor=floor)
         return dataclasses.replace(without, before=without.at(posterior, theta))

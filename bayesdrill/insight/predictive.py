@@ -89,7 +89,7 @@ def leave_one_out(likelihood: Likelihood, one: Observation, theta: Array) -> Arr
     What is left of a sample is whitened, so that each counts on those before it where the noise
     remembers them.
     """
-    experiment, own = one.experiment, theta[:, one.own]
+    experiment, own = one.experiment, one.scatter(theta)
     rest = one.residuals(likelihood.space.full(theta)).samples
     n = len(experiment.t)
     seen = np.unique(np.linspace(0, n - 1, min(n, MOST)).round().astype(int))

@@ -37,6 +37,7 @@ RIDGE = (
 TRACE = "What the walkers of each ensemble did, step by step."
 PRIOR_POSTERIOR = "Prior against posterior of each parameter: what the record has added."
 FRICTION = "Each friction against its speed: its law, where the record saw it, and nominal values."
+TORQUE = "The missing torque over time, and against what the rig did: speeds, angle, inputs."
 ENERGY = "Where the energy goes: what came in, and what became of it, in joules and as shares."
 FIT = "Record, model at the MAP and posterior predictive band; beside them what is left, and the noise."
 FIT_RUBBED = f"{FIT} Below: what rubs, and when it sticks."
@@ -158,6 +159,19 @@ def _energy(run: View) -> tuple[Drawing, ...]:
     )
 
 
+def _torque(run: View) -> tuple[Drawing, ...]:
+    """Of a rig whose equations leave one out."""
+    from bayesdrill.report.torque_plot import torque_figure
+    from bayesdrill.report.torque_shown import shown
+
+    return tuple(
+        Drawing(
+            torque_figure, (shown(one, run.clock), run.width), says=_captioned(one.label, TORQUE)
+        )
+        for one in run.shaking
+    )
+
+
 def fits_alone(
     problem: Problem, config: Config, best: Array, left: Sequence[Left]
 ) -> dict[str, Drawing]:
@@ -226,6 +240,7 @@ FIGURES: Registry[Recipe] = Registry(
         "prior_posterior": _prior_posterior,
         "friction": _friction,
         "energy": _energy,
+        "torque": _torque,
         "fit": _fit,  # last of those usually drawn: its draws take a while
         "rank": _rank,
         "autocorrelation": _autocorrelation,

@@ -126,7 +126,7 @@ def _signals(
     predictive: Mapping[str, Array],
 ) -> tuple[Signal, ...]:
     experiment = one.experiment
-    models = one.signals(problem.posterior.space.full(best[None]))[0]
+    models = one.followed(problem.posterior.space.full(best[None]), best[None])[0]
     sigmas = one.scales(best[None])[0]
     shares = {each.channel: each.share for each in left if each.experiment == one.label}
     found = []

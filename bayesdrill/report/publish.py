@@ -22,6 +22,7 @@ from bayesdrill.report import (
     latex,
     provenance_words,
     tables,
+    torque_words,
     verdict_words,
 )
 from bayesdrill.report.figures import FIGURES, drawings, drawn
@@ -52,6 +53,7 @@ TABLES: Mapping[str, Callable[[View], str | None]] = MappingProxyType(
         "summary.csv": lambda view: tables.as_csv(view.rows),
         "derived.csv": lambda view: derived_words.as_csv(view.following),
         "verdict.csv": _verdict,
+        "torque.csv": lambda view: torque_words.as_csv(view.shaking),
         "table.tex": lambda view: latex.table(
             view.units.rows(view.rows), view.units.symbols(view.problem.symbols)
         ),
@@ -60,7 +62,9 @@ TABLES: Mapping[str, Callable[[View], str | None]] = MappingProxyType(
 
 
 _SEVERAL = tuple(  # of as many experiments
-    f"{stem}_{k}" for stem in ("fit", "friction", "energy") for k in range(1, MOST_NAMED + 1)
+    f"{stem}_{k}"
+    for stem in ("fit", "friction", "energy", "torque")
+    for k in range(1, MOST_NAMED + 1)
 )
 
 

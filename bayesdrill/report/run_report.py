@@ -17,6 +17,7 @@ from bayesdrill.report import (
     residual_words,
     step_words,
     tables,
+    torque_words,
     verdict_words,
     words,
 )
@@ -48,6 +49,7 @@ def sections(run: View, pictures: Sequence[Picture] = ()) -> tuple[Section, ...]
         Section("Parameters", _parameters(run)),
         *((_against(judged.verdict),) if judged is not None else ()),
         *_repeats(run),
+        *_torque(run),
         *_energy(run),
         *shown,
         *_evidence(run),
@@ -109,6 +111,15 @@ def _evidence(run: View) -> Iterator[Section]:
             run.evidence, run.vague, converged=run.sampled.convergence.converged
         )
         yield Section("Evidence", (Sentences(said), Note(evidence_words.EXPLAINED)))
+
+
+def _torque(run: View) -> Iterator[Section]:
+    """Of a rig whose equations leave one out."""
+    for one in run.shaking:
+        where = f" of {one.label}" if one.label else ""
+        said = Sentences(torque_words.sentence(one))
+        shown = torque_words.table(one)
+        yield Section(f"The missing torque{where}", (said, shown, Note(torque_words.READ)))
 
 
 def _energy(run: View) -> Iterator[Section]:

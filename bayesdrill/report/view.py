@@ -28,6 +28,7 @@ from bayesdrill.insight.instead import Instead, instead
 from bayesdrill.insight.leaning import leaning
 from bayesdrill.insight.repeats import Repeat
 from bayesdrill.insight.rubbing import Rubbing, rubbings
+from bayesdrill.insight.shaking import Shaking, shakings
 from bayesdrill.insight.vagueness import Vague, vague
 from bayesdrill.insight.verdict import Judgement
 from bayesdrill.report import residual_words, words
@@ -45,7 +46,7 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-BANDS, ACCOUNTS = 100, 25  # draws
+BANDS, ACCOUNTS, PATHS = 100, 25, 300  # draws
 
 
 @dataclass(frozen=True, slots=True)
@@ -158,6 +159,12 @@ class View:
     def vague(self) -> tuple[Vague, ...]:
         """Priors that are too wide for the evidence to mean much."""
         return vague(self.rows, self.draws, self.problem.posterior.space.priors)
+
+    @cached_property
+    def shaking(self) -> tuple[Shaking, ...]:
+        """The missing torque of each experiment, where there is one."""
+        rng = seeds.stream(self.config.seed, "torque")
+        return shakings(self.problem.posterior, self.some(PATHS), rng)
 
     @cached_property
     def leaning(self) -> Mapping[str, tuple[str, ...]]:

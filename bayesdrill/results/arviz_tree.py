@@ -92,8 +92,8 @@ def _predict(
     for chain, theta in enumerate(draws):
         full = space.full(theta)
         for one in problem.observations:
-            signals, own = one.signals(full), theta[:, one.own]
-            fresh = one.noise.draw(signals, own, rng)
+            signals, own = one.signals(full), one.scatter(theta)
+            fresh = one.again(signals, theta, rng)
             log_p = one.noise.pointwise(one.experiment.y - signals, own)
             for c in (c for c in columns if c.one is one):
                 predictive[c.name][chain] = fresh[..., c.place]

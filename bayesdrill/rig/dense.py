@@ -97,7 +97,7 @@ class Dense:
     def tallied(
         self, walkers: tuple[Any, ...], y: Array, tally: Tally, weights: Array | None = None
     ) -> Array:
-        """`(W, K, n)` of residuals of the record `y (T, K)`; `weights (W, K)` where it is weighed."""
+        """`(W, K, n)` of residuals of the record `y (T, K)`; `weights (W, K m)`, if any."""
         n, k_count = len(walkers[0]), y.shape[1]
         out = np.empty((-(-n // LANES), k_count * tally.count, LANES))
         full = np.empty((len(self._grid.t), y.shape[1]))

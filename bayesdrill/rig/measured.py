@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 
 from bayesdrill.record.experiment import Experiment, frozen
 from bayesdrill.rig.dense import Dense
-from bayesdrill.rig.kernels.tally import LOGS, NEIGHBOURS
+from bayesdrill.rig.kernels.tally import INTERVALS, LOGS, NEIGHBOURS
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.models.tangent import Tangent
 from bayesdrill.rig.sensing import Sensing
-from bayesdrill.rig.sums import log_sums, normal
+from bayesdrill.rig.sums import interval_sums, log_sums, normal
 from bayesdrill.rig.walkers import Numbers, Walkers
 
 Array = NDArray[np.float64]
@@ -74,6 +74,13 @@ class Measured:
         with np.errstate(all="ignore"):
             settings = self._settings(full)
             return log_sums(self._dense.tallied(settings, self._walkers.padded, LOGS, weights))
+
+    def intervals(self, full: Array, over: Array, half: Array) -> Array:
+        own = np.stack([over, half], axis=-1).reshape(len(full), -1)
+        with np.errstate(all="ignore"):
+            settings = self._settings(full)
+            found = self._dense.tallied(settings, self._walkers.padded, INTERVALS, own)
+            return interval_sums(found)
 
     def sensitivities(self, full: Array, along: Array) -> Array:
         n, q, _ = along.shape

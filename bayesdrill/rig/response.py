@@ -20,7 +20,7 @@ from bayesdrill.rig.kernels import LANES, TALLIES, Kernels, Layout, compile_kern
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.models.tangent import DOT, Tangent
 from bayesdrill.rig.sensing import Sensing
-from bayesdrill.rig.sums import log_sums
+from bayesdrill.rig.sums import interval_sums, log_sums
 
 Array = NDArray[np.float64]
 
@@ -61,6 +61,11 @@ class Response:
     @property
     def parameters(self) -> tuple[str, ...]:
         return self.model.parameters
+
+    @property
+    def record(self) -> tuple[Array, Array]:
+        """As kernels read it: channels `(T, K)`, sampled inputs `(T + 1, S)`."""
+        return self._y, self._u
 
     @property
     def _kernels(self) -> Kernels:
@@ -104,6 +109,11 @@ class Response:
     def logs(self, theta: Array, weights: Array) -> Array:
         told = np.concatenate([theta, weights], axis=1)
         return log_sums(self._tallied("logs", self._made_for("logs"), told))
+
+    def intervals(self, theta: Array, over: Array, half: Array) -> Array:
+        own = np.stack([over, half], axis=-1).reshape(len(theta), -1)
+        told = np.concatenate([theta, own], axis=1)
+        return interval_sums(self._tallied("intervals", self._made_for("intervals"), told))
 
     def _made_for(self, name: str) -> Kernels:
         """A tally's, made when it is first asked for."""

@@ -53,6 +53,12 @@ class Simulator(Protocol):
         """Sums `(W, K)` of log(1 + weight times squared residual), with `weights (W, K)`."""
         ...
 
+    def intervals(self, full: Array, over: Array, half: Array) -> Array:
+        """Sums `(W, K)` of logs of the probability that a standard normal number is within `half (W, K)`
+        of the residual times `over (W, K)`; `half` at least 0.2.
+        """
+        ...
+
     def sensitivities(self, full: Array, along: Array) -> Array:
         """d signal along q directions `(W, q, P)` in the space of parameters: `(W, q, T, K)`."""
         ...

@@ -20,11 +20,11 @@ from bayesdrill.record.experiment import Experiment, frozen
 from bayesdrill.rig.ahead import Ahead
 from bayesdrill.rig.kernels import Tally
 from bayesdrill.rig.kernels.stepping import Shape, compile_stepping
-from bayesdrill.rig.kernels.tally import LOGS, NEIGHBOURS, SQUARES
+from bayesdrill.rig.kernels.tally import INTERVALS, LOGS, NEIGHBOURS, SQUARES
 from bayesdrill.rig.models.friction import frictions_of
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.sensing import Sensing
-from bayesdrill.rig.sums import log_sums, normal
+from bayesdrill.rig.sums import interval_sums, log_sums, normal
 from bayesdrill.rig.told import Told
 from bayesdrill.rig.walkers import Walkers
 
@@ -105,6 +105,11 @@ class Stepped:
     def logs(self, full: Array, weights: Array) -> Array:
         with np.errstate(all="ignore"):
             return log_sums(self._run(self._ahead, full, tally=LOGS, weights=weights))
+
+    def intervals(self, full: Array, over: Array, half: Array) -> Array:
+        own = np.stack([over, half], axis=-1)
+        with np.errstate(all="ignore"):
+            return interval_sums(self._run(self._ahead, full, tally=INTERVALS, weights=own))
 
     def sensitivities(self, full: Array, along: Array) -> Array:
         return self.course(full, along)[1]

@@ -15,6 +15,11 @@ MOST_BYTES = 6e7  # of sensitivities at a time
 MOST_SQUARES = 1e200  # beyond which a product of their logs may have overflown
 
 
+def interval_sums(tally: Array) -> Array:
+    """Of a tally of intervals `(W, K, 4)`, likewise."""
+    return np.asarray(log_sums(tally[..., :3]) + tally[..., 3])
+
+
 def log_sums(tally: Array) -> Array:
     """Of a tally of logs `(W, K, 3)`, see `kernels.tally`: `(W, K)`, NaN where squares overflow."""
     squares, product, powers = np.moveaxis(tally, -1, 0)

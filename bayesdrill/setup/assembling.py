@@ -17,7 +17,7 @@ from bayesdrill.record.experiment import Experiment
 from bayesdrill.rig.choosing import simulator
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.simulator import Simulator
-from bayesdrill.setup import beginning, build, sensors
+from bayesdrill.setup import beginning, build, missing_torque, sensors
 from bayesdrill.setup.config import Config
 from bayesdrill.setup.experiments import View, common_or_own
 from bayesdrill.setup.number_objects import formula
@@ -82,16 +82,19 @@ def _told_and_noise(
     view: View, model: Model, experiment: Experiment
 ) -> tuple[Simulator, list[Declared], Noise]:
     response, told = simulated(view, model, experiment)
-    return response, told, _noise(view, model, response.experiment)
+    return response, told, _noise(view, model, response)
 
 
-def _noise(view: View, model: Model, experiment: Experiment) -> Noise:
-    """Of the channels of one record."""
-    found = build.noise(build.channels(view.config, model), len(experiment.t))
+def _noise(view: View, model: Model, response: Simulator) -> Noise:
+    """Of the channels of one record, and what shakes it."""
+    experiment = response.experiment
+    found, place = build.noise(build.channels(view.config, model), len(experiment.t)), "record"
     try:
-        return of_record(found, experiment.t, experiment.seen)
+        found = of_record(found, experiment.t, experiment.seen)
+        place = "missing_torque"
+        return missing_torque.shaken(view.config, model, found, experiment, response.sensing)
     except ValueError as error:
-        raise InputError([view.source.problem(("record",), str(error))]) from None
+        raise InputError([view.source.problem((place,), str(error))]) from None
 
 
 def _unsaid_motion(config: Config, model: Model, experiment: Experiment) -> str:

@@ -30,7 +30,7 @@ from bayesdrill.rig.models import MODELS
 from bayesdrill.rig.models.composed import with_named
 from bayesdrill.rig.models.friction import frictions_of
 from bayesdrill.rig.models.linear import Model, outer_of
-from bayesdrill.setup import number_entries, number_objects
+from bayesdrill.setup import missing_torque, number_entries, number_objects
 from bayesdrill.setup.config import Config
 from bayesdrill.setup.experiment_entries import ChannelSpec
 from bayesdrill.setup.number_objects import prior, quantity, relation, rescaled, start
@@ -265,6 +265,11 @@ def noise(channels: Sequence[Measured], n_samples: int) -> Noise:
         for kind, own in kinds.items()
     ]
     return parts[0].noise if len(parts) == 1 else Mixed(tuple(parts))
+
+
+def scatter(config: Config, channels: Sequence[Measured], n_samples: int) -> tuple[Unknown, ...]:
+    """Unknowns of the noise of all channels, and of what shakes the rig."""
+    return (*noise(channels, n_samples).unknowns, *missing_torque.unknowns(config))
 
 
 def channels(config: Config, model: Model) -> list[Measured]:

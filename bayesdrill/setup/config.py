@@ -35,6 +35,7 @@ from bayesdrill.setup.experiment_entries import (
 )
 from bayesdrill.setup.number_entries import QuantitySpec, ending, held, parameter_spec, shape
 from bayesdrill.setup.output_entries import MOST_NAMED, OutputSpec
+from bayesdrill.setup.torque_entries import MissingTorqueSpec
 
 Searches = Annotated[int, Field(ge=1, le=1000)]
 
@@ -241,6 +242,9 @@ class Config(Strict):
         dict[str, Annotated[DerivedSpec, BeforeValidator(_formula_alone)]],
         Field(max_length=MOST_NAMED),
     ] = Field(default_factory=dict, description="Formulas that are computed for every draw.")
+    missing_torque: MissingTorqueSpec | None = Field(
+        None, description="What the rig's equations leave out, as a torque over time."
+    )
     map: MapSpec = MapSpec()
     sampler: SamplerSpec = SamplerSpec()
     output: OutputSpec = OutputSpec()

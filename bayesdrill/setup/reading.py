@@ -76,8 +76,8 @@ class _Reader:
         held = self._held_out(t, y)
         series, turned = self._inputs(t, columns)
         raise_if_any(self._sources.problems)
-        noise = build.noise(measured, len(t))
-        n_unknown = len(build.space(config, model, noise.unknowns).free)
+        levels = build.scatter(config, measured, len(t))
+        n_unknown = len(build.space(config, model, levels).free)
         shortened_by = "file" if config.record.window is None else "window"
         label = self._sources.label(("record", shortened_by))
         raise_if_any(check_length(label, np.sum(~np.isnan(y), axis=0).tolist(), n_unknown))

@@ -18,7 +18,15 @@ from bayesdrill.inference.unknowns import Unknown, of_label
 from bayesdrill.record.experiment import Experiment, frozen, raise_if_any, times
 from bayesdrill.rig.choosing import simulator
 from bayesdrill.rig.models.linear import Model
-from bayesdrill.setup import build, given_inputs, number_objects, reading, sensors, writing
+from bayesdrill.setup import (
+    build,
+    given_inputs,
+    missing_torque,
+    number_objects,
+    reading,
+    sensors,
+    writing,
+)
 from bayesdrill.setup.config import Config
 from bayesdrill.setup.experiments import View, views
 from bayesdrill.setup.yaml_source import Source
@@ -71,8 +79,14 @@ def one(view: View, seed: int, target: Path | None = None, index: int = 0) -> st
     signals = response.signals(full)[0]
     known = [_known(config, source, entry) for entry in measured]
     noise = of_record(build.noise(known, len(signals)), experiment.t, experiment.seen)
-    own = np.array([[_true_of_noise(view, unknown) for unknown in noise.unknowns]])
-    noisy = noise.draw(signals[None], own, seeds.stream(seed, "record", index))[0]
+    own = [_true_of_noise(view, unknown) for unknown in noise.unknowns]
+    rng = seeds.stream(seed, "record", index)
+    if config.missing_torque is None:
+        noisy = noise.draw(signals[None], np.array([own]), rng)[0]
+    else:
+        shaken = missing_torque.shaken(config, rig, noise, experiment, sensing)
+        own += [_true_of_noise(view, unknown) for unknown in missing_torque.unknowns(config)]
+        noisy = shaken.draw(signals[None], np.array([[*own, *full[0]]]), rng)[0]
     y = noisy / np.array([entry.factor for entry in measured])
     return writing.as_text(config, source, experiment, y)
 

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from benchmarks.zoo import beliefs, driven, rubs, sensors, steps, unsound
+from benchmarks.zoo import beliefs, driven, noises, rubs, sensors, steps, unsound
 from benchmarks.zoo.row import Row
 
 
 def every() -> tuple[Row, ...]:
-    sound = (*steps.rows(), *driven.rows(), *rubs.rows(), *sensors.rows(), *beliefs.rows())
-    return (*sound, *unsound.rows())
+    moved = (*steps.rows(), *driven.rows(), *rubs.rows())
+    seen = (*sensors.rows(), *noises.rows(), *beliefs.rows())
+    return (*moved, *seen, *unsound.rows())
 
 
 def chosen(names: list[str] | None = None, *, quick: bool = False) -> tuple[Row, ...]:

@@ -12,6 +12,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import scipy.special
 import scipy.stats
 from numpy.typing import NDArray
 from oracles import NOMINAL
@@ -107,7 +108,15 @@ def asked(samples: Array) -> SimpleNamespace:
         weighed=lambda w: squares * w**2,
         neighbours=np.stack([squares, products, samples[:, -1], samples[:, 0]], axis=-1),
         logs=lambda w: np.log1p(w[:, None] * samples**2).sum(axis=1),
+        intervals=lambda over, half: masses(samples * over[:, None], half[:, None]).sum(axis=1),
     )
+
+
+def masses(middle: Array, half: Array) -> Array:
+    """Logs of what a standard normal number has within half a width of a middle, in the lower tail."""
+    near, far = half - np.abs(middle), -half - np.abs(middle)
+    one = scipy.special.log_ndtr(near)
+    return np.asarray(one + np.log(-np.expm1(scipy.special.log_ndtr(far) - one)))
 
 
 def natural(of: Noise, own: Array, column: int, step: float) -> Array:

@@ -52,7 +52,15 @@ def left_of(samples: Array) -> SimpleNamespace:
         squares=(kept**2).sum(axis=1),
         neighbours=found,
         logs=lambda w: np.log1p(w[:, None] * kept**2).sum(axis=1),
+        intervals=lambda over, half: within(samples * over[:, None], half[:, None]),
     )
+
+
+def within(middle: Array, half: Array) -> Array:
+    """As kernels have it: a walker that overflows is lost, what is not seen has none."""
+    mass = scipy.stats.norm.cdf(np.abs(middle) + half) - scipy.stats.norm.cdf(np.abs(middle) - half)
+    seen = ~np.isnan(middle).all(axis=0)
+    return np.asarray(np.where(seen, np.log(mass), 0.0).sum(axis=1))
 
 
 def dense(t: Array, sigma: float, rho: float, usual: float) -> Array:
@@ -244,3 +252,17 @@ def test_channels_of_other_kinds_have_their_own_sums() -> None:
             alone = of_record(part.noise, UNEVEN, here[:, [k]])
             true = alone.log_likelihood(left_of(shown[..., [k]]), some)
             assert found[:, [k]] == pytest.approx(true)
+
+
+def test_where_a_step_is_small_beside_sigma_samples_are_asked() -> None:
+    """And only there: each walker by itself."""
+    of = Quantised.of([noisy("w_1", 0.3, step=0.1)], 8)
+    own = np.array([[1.0], [0.02], [0.26], [0.24]])  # of sigma: 10, 0.2, 2.6 and 2.4 steps
+    samples = np.random.default_rng(0).normal(0, 0.05, (4, 8, 1))
+    told = left_of(samples)
+    told.intervals = lambda over, half: np.full(over.shape, 7.0)
+    found = of.log_likelihood(told, own)[:, 0]
+    exact = of.pointwise(samples, own).sum(axis=1)[:, 0]
+    fused = 7.0 - 8 * math.log(0.1)
+    assert found == pytest.approx([exact[0], fused, exact[2], fused])
+    assert of.log_likelihood(left_of(samples), own)[:, 0] == pytest.approx(exact)

@@ -14,6 +14,7 @@ import pytest
 from oracles import NOMINAL
 from rigs import experiment, vector
 from rubbing_cases import CASES
+from scipy.special import log_ndtr
 from stepping import experiment_of, parameters, stepped
 
 from bayesdrill.record.experiment import Experiment
@@ -94,6 +95,12 @@ def test_tallies_are_those_of_the_samples(name: str) -> None:
     weights = np.exp(np.random.default_rng(1).normal(0, 3, (len(full), y.shape[1])))
     logs = np.log1p(weights[:, None] * np.where(seen, left, 0.0) ** 2).sum(axis=1)
     assert rig.logs(full, weights) == pytest.approx(logs, rel=1e-9)
+    over = np.exp(np.random.default_rng(2).uniform(-1, 4, (len(full), y.shape[1])))
+    half = np.exp(np.random.default_rng(3).uniform(np.log(0.2), 3, over.shape))
+    middle, widths = np.where(seen, np.abs(left), 0.0) * over[:, None], half[:, None]
+    near, far = log_ndtr(widths - middle), log_ndtr(-widths - middle)
+    masses = np.where(seen, near + np.log(-np.expm1(far - near)), 0.0).sum(axis=1)
+    assert rig.intervals(full, over, half) == pytest.approx(masses, rel=1e-8, abs=1e-6)
     for k in range(y.shape[1]):
         own = left[:, seen[:, k], k]
         squares, size = (own**2).sum(axis=1), np.abs(own).max()
@@ -114,6 +121,7 @@ def test_a_walker_that_overflows_harms_no_other(name: str) -> None:
     for found, true in (
         (rig.neighbours(sick), rig.neighbours(full)),
         (rig.logs(sick, weights), rig.logs(full, weights)),
+        (rig.intervals(sick, weights, weights), rig.intervals(full, weights, weights)),
     ):
         assert np.array_equal(found[others], true[others])
         assert np.isnan(found[4].reshape(found.shape[1], -1)[:, 0]).all()

@@ -34,14 +34,16 @@ class Residuals(Protocol):
     """Measured minus model at W points of K channels, as far as a noise asks for them.
 
     `squares (W, K)`: their sums, without a sample kept; `weighed`: of the residuals times the noise's
-    own `weights (W, K)`; `neighbours (W, K, 4)` and `logs (W, K)`: as `Simulator` has them, without a
-    sample kept either; `samples (W, T, K)`.
+    own `weights (W, K)`; `neighbours (W, K, 4)`, `logs (W, K)` and `intervals (W, K)`: as `Simulator`
+    has them, without a sample kept either; `samples (W, T, K)`.
     """
 
     @property
     def neighbours(self) -> Array: ...
 
     def logs(self, weights: Array) -> Array: ...
+
+    def intervals(self, over: Array, half: Array) -> Array: ...
 
     def weighed(self, weights: Array) -> Array: ...
 

@@ -67,9 +67,16 @@ class _Some:
         return self.every.neighbours[:, self.columns]
 
     def logs(self, weights: Array) -> Array:
-        all_of_them = np.zeros(self.every.squares.shape)
-        all_of_them[:, self.columns] = weights
-        return self.every.logs(all_of_them)[:, self.columns]
+        return self.every.logs(self._of_all(weights))[:, self.columns]
+
+    def intervals(self, over: Array, half: Array) -> Array:
+        return self.every.intervals(self._of_all(over), self._of_all(half))[:, self.columns]
+
+    def _of_all(self, numbers: Array) -> Array:
+        """Of all channels, as kernels want them; of others any number will do."""
+        out = np.ones(self.every.squares.shape)
+        out[:, self.columns] = numbers
+        return out
 
     def weighed(self, weights: Array) -> Array:
         return self.squares * weights**2

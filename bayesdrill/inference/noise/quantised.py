@@ -25,6 +25,7 @@ from bayesdrill.inference.unknowns import Unknown
 
 Array = NDArray[np.float64]
 
+WIDE = 0.2  # half a step over sigma, from which on kernels have the digits
 FAR = 9.0  # sigma from the end of an interval: beyond, nothing is left to be known
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(160)
 GRID = (0.01, 2.0, 96)  # of sigma over what is left, when it is sought
@@ -84,9 +85,17 @@ class Quantised:
         return np.asarray(np.sqrt(self.levels.scales(own) ** 2 + np.array(self.steps) ** 2 / 12.0))
 
     def log_likelihood(self, residuals: Residuals, own: Array) -> Array:
-        terms, n = self.pointwise(residuals.samples, own), self.levels.sizes
-        lost = np.isnan(terms).sum(axis=1) != terms.shape[1] - n  # more than was not seen
-        return np.asarray(np.where(lost, np.nan, np.nansum(terms, axis=1)))
+        """By kernels where a step is not small beside sigma; else the difference of tails is rounded."""
+        sigma, steps, n = self.levels.scales(own), np.array(self.steps), self.levels.sizes
+        half = 0.5 * steps / sigma
+        found = residuals.intervals(1.0 / sigma, np.maximum(half, WIDE)) - n * np.log(steps)
+        fine = (half < WIDE).any(axis=1)
+        if fine.any():
+            terms = self.pointwise(residuals.samples[fine], own[fine])
+            lost = np.isnan(terms).sum(axis=1) != terms.shape[1] - n  # more than was not seen
+            exact = np.where(lost, np.nan, np.nansum(terms, axis=1))
+            found[fine] = np.where(half[fine] < WIDE, exact, found[fine])
+        return np.asarray(found)
 
     def pointwise(self, samples: Array, own: Array) -> Array:
         return np.asarray(self._interval(samples, own).log_mass - np.log(self.steps))

@@ -123,7 +123,7 @@ def _simulated(posterior: Posterior, rng: np.random.Generator) -> tuple[Array, P
         message = f"the model has no finite response at {TRIES} draws from the priors; narrow them"
         raise InputError.one("parameters", message)
     made = [
-        one.with_record(one.noise.draw(each, theta[:, one.own], rng)[0])
+        one.with_record(one.noise.draw(each, one.scatter(theta), rng)[0])
         for one, each in zip(likelihood.observations, signals, strict=True)
     ]
     simulated = dataclasses.replace(likelihood, observations=tuple(made))

@@ -63,7 +63,9 @@ class Fitter:
     """
 
     def __init__(self, posterior: Posterior, scenery: Scenery, theta: Array) -> None:
-        self._scenery, self._likelihood = scenery, posterior.likelihood
+        self._likelihood = posterior.likelihood.pinned(theta)
+        pinned = any(one.space is not None for one in self._likelihood.observations)
+        self._scenery = Scenery(self._likelihood) if pinned else scenery
         self._coordinates = posterior.coordinates
         self._m = len(scenery.unknowns) + len(scenery.nuisances)
         self._noise = theta[self._m :]
@@ -174,7 +176,7 @@ class Fitter:
         full, found = self._likelihood.space.full(theta[None]), theta.copy()
         for one in self._likelihood.observations:
             left = one.residuals(full).samples[0]
-            found[one.own] = one.noise.fitted(left, theta[one.own])
+            found[one.own] = one.noise.fitted(left, one.scatter(theta[None])[0])
         self._noise = found[self._m :]
 
 

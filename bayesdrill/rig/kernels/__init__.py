@@ -23,11 +23,11 @@ from bayesdrill.rig.kernels.lanes import LANES
 from bayesdrill.rig.kernels.layout import Layout
 from bayesdrill.rig.kernels.normal import emit_normal, scratch_size
 from bayesdrill.rig.kernels.recurrence import emit_response
-from bayesdrill.rig.kernels.tally import LOGS, NEIGHBOURS, SQUARES, Tally
+from bayesdrill.rig.kernels.tally import INTERVALS, LOGS, NEIGHBOURS, SQUARES, Tally
 
 __all__ = ["LANES", "TALLIES", "Kernels", "Layout", "Tally", "compile_kernels", "scratch_size"]
 
-TALLIES = {"misfit": SQUARES, "neighbours": NEIGHBOURS, "logs": LOGS}
+TALLIES = {"misfit": SQUARES, "neighbours": NEIGHBOURS, "logs": LOGS, "intervals": INTERVALS}
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,8 +37,8 @@ class Kernels:
     All arguments but counts are addresses of C-contiguous blocks: `parameters (G, P, LANES)`,
     `y (T, K)`, `u (T + 1, n_series)`.  `misfit` writes sums of squares `(G, K, LANES)`, `signals`
     `(G, T, K, LANES)`; a lane whose numbers overflow gets NaN.  Other `TALLIES` are as `misfit`, with as
-    many numbers `(G, K, n, LANES)` as they have, and weights `(K,)` after the parameters where they are
-    weighed.  `normal`: see `kernels.normal`.  Those that were not wanted are missing.
+    many numbers `(G, K, n, LANES)` as they have, and their weights `(K, m)` after the parameters.
+    `normal`: see `kernels.normal`.  Those that were not wanted are missing.
     """
 
     named: Mapping[str, Callable[..., None]]

@@ -42,7 +42,7 @@ OWN_BLOCKS = {
     "tau": VECTORS,  # (K,) the shifted time of the next sample
     "next": WHOLES,  # (K,) which that is
     "shift": VECTORS,
-    "weight": VECTORS,  # (K,) of tallies that are weighed
+    "weight": VECTORS,  # (K, m) of tallies that have some
 }
 SHARED_COUNTS = ("knots", "cells", "high")
 SHARED_BLOCKS = {
@@ -131,7 +131,7 @@ class _Interval:
         span = b.select(due, span, vector(0.0))
         span = b.select(b.fcmp_ordered(">", span, vector(0.0)), span, vector(0.0))
         sample = b.load(count, align=8)
-        weight = a["weight"] if self.shape.weighed else None
+        weight = a["weight"] if self.shape.weights else None
         emit_seen(a, self.shape, weight, a["group"], k, sample, due, self._at(k, span))
         sample = b.add(sample, b.zext(due, INT_VEC))
         b.store(sample, count, align=8)

@@ -205,7 +205,7 @@ _EXP = (
 )
 
 
-def _even_odd(b: ir.IRBuilder, weights: list[ir.Value], x: ir.Value) -> ir.Value:
+def even_odd(b: ir.IRBuilder, weights: list[ir.Value], x: ir.Value) -> ir.Value:
     """A polynomial, pairs of its terms at a time: chains of a few operations (Estrin)."""
     while len(weights) > 1:
         ends = [*weights, None] if len(weights) % 2 else weights
@@ -222,6 +222,6 @@ def emit_exp(b: ir.IRBuilder, value: ir.Value) -> ir.Value:
     shifted = fma(b, value, vector(1.0 / math.log(2.0)), vector(_ROUNDER))
     whole = b.fsub(shifted, vector(_ROUNDER))
     rest = fma(b, whole, vector(-math.log(2.0)), value)
-    total = _even_odd(b, [vector(weight) for weight in _EXP], rest)
+    total = even_odd(b, [vector(weight) for weight in _EXP], rest)
     power = b.shl(b.bitcast(shifted, INT_VEC), whole_numbers(52))
     return b.bitcast(b.add(b.bitcast(total, INT_VEC), power), VEC)

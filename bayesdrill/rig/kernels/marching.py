@@ -267,8 +267,9 @@ class Writer:
             y = self.measured(sample, k).value
             seen = b.fcmp_ordered("ord", y, y)
             value = b.select(seen, value, vector(0.0))
-        weight = load(b, self.own["weight"], k) if tally.weighed else None
-        return tally.added(b, totals[k * tally.count : (k + 1) * tally.count], value, seen, weight)
+        first, count = k * tally.weights, tally.count
+        weights = [load(b, self.own["weight"], first + n) for n in range(tally.weights)]
+        return tally.added(b, totals[k * count : (k + 1) * count], value, seen, weights)
 
     def show(self, sample: ir.Value, k: int, value: Number) -> None:
         """To the signals."""

@@ -126,7 +126,8 @@ class Own:
         parts = {"parameters": len(shape.model.parameters), "x0": x, "rows": k * self.r_count}
         if shape.read:
             parts |= {"before": x, "shift": k}
-        parts |= {"weight": k} if shape.tally is not None and shape.tally.weighed else {}
+        weights = k * shape.tally.weights if shape.tally is not None else 0
+        parts |= {"weight": weights} if weights else {}
         return parts | ({"share": late, "behind": late} if late else {})
 
     @property

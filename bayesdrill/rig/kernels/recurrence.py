@@ -40,9 +40,9 @@ def emit_response(
     n, k_count = layout.size, len(layout.channels)
     e = b.alloca(VEC, I64(n * n))
     groups = Loop(b, n_groups, [], "groups")
-    weighed = k_count if tally is not None and tally.weighed else 0
-    mine = b.gep(parameters, [b.mul(groups.index, I64(layout.n_parameters + weighed))])
-    own = [load(b, mine, layout.n_parameters + k) for k in range(weighed)]
+    each = tally.weights if tally is not None else 0
+    mine = b.gep(parameters, [b.mul(groups.index, I64(layout.n_parameters + k_count * each))])
+    own = [load(b, mine, layout.n_parameters + place) for place in range(k_count * each)]
     state = [vector(value) for value in layout.x0]
     if lead is not None:
         b.call(lead, [mine, e])
@@ -61,7 +61,7 @@ def emit_response(
                 value = fma(b, vector(weight if tally is None else -weight), x, value)
         if tally is not None:
             kept = slice(k * tally.count, (k + 1) * tally.count)
-            totals[kept] = tally.added(b, totals[kept], value, None, own[k] if own else None)
+            totals[kept] = tally.added(b, totals[kept], value, None, own[k * each : (k + 1) * each])
         else:
             row = b.add(b.mul(groups.index, b.mul(n_samples, I64(k_count))), flat)
             store(b, value, b.gep(out, [row]), 0)

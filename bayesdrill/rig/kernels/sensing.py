@@ -67,8 +67,9 @@ class Shape:
         return any(self.shifted)
 
     @property
-    def weighed(self) -> bool:
-        return self.tally is not None and self.tally.weighed
+    def weights(self) -> int:
+        """Of each channel."""
+        return self.tally.weights if self.tally is not None else 0
 
     @property
     def out_count(self) -> int:
@@ -96,7 +97,7 @@ class Own:
         }
         late = {"before": x, "shift": k, "share": k, "offset": k, "head": k, "begin": k}
         found = always | (late if self.shape.late else {})
-        return found | ({"weight": k} if self.shape.weighed else {})
+        return found | ({"weight": k * self.shape.weights} if self.shape.weights else {})
 
     @property
     def width(self) -> int:
@@ -163,8 +164,8 @@ def observe(
             y = splat(b, a.real("y", flat))
             seen = b.fcmp_ordered("ord", y, y)
             left = b.select(seen, b.fsub(y, total), vector(0.0))
-            weight = load(b, own["weight"], k) if shape.weighed else None
-            add_to(b, shape.tally, totals[k], left, seen, weight)
+            weights = [load(b, own["weight"], k * shape.weights + n) for n in range(shape.weights)]
+            add_to(b, shape.tally, totals[k], left, seen, weights)
         else:
             store(b, total, b.gep(a.signals_of(group, k_count), [flat]), 0)
 
@@ -175,11 +176,11 @@ def add_to(
     place: ir.Value,
     left: ir.Value,
     seen: ir.Value,
-    weight: ir.Value | None,
+    weights: list[ir.Value],
 ) -> None:
     """To the tally of one channel, which stands at a place."""
     kept = [load(b, place, n) for n in range(tally.count)]
-    for n, value in enumerate(tally.added(b, kept, left, seen, weight)):
+    for n, value in enumerate(tally.added(b, kept, left, seen, weights)):
         store(b, value, place, n)
 
 
@@ -208,8 +209,9 @@ def emit_seen(
     seen = b.and_(due, b.fcmp_ordered("ord", y, y))
     left = b.select(seen, b.fsub(y, value), vector(0.0))
     place = b.gep(a.row("out", group, shape.out_count), [b.mul(k, I64(shape.tally.count))])
-    mine = None if weight is None else b.load(b.gep(weight, [k]), align=8)
-    add_to(b, shape.tally, place, left, seen, mine)
+    first = b.mul(k, I64(shape.weights))
+    own = [load(b, b.gep(weight, [first]), n) for n in range(shape.weights)]
+    add_to(b, shape.tally, place, left, seen, own)
 
 
 def row_blocks(shape: Shape) -> int:

@@ -8,19 +8,29 @@ from dataclasses import dataclass
 
 from llvmlite import ir
 
-from bayesdrill.rig.kernels.lanes import INT_VEC, VEC, fma, vector, whole_numbers
+from bayesdrill.rig.kernels.lanes import (
+    INT_VEC,
+    LANES,
+    VEC,
+    emit_exp,
+    even_odd,
+    fma,
+    intrinsic,
+    vector,
+    whole_numbers,
+)
 
 Values = list[ir.Value]
 
 
 @dataclass(frozen=True, slots=True)
 class Tally:
-    """Squares.  `weighed`: walkers have a weight for each channel.  Registers carried from sample to
+    """Squares.  `weights`: how many walkers have for each channel.  Registers carried from sample to
     sample begin as `start`, one vector each.
     """
 
     start: tuple[float, ...] = (0.0,)
-    weighed: bool = False
+    weights: int = 0
 
     @property
     def count(self) -> int:
@@ -36,7 +46,7 @@ class Tally:
         kept: Sequence[ir.Value],
         left: ir.Value,
         seen: ir.Value | None,
-        weight: ir.Value | None,
+        weights: Sequence[ir.Value],
     ) -> Values:
         """With `left` of one more sample, zero in lanes that have not `seen` it (None: all have)."""
         return [fma(b, left, left, kept[0])]
@@ -54,7 +64,7 @@ class _Neighbours(Tally):
         kept: Sequence[ir.Value],
         left: ir.Value,
         seen: ir.Value | None,
-        weight: ir.Value | None,
+        weights: Sequence[ir.Value],
     ) -> Values:
         squares, products, last, first = kept
         fresh = b.fcmp_unordered("uno", first, first)
@@ -79,7 +89,7 @@ class _Logs(Tally):
     """
 
     start: tuple[float, ...] = (0.0, 1.0, 0.0)
-    weighed: bool = True
+    weights: int = 1
 
     def added(
         self,
@@ -87,20 +97,98 @@ class _Logs(Tally):
         kept: Sequence[ir.Value],
         left: ir.Value,
         seen: ir.Value | None,
-        weight: ir.Value | None,
+        weights: Sequence[ir.Value],
     ) -> Values:
         squares, product, powers = kept
         square = b.fmul(left, left)
-        bits = b.bitcast(b.fmul(product, fma(b, weight, square, vector(1.0))), INT_VEC)
-        power = b.sub(b.lshr(bits, whole_numbers(52)), whole_numbers(1023))
-        fraction = b.or_(b.and_(bits, whole_numbers(_FRACTION)), whole_numbers(_ONE))
+        factor = fma(b, weights[0], square, vector(1.0))
+        return [b.fadd(squares, square), *_times(b, product, powers, factor)]
+
+
+def _times(b: ir.IRBuilder, product: ir.Value, powers: ir.Value, factor: ir.Value) -> Values:
+    """A product and its powers of two, see `_Logs`, times a factor."""
+    bits = b.bitcast(b.fmul(product, factor), INT_VEC)
+    power = b.sub(b.lshr(bits, whole_numbers(52)), whole_numbers(1023))
+    fraction = b.or_(b.and_(bits, whole_numbers(_FRACTION)), whole_numbers(_ONE))
+    whole = b.add(b.bitcast(powers, INT_VEC), power)
+    return [b.bitcast(fraction, VEC), b.bitcast(whole, VEC)]
+
+
+_TURN = 3.0
+# Of (1 + 2 x) erfcx(x) / 2 in (x - turn) / (x + turn), for x from zero on: to 1e-10 (Shepherd and
+# Laframboise 1981).
+_TAIL = (
+    0.626504029134865,
+    -0.06781055221817794,
+    -0.023781147143580275,
+    0.06482254768566878,
+    -0.059636832964930137,
+    0.034154359726710146,
+    -0.011885243345947868,
+    0.0012630128247643313,
+    0.0009442732342668533,
+    -0.00038565099561746285,
+    -5.238290620130925e-05,
+    5.6594558198715556e-05,
+    2.1616152328836802e-06,
+    -5.519855373374109e-06,
+    -6.585111502014721e-08,
+)
+
+
+def _tail(b: ir.IRBuilder, far: ir.Value) -> ir.Value:
+    """Of a standard normal number beyond `far`, over exp(-far^2 / 2); not below zero."""
+    x = b.fmul(far, vector(math.sqrt(0.5)))
+    wide, twice = b.fadd(x, vector(_TURN)), fma(b, x, vector(2.0), vector(1.0))
+    over = b.fdiv(vector(1.0), b.fmul(wide, twice))
+    place = b.fmul(b.fmul(b.fsub(x, vector(_TURN)), twice), over)
+    return b.fmul(even_odd(b, [vector(one) for one in _TAIL], place), b.fmul(wide, over))
+
+
+@dataclass(frozen=True, slots=True)
+class _Intervals(Tally):
+    """Squares; and the product, as of `_Logs`, of the probabilities of the intervals of half a width
+    about what is left, which are over exp(-x^2 / 2) at the nearer end x if zero is not inside; and the
+    logs of what they are over.  Weights: one over the sd, half a width over it, at least 0.2.
+    """
+
+    start: tuple[float, ...] = (0.0, 1.0, 0.0, 0.0)
+    weights: int = 2
+
+    def added(
+        self,
+        b: ir.IRBuilder,
+        kept: Sequence[ir.Value],
+        left: ir.Value,
+        seen: ir.Value | None,
+        weights: Sequence[ir.Value],
+    ) -> Values:
+        squares, product, powers, logs = kept
+        over, half = weights
+        zero, minus = vector(0.0), vector(-0.5)
+        middle = b.fmul(_size(b, left), over)
+        near, far = b.fsub(middle, half), b.fadd(middle, half)
+        beyond = b.fcmp_ordered(">", near, zero)
+        log = b.fmul(b.fmul(near, near), minus)
+        here = _tail(b, _size(b, near))
+        there = b.fmul(_tail(b, far), emit_exp(b, b.fmul(b.fmul(middle, half), vector(-2.0))))
+        outside = b.fmul(emit_exp(b, log), b.fadd(here, there))
+        mass = b.select(beyond, b.fsub(here, there), b.fsub(vector(1.0), outside))
+        if seen is not None:
+            mass = b.select(seen, mass, vector(1.0))
         return [
-            b.fadd(squares, square),
-            b.bitcast(fraction, VEC),
-            b.bitcast(b.add(b.bitcast(powers, INT_VEC), power), VEC),
+            fma(b, left, left, squares),
+            *_times(b, product, powers, mass),
+            b.fadd(logs, b.select(beyond, log, zero)),
         ]
+
+
+def _size(b: ir.IRBuilder, value: ir.Value) -> ir.Value:
+    absolute = intrinsic(b.module, f"llvm.fabs.v{LANES}f64", VEC, [VEC])
+    return b.call(absolute, [value])
 
 
 SQUARES = Tally()
 NEIGHBOURS = _Neighbours()
 LOGS = _Logs()
+INTERVALS = _Intervals()

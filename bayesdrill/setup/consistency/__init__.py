@@ -30,6 +30,7 @@ def check(
         if nominal is not None:
             unknowns.check_parameters(found, config, model, nominal)
             unknowns.check_relations(found, config, model)
+        unknowns.check_torque(found, config, model)
         record.check_channels(found, config, model)
         record.check_states(found, config, model)
         sensing.check_sensors(found, config, model)

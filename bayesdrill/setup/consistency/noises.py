@@ -7,7 +7,7 @@ from bayesdrill.basics.symbols import noise_name
 from bayesdrill.inference.noise import NOISES
 from bayesdrill.inference.unknowns import Unknown
 from bayesdrill.rig.models.linear import Model, outer_of
-from bayesdrill.setup import build, number_entries
+from bayesdrill.setup import build, missing_torque, number_entries
 from bayesdrill.setup.config import Config
 from bayesdrill.setup.experiment_entries import ChannelSpec
 
@@ -33,7 +33,14 @@ def scatter(config: Config, model: Model) -> dict[str, Unknown | None]:
             found |= own
         elif isinstance(spec.sigma, number_entries.PriorBase):
             found[noise_name(name)] = None
-    return found
+    return found | _of_torque(config)
+
+
+def _of_torque(config: Config) -> dict[str, Unknown | None]:
+    try:
+        return {unknown.name: unknown for unknown in missing_torque.unknowns(config)}
+    except ValueError:  # said of its entry
+        return {}
 
 
 def _of_channel(name: str, spec: ChannelSpec, model: Model) -> dict[str, Unknown | None] | None:

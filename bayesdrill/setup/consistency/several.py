@@ -10,7 +10,7 @@ from bayesdrill.inference.priors import Prior
 from bayesdrill.inference.unknowns import of_label
 from bayesdrill.rig import vocabulary
 from bayesdrill.rig.models.linear import Model
-from bayesdrill.setup import build, number_objects, sensors
+from bayesdrill.setup import build, missing_torque, number_objects, sensors
 from bayesdrill.setup.config import Config
 from bayesdrill.setup.consistency import noises, unknowns, work
 from bayesdrill.setup.consistency.collector import Collector
@@ -62,6 +62,8 @@ def names(config: Config, model: Model, every: Alone) -> list[str]:
 def told(config: Config, model: Model, every: Alone) -> list[str]:
     """What a true value can be given for beside the rig, held or not: of one experiment, or of all."""
     found = [(label, name) for label in every for name in config.own]
+    if config.missing_torque is not None:
+        found += [(label, name) for label in every for name in missing_torque.ENTRIES]
     for label, one in every.items():
         found += [(label, name) for name, _ in _of_sensors(one, model)]
         sizes = {symbols.noise_name(name) for name in one.record.channels}  # `simulation.sigma`

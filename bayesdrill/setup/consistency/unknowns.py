@@ -16,7 +16,13 @@ from bayesdrill.rig import vocabulary
 from bayesdrill.rig.models import MODELS
 from bayesdrill.rig.models.composed import in_vain, lacking, offers, with_all
 from bayesdrill.rig.models.linear import Model
-from bayesdrill.setup import build, number_entries, number_objects
+from bayesdrill.setup import (
+    build,
+    missing_torque,
+    number_entries,
+    number_objects,
+    sensors,
+)
 from bayesdrill.setup.config import Config
 from bayesdrill.setup.consistency.collector import Collector
 from bayesdrill.setup.yaml_source import Place
@@ -29,6 +35,18 @@ def check_model(found: Collector, config: Config, model: Model) -> None:
     vain = strange(("name", "model"), MODELS.usable(), type(model), config.model)
     for entry, message in vain.items():
         found.add(("model", entry), message)
+
+
+def check_torque(found: Collector, config: Config, model: Model) -> None:
+    """What is missing has to have an inertia, and numbers that are its own."""
+    acts = missing_torque.torque(config)
+    if acts is None:
+        return
+    sensing = found.run(("missing_torque",), sensors.sensing, config, model)
+    if sensing is not None and (said := missing_torque.refusal(model, acts, sensing)):
+        found.add(("missing_torque",), said)
+    for entry in missing_torque.ENTRIES.values():
+        found.run(("missing_torque", entry), missing_torque.number, config, entry)
 
 
 def check_parameters(

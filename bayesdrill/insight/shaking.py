@@ -1,0 +1,168 @@
+"""The missing torque as the posterior has it: over time, and beside what the rig did meanwhile.
+
+Each draw of the unknowns has a torque of its own, drawn with all samples known (by simulation: a
+torque drawn from its prior, and what all samples say of the difference), so that the draws are
+those of unknowns and torque together, and a band of them holds what is uncertain of both.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayesdrill.inference.likelihood import Observation
+from bayesdrill.inference.noise.shaken import Shaken
+from bayesdrill.inference.posterior import Posterior
+from bayesdrill.insight.diagnostics import HDI_PROBABILITY
+from bayesdrill.record.experiment import of_states
+from bayesdrill.rig.missing_torque import TORQUE, At, angles
+
+Array = NDArray[np.float64]
+
+TAILS = (0.5 - HDI_PROBABILITY / 2, 0.5 + HDI_PROBABILITY / 2)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Course:
+    """What a channel did: its spread, and root mean squares of what is left without the torque and
+    with it, at the mean of the draws, SI; `moved`: what the torque moves.
+    """
+
+    channel: str
+    spread: float
+    without: float
+    left: float
+    moved: float
+
+    @property
+    def share(self) -> float:
+        """Of the motion: what the torque moves, over the spread of the channel."""
+        return self.moved / self.spread if self.spread > 0 else float("nan")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Shaking:
+    """Of one experiment, at its times `t (T,)`: `draws (N, T)` of the torque [N m], `expected
+    (T,)` their mean without the chance of drawing.
+
+    `states`: of the rig, angles [rad] and speeds [rad/s] among them, `(T,)` by name, means of the draws;
+    `inputs`: those that were measured; `gear`: the motor turns so many times as fast as its side
+    of the shaft.
+    """
+
+    label: str
+    at: At
+    t: Array
+    draws: Array
+    expected: Array
+    states: Mapping[str, Array]
+    inputs: Mapping[str, Array]
+    courses: tuple[Course, ...]
+    gear: float
+
+    @property
+    def band(self) -> Array:
+        """`(2, T)`."""
+        return np.asarray(np.quantile(self.draws, TAILS, axis=0))
+
+    @property
+    def speed(self) -> Array:
+        """Of the inertia on which it acts, of the motor by itself."""
+        return self.states["w_2"] * self.gear if self.at == "motor" else self.states["w_1"]
+
+    @property
+    def angle(self) -> Array:
+        """Of the same."""
+        own = self.states["theta_2"] * self.gear if self.at == "motor" else self.states["theta_1"]
+        return np.asarray(own)
+
+
+def shakings(posterior: Posterior, draws: Array, rng: np.random.Generator) -> tuple[Shaking, ...]:
+    """Of each experiment, by draws `(N, D)`; empty where no torque is missing."""
+    every = posterior.likelihood.observations
+    return tuple(
+        _of(one, noise, posterior, draws, rng)
+        for one in every
+        if isinstance(noise := one.noise, Shaken)
+    )
+
+
+def _of(
+    one: Observation, noise: Shaken, posterior: Posterior, draws: Array, rng: np.random.Generator
+) -> Shaking:
+    full = posterior.space.full(draws)
+    own, experiment = one.scatter(draws), one.experiment
+    signals, motion = _moved(one, full)
+    left = experiment.y - signals
+    smooth = noise.smooth(left, own)
+    drawn, _ = noise.known(left, own, rng)
+    made = noise.filtered.pushed
+    sizes = noise.sizes(own)[:, :1]
+    place = made.states.index(TORQUE)
+    by_torque = smooth @ np.array(noise.filtered.noisy.channels).T
+    return Shaking(
+        label=one.label,
+        at=made.torque.at,
+        t=np.asarray(experiment.t),
+        draws=sizes * drawn[:, :, place],
+        expected=(sizes * smooth[:, :, place]).mean(axis=0),
+        states=_states(one, noise, motion.mean(axis=0), smooth.mean(axis=0)),
+        inputs={name: np.asarray(u) for name, u in experiment.series.items()},
+        courses=_courses(one, left.mean(axis=0), by_torque.mean(axis=0)),
+        gear=1.0 / float(getattr(made.rig, "i_m", 1.0)),
+    )
+
+
+def _moved(one: Observation, full: Array) -> tuple[Array, Array]:
+    """Channels `(N, T, K)` and states `(N, T, X)` without the torque."""
+    experiment, k = one.experiment, len(one.experiment.channels)
+    every = of_states(one.response.model.states)
+    shown = dataclasses.replace(
+        experiment,
+        y=np.zeros((len(experiment.t), k + len(every))),
+        channels=(*experiment.channels, *every),
+    )
+    signals = one.response.of(shown).signals(one.told(full))
+    return signals[..., :k], signals[..., k:]
+
+
+def _states(one: Observation, noise: Shaken, motion: Array, more: Array) -> dict[str, Array]:
+    """With what the torque moves; an angle of which nothing tells follows from its speed."""
+    made, t = noise.filtered.pushed, np.asarray(one.experiment.t)
+    found = {name: motion[:, k] for k, name in enumerate(made.rig.states)}
+    for name in (n for n in made.of_rig if not (made.turns and n in angles(made.rig))):
+        found[name] = found[name] + more[:, made.states.index(name)]
+    if made.turns:
+        for name in angles(made.rig):
+            speed = name.replace("theta", "w")
+            if speed in made.states:
+                change = more[:, made.states.index(speed)]
+                steps = 0.5 * (change[1:] + change[:-1]) * np.diff(t)
+                found[name] = found[name] + np.concatenate([[0.0], np.cumsum(steps)])
+    series = one.experiment.series
+    return found | {name: np.asarray(u) for name, u in series.items() if name == "w_2"}
+
+
+def _courses(one: Observation, left: Array, moved: Array) -> tuple[Course, ...]:
+    """Means over the draws `(T, K)`."""
+    found = []
+    for k, channel in enumerate(one.experiment.channels):
+        seen = one.experiment.seen[:, k]
+        found.append(
+            Course(
+                channel=channel.name,
+                spread=float(one.experiment.y[seen, k].std()),
+                without=_size(left[seen, k]),
+                left=_size(left[seen, k] - moved[seen, k]),
+                moved=_size(moved[seen, k]),
+            )
+        )
+    return tuple(found)
+
+
+def _size(values: Array) -> float:
+    return float(np.sqrt(np.mean(values**2)))

@@ -1,0 +1,159 @@
+"""A torque that a rig's equations are without: a stationary Gaussian process that acts on one inertia.
+
+    1/2    <d(t) d(t')> = s^2 exp(-r)                r = |t - t'| / tau
+    3/2    <d(t) d(t')> = s^2 (1 + a) exp(-a)        a = sqrt(3) r
+
+as states that white noise drives (Matern): d has one, or with its rate two.  A torque `d` is
+positive where it pushes its inertia towards positive angles; dry friction comes out with the sign
+against the speed.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from bayesdrill.basics.symbols import Symbol
+from bayesdrill.rig import steady, vocabulary
+from bayesdrill.rig.models.linear import Linear, Model, Named, dynamics
+
+At = Literal["motor", "rotor_1"]
+Smoothness = Literal["1/2", "3/2"]
+
+SIZE, TIME = "s_d", "tau_d"
+TORQUE, RATE = "torque", "torque_rate"  # states, over `SIZE`, and over `SIZE` times the rate's own
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MissingTorque:
+    """Where it acts, and how smooth it is: how often it can be differentiated, and a half."""
+
+    at: At = "rotor_1"
+    smoothness: Smoothness = "3/2"
+
+    @property
+    def states(self) -> tuple[str, ...]:
+        return (TORQUE,) if self.smoothness == "1/2" else (TORQUE, RATE)
+
+    @property
+    def speed(self) -> str:
+        """That of the inertia on which it acts."""
+        return {"motor": "w_2", "rotor_1": "w_1"}[self.at]
+
+    def rate(self, time: Any) -> Any:
+        """At which it is forgotten."""
+        return (1.0 if self.smoothness == "1/2" else math.sqrt(3.0)) / time
+
+    def driven(self, time: Any) -> Any:
+        """Intensity of the white noise that drives the last of its states."""
+        return self.rate(time) * (2.0 if self.smoothness == "1/2" else 4.0)
+
+    def linear(self, time: Any) -> dict[tuple[str, str], Any]:
+        """Its states each have unit variance, and no covariance at one time."""
+        rate = self.rate(time)
+        if self.smoothness == "1/2":
+            return {(TORQUE, TORQUE): -rate}
+        return {(TORQUE, RATE): rate, (RATE, TORQUE): -rate, (RATE, RATE): -2.0 * rate}
+
+
+def pushes(model: Model, torque: MissingTorque, p: Named, linear: Linear) -> Any:
+    """What one N m more does to the speed of its inertia, at the motor on its own side of the gear.
+
+    Raises `ValueError` where the rig has no such inertia.
+    """
+    row = torque.speed
+    if torque.at == "rotor_1":
+        found = linear.B.get((row, "t_1"))
+        if found is not None:
+            return -found
+    elif (row, "t_m") in linear.B:
+        return linear.B[row, "t_m"]
+    elif (row, "i") in linear.A and "k_T" in p:
+        return linear.A[row, "i"] / p["k_T"]
+    raise ValueError(
+        f"the model {model.name} has no inertia at {torque.at.replace('_', ' ')} that a torque could "
+        "act on"
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Pushed:
+    """`rig` with the states of its missing torque behind its own, and its size and time as parameters.
+
+    `turns`: of a rig that is free to turn and of which nothing shows how far, so that its angles are
+    those relative to the last of them, which is left out.
+    """
+
+    rig: Model
+    torque: MissingTorque
+    turns: bool = False
+
+    @property
+    def name(self) -> str:
+        return self.rig.name
+
+    @property
+    def declares(self) -> tuple[Symbol, ...]:
+        return self.rig.declares
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        return (*self.rig.parameters, SIZE, TIME)
+
+    @property
+    def states(self) -> tuple[str, ...]:
+        return (*self.of_rig, *self.torque.states)
+
+    @property
+    def of_rig(self) -> tuple[str, ...]:
+        """States that are the rig's."""
+        left_out = self._last if self.turns else None
+        return tuple(name for name in self.rig.states if name != left_out)
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        return self.rig.inputs
+
+    @property
+    def _last(self) -> str:
+        return angles(self.rig)[-1]
+
+    def linear(self, p: Named) -> Linear:
+        found = self.rig.linear(p)
+        a, b, c = dict(found.A), dict(found.B), dict(found.c)
+        if self.turns:
+            others = [name for name in angles(self.rig) if name != self._last]
+            a, b, c = (_relative(each, others, self._last) for each in (a, b, c))
+        push = pushes(self.rig, self.torque, p, found)
+        a |= self.torque.linear(p[TIME])
+        a[self.torque.speed, TORQUE] = push * p[SIZE]
+        return Linear(A=a, B=b, c=c)
+
+
+def angles(model: Model) -> tuple[str, ...]:
+    return tuple(name for name in model.states if vocabulary.STATES[name].unit == "rad")
+
+
+def _relative(entries: Mapping[Any, Any], others: list[str], last: str) -> dict[Any, Any]:
+    """Rows of angles less that of the last, whose own row and column are left out."""
+    found: dict[Any, Any] = {}
+    for key, value in entries.items():
+        row, column = key if isinstance(key, tuple) else (key, None)
+        rows = [(row, value)] if row != last else [(name, -value) for name in others]
+        for name, entry in rows if column != last else []:
+            place = (name, column) if isinstance(key, tuple) else name
+            found[place] = found[place] + entry if place in found else entry
+    return found
+
+
+def pushed(rig: Model, torque: MissingTorque, weights: Mapping[str, float]) -> Pushed:
+    """`weights` of all channels together, by state, absolute: whether they tell of an angle by
+    itself.
+    """
+    own = angles(rig)
+    one = dict.fromkeys(rig.parameters, 1.0)
+    matrix = dynamics(rig.linear(one), rig.states, 1)
+    free = len(own) > 1 and steady.turns(matrix, [rig.states.index(name) for name in own])
+    return Pushed(rig, torque, free and weights.get("", 0.0) == 0.0)

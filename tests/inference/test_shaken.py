@@ -1,0 +1,158 @@
+"""A posterior with a missing torque: its slopes, its limits, and what it hands on to all others.
+
+Mutants killed: a slope that forgets what parameters do to the covariance, levels of the noise
+exchanged with the torque's, a covariance that is not pinned where residuals of another rig are
+held against it.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+
+import numpy as np
+import pytest
+from oracles import NOMINAL, ORDER
+from rigs import STATES, experiment, posterior, unknown, vector
+
+from bayesdrill.inference import laplace
+from bayesdrill.inference.likelihood import Likelihood
+from bayesdrill.inference.noise.shaken import Shaken
+from bayesdrill.inference.noise.white import White
+from bayesdrill.inference.posterior import Posterior
+from bayesdrill.inference.priors import LogUniform, Uniform
+from bayesdrill.inference.surface import PosteriorSurface
+from bayesdrill.inference.unknowns import ParameterSpace, Unknown
+from bayesdrill.rig.choosing import simulator
+from bayesdrill.rig.filtered import Filtered
+from bayesdrill.rig.missing_torque import MissingTorque
+from bayesdrill.rig.models.motor_shaft import MotorShaft
+from bayesdrill.rig.response import Response
+from bayesdrill.rig.sensing import Sensing
+
+FOUR = {name: {name: 1.0} for name in STATES[:4]}
+SIZE, TIME = 0.05, 0.3
+
+
+def level(name: str, low: float, high: float) -> Unknown:
+    return dataclasses.replace(unknown(name, LogUniform(low, high)), role="noise")
+
+
+@functools.cache
+def target(*, gaps: bool = False) -> Posterior:
+    """Nine parameters, one unknown sigma of two, size and time of the torque at rotor 1."""
+    rng = np.random.default_rng(8)
+    one = experiment(151, 0.03, measures={k: FOUR[k] for k in ("theta_1", "w_2")})
+    found = Filtered(MotorShaft(), MissingTorque(at="rotor_1"), one)
+    row = np.append(vector(NOMINAL), [SIZE, TIME])[None]
+    y = Response(MotorShaft(), one).signals(vector(NOMINAL)[None])[0]
+    y = y + found.draw(row, np.array([[0.1, 0.2]]), rng)[1][0]
+    if gaps:
+        y[20:30, 1] = np.nan
+    one = dataclasses.replace(one, y=y)
+    base = posterior(one, np.array([0.1, 0.2]), priors={})
+    sigma = level("sigma_w_2", 0.02, 2.0)
+    within = White(n_samples=151, known={0: 0.1}, n_channels=2, unknowns=(sigma,))
+    torque = {"s_d": level("s_d", 1e-3, 1.0), "tau_d": level("tau_d", 0.01, 10.0)}
+    noise = Shaken(
+        within=within.seeing(one.counts),
+        filtered=Filtered(MotorShaft(), found.torque, one),
+        torque=torque,
+    )
+    space = ParameterSpace(model=ORDER, unknowns=(*base.space.unknowns, *noise.unknowns), fixed={})
+    response = simulator(MotorShaft(), one, Sensing())
+    likelihood = Likelihood.of(space, (response, noise))
+    return Posterior(space=space, likelihood=likelihood, coordinates=space.coordinates())
+
+
+def points(n: int = 4) -> np.ndarray:
+    middle = np.append(vector(NOMINAL), [0.2, SIZE, TIME])
+    return middle * np.exp(0.05 * np.random.default_rng(3).standard_normal((n, len(middle))))
+
+
+def test_slopes_are_those_of_differences() -> None:
+    """Of parameters, which move the mean and the covariance, of a level, of size and time."""
+    of = target()
+    surface = PosteriorSurface(of)
+    u = of.coordinates.from_physical(points())
+    every = np.eye(u.shape[1])
+    found = surface.expand(u, every)
+    step = 1e-5
+    rises = [surface.value(u + step * d) - surface.value(u - step * d) for d in every]
+    slopes = np.array(rises).T / (2 * step)
+    sizes = np.sqrt(np.diagonal(found.curvature, axis1=1, axis2=2))
+    assert (found.slope / sizes) == pytest.approx(slopes / sizes, abs=2e-5)
+    assert np.isfinite(found.value).all()
+
+
+def test_the_curvature_is_on_average_the_fisher_information() -> None:
+    """Of records drawn at one point; of 60 of them the mean of squared slopes is it to four sigma."""
+    of, rng = target(), np.random.default_rng(9)
+    one, theta = of.likelihood.alone, points(1)
+    clean = one.signals(of.space.full(theta))
+    slopes, curvatures = [], []
+    for _ in range(60):
+        record = one.noise.draw(clean, one.scatter(theta), rng)[0]
+        likelihood = dataclasses.replace(of.likelihood, observations=(one.with_record(record),))
+        surface = PosteriorSurface(dataclasses.replace(of, likelihood=likelihood))
+        slope, curvature = surface._of_record(theta, np.eye(theta.shape[1]))
+        slopes.append(slope[0])
+        curvatures.append(np.diag(curvature[0]))
+    ratio = np.mean(np.square(slopes), axis=0) / np.mean(curvatures, axis=0)
+    assert ratio == pytest.approx(np.ones(len(ratio)), abs=4 * np.sqrt(2 / 60))
+
+
+def test_a_torque_of_no_size_is_no_torque() -> None:
+    of = target()
+    theta = points(3)
+    theta[:, -2] = 1e-9
+    one = of.likelihood.alone
+    plain = White(n_samples=151, known={0: 0.1}, n_channels=2, unknowns=one.noise.within.unknowns)
+    values = plain.log_likelihood(one.residuals(of.space.full(theta)), theta[:, 9:10])
+    assert of.likelihood(theta) == pytest.approx(values.sum(axis=1), abs=1e-5)
+
+
+def test_gaps_take_the_way_of_all_samples() -> None:
+    """And the same density where there is none."""
+    whole, some = target(), target(gaps=True)
+    theta = points(2)
+    fast = whole.likelihood(theta)
+    one = whole.likelihood.alone
+    left = one.residuals(whole.space.full(theta)).samples
+    each = one.noise.pointwise(left, one.scatter(theta))
+    assert fast == pytest.approx(each.sum(axis=(1, 2)), abs=1e-7)
+    assert np.isfinite(some.likelihood(theta)).all()
+    assert some.likelihood.numbers == whole.likelihood.numbers - 10
+
+
+def test_pulls_are_slopes_by_the_signal() -> None:
+    of = target()
+    one, theta, rng = of.likelihood.alone, points(1), np.random.default_rng(2)
+    left = one.residuals(of.space.full(theta)).samples
+    own, turn = one.scatter(theta), rng.standard_normal(left.shape)
+    step = 1e-5
+    up, down = (one.noise.pointwise(left + s * turn, own).sum() for s in (step, -step))
+    pull = one.noise.pull(left, own)
+    assert -(up - down) / (2 * step) == pytest.approx((pull * turn).sum(), rel=1e-6)
+
+
+def test_pinned_the_covariance_is_that_of_one_rig() -> None:
+    """Whatever rig the residuals are of; what is whitened is then linear in them."""
+    of, theta = target(), points(2)
+    one = of.likelihood.alone
+    held = one.pinned(theta[0])
+    left = one.residuals(of.space.full(theta)).samples
+    own = one.scatter(np.vstack([theta[0], np.append(theta[1, :9], theta[0, 9:])]))
+    rows = one.noise.whiten(left[[1, 1]], own)
+    pinned = held.noise.whiten(left[[1, 1]], own)
+    assert (pinned[0] == rows[0]).all()
+    assert (pinned[1] == pinned[0]).all()
+    assert not np.allclose(rows[1], rows[0])
+
+
+def test_other_priors_leave_the_rest_as_it_is() -> None:
+    """What is said of one posterior with its levels in other places."""
+    of = target()
+    space = of.space.with_priors({"k_s": Uniform(0.1, 0.5)})
+    assert laplace.covariance(of, points(1)[0]).shape == (12, 12)
+    assert dataclasses.replace(of, space=space).density(points(1)).shape == (1,)
