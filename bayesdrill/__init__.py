@@ -11,7 +11,7 @@
     bd.compare(["results/mine", run])               # which model of one record is the more probable
 
 With files and folders, as the command line: `bd.init`, `bd.example`, `bd.simulate`, `case.run`,
-`bd.publish`, `bd.calibration`, `bd.citation`.
+`bd.publish`, `bd.calibration`, `bd.ladder`, `bd.citation`.
 All that is returned is a frozen record and prints itself in words; nothing else writes than these and
 `save`.
 """
@@ -38,6 +38,8 @@ if TYPE_CHECKING:
     from bayesdrill.api.files import simulate as simulate
     from bayesdrill.api.files import verify as verify
     from bayesdrill.api.init import init as init
+    from bayesdrill.api.ladder import Ladder as Ladder
+    from bayesdrill.api.ladder import ladder as ladder
     from bayesdrill.api.overlay import Overlay as Overlay
     from bayesdrill.api.overlay import overlay as overlay
     from bayesdrill.api.rig import nominal as nominal
@@ -74,6 +76,8 @@ _PLACES = {
     "simulate": "api.files",
     "verify": "api.files",
     "init": "api.init",
+    "Ladder": "api.ladder",
+    "ladder": "api.ladder",
     "Overlay": "api.overlay",
     "overlay": "api.overlay",
     "nominal": "api.rig",

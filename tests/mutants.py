@@ -31,6 +31,34 @@ class Mutant:
 
 MUTANTS = [
     Mutant(
+        "a record that is looked for beside a recommended config",
+        "setup/rungs.py",
+        "entry[key] = Path(os.path.relpath(record, folder.resolve())).as_posix()",
+        "pass",
+        "tests/setup/test_rungs.py::test_what_is_recommended_is_a_config_from_anywhere",
+    ),
+    Mutant(
+        "the best friction with one that is part of it",
+        "setup/rungs.py",
+        "if other != one and not {one, other} <= {*ALIKE} and other not in TORQUES",
+        "if other != one and other not in TORQUES",
+        "tests/setup/test_rungs.py::test_the_best_goes_on_with_other_noise_and_the_second",
+    ),
+    Mutant(
+        "a rung that is not sampled as its config is",
+        "commands/elsewhere.py",
+        'points = mode.starts(posterior, task.starts, seeds.stream(seed, "map"))',
+        'points = mode.starts(posterior, task.starts + 1, seeds.stream(seed, "map"))',
+        "tests/system/test_ladder.py::test_a_rung_is_the_run_of_its_config",
+    ),
+    Mutant(
+        "inputs of other rigs among the defaults",
+        "results/provenance.py",
+        "_without_foreign(sections, view.config, build.model(config))",
+        "pass",
+        "tests/system/test_ladder.py::test_what_is_missing_is_named_and_recommended",
+    ),
+    Mutant(
         "runs of other records compared all the same",
         "commands/comparing.py",
         'held_out = f", held out {apart}" if apart else ""',

@@ -23,6 +23,7 @@ LOCK = ".lock"
 FIGURES = "figures"
 PIECES = ".pieces"
 REFITS = ".refits"
+RECOMMENDED = "recommended.yaml"  # of a ladder
 RECORD = "record.csv"  # of a case that was made without any file
 CONFIG_FILE, RESOLVED_FILE = "config.yaml", "config.resolved.yaml"
 CONFIGS = (CONFIG_FILE, RESOLVED_FILE)
@@ -143,6 +144,16 @@ MAP = Kind(
     kept=(RECORD,),
 )
 IDENTIFY = Kind("identify", "identify.md", figures("spectrum", "profiles", formats=FORMATS))
+
+
+def ladder(rungs: Sequence[str]) -> Kind:
+    """Of models of one record, each of which has a posterior in a folder of its own."""
+    return Kind(
+        "ladder",
+        RUN,
+        (*COMPARE.files, *CONFIGS, RECOMMENDED),
+        nested=tuple(rungs),
+    )
 
 
 def paper(records: Sequence[str]) -> Kind:

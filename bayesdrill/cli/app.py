@@ -23,6 +23,10 @@ def output_option(what: str) -> Any:
 
 ConfigPath = Annotated[Path, typer.Argument(metavar="CONFIG", help="Experiment config (YAML).")]
 Force = Annotated[bool, typer.Option("--force", help="Discard what is there and start over.")]
+Scheduler = Annotated[
+    str | None,
+    typer.Option(metavar="ADDRESS", help="Of a Dask cluster, such as tcp://host:8786."),
+]
 Processes = Annotated[
     int | None, typer.Option(min=1, max=256, help="Processes; the result does not depend on it.")
 ]

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from bayesdrill.cli.app import ConfigPath, Force, Processes, app, output_option
+from bayesdrill.cli.app import ConfigPath, Force, Processes, Scheduler, app, output_option
 from bayesdrill.guard import INPUT_WRONG, NOT_CONVERGED, finish, guarded, saved_in
 
 
@@ -46,10 +46,7 @@ def calibrate(
     ] = False,
     force: Force = False,
     processes: Processes = None,
-    scheduler: Annotated[
-        str | None,
-        typer.Option(metavar="ADDRESS", help="Of a Dask cluster, such as tcp://host:8786."),
-    ] = None,
+    scheduler: Scheduler = None,
 ) -> None:
     """Test the posterior of a config: refit simulated records, and see where the truth ranks."""
     with guarded():
@@ -128,6 +125,42 @@ def compare(
         typer.echo(found.text)
         typer.echo(f"results: {place}/ (report.html, comparison.md, comparison.csv, figures/)")
         if found.reasons:
+            raise typer.Exit(NOT_CONVERGED)
+
+
+@app.command(epilog="Example: bayesdrill ladder configs/nominal_step.yaml")
+def ladder(
+    config: ConfigPath,
+    output: Annotated[Path | None, output_option("Default: results/<name>-ladder.")] = None,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Go on with an interrupted ladder.")
+    ] = False,
+    force: Force = False,
+    processes: Processes = None,
+    scheduler: Scheduler = None,
+) -> None:
+    """Try what a config may be missing (noise, friction, damping), compare, and recommend a config."""
+    with guarded():
+        from bayesdrill.api.arguments import mode
+        from bayesdrill.api.ladder import ladder as made
+        from bayesdrill.basics.progress import reporter
+
+        mode(resume=resume, force=force)
+        every = made(config)
+        with saved_in(every.place(output)), reporter() as report:
+            outcome = every.run(
+                output,
+                resume=resume,
+                force=force,
+                processes=processes,
+                scheduler=scheduler,
+                report=report,
+            )
+        typer.echo(outcome.said)
+        typer.echo(
+            f"results: {outcome.folder}/ (report.html, comparison.md, recommended.yaml, ...)"
+        )
+        if outcome.report.reasons:
             raise typer.Exit(NOT_CONVERGED)
 
 

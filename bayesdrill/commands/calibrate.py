@@ -162,7 +162,7 @@ def run(
     try:
         _collect(study, missing, crew, done, n, folder, report)
     except CancelledError:
-        raise _lost(folder, "the scheduler is gone") from None
+        raise lost(folder.parent, "the scheduler is gone") from None
     report.update(1.0, "")
     return [done[index] for index in range(n)]
 
@@ -180,7 +180,7 @@ def _collect(
     with ctrl_c_waits():
         futures = [crew.submit(work, blob, versions, index) for index in missing]
     for count, future in enumerate(as_completed(futures), 1):
-        refit = _result(future.result, folder)
+        refit = result_of(future.result, folder.parent)
         save(folder, refit)
         done[refit.index] = refit
         strayed = sum(not refit.converged for refit in done.values())
@@ -188,7 +188,8 @@ def _collect(
         report.update(count / len(missing), f"{len(done)} of {n} refits{doubt}")
 
 
-def _result(result: Callable[[], Refit], folder: Path) -> Refit:
+def result_of[T](result: Callable[[], T], folder: Path) -> T:
+    """Of a task; raises `InputError` for workers that cannot do it, or are lost."""
     try:
         return result()
     except ModuleNotFoundError as error:
@@ -198,11 +199,11 @@ def _result(result: Callable[[], Refit], folder: Path) -> Refit:
         # Of distributed, which may be missing here: a task whose workers died again and again.
         if type(error).__name__ != "KilledWorker":
             raise
-        raise _lost(folder, "workers were killed again and again (out of memory?)") from None
+        raise lost(folder, "workers were killed again and again (out of memory?)") from None
 
 
-def _lost(folder: Path, reason: str) -> InputError:
-    return InputError.one(str(folder.parent), f"{reason}; continue with --resume")
+def lost(folder: Path, reason: str) -> InputError:
+    return InputError.one(str(folder), f"{reason}; continue with --resume")
 
 
 def save(folder: Path, refit: Refit) -> None:

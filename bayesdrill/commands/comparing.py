@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import hashlib
 from collections.abc import Sequence
 from pathlib import Path
@@ -28,6 +29,7 @@ from bayesdrill.setup.own_units import OwnUnits
 
 FEWEST, MOST = 2, 24
 TITLE = "comparison"  # inside of the figure
+OF_NOISE = ("the noise of", "the kind of noise")  # begin the names of settings
 WITHOUT = (
     "has no log evidence: it was made before there was any, or its proposal found nothing; "
     "`bayesdrill posterior CONFIG --resume` computes it from the chain that is there"
@@ -98,8 +100,12 @@ def _rig(job: Job) -> dict[str, str]:
     space = job.problem.posterior.space
     unknown = {space.free[k]: "unknown" for k in space.columns(*MOVES)}
     said = provenance.settings(job.config, job.problem, job.units)
-    kept = {name: said[name] for name in said if name not in space.free and name != "the seed"}
-    return {n: v for n, v in kept.items() if not n.startswith("the noise")} | unknown
+    others = ("the seed", *space.free)
+    kept = {n: v for n, v in said.items() if n not in others and not n.startswith(OF_NOISE)}
+    torque = getattr(job.config, "missing_torque", None)
+    if torque is not None:
+        unknown["a missing torque"] = f"at {torque.at}, {torque.smoothness}"
+    return kept | unknown
 
 
 def _noise(job: Job) -> dict[str, str]:
@@ -139,10 +145,12 @@ def publish(
         folder.write_run(status="finished", runs=told, files=files, **entries(report))
 
 
-def write(report: ComparisonReport, folder: Folder) -> None:
+def write(report: ComparisonReport, folder: Folder, title: str = "") -> None:
     """Tables, page and figure into a folder that is open."""
     from bayesdrill.report import style  # late: matplotlib takes a second to load
 
+    if title:
+        report = dataclasses.replace(report, heading=title)
     for name, text in report.texts.items():
         folder.write_text(name, text)
     figures = folder.path / own_files.FIGURES

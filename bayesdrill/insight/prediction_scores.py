@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -10,6 +10,9 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from bayesdrill.inference.likelihood import Observation
+from bayesdrill.inference.noise.contract import Noise
+from bayesdrill.inference.noise.mixed import of_record
+from bayesdrill.inference.noise.shaken import Shaken
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.residual_checks import Left
 
@@ -48,7 +51,7 @@ def held_out(posterior: Posterior, theta: Array) -> HeldOut | None:
         held = one.experiment.held_out
         if held is not None:
             rest = held - one.signals(full)
-            log_p = one.noise.pointwise(rest, one.scatter(theta))[:, ~np.isnan(held)]
+            log_p = _by_itself(one, held).pointwise(rest, one.scatter(theta))[:, ~np.isnan(held)]
             found.append(logsumexp(log_p, axis=0) - np.log(len(theta)))
     if not found:
         return None
@@ -56,9 +59,19 @@ def held_out(posterior: Posterior, theta: Array) -> HeldOut | None:
     return HeldOut(score=float(each.sum()), samples=len(each), each=each)
 
 
+def _by_itself(one: Observation, held: Array) -> Noise:
+    """Of what is held out alone: a noise that remembers is not told what stands beside it."""
+    noise, seen = one.noise, ~np.isnan(held)
+    if isinstance(noise, Shaken):
+        counts = tuple(int(n) for n in seen.sum(axis=0))
+        shown = replace(noise.filtered, experiment=replace(one.experiment, y=held))
+        return replace(noise.seeing(counts), filtered=shown)
+    return of_record(noise.for_length(len(held)), one.experiment.t, seen)
+
+
 def leave_one_out(posterior: Posterior, theta: Array, left: tuple[Left, ...]) -> LeftOut | str:
     """By draws `theta (N, D)`; or why that would tell nothing."""
-    if refusal := _refusal(posterior, left):
+    if refusal := _refusal(posterior, theta, left):
         return refusal
     from arviz_stats.base import array_stats  # late: it takes half a second to load
 
@@ -76,12 +89,12 @@ def leave_one_out(posterior: Posterior, theta: Array, left: tuple[Left, ...]) ->
     return LeftOut(elpd=float(each.sum()), each=each, doubtful=float((told > BAD).mean()))
 
 
-def _refusal(posterior: Posterior, left: tuple[Left, ...]) -> str:
+def _refusal(posterior: Posterior, theta: Array, left: tuple[Left, ...]) -> str:
     """Empty where samples tell nothing of each other but by the unknowns."""
     observations = posterior.likelihood.observations
     if sum(one.numbers for one in observations) > MOST:
         return f"more than {MOST} samples"
-    if any(remembers(one) for one in observations):
+    if any(remembers(one, theta) for one in observations):
         return "its noise remembers: a sample that is left out is told by those beside it"
     coloured = [one for one in left if one.correlated]
     if coloured:
@@ -93,20 +106,18 @@ def _refusal(posterior: Posterior, left: tuple[Left, ...]) -> str:
     return ""
 
 
-def remembers(one: Observation) -> bool:
-    """Whether its noise says of a sample what those before it were."""
+def remembers(one: Observation, theta: Array) -> bool:
+    """Whether its noise says of a sample what those before it were, at the first of `theta (N, D)`."""
     if one.noise.white:
         return False
-    own = np.ones((1, len(one.noise.unknowns)))
-    if one.noise.unknowns:
-        own[0] = [0.5 * (u.prior.quantile(np.array(0.3)) + u.start) for u in one.noise.unknowns]
-    samples = np.zeros((2, len(one.experiment.t), len(one.experiment.channels)))
-    middle = samples.shape[1] // 2
-    samples[1, middle] = one.noise.scales(own)[0]
+    own, seen = one.scatter(theta[:1]), one.experiment.seen
+    samples = np.where(seen, np.zeros((2, *seen.shape)), np.nan)
+    for k, sigma in enumerate(one.noise.scales(own)[0]):
+        rows = np.flatnonzero(seen[:, k])
+        samples[1, rows[len(rows) // 2], k] = sigma
     quiet, struck = one.noise.whiten(samples, np.repeat(own, 2, axis=0))
-    felt = np.abs(struck - quiet)
-    felt[middle] = 0.0
-    return bool(np.nanmax(felt) > AGREED)
+    felt = np.abs(struck - quiet)[samples[1] == 0.0]
+    return bool(np.nanmax(felt, initial=0.0) > AGREED)
 
 
 def _some(theta: Array) -> Array:

@@ -25,10 +25,11 @@ TABLE, PAGE = "comparison.csv", "comparison.md"
 
 @dataclass(frozen=True)
 class ComparisonReport:
-    """Of two `models` or more; `units`: in which people are shown their unknowns."""
+    """Of two `models` or more; `units`: in which people are shown unknowns; `heading`: of pages."""
 
     models: tuple[Contender, ...]
     units: OwnUnits
+    heading: str = ""
 
     @cached_property
     def rows(self) -> tuple[Row, ...]:
@@ -45,7 +46,7 @@ class ComparisonReport:
 
     @property
     def title(self) -> str:
-        return " against ".join(one.name for one in self.models)
+        return self.heading or " against ".join(one.name for one in self.models)
 
     @property
     def reasons(self) -> tuple[str, ...]:

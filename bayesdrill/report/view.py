@@ -69,7 +69,8 @@ class View:
     """`rows`: of the unknowns; `left`: what the best fit leaves of each channel; `judged`: None where
     there is no table; `notes`: sentences; `repeats`: products as each of several experiments has them;
     `seconds`: how long the parts of the run took, where that is known.  `sparing` is told of derived
-    quantities that fail.
+    quantities that fail.  `alone`: no other model of the record is tried beside it, so that the report
+    is to say what could be missing.
     """
 
     problem: Problem
@@ -83,6 +84,7 @@ class View:
     repeats: tuple[Repeat, ...] = ()
     seconds: Mapping[str, float] = field(default_factory=dict)
     sparing: Sparing = field(default_factory=Sparing)
+    alone: bool = True
 
     @property
     def warning(self) -> str:
@@ -114,12 +116,14 @@ class View:
     @cached_property
     def causes(self) -> Causes | None:
         """What would explain a fit that leaves more than noise."""
-        return None if like_noise(self.left) else causes(self.problem.posterior, self.best)
+        if like_noise(self.left) or not self.alone:
+            return None
+        return causes(self.problem.posterior, self.best)
 
     @cached_property
     def instead(self) -> Instead | None:
         """Of a table that would be blamed: what the rig may lack."""
-        if self.judged is None or not self.judged.verdict.far:
+        if self.judged is None or not self.judged.verdict.far or not self.alone:
             return None
         return instead(self.problem, self.best)
 

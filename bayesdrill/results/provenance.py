@@ -11,14 +11,14 @@ from typing import Any
 
 import bayesdrill
 from bayesdrill.basics.software import DECISIVE, in_words, versions
-from bayesdrill.basics.symbols import noise_name
+from bayesdrill.basics.symbols import INPUTS, noise_name
 from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.problem import Problem
 from bayesdrill.record.experiment import Experiment
 from bayesdrill.results.run_folder import VERSION_OF
 from bayesdrill.rig.models.composed import constants
 from bayesdrill.rig.models.linear import Model
-from bayesdrill.setup import experiments, sources
+from bayesdrill.setup import build, experiments, sources
 from bayesdrill.setup.config import Config
 from bayesdrill.setup.experiments import WHOSE
 from bayesdrill.setup.own_units import OwnUnits
@@ -156,6 +156,7 @@ def resolved(config: Config, source: Source, folder: Path) -> str:
             own = view.config.model_dump(exclude_none=True)
             sections = {key: own[key] for key in experiments.SECTIONS}
             data["experiments"][view.label] = sections
+        _without_foreign(sections, view.config, build.model(config))
         for section, key in sources.named_in(sections):
             # Links are resolved first: `..` in a path goes up from where a link leads to.
             record = (source.path.parent / section[key]).resolve()
@@ -171,6 +172,14 @@ def resolved(config: Config, source: Source, folder: Path) -> str:
     made_by = "".join(f"# {name} {number}\n" for name, number in versions().items())
     opening = "# Every entry of the config with its default filled in, and what read it:\n"
     return f"{opening}{made_by}{out.getvalue()}"
+
+
+def _without_foreign(sections: dict[str, Any], config: Config, rig: Model) -> None:
+    """Defaults of inputs that the rig has not: as entries they would be refused."""
+    inputs = sections["inputs"]
+    for name in [*inputs]:
+        if name in INPUTS and name not in {*rig.inputs, *config.inputs.model_fields_set}:
+            del inputs[name]
 
 
 def _short(text: str) -> str:

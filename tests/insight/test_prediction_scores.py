@@ -2,18 +2,13 @@
 
 from __future__ import annotations
 
-import dataclasses
-
 import numpy as np
 import pytest
 import scipy.stats
 from oracles import NOMINAL
-from toys.toy_noise import Memory
 
 import bayesdrill as bd
 from bayesdrill.inference import residual_checks
-from bayesdrill.inference.noise.contract import Noisy
-from bayesdrill.inference.priors import Uniform
 from bayesdrill.insight.prediction_scores import LeftOut, held_out, leave_one_out, remembers
 
 T = np.linspace(0.0, 4.0, 81)
@@ -30,7 +25,7 @@ def measured() -> np.ndarray:
     return signal() + 0.02 + SIGMA * np.random.default_rng(4).standard_normal(len(T))
 
 
-def case(*, noise: object = None, away: bool = False) -> bd.Case:
+def case(*, noise: object = None, away: bool = False, **entries: object) -> bd.Case:
     """An offset of a sensor is all that is unknown: posterior and predictions are normal."""
     offset = {"prior": "normal", "mean": 0.0, "sd": OFFSET_SD}
     channel = bd.Channel(measured(), "rad/s", SIGMA, noise=noise, offset=offset)  # type: ignore[arg-type]
@@ -41,6 +36,7 @@ def case(*, noise: object = None, away: bool = False) -> bd.Case:
         parameters=dict.fromkeys(NOMINAL, "nominal"),
         rig=RIG,
         **({"record": {"held_out": [2.0, 2.5]}} if away else {}),  # type: ignore[arg-type]
+        **entries,  # type: ignore[arg-type]
     )
 
 
@@ -97,19 +93,38 @@ def test_what_is_held_out_is_predicted_by_the_rest() -> None:
     rest = (measured() - signal())[AWAY]
     exact = scipy.stats.norm.logpdf(rest, mean, np.hypot(sd, SIGMA)).sum()
     assert found.score == pytest.approx(exact, abs=0.02)
+    red = held_out(
+        case(away=True, noise={"name": "ar1", "rho": 0.6}).job.problem.posterior, draws(~AWAY)
+    )
+    assert red is not None
+    assert red.score < found.score
     run = made.sample(seed=2)  # and the chain is that of the rest, too
     assert run.draws[made.unknowns[0]].mean() == pytest.approx(mean, abs=0.2 * sd)
 
 
-@pytest.mark.parametrize(("correlation", "known"), [(0.4, True), (None, False), (0.0, True)])
-def test_a_noise_that_remembers_is_found_out(correlation: float | None, known: bool) -> None:
-    (one,) = case().job.problem.observations
-    assert not remembers(one)
-    noisy = Noisy(
-        channel=one.experiment.channels[0],
-        sigma=0.1 if known else Uniform(0.01, 1.0),
-        start=0.1,
-        entries={"correlation": correlation},
-    )
-    red = dataclasses.replace(one, noise=Memory.of([noisy], len(T)), own=slice(0, 1))
-    assert remembers(red) == (correlation != 0.0)
+@pytest.mark.parametrize("rho", [0.0, 0.6, None])
+def test_a_noise_that_remembers_is_found_out(rho: float | None) -> None:
+    """Mutant killed: what is no white noise by its kind."""
+    white = case().job.problem.posterior
+    assert not remembers(white.likelihood.observations[0], np.zeros((1, 1)))
+    own = {"name": "ar1"} if rho is None else {"name": "ar1", "rho": rho}
+    red = case(noise=own).job.problem.posterior
+    theta = red.space.draw(2, np.random.default_rng(1))
+    assert remembers(red.likelihood.observations[0], theta) == (rho != 0.0)
+
+
+def test_a_missing_torque_predicts_what_is_held_out_and_remembers() -> None:
+    """All but nothing of it is white noise; more of it allows for more."""
+    scores = []
+    for size in (1e-9, 0.05):
+        torque = {"at": "motor", "size": size, "time": 0.5}
+        posterior = case(away=True, missing_torque=torque).job.problem.posterior
+        found = held_out(posterior, draws(~AWAY))
+        assert found is not None
+        scores.append(found.score)
+        (one,) = posterior.likelihood.observations
+        assert remembers(one, draws(~AWAY)) == (size > 1e-3)
+    white = held_out(case(away=True).job.problem.posterior, draws(~AWAY))
+    assert white is not None
+    assert scores[0] == pytest.approx(white.score, abs=1e-3)
+    assert scores[1] < white.score - 1.0

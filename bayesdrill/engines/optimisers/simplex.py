@@ -49,7 +49,8 @@ def descend(function: Callable[[Array], float], start: Array, **options: Any) ->
     def note(intermediate_result: OptimizeResult) -> None:
         history.append(lowest)
 
-    found = minimize(noted, start, method="Nelder-Mead", callback=note, options=options)
+    with np.errstate(invalid="ignore"):  # where all of a simplex is impossible
+        found = minimize(noted, start, method="Nelder-Mead", callback=note, options=options)
     return Run(
         x=best if lowest < found.fun else np.asarray(found.x),
         first=values[0],

@@ -190,11 +190,16 @@ def packed(study: Study) -> bytes:
 _unpacked = functools.lru_cache(maxsize=1)(pickle.loads)
 
 
-def work(packed: bytes, versions: Mapping[str, str], index: int) -> Refit:
-    """A task for any process that has the same software; raises `InputError` in any other."""
+def same_software(versions: Mapping[str, str]) -> None:
+    """Raises `InputError` where this process has another."""
     own = software.versions()
     wrong = [f"{k} {own.get(k)} instead of {v}" for k, v in versions.items() if own.get(k) != v]
     if wrong:
         raise InputError.one("a worker", f"it has {', '.join(wrong)}; install the same there")
+
+
+def work(packed: bytes, versions: Mapping[str, str], index: int) -> Refit:
+    """A task for any process that has the same software; raises `InputError` in any other."""
+    same_software(versions)
     with _ONE_AT_A_TIME, threadpool_limits(1):
         return refit(_unpacked(packed), index)

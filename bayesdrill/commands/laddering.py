@@ -1,0 +1,195 @@
+"""A ladder of models of one record: rungs handed out, each a run of its own, and compared."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from concurrent.futures import CancelledError, Executor, Future, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass
+from pathlib import Path
+
+from bayesdrill.basics import own_files, software
+from bayesdrill.basics.errors import InputError, Interrupted
+from bayesdrill.basics.own_files import CONFIG_FILE, POSTERIOR, RECOMMENDED, RESOLVED_FILE
+from bayesdrill.basics.progress import Reporter
+from bayesdrill.commands import calibrate, comparing, elsewhere, pipeline
+from bayesdrill.commands.concluding import concluded
+from bayesdrill.engines.mode import Mode
+from bayesdrill.engines.sampling import Sampled
+from bayesdrill.engines.workers import ctrl_c_waits
+from bayesdrill.insight.comparison import SURE, Contender
+from bayesdrill.report import ladder_words
+from bayesdrill.report.comparison_report import ComparisonReport
+from bayesdrill.results import provenance, run_folder
+from bayesdrill.results.run_folder import Folder
+from bayesdrill.setup import rungs
+from bayesdrill.setup.job import Job
+from bayesdrill.setup.rungs import Ladder, Rung
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Outcome:
+    """`rungs`: those that were run, in the order of `report.models`; `left_out`: why others were not;
+    `recommended`: one of them, whose config is at `config`.
+    """
+
+    folder: Path
+    report: ComparisonReport
+    rungs: tuple[Rung, ...]
+    left_out: Mapping[str, str]
+    recommended: Rung
+    config: Path
+
+    @property
+    def said(self) -> str:
+        """For the terminal."""
+        told = ladder_words.conclusion(self.recommended, self.left_out, self.config)
+        return f"{self.report.text}\n{told}"
+
+
+def ladder(
+    job: Job, output: Path, how: run_folder.Mode, crew: Executor, report: Reporter
+) -> Outcome:
+    """The whole job. Raises `Interrupted` when asked to stop, and `BrokenProcessPool` when a worker was
+    killed; rungs that are done are kept.
+    """
+    marks = provenance.fingerprint(job.config, job.problem)
+    kind = own_files.ladder(rungs.names())
+    for name in rungs.names():
+        Folder(output / name, "fresh" if how == "fresh" else "force", {}, POSTERIOR).check()
+    pipeline.check_record(job, output, None)
+    with Folder(output, how, marks, kind) as folder:
+        folder.begin(status="running", seed=job.config.seed, versions=software.versions())
+        folder.write_text(CONFIG_FILE, job.source.text)
+        folder.write_text(RESOLVED_FILE, provenance.resolved(job.config, job.source, output))
+        work = _Climb(job, output, crew, report, again=how == "resume")
+        try:
+            work.up(Ladder.of(job))
+        except KeyboardInterrupt:
+            folder.write_run(status="interrupted")
+            message = f"stopped; rungs that were done are kept in {output}; continue with --resume"
+            raise Interrupted(message) from None
+        except (InputError, BrokenProcessPool):
+            folder.write_run(status="interrupted")
+            raise
+        return _published(job, folder, work)
+
+
+class _Climb:
+    """Rungs under way: `done` has what each that was run says, `left_out` why others were not."""
+
+    def __init__(
+        self, job: Job, output: Path, crew: Executor, report: Reporter, *, again: bool
+    ) -> None:
+        self.job, self.output, self.again = job, output, again
+        self.crew, self.report = crew, report
+        self.done: dict[str, tuple[Rung, Contender]] = {}
+        self.left_out: dict[str, str] = {}
+
+    def up(self, made: Ladder) -> None:
+        """All that need nothing of others; then what the best of these asks for."""
+        self._run(made.first())
+        if rungs.GIVEN not in self.done:
+            raise InputError.one(str(self.job.source.path), self.left_out[rungs.GIVEN])
+        least = self.done[rungs.GIVEN][1].log_z + SURE
+        better = [name for name, (_, one) in self.done.items() if one.log_z > least]
+        self._run(made.then(sorted(better, key=lambda name: -self.done[name][1].log_z)))
+
+    def _run(self, wanted: Sequence[Rung]) -> None:
+        jobs = {one.name: (one, made) for one in wanted if (made := self._job(one)) is not None}
+        missing = {name: pair for name, pair in jobs.items() if not self._taken_up(*pair)}
+        self.report.say(ladder_words.opening([one for one, _ in jobs.values()], len(missing)))
+        versions = software.versions()
+        with ctrl_c_waits():
+            futures = {
+                self.crew.submit(elsewhere.work, elsewhere.packed(made), versions): pair
+                for pair in missing.values()
+                for made in [pair[1]]
+            }
+        try:
+            for count, future in enumerate(as_completed(futures), 1):
+                self._finish(future, *futures[future])
+                self.report.update(count / len(futures), f"{len(self.done)} rungs")
+        except CancelledError:
+            raise calibrate.lost(self.output, "the scheduler is gone") from None
+        self.report.update(1.0, "")
+
+    def _job(self, rung: Rung) -> Job | None:
+        if not rung.parts:
+            return self.job
+        try:
+            return rung.job()
+        except InputError as error:
+            self.left_out[rung.name] = error.problems[0].message
+            return None
+
+    def _taken_up(self, rung: Rung, job: Job) -> bool:
+        """Whether it was run before."""
+        place = self.output / rung.name
+        run = run_folder.read_run(place) if self.again else None
+        same = run is not None and run.get("fingerprint") == provenance.fingerprint(
+            job.config, job.problem
+        )
+        if run is None or not same or run.get("status") != "finished":
+            return False
+        _, found, sampled = pipeline.read(place)
+        return self._known(rung, job, found, sampled)
+
+    def _finish(self, future: Future[tuple[Mode, Sampled] | str], rung: Rung, job: Job) -> None:
+        made = calibrate.result_of(future.result, self.output)
+        if isinstance(made, str):
+            self.left_out[rung.name] = made
+            return
+        found, sampled = made
+        # What may be missing the other rungs say, and the report of the config as given.
+        view = dataclasses.replace(concluded(job, found, sampled), alone=not rung.parts)
+        pipeline.write(job, view, self.output / rung.name, None, force=True)
+        if not self._known(rung, job, found, sampled):
+            self.left_out[rung.name] = "its evidence could not be computed"
+
+    def _known(self, rung: Rung, job: Job, found: Mode, sampled: Sampled) -> bool:
+        if sampled.evidence is None:
+            return False
+        place = str(self.output / rung.name)
+        own = comparing.contender(rung.name, place, job, found, sampled, self.job.units)
+        self.done[rung.name] = rung, own
+        return True
+
+
+def _published(job: Job, folder: Folder, work: _Climb) -> Outcome:
+    """Always in the same order: the config as given first, and then as they are named."""
+    order = [name for name in rungs.names() if name in work.done]
+    every = [work.done[name] for name in order]
+    report = ComparisonReport(tuple(one for _, one in every), job.units)
+    chosen = recommended([rung for rung, _ in every], report)
+    about = ladder_words.about_config(chosen, job.config.name, report)
+    name = f"{job.config.name}_{chosen.name}"[: rungs.LONGEST_NAME]
+    folder.write_text(RECOMMENDED, rungs.recommended(chosen, name, folder.path, about))
+    comparing.write(report, folder, title=f"Ladder of {job.config.name}")
+    files = {made: own_files.digest(folder.path / made) for made in folder.made()}
+    folder.write_run(
+        status="finished",
+        recommended=chosen.name,
+        left_out=work.left_out,
+        files=files,
+        **comparing.entries(report),
+    )
+    return Outcome(
+        folder=folder.path,
+        report=report,
+        rungs=tuple(rung for rung, _ in every),
+        left_out=work.left_out,
+        recommended=chosen,
+        config=folder.path / RECOMMENDED,
+    )
+
+
+def recommended(every: Sequence[Rung], report: ComparisonReport) -> Rung:
+    """The simplest of those that are about as probable as the best."""
+    least = report.best.log_z - SURE
+    models = report.models
+    good = [k for k, one in enumerate(models) if one.log_z >= least]
+    return every[
+        min(good, key=lambda k: (len(every[k].parts), len(models[k].layer.problem.symbols), k))
+    ]

@@ -1,0 +1,103 @@
+"""Rungs of a ladder: each a config that is valid, and that differs in what its name says."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+import systems
+from ruamel.yaml import YAML
+
+from bayesdrill.setup import loading, rungs
+from bayesdrill.setup.config import Config
+from bayesdrill.setup.job import prepare
+from bayesdrill.setup.rungs import Ladder, Rung
+
+TORQUES = set(rungs.TORQUES) if rungs.MISSING in Config.model_fields else set()
+ALL = {"as_given", "unknown_noise", "ar1", *rungs.PHYSICS, *TORQUES}
+
+
+def ladder(tmp_path: Path, *changes: tuple[str, str]) -> Ladder:
+    return Ladder.of(prepare(systems.small(tmp_path, ("walkers: 8", "walkers: 24"), *changes)))
+
+
+def by_name(every: list[Rung]) -> dict[str, Rung]:
+    return {one.name: one for one in every}
+
+
+def test_each_is_valid_and_has_what_it_says(tmp_path: Path) -> None:
+    """Mutants killed: one channel of all; a thing that stays in the next rung."""
+    found = by_name(ladder(tmp_path).first())
+    assert set(found) == ALL
+    assert next(iter(found)) == "as_given"
+    for name, one in found.items():
+        problem = one.job().problem
+        physics = set(rungs.PHYSICS.get(name, ()))
+        noise = {n for n in problem.names if n.startswith(("sigma", "rho"))}
+        assert {"k_e", "j_1"} | physics <= set(problem.names), name
+        if name not in TORQUES:
+            assert set(problem.names) == {"k_e", "j_1"} | physics | noise, name
+        sizes = {f"sigma_{c}" for c in ("theta_1", "w_1")}
+        memories = {f"rho_{c}" for c in ("theta_1", "w_1")}
+        wanted = {"unknown_noise": sizes, "ar1": sizes | memories}
+        assert noise == wanted.get(name, set()), name
+
+
+def test_what_a_config_has_already_is_not_tried(tmp_path: Path) -> None:
+    free = "sigma: {prior: log_uniform, low: 0.01, high: 1}"
+    found = by_name(
+        ladder(
+            tmp_path,
+            ("t_f: nominal", "t_f: nominal\n  t_cm: {prior: uniform, low: 0, high: 0.1}"),
+            ("theta_1, unit: rad, sigma: 0.05", f"theta_1, unit: rad, {free}"),
+            ("w_1, unit: rad/s, sigma: 0.05", f"w_1, unit: rad/s, noise: ar1, {free}"),
+        ).first()
+    )
+    assert not {"friction_motor", "friction_both", "unknown_noise"} & set(found)
+    assert {"friction_rotor_1", "ar1"} <= set(found)
+    assert "rho_theta_1" in found["ar1"].job().problem.names
+
+
+def test_channels_of_experiments_are_changed_too(tmp_path: Path) -> None:
+    text = (
+        "experiments:\n"
+        "  one: {}\n"
+        "  two: {record: {channels: {w_1: {column: w_1, unit: rad/s, sigma: 0.1}}}}\n"
+        "inputs:"
+    )
+    found = by_name(ladder(tmp_path, ("inputs:", text)).first())
+    names = found["unknown_noise"].job().problem.names
+    assert {"sigma_w_1_one", "sigma_w_1_two", "sigma_theta_1_one"} <= set(names)
+
+
+def test_the_best_goes_on_with_other_noise_and_the_second(tmp_path: Path) -> None:
+    """Mutants killed: what is worse than the config as given; a friction that the best one has."""
+    made = ladder(tmp_path)
+    assert made.then([]) == []
+    assert made.then(["ar1", "unknown_noise"]) == []
+    first = made.then(["ar1", "friction_both", "friction_motor", "damping_shaft", "voltage_drop"])
+    assert [one.name for one in first] == [
+        "friction_both-unknown_noise",
+        "friction_both-ar1",
+        "friction_both-damping_shaft",
+    ]
+    assert set(first[2].job().problem.names) == {"k_e", "j_1", "t_cm", "t_c1", "c_s"}
+    assert {one.name for one in first} <= set(rungs.names())
+
+
+@pytest.mark.parametrize("name", ["as_given", "ar1", "damping_shaft"])
+def test_what_is_recommended_is_a_config_from_anywhere(name: str, tmp_path: Path) -> None:
+    """Mutant killed: a record that is looked for beside the new config."""
+    output = ("output: {predictive_draws: 10, figures: []}", "output: {figures: [corner]}")
+    one = by_name(ladder(tmp_path / "here", output).first())[name]
+    far = tmp_path / "far" / "away"
+    far.mkdir(parents=True)
+    path = far / "recommended.yaml"
+    path.write_text(rungs.recommended(one, "mine", far, "first\nsecond"))
+    assert path.read_text().startswith("# first\n# second\nname: mine\n")
+    config, source = loading.load(path)
+    assert list(config.output.figures) == ["corner"]
+    again = prepare(path).problem
+    assert again.names == one.job().problem.names
+    assert (again.experiment.y == one.job().problem.experiment.y).all()
+    assert YAML(typ="safe").load(source.text)["record"]["file"] == "../../here/small.csv"
