@@ -130,6 +130,27 @@ MUTANTS = [
         "test_what_the_record_leaves_alone_costs_nothing_however_wide",
     ),
     Mutant(
+        "a missing torque that is drawn without the record",
+        "inference/noise/shaken.py",
+        "drawn = fresh + self.smooth(samples - shown, own)",
+        "drawn = fresh + 0.0 * self.smooth(samples - shown, own)",
+        "tests/insight/test_shaking.py::test_the_torque_is_found_and_its_band_holds_it",
+    ),
+    Mutant(
+        "the speed behind the gear for that of the motor, in what a torque follows",
+        "insight/following.py",
+        'speed = found.states[name] * (found.gear if name == "w_2" else 1.0)',
+        "speed = found.states[name] * 1.0",
+        "tests/insight/test_following.py::test_each_law_is_found_with_its_size",
+    ),
+    Mutant(
+        "a second law where the first has said it all",
+        "insight/following.py",
+        "if rest - lefts[best] < WORTH * rest or rest - lefts[best] < LEAST * total:",
+        "if rest - lefts[best] < WORTH * rest * 0.0:",
+        "tests/insight/test_following.py::test_each_law_is_found_with_its_size",
+    ),
+    Mutant(
         "a missing torque on the wrong side of the gear",
         "rig/missing_torque.py",
         'return linear.A[row, "i"] / p["k_T"]',

@@ -178,7 +178,7 @@ class PosteriorSurface:
         """`expand` without the value, which takes another response: 0, or -inf."""
         with np.errstate(all="ignore"):
             theta = self.posterior.coordinates.to_physical(u)
-            slope, curvature = self._of_record(theta, directions)
+            slope, curvature = self.of_record(theta, directions)
         prior_slope, prior_curvature = self._of_prior(u)
         slope += _along(prior_slope, directions)
         curvature += _weighted(directions, prior_curvature)
@@ -186,7 +186,7 @@ class PosteriorSurface:
         slope[~good], curvature[~good] = 0.0, 0.0
         return Expansion(np.where(good, 0.0, -np.inf), slope, curvature)
 
-    def _of_record(self, theta: Array, directions: Array) -> tuple[Array, Array]:
+    def of_record(self, theta: Array, directions: Array) -> tuple[Array, Array]:
         """Slope `(W, q)` and curvature `(W, q, q)` of the log likelihood."""
         space, coordinates = self.posterior.space, self.posterior.coordinates
         # d log unknown / d coordinate, or d unknown / d coordinate where it need not be positive

@@ -10,7 +10,7 @@ from bayesdrill.insight.identifiability.profile import Profile
 from bayesdrill.insight.identifiability.remedies import Remedy
 from bayesdrill.insight.identifiability.structure import Exponents
 from bayesdrill.insight.identifiability.study import Known, Study
-from bayesdrill.report import friction_words
+from bayesdrill.report import friction_words, torque_words
 from bayesdrill.report.sections import aligned
 
 MOST_REMEDIES = 8
@@ -37,8 +37,8 @@ def product(names: Sequence[str], exponents: Sequence[float]) -> str:
 
 def full(study: Study) -> str:
     """All that `identify` prints."""
-    rubs = friction_words.sentences(study.frictions)
-    parts = [structure(study), knowledge(study), nuisances(study), rubs, remedies(study)]
+    rubs, stands = friction_words.sentences(study.frictions), torque_words.stand_ins(study)
+    parts = [structure(study), knowledge(study), nuisances(study), rubs, stands, remedies(study)]
     return "\n\n".join(part for part in parts if part).rstrip()
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
+from bayesdrill.insight.following import follows
 from bayesdrill.insight.verdict import Judgement, Verdict
 from bayesdrill.report import (
     derived_words,
@@ -117,7 +118,8 @@ def _torque(run: View) -> Iterator[Section]:
     """Of a rig whose equations leave one out."""
     for one in run.shaking:
         where = f" of {one.label}" if one.label else ""
-        said = Sentences(torque_words.sentence(one))
+        law = torque_words.followed(one, follows(one))
+        said = Sentences(f"{torque_words.sentence(one)}\n{law}")
         shown = torque_words.table(one)
         yield Section(f"The missing torque{where}", (said, shown, Note(torque_words.READ)))
 
@@ -159,7 +161,9 @@ def _shown(judged: Judgement, records: int) -> Iterator[Section]:
     shown = f"{identify_words.structure(study)}\n\n{identify_words.knowledge(study)}"
     whose = "this record" if records == 1 else "these records"
     rubs = friction_words.sentences(study.frictions)
-    said = (Plain(shown), *((Sentences(rubs),) if rubs else ()))
+    stands = torque_words.stand_ins(study)
+    more = [Sentences(one) for one in (rubs, stands) if one]
+    said: tuple[Block, ...] = (Plain(shown), *more)
     yield Section(f"What {whose} can show, at the MAP", said, brief=False)
     physical = Sentences("\n".join(judged.findings) or FOUND)
     yield Section("Physical consistency of the posterior", (physical,), brief=False)

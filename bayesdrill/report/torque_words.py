@@ -3,16 +3,29 @@
 from __future__ import annotations
 
 import csv
+import dataclasses
 import io
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
+from bayesdrill.insight.following import Follows, follows
+from bayesdrill.insight.identifiability.standing_in import StandIn
+from bayesdrill.insight.identifiability.study import Study
 from bayesdrill.insight.shaking import Shaking
+from bayesdrill.report.friction_words import listed
 from bayesdrill.report.sections import Table
 
 WHERE = {"motor": "at the motor (on its own side of the gear)", "rotor_1": "at rotor 1"}
+SPEEDS = {"w_1": "the speed of rotor 1", "w_2": "the speed of the motor"}
+SWITCHES = {  # what a config names in the place of the torque, by what that follows and where
+    ("sign", "w_1", "rotor_1"): "t_c1",
+    ("sign", "w_2", "motor"): "t_cm",
+    ("speed", "w_1", "rotor_1"): "c_1",
+    ("speed", "w_2", "motor"): "c_m",
+}
+WIDE = 3.0  # times either way: the prior that is proposed
 HEADS = ("channel", "left without it", "left with it", "moved by it")
 READ = (
     "Root mean squares over the spread of the channel, at the mean of the draws. *left with it*: what "
@@ -30,6 +43,84 @@ def sentence(found: Shaking) -> str:
     return (
         f"missing torque{of}: {WHERE[found.at]} {low:.3g} to {high:.3g} N m in 94 % of the samples, "
         f"each known to {width:.2g} N m; its sign is sure in {100 * sure:.0f} % of the samples"
+    )
+
+
+def followed(found: Shaking, every: Sequence[Follows]) -> str:
+    """What the torque follows, a line for each; what it would be in the equations."""
+    taken = [one for one in every if one.taken]
+    if not taken:
+        best = f" (at most {100 * every[0].share:.0f} %: {_what(every[0])})" if every else ""
+        return (
+            f"missing torque: it follows no speed, angle, input or time by a law known here{best}"
+        )
+    return "\n".join(_line(found, one) for one in taken)
+
+
+def _line(found: Shaking, one: Follows) -> str:
+    size, sd = abs(one.size), f"{one.sd:.1g}"
+    against = one.size < 0
+    share = f"which explains {100 * one.share:.0f} % of it by itself"
+    said = f"missing torque: it follows {_what(one)}, {share}"
+    where = {"motor": "at the motor", "rotor_1": "at rotor 1"}[found.at]
+    if one.kind == "sign" and against:
+        said += f": dry friction {where} of {size:.3g} N m (sd {sd})"
+    elif one.kind == "speed" and against:
+        said += f": viscous damping {where} of {size:.3g} N m s/rad (sd {sd})"
+    else:
+        said += f": {one.size:.3g} {UNITS[one.kind]} (sd {sd})"
+    name = SWITCHES.get((one.kind, one.of, found.at))
+    if name is None or not against:
+        return said
+    prior = f"{{prior: log_uniform, low: {size / WIDE:.2g}, high: {size * WIDE:.2g}}}"
+    return f"{said}; to have it in the equations, write `parameters: {{{name}: {prior}}}`"
+
+
+UNITS = {
+    "sign": "N m with its sign",
+    "speed": "N m s/rad",
+    "square": "N m s^2/rad^2",
+    "turn": "N m, once a turn",
+    "input": "N m per SI unit of it",
+    "constant": "N m",
+    "drift": "N m/s",
+}
+
+
+def _what(one: Follows) -> str:
+    return {
+        "sign": f"the sign of {SPEEDS.get(one.of, one.of)}",
+        "speed": SPEEDS.get(one.of, one.of),
+        "square": f"the square of {SPEEDS.get(one.of, one.of)}",
+        "turn": "the angle within a turn",
+        "input": f"the input {one.of}",
+        "constant": "nothing, and is constant",
+        "drift": "the time",
+    }[one.kind]
+
+
+def stand_ins(study: Study) -> str:
+    """What a missing torque can stand in for, a line for each; empty where there is nothing."""
+    return "\n".join([*map(_scaled, study.scaled), *map(_stands_in, study.stand_ins)])
+
+
+def _scaled(names: tuple[str, ...]) -> str:
+    *others, size = names
+    every = listed(others)
+    return (
+        f"missing torque: {every} and {size} can be changed together and leave every measured signal as "
+        "it is: a stiffer spring with a larger torque cannot be told from a softer one with a smaller; "
+        f"hold one of {every}, or measure the torque"
+    )
+
+
+def _stands_in(one: StandIn) -> str:
+    do = {"hold": "holding", "measure": "a sensor of"}
+    ways = [f"{do[h.kind]} {h.name} (sd {h.shrink:.2g} times smaller)" for h in one.helps]
+    would = f"; what would tell: {', or '.join(ways)}" if ways else ""
+    return (
+        f"missing torque: {WHERE[one.at]} it can stand in for {one.name}: the sd of log {one.name} is "
+        f"{one.sd:.2g} with it, {one.alone:.2g} without it, {one.before:.2g} before the record{would}"
     )
 
 
@@ -69,6 +160,7 @@ def as_data(every: Sequence[Shaking]) -> list[dict[str, Any]]:
             "at": one.at,
             "rms": float(np.sqrt(np.mean(one.expected**2))),
             "sd": float(one.draws.std(axis=0).mean()),
+            "follows": [dataclasses.asdict(each) for each in follows(one)],
             "channels": {
                 c.channel: {
                     "without": c.without / c.spread,

@@ -11,9 +11,9 @@ from bayesdrill.basics.errors import InputError, Problem
 PACKAGE = Path(__file__).parents[1]
 FILES = (
     *("nominal_step.yaml", "example_rig.yaml", "example_ties.yaml", "example_experiments.yaml"),
-    "schema.json",
+    *("example_torque.yaml", "schema.json"),
     *(f"records/{name}.csv" for name in ("nominal_step", "example_rig", "example_ties")),
-    *(f"records/{name}.csv" for name in ("example_step", "example_rundown")),
+    *(f"records/{name}.csv" for name in ("example_step", "example_rundown", "example_torque")),
     *(f"paper/{name}.yaml" for name in ("estimates", "measured", "missing_physics")),
     "paper/two_parameters.yaml",
     *(f"paper/records/{name}.csv" for name in ("estimates", "missing_physics", "two_parameters")),

@@ -95,7 +95,7 @@ def test_the_curvature_is_on_average_the_fisher_information() -> None:
         record = one.noise.draw(clean, one.scatter(theta), rng)[0]
         likelihood = dataclasses.replace(of.likelihood, observations=(one.with_record(record),))
         surface = PosteriorSurface(dataclasses.replace(of, likelihood=likelihood))
-        slope, curvature = surface._of_record(theta, np.eye(theta.shape[1]))
+        slope, curvature = surface.of_record(theta, np.eye(theta.shape[1]))
         slopes.append(slope[0])
         curvatures.append(np.diag(curvature[0]))
     ratio = np.mean(np.square(slopes), axis=0) / np.mean(curvatures, axis=0)

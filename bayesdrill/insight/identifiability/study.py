@@ -24,6 +24,7 @@ from bayesdrill.insight.identifiability.information import (
 )
 from bayesdrill.insight.identifiability.remedies import Remedy, remedies
 from bayesdrill.insight.identifiability.scenes import Scenery
+from bayesdrill.insight.identifiability.standing_in import StandIn, scaled, stand_ins
 from bayesdrill.insight.identifiability.structure import Exponents, Structure
 
 Array = NDArray[np.float64]
@@ -88,7 +89,9 @@ class Nuisance:
 class Study:
     """At a physical point, which `at` names.
 
-    `information` is that of the record alone, `directions` its sloppy spectrum.
+    `information` is that of the record alone, `directions` its sloppy spectrum.  `stand_ins`:
+    parameters that a missing torque can stand in for; `scaled`: names that can be multiplied
+    together, its size among them.
     """
 
     names: tuple[str, ...]
@@ -101,6 +104,8 @@ class Study:
     remedies: tuple[Remedy, ...]
     nuisances: tuple[Nuisance, ...] = ()
     frictions: Told = NOTHING
+    stand_ins: tuple[StandIn, ...] = ()
+    scaled: tuple[tuple[str, ...], ...] = ()
 
     @property
     def directions(self) -> tuple[Direction, ...]:
@@ -132,6 +137,8 @@ def study(
         remedies=remedies(scenery, theta, found.symmetries, prior_sd, of_interest or names),
         nuisances=_nuisances(scenery, posterior, theta, thresholds),
         frictions=told_apart(scenery, posterior, theta),
+        stand_ins=stand_ins(posterior, theta, prior_spreads(posterior), rng),
+        scaled=scaled(posterior, found.symmetries),
     )
 
 
