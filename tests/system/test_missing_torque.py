@@ -175,3 +175,62 @@ def test_with_a_free_spring_it_is_said_what_cannot_be_told_apart(tmp_path: Path)
     said = torque_words.stand_ins(study)
     assert "k_s and j_1 and s_d can be changed together" in said
     assert "hold one of k_s and j_1" in said
+
+
+SERVO = ROOT.parent / "shared" / "data" / "simulated_servo" / "square.csv"
+TURNS = """
+name: servo
+seed: 3
+record:
+  file: FILE
+  window: [0, 4]
+  time: {column: "time [ms]", unit: ms}
+  channels:
+    theta_2: {column: "theta [deg]", unit: deg, sigma: {prior: log_uniform, low: 0.005, high: 30}}
+    alpha: {column: "alpha [deg]", unit: deg, measures: theta_1 - theta_2,
+            sigma: {prior: log_uniform, low: 0.005, high: 30}}
+inputs:
+  v: {column: "voltage [V]", unit: V}
+model: {name: motor_shaft, i_m: 0.0714285714}
+nominal:
+  {j_m: 4.95e-6, c_m: 2.2e-6, k_e: 0.022, k_T: 0.022, r_m: 1.98, l_m: 0.66e-3, k_s: 0.99,
+   j_1: 2.64e-3}
+missing_torque:
+  at: motor
+  size: {prior: log_uniform, low: 1.0e-5, high: 0.1}
+  time: {prior: log_uniform, low: 1.0e-3, high: 10}
+parameters:
+  {j_m: nominal, c_m: BOX, k_e: BOX, k_s: BOX, j_1: BOX,
+   k_T: nominal, r_m: nominal, l_m: nominal, t_f: 0.0}
+map: {starts: 2, evaluations: 500}
+""".replace("BOX", "{prior: uniform, low: 0.1, high: 10, relative: true}")
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not SERVO.exists(), reason="a record that does not come with the project")
+def test_a_servo_without_a_word_of_its_frictions_has_its_stiffness_over_its_inertia(
+    tmp_path: Path,
+) -> None:
+    """Friction at both ends, an offset of the supply, a late sensor: none of it is modelled."""
+    (tmp_path / "servo.yaml").write_text(TURNS.replace("FILE", str(SERVO)))
+    best = bd.load(tmp_path / "servo.yaml").find_map(processes=1).mode.values
+    assert best["k_s"] / best["j_1"] == pytest.approx(0.9 / 2.4e-3, rel=0.03)
+
+
+def test_what_a_torque_can_stand_in_for_is_said_with_what_would_tell(tmp_path: Path) -> None:
+    """At rotor 1, of a rig of which the speed at the gearbox alone is measured: the rotor's own."""
+    path = rubbing(tmp_path, 3)
+    text = path.read_text()
+    kept = [line for line in text.splitlines() if not line.lstrip().startswith(("theta_", "w_1:"))]
+    path.write_text(
+        "\n".join(kept).replace("size: {prior: log_uniform, low: 1.0e-3, high: 10}", "size: 1")
+    )
+    study = bd.load(path).identify().study
+    assert [one.name for one in study.stand_ins] == ["k_s", "j_1"]
+    first = study.stand_ins[0]
+    assert first.sd > 0.1
+    assert first.alone < 0.02
+    assert {(one.kind, one.name) for one in first.helps} >= {("measure", "w_1"), ("hold", "j_1")}
+    said = torque_words.stand_ins(study)
+    assert "at rotor 1 it can stand in for k_s" in said
+    assert "a sensor of w_1" in said
