@@ -18,6 +18,7 @@ from bayesdrill.report.overlay_shown import in_logs, shown
 from bayesdrill.report.pages import Page
 from bayesdrill.setup.own_units import OwnUnits
 
+FEW, MOST_UNKNOWNS = 4, 12  # models of which all is shown, and unknowns
 COLUMNS, TOP = 3, 3  # panels of a row; those that are not of unknowns
 ROW, FRAME = 0.19, 0.22  # inches of a model and of the margins of a panel
 LETTER, LEAST_LEFT, MOST_LEFT = 0.058, 0.5, 2.2  # inches of a letter of a name, and of all of them
@@ -35,7 +36,7 @@ def comparison_figure(models: Sequence[Contender], rows: Sequence[Row], own: Own
     """The most probable on top and black; `rows` of unknowns in SI."""
     order = sorted(range(len(models)), key=lambda k: -models[k].log_z)
     layers = [one.layer for one in models]
-    shared = [(shown(row, own), in_logs(row, layers)) for row in rows if row.shared]
+    shared = [(shown(row, own), in_logs(row, layers)) for row in _common(rows, len(models))]
     names = [_name(models[k]) for k in order]
     channels = list(dict.fromkeys(one.name for model in models for one in model.left))
     with style.styled():
@@ -44,9 +45,9 @@ def comparison_figure(models: Sequence[Contender], rows: Sequence[Row], own: Own
         figure, panels = page.build(TOP + len(shared))
         _odds(panels[0], [models[k] for k in order])
         _left(panels[1], [models[k] for k in order], channels, lambda one: one.rms, 1.0)
-        panels[1].set_xlabel("rms of what is left, over the noise", labelpad=2)
+        panels[1].set_xlabel("rms of residuals over noise", labelpad=2)
         _left(panels[2], [models[k] for k in order], channels, lambda one: one.correlation, 0.0)
-        panels[2].set_xlabel("correlation of neighbours in it", labelpad=2)
+        panels[2].set_xlabel("their correlation", labelpad=2)
         for panel, (row, log) in zip(panels[TOP:], shared, strict=True):
             _unknown(panel, row, order, log=log)
         for k, panel in enumerate(panels):
@@ -62,6 +63,14 @@ def comparison_figure(models: Sequence[Contender], rows: Sequence[Row], own: Own
         height = 1.0 - (page.top - 0.24) / figure.get_figheight()
         figure.text(0.5, height, READ, ha="center", va="center", fontsize=8.0, color=style.DARK)
     return figure
+
+
+def _common(rows: Sequence[Row], n_models: int) -> list[Row]:
+    """Those that two models share, and of many models half of them; the table has all."""
+    least = max(2, n_models / 2) if n_models > FEW else 2
+    return [row for row in rows if sum(p is not None and p.sd > 0 for p in row.places) >= least][
+        :MOST_UNKNOWNS
+    ]
 
 
 def _page(n_models: int, letters: int, lines: int) -> Page:

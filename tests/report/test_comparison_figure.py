@@ -41,6 +41,12 @@ def test_no_texts_overlap(n: int, unknowns: int, wide: float) -> None:
     assert list(clashes(figure(models(n, unknowns, wide)))) == []
 
 
+def test_of_many_models_those_unknowns_are_shown_that_most_have() -> None:
+    given = [model(str(k), -float(k), unknowns=3 if k < 2 else 2) for k in range(8)]
+    assert len(figure(given).axes) == 3 + 2
+    assert len(figure(given[:3]).axes) == 3 + 3
+
+
 def test_marks_stand_where_the_numbers_are() -> None:
     """Mutant killed: models in the order given, beside names in that of their odds."""
     given = models(4, 3, 60.0)
