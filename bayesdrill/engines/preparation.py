@@ -17,6 +17,7 @@ from bayesdrill.engines.workers import Crew
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.residual_checks import FAR_TOO_LARGE
 from bayesdrill.inference.surface import Expansion, PosteriorSurface, joined
+from bayesdrill.rig.models.friction import frictions_of
 
 Array = NDArray[np.float64]
 
@@ -44,7 +45,8 @@ def prepare(crew: Crew, posterior: Posterior, maxima: Array, seed: int) -> Learn
     with threadpool_limits(1):
         rng = seeds.stream(seed, "learn", 1)
         # Where the density over the coordinates is highest, most of the posterior is near.
-        return learn(surface, expand, list(_central(surface, tops)), random, rng, again)
+        tops = list(_central(surface, tops))
+        return learn(surface, expand, tops, random, rng, again, settle=not rubs(posterior))
 
 
 def _central(surface: PosteriorSurface, tops: Array) -> Array:
@@ -64,6 +66,11 @@ def fits(posterior: Posterior, maxima: Array) -> bool:
     """
     left = float(posterior.likelihood.per_number(maxima[:1])[0])
     return left < FAR_TOO_LARGE**2
+
+
+def rubs(posterior: Posterior) -> bool:
+    """Whether slopes are dear and jump where friction lets go: no way home along them."""
+    return any(frictions_of(one.response.model) for one in posterior.likelihood.observations)
 
 
 def expanded(posterior: Posterior, u: Array, directions: Array) -> Expansion:

@@ -87,10 +87,13 @@ def learn(
     seed: Random,
     rng: np.random.Generator,
     again: int = AGAIN,
+    *,
+    settle: bool = True,
 ) -> Learnt:
     """From the `maxima` (each `(D,)`); raises `Nowhere` where no draw has a density.
 
-    `again`: how many ridges are added at most.
+    `again`: how many ridges are added at most.  `settle`: whether to look along settled ridges for
+    what the proposal leaves out.
     """
     parts = [(origin, trace(surface, expand, at, rng)) for origin, at in enumerate(maxima)]
     try:
@@ -108,7 +111,8 @@ def learn(
         parts = found if last.strays > STRAYS else kept + found
         last = _fitted(surface, parts, seed, again)
         best = max(best, last, key=lambda one: one.merit)
-    looked = look(surface, expand, best.proposal, *_heaviest(best), seed, rng) if again else None
+    looking = again > 0 and settle
+    looked = look(surface, expand, best.proposal, *_heaviest(best), seed, rng) if looking else None
     draws = looked.draws if looked else best.draws
     return Learnt(
         proposal=replace(best.proposal, settled=looked.proposal if looked else None),
