@@ -45,8 +45,8 @@ def prepare(crew: Crew, posterior: Posterior, maxima: Array, seed: int) -> Learn
     with threadpool_limits(1):
         rng = seeds.stream(seed, "learn", 1)
         # Where the density over the coordinates is highest, most of the posterior is near.
-        tops = list(_central(surface, tops))
-        return learn(surface, expand, tops, random, rng, again, settle=not rubs(posterior))
+        central, settle = list(_central(surface, tops)), not rubs(posterior)
+        return learn(surface, expand, central, random, rng, again, settle=settle)
 
 
 def _central(surface: PosteriorSurface, tops: Array) -> Array:
