@@ -133,6 +133,7 @@ def case(parameters: dict[str, object], *, offset: bool, sigma: object = SIGMA) 
     )
 
 
+@pytest.mark.slow
 def test_an_offset_of_a_sensor_alone_is_a_normal_density_of_the_record() -> None:
     """All of a config's densities in one number: likelihood, priors and Jacobians, in SI."""
     run = case({}, offset=True).sample()
@@ -142,6 +143,7 @@ def test_an_offset_of_a_sensor_alone_is_a_normal_density_of_the_record() -> None
     assert abs(run.evidence.log_z - exact) < SURE * run.evidence.error < 0.05
 
 
+@pytest.mark.slow
 def test_three_unknowns_on_a_grid() -> None:
     """A parameter in a box, an offset, an unknown noise: by the trapezoid rule.
 

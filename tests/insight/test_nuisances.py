@@ -113,6 +113,7 @@ def test_a_start_in_motion_is_named() -> None:
     assert speeds["w_1"] == pytest.approx(9.0, abs=1.0)
 
 
+@pytest.mark.slow
 def test_what_is_no_matter_of_sensors_is_not_blamed_on_them() -> None:
     """A rig with other physics: a twist that is cubed leaves something that no sensor explains."""
     record = seen(Sensing(), [])

@@ -62,6 +62,7 @@ def compared(stiffer: float, seed: int = 0) -> tuple[Repeat, ...]:
     return repeats(Scenery(likelihood), theta, [(1, 0, 0), (0, 1, -1), (0, 0, 1)])
 
 
+@pytest.mark.slow
 def test_one_rig_tells_the_same_each_time() -> None:
     """Over 16 sets: p is uniform enough, and hardly ever an alarm.  Mutant: sds without the root."""
     p = np.array([[one.p for one in compared(1.0, seed)] for seed in range(16)])

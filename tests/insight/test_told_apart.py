@@ -158,6 +158,7 @@ def test_static_friction_shows_where_it_sticks_or_goes_slowly(slow: float) -> No
     assert found.unseen == ()
 
 
+@pytest.mark.slow
 def test_a_drop_is_like_k_e_at_one_voltage() -> None:
     steady = turning(8.0 - 0.5, 0.0)
     steady["i"] = (8.0 - 0.5 - NOMINAL["k_e"] * 8 * steady["w_2"]) / NOMINAL["r_m"]

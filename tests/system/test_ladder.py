@@ -110,6 +110,7 @@ def done(tmp_path_factory: pytest.TempPathFactory) -> Done:
     return Done(given, place / "out")
 
 
+@pytest.mark.slow
 def test_what_is_missing_is_named_and_recommended(done: Done, tmp_path: Path) -> None:
     run = done.run
     assert run["status"] == "finished"

@@ -151,6 +151,7 @@ def test_what_does_not_belong_to_a_maximum_is_named(config: Path) -> None:
     assert "the record was 101 samples" in systems.cli("verify", out).err
 
 
+@pytest.mark.slow
 def test_a_fit_that_no_posterior_can_mend_is_said_before_anything_is_sampled(
     tmp_path: Path,
 ) -> None:
