@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,6 +18,8 @@ from bayesdrill.rig.models.composed import offers
 from bayesdrill.rig.models.linear import Model
 
 if TYPE_CHECKING:
+    from concurrent.futures import Executor
+
     from bayesdrill.results.run_folder import Mode
 
 Array = NDArray[np.float64]
@@ -101,6 +104,19 @@ def mode(*, resume: bool, force: bool) -> Mode:
 def workers(processes: Any) -> int:
     """None: as many as there are processors."""
     return available() if processes is None else whole("processes", processes, 1)
+
+
+@contextmanager
+def crew(processes: Any, scheduler: str | None) -> Iterator[Executor]:
+    """`processes` of this machine, see `workers`; or those of the Dask cluster of a scheduler."""
+    from bayesdrill.insight.calibration import executors
+
+    if scheduler is None:
+        with executors.local(workers(processes)) as found:
+            yield found
+    else:
+        with executors.dask(scheduler) as found:
+            yield found
 
 
 def number(place: str, value: Any, found: list[Problem], *, positive: bool = False) -> float:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -122,14 +121,9 @@ class Calibration:
         Raises `InputError`, and `Interrupted` when asked to stop; refits that are done are kept.
         """
         from bayesdrill.commands import calibrate
-        from bayesdrill.insight.calibration import executors
 
         how, place = arguments.mode(resume=resume, force=force), self.place(folder)
-        if scheduler is None:
-            where = partial(executors.local, arguments.workers(processes))
-        else:
-            where = partial(executors.dask, scheduler)
-        with where() as crew:
+        with arguments.crew(processes, scheduler) as crew:
             return calibrate.calibrate(self.job, place, how, crew, report or Silent())
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -43,14 +42,9 @@ class Ladder:
         `Interrupted` when asked to stop; rungs that are done are kept.
         """
         from bayesdrill.commands import laddering
-        from bayesdrill.insight.calibration import executors
 
         how, place = arguments.mode(resume=resume, force=force), self.place(folder)
-        if scheduler is None:
-            where = partial(executors.local, arguments.workers(processes))
-        else:
-            where = partial(executors.dask, scheduler)
-        with where() as crew:
+        with arguments.crew(processes, scheduler) as crew:
             return laddering.ladder(self.job, place, how, crew, report or Silent())
 
 

@@ -13,7 +13,7 @@ from bayesdrill.basics import own_files, software
 from bayesdrill.basics.errors import InputError, Interrupted
 from bayesdrill.basics.own_files import CONFIG_FILE, POSTERIOR, RECOMMENDED, RESOLVED_FILE
 from bayesdrill.basics.progress import Reporter
-from bayesdrill.commands import calibrate, comparing, elsewhere, pipeline
+from bayesdrill.commands import calibrate, comparing, elsewhere, overlaying, pipeline
 from bayesdrill.commands.concluding import concluded
 from bayesdrill.engines.mode import Mode
 from bayesdrill.engines.sampling import Sampled
@@ -168,9 +168,11 @@ def _published(job: Job, folder: Folder, work: _Climb) -> Outcome:
     folder.write_text(RECOMMENDED, rungs.recommended(chosen, name, folder.path, about))
     comparing.write(report, folder, title=f"Ladder of {job.config.name}")
     files = {made: own_files.digest(folder.path / made) for made in folder.made()}
+    runs = [overlaying.told(one.layer, folder.path / rung.name, folder.path) for rung, one in every]
     folder.write_run(
         status="finished",
         recommended=chosen.name,
+        runs=runs,
         left_out=work.left_out,
         files=files,
         **comparing.entries(report),

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import csv
+import dataclasses
 import io
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
@@ -16,11 +17,13 @@ from bayesdrill.basics.errors import InputError, Problem
 from bayesdrill.basics.own_files import COMPARE, MAP, OVERLAY, POSTERIOR, Kind
 from bayesdrill.commands import comparing, mapping, overlaying, pipeline
 from bayesdrill.commands.concluding import concluded
+from bayesdrill.insight.comparison import Contender
+from bayesdrill.insight.overlay import Layer
 from bayesdrill.report import comparison_report, overlay_report, publish
 from bayesdrill.report.comparison_report import ComparisonReport
 from bayesdrill.report.overlay_report import OverlayReport
 from bayesdrill.results import provenance, run_folder
-from bayesdrill.setup import experiments, loading, sources, yaml_source
+from bayesdrill.setup import experiments, loading, rungs, sources, yaml_source
 from bayesdrill.setup.config import Config
 from bayesdrill.setup.own_units import SI
 
@@ -71,7 +74,7 @@ def verify(folder: Path) -> Verified:
     run = run_folder.read_run(folder)
     way = None if run is None else _WAYS.get(str(run.get("job")))
     if run is None or way is None:
-        message = "no results of `bayesdrill posterior`, `map`, `compare` or an overlay are here"
+        message = "no results of `bayesdrill posterior`, `map`, `compare`, `ladder` or an overlay"
         raise InputError.one(str(folder), message)
     files = run.get("files")
     if run.get("status") != "finished" or not isinstance(files, dict):
@@ -109,52 +112,79 @@ def _of_map(folder: Path, _: Mapping[str, Any]) -> Iterator[Problem]:
     yield from _figures(folder, MAP, mark, job.config.name)
 
 
-def _of_overlay(folder: Path, run: Mapping[str, Any]) -> Iterator[Problem]:
-    """Of runs that were only in memory nothing can be computed again."""
-    layers, told = [], run["runs"]
-    for one in told:
-        if one["folder"] is None:
-            continue
-        place = folder / one["folder"]
-        try:
-            job, found, sampled = pipeline.read(place)
-            layer = overlaying.layer(one["name"], job, found, sampled, job.units)
-        except InputError as error:
-            yield from error.problems
-            continue
-        if layer.mark != one["run"]:
-            yield Problem(str(place), "is another run than the one that was laid over others")
-        else:
-            layers.append(layer)
-    if len(layers) == len(told):
-        text = OverlayReport(tuple(layers), SI).texts[overlay_report.TABLE]
-        yield from _tables(folder, {overlay_report.TABLE: text}, "the chains")
-    mark = " ".join(one["run"] for one in told)
-    yield from _figures(folder, OVERLAY, mark, overlaying.TITLE)
+@dataclass(frozen=True, slots=True)
+class _Several:
+    """How what is said of several runs is made again: of each by `read`, and of all by `text`."""
+
+    kind: Kind
+    title: str
+    table: str
+    done: str
+    read: Callable[[str, Path], tuple[str, Any]]
+    text: Callable[[Sequence[Any]], str]
+
+    def problems(self, folder: Path, run: Mapping[str, Any]) -> Iterator[Problem]:
+        """Of runs that were only in memory nothing can be computed again."""
+        found, told = [], run["runs"]
+        for one in told:
+            if one["folder"] is None:
+                continue
+            place = folder / one["folder"]
+            try:
+                mark, own = self.read(one["name"], place)
+            except InputError as error:
+                yield from error.problems
+                continue
+            if mark != one["run"]:
+                yield Problem(str(place), f"is another run than the one that was {self.done}")
+            else:
+                found.append(own)
+        if len(found) == len(told):
+            yield from _tables(folder, {self.table: self.text(found)}, "the chains")
+        mark = " ".join(one["run"] for one in told)
+        yield from _figures(folder, self.kind, mark, self.title)
 
 
-def _of_comparison(folder: Path, run: Mapping[str, Any]) -> Iterator[Problem]:
-    models, told = [], run["runs"]
-    for one in told:
-        if one["folder"] is None:
-            continue
-        place = folder / one["folder"]
+def _layer(name: str, place: Path) -> tuple[str, Layer]:
+    job, found, sampled = pipeline.read(place)
+    layer = overlaying.layer(name, job, found, sampled, job.units)
+    return layer.mark, layer
+
+
+def _contender(name: str, place: Path) -> tuple[str, Contender]:
+    job, found, sampled = pipeline.read(place)
+    model = comparing.contender(name, str(place), job, found, sampled, job.units)
+    return model.layer.mark, model
+
+
+_OVERLAY = _Several(
+    kind=OVERLAY,
+    title=overlaying.TITLE,
+    table=overlay_report.TABLE,
+    done="laid over others",
+    read=_layer,
+    text=lambda layers: OverlayReport(tuple(layers), SI).texts[overlay_report.TABLE],
+)
+_COMPARISON = _Several(
+    kind=COMPARE,
+    title=comparing.TITLE,
+    table=comparison_report.TABLE,
+    done="compared with others",
+    read=_contender,
+    text=lambda models: ComparisonReport(tuple(models), SI).texts[comparison_report.TABLE],
+)
+_LADDER = dataclasses.replace(_COMPARISON, kind=own_files.ladder(rungs.names()))
+
+
+def _of_ladder(folder: Path, run: Mapping[str, Any]) -> Iterator[Problem]:
+    """Its rungs, each a run of its own, and what is said of them together."""
+    yield from _configs(folder)
+    for one in run["runs"]:
         try:
-            job, found, sampled = pipeline.read(place)
-            named = one["name"], str(place), job, found, sampled, job.units
-            model = comparing.contender(*named)
-        except InputError as error:
+            yield from verify(folder / one["folder"]).problems
+        except InputError as error:  # no finished run
             yield from error.problems
-            continue
-        if model.layer.mark != one["run"]:
-            yield Problem(str(place), "is another run than the one that was compared with others")
-        else:
-            models.append(model)
-    if len(models) == len(told):
-        text = ComparisonReport(tuple(models), SI).texts[comparison_report.TABLE]
-        yield from _tables(folder, {comparison_report.TABLE: text}, "the chains")
-    mark = " ".join(one["run"] for one in told)
-    yield from _figures(folder, COMPARE, mark, comparing.TITLE)
+    yield from _LADDER.problems(folder, run)
 
 
 _WAYS: Mapping[str, _Way] = MappingProxyType(
@@ -165,8 +195,15 @@ _WAYS: Mapping[str, _Way] = MappingProxyType(
         MAP.job: _Way(
             MAP, _of_map, "config, record, maximum", "table and prediction follow from the maximum"
         ),
-        COMPARE.job: _Way(COMPARE, _of_comparison, "runs", "the table follows from their chains"),
-        OVERLAY.job: _Way(OVERLAY, _of_overlay, "runs", "the table follows from their chains"),
+        COMPARE.job: _Way(
+            COMPARE, _COMPARISON.problems, "runs", "the table follows from their chains"
+        ),
+        _LADDER.kind.job: _Way(
+            _LADDER.kind, _of_ladder, "config, rungs", "the table follows from their chains"
+        ),
+        OVERLAY.job: _Way(
+            OVERLAY, _OVERLAY.problems, "runs", "the table follows from their chains"
+        ),
     }
 )
 

@@ -43,7 +43,6 @@ class Ahead:
             self.nodes = int(np.ceil(self.places[-1])) + 1
         self.samples = len(t)
         self.spans = np.array([self.span])
-        self._pieces = pieces
 
     @cached_property
     def single(self) -> bool:

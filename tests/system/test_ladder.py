@@ -12,8 +12,10 @@ import numpy as np
 import pytest
 import systems
 
+from bayesdrill.basics import own_files
 from bayesdrill.basics.errors import Interrupted
 from bayesdrill.basics.progress import Silent
+from bayesdrill.basics.sealed import opened, sealed
 from bayesdrill.commands import laddering
 from bayesdrill.insight.calibration import executors
 from bayesdrill.setup import loading
@@ -143,6 +145,24 @@ def test_a_rung_is_the_run_of_its_config(done: Done, tmp_path: Path) -> None:
     assert said["as_given"] == both[0]
     ran = systems.cli("compare", mine, done.folder / "friction_motor", "-o", tmp_path / "two")
     assert "verdict: MODEL" in ran.out
+
+
+def test_rungs_and_what_is_said_of_them_are_verified(done: Done, tmp_path: Path) -> None:
+    """A rung's table, and the comparison, each forged with pains."""
+    assert systems.cli("verify", done.folder).status == 0
+    for k, place in enumerate(("as_given/summary.csv", "comparison.csv")):
+        copy = tmp_path / str(k)
+        shutil.copytree(done.config.parent, copy)
+        table = copy / "out" / place
+        lines = table.read_text().splitlines()
+        table.write_text("\n".join([lines[0], lines[2], lines[1], *lines[3:]]) + "\n")
+        run = opened((table.parent / "run.json").read_bytes())
+        run["files"][table.name] = own_files.digest(table)
+        (table.parent / "run.json").write_text(sealed(run))
+        found = systems.cli("verify", copy / "out")
+        assert found.status == 2
+        assert f"{table}: does not follow from the chain" in found.err, found.err
+        assert found.err.count("\n") == 1, found.err
 
 
 def test_nothing_is_overwritten_unasked(done: Done, tmp_path: Path) -> None:

@@ -45,7 +45,6 @@ class Shaken:
     pinned: tuple[float, ...] | None = None
 
     white: ClassVar[bool] = False
-    wants_rig: ClassVar[bool] = True
 
     @property
     def unknowns(self) -> tuple[Unknown, ...]:

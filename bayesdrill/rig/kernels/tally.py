@@ -10,12 +10,11 @@ from llvmlite import ir
 
 from bayesdrill.rig.kernels.lanes import (
     INT_VEC,
-    LANES,
     VEC,
+    Lane,
     emit_exp,
     even_odd,
     fma,
-    intrinsic,
     vector,
     whole_numbers,
 )
@@ -166,11 +165,11 @@ class _Intervals(Tally):
         squares, product, powers, logs = kept
         over, half = weights
         zero, minus = vector(0.0), vector(-0.5)
-        middle = b.fmul(_size(b, left), over)
+        middle = b.fmul(Lane(b, left).size().value, over)
         near, far = b.fsub(middle, half), b.fadd(middle, half)
         beyond = b.fcmp_ordered(">", near, zero)
         log = b.fmul(b.fmul(near, near), minus)
-        here = _tail(b, _size(b, near))
+        here = _tail(b, Lane(b, near).size().value)
         there = b.fmul(_tail(b, far), emit_exp(b, b.fmul(b.fmul(middle, half), vector(-2.0))))
         outside = b.fmul(emit_exp(b, log), b.fadd(here, there))
         mass = b.select(beyond, b.fsub(here, there), b.fsub(vector(1.0), outside))
@@ -181,11 +180,6 @@ class _Intervals(Tally):
             *_times(b, product, powers, mass),
             b.fadd(logs, b.select(beyond, log, zero)),
         ]
-
-
-def _size(b: ir.IRBuilder, value: ir.Value) -> ir.Value:
-    absolute = intrinsic(b.module, f"llvm.fabs.v{LANES}f64", VEC, [VEC])
-    return b.call(absolute, [value])
 
 
 SQUARES = Tally()
