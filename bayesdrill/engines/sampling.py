@@ -213,21 +213,22 @@ def _until_judged(
         trail.append((goal, seen.n_tau))
         hopeless = futile(trail, plan.targets.n_tau, plan.max_steps, most)
         ending = bool(hopeless) or goal == last
-        report.update(
-            min(seen.n_tau / plan.targets.n_tau, 0.99),
-            f"{goal} steps: {seen.n_tau:.0f} autocorrelation times",
-        )
+        following = min(seen.next_check(goal, plan.targets.n_tau), last)
         # Shorter lengths were judged before an interruption, and found wanting.
         if goal >= have and (ending or seen.n_tau >= plan.targets.n_tau):
             sampled = _judge(under_way.posterior, plan, under_way.pieces, theta, seen)
             convergence = sampled.convergence
-            report.update(_share(convergence, plan.targets), _state_of(convergence))
+            share = min(_share(convergence, plan.targets), goal / following)
+            report.update(share, _state_of(convergence))
             if hopeless and not convergence.converged:
                 reasons = (*convergence.reasons, hopeless)
                 convergence = dataclasses.replace(convergence, reasons=reasons, enough=None)
             if convergence.converged or ending:
                 return dataclasses.replace(sampled, convergence=convergence, learnt=learnt)
-        goal = min(seen.next_check(goal, plan.targets.n_tau), last)
+        else:
+            share = min(seen.n_tau / plan.targets.n_tau, 0.99)
+            report.update(share, f"{goal} steps: {seen.n_tau:.0f} autocorrelation times")
+        goal = following
 
 
 def _said(learnt: Learnt) -> str:
@@ -291,9 +292,11 @@ def _share(convergence: Convergence, targets: Targets) -> float:
 
 
 def _state_of(c: Convergence) -> str:
+    """With the beginning of the first reason why it is not enough."""
+    missing = f"; {c.reasons[0].partition(':')[0]}" if c.reasons else ""
     return (
         f"{c.steps} steps: R-hat {np.max(c.r_hat):.4f}, {c.n_tau:.0f} autocorrelation times, "
-        f"ESS {np.min(c.ess_bulk):.0f}"
+        f"ESS {np.min(c.ess_bulk):.0f}{missing}"
     )
 
 

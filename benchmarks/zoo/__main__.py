@@ -1,7 +1,8 @@
 """Run the zoo: every row twice by the command line, each run judged and told as it ends.
 
 `make zoo` writes configs and records to `results/zoo/`, runs all of them, and writes the table in
-`docs/performance.md` and the figure.  Exit status 1 where a row did not do what it should.
+`docs/performance.md` and the figure; with `--only ... --keep` the other rows stay there as they
+were measured.  Exit status 1 where a row did not do what it should.
 """
 
 from __future__ import annotations
@@ -12,10 +13,11 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from benchmarks import tables
-from benchmarks.zoo import folder, plot, report, rows, runs
+from benchmarks.zoo import folder, plot, report, rows, runs, table
 from benchmarks.zoo.judge import Outcome, judged
 from benchmarks.zoo.makers import ROOT
 from benchmarks.zoo.row import Row
+from benchmarks.zoo.table import Measured
 
 SECONDS = 60.0  # that a run may take
 PATIENCE = 120.0  # seconds before which no run is stopped
@@ -25,6 +27,7 @@ def arguments(given: Sequence[str] | None = None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.zoo", description=__doc__)
     parser.add_argument("--only", nargs="+", metavar="NAME", help="rows of these names")
     parser.add_argument("--quick", action="store_true", help="the quick rows only")
+    parser.add_argument("--keep", action="store_true", help="of some rows too what is measured")
     parser.add_argument("--list", action="store_true", help="name the rows and stop")
     parser.add_argument("--write", action="store_true", help="write configs and records and stop")
     parser.add_argument("--seconds", type=float, default=SECONDS, help="that a run may take")
@@ -55,6 +58,17 @@ def outcomes(chosen: Sequence[Row], seconds: float) -> Iterator[Outcome]:
         yield outcome
 
 
+def keep(now: Sequence[Measured], seconds: float) -> None:
+    """In the table, the page and the figure; rows that were not run stay as they were measured."""
+    path, every = tables.FIGURES / "zoo.csv", rows.every()
+    told = table.merged(table.read(path), now, [row.name for row in every])
+    table.save(told, path)
+    names = {one.name for one in told}
+    absent = [row for row in every if row.name not in names]
+    tables.insert(tables.PAGE, "zoo", report.markdown(told, absent, seconds))
+    plot.figure(told, seconds, tables.FIGURES)
+
+
 def main(given: Sequence[str] | None = None) -> int:
     options = arguments(given)
     try:
@@ -75,10 +89,8 @@ def main(given: Sequence[str] | None = None) -> int:
     for row in absent:
         print(f"{row.name}: left out, its record is not there")
     found = list(outcomes(there, options.seconds))
-    if len(chosen) == len(rows.every()) and not options.dry:
-        tables.insert(tables.PAGE, "zoo", report.markdown(found, absent, options.seconds))
-        report.save_csv(found, tables.FIGURES / "zoo.csv")
-        plot.figure(found, options.seconds, tables.FIGURES)
+    if (options.keep or len(chosen) == len(rows.every())) and not options.dry:
+        keep([table.measured(outcome) for outcome in found], options.seconds)
     failed = [outcome.row.name for outcome in found if not outcome.passed]
     print(f"{len(found) - len(failed)} of {len(found)} rows did what they should")
     return 1 if failed else 0

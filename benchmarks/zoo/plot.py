@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from bayesdrill.report import style
-from benchmarks.zoo.judge import Outcome
+from benchmarks.zoo.table import Measured
 
 ROW = 0.155  # inches
 ABOVE, BELOW, LEFT, GAP, RIGHT = 0.42, 0.5, 1.42, 0.22, 0.12
@@ -23,9 +23,9 @@ LIMIT = {"color": style.MIDDLE, "linestyle": (0, (4, 2)), "linewidth": 0.8}
 SECONDS = (1, 3, 10, 30, 100)
 
 
-def figure(outcomes: Sequence[Outcome], seconds: float, folder: Path) -> None:
+def figure(every: Sequence[Measured], seconds: float, folder: Path) -> None:
     """`zoo.pdf` and `zoo.png`; `seconds`: the most that a run may take."""
-    shown = list(reversed(outcomes))
+    shown = list(reversed(every))
     height = ROW * len(shown) + ABOVE + BELOW
     with style.styled():
         made = Figure(figsize=(style.DOUBLE, height))
@@ -41,16 +41,16 @@ def figure(outcomes: Sequence[Outcome], seconds: float, folder: Path) -> None:
             )
             for left in (LEFT, LEFT + width + GAP)
         ]
-        _dots(panels[0], [[run.wall for run in one.runs] for one in shown], shown)
-        rates = [[run.rate for run in one.runs if one.row.sound] for one in shown]
+        _dots(panels[0], [one.numbers("wall_s") for one in shown], shown)
+        rates = [one.numbers("ess_per_s") if one.sound else [] for one in shown]
         _dots(panels[1], rates, shown)
         panels[0].axvline(seconds, **LIMIT)
         panels[0].set_xticks(SECONDS, [f"{tick:g}" for tick in SECONDS])
         panels[0].set_xlabel(r"a run from start to end [$\mathrm{s}$]")
         panels[1].set_xlabel(r"effective draws per second [$\mathrm{s^{-1}}$]")
-        panels[0].set_yticks(range(len(shown)), [one.row.name for one in shown])
+        panels[0].set_yticks(range(len(shown)), [one.name for one in shown])
         panels[1].set_yticks([])
-        kinds = {kind(one) for one in outcomes}
+        kinds = {kind(one) for one in every}
         handles = [Line2D([], [], label=name, **_look(name)) for name in KINDS if name in kinds]
         handles.append(Line2D([], [], label="the most that a run may take", **LIMIT))
         made.legend(
@@ -59,10 +59,10 @@ def figure(outcomes: Sequence[Outcome], seconds: float, folder: Path) -> None:
         style.save(made, folder, "zoo", {"Title": "The zoo"})
 
 
-def kind(outcome: Outcome) -> str:
-    if not outcome.passed:
+def kind(one: Measured) -> str:
+    if not one.passed:
         return "failed"
-    return "converged" if outcome.row.sound else "does not fit, and said so"
+    return "converged" if one.sound else "does not fit, and said so"
 
 
 def _look(name: str) -> dict[str, object]:
@@ -75,17 +75,17 @@ def _look(name: str) -> dict[str, object]:
     }
 
 
-def _dots(panel: Axes, values: Sequence[Sequence[float]], outcomes: Sequence[Outcome]) -> None:
+def _dots(panel: Axes, values: Sequence[Sequence[float]], shown: Sequence[Measured]) -> None:
     """Two for each row, and a line between them; nothing where a run has no such number."""
-    for place, (row, outcome) in enumerate(zip(values, outcomes, strict=True)):
+    for place, (row, one) in enumerate(zip(values, shown, strict=True)):
         kept = [value for value in row if value > 0]
         panel.axhline(place, color=style.FAINT, linewidth=0.5, zorder=-2)
         panel.plot(kept, [place] * len(kept), color=style.MIDDLE, linewidth=0.8, zorder=1)
-        panel.plot(kept, [place] * len(kept), **_look(kind(outcome)), clip_on=False)
+        panel.plot(kept, [place] * len(kept), **_look(kind(one)), clip_on=False)
     panel.set_xscale("log")
     panel.minorticks_off()
-    every = [value for row in values for value in row if value > 0] or [1.0]
-    panel.set_xlim(0.7 * min(every), 1.4 * max(every))
-    panel.set_ylim(-0.7, len(outcomes) - 0.3)
+    found = [value for row in values for value in row if value > 0] or [1.0]
+    panel.set_xlim(0.7 * min(found), 1.4 * max(found))
+    panel.set_ylim(-0.7, len(shown) - 0.3)
     panel.tick_params(axis="y", length=0, labelsize=7.0)
     panel.spines[["top", "right"]].set_visible(False)

@@ -1,27 +1,18 @@
-"""The zoo as lines on the screen, as CSV, and as Markdown."""
+"""The zoo as lines on the screen, and as Markdown."""
 
 from __future__ import annotations
 
-import csv
 import math
 from collections.abc import Sequence
-from pathlib import Path
 
-from bayesdrill.basics.own_files import whole
 from benchmarks import tables
 from benchmarks.zoo.judge import Agreement, Outcome
 from benchmarks.zoo.row import Row
+from benchmarks.zoo.table import Measured
 
 HEAD = (
     "row", "what", "unknowns", "samples", "seconds", "steps", "tau", "acceptance", "ESS/s", "seeds",
     "weights", "ends",
-)  # fmt: skip
-CSV_HEAD = (
-    "row", "what", "expected", "run", "status", "passed", "complaints", "unknowns", "samples", "wall_s",
-    "map_s", "sampling_s", "report_s", "converged", "steps", "tau", "tau_of", "acceptance_least",
-    "acceptance_most", "ess_bulk", "ess_per_s", "seeds_distance", "seeds_of", "seeds_limit",
-    "weights_draws", "weights_share", "weights_distance", "weights_of", "weights_limit", "maxima",
-    "maxima_weights", "share_below", "fit_worst_rms", "reasons",
 )  # fmt: skip
 SHORT = 90  # letters of a complaint in the table
 
@@ -37,78 +28,52 @@ def line(outcome: Outcome) -> str:
     return f"{outcome.row.name:21s} {status} {numbers} {rate:>7} ESS/s  {agreed}  {end}"
 
 
-def markdown(outcomes: Sequence[Outcome], absent: Sequence[Row], seconds: float) -> list[str]:
-    failed = [outcome.row.name for outcome in outcomes if not outcome.passed]
+def markdown(every: Sequence[Measured], absent: Sequence[Row], seconds: float) -> list[str]:
+    failed = [one.name for one in every if not one.passed]
     lines = [
         tables.where(),
         "",
         tables.row(HEAD),
         tables.row(("---", "---", *["---:"] * (len(HEAD) - 3), "---")),
-        *(tables.row(cells(outcome)) for outcome in outcomes),
+        *(tables.row(cells(one)) for one in every),
         "",
-        f"{len(outcomes) - len(failed)} of {len(outcomes)} rows did what they should, each run in at "
+        f"{len(every) - len(failed)} of {len(every)} rows did what they should, each run in at "
         f"most {seconds:.0f} s" + (f"; not: {', '.join(failed)}." if failed else "."),
     ]
     if absent:
         names = ", ".join(row.name for row in absent)
-        lines.append(f"Left out, as their records are not there: {names}.")
+        lines.append(f"Not measured, as their records are not there: {names}.")
     more = "More numbers, of both runs, are in [figures/zoo.csv](figures/zoo.csv)."
     return [*lines, "", "![seconds and effective draws per second](figures/zoo.png)", "", more]
 
 
-def cells(outcome: Outcome) -> tuple[str, ...]:
+def cells(one: Measured) -> tuple[str, ...]:
     """Of both runs the worse."""
-    acceptance = [share for run in outcome.runs for share in run.acceptance]
+    acceptance = [*one.numbers("acceptance_least"), *one.numbers("acceptance_most")]
+    tau, rate = one.numbers("tau"), one.numbers("ess_per_s")
     return (
-        outcome.row.name,
-        outcome.row.shows.replace("|", "/"),
-        str(outcome.unknowns or ""),
-        str(outcome.samples),
-        f"{outcome.wall:.1f}",
-        _most(outcome, "steps"),
-        _tau(outcome),
+        one.name,
+        one.said("what").replace("|", "/"),
+        _whole([n for n in one.numbers("unknowns") if n]),
+        one.said("samples"),
+        f"{max(one.numbers('wall_s')):.1f}",
+        _whole([n for n in one.numbers("steps") if n]),
+        f"{max(tau):.1f}" if tau else "",
         f"{sum(acceptance) / len(acceptance):.2f}" if acceptance else "",
-        tables.digits(outcome.rate),
-        _distance(outcome.seeds),
-        _distance(outcome.importance),
-        _end(outcome),
+        tables.digits(min(rate)) if rate else "",
+        _least("seeds_distance", one),
+        _least("weights_distance", one),
+        _end(one),
     )
 
 
-def save_csv(outcomes: Sequence[Outcome], path: Path) -> None:
-    """A line for each run."""
-    with whole(path) as aside, aside.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(CSV_HEAD)
-        for outcome in outcomes:
-            for number in range(len(outcome.runs)):
-                writer.writerow(_values(outcome, number))
+def _whole(numbers: Sequence[float]) -> str:
+    return f"{max(numbers):.0f}" if numbers else ""
 
 
-def _values(outcome: Outcome, number: int) -> list[object]:
-    row, run = outcome.row, outcome.runs[number]
-    slowest = max(run.tau, key=lambda name: run.tau[name], default="")
-    own = run.importance
-    return [
-        row.name, row.shows, "sound" if row.sound else row.reason, number + 1,
-        "" if run.status is None else run.status,
-        outcome.passed, "; ".join(outcome.complaints), len(run.mean), outcome.samples,
-        f"{run.wall:.2f}", *(run.seconds.get(name, "") for name in ("map", "sampling", "report")),
-        run.converged, run.steps, run.tau.get(slowest, ""), slowest,
-        min(run.acceptance, default=""), max(run.acceptance, default=""),
-        run.ess, f"{run.rate:.1f}", *_parts(outcome.seeds),
-        "" if own is None else own.draws, "" if own is None else own.share,
-        *_parts(outcome.importance),
-        len(run.maxima), " ".join(f"{one['weight']:.4f}" for one in run.maxima),
-        f"{outcome.shares[number]:.4f}" if outcome.shares else "",
-        max((one["rms_over_sigma"] for one in run.fit), default=""), "; ".join(run.reasons),
-    ]  # fmt: skip
-
-
-def _parts(agreement: Agreement | None) -> tuple[object, ...]:
-    if agreement is None:
-        return "", "", ""
-    return f"{agreement.worst:.3f}", agreement.name, f"{agreement.limit:.3f}"
+def _least(what: str, one: Measured) -> str:
+    numbers = one.numbers(what)
+    return f"{max(numbers):.1f}" if numbers else "-"
 
 
 def _distance(agreement: Agreement | None) -> str:
@@ -126,10 +91,10 @@ def _tau(outcome: Outcome) -> str:
     return f"{max(found):.1f}" if found else ""
 
 
-def _end(outcome: Outcome) -> str:
-    if outcome.passed:
-        return "converged" if outcome.row.sound else "says that it does not fit"
-    said = "; ".join(outcome.complaints).replace("|", "/")
+def _end(one: Measured) -> str:
+    if one.passed:
+        return "converged" if one.sound else "says that it does not fit"
+    said = one.said("complaints").replace("|", "/")
     return f"**{said if len(said) <= SHORT else said[: SHORT - 3] + '...'}**"
 
 

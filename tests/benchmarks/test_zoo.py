@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import dataclasses
 import math
 import subprocess
@@ -17,7 +16,7 @@ from bayesdrill.record.experiment import Experiment
 from bayesdrill.rig.response import Response
 from bayesdrill.setup import build, simulating
 from bayesdrill.setup.job import prepare
-from benchmarks.zoo import folder, judge, plot, report, rows, runs
+from benchmarks.zoo import folder, judge, plot, report, rows, runs, table
 from benchmarks.zoo.entries import paper
 from benchmarks.zoo.friction import DryFriction
 from benchmarks.zoo.plant import Plant
@@ -190,19 +189,36 @@ def test_tables_and_figure_show_every_kind_of_row(tmp_path: Path) -> None:
         judge.judged(row("chirp"), (run(), nothing), 300, SECONDS),
         judge.judged(row("aliased_1"), (run(), run()), 12, SECONDS, (0.9, 0.9)),
     ]
-    lines = report.markdown(made, [row("servo_slow")], SECONDS)
-    table = [line for line in lines if line.startswith("|")]
-    assert len({line.count("|") for line in table}) == 1
+    every = [table.measured(one) for one in made]
+    lines = report.markdown(every, [row("servo_slow")], SECONDS)
+    shown = [line for line in lines if line.startswith("|")]
+    assert len({line.count("|") for line in shown}) == 1
     assert "2 of 4 rows" in "\n".join(lines)
     assert "servo_slow" in lines[-5]
-    report.save_csv(made, tmp_path / "zoo.csv")
-    with (tmp_path / "zoo.csv").open(newline="") as file:
-        stored = list(csv.reader(file))
-    assert len(stored) == 1 + 2 * len(made)
-    assert {len(line) for line in stored} == {len(report.CSV_HEAD)}
-    assert [plot.kind(one) for one in made][:3] == [*list(plot.KINDS)[:2], "failed"]
-    plot.figure(made, SECONDS, tmp_path)
+    assert [plot.kind(one) for one in every][:3] == [*list(plot.KINDS)[:2], "failed"]
+    plot.figure(every, SECONDS, tmp_path)
     assert (tmp_path / "zoo.png").stat().st_size > 10_000
+    path = tmp_path / "zoo.csv"
+    table.save(every, path)
+    assert report.markdown(table.read(path), [row("servo_slow")], SECONDS) == lines
+
+
+def test_what_is_run_again_takes_the_place_of_what_was(tmp_path: Path) -> None:
+    """The rest stays, in the order of the zoo; what is no row any more goes."""
+    path, names = tmp_path / "zoo.csv", ["bundled", "chirp", "samples_300"]
+    assert table.read(path) == []
+
+    def one(name: str, wall: float) -> table.Measured:
+        pair = (run(wall=wall), run(wall=wall + 1))
+        return table.measured(judge.judged(row(name), pair, 300, SECONDS))
+
+    table.save([one("samples_300", 5.0), one("gear_one", 6.0), one("chirp", 7.0)], path)
+    both = table.merged(table.read(path), [one("bundled", 8.0), one("chirp", 9.0)], names)
+    assert [(of.name, of.numbers("wall_s")) for of in both] == [
+        ("bundled", [8.0, 9.0]),
+        ("chirp", [9.0, 10.0]),
+        ("samples_300", [5.0, 6.0]),
+    ]
 
 
 def _noiseless(job_path: Path) -> tuple[Experiment, np.ndarray, np.ndarray]:
