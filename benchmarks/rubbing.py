@@ -2,12 +2,11 @@
 
 `python -m benchmarks.rubbing` prints microseconds for one evaluation of 1001 samples of four channels in
 a batch of 64, one core, with parameters within 10 %, and (`close`) within 0.5 %, as in a posterior,
-where speeds turn in the same steps; and how far so many pieces are from 256: the most, in rad/s.
+where speeds turn in the same steps; and how far so many pieces, and parts (`turns`) of one in which
+something turns, are from 256: the most, in rad/s.
 """
 
 from __future__ import annotations
-
-import dataclasses
 
 import numpy as np
 
@@ -15,7 +14,7 @@ from bayesdrill.record.experiment import Channel, Experiment
 from bayesdrill.rig.models.motor_shaft import MotorShaft
 from bayesdrill.rig.response import Response
 from bayesdrill.rig.sensing import Sensing
-from bayesdrill.rig.stepped import Stepped
+from bayesdrill.rig.stepped import TURNS, Stepped
 from benchmarks import problem
 from benchmarks.likelihood import BATCH, best_of
 
@@ -53,14 +52,15 @@ def main() -> None:
             full = _points(rig.parameters, nominal | own, rng, WIDE)
             near = _points(rig.parameters, nominal | own, rng, CLOSE)
             truth = rig.finer(256).signals(full[:1])
-            for pieces in (1, 2, 4):
-                tried = dataclasses.replace(rig, pieces=pieces)
+            for pieces, turns in ((1, 1), (1, TURNS), (2, TURNS), (4, TURNS)):
+                tried = rig.finer(pieces, turns)
                 taken = best_of(lambda r=tried, x=full: r.squares(x), REPEATS)
                 close = best_of(lambda r=tried, x=near: r.squares(x), REPEATS)
                 off = np.abs(tried.signals(full[:1]) - truth)[:, :, 2:].max()
                 print(
-                    f"  {law:8s} at both ends, pieces {pieces}: {1e6 * taken / BATCH:6.2f} us "
-                    f"{taken / base:5.2f} times, close {close / base:5.2f}, off {off:.1e}"
+                    f"  {law:8s} at both ends, pieces {pieces}, turns {turns}: "
+                    f"{1e6 * taken / BATCH:6.2f} us {taken / base:5.2f} times, "
+                    f"close {close / base:5.2f}, off {off:.1e}"
                 )
 
 

@@ -381,6 +381,13 @@ MUTANTS = [
         "tests/rig/test_stepped.py::test_shorter_steps_come_to_the_oracle",
     ),
     Mutant(
+        "parts of a step that are driven alike",
+        "rig/kernels/turning.py",
+        "        if not step.slopes:\n            return drive\n",
+        "        return drive\n",
+        "tests/rig/test_stepped.py::test_a_step_that_turns_is_made_in_parts",
+    ),
+    Mutant(
         "a passing zero taken for sticking",
         "insight/rubbing.py",
         "sticks=np.append(still[:-1] & still[1:], False),",

@@ -133,6 +133,7 @@ CASES = {
     "stick slip": _stick_slip(),
     "reversing": _reversing(),
     "sine": _sine(),
+    "straight": dataclasses.replace(_sine(), first_order=True),
     "falling": _falling(),
     "static": _static(),
     "servo": _servo(),

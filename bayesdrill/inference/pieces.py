@@ -11,15 +11,16 @@ from numpy.typing import NDArray
 
 from bayesdrill.inference.likelihood import Likelihood, Observation
 from bayesdrill.inference.posterior import Posterior
-from bayesdrill.rig.stepped import Stepped
+from bayesdrill.rig.stepped import TURNS, Stepped
 
 Array = NDArray[np.float64]
 
 FINER = 16  # times as many pieces are taken for the truth
 ENOUGH = 0.1  # of the noise: what steps may do to a sample
 SAFE = 0.7  # of that, where they are chosen: elsewhere than where they are looked at in the end
-NUMBERS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64)  # of pieces that are taken by themselves
-MOST = NUMBERS[-1]
+MOST = 64
+# Pieces, and parts of those in which something turns, that are taken by themselves.
+TRIED = ((1, 1), *((pieces, TURNS) for pieces in (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, MOST)))
 MOST_STEPS = 4_000_000  # that a truth may take
 
 
@@ -48,7 +49,7 @@ def step_errors(likelihood: Likelihood, theta: Array) -> tuple[StepError, ...]:
 
 
 def chosen(posterior: Posterior, theta: Array) -> Posterior:
-    """With as few pieces, of `NUMBERS`, as are enough at `theta (D,)`."""
+    """With as few pieces, of `TRIED`, as are enough at `theta (D,)`."""
     likelihood = posterior.likelihood
     full = likelihood.space.full(theta[None])
     made = [
@@ -69,8 +70,8 @@ def _stepped(likelihood: Likelihood) -> Iterator[tuple[Observation, Stepped]]:
 def _fine(one: Observation, full: Array, theta: Array) -> Observation:
     response, tried = one.response, one
     assert isinstance(response, Stepped)
-    for pieces in NUMBERS:
-        tried = dataclasses.replace(one, response=response.finer(pieces))
+    for pieces, turns in TRIED:
+        tried = dataclasses.replace(one, response=response.finer(pieces, turns))
         if not _error(tried, full, theta).worst > SAFE * ENOUGH:
             break
     return tried

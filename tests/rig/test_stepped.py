@@ -15,7 +15,7 @@ from bayesdrill.rig.choosing import simulator
 from bayesdrill.rig.models.motor_shaft import MotorShaft
 from bayesdrill.rig.response import Response
 from bayesdrill.rig.sensing import Sensing
-from bayesdrill.rig.stepped import Stepped
+from bayesdrill.rig.stepped import TURNS, Stepped
 
 W_1, W_2 = 2, 3
 QUICK = ("stick slip", "falling", "sine", "other")
@@ -30,7 +30,19 @@ def off(name: str, pieces: int) -> np.ndarray:
 def test_a_step_to_a_sample_is_enough_for_friction_of_a_constant_size() -> None:
     """Of a noise of 0.1 rad/s; mutant killed: friction of one sign in a step in which it changes."""
     assert off("sine", 1)[W_1] < 5e-4
-    assert off("reversing", 1)[W_1] < 2e-3
+    assert off("reversing", 1)[W_1] < 2e-4
+
+
+def test_a_step_that_turns_is_made_in_parts() -> None:
+    """Each driven by what is there then; mutants killed: no parts, or one drive for all."""
+    truth, rig = moved("straight").states, stepped(CASES["straight"])
+    full = parameters(CASES["straight"])
+    whole, parts = (
+        np.abs(rig.finer(1, turns).signals(full)[0] - truth).max(axis=0)[W_1]
+        for turns in (1, TURNS)
+    )
+    assert parts < 1e-4
+    assert parts < 0.3 * whole
 
 
 def test_friction_that_falls_with_the_speed_is_of_second_order() -> None:

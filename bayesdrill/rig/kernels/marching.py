@@ -26,16 +26,22 @@ from bayesdrill.rig.kernels.rates import Rates
 from bayesdrill.rig.kernels.regime import Regime
 from bayesdrill.rig.kernels.rub import Rub
 from bayesdrill.rig.kernels.rubbing import Going, Past, Step
-from bayesdrill.rig.kernels.turning import step_on
+from bayesdrill.rig.kernels.turning import Parts, step_on
 
 
 class Writer:
     """Where a group has its numbers, and the parts of the code."""
 
     def __init__(
-        self, b: ir.IRBuilder, shape: Shape, arguments: dict[str, ir.Value], e: ir.Value
+        self,
+        b: ir.IRBuilder,
+        shape: Shape,
+        arguments: dict[str, ir.Value],
+        exponentials: tuple[ir.Value, ir.Value],
     ) -> None:
-        self.b, self.shape, self.a, self.e = b, shape, arguments, e
+        """`exponentials`: rooms for that of a step, and of a part of one."""
+        self.b, self.shape, self.a = b, shape, arguments
+        self.whole, self.part_of_it = exponentials
         self.kind, self.spans = Kind(b, shape.dual), b.alloca(VEC)
         self.x_count, self.k_count = len(shape.model.states), len(shape.pattern)
         columns = self.x_count + 1 + len(shape.columns)
@@ -60,11 +66,16 @@ class Writer:
         model = shape.model
         self.parameters = dict(zip(model.parameters, self.part("parameters"), strict=True))
         self.span = Lane(b, splat(b, b.load(self.a["span"])))
-        store(b, self.span.value, self.spans, 0)
-        b.call(exponential, [self.own["parameters"], self.spans, self.e])
+        self._exponential(exponential, self.span, self.whole)
+        if shape.turns > 1:
+            self._exponential(exponential, self.span * (1.0 / shape.turns), self.part_of_it)
         self.rows = self._rows()
-        self.step = self._step()
+        self.step = self._step(self.whole, self.span)
         self.regime = self._regime()
+
+    def _exponential(self, function: ir.Function, span: Lane, room: ir.Value) -> None:
+        store(self.b, span.value, self.spans, 0)
+        self.b.call(function, [self.own["parameters"], self.spans, room])
 
     def _rows(self) -> list[dict[int, Number]]:
         count, rows = Own(self.shape).r_count, self.part("rows")
@@ -73,31 +84,31 @@ class Writer:
             for k, pattern in enumerate(self.shape.pattern)
         ]
 
-    def _entry(self, row: int, column: int) -> Number | None:
+    def _entry(self, e: ir.Value, row: int, column: int) -> Number | None:
         """Of Phi and what follows it; columns count states, one, and what drives."""
         layout, x = self.shape.layout, self.x_count
         n, reach = layout.size, layout.reach
         place = column if column < x or not self.shape.dual else column + x
-        value = Lane(self.b, load(self.b, self.e, row * n + place)) if reach[row][place] else None
+        value = Lane(self.b, load(self.b, e, row * n + place)) if reach[row][place] else None
         if not self.shape.dual:
             return value
         slope = None
         if reach[x + row][place]:
-            slope = Lane(self.b, load(self.b, self.e, (x + row) * n + place))
+            slope = Lane(self.b, load(self.b, e, (x + row) * n + place))
         if value is None and slope is None:
             return None
         zero = Lane(self.b, vector(0.0))
         return Dual(zero if value is None else value, 0.0 if slope is None else slope)
 
-    def _step(self) -> Step:
+    def _step(self, e: ir.Value, span: Lane) -> Step:
         shape, x, s = self.shape, self.x_count, len(self.shape.series)
         first = x + 1 + len(shape.columns)
         rubs, rates = [], Rates(self.b, shape, self.parameters)
-        for e, friction in enumerate(shape.frictions):
+        for f, friction in enumerate(shape.frictions):
             row = shape.model.states.index(friction.against)
-            column = {i: self._entry(i, first + e) for i in range(x)}
+            column = {i: self._entry(e, i, first + f) for i in range(x)}
             kept = {i: value for i, value in column.items() if value is not None}
-            acts = -rates.rows[row][first + e]  # a unit of it, on the rate
+            acts = -rates.rows[row][first + f]  # a unit of it, on the rate
             steady = friction.law.steady
             known = friction.law.size(self.parameters, 0.0, {}) if steady else None
             rub = Rub(
@@ -112,14 +123,14 @@ class Writer:
             )
             rubs.append(rub)
         columns = [k for k in range(first) if k != x]
-        phi = [{k: self._entry(i, k) for k in columns} for i in range(x)]
+        phi = [{k: self._entry(e, i, k) for k in columns} for i in range(x)]
         return Step(
             phi=[{k: value for k, value in row.items() if value is not None} for row in phi],
-            base={i: base for i in range(x) if (base := self._entry(i, x)) is not None},
+            base={i: base for i in range(x) if (base := self._entry(e, i, x)) is not None},
             rubs=rubs,
             parameters=self.parameters,
             states=shape.model.states,
-            span=self.span,
+            span=span,
             slopes={x + 1 + k: x + 1 + s + k for k in range(s)} if shape.first_order else {},
             first=first,
             kind=self.kind,
@@ -194,8 +205,16 @@ class Writer:
         if not step.rubs:
             new = step.free(state, drive)
             return new, [], self.kind.flat(new)
-        new, efforts, past = step_on(Going(step, self.regime), state, past, drive, inputs)
+        going, parts = Going(step, self.regime), Parts(self.shape.turns, self._part)
+        new, efforts, past = step_on(going, parts, state, past, drive, inputs)
         return new, efforts, self._carried(new, past)
+
+    def _part(self) -> Step:
+        """Of a step in which something turns."""
+        count = self.shape.turns
+        if count == 1:
+            return self.step
+        return self._step(self.part_of_it, self.span * (1.0 / count))
 
     def march(self) -> None:
         """From sample to sample; channels see the states there."""

@@ -38,7 +38,8 @@ class Shape:
     `series`: sampled inputs, of which `late` have a lag of each walker; `pattern (K, R)`: entries of
     rows that may differ from zero, over states, one and (where `efforts`) what frictions do.  `tally`:
     None for signals.  `dual`: with slopes.  `read`: channels have times of their own.  `single`: a
-    sample at each step.  `gaps`: samples without a number.
+    sample at each step.  `gaps`: samples without a number.  `turns`: parts of a step in which something
+    turns.
     """
 
     model: Model
@@ -53,6 +54,7 @@ class Shape:
     single: bool
     efforts: bool
     gaps: bool
+    turns: int
 
     @property
     def frictions(self) -> tuple[Friction, ...]:

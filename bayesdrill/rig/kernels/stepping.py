@@ -34,8 +34,8 @@ def compile_stepping(shape: Shape) -> Kernel:
     exponential = emit_exponential(module, shape.layout, "step", None)
     made = function(module, "stepping", len(COUNTS), list(BLOCKS.values()))
     b = ir.IRBuilder(made.append_basic_block())
-    e = b.alloca(VEC, I64(shape.layout.size**2))
-    w = Writer(b, shape, dict(zip([*COUNTS, *BLOCKS], made.args, strict=True)), e)
+    whole, part = (b.alloca(VEC, I64(shape.layout.size**2)) for _ in range(2))
+    w = Writer(b, shape, dict(zip([*COUNTS, *BLOCKS], made.args, strict=True)), (whole, part))
     groups = Loop(b, w.a["groups"], [], "groups")
     w.begin(groups.index, exponential)
     if shape.read:

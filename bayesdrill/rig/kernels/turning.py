@@ -7,18 +7,25 @@ where the speed stays at zero once it is there, what stops it.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
+from llvmlite import ir
+
 from bayesdrill.basics.arithmetic import below, signed, size, where
-from bayesdrill.rig.kernels.lanes import Mask
+from bayesdrill.rig.kernels.lanes import F64, I64, Lane, Loop, Mask, splat
 from bayesdrill.rig.kernels.numbers import Column, Kind, Number, above, fused, moving, total
 from bayesdrill.rig.kernels.rub import Rub
 from bayesdrill.rig.kernels.rubbing import Going, Past, Step
 
 
 def step_on(
-    going: Going, state: list[Number], past: Past, drive: Column, inputs: Mapping[str, Number]
+    going: Going,
+    parts: Parts,
+    state: list[Number],
+    past: Past,
+    drive: Column,
+    inputs: Mapping[str, Number],
 ) -> tuple[list[Number], list[Number], Past]:
     """New state, efforts (where the regime shows them) and the past then; `inputs` by name, in the
     middle of the step.  Where something turns, the regime is another from then on.
@@ -32,7 +39,7 @@ def step_on(
         changes = going.changes(new, drive, inputs, ways)
 
         def turned() -> list[Number]:
-            others = Turning(step).numbers(state, past, drive, inputs, shows=regime.shows)
+            others = parts.numbers(state, past, drive, inputs, shows=regime.shows)
             found = [where(changes, *both) for both in zip(others, usual, strict=True)]
             regime.set(found[:x])
             return found
@@ -42,6 +49,61 @@ def step_on(
     every = step.kind.instead(going.leaves(new, ways), usual, looked)
     e, v = x + len(efforts), len(step.varying)
     return every[:x], every[x:e], Past(every[e : e + v], every[e + v :])
+
+
+@dataclass(frozen=True, slots=True)
+class Parts:
+    """A step in which something turns is made in so many, each of them one `step`: what else happens in
+    it, such as a current that follows fast, need not be as straight as a speed.
+    """
+
+    count: int
+    step: Callable[[], Step]
+
+    def numbers(
+        self,
+        state: list[Number],
+        past: Past,
+        drive: Column,
+        inputs: Mapping[str, Number],
+        *,
+        shows: bool,
+    ) -> list[Number]:
+        """See `Turning.numbers`; efforts are those in the mean."""
+        step = self.step()
+        turning, kind = Turning(step), step.kind
+        if self.count == 1:
+            return turning.numbers(state, past, drive, inputs, shows=shows)
+        x, v = len(state), len(step.varying)
+        e = x + (len(step.rubs) if shows else 0)
+        nothing = [kind.zero() for _ in range(e - x)]
+        loop = Loop(
+            kind.b,
+            I64(self.count),
+            kind.flat([*state, *nothing, *past.sizes, *past.trends]),
+            "parts",
+        )
+        carried = kind.shaped(loop.carried)
+        before = Past(carried[e : e + v], carried[e + v :])
+        found = turning.numbers(
+            carried[:x], before, self._then(step, drive, loop.index), inputs, shows=shows
+        )
+        efforts = [
+            total + one * (1.0 / self.count)
+            for total, one in zip(carried[x:e], found[x:e], strict=True)
+        ]
+        found = [*found[:x], *efforts, *found[e:]]
+        loop.close(kind.flat(found))
+        return found
+
+    def _then(self, step: Step, drive: Column, index: ir.Value) -> Column:
+        """What drives the part of this number."""
+        if not step.slopes:
+            return drive
+        b = step.kind.b
+        since = Lane(b, splat(b, b.sitofp(index, F64))) * step.span
+        ahead = {k: drive[k] + drive[slope] * since for k, slope in step.slopes.items()}
+        return {**drive, **ahead}
 
 
 @dataclass(frozen=True, slots=True)
