@@ -17,7 +17,12 @@ Array = NDArray[np.float64]
 
 FINER = 16  # times as many pieces are taken for the truth
 ENOUGH = 0.1  # of the noise: what steps may do to a sample
-SAFE = 0.7  # of that, where they are chosen: elsewhere than where they are looked at in the end
+SAFE = 0.5  # of that, where they are chosen: elsewhere than where they are looked at in the end
+POINTS, SCATTER = (
+    8,
+    0.1,
+)  # that are looked at: as many as take no longer than one; and how far they are
+STRANGE = 1  # of them, which need not have enough
 MOST = 64
 # Pieces, and parts of those in which something turns, that are taken by themselves.
 TRIED = ((1, 1), *((pieces, TURNS) for pieces in (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, MOST)))
@@ -49,16 +54,26 @@ def step_errors(likelihood: Likelihood, theta: Array) -> tuple[StepError, ...]:
 
 
 def chosen(posterior: Posterior, theta: Array) -> Posterior:
-    """With as few pieces, of `TRIED`, as are enough at `theta (D,)`."""
-    likelihood = posterior.likelihood
-    full = likelihood.space.full(theta[None])
+    """With as few pieces, of `TRIED`, as are enough at `theta (D,)` and at other points about it."""
+    likelihood, points = posterior.likelihood, _about(posterior, theta)
+    full = likelihood.space.full(points)
     made = [
-        _fine(one, full, theta) if isinstance(one.response, Stepped) else one
+        _fine(one, full, points) if isinstance(one.response, Stepped) else one
         for one in likelihood.observations
     ]
     return dataclasses.replace(
         posterior, likelihood=dataclasses.replace(likelihood, observations=tuple(made))
     )
+
+
+def _about(posterior: Posterior, theta: Array) -> Array:
+    """`theta` first, `(POINTS, D)`: at one point alone speeds may turn where it does no harm."""
+    rng = np.random.default_rng(0)
+    share = rng.uniform(-SCATTER, SCATTER, (POINTS, len(theta)))
+    share[0] = 0.0
+    ends = [(prior.low, prior.high) for prior in posterior.space.priors.values()]
+    low, high = np.array(ends).reshape(-1, 2).T
+    return np.clip(theta * (1.0 + share), low, high)
 
 
 def _stepped(likelihood: Likelihood) -> Iterator[tuple[Observation, Stepped]]:
@@ -72,24 +87,31 @@ def _fine(one: Observation, full: Array, theta: Array) -> Observation:
     assert isinstance(response, Stepped)
     for pieces, turns in TRIED:
         tried = dataclasses.replace(one, response=response.finer(pieces, turns))
-        if not _error(tried, full, theta).worst > SAFE * ENOUGH:
+        worst = np.sort(_errors(tried, full, theta).max(axis=1))
+        if not worst[-1 - STRANGE] > SAFE * ENOUGH:
             break
     return tried
 
 
 def _error(one: Observation, full: Array, theta: Array) -> StepError:
-    """A walker that overflows has no error."""
     response = one.response
     assert isinstance(response, Stepped)
-    finer = max(1, min(FINER, MOST_STEPS // (response.pieces * len(response.experiment.t))))
-    told = one.told(full)
-    truth = response.finer(response.pieces * max(2, finer)).signals(told)[0]
-    off = np.abs(response.signals(told)[0] - truth)
-    with np.errstate(invalid="ignore"):
-        shares = np.where(response.experiment.seen, off / one.scales(theta[None])[0], 0.0)
     return StepError(
         label=one.label,
         channels=response.experiment.names,
         pieces=response.pieces,
-        errors=tuple(float(np.nan_to_num(share)) for share in shares.max(axis=0)),
+        errors=tuple(map(float, _errors(one, full, theta[None])[0])),
     )
+
+
+def _errors(one: Observation, full: Array, theta: Array) -> Array:
+    """The most that steps do to a sample `(W, K)`, over its sd.  A walker that overflows has none."""
+    response = one.response
+    assert isinstance(response, Stepped)
+    finer = max(1, min(FINER, MOST_STEPS // (response.pieces * len(response.experiment.t))))
+    told = one.told(full)
+    truth = response.finer(response.pieces * max(2, finer)).signals(told)
+    off = np.abs(response.signals(told) - truth)
+    with np.errstate(invalid="ignore"):
+        shares = np.where(response.experiment.seen, off / one.scales(theta)[:, None], 0.0)
+    return np.asarray(np.nan_to_num(shares).max(axis=1))

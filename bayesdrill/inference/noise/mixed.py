@@ -16,6 +16,8 @@ from bayesdrill.inference.unknowns import Unknown
 
 Array = NDArray[np.float64]
 
+WIDE = 1e3  # half an interval, over the sd: nothing is beyond its ends
+
 
 @dataclass(frozen=True, slots=True)
 class Part:
@@ -53,6 +55,7 @@ class _Some:
 
     every: Residuals
     columns: list[int]
+    n_channels: int  # of all
 
     @property
     def squares(self) -> Array:
@@ -67,14 +70,15 @@ class _Some:
         return self.every.neighbours[:, self.columns]
 
     def logs(self, weights: Array) -> Array:
-        return self.every.logs(self._of_all(weights))[:, self.columns]
+        return self.every.logs(self._of_all(weights, 0.0))[:, self.columns]
 
     def intervals(self, over: Array, half: Array) -> Array:
-        return self.every.intervals(self._of_all(over), self._of_all(half))[:, self.columns]
+        told = self._of_all(over, 0.0), self._of_all(half, WIDE)
+        return self.every.intervals(*told)[:, self.columns]
 
-    def _of_all(self, numbers: Array) -> Array:
-        """Of all channels, as kernels want them; of others any number will do."""
-        out = np.ones(self.every.squares.shape)
+    def _of_all(self, numbers: Array, others: float) -> Array:
+        """Of all channels, as kernels want them; of others what costs them least."""
+        out = np.full((len(numbers), self.n_channels), others)
         out[:, self.columns] = numbers
         return out
 
@@ -119,7 +123,10 @@ class Mixed:
 
     def log_likelihood(self, residuals: Residuals, own: Array) -> Array:
         return self._each(
-            lambda noise, columns, own: noise.log_likelihood(_Some(residuals, columns), own), own
+            lambda noise, columns, own: noise.log_likelihood(
+                _Some(residuals, columns, self.n_channels), own
+            ),
+            own,
         )
 
     def pointwise(self, samples: Array, own: Array) -> Array:
@@ -142,7 +149,7 @@ class Mixed:
 
     def bend(self, residuals: Residuals, own: Array) -> tuple[Array, Array]:
         found = [
-            part.noise.bend(_Some(residuals, list(part.columns)), some)
+            part.noise.bend(_Some(residuals, list(part.columns), self.n_channels), some)
             for part, some in self._split(own)
         ]
         slopes, curvatures = zip(*found, strict=True)

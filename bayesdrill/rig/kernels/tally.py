@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 from llvmlite import ir
 
+from bayesdrill.rig.kernels.gathering import anywhere
 from bayesdrill.rig.kernels.lanes import (
     INT_VEC,
     VEC,
@@ -113,6 +114,7 @@ def _times(b: ir.IRBuilder, product: ir.Value, powers: ir.Value, factor: ir.Valu
     return [b.bitcast(fraction, VEC), b.bitcast(whole, VEC)]
 
 
+DEEP = -8.5  # sds inside of an interval: beyond its end are 1e-17
 _TURN = 3.0
 # Of (1 + 2 x) erfcx(x) / 2 in (x - turn) / (x + turn), for x from zero on: to 1e-10 (Shepherd and
 # Laframboise 1981).
@@ -162,11 +164,33 @@ class _Intervals(Tally):
         seen: ir.Value | None,
         weights: Sequence[ir.Value],
     ) -> Values:
-        squares, product, powers, logs = kept
         over, half = weights
-        zero, minus = vector(0.0), vector(-0.5)
         middle = b.fmul(Lane(b, left).size().value, over)
-        near, far = b.fsub(middle, half), b.fadd(middle, half)
+        near = b.fsub(middle, half)
+        found = [fma(b, left, left, kept[0])]
+        # What the noise can hardly have moved out of its interval leaves the product as it is.
+        before = b.block
+        with b.if_then(anywhere(b, b.fcmp_unordered(">", near, vector(DEEP)))):
+            moved = self._moved(b, kept[1:], near, middle, half, seen)
+            inside = b.block
+        for one, other in zip(kept[1:], moved, strict=True):
+            found.append(b.phi(VEC))
+            found[-1].add_incoming(one, before)
+            found[-1].add_incoming(other, inside)
+        return found
+
+    def _moved(
+        self,
+        b: ir.IRBuilder,
+        kept: Sequence[ir.Value],
+        near: ir.Value,
+        middle: ir.Value,
+        half: ir.Value,
+        seen: ir.Value | None,
+    ) -> Values:
+        product, powers, logs = kept
+        zero, minus = vector(0.0), vector(-0.5)
+        far = b.fadd(middle, half)
         beyond = b.fcmp_ordered(">", near, zero)
         log = b.fmul(b.fmul(near, near), minus)
         here = _tail(b, Lane(b, near).size().value)
@@ -175,11 +199,7 @@ class _Intervals(Tally):
         mass = b.select(beyond, b.fsub(here, there), b.fsub(vector(1.0), outside))
         if seen is not None:
             mass = b.select(seen, mass, vector(1.0))
-        return [
-            fma(b, left, left, squares),
-            *_times(b, product, powers, mass),
-            b.fadd(logs, b.select(beyond, log, zero)),
-        ]
+        return [*_times(b, product, powers, mass), b.fadd(logs, b.select(beyond, log, zero))]
 
 
 SQUARES = Tally()
