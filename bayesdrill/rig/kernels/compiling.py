@@ -7,6 +7,11 @@ from typing import Any
 import llvmlite.binding as llvm
 from llvmlite import ir
 
+# Of LLVM's passes, those that a kernel gains from: it is written without branches that could go, calls
+# nothing small and has its loops over vectors already. All others take as long again as these, the
+# machine code included, and it runs no faster after them.
+PASSES = ("sroa", "instruction_combine", "simplify_cfg")
+
 
 def machine_code(module: ir.Module) -> Any:
     """An engine, which owns the code."""
@@ -17,9 +22,10 @@ def machine_code(module: ir.Module) -> Any:
     )
     parsed = llvm.parse_assembly(str(module))
     parsed.verify()
-    options = llvm.create_pipeline_tuning_options(speed_level=2)
-    passes = llvm.create_pass_builder(target, options)
-    passes.getModulePassManager().run(parsed, passes)
+    passes = llvm.create_new_module_pass_manager()
+    for name in PASSES:
+        getattr(passes, f"add_{name}_pass")()
+    passes.run(parsed, llvm.create_pass_builder(target, llvm.create_pipeline_tuning_options()))
     engine = llvm.create_mcjit_compiler(parsed, target)
     engine.finalize_object()
     return engine
