@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import functools
+import gc
+from collections.abc import Callable
 from typing import Any
 
 import llvmlite.binding as llvm
@@ -29,3 +32,19 @@ def machine_code(module: ir.Module) -> Any:
     engine = llvm.create_mcjit_compiler(parsed, target)
     engine.finalize_object()
     return engine
+
+
+def in_one_go[**P, T](write: Callable[P, T]) -> Callable[P, T]:
+    """Without a look for garbage on the way: a module is many small things, of which none is any."""
+
+    @functools.wraps(write)
+    def undisturbed(*arguments: P.args, **named: P.kwargs) -> T:
+        looking = gc.isenabled()
+        gc.disable()
+        try:
+            return write(*arguments, **named)
+        finally:
+            if looking:
+                gc.enable()
+
+    return undisturbed
