@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 from collections.abc import Iterator
 
 import numpy as np  # noqa: F401
@@ -15,3 +16,11 @@ def _one_thread() -> Iterator[None]:
     """Of linear algebra, whose libraries are loaded by now: small matrices wait for others else."""
     with threadpool_limits(1):
         yield
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _collected_seldom() -> None:
+    """Garbage: what was imported stays until the end, and is not looked through again and again."""
+    gc.collect()
+    gc.freeze()
+    gc.set_threshold(20_000, 20, 20)

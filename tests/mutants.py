@@ -650,7 +650,7 @@ MUTANTS = [
     Mutant(
         "an overlay of other runs than it says",
         "commands/verify.py",
-        'if layer.mark != one["run"]:',
+        'if mark != one["run"]:',
         "if False:",
         "tests/system/test_overlay.py::test_what_does_not_belong_to_an_overlay_is_named",
     ),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import re
 from collections.abc import Iterator
 
@@ -75,6 +74,15 @@ def overlap(a: Bbox, b: Bbox) -> bool:
     return bool(np.all(np.minimum(a.p1, b.p1) - np.maximum(a.p0, b.p0) > 0.5))
 
 
+def overlapping(boxes: list[Bbox]) -> Iterator[tuple[int, int]]:
+    """Pairs of them, see `overlap`: all at once, as there are thousands."""
+    ends = np.array([(a.p0, a.p1) for a in boxes]).reshape(-1, 2, 2)
+    least, most = ends[:, 0], ends[:, 1]
+    common = np.minimum(most[:, None], most) - np.maximum(least[:, None], least)
+    for one, other in zip(*np.nonzero(np.triu((common > 0.5).all(axis=-1), 1)), strict=True):
+        yield int(one), int(other)
+
+
 def clashes(figure: Figure) -> Iterator[str]:
     """Pairs of texts that overlap, texts that leave the page, and words of the page on a panel."""
     page = figure.bbox.padded(0.5)
@@ -98,9 +106,8 @@ def clashes(figure: Figure) -> Iterator[str]:
         for panel in figure.axes:
             if panel.axison and overlap(box(text), panel.get_window_extent()):
                 yield f"{text.get_text()} on a panel"
-    for (text, a), (other, b) in itertools.combinations(boxes, 2):
-        if overlap(a, b):
-            yield f"{text} on {other}"
+    for one, other in overlapping([a for _, a in boxes]):
+        yield f"{boxes[one][0]} on {boxes[other][0]}"
     for text, a in boxes:
         if not (page.contains(*a.p0) and page.contains(*a.p1)):
             yield f"{text} leaves the page"

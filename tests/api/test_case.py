@@ -25,7 +25,7 @@ from bayesdrill.setup import in_memory
 ROOT = Path(__file__).parents[2]
 CONFIG = ROOT / "configs" / "nominal_step.yaml"
 BOX = {"prior": "uniform", "low": 0.5, "high": 1.5, "relative": True}
-FAST = {"ensembles": 4, "walkers": 32, "ess": 400}
+FAST = {"ensembles": 4, "walkers": 16, "r_hat": 1.1, "n_tau": 5, "ess": 100}
 T = np.linspace(0.0, 6.0, 241)
 SHAFT = {**NOMINAL, "k_s": 0.31}
 
@@ -297,6 +297,7 @@ def test_the_package_names_what_it_offers_and_loads_it_late() -> None:
     assert done.stdout.strip() == "False"
 
 
+@pytest.mark.slow
 def test_the_notebook_runs(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(sys, "argv", ["notebook.py", str(tmp_path / "nb")])

@@ -133,7 +133,6 @@ def case(parameters: dict[str, object], *, offset: bool, sigma: object = SIGMA) 
     )
 
 
-@pytest.mark.slow
 def test_an_offset_of_a_sensor_alone_is_a_normal_density_of_the_record() -> None:
     """All of a config's densities in one number: likelihood, priors and Jacobians, in SI."""
     run = case({}, offset=True).sample()
@@ -172,6 +171,7 @@ def test_three_unknowns_on_a_grid() -> None:
     assert abs(run.evidence.log_z - top - math.log(float(whole))) < SURE * run.evidence.error < 0.05
 
 
+@pytest.mark.slow
 def test_odds_of_nested_models_are_the_ratio_of_savage_and_dickey() -> None:
     """The density of the offset at zero, given all else, is exact: what it is there, posterior over
     prior, are the odds for the model without it.

@@ -202,7 +202,10 @@ def test_far_off_an_interval_nothing_overflows() -> None:
     assert np.abs(of.whiten(samples, own)[0, :, 0]) == pytest.approx(nearest, rel=1e-3)
 
 
-@pytest.mark.parametrize("ratio", [0.02, 0.2, 1.0])
+@pytest.mark.parametrize(
+    "ratio",
+    [pytest.param(0.02, marks=pytest.mark.slow), 0.2, pytest.param(1.0, marks=pytest.mark.slow)],
+)
 def test_rounded_records_of_a_moving_signal_are_as_informed_as_is_said(ratio: float) -> None:
     step, n = 0.1, 400_000
     of = Quantised.of([noisy("w_1", ratio * step, step=step)], n)

@@ -174,7 +174,13 @@ def test_correlated_draws_look_too_narrow_and_thinned_ones_do_not() -> None:
     assert verdict(conjugate(correlation=0.98, every=150)).calibrated
 
 
-@pytest.mark.parametrize("together", [False, True], ids=["independent", "the same"])
+@pytest.mark.parametrize(
+    "together",
+    [
+        pytest.param(False, marks=pytest.mark.slow, id="independent"),
+        pytest.param(True, id="the same"),
+    ],
+)
 def test_a_right_posterior_is_found_wrong_as_seldom_as_stated(together: bool) -> None:
     """Studies of five quantities; kills a band not adjusted for their number.
 

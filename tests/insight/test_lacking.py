@@ -114,8 +114,14 @@ def test_a_rig_that_has_it_is_not_said_to_lack_it() -> None:
 # The table, before it is blamed.
 
 
-@pytest.mark.parametrize(("name", "truth"), [*PHYSICS.items(), ("t_cm", 0.05)])
-@pytest.mark.parametrize("steady", [False, True])
+@pytest.mark.parametrize(
+    ("name", "truth", "steady"),
+    [
+        pytest.param(name, truth, steady, marks=[pytest.mark.slow] * (steady and name != "t_c1"))
+        for steady in (False, True)
+        for name, truth in (*PHYSICS.items(), ("t_cm", 0.05))
+    ],
+)
 def test_a_table_is_right_with_what_is_missing(name: str, truth: float, steady: bool) -> None:
     """Mutants killed: all that is tried left free, a table that is not held."""
     share = 1.0 if name == "t_cm" else 0.2

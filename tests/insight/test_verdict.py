@@ -94,6 +94,7 @@ def says(found: Verdict) -> dict[tuple[int, ...], str]:
     return {q.exponents: q.says for q in (*found.products, *found.parameters)}
 
 
+@pytest.mark.slow
 def test_a_nominal_rig_is_rarely_said_to_disagree() -> None:
     """At most 1 % of records; the limit below is passed by chance once in 3000 such tests.
 

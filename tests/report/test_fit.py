@@ -61,7 +61,10 @@ def fit_of(n_channels: int, n_samples: int) -> Fit:
 
 @pytest.mark.parametrize("width", [style.SINGLE, style.DOUBLE])
 @pytest.mark.parametrize("courses", [0, 1, 2])
-@pytest.mark.parametrize(("n_channels", "n_samples"), [(1, 20), (3, 700), (6, 100_000)])
+@pytest.mark.parametrize(
+    ("n_channels", "n_samples"),
+    [(1, 20), (3, 700), pytest.param(6, 100_000, marks=pytest.mark.slow)],
+)
 def test_no_texts_overlap(n_channels: int, n_samples: int, courses: int, width: float) -> None:
     shown = tuple(course(n_samples, straight=False) for _ in range(courses))
     fit = dataclasses.replace(fit_of(n_channels, n_samples), courses=shown)

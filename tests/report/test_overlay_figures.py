@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -49,11 +50,13 @@ def layers(n_runs: int, unknowns: int) -> list[Layer]:
     return found
 
 
+@cache
 def corner(n_runs: int, unknowns: int) -> Figure:
     given = layers(n_runs, unknowns)
     return drawn(overlay_corner_figure(given, rows(given), SI))
 
 
+@cache
 def intervals(n_runs: int, unknowns: int) -> Figure:
     given = layers(n_runs, unknowns)
     return drawn(intervals_figure(given, rows(given), SI))

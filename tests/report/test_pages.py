@@ -56,7 +56,7 @@ def run() -> bd.Run:
         channels={"w_2": bd.Channel(exact + noise, "rad/s", 0.1)},
         inputs={"v": 6.0},
         parameters=dict.fromkeys(NOMINAL, "nominal") | dict.fromkeys(("k_e", "c_m"), box),
-        sampler={"ensembles": 4, "walkers": 32, "ess": 400},
+        sampler={"ensembles": 4, "walkers": 16, "r_hat": 1.1, "n_tau": 5, "ess": 100},
         seed=3,
     )
     return case.sample()

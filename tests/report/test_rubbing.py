@@ -54,7 +54,7 @@ def case() -> bd.Case:
         inputs={"v": bd.Input(V, "V")},
         nominal=TABLE,
         parameters=held | dict.fromkeys(("k_s", "t_cm", "t_c1"), box),
-        sampler={"ensembles": 4, "walkers": 32, "ess": 200, "n_tau": 20},
+        sampler={"ensembles": 4, "walkers": 16, "ess": 100, "n_tau": 10},
         seed=3,
     )
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -41,6 +42,7 @@ def prior(symbol: Symbol) -> Prior:
     return LogUniform(middle / 30, middle * 30)
 
 
+@cache
 def drawn_corner(n: int, inches: float) -> Figure:
     draws, symbols = posterior(1500)[:, :n], SYMBOLS[:n]
     priors = {s.name: prior(s) for s in symbols}
@@ -79,7 +81,7 @@ def test_each_axis_of_small_panels_says_its_ends() -> None:
 
 
 @pytest.mark.parametrize("inches", WIDTHS)
-@pytest.mark.parametrize("n", [1, 3, 9, 13])
+@pytest.mark.parametrize("n", [1, 3, 9, pytest.param(13, marks=pytest.mark.slow)])
 def test_priors_against_posteriors(n: int, inches: float) -> None:
     draws, symbols = posterior(1500)[:, :n], SYMBOLS[:n]
     priors = {s.name: prior(s) for s in symbols}
@@ -99,7 +101,7 @@ def profile_of(symbol: Symbol) -> Profile:
 
 
 @pytest.mark.parametrize("inches", WIDTHS)
-@pytest.mark.parametrize("n", [1, 3, 9, 13])
+@pytest.mark.parametrize("n", [1, 3, 9, pytest.param(13, marks=pytest.mark.slow)])
 def test_profiles_and_calibrations_are_as_wide_as_said(n: int, inches: float) -> None:
     """Mutant killed: a logarithmic axis on which a value stands at its place on a plain one."""
     symbols = {symbol.name: symbol for symbol in SYMBOLS[:n]}

@@ -31,7 +31,13 @@ def case(
 
 
 @pytest.mark.parametrize("inches", [style.SINGLE, style.DOUBLE])
-@pytest.mark.parametrize(("n", "width"), [(1, None), (3, None), (9, None), (13, None), (9, 1e-5)])
+@pytest.mark.parametrize(
+    ("n", "width"),
+    [
+        *((1, None), (3, None), (9, None), (9, 1e-5)),
+        pytest.param(13, None, marks=pytest.mark.slow),
+    ],
+)
 def test_no_texts_overlap(n: int, width: float | None, inches: float) -> None:
     figure = case(width, n, inches, ("c_m", "l_m"))
     assert list(clashes(figure)) == []

@@ -18,7 +18,7 @@ CONFIG = Path(__file__).parents[2] / "configs" / "nominal_step.yaml"
 DIGESTS = {
     "summary.csv": "dd00e72173b9c8b8",
     "derived.csv": "9e96c7a22626370c",
-    "verdict.csv": "2d3966ac8d2f3d35",
+    "verdict.csv": "a3e969bffa81f483",
     "draws": "355a2459ab0dc915",
 }
 

@@ -18,15 +18,12 @@ from bayesdrill.commands import calibrate
 from bayesdrill.results import provenance
 from bayesdrill.setup.job import prepare
 
-LOOSE = "r_hat: 1.2, n_tau: 5, ess: 100, max_steps: 500"
-TIGHT = ((LOOSE, "r_hat: 1.05, n_tau: 10, ess: 400, max_steps: 900"),)
-
 
 @pytest.fixture(scope="module")
 def done(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Folder of a finished run of the pair, with its figure of the fit."""
     folder = tmp_path_factory.mktemp("pair")
-    config = pairs.write(folder, *TIGHT, ("figures: []", "figures: [fit, predictive_check]"))
+    config = pairs.write(folder, ("figures: []", "figures: [fit, predictive_check]"))
     ran = systems.cli("posterior", config, "-o", folder / "out", "--processes", "1")
     assert ran.status == 0, ran.text
     assert "converged: all targets are met" in ran.out

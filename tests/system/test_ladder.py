@@ -28,7 +28,7 @@ record:
   file: turned.csv
   time: {column: t, unit: s}
   channels:
-    w_2: {column: w_2, unit: rad/s, sigma: 0.1}
+    w_2: {column: w_2, unit: rad/s, sigma: {prior: log_uniform, low: 0.01, high: 10}}
 inputs:
   t_m: {column: t_m, unit: N*m, hold: zero}
 model: {name: motor}
@@ -36,7 +36,7 @@ parameters:
   j_m: {prior: uniform, low: 1.0e-4, high: 1.0e-3}
   c_m: {prior: uniform, low: 1.0e-4, high: 1.0e-2}
 map: {starts: 1, evaluations: 500}
-sampler: {walkers: 24, ess: 400, n_tau: 10}
+sampler: {walkers: 16, r_hat: 1.05, ess: 200, n_tau: 5}
 output: {predictive_draws: 10, figures: []}
 """
 J_M, C_M, FRICTION, SIGMA = 4e-4, 1e-3, 0.02, 0.1

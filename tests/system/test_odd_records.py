@@ -465,12 +465,12 @@ def test_what_was_read_with_a_wrong_column_or_unit_is_suspected(
 
 
 FEWER = ("max_steps: 500", "max_steps: 100")
+LOOSE = ("w_1, unit: rad/s, sigma: 0.05", "w_1, unit: rad/s, sigma: 5")
 
 
 def test_a_run_says_what_it_suspects_beside_its_results(tmp_path: Path) -> None:
-    outcome = bd.load(place(tmp_path, odd("stuck", table(T, THETA, STUCK), changes=(FEWER,)))).run(
-        tmp_path / "run"
-    )
+    stuck = odd("stuck", table(T, THETA, STUCK), changes=(FEWER, LOOSE))
+    outcome = bd.load(place(tmp_path, stuck)).run(tmp_path / "run")
     notes = json.loads((outcome.folder / "run.json").read_text(encoding="utf-8"))["notes"]
     assert [one for one in notes if one.startswith("note: record, stuck: w_1 stays")]
     assert "stuck: w_1 stays at exactly one value" in outcome.said

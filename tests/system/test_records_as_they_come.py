@@ -22,7 +22,7 @@ def spiked(folder: Path, *rows: int) -> None:
 
 def test_check_lists_glitches_and_a_run_repeats_the_first(tmp_path: Path) -> None:
     rows = [30, 41, 52, 63, 74]
-    loose = ("sigma: 0.05}\ninputs", "sigma: 50}\ninputs")
+    loose = ("sigma: 0.05}\ninputs", "sigma: 500}\ninputs")
     config = systems.small(tmp_path, loose, ("max_steps: 500", "max_steps: 100"))
     spiked(tmp_path, *rows)
     ran = systems.cli("check", config)

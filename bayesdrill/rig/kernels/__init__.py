@@ -17,7 +17,7 @@ from typing import Any
 
 from llvmlite import ir
 
-from bayesdrill.rig.kernels.compiling import machine_code
+from bayesdrill.rig.kernels.compiling import in_one_go, machine_code
 from bayesdrill.rig.kernels.exponential import emit_exponential
 from bayesdrill.rig.kernels.lanes import LANES
 from bayesdrill.rig.kernels.layout import Layout
@@ -46,6 +46,7 @@ class Kernels:
 
 
 @lru_cache(maxsize=64)
+@in_one_go
 def compile_kernels(layout: Layout, names: tuple[str, ...] = ("misfit", "signals")) -> Kernels:
     """Once for the same layout: several records of one rig share what is compiled."""
     module = ir.Module("bayesdrill")

@@ -15,7 +15,7 @@ from typing import Any
 from llvmlite import ir
 
 from bayesdrill.rig.kernels.between import emit_interval
-from bayesdrill.rig.kernels.compiling import machine_code
+from bayesdrill.rig.kernels.compiling import in_one_go, machine_code
 from bayesdrill.rig.kernels.exponential import emit_exponential
 from bayesdrill.rig.kernels.lanes import I64, VEC, Loop, function, load, splat, store, vector
 from bayesdrill.rig.kernels.late import Late
@@ -47,6 +47,7 @@ class Kernel:
 
 
 @lru_cache(maxsize=64)
+@in_one_go
 def compile_dense(shape: Shape) -> Kernel:
     module = ir.Module("dense")
     exponential = emit_exponential(module, shape.layout, "exponential", None)

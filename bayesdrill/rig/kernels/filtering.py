@@ -14,7 +14,7 @@ from typing import Any
 from llvmlite import ir
 
 from bayesdrill.basics.duals import Dual, dual
-from bayesdrill.rig.kernels.compiling import machine_code
+from bayesdrill.rig.kernels.compiling import in_one_go, machine_code
 from bayesdrill.rig.kernels.gathering import anywhere
 from bayesdrill.rig.kernels.lanes import (
     F64,
@@ -66,6 +66,7 @@ class Filtering:
 
 
 @lru_cache(maxsize=64)
+@in_one_go
 def compile_filtering(noisy: Noisy, name: str) -> Filtering:
     module = ir.Module("filtering")
     {"whiten": _emit_filter, "slopes": _emit_filter, "smooth": _emit_filter, "draw": _emit_draw}[

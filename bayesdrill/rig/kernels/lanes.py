@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 from llvmlite import ir
 
@@ -20,19 +21,34 @@ VECTORS = VEC.as_pointer()  # ... one of vectors: `LANES` numbers each
 
 
 def vector(value: float) -> ir.Constant:
+    return _vector(value, math.copysign(1.0, value))
+
+
+# A constant is written out as text once, however often a kernel has it.
+
+
+@lru_cache(maxsize=4096)
+def _vector(value: float, sign: float) -> ir.Constant:
+    """`sign`: zeros of either sign are equal, and are not the same."""
     return ir.Constant(VEC, [value] * LANES)
 
 
+@lru_cache(maxsize=4096)
 def whole_numbers(value: int) -> ir.Constant:
     return ir.Constant(INT_VEC, [value] * LANES)
 
 
+@lru_cache(maxsize=4096)
+def _place(index: int) -> ir.Constant:
+    return I64(index)
+
+
 def load(b: ir.IRBuilder, base: ir.Value, index: int) -> ir.Value:
-    return b.load(b.gep(base, [I64(index)]), align=8)
+    return b.load(b.gep(base, [_place(index)]), align=8)
 
 
 def store(b: ir.IRBuilder, value: ir.Value, base: ir.Value, index: int) -> None:
-    b.store(value, b.gep(base, [I64(index)]), align=8)
+    b.store(value, b.gep(base, [_place(index)]), align=8)
 
 
 def splat(b: ir.IRBuilder, scalar: ir.Value) -> ir.Value:

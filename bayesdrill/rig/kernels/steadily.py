@@ -12,7 +12,7 @@ from typing import Any
 
 from llvmlite import ir
 
-from bayesdrill.rig.kernels.compiling import machine_code
+from bayesdrill.rig.kernels.compiling import in_one_go, machine_code
 from bayesdrill.rig.kernels.exponential import emit_exponential
 from bayesdrill.rig.kernels.lanes import (
     I64,
@@ -59,6 +59,7 @@ AT_ONCE = 8  # samples
 
 
 @lru_cache(maxsize=64)
+@in_one_go
 def compile_steadily(noisy: Noisy, layout: Layout) -> Steadily:
     """`layout`: of the rig with its torque."""
     module = ir.Module("steadily")

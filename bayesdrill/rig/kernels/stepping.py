@@ -10,7 +10,7 @@ from typing import Any
 
 from llvmlite import ir
 
-from bayesdrill.rig.kernels.compiling import machine_code
+from bayesdrill.rig.kernels.compiling import in_one_go, machine_code
 from bayesdrill.rig.kernels.exponential import emit_exponential
 from bayesdrill.rig.kernels.lanes import I64, VEC, Loop, function
 from bayesdrill.rig.kernels.marching import Writer
@@ -29,6 +29,7 @@ class Kernel:
 
 
 @lru_cache(maxsize=64)
+@in_one_go
 def compile_stepping(shape: Shape) -> Kernel:
     module = ir.Module("stepping")
     exponential = emit_exponential(module, shape.layout, "step", None)
