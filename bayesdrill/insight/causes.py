@@ -30,7 +30,10 @@ WORTH = 0.3  # of what is unexplained so far, that each thing named must explain
 ROUNDING = 1e-12
 EXPLAINS = 0.5  # of what the fit leaves beyond noise: with less, nothing is named
 MOST_NAMED = 5
-PROMISES = 0.3  # of what is left, to first order, for what is worth a search
+PROMISES = (
+    0.3  # of what is left, to first order, for what is worth a search beside another cause ...
+)
+HOPE = 0.1  # ... and for the first one
 ALIKE = 0.1  # of what is left: two explanations that differ by less are equals
 
 SENSORS: frozenset[Kind] = frozenset({"gain", "offset", "lag", "input offset", "input lag"})
@@ -102,14 +105,14 @@ def causes(posterior: Posterior, theta: Array) -> Causes | None:
     if best is None or not best.explains or best.lacking:
         return best
     rig = _Trial.of(posterior, theta, frozenset({"rig"}))
-    other = rig.outcome() if rig is not None and rig.promises() else None
+    other = rig.outcome() if rig is not None and rig.promises(PROMISES) else None
     alike = other is not None and other.explains and other.share > best.share - ALIKE
     return dataclasses.replace(best, other=other) if alike else best
 
 
 def _tried(posterior: Posterior, theta: Array, kinds: frozenset[Kind]) -> Causes | None:
     trial = _Trial.of(posterior, theta, kinds)
-    return None if trial is None else trial.outcome()
+    return trial.outcome() if trial is not None and trial.promises(HOPE) else None
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,15 +147,21 @@ class _Trial:
         full = [np.concatenate([self.theta[:m], row, self.theta[m:]]) for row in rows]
         return self.wide.posterior.coordinates.from_physical(np.array(full))
 
-    def promises(self) -> bool:
-        """Whether it would explain much, were the response straight."""
+    def promises(self, least: float) -> bool:
+        """Whether it would explain so much, were the response straight, from any of the `starts`."""
         surface = PosteriorSurface(self.wide.posterior, physical=True)
-        u = np.clip(self.starts()[:1], surface.low, surface.high)
-        here = surface.expand(u, np.eye(u.shape[1]))
-        new = np.zeros(u.shape[1], dtype=bool)
-        new[self.tried] = True
-        gains = [_gain(here.slope[0], here.curvature[0], free) for free in (new | ~new, ~new)]
-        return 2.0 * (gains[0] - gains[1]) > PROMISES * (self.count.before - self.count.floor)
+        u = np.clip(self.starts(), surface.low, surface.high)
+        here, now = surface.expand(u, np.eye(u.shape[1])), surface.value(u)
+        old = np.ones(u.shape[1], dtype=bool)
+        old[self.tried] = False
+        every = np.ones_like(old)
+        gains = [
+            value - now[0] + _gain(slope, curvature, every)
+            for value, slope, curvature in zip(now, here.slope, here.curvature, strict=True)
+        ]
+        without = _gain(here.slope[0], here.curvature[0], old)
+        left = self.count.before - self.count.floor
+        return bool(2.0 * (max(gains) - without) > least * left)
 
     def outcome(self) -> Causes | None:
         """None where it comes to nothing."""
