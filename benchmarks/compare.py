@@ -43,7 +43,7 @@ RIG = {
     **dict.fromkeys(("c_m", "k_T", "r_m", "l_m", "j_1"), "nominal"),
     "t_f": 0.0,
 }
-SHORT = {"walkers": 24, "ess": 400, "n_tau": 10, "max_steps": 2000}
+SHORT = {"walkers": 24, "ess": 400, "n_tau": 10, "max_steps": 100}
 GIVEN, RED = "as_given", "ar1"
 PHYSICS = ("friction", "gear", "lag")
 GEAR = 1 / 8  # true where the gear is wrong

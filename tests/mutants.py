@@ -96,6 +96,14 @@ MUTANTS = [
         "test_a_correlation_that_is_none_needs_no_look_along_settled_ridges",
     ),
     Mutant(
+        "an experiment that is held out and counts",
+        "inference/likelihood.py",
+        "kept = [one for one in self.observations if one.label not in labels]",
+        "kept = [*self.observations]",
+        "tests/system/test_held_out_experiments.py::"
+        "test_it_is_no_evidence_and_is_predicted_by_the_draws",
+    ),
+    Mutant(
         "vague priors that the best has, too",
         "insight/comparison.py",
         "if one.beliefs[each.name] != top.beliefs.get(each.name)",

@@ -51,13 +51,12 @@ def chosen(posterior: Posterior, theta: Array) -> Posterior:
     """With as few pieces, of `NUMBERS`, as are enough at `theta (D,)`."""
     likelihood = posterior.likelihood
     full = likelihood.space.full(theta[None])
-    made = [
-        _fine(one, full, theta) if isinstance(one.response, Stepped) else one
-        for one in likelihood.observations
-    ]
-    return dataclasses.replace(
-        posterior, likelihood=dataclasses.replace(likelihood, observations=tuple(made))
+    made, apart = (
+        tuple(_fine(one, full, theta) if isinstance(one.response, Stepped) else one for one in some)
+        for some in (likelihood.observations, likelihood.apart)
     )
+    likelihood = dataclasses.replace(likelihood, observations=made, apart=apart)
+    return dataclasses.replace(posterior, likelihood=likelihood)
 
 
 def _stepped(likelihood: Likelihood) -> Iterator[tuple[Observation, Stepped]]:
