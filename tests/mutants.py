@@ -80,6 +80,30 @@ MUTANTS = [
         "tests/insight/test_comparison.py::test_the_word_is_that_of_the_odds[by chance]",
     ),
     Mutant(
+        "a noise that is held against all of the same rig",
+        "insight/comparison.py",
+        "over(lambda one: one.noise == first.noise)",
+        "over(lambda one: one.rig == first.rig)",
+        "tests/system/test_comparison_rates.py::"
+        "test_one_record_of_a_kind_tells_it_already[coloured sensor]",
+    ),
+    Mutant(
+        "a correlation that goes by its log",
+        "inference/noise/ar1.py",
+        "transform=(0.0, 1.0)",
+        'transform="log"',
+        "tests/system/test_comparison_rates.py::"
+        "test_a_correlation_that_is_none_needs_no_look_along_settled_ridges",
+    ),
+    Mutant(
+        "an experiment that is held out and counts",
+        "inference/likelihood.py",
+        "kept = [one for one in self.observations if one.label not in labels]",
+        "kept = [*self.observations]",
+        "tests/system/test_held_out_experiments.py::"
+        "test_it_is_no_evidence_and_is_predicted_by_the_draws",
+    ),
+    Mutant(
         "vague priors that the best has, too",
         "insight/comparison.py",
         "if one.beliefs[each.name] != top.beliefs.get(each.name)",
@@ -671,18 +695,18 @@ MUTANTS = [
         "test_a_flat_density_has_no_contour_and_a_box_is_full_to_its_ends",
     ),
     Mutant(
-        "a bend of the logit's Jacobian forgotten",
+        "a bend of the probit's Jacobian forgotten",
         "inference/coordinates.py",
-        "1.0 - 2.0 * share, 2.0 * share",
-        "1.0, 2.0 * share",
+        "-z[:, column], 1.0",
+        "-z[:, column], 0.0",
         "tests/inference/test_coordinates.py::"
         "test_slopes_and_jacobian_between_two_ends_are_differences",
     ),
     Mutant(
         "the width between two ends forgotten",
         "inference/coordinates.py",
-        "jacobian += np.log(high - low) + log_expit",
-        "jacobian += log_expit",
+        "jacobian += np.log(high - low) - LOG_ROOT_2PI",
+        "jacobian += -LOG_ROOT_2PI",
         "tests/inference/test_coordinates.py::"
         "test_slopes_and_jacobian_between_two_ends_are_differences",
     ),

@@ -61,12 +61,13 @@ def check_same_record(places: Sequence[str], problems: Sequence[Problem]) -> Non
 
 def _record(problem: Problem) -> dict[str, str]:
     """Of each experiment: channels, samples and what is held out."""
-    found = {}
+    found, whole = {}, {one.label for one in problem.posterior.likelihood.apart}
     for label, digest in provenance.records(problem).items():
-        one = next(each for each in problem.observations if each.label == label)
+        one = next(each for each in problem.every if each.label == label)
         held = one.experiment.held_out
         apart = "" if held is None else hashlib.sha256(held.tobytes()).hexdigest()[:6]
         held_out = f", held out {apart}" if apart else ""
+        held_out += ", held out as a whole" if label in whole else ""
         found[label] = f"{digest} of {', '.join(one.experiment.names)}{held_out}"
     return found
 

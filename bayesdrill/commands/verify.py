@@ -245,7 +245,7 @@ def _settings(path: Path) -> dict[str, Any] | None:
         for section, key in sources.named_in(alone):
             del section[key]
         settings[f"experiment {view.label}"] = alone
-    return settings
+    return settings | {"held out": experiments.held_out(config)}
 
 
 def _tables(folder: Path, texts: Mapping[str, str], source: str) -> Iterator[Problem]:

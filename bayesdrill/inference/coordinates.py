@@ -1,26 +1,31 @@
-"""Coordinates in which the sampler walks: the log of each unknown, the unknown itself, or a logit.
+"""Coordinates in which the sampler walks: the log of each unknown, the unknown itself, or a probit.
 
 Rigs are made of products and ratios, so that logs are the natural scale.  They are none for an
 unknown whose prior reaches down to zero: all of its lower end would lie in an endless tail.  What
-lies between two ends, such as a correlation, goes by its logit between them, and what may be
-negative, such as an offset, by itself.
+lies between two ends, such as a correlation, goes by its probit between them, over which a uniform
+prior is a bell: what is pressed against an end has no longer tail there.  (Over a logit it falls off
+like an exponential, and no proposal made of bells gets there.)  What may be negative, such as an
+offset, goes by itself.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import expit, log_expit, logit
+from scipy.special import ndtr, ndtri
 
 Array = NDArray[np.float64]
+
+LOG_ROOT_2PI = 0.5 * math.log(2.0 * math.pi)
 
 
 @dataclass(frozen=True, slots=True)
 class Coordinates:
     """`logs`: for each of the D unknowns, whether its log is its coordinate; `between`: columns whose
-    logit between `low` and `high` is, as `(column, low, high)`.  `signed`: columns that need not be
+    probit between `low` and `high` is, as `(column, low, high)`.  `signed`: columns that need not be
     positive, these among them, each with the step that is one on its natural scale.
 
     `z` and `theta` are `(W, D)`; the Jacobian is log |d theta / d z|, `(W,)`.
@@ -35,7 +40,7 @@ class Coordinates:
         with np.errstate(divide="ignore", invalid="ignore"):
             z[:, self.logs] = np.log(theta[:, self.logs])
         for column, low, high in self.between:
-            z[:, column] = logit((theta[:, column] - low) / (high - low))
+            z[:, column] = ndtri((theta[:, column] - low) / (high - low))
         return z
 
     def to_physical(self, z: Array) -> Array:
@@ -43,20 +48,21 @@ class Coordinates:
         with np.errstate(over="ignore"):
             theta[:, self.logs] = np.exp(z[:, self.logs])
         for column, low, high in self.between:
-            theta[:, column] = low + (high - low) * expit(z[:, column])
+            theta[:, column] = low + (high - low) * ndtr(z[:, column])
         return theta
 
     def with_jacobian(self, z: Array) -> tuple[Array, Array]:
         jacobian = np.ascontiguousarray(z[:, self.logs]).sum(axis=-1)
         for column, low, high in self.between:
-            jacobian += np.log(high - low) + log_expit(z[:, column]) + log_expit(-z[:, column])
+            jacobian += np.log(high - low) - LOG_ROOT_2PI - 0.5 * z[:, column] ** 2
         return self.to_physical(z), jacobian
 
     def slopes(self, theta: Array) -> Array:
         """d unknown / d its coordinate, `(W, D)`."""
         out = np.where(self.logs, theta, 1.0)
         for column, low, high in self.between:
-            out[:, column] = (theta[:, column] - low) * (high - theta[:, column]) / (high - low)
+            place = ndtri((theta[:, column] - low) / (high - low))
+            out[:, column] = (high - low) * np.exp(-0.5 * place**2 - LOG_ROOT_2PI)
         return out
 
     def jacobian_bends(self, z: Array) -> tuple[Array, Array]:
@@ -64,8 +70,7 @@ class Coordinates:
         slope = np.tile(np.array(self.logs, dtype=np.float64), (len(z), 1))
         curvature = np.zeros_like(slope)
         for column, *_ in self.between:
-            share = expit(z[:, column])
-            slope[:, column], curvature[:, column] = 1.0 - 2.0 * share, 2.0 * share * (1.0 - share)
+            slope[:, column], curvature[:, column] = -z[:, column], 1.0
         return slope, curvature
 
     def natural(self, theta: Array) -> Array:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import islice
@@ -182,10 +182,14 @@ class Part:
 
 @dataclass(frozen=True, slots=True)
 class Likelihood:
-    """Of unknowns `theta (W, D)`: a sum over observations, which share them."""
+    """Of unknowns `theta (W, D)`: a sum over observations, which share them.
+
+    `apart`: others, which are no evidence, and only to be predicted.
+    """
 
     observations: tuple[Observation, ...]
     space: ParameterSpace
+    apart: tuple[Observation, ...] = ()
 
     @classmethod
     def of(cls, space: ParameterSpace, *pairs: tuple[Simulator, Noise]) -> Likelihood:
@@ -224,6 +228,12 @@ class Likelihood:
                 )
             )
         return cls(tuple(made), space)
+
+    def without(self, labels: Collection[str]) -> Likelihood:
+        """With these experiments `apart`."""
+        kept = [one for one in self.observations if one.label not in labels]
+        apart = [one for one in self.observations if one.label in labels]
+        return Likelihood(tuple(kept), self.space, tuple(apart))
 
     def __call__(self, theta: Array) -> Array:
         """Log likelihood `(W,)`; NaN where a response overflows."""

@@ -57,13 +57,14 @@ def chosen(posterior: Posterior, theta: Array) -> Posterior:
     """With as few pieces, of `TRIED`, as are enough at `theta (D,)` and at other points about it."""
     likelihood, points = posterior.likelihood, _about(posterior, theta)
     full = likelihood.space.full(points)
-    made = [
-        _fine(one, full, points) if isinstance(one.response, Stepped) else one
-        for one in likelihood.observations
-    ]
-    return dataclasses.replace(
-        posterior, likelihood=dataclasses.replace(likelihood, observations=tuple(made))
+    made, apart = (
+        tuple(
+            _fine(one, full, points) if isinstance(one.response, Stepped) else one for one in some
+        )
+        for some in (likelihood.observations, likelihood.apart)
     )
+    likelihood = dataclasses.replace(likelihood, observations=made, apart=apart)
+    return dataclasses.replace(posterior, likelihood=likelihood)
 
 
 def _about(posterior: Posterior, theta: Array) -> Array:

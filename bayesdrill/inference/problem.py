@@ -39,6 +39,11 @@ class Problem:
         return self.posterior.likelihood.observations
 
     @property
+    def every(self) -> tuple[Observation, ...]:
+        """Those that are held out as a whole, too."""
+        return (*self.observations, *self.posterior.likelihood.apart)
+
+    @property
     def experiment(self) -> Experiment:
         """The only one; raises `ValueError` where there are more."""
         return self.posterior.likelihood.alone.experiment

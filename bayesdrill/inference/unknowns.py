@@ -29,7 +29,7 @@ Transform = Literal["log", "plain"] | tuple[float, float]
 class Unknown:
     """As its owner declares it, SI; `start`: where a search for the MAP begins.
 
-    `transform` gives the coordinate in which samplers walk: its log, itself, or the logit between two
+    `transform` gives the coordinate in which samplers walk: its log, itself, or the probit between two
     ends, where it need not be positive; None: log or itself, as the prior has it.  What the prior
     allows below zero goes by itself.
     """

@@ -44,11 +44,11 @@ class LeftOut:
 
 
 def held_out(posterior: Posterior, theta: Array) -> HeldOut | None:
-    """By draws `theta (N, D)`; None where nothing is held out."""
+    """By draws `theta (N, D)`: stretches and whole experiments; None where nothing is held out."""
     theta, found = _some(theta), []
-    full = posterior.space.full(theta)
-    for one in posterior.likelihood.observations:
-        held = one.experiment.held_out
+    full, likelihood = posterior.space.full(theta), posterior.likelihood
+    stretches = [(one, one.experiment.held_out) for one in likelihood.observations]
+    for one, held in (*stretches, *((one, one.experiment.y) for one in likelihood.apart)):
         if held is not None:
             rest = held - one.signals(full)
             log_p = _by_itself(one, held).pointwise(rest, one.scatter(theta))[:, ~np.isnan(held)]

@@ -161,7 +161,7 @@ def predicted(models: Sequence[Contender]) -> Iterator[str]:
     else:
         yield (
             "held out: nothing; `record: {held_out: [from, to]}` [s] in all configs keeps a stretch of "
-            "the record from the fit, to be predicted"
+            "the record from the fit, to be predicted, and `held_out: true` one of several experiments"
         )
     refused: dict[str, list[str]] = {}
     for one in models:

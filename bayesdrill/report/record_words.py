@@ -28,7 +28,7 @@ HEADERS = ("", "measures", "column", "unit", "first", "from", "to")
 def columns(problem: Problem, config: Config) -> str:
     """Of each record: time, channels and measured inputs, in the units of their columns."""
     return "\n".join(
-        _columns(one, problem, experiments.of(config, one.label)) for one in problem.observations
+        _columns(one, problem, experiments.of(config, one.label)) for one in problem.every
     )
 
 
@@ -56,10 +56,17 @@ def _columns(one: Observation, problem: Problem, config: Config) -> str:
 
 def made(problem: Problem) -> tuple[str, ...]:
     """What times each record has, where its steps are not equal, and what was done to its numbers."""
-    return tuple(
-        f"{one.label}, {each}" if one.label else each
-        for one in problem.observations
-        for each in _made(one.experiment)
+    apart = problem.posterior.likelihood.apart
+    return (
+        *(
+            f"{one.label}, {each}" if one.label else each
+            for one in problem.observations
+            for each in _made(one.experiment)
+        ),
+        *(
+            f"{one.label}, its {one.numbers} samples are held out, and are no evidence"
+            for one in apart
+        ),
     )
 
 

@@ -80,7 +80,7 @@ def marks(config: Config, problem: Problem, burn_in: str) -> dict[str, str]:
 
 def records(problem: Problem) -> dict[str, str]:
     """How long each is, and a digest of it, by the names of experiments."""
-    return {one.label: _of_experiment(one.experiment)["the record"] for one in problem.observations}
+    return {one.label: _of_experiment(one.experiment)["the record"] for one in problem.every}
 
 
 def _model(rig: Model) -> str:
@@ -92,9 +92,11 @@ def _model(rig: Model) -> str:
 def _of_experiments(problem: Problem) -> dict[str, str]:
     """Of several, each name with that of its experiment."""
     found: dict[str, str] = {}
-    for one in problem.observations:
+    for one in problem.every:
         said = _of_experiment(one.experiment) | _of_sensors(one) | _of_noise(one)
         found |= {one.entitled(name): value for name, value in said.items()}
+    for one in problem.posterior.likelihood.apart:
+        found[one.entitled("what counts")] = "nothing: it is held out"
     return found
 
 
@@ -155,7 +157,8 @@ def resolved(config: Config, source: Source, folder: Path) -> str:
         if view.label:
             own = view.config.model_dump(exclude_none=True)
             sections = {key: own[key] for key in experiments.SECTIONS}
-            data["experiments"][view.label] = sections
+            held = {"held_out": True} if config.experiments[view.label].held_out else {}
+            data["experiments"][view.label] = sections | held
         _without_foreign(sections, view.config, build.model(config))
         for section, key in sources.named_in(sections):
             # Links are resolved first: `..` in a path goes up from where a link leads to.

@@ -19,7 +19,7 @@ from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.simulator import Simulator
 from bayesdrill.setup import beginning, build, missing_torque, sensors
 from bayesdrill.setup.config import Config
-from bayesdrill.setup.experiments import View, common_or_own
+from bayesdrill.setup.experiments import View, common_or_own, held_out
 from bayesdrill.setup.number_objects import formula
 from bayesdrill.setup.sensors import Declared
 from bayesdrill.setup.yaml_source import Place
@@ -55,7 +55,7 @@ def problem(config: Config, views: Sequence[View], experiments: Sequence[Experim
     unknowns = build.space(config, rig, [*levels.values()], [*told.values()], labels)
     posterior = Posterior(
         space=unknowns,
-        likelihood=Likelihood.joint(unknowns, parts),
+        likelihood=Likelihood.joint(unknowns, parts).without(held_out(config)),
         coordinates=unknowns.coordinates(),
     )
     if config.model.pieces is None:

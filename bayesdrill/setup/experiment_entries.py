@@ -171,3 +171,7 @@ class ExperimentSpec(Strict):
     initial: dict[str, Any] | str = Field(
         default_factory=dict, description="Entries as in `initial:`."
     )
+    held_out: bool = Field(
+        False,
+        description="No sample of it is evidence: `compare` says how well each model predicts it.",
+    )

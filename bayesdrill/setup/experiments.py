@@ -68,7 +68,13 @@ def of(config: Config, label: str) -> Config:
     if not label:
         return config
     data = config.model_dump(exclude_unset=True, exclude={EXPERIMENTS, *WHOSE, *SECTIONS})
-    return Config.model_validate(data | config.experiments[label].model_dump(exclude_unset=True))
+    own = config.experiments[label].model_dump(exclude_unset=True, include=set(SECTIONS))
+    return Config.model_validate(data | own)
+
+
+def held_out(config: Config) -> list[str]:
+    """Names of experiments that are no evidence."""
+    return [label for label, one in config.experiments.items() if one.held_out]
 
 
 def common_or_own(config: Config, name: str, label: str) -> str:

@@ -82,12 +82,15 @@ def assemble(config: Config, source: Source, table: Table | None = None) -> Job:
 def _unsteady(every: Sequence[View], problem: Problem, start: Array) -> list[Wrong]:
     """Experiments that are said to begin steadily, of a rig that has no steady state."""
     full = problem.posterior.space.full(start[None])
+    seen = {one.label: one for one in problem.observations}
     message = (
         "the rig has no steady state at the start values under the first inputs; give the start, or "
         "`free`"
     )
     return [
         view.source.problem(("initial",), message)
-        for view, one in zip(every, problem.observations, strict=True)
-        if view.config.initial.state == "steady" and not np.isfinite(one.signals(full)[0, 0]).any()
+        for view in every
+        if view.label in seen
+        and view.config.initial.state == "steady"
+        and not np.isfinite(seen[view.label].signals(full)[0, 0]).any()
     ]

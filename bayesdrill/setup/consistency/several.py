@@ -14,7 +14,7 @@ from bayesdrill.setup import build, missing_torque, number_objects, sensors
 from bayesdrill.setup.config import Config
 from bayesdrill.setup.consistency import noises, unknowns, work
 from bayesdrill.setup.consistency.collector import Collector
-from bayesdrill.setup.experiments import common_or_own, split
+from bayesdrill.setup.experiments import common_or_own, held_out, split
 from bayesdrill.setup.yaml_source import Source
 
 Alone = Mapping[str, Config]  # each experiment by its name, which is empty where there is only one
@@ -33,6 +33,7 @@ def check_experiments(config: Config, source: Source) -> list[Problem]:
     every = {label: Config.model_validate(own.data) for label, own in split(source).items()}
     _check_own(found, config, model)
     _check_shared(found, config, model, every)
+    _check_held_out(found, config, model, every)
     _check_names(found, config, model, every)
     if not found.problems:
         unknown = names(config, model, every)
@@ -141,6 +142,29 @@ def _check_shared(found: Collector, config: Config, model: Model, every: Alone) 
                 f"{name} has another prior in {other} than in {having[0]}; give it once, above "
                 "`experiments:`, or remove it here"
             )
+            found.add(place, message)
+
+
+def _check_held_out(found: Collector, config: Config, model: Model, every: Alone) -> None:
+    """What is predicted of an experiment that is no evidence, others have to tell."""
+    away = held_out(config)
+    if away and len(away) == len(every):
+        found.add(("experiments", away[0], "held_out"), "all are held out; leave one to be fitted")
+        return
+    told = {n for label, one in every.items() if label not in away for n in _told(one, model)}
+    for label in away:
+        place = ("experiments", label, "held_out")
+        for k, name in enumerate(config.own):
+            message = f"nothing tells {name} of {label}, which is held out; remove it here"
+            found.add(("own", k), message)
+        alone = [
+            name
+            for name, (prior, _) in _told(every[label], model).items()
+            if not isinstance(prior, float) and not (name in config.shared and name in told)
+        ]
+        if alone:
+            names_of = ", ".join(alone)
+            message = f"nothing tells {names_of} of {label}; give a number, or add it to `shared:`"
             found.add(place, message)
 
 

@@ -1,0 +1,73 @@
+"""What `compare` says of records of which it is known what is wrong: see `benchmarks/compare.py`."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from bayesdrill.commands import elsewhere
+from bayesdrill.engines.climb import climb
+from bayesdrill.inference.surface import PosteriorSurface
+from bayesdrill.setup.job import Job
+from benchmarks import compare
+from benchmarks.compare import KINDS, RED, Bench, Kind, rightly
+
+RATE = 0.95
+
+
+@cache
+def bench() -> Bench:
+    return Bench(compare.contenders())
+
+
+def named(kind: Kind, records: int) -> int:
+    return sum(rightly(kind, bench().found(kind, index)) for index in range(records))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", KINDS, ids=[kind.name for kind in KINDS])
+def test_what_is_wrong_is_named(kind: Kind) -> None:
+    assert named(kind, compare.RECORDS) >= RATE * compare.RECORDS
+
+
+@pytest.mark.parametrize("kind", KINDS[::3], ids=[kind.name for kind in KINDS[::3]])
+def test_one_record_of_a_kind_tells_it_already(kind: Kind) -> None:
+    """Mutant killed: a noise that is held against all of the same rig."""
+    assert named(kind, 1) == 1
+
+
+def test_what_is_wrong_is_as_large_as_it_is_said_to_be() -> None:
+    """Of the squares that the config as given leaves, beside those of the noise.
+
+    Mutant killed: what is wrong before the parameters have taken up what they can.
+    """
+    for kind in KINDS[1:3]:
+        y, size = bench().record(kind, 0)
+        sums = [left(job, y) for job in (bench().known, bench().jobs[kind.right])]
+        assert np.sqrt(sums[0] / sums[1] - 1.0) == pytest.approx(size, rel=0.25)
+
+
+def left(job: Job, y: NDArray[np.float64]) -> float:
+    """The mean square of what the best fit leaves."""
+    posterior = compare.of(job, y).problem.posterior
+    start = posterior.space.vector(posterior.space.start)[None]
+    surface = PosteriorSurface(posterior, physical=True)
+    top = climb(surface, posterior.coordinates.from_physical(start), 60)
+    best = posterior.coordinates.to_physical(top.u)
+    return float(np.mean((y - posterior.likelihood.signals(best)[0]) ** 2))
+
+
+def test_a_correlation_that_is_none_needs_no_look_along_settled_ridges() -> None:
+    """Pressed against zero it has no long tail where it is walked in: every draw of the proposal counts.
+
+    Mutant killed: a correlation that goes by its log.
+    """
+    y, _ = bench().record(KINDS[2], 3)
+    job = compare.of(bench().jobs[RED], y)
+    _, sampled = elsewhere.computed(compare.task(job, 3))
+    assert sampled.learnt is not None
+    assert sampled.learnt.proposal.settled is None
+    assert sampled.learnt.share > 0.8
