@@ -40,9 +40,30 @@ MUTANTS = [
     Mutant(
         "the best friction with one that is part of it",
         "setup/rungs.py",
-        "if other != one and not {one, other} <= {*ALIKE} and other not in TORQUES",
-        "if other != one and other not in TORQUES",
+        "alike = any(len(given & one) > 1 for one in ALIKE)",
+        "alike = any(len(given & one) > 1 for one in ALIKE[1:])",
         "tests/setup/test_rungs.py::test_the_best_goes_on_with_other_noise_and_the_second",
+    ),
+    Mutant(
+        "a ladder that goes on where only noise is left",
+        "commands/laddering.py",
+        "while best[1].log_z > before + SURE and not best[1].like_noise:",
+        "while best[1].log_z > before + SURE:",
+        "tests/system/test_ladder.py::test_as_long_as_more_than_noise_is_left_the_ladder_goes_on",
+    ),
+    Mutant(
+        "a memory of its own in each experiment, of noise that they share",
+        "setup/rung_entries.py",
+        'if channel.get("noise") == RED and sigma in data.get("shared", ()):',
+        "if False:",
+        "tests/setup/test_rungs.py::test_a_memory_goes_with_the_size_of_its_noise",
+    ),
+    Mutant(
+        "a rig that has turned far away, with springs as strong as its angles",
+        "insight/candidates.py",
+        "parts = [sum(springs, ZERO), *(part for of, part in every if of not in turned)]",
+        "parts = [part for _, part in every]",
+        "tests/setup/test_rungs.py::test_where_a_rig_has_turned_to_makes_no_prior_wider",
     ),
     Mutant(
         "a rung that is not sampled as its config is",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Mapping, Sequence
 from concurrent.futures import CancelledError, Executor, Future, as_completed
 from concurrent.futures.process import BrokenProcessPool
@@ -88,13 +89,23 @@ class _Climb:
         self.left_out: dict[str, str] = {}
 
     def up(self, made: Ladder) -> None:
-        """All that need nothing of others; then what the best of these asks for."""
+        """All that need nothing of others; then what the best of these asks for; and as long as the best
+        leaves more than noise, and each time gets better, all that it may have beside.
+        """
         self._run(made.first())
         if rungs.GIVEN not in self.done:
             raise InputError.one(str(self.job.source.path), self.left_out[rungs.GIVEN])
         least = self.done[rungs.GIVEN][1].log_z + SURE
         better = [name for name, (_, one) in self.done.items() if one.log_z > least]
         self._run(made.then(sorted(better, key=lambda name: -self.done[name][1].log_z)))
+        before, best = -math.inf, self._best()
+        while best[1].log_z > before + SURE and not best[1].like_noise:
+            tried = {*self.done, *self.left_out}
+            self._run([one for one in made.beyond(best[0].parts) if one.name not in tried])
+            before, best = best[1].log_z, self._best()
+
+    def _best(self) -> tuple[Rung, Contender]:
+        return max(self.done.values(), key=lambda pair: pair[1].log_z)
 
     def _run(self, wanted: Sequence[Rung]) -> None:
         jobs = {one.name: (one, made) for one in wanted if (made := self._job(one)) is not None}

@@ -174,6 +174,20 @@ def _size(model: Model, name: str, p: Mapping[str, float], states: Array) -> flo
 
 
 def _rates(linear: Linear, row: str, named: Mapping[str, Array]) -> float:
-    """The root mean square of all that acts there, taken as if it acted one way."""
-    parts = [np.abs(x * named[k[1]]) for k, x in linear.A.items() if k[0] == row]
-    return float(np.sqrt(np.mean(sum(parts, ZERO) ** 2)))
+    """The root mean square of all that acts there, taken as if it acted one way.
+
+    Angles act by their differences alone, in springs: together, as a rig may have turned anywhere.
+    """
+    every = [(k[1], x * named[k[1]]) for k, x in linear.A.items() if k[0] == row]
+    turned = _angles(linear)
+    springs = [part for of, part in every if of in turned]
+    parts = [sum(springs, ZERO), *(part for of, part in every if of not in turned)]
+    return float(np.sqrt(np.mean(sum(map(np.abs, parts), ZERO) ** 2)))
+
+
+def _angles(linear: Linear) -> set[str]:
+    """States whose rate is another state, and nothing else."""
+    rates: dict[str, list[float]] = {}
+    for (row, of), x in linear.A.items():
+        rates.setdefault(row, []).append(float(x) if row != of else math.nan)
+    return {row for row, own in rates.items() if own == [1.0]}

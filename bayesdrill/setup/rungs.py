@@ -7,19 +7,28 @@ import io
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
+from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.noise import NOISES
 from bayesdrill.inference.unknowns import ParameterSpace
 from bayesdrill.insight import candidates
-from bayesdrill.setup import experiments, loading
+from bayesdrill.setup import loading
+from bayesdrill.setup import rung_entries as entries
 from bayesdrill.setup.config import Config
 from bayesdrill.setup.job import Job, assemble
+from bayesdrill.setup.rung_entries import RED
 from bayesdrill.setup.yaml_source import Source
 
+Array = NDArray[np.float64]
+
 GIVEN = "as_given"
-UNKNOWN, RED = "unknown_noise", "ar1"
+UNKNOWN = "unknown_noise"
 NOISE = (UNKNOWN, RED)
 # What the rig may be without: the parameters that each rung switches on.
 PHYSICS: Mapping[str, tuple[str, ...]] = {
@@ -30,13 +39,22 @@ PHYSICS: Mapping[str, tuple[str, ...]] = {
     "damping_shaft": ("c_s",),
     "voltage_drop": ("v_d",),
 }
+# Friction at rest, where there is friction: what it slides with, its size and speed, and what moves.
+STATIC: Mapping[str, tuple[str, str, str, str]] = {
+    "static_motor": ("t_cm", "t_sm", "w_sm", "w_2"),
+    "static_rotor_1": ("t_c1", "t_s1", "w_s1", "w_1"),
+}
 TORQUES: Mapping[str, tuple[str, str]] = {  # where it acts, and the friction there
     "missing_torque_motor": ("motor", "t_cm"),
     "missing_torque_rotor_1": ("rotor_1", "t_c1"),
 }
 MISSING = "missing_torque"
 FIRST = (GIVEN, *NOISE, *PHYSICS, *TORQUES)
-ALIKE = ("friction_motor", "friction_rotor_1", "friction_both")  # one of them is enough
+ORDER = (*PHYSICS, *STATIC, *TORQUES, *NOISE)  # of parts in a name
+# Of each of these one is enough.
+ALIKE = ({"friction_motor", "friction_rotor_1", "friction_both"}, {*TORQUES}, {*NOISE})
+# A missing torque wants a linear rig, and white noise.
+APART = {*TORQUES}, {*PHYSICS, *STATIC, RED} - {"damping_rotor_1", "damping_shaft"}
 
 ABOUT: Mapping[str, str] = {
     GIVEN: "the config as it is",
@@ -48,14 +66,17 @@ ABOUT: Mapping[str, str] = {
     "damping_rotor_1": "viscous damping at rotor 1",
     "damping_shaft": "damping of the shaft",
     "voltage_drop": "a voltage drop of driver and brushes",
+    "static_motor": "friction at rest at the motor",
+    "static_rotor_1": "friction at rest at rotor 1",
     "missing_torque_motor": "a missing torque at the motor",
     "missing_torque_rotor_1": "a missing torque at rotor 1",
 }
 
-MOST_PHYSICS = 4  # unknowns
+MOST_PHYSICS = 8  # unknowns
+MOST_PARTS = 5
 LONGEST_NAME = 100  # letters, of a config
-WIDER = 10.0  # either way, of the noise that was given
 QUARTER = 0.25  # of what else acts: the size of a missing torque
+SLOWEST = 1e-3  # of the largest speed: that over which friction at rest is lost
 LEAST, LONGEST = 3.0, 3.0  # samples, and of the record: the time of a missing torque
 
 
@@ -86,37 +107,42 @@ def name_of(parts: Sequence[str]) -> str:
 
 
 def names() -> tuple[str, ...]:
-    """Of all folders that a ladder may have."""
-    single = [(), *((name,) for name in FIRST[1:])]
-    rich = [(one, *more) for one in (*PHYSICS, *TORQUES) for more in _more(one)]
-    return tuple(name_of(parts) for parts in (*single, *rich))
+    """Of all folders that a ladder may have, those with fewer parts first."""
+    every = [(), *((name,) for name in FIRST[1:])]
+    for count in range(2, MOST_PARTS + 1):
+        every += [parts for parts in combinations(ORDER, count) if _possible(parts)]
+    return tuple(name_of(parts) for parts in every)
 
 
-def _more(one: str) -> Iterator[tuple[str, ...]]:
-    """What may go with physics."""
-    others = [
-        (other,)
-        for other in (*PHYSICS, *TORQUES)
-        if other != one and not {one, other} <= {*ALIKE} and other not in TORQUES
-    ]
-    yield from others
-    yield from ((name,) for name in NOISE)
+def _possible(parts: Sequence[str]) -> bool:
+    """Whether they can go together, and together mean something that one alone does not."""
+    given = {*parts}
+    either, other = APART
+    sliding = {name for one in parts for name in PHYSICS.get(one, ())}
+    rests = all(STATIC[one][0] in sliding for one in parts if one in STATIC)
+    alike = any(len(given & one) > 1 for one in ALIKE)
+    return rests and not alike and not (given & either and given & other)
 
 
 @dataclass(frozen=True, slots=True)
 class Ladder:
-    """Rungs of the config of `job`; `sizes`: what a parameter would be if it did as much as all else."""
+    """Rungs of the config of `job`; `sizes`: what a parameter would be if it did as much as all else;
+    `speeds`: the largest speeds of rotor 1 and of the motor, where friction may act.
+    """
 
     job: Job
     sizes: Mapping[str, float]
+    speeds: Mapping[str, float]
 
     @classmethod
     def of(cls, job: Job) -> Ladder:
         posterior = job.problem.posterior
         space: ParameterSpace = posterior.space
         theta = space.vector(space.start)
-        found = candidates.of_rig(posterior.likelihood.observations, space, theta)
-        return cls(job, {one.of: float(one.prior.high) for one in found})
+        every = posterior.likelihood.observations
+        found = candidates.of_rig(every, space, theta)
+        sizes = {one.of: float(one.prior.high) for one in found}
+        return cls(job, sizes, _speeds(every, space, theta))
 
     def first(self) -> list[Rung]:
         """Those that need nothing of others, each with one thing; the config as given first."""
@@ -131,10 +157,18 @@ class Ladder:
         if not physics:
             return []
         best = physics[0]
-        possible = list(_more(best))
-        second = next((name for name in physics[1:] if (name,) in possible), None)
-        wanted = [(best, name) for name in (*NOISE, *((second,) if second else ()))]
-        found = [self._rung(parts) for parts in wanted]
+        second = next((name for name in physics[1:] if _possible((best, name))), None)
+        return self._with((best,), (*NOISE, *((second,) if second else ())))
+
+    def beyond(self, parts: tuple[str, ...]) -> list[Rung]:
+        """Of a rung with physics that leaves more than noise: with each thing more that it has not."""
+        if len(parts) >= MOST_PARTS or not {*parts} & {*PHYSICS, *TORQUES}:
+            return []
+        return self._with(parts, tuple(name for name in ORDER if name not in parts))
+
+    def _with(self, parts: tuple[str, ...], more: Sequence[str]) -> list[Rung]:
+        every = [tuple(sorted((*parts, name), key=ORDER.index)) for name in more]
+        found = [self._rung(one) for one in every if _possible(one)]
         return [one for one in found if one is not None]
 
     def _rung(self, parts: tuple[str, ...]) -> Rung | None:
@@ -155,26 +189,43 @@ class Ladder:
 
     def _changed(self, data: dict[str, Any], part: str) -> bool:
         if part in NOISE:
-            change = _freed if part == UNKNOWN else _reddened
-            changed = [change(channel) for channel in _channels(data)]  # all of them
+            change = entries.freed if part == UNKNOWN else entries.reddened
+            every = list(entries.channels(data))
+            changed = [entries.changed(data, change, *one) for one in every]
             return part in (UNKNOWN, *NOISES) and any(changed)
         if part in PHYSICS:
             wanted = PHYSICS[part]
             if not all(name in self.sizes for name in wanted):
                 return False
             for name in wanted:
-                high = _rounded(self.sizes[name])
+                high = entries.rounded(self.sizes[name])
                 data["parameters"][name] = {"prior": "uniform", "low": 0.0, "high": high}
             return True
+        if part in STATIC:
+            return self._rests(data, *STATIC[part])
         at, friction = TORQUES[part]
         if MISSING not in Config.model_fields or MISSING in data or friction not in self.sizes:
             return False
         data[MISSING] = {
             "at": at,
             "smoothness": "1/2",
-            "size": {"prior": "half_normal", "scale": _rounded(QUARTER * self.sizes[friction])},
+            "size": {
+                "prior": "half_normal",
+                "scale": entries.rounded(QUARTER * self.sizes[friction]),
+            },
             "time": self._times(),
         }
+        entries.share(data, "s_d", "tau_d")  # one rig: the same lacks in each experiment
+        return True
+
+    def _rests(self, data: dict[str, Any], slides: str, size: str, speed: str, of: str) -> bool:
+        """With friction that is larger at rest, where it slides by now."""
+        added, largest = data["parameters"], self.speeds.get(of, 0.0)
+        if slides not in self.sizes or slides not in added or not largest > 0:
+            return False
+        added[size] = {"prior": "uniform", "low": 0.0, "high": entries.rounded(self.sizes[slides])}
+        low, high = entries.rounded(SLOWEST * largest), entries.rounded(largest)
+        added[speed] = {"prior": "log_uniform", "low": low, "high": high}
         return True
 
     def _with_walkers(self, data: dict[str, Any]) -> None:
@@ -190,44 +241,23 @@ class Ladder:
         every = [one.experiment for one in self.job.problem.observations]
         low = LEAST * min(one.dt for one in every)
         high = max(float(one.t[-1] - one.t[0]) for one in every) / LONGEST
-        return {"prior": "log_uniform", "low": _rounded(low), "high": _rounded(max(high, 2 * low))}
+        return {
+            "prior": "log_uniform",
+            "low": entries.rounded(low),
+            "high": entries.rounded(max(high, 2 * low)),
+        }
 
 
-def _channels(data: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
-    for section in _sections(data):
-        yield from section.get("record", {}).get("channels", {}).values()
-
-
-def _sections(data: Mapping[str, Any]) -> Iterator[Mapping[str, Any]]:
-    """The top, and each experiment."""
-    yield data
-    yield from (data.get(experiments.EXPERIMENTS) or {}).values()
-
-
-def _freed(channel: dict[str, Any]) -> bool:
-    """Of a size that is known; whether it was."""
-    sigma = channel.get("sigma")
-    if isinstance(sigma, int | float):
-        low, high = _rounded(sigma / WIDER), _rounded(sigma * WIDER)
-        prior = {"prior": "log_uniform", "low": low, "high": high, "start": float(sigma)}
-        channel["sigma"] = prior
-        return True
-    return False
-
-
-def _reddened(channel: dict[str, Any]) -> bool:
-    """That remembers, where it was white; whether it was."""
-    own = channel.get("noise", "white")
-    if (own if isinstance(own, str) else own.get("name", "white")) != "white":
-        return False
-    _freed(channel)
-    channel["noise"] = RED
-    return True
-
-
-def _rounded(value: float) -> float:
-    """To three digits: a config is read."""
-    return float(f"{value:.3g}")
+def _speeds(every: Sequence[Observation], space: ParameterSpace, theta: Array) -> dict[str, float]:
+    """Of rotor 1, and of the motor on its own side of the gear [rad/s]."""
+    found: dict[str, float] = {}
+    for one in every:
+        model, moved = one.response.model, candidates.motion(one, space, theta)
+        for name, gear in (("w_1", 1.0), ("w_2", getattr(model, "i_m", 1.0))):
+            if name in model.states:
+                largest = float(np.abs(moved[:, model.states.index(name)]).max()) / gear
+                found[name] = max(found.get(name, 0.0), largest)
+    return found
 
 
 def recommended(rung: Rung, name: str, folder: Path, opening: str) -> str:
@@ -248,7 +278,7 @@ def recommended(rung: Rung, name: str, folder: Path, opening: str) -> str:
 
 def _files(data: Mapping[str, Any]) -> Iterator[tuple[dict[str, Any], str]]:
     """Each mapping that names a file, and the key that does."""
-    for section in _sections(data):
+    for section in entries.sections(data):
         record, inputs = section.get("record", {}), section.get("inputs", {})
         every = [record, *record.get("channels", {}).values(), *inputs.values()]
         for one in every:

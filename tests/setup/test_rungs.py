@@ -67,7 +67,52 @@ def test_channels_of_experiments_are_changed_too(tmp_path: Path) -> None:
     )
     found = by_name(ladder(tmp_path, ("inputs:", text)).first())
     names = found["unknown_noise"].job().problem.names
-    assert {"sigma_w_1_one", "sigma_w_1_two", "sigma_theta_1_one"} <= set(names)
+    assert {"sigma_w_1_one", "sigma_w_1_two", "sigma_theta_1"} <= set(names)
+    names = found["ar1"].job().problem.names
+    assert {"rho_w_1_one", "rho_w_1_two", "rho_theta_1"} <= set(names)
+    names = found["missing_torque_rotor_1"].job().problem.names
+    assert {"s_d", "tau_d"} <= set(names)
+
+
+def test_a_memory_goes_with_the_size_of_its_noise(tmp_path: Path) -> None:
+    """Mutant killed: a memory of its own in each experiment, of noise that they share."""
+    free = "sigma: {prior: log_uniform, low: 0.01, high: 1}"
+    changes = (
+        ("inputs:", "experiments: {one: {}, two: {}}\nshared: [sigma_w_1]\ninputs:"),
+        ("theta_1, unit: rad, sigma: 0.05", f"theta_1, unit: rad, {free}"),
+        ("w_1, unit: rad/s, sigma: 0.05", f"w_1, unit: rad/s, {free}"),
+    )
+    names = by_name(ladder(tmp_path, *changes).first())["ar1"].job().problem.names
+    assert {"rho_w_1", "rho_theta_1_one", "rho_theta_1_two"} <= set(names)
+
+
+def test_where_a_rig_has_turned_to_makes_no_prior_wider(tmp_path: Path) -> None:
+    """Mutant killed: springs as strong as both their angles."""
+    here = ladder(tmp_path / "here").sizes
+    start = ("inputs:", "initial: {theta_1: 1000, theta_2: 1000}\ninputs:")
+    assert ladder(tmp_path / "far", start).sizes == pytest.approx(here, rel=1e-6)
+
+
+def test_what_leaves_more_than_noise_gets_each_thing_that_it_has_not(tmp_path: Path) -> None:
+    """Mutants killed: friction at rest that nothing slides with; a second friction, noise or torque."""
+    made = ladder(tmp_path)
+    found = [one.name for one in made.beyond(("friction_rotor_1", "ar1"))]
+    assert found == [
+        "friction_rotor_1-damping_rotor_1-ar1",
+        "friction_rotor_1-damping_shaft-ar1",
+        "friction_rotor_1-voltage_drop-ar1",
+        "friction_rotor_1-static_rotor_1-ar1",
+    ]
+    assert set(found) <= set(rungs.names())
+    rests = by_name(made.beyond(("friction_both",)))["friction_both-static_rotor_1"].job()
+    assert {"t_cm", "t_c1", "t_s1", "w_s1"} <= set(rests.problem.names)
+    torque = [one.name for one in made.beyond(("missing_torque_motor",))]
+    assert torque == [
+        "damping_rotor_1-missing_torque_motor",
+        "damping_shaft-missing_torque_motor",
+        "missing_torque_motor-unknown_noise",
+    ]
+    assert made.beyond(()) == made.beyond(("ar1",)) == []
 
 
 def test_the_best_goes_on_with_other_noise_and_the_second(tmp_path: Path) -> None:

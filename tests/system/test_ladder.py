@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -18,8 +19,9 @@ from bayesdrill.basics.progress import Silent
 from bayesdrill.basics.sealed import opened, sealed
 from bayesdrill.commands import laddering
 from bayesdrill.insight.calibration import executors
-from bayesdrill.setup import loading
+from bayesdrill.setup import loading, rungs
 from bayesdrill.setup.job import prepare
+from bayesdrill.setup.rungs import Ladder, Rung
 
 CONFIG = """\
 name: turned
@@ -110,6 +112,47 @@ def done(tmp_path_factory: pytest.TempPathFactory) -> Done:
     assert "(2 of them done before)" in told.said[0]
     assert all(path.stat().st_mtime_ns == time for path, time in before.items())
     return Done(given, place / "out")
+
+
+@dataclass(frozen=True)
+class Told:
+    log_z: float
+    like_noise: bool
+
+
+WORTH = {"friction_motor": 50.0, "friction_both": 100.0, "voltage_drop": 40.0, "ar1": 30.0}
+
+
+class Guessing(laddering._Climb):
+    """Nothing is sampled: each part is worth so much, damping beside friction alone; `enough` is all."""
+
+    enough = 150.0
+
+    def _run(self, wanted: Sequence[Rung]) -> None:
+        for one in wanted:
+            found = sum(WORTH.get(part, 0.0) for part in one.parts)
+            if {"friction_both", "damping_shaft"} <= {*one.parts}:
+                found += 30.0
+            if "voltage_drop" in one.parts and len(one.parts) > 1:
+                found -= 45.0
+            self.done[one.name] = one, Told(found, found >= self.enough)  # type: ignore[assignment]
+
+
+@pytest.mark.parametrize(("enough", "rounds"), [(150.0, 2), (120.0, 1), (1000.0, 3)])
+def test_as_long_as_more_than_noise_is_left_the_ladder_goes_on(
+    enough: float, rounds: int, tmp_path: Path
+) -> None:
+    """Mutants killed: a ladder that ends with pairs; one that goes on where only noise is left."""
+    job = prepare(systems.small(tmp_path, ("walkers: 8", "walkers: 24")))
+    climb = Guessing(job, tmp_path, None, Silent(), again=False)  # type: ignore[arg-type]
+    climb.enough = enough
+    climb.up(Ladder.of(job))
+    most = max(len(rung.parts) for rung, _ in climb.done.values())
+    best = max(climb.done.values(), key=lambda pair: pair[1].log_z)[0]
+    assert most == rounds + 1
+    wanted = "friction_both-ar1" if rounds == 1 else "friction_both-damping_shaft-ar1"
+    assert best.name == wanted
+    assert set(climb.done) <= set(rungs.names())
 
 
 @pytest.mark.slow
