@@ -148,20 +148,14 @@ class _Trial:
         return self.wide.posterior.coordinates.from_physical(np.array(full))
 
     def promises(self, least: float) -> bool:
-        """Whether it would explain so much, were the response straight, from any of the `starts`."""
+        """Whether it would explain so much of what is left, were the response straight."""
         surface = PosteriorSurface(self.wide.posterior, physical=True)
-        u = np.clip(self.starts(), surface.low, surface.high)
-        here, now = surface.expand(u, np.eye(u.shape[1])), surface.value(u)
-        old = np.ones(u.shape[1], dtype=bool)
-        old[self.tried] = False
-        every = np.ones_like(old)
-        gains = [
-            value - now[0] + _gain(slope, curvature, every)
-            for value, slope, curvature in zip(now, here.slope, here.curvature, strict=True)
-        ]
-        without = _gain(here.slope[0], here.curvature[0], old)
-        left = self.count.before - self.count.floor
-        return bool(2.0 * (max(gains) - without) > least * left)
+        u = np.clip(self.starts()[:1], surface.low, surface.high)
+        here = surface.expand(u, np.eye(u.shape[1]))
+        new = np.zeros(u.shape[1], dtype=bool)
+        new[self.tried] = True
+        gains = [_gain(here.slope[0], here.curvature[0], free) for free in (new | ~new, ~new)]
+        return 2.0 * (gains[0] - gains[1]) > least * (self.count.before - self.count.floor)
 
     def outcome(self) -> Causes | None:
         """None where it comes to nothing."""
