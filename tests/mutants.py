@@ -762,8 +762,8 @@ MUTANTS = [
     Mutant(
         "an interval off zero that has no tail of its own",
         "rig/kernels/tally.py",
-        "b.fadd(logs, b.select(beyond, log, zero)),",
-        "b.fadd(logs, zero),",
+        "b.fadd(logs, b.select(beyond, log, zero))]",
+        "b.fadd(logs, zero)]",
         "tests/rig/test_tallies.py::test_tallies_are_those_of_the_samples",
     ),
     Mutant(

@@ -200,7 +200,9 @@ def test_the_schema_describes_every_entry() -> None:
     for entry in ("gain", "offset", "lag"):
         assert kinds["ChannelSpec"]["properties"][entry]["description"]
         assert kinds["InputColumn"]["properties"][entry]["description"]
-    assert {"record", "inputs", "initial"} == set(kinds["ExperimentSpec"]["properties"])
+    own = kinds["ExperimentSpec"]["properties"]
+    assert {"record", "inputs", "initial", "held_out"} == set(own)
+    assert own["held_out"]["description"]
     assert kinds["Inputs"]["properties"]["t_0"]["description"]
     assert kinds["Initial"]["properties"]["state"]["description"]
     assert "experiment has" not in text
