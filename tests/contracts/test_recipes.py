@@ -69,18 +69,19 @@ sampler: {ensembles: 4, walkers: 16, r_hat: 1.1, n_tau: 5, ess: 100}
 """
 
 
-TORQUE = "missing_torque: {at: motor, size: 2.0e-3, time: 0.3}\n"
+TORQUE = "missing_torque: {at: rotor_1, size: 0.02, time: 0.5}\n"
 
 
 @cache
 def abroad(*, shaken: bool = False) -> bd.Run:
     """Time in ms, a twist in degrees, a speed in rpm, a voltage in mV that goes both ways.
 
-    `shaken`: with a missing torque for the friction.
+    `shaken`: without friction, by a load that the config knows the mean of, and a missing torque.
     """
     v = np.where(np.arange(len(T)) // 40 % 2 == 0, 6.0, -6.0)
-    truth = {**NOMINAL, "t_f": 1e-3, "t_cm": 0.02, "k_s": 0.29}
-    inputs = {"v": v, "t_1": 0.02}
+    rubs = {} if shaken else {"t_cm": 0.02}
+    truth = {**NOMINAL, "t_f": 1e-3, "k_s": 0.29, **rubs}
+    inputs = {"v": v, "t_1": 0.02 * (1 + shaken * np.sin(3.7 * T))}
     exact = bd.respond("motor_shaft", truth, T, inputs, ["theta_1", "theta_2", "w_2"])
     rng = np.random.default_rng(6)
     twist = np.rad2deg(exact["theta_1"] - exact["theta_2"]) + 2.0 * rng.standard_normal(len(T))

@@ -1254,7 +1254,17 @@ def test_a_mistake_is_named_with_its_place_and_a_way_out(
         assert systems.listing(tmp_path) == before
 
 
-@pytest.mark.parametrize("name", ["misspelt symbol", "missing config", "NaN"])
+SLOW = pytest.mark.slow
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param("misspelt symbol", marks=SLOW),
+        pytest.param("missing config", marks=SLOW),
+        "NaN",
+    ],
+)
 def test_a_mistake_ends_a_real_process_without_a_traceback(name: str, tmp_path: Path) -> None:
     (case,) = (case for case in CASES if case.name == name)
     make(tmp_path, case)

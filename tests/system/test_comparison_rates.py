@@ -33,6 +33,7 @@ def test_what_is_wrong_is_named(kind: Kind) -> None:
     assert named(kind, compare.RECORDS) >= RATE * compare.RECORDS
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS[::3], ids=[kind.name for kind in KINDS[::3]])
 def test_one_record_of_a_kind_tells_it_already(kind: Kind) -> None:
     """Mutant killed: a noise that is held against all of the same rig."""

@@ -77,7 +77,8 @@ def inferred(posterior: Posterior, mode: Array, n: int = 200) -> tuple[Array, Sh
     return theta, shakings(posterior, theta, rng)[0]
 
 
-@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1, 2])
 def test_the_torque_of_a_rig_that_rubs_is_its_friction(seed: int, tmp_path: Path) -> None:
     """The law within its band, the parameters within four sds, the friction to 15 %."""
     case = bd.load(rubbing(tmp_path, seed))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import pytest
 import systems
 
 ON_REQUEST = ("rank", "autocorrelation", "predictive_check")
@@ -14,6 +15,7 @@ def drawn(out: Path) -> set[str]:
     return {path.name for path in (out / "figures").iterdir()}
 
 
+@pytest.mark.slow
 def test_a_finished_run_draws_what_a_resumed_config_asks_for(tmp_path: Path) -> None:
     out = tmp_path / "out"
     config = systems.small(tmp_path)
