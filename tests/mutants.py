@@ -101,6 +101,20 @@ MUTANTS = [
         "tests/insight/test_comparison.py::test_the_word_is_that_of_the_odds[by chance]",
     ),
     Mutant(
+        "steps as they were chosen at the start",
+        "engines/mode.py",
+        "    if steps := pieces.taken(posterior):",
+        "    if (steps := pieces.taken(posterior)) and False:",
+        "tests/system/test_steps.py::test_there_are_as_many_as_the_maximum_wants",
+    ),
+    Mutant(
+        "workers that go on in the steps of the search",
+        "engines/workers.py",
+        '        _take(pieces.taking(_POST["posterior"], steps))',
+        "        pass",
+        "tests/system/test_steps.py::test_a_search_and_a_chain_take_them_in_all_processes",
+    ),
+    Mutant(
         "a noise that is held against all of the same rig",
         "insight/comparison.py",
         "over(lambda one: one.noise == first.noise)",

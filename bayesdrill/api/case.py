@@ -105,13 +105,14 @@ class Case:
         At the start values, or `at` the maximum that was found.  Raises `InputError` where no parameter
         is unknown.
         """
-        space = self.job.problem.posterior.space
+        job, space = self.job, self.job.problem.posterior.space
         values, where = space.start, "the start"
         if at is not None:
-            values, where = self._mode(at).values, "the MAP"
+            found = self._mode(at)
+            job, values, where = job.at(found), found.values, "the MAP"
         names = [profiles] if isinstance(profiles, str) else profiles
         told = report or Silent()
-        return identify.identify(self.job, space.vector(values), where, names, told)
+        return identify.identify(job, space.vector(values), where, names, told)
 
     @staticmethod
     def check_place(folder: str | Path, *, force: bool = False) -> None:
@@ -187,6 +188,7 @@ class Case:
             job = dataclasses.replace(job, config=job.config.model_copy(update=own))
         told = report or Silent()
         found = searching.find_mode(job, workers, told) if best is None else self._mode(best)
+        job = job.at(found)
         sampled = pipeline.sample_in_memory(job, found, workers, told)
         return Run(job, found, sampled, self.columns)
 

@@ -20,6 +20,7 @@ from bayesdrill.engines.optimisers.contract import Optimiser
 from bayesdrill.engines.sampling import Plan, Sampled, sample, weighed
 from bayesdrill.engines.shelf import Memory
 from bayesdrill.engines.workers import Crew
+from bayesdrill.inference import pieces
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.insight.calibration.refit import same_software
 from bayesdrill.setup import build
@@ -81,6 +82,7 @@ def computed(task: Task) -> tuple[Mode, Sampled]:
             [mode.scouts(posterior, some) for some in np.array_split(draws, 2)]
         )
     found = mode.summarise(posterior, searches, scouted)
+    posterior = pieces.taking(posterior, found.pieces)
     with Crew(posterior, 1) as crew:
         tops = mode.tops(posterior, found)
         sampled = sample(crew, posterior, tops, task.plan, Memory(), Silent())

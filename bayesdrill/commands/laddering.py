@@ -144,7 +144,7 @@ class _Climb:
         )
         if run is None or not same or run.get("status") != "finished":
             return False
-        _, found, sampled = pipeline.read(place)
+        job, found, sampled = pipeline.read(place)
         return self._known(rung, job, found, sampled)
 
     def _finish(self, future: Future[tuple[Mode, Sampled] | str], rung: Rung, job: Job) -> None:
@@ -153,6 +153,7 @@ class _Climb:
             self.left_out[rung.name] = made
             return
         found, sampled = made
+        job = job.at(found)
         # What may be missing the other rungs say, and the report of the config as given.
         view = dataclasses.replace(concluded(job, found, sampled), alone=not rung.parts)
         pipeline.write(job, view, self.output / rung.name, None, force=True)

@@ -24,7 +24,7 @@ def check_place(output: Path, *, force: bool) -> None:
 
 
 def report(job: Job, found: Mode) -> MapReport:
-    return MapReport(job.problem, job.config, found)
+    return MapReport(job.at(found).problem, job.config, found)
 
 
 def save(job: Job, found: Mode, output: Path, record: str | None, *, force: bool) -> None:

@@ -100,12 +100,11 @@ def _taken_up(job: Job, folder: Folder) -> Mode | None:
 
 def _run(job: Job, folder: Folder, known: Mode | None, processes: int, report: Reporter) -> Outcome:
     clock = [time.perf_counter()]
-    posterior = job.problem.posterior
-    with Crew(posterior, processes) as crew:
+    with Crew(job.problem.posterior, processes) as crew:
         hunt = None if known else searching.begin(job, crew)
         # While others search the MAP, this process looks at what the record can show, and loads
         # what sampling and report will need.
-        scenery = Scenery(posterior.likelihood)
+        scenery = Scenery(job.problem.posterior.likelihood)
         report.say(preflight(job, scenery))
         if not crew.alone:
             for _ in range(processes):  # one for each, as it is done with its searches
@@ -115,7 +114,10 @@ def _run(job: Job, folder: Folder, known: Mode | None, processes: int, report: R
             known = searching.end(crew, hunt, job, report)
             folder.write_text(MAP_FILE, sealed(dataclasses.asdict(known)))
         assert known is not None
-        found = known
+        found, job = known, job.at(known)
+        crew.step(found.pieces)
+        if found.pieces:
+            scenery = Scenery(job.problem.posterior.likelihood)
         clock.append(time.perf_counter())
         sampled = _sample(job, crew, found, folder, report)
         clock.append(time.perf_counter())
@@ -129,7 +131,7 @@ def republish(output: Path, processes: int) -> Outcome:
     """Tables and figures again, from the chain that `output` holds."""
     job, marks = _made(output)
     with Folder(output, "report", marks, POSTERIOR) as folder:
-        found, sampled = _finished(job, folder)
+        job, found, sampled = _finished(job, folder)
         folder.begin()
         posterior = job.problem.posterior
         with Crew(posterior, processes) as crew:
@@ -142,7 +144,7 @@ def read(output: Path) -> tuple[Job, Mode, Sampled]:
     """The run that `output` holds; nothing is written."""
     job, marks = _made(output)
     with Folder(output, "report", marks, POSTERIOR) as folder:
-        return job, *_finished(job, folder)
+        return _finished(job, folder)
 
 
 def _made(output: Path) -> tuple[Job, dict[str, str]]:
@@ -161,16 +163,17 @@ def _made(output: Path) -> tuple[Job, dict[str, str]]:
     return job, provenance.fingerprint(job.config, job.problem)
 
 
-def _finished(job: Job, folder: Folder) -> tuple[Mode, Sampled]:
-    posterior, path = job.problem.posterior, folder.path
-    again = stored(posterior, plan(job.config), folder.pieces, str(path))
-    run = run_folder.read_run(path) or {}
-    sampled = dataclasses.replace(again, held=held(run), evidence=evidence_words.of_data(run))
+def _finished(job: Job, folder: Folder) -> tuple[Job, Mode, Sampled]:
+    path = folder.path
     found = read_mode(path / MAP_FILE)
     if found is None:
         message = "is not there; continue with --resume, which searches the MAP again"
         raise InputError.one(str(path / MAP_FILE), message)
-    return found, sampled
+    job = job.at(found)
+    again = stored(job.problem.posterior, plan(job.config), folder.pieces, str(path))
+    run = run_folder.read_run(path) or {}
+    sampled = dataclasses.replace(again, held=held(run), evidence=evidence_words.of_data(run))
+    return job, found, sampled
 
 
 def write(job: Job, view: View, output: Path, record: str | None, *, force: bool) -> Outcome:
@@ -209,8 +212,7 @@ def write_given(job: Job, folder: Folder, record: str | None = None) -> None:
 
 
 def sample_in_memory(job: Job, found: Mode, processes: int, report: Reporter) -> Sampled:
-    posterior = job.problem.posterior
-    with Crew(posterior, processes) as crew:
+    with Crew(job.problem.posterior, processes) as crew:
         return _sample(job, crew, found, Memory(), report)
 
 
@@ -249,7 +251,10 @@ def read_mode(path: Path) -> Mode | None:
         searches = tuple(Search(**search) for search in data.pop("searches"))
         others = tuple(Other(**other) for other in data.pop("others"))
         at_bound = tuple(data.pop("at_bound"))
-        found = Mode(**data, searches=searches, at_bound=at_bound, others=others)
+        pieces = {
+            label: (int(n), int(parts)) for label, (n, parts) in data.pop("pieces", {}).items()
+        }
+        found = Mode(**data, searches=searches, at_bound=at_bound, others=others, pieces=pieces)
         places = [found.values, *(one.values for one in found.others), *(s.end for s in searches)]
         numbers = [value for place in places for value in place.values()]
         heights = [one.log_posterior for one in found.maxima]

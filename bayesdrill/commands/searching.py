@@ -54,7 +54,7 @@ def begin(job: Job, crew: Crew) -> Hunt:
 
 
 def end(crew: Crew, hunt: Hunt, job: Job, report: Reporter) -> Mode:
-    posterior, searches = job.problem.posterior, []
+    searches = []
     for done, task in enumerate(hunt.searches):
         report.update(done / len(hunt.searches), "searching the MAP")
         searches.append(task.result())
@@ -62,6 +62,8 @@ def end(crew: Crew, hunt: Hunt, job: Job, report: Reporter) -> Mode:
     found = crew.submit(mode.summarise, tuple(searches), scouted).result()
     report.update(1.0, "")
     report.say(words.mode(found, job.units))
+    crew.step(found.pieces)
+    posterior = job.at(found).problem.posterior
     left = residual_checks.left(posterior.likelihood, posterior.space.vector(found.values))
     if any(one.unbelievable for one in left):
         said = nuisance_words.explained(

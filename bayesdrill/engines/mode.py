@@ -8,7 +8,7 @@ those of the MAP: a maximum that no search has looked for is not found by many s
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from bayesdrill.engines import aliases, maxima
 from bayesdrill.engines.climb import climb, gain_left
 from bayesdrill.engines.optimisers.contract import Optimiser, Task
-from bayesdrill.inference import laplace
+from bayesdrill.inference import laplace, pieces
+from bayesdrill.inference.pieces import Taken
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.priors import LogNormal
 from bayesdrill.inference.surface import PosteriorSurface
@@ -28,6 +29,7 @@ ROUNDING = 1e-12  # of the log posterior: nor can two searches agree better than
 SAME_PLACE = 0.01  # ... and the same place, when no unknown differs by more than 1 %
 CANDIDATES = 4096  # prior draws of which a search starts at the best
 SCOUTS = 24  # plain draws from the prior that are sent uphill without a simplex
+LOWEST = -1e300  # log density of a search that has led nowhere
 POLISH, EXACT = 40, 8  # steps of Gauss and Newton, and of Newton, at the end of a search
 
 
@@ -57,7 +59,8 @@ class Mode:
     `slope`: change of the log posterior per conditional standard deviation of each unknown, well
     below 1 at a maximum inside the prior; `gain`: what a Newton step would still gain.
     `at_bound`: unknowns within 0.1 % of an end of their prior, or with 0.1 % of it between them and
-    zero.  `steps`: by which unknowns that may be negative are compared.
+    zero.  `steps`: by which unknowns that may be negative are compared.  `pieces`: of rigs that are
+    stepped, as `inference.pieces.taken` tells them, where they were chosen here.
     """
 
     values: Mapping[str, float]
@@ -68,6 +71,7 @@ class Mode:
     searches: tuple[Search, ...]
     others: tuple[Other, ...] = ()
     steps: Mapping[str, float] = field(default_factory=dict)
+    pieces: Mapping[str, Taken] = field(default_factory=dict)
 
     @property
     def maxima(self) -> tuple[Other, ...]:
@@ -164,6 +168,13 @@ def summarise(
     posterior: Posterior, searches: tuple[Search, ...], scouted: tuple[Array, Array] | None = None
 ) -> Mode:
     """`scouted`: further points that were reached, physical, and their log densities."""
+    if steps := pieces.taken(posterior):
+        best = max(searches, key=lambda one: one.log_posterior)
+        posterior = pieces.chosen(posterior, posterior.space.vector(best.end))
+        if pieces.taken(posterior) != steps:
+            searches = tuple(_anew(posterior, one) for one in searches)
+            if scouted is not None and len(scouted[0]):
+                scouted = (scouted[0], posterior.density(scouted[0]))
     surface = PosteriorSurface(posterior, physical=True)
     to, back = posterior.coordinates.from_physical, posterior.coordinates.to_physical
     points = to(np.array([posterior.space.vector(s.end) for s in searches]))
@@ -203,7 +214,17 @@ def summarise(
             for at, height in zip(theta[1:], heights[1:], strict=True)
         ),
         steps={one.name: one.scale for one in posterior.space.unknowns if one.signed},
+        pieces=pieces.taken(posterior),
     )
+
+
+def _anew(posterior: Posterior, one: Search) -> Search:
+    """From where it ended, with other steps."""
+    surface = PosteriorSurface(posterior, physical=True)
+    start = posterior.coordinates.from_physical(posterior.space.vector(one.end)[None])
+    top = climb(surface, climb(surface, start, POLISH).u, EXACT, exact=True)
+    end = _named(posterior, posterior.coordinates.to_physical(top.u)[0])
+    return replace(one, end=end, log_posterior=float(np.nan_to_num(top.value[0], neginf=LOWEST)))
 
 
 def tops(posterior: Posterior, found: Mode) -> Array:

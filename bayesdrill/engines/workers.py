@@ -11,7 +11,7 @@ import os
 import signal
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Future, ProcessPoolExecutor
 from contextlib import contextmanager
 from types import TracebackType
@@ -20,6 +20,8 @@ from typing import Any, Concatenate, Self
 from threadpoolctl import threadpool_limits
 
 from bayesdrill.basics.errors import InputError
+from bayesdrill.inference import pieces
+from bayesdrill.inference.pieces import Taken
 from bayesdrill.inference.posterior import Posterior
 
 SPAWN = multiprocessing.get_context("spawn")
@@ -32,6 +34,7 @@ class Crew:
 
     def __init__(self, posterior: Posterior, processes: int) -> None:
         self._posterior = posterior
+        self._steps: dict[str, Taken] = {}
         self._pool: ProcessPoolExecutor | None = None
         if processes > 1:
             self._pool = workers(processes, _take, posterior)
@@ -44,11 +47,16 @@ class Crew:
     ) -> Future[T]:
         if self._pool is not None:
             with ctrl_c_waits():
-                return self._pool.submit(_work, function, arguments, named)
+                return self._pool.submit(_work, self._steps, function, arguments, named)
         future: Future[T] = Future()
         with threadpool_limits(1):
             future.set_result(function(self._posterior, *arguments, **named))
         return future
+
+    def step(self, steps: Mapping[str, Taken]) -> None:
+        """From now on the posterior is taken in these steps (`inference.pieces`)."""
+        self._steps = dict(steps)
+        self._posterior = pieces.taking(self._posterior, steps)
 
     @property
     def alone(self) -> bool:
@@ -153,5 +161,12 @@ def _outlive_no_parent() -> None:
         os._exit(1)
 
 
-def _work(function: Callable[..., Any], arguments: tuple[Any, ...], named: dict[str, Any]) -> Any:
+def _work(
+    steps: dict[str, Taken],
+    function: Callable[..., Any],
+    arguments: tuple[Any, ...],
+    named: dict[str, Any],
+) -> Any:
+    if steps and pieces.taken(_POST["posterior"]) != steps:
+        _take(pieces.taking(_POST["posterior"], steps))
     return function(_POST["posterior"], *arguments, **named)

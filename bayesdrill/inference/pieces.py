@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,6 +14,7 @@ from bayesdrill.inference.posterior import Posterior
 from bayesdrill.rig.stepped import TURNS, Stepped
 
 Array = NDArray[np.float64]
+Taken = tuple[int, int]  # steps to a sample, and parts of those in which something turns
 
 FINER = 16  # times as many pieces are taken for the truth
 ENOUGH = 0.1  # of the noise: what steps may do to a sample
@@ -53,18 +54,48 @@ def step_errors(likelihood: Likelihood, theta: Array) -> tuple[StepError, ...]:
     return tuple(_error(one, full, theta) for one, _ in _stepped(likelihood))
 
 
-def chosen(posterior: Posterior, theta: Array) -> Posterior:
-    """With as few pieces, of `TRIED`, as are enough at `theta (D,)` and at other points about it."""
-    likelihood, points = posterior.likelihood, _about(posterior, theta)
-    full = likelihood.space.full(points)
-    made, apart = (
-        tuple(
-            _fine(one, full, points) if isinstance(one.response, Stepped) else one for one in some
-        )
+def chosen(posterior: Posterior, theta: Array, most: int = MOST) -> Posterior:
+    """With as few pieces, of `TRIED` up to `most`, as are enough at `theta (D,)` and at other points
+    about it.
+    """
+    points = _about(posterior, theta)
+    full = posterior.likelihood.space.full(points)
+    tried = [(pieces, turns) for pieces, turns in TRIED if pieces <= most]
+    return _with(posterior, lambda one, response: _fine(one, response, tried, full, points))
+
+
+def taken(posterior: Posterior) -> dict[str, Taken]:
+    """By the labels of experiments, where they were chosen."""
+    every = (*posterior.likelihood.observations, *posterior.likelihood.apart)
+    return {
+        one.label: (one.response.pieces, one.response.turns)
+        for one in every
+        if isinstance(one.response, Stepped) and one.response.chosen
+    }
+
+
+def taking(posterior: Posterior, steps: Mapping[str, Taken]) -> Posterior:
+    """With steps as `taken` told them."""
+    return _with(
+        posterior,
+        lambda one, response: _in(one, response, *steps[one.label]) if one.label in steps else one,
+    )
+
+
+def _with(posterior: Posterior, made: Callable[[Observation, Stepped], Observation]) -> Posterior:
+    """With other observations where they are stepped."""
+    likelihood = posterior.likelihood
+    every, apart = (
+        tuple(made(one, one.response) if isinstance(one.response, Stepped) else one for one in some)
         for some in (likelihood.observations, likelihood.apart)
     )
-    likelihood = dataclasses.replace(likelihood, observations=made, apart=apart)
+    likelihood = dataclasses.replace(likelihood, observations=every, apart=apart)
     return dataclasses.replace(posterior, likelihood=likelihood)
+
+
+def _in(one: Observation, response: Stepped, pieces: int, turns: int) -> Observation:
+    response = dataclasses.replace(response.finer(pieces, turns), chosen=True)
+    return dataclasses.replace(one, response=response)
 
 
 def _about(posterior: Posterior, theta: Array) -> Array:
@@ -83,15 +114,16 @@ def _stepped(likelihood: Likelihood) -> Iterator[tuple[Observation, Stepped]]:
             yield one, one.response
 
 
-def _fine(one: Observation, full: Array, theta: Array) -> Observation:
-    response, tried = one.response, one
-    assert isinstance(response, Stepped)
-    for pieces, turns in TRIED:
-        tried = dataclasses.replace(one, response=response.finer(pieces, turns))
-        worst = np.sort(_errors(tried, full, theta).max(axis=1))
+def _fine(
+    one: Observation, response: Stepped, tried: Sequence[Taken], full: Array, theta: Array
+) -> Observation:
+    made = one
+    for pieces, turns in tried:
+        made = _in(one, response, pieces, turns)
+        worst = np.sort(_errors(made, full, theta).max(axis=1))
         if not worst[-1 - STRANGE] > SAFE * ENOUGH:
             break
-    return tried
+    return made
 
 
 def _error(one: Observation, full: Array, theta: Array) -> StepError:

@@ -148,14 +148,22 @@ class _Trial:
         return self.wide.posterior.coordinates.from_physical(np.array(full))
 
     def promises(self, least: float) -> bool:
-        """Whether it would explain so much of what is left, were the response straight."""
+        """Whether it would explain so much of what is left, were the response straight: at the MAP, and
+        of inputs that alone may be late from each lag, as what is late by many samples is bent.
+        """
         surface = PosteriorSurface(self.wide.posterior, physical=True)
-        u = np.clip(self.starts()[:1], surface.low, surface.high)
-        here = surface.expand(u, np.eye(u.shape[1]))
-        new = np.zeros(u.shape[1], dtype=bool)
-        new[self.tried] = True
-        gains = [_gain(here.slope[0], here.curvature[0], free) for free in (new | ~new, ~new)]
-        return 2.0 * (gains[0] - gains[1]) > least * (self.count.before - self.count.floor)
+        starts = self.starts()
+        late = all(one.kind in LATE for one in self.wide.every)
+        u = np.clip(starts if late else starts[:1], surface.low, surface.high)
+        here, value = surface.expand(u, np.eye(u.shape[1])), surface.value(u)
+        free = np.ones(u.shape[1], dtype=bool)
+        reached = [
+            height + _gain(slope, curvature, free)
+            for height, slope, curvature in zip(value, here.slope, here.curvature, strict=True)
+        ]
+        free[self.tried] = False
+        without = value[0] + _gain(here.slope[0], here.curvature[0], free)
+        return bool(2.0 * (max(reached) - without) > least * (self.count.before - self.count.floor))
 
     def outcome(self) -> Causes | None:
         """None where it comes to nothing."""

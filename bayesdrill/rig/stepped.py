@@ -60,7 +60,7 @@ class Steps:
 class Stepped:
     """See `simulator.Simulator`; parameters are the model's, then those that `sensing` names.
 
-    `turns`: parts of a step in which something turns.
+    `turns`: parts of a step in which something turns; `chosen`: both were, for the noise.
     """
 
     model: Model
@@ -68,6 +68,7 @@ class Stepped:
     sensing: Sensing
     pieces: int = 1
     turns: int = TURNS
+    chosen: bool = False
 
     def __getstate__(self) -> dict[str, Any]:
         """Without what is compiled."""

@@ -24,6 +24,8 @@ from bayesdrill.setup.number_objects import formula
 from bayesdrill.setup.sensors import Declared
 from bayesdrill.setup.yaml_source import Place
 
+FEW = 4  # steps to a sample, for the search of the maximum: there they are chosen anew
+
 
 def problem(config: Config, views: Sequence[View], experiments: Sequence[Experiment]) -> Problem:
     """Everything, for records already read (`reading.read`), one of each view of the config.
@@ -59,7 +61,7 @@ def problem(config: Config, views: Sequence[View], experiments: Sequence[Experim
         coordinates=unknowns.coordinates(),
     )
     if config.model.pieces is None:
-        posterior = pieces.chosen(posterior, unknowns.vector(unknowns.start))
+        posterior = pieces.chosen(posterior, unknowns.vector(unknowns.start), FEW)
     table, published = {**build.compared(config)}, build.published(config)
     tolerance = build.tolerance(config)
     for name, label in itertools.product(config.own, labels):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 from bayesdrill.basics.errors import InputError, of_each
 from bayesdrill.basics.errors import Problem as Wrong
 from bayesdrill.basics.units import Unit
+from bayesdrill.engines.mode import Mode
+from bayesdrill.inference import pieces
 from bayesdrill.inference.problem import Problem
 from bayesdrill.insight import derived
 from bayesdrill.insight.identifiability.study import Asked
@@ -32,6 +34,13 @@ class Job:
     config: Config
     source: Source
     problem: Problem
+
+    def at(self, found: Mode) -> Job:
+        """With the steps that are enough where its maximum is, of a rig that is stepped."""
+        if not found.pieces:
+            return self
+        posterior = pieces.taking(self.problem.posterior, found.pieces)
+        return replace(self, problem=replace(self.problem, posterior=posterior))
 
     @property
     def asked(self) -> Asked:

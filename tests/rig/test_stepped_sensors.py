@@ -99,7 +99,7 @@ def test_lag_gain_and_offset_of_each_channel() -> None:
 
 
 @pytest.mark.parametrize("name", ["static", pytest.param("other", marks=pytest.mark.slow)])
-@pytest.mark.parametrize("lag", [0.0123, 0.02, -0.0071])
+@pytest.mark.parametrize("lag", [0.0123, pytest.param(0.02, marks=pytest.mark.slow), -0.0071])
 def test_an_input_that_is_felt_late(name: str, lag: float) -> None:
     """The rig feels now what the record has shown then; before it, and behind it, what is there first
     and last.  Mutant killed: a lag that goes the other way.

@@ -114,6 +114,7 @@ def test_a_run_can_be_resumed_and_not_with_another_record(done: Path) -> None:
     assert "the record of fast" in ran.err
 
 
+@pytest.mark.slow
 def test_a_joint_run_is_laid_over_a_single_one(done: Path, tmp_path: Path) -> None:
     """The joint one is narrower; names of sensors are one."""
     text = pairs.PAIR

@@ -969,6 +969,7 @@ def test_map_prints_and_writes_nothing(tmp_path: Path) -> None:
     assert systems.listing(tmp_path) == before
 
 
+@pytest.mark.slow
 def test_a_column_in_another_unit_than_said_is_told_of_the_fit(tmp_path: Path) -> None:
     ran = systems.cli("map", systems.small(tmp_path), "--processes", "1")
     assert "fit: what the MAP leaves looks like the noise" in ran.out

@@ -258,10 +258,8 @@ def test_options_of_the_command_line() -> None:
 QUICK = [row for row in ROWS if row.name in ("free_swing", "aliased_1", "wrong_noise")]
 
 
-@pytest.mark.parametrize(
-    "row",
-    [pytest.param(r, id=r.name, marks=[pytest.mark.slow] * (r.name != "aliased_1")) for r in QUICK],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("row", QUICK, ids=ids(QUICK))
 def test_a_quick_row_does_what_it_should(row: Row, tmp_path: Path) -> None:
     """One run at lower targets, whose means its own weights confirm."""
     short = dataclasses.replace(row, config=changed(row.config, SHORT))

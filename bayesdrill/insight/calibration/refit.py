@@ -25,7 +25,7 @@ from bayesdrill.engines.optimisers.contract import Optimiser
 from bayesdrill.engines.sampling import Plan, Sampled, sample
 from bayesdrill.engines.shelf import Memory
 from bayesdrill.engines.workers import Crew
-from bayesdrill.inference import laplace
+from bayesdrill.inference import laplace, pieces
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.insight.calibration.ranks import rank
 
@@ -136,6 +136,7 @@ def fitted(study: Study, posterior: Posterior, seed: int) -> tuple[mode.Mode, Sa
     scouted = mode.scouts(posterior, draws)
     found = mode.summarise(posterior, (_best(study, posterior, seed),), scouted)
     tops = mode.tops(posterior, found)
+    posterior = pieces.taking(posterior, found.pieces)
     plan = dataclasses.replace(study.plan, seed=seed)
     with Crew(posterior, 1) as crew:
         return found, sample(crew, posterior, tops, plan, Memory(), Silent())

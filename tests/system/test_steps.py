@@ -1,0 +1,92 @@
+"""Steps of a rig that rubs: chosen anew where its maximum is, and taken from there on by all."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from oracles import NOMINAL
+from ruamel.yaml import YAML
+
+import bayesdrill as bd
+from bayesdrill.inference import pieces
+from bayesdrill.inference.pieces import step_errors
+from bayesdrill.setup.job import Job
+
+T = np.linspace(0.0, 4.0, 161)
+STRIBECK = {"t_cm": 0.01, "t_sm": 0.03, "w_sm": 20.0}
+YAML_SAFE = YAML(typ="safe", pure=True)
+BOX = {"prior": "uniform", "low": 0.5, "high": 1.5, "relative": True}
+UNKNOWN = {"prior": "log_uniform", "low": 0.01, "high": 100.0, "start": 20.0}
+
+
+@cache
+def case() -> bd.Case:
+    """Of noise that is a thousandth of what the search starts with: there any step would do."""
+    v = np.where(np.arange(len(T)) // 40 % 2 == 0, 6.0, -6.0)
+    inputs = {"v": bd.Input(v, "V", hold="zero")}
+    exact = bd.respond("motor_shaft", {**NOMINAL, **STRIBECK}, T, {"v": v}, "w_2")["w_2"]
+    noise = 0.02 * np.random.default_rng(6).standard_normal(len(T))
+    return bd.case(
+        T,
+        channels={"w_2": bd.Channel(exact + noise, "rad/s", UNKNOWN)},
+        inputs=inputs,
+        parameters={**dict.fromkeys(NOMINAL, "nominal"), **STRIBECK, "k_s": BOX, "j_1": BOX},
+        map={"starts": 1},
+        sampler={"ensembles": 4, "walkers": 16, "r_hat": 1.1, "n_tau": 5, "ess": 100},
+        seed=3,
+    )
+
+
+@cache
+def run() -> bd.Run:
+    return case().sample()
+
+
+def taken(job: Job) -> dict[str, pieces.Taken]:
+    return pieces.taken(job.problem.posterior)
+
+
+def test_there_are_as_many_as_the_maximum_wants() -> None:
+    """Mutant killed: steps as they were chosen at the start."""
+    best = case().find_map()
+    start, found = taken(case().job), best.mode.pieces
+    assert start[""][0] == 1
+    assert found[""][0] > 1
+    theta = case().job.problem.posterior.space.vector(best.values)
+    (few,) = step_errors(case().job.problem.posterior.likelihood, theta)
+    (enough,) = step_errors(case().job.at(best.mode).problem.posterior.likelihood, theta)
+    assert not few.fine
+    assert enough.fine
+    assert "TOO FEW" not in best.table
+    assert best.mode.gain < 1e-6
+
+
+@pytest.mark.slow
+def test_a_search_and_a_chain_take_them_in_all_processes(tmp_path: Path) -> None:
+    """Mutant killed: workers that go on in the steps of the search."""
+    run().save(tmp_path / "out")
+    bd.load(tmp_path / "out" / "config.yaml").run(tmp_path / "two", processes=2)
+    other = bd.open(tmp_path / "two")
+    assert taken(run().job) == taken(other.job) == run().mode.pieces
+    for name, draws in run().draws.items():
+        assert np.array_equal(draws, other.draws[name])
+
+
+def test_what_was_saved_goes_on_in_them(tmp_path: Path) -> None:
+    run().save(tmp_path / "out")
+    again = bd.open(tmp_path / "out")
+    assert taken(again.job) == taken(run().job)
+    assert again.mode.pieces == run().mode.pieces
+    posterior = run().job.problem.posterior
+    last = run().sampled.pieces[0][-1]
+    assert posterior(last.z[-1]) == pytest.approx(last.log_p[-1], abs=1e-9)
+
+    told = YAML_SAFE.load((tmp_path / "out" / "config.yaml").read_text())
+    told["model"] = {**told.get("model", {}), "name": "motor_shaft", "pieces": 2}
+    with (tmp_path / "out" / "said.yaml").open("w") as file:
+        YAML_SAFE.dump(told, file)
+    said = bd.load(tmp_path / "out" / "said.yaml").job
+    assert taken(said) == {}  # what the config says stays
