@@ -115,6 +115,13 @@ def test_every_page_is_in_the_site() -> None:
         assert re.search(rf"^{page}$", index, re.MULTILINE), page
 
 
+def test_pages_of_the_site_link_to_no_page_beside_it() -> None:
+    """A file that is no page is offered as it is."""
+    for page in (one for one in DOCUMENTS if DOCS in one.parents):
+        for link in re.findall(r"\]\((?!\w+:|#)([^)#\s]+\.md)[)#]", page.read_text()):
+            assert DOCS in (page.parent / link).resolve().parents, f"{page.name}: {link}"
+
+
 def test_a_broken_site_is_found_out(tmp_path: Path) -> None:
     page = "<h1 id='here'>x</h1><a href='other.html#there'>y</a><a href='#here'>z</a>"
     (tmp_path / "index.html").write_text(page)
