@@ -110,8 +110,8 @@ MUTANTS = [
     Mutant(
         "workers that go on in the steps of the search",
         "engines/workers.py",
-        '        _take(pieces.taking(_POST["posterior"], steps))',
-        "        pass",
+        '    _take(pieces.taking(_POST["posterior"], steps))',
+        "    pass",
         "tests/system/test_steps.py::test_a_search_and_a_chain_take_them_in_all_processes",
     ),
     Mutant(

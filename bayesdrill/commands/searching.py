@@ -62,7 +62,6 @@ def end(crew: Crew, hunt: Hunt, job: Job, report: Reporter) -> Mode:
     found = crew.submit(mode.summarise, tuple(searches), scouted).result()
     report.update(1.0, "")
     report.say(words.mode(found, job.units))
-    crew.step(found.pieces)
     posterior = job.at(found).problem.posterior
     left = residual_checks.left(posterior.likelihood, posterior.space.vector(found.values))
     if any(one.unbelievable for one in left):

@@ -14,13 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayesdrill.engines import aliases, maxima
-from bayesdrill.engines.climb import climb, gain_left
+from bayesdrill.engines.climb import Climbed, climb, gain_left
 from bayesdrill.engines.optimisers.contract import Optimiser, Task
 from bayesdrill.inference import laplace, pieces
 from bayesdrill.inference.pieces import Taken
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.priors import LogNormal
-from bayesdrill.inference.surface import PosteriorSurface
+from bayesdrill.inference.surface import PosteriorSurface, Surface
 
 Array = NDArray[np.float64]
 
@@ -144,7 +144,7 @@ def search(posterior: Posterior, optimiser: Optimiser, evaluations: int, start: 
         # A simplex may go on for ever towards an end that has none.
         u = np.clip(posterior.coordinates.from_physical(theta[None]), surface.low, surface.high)
         value = float(surface.value(u)[0])
-        top = climb(surface, climb(surface, u, POLISH).u, EXACT, exact=True)
+        top = _polished(surface, u)
         if top.value[0] > value:
             u, value, settled = top.u, float(top.value[0]), bool(top.arrived[0])
         theta = posterior.coordinates.to_physical(u)[0]
@@ -171,7 +171,7 @@ def summarise(
     if steps := pieces.taken(posterior):
         best = max(searches, key=lambda one: one.log_posterior)
         posterior = pieces.chosen(posterior, posterior.space.vector(best.end))
-        if pieces.taken(posterior) != steps:
+        if pieces.taken(posterior) != steps:  # heights are compared, and were those of other steps
             searches = tuple(_anew(posterior, one) for one in searches)
             if scouted is not None and len(scouted[0]):
                 scouted = (scouted[0], posterior.density(scouted[0]))
@@ -218,11 +218,16 @@ def summarise(
     )
 
 
+def _polished(surface: Surface, u: Array) -> Climbed:
+    """The rest of the way from `u (W, D)`."""
+    return climb(surface, climb(surface, u, POLISH).u, EXACT, exact=True)
+
+
 def _anew(posterior: Posterior, one: Search) -> Search:
     """From where it ended, with other steps."""
     surface = PosteriorSurface(posterior, physical=True)
     start = posterior.coordinates.from_physical(posterior.space.vector(one.end)[None])
-    top = climb(surface, climb(surface, start, POLISH).u, EXACT, exact=True)
+    top = _polished(surface, start)
     end = _named(posterior, posterior.coordinates.to_physical(top.u)[0])
     return replace(one, end=end, log_posterior=float(np.nan_to_num(top.value[0], neginf=LOWEST)))
 

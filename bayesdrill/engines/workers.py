@@ -167,6 +167,5 @@ def _work(
     arguments: tuple[Any, ...],
     named: dict[str, Any],
 ) -> Any:
-    if steps and pieces.taken(_POST["posterior"]) != steps:
-        _take(pieces.taking(_POST["posterior"], steps))
+    _take(pieces.taking(_POST["posterior"], steps))
     return function(_POST["posterior"], *arguments, **named)
