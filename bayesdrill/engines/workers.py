@@ -167,5 +167,6 @@ def _work(
     arguments: tuple[Any, ...],
     named: dict[str, Any],
 ) -> Any:
-    _take(pieces.taking(_POST["posterior"], steps))
+    if steps:
+        _take(pieces.taking(_POST["posterior"], steps))
     return function(_POST["posterior"], *arguments, **named)
