@@ -20,6 +20,7 @@ from bayesdrill.insight.identifiability.profile import Fitter, Profile, profile
 from bayesdrill.insight.identifiability.scenes import Scenery
 from bayesdrill.insight.identifiability.study import Study, study_of
 from bayesdrill.insight.moments import Moment, half_a_sample
+from bayesdrill.insight.shaking import rubs_besides
 from bayesdrill.report import friction_words, nuisance_words, torque_words
 from bayesdrill.report import identify_words as words
 from bayesdrill.report.widths import WIDTHS
@@ -98,7 +99,8 @@ def preflight(job: Job, scenery: Scenery) -> str:
     start = posterior.space.vector(posterior.space.start)
     study = study_of(scenery, posterior, start, job.asked)
     said = [words.brief(study), friction_words.sentences(study.frictions)]
-    said.append(torque_words.stand_ins(study))
+    rubs = rubs_besides(posterior)
+    said += [torque_words.stand_ins(study), torque_words.beside(rubs=rubs)]
     late = nuisance_words.moment(half_a_sample(scenery, start))
     return "\n".join([*filter(None, said), *late, *plausibility.of_course(scenery, start)])
 

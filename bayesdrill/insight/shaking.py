@@ -19,7 +19,9 @@ from bayesdrill.inference.noise.shaken import Shaken
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.insight.diagnostics import HDI_PROBABILITY
 from bayesdrill.record.experiment import of_states
-from bayesdrill.rig.missing_torque import TORQUE, At, angles
+from bayesdrill.rig.missing_torque import TORQUE, At, Loaded, angles
+from bayesdrill.rig.models.friction import frictions_of
+from bayesdrill.rig.stepped import Stepped
 
 Array = NDArray[np.float64]
 
@@ -29,7 +31,8 @@ TAILS = (0.5 - HDI_PROBABILITY / 2, 0.5 + HDI_PROBABILITY / 2)
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Course:
     """What a channel did: its spread, and root mean squares of what is left without the torque and
-    with it, at the mean of the draws, SI; `moved`: what the torque moves.
+    with it, at the mean of the draws, SI; `moved`: what the torque moves; `strayed`: of a rig that rubs,
+    how far from all that it would be with this torque as an input, in sd of the noise (NaN elsewhere).
     """
 
     channel: str
@@ -37,6 +40,7 @@ class Course:
     without: float
     left: float
     moved: float
+    strayed: float
 
     @property
     def share(self) -> float:
@@ -91,6 +95,16 @@ def shakings(posterior: Posterior, draws: Array, rng: np.random.Generator) -> tu
     )
 
 
+def rubs_besides(posterior: Posterior) -> bool:
+    """Whether a torque is missing of a rig that rubs, which is an approximation."""
+    every = posterior.likelihood.observations
+    return any(isinstance(one.noise, Shaken) and _rubs(one) for one in every)
+
+
+def _rubs(one: Observation) -> bool:
+    return bool(frictions_of(one.response.model))
+
+
 def _of(
     one: Observation, noise: Shaken, posterior: Posterior, draws: Array, rng: np.random.Generator
 ) -> Shaking:
@@ -112,7 +126,14 @@ def _of(
         expected=(sizes * smooth[:, :, place]).mean(axis=0),
         states=_states(one, noise, motion.mean(axis=0), smooth.mean(axis=0)),
         inputs={name: np.asarray(u) for name, u in experiment.series.items()},
-        courses=_courses(one, left.mean(axis=0), by_torque.mean(axis=0)),
+        courses=_courses(
+            one,
+            left.mean(axis=0),
+            by_torque.mean(axis=0),
+            _strayed(
+                one, noise, draws[:1], signals[0] + by_torque[0], sizes[0] * smooth[0, :, place]
+            ),
+        ),
         gear=1.0 / float(getattr(made.rig, "i_m", 1.0)),
     )
 
@@ -147,7 +168,25 @@ def _states(one: Observation, noise: Shaken, motion: Array, more: Array) -> dict
     return found | {name: np.asarray(u) for name, u in series.items() if name == "w_2"}
 
 
-def _courses(one: Observation, left: Array, moved: Array) -> tuple[Course, ...]:
+def _strayed(one: Observation, noise: Shaken, draw: Array, shown: Array, torque: Array) -> Array:
+    """`(K,)`: the rig that rubs, driven by `torque (T,)` at one `draw (1, D)`, over what is `shown (T,
+    K)`: there the torque moves it as if no friction changed its sign.
+    """
+    response, experiment = one.response, one.experiment
+    if not (isinstance(response, Stepped) and _rubs(one)):
+        return np.full(len(experiment.channels), np.nan)
+    held = torque if experiment.first_order else 0.5 * (torque + np.append(torque[1:], torque[-1]))
+    loaded = dataclasses.replace(
+        response,
+        model=Loaded(response.model, noise.filtered.torque),
+        experiment=dataclasses.replace(experiment, series={**experiment.series, TORQUE: held}),
+    )
+    full = one.told(one.space.full(draw)) if one.space is not None else draw
+    off = (loaded.signals(full)[0] - shown) / one.scales(draw)[0]
+    return np.sqrt(np.nanmean(np.where(experiment.seen, off, np.nan) ** 2, axis=0))
+
+
+def _courses(one: Observation, left: Array, moved: Array, strayed: Array) -> tuple[Course, ...]:
     """Means over the draws `(T, K)`."""
     found = []
     for k, channel in enumerate(one.experiment.channels):
@@ -159,6 +198,7 @@ def _courses(one: Observation, left: Array, moved: Array) -> tuple[Course, ...]:
                 without=_size(left[seen, k]),
                 left=_size(left[seen, k] - moved[seen, k]),
                 moved=_size(moved[seen, k]),
+                strayed=float(strayed[k]),
             )
         )
     return tuple(found)

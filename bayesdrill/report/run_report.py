@@ -119,7 +119,8 @@ def _torque(run: View) -> Iterator[Section]:
     for one in run.shaking:
         where = f" of {one.label}" if one.label else ""
         law = torque_words.followed(one, follows(one))
-        said = Sentences(f"{torque_words.sentence(one)}\n{law}")
+        parts = (torque_words.sentence(one), law, torque_words.strayed(one))
+        said = Sentences("\n".join(filter(None, parts)))
         shown = torque_words.table(one)
         yield Section(f"The missing torque{where}", (said, shown, Note(torque_words.READ)))
 

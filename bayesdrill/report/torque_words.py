@@ -25,6 +25,7 @@ SWITCHES = {  # what a config names in the place of the torque, by what that fol
     ("speed", "w_1", "rotor_1"): "c_1",
     ("speed", "w_2", "motor"): "c_m",
 }
+HARMLESS = 0.5  # of the noise: how far a rig that rubs may stray from what is shown of it
 WIDE = 3.0  # times either way: the prior that is proposed
 HEADS = ("channel", "left without it", "left with it", "moved by it")
 READ = (
@@ -43,6 +44,35 @@ def sentence(found: Shaking) -> str:
     return (
         f"missing torque{of}: {WHERE[found.at]} {low:.3g} to {high:.3g} N m in 94 % of the samples, "
         f"each known to {width:.2g} N m; its sign is sure in {100 * sure:.0f} % of the samples"
+    )
+
+
+def beside(*, rubs: bool) -> str:
+    """Before anything is sampled; empty where nothing `rubs`."""
+    if not rubs:
+        return ""
+    return (
+        "missing torque: beside friction it is an approximation, as it moves the rig as if no friction "
+        "changed its sign; a torque much smaller than the friction is found well, of a larger one leave "
+        "the friction out, which the torque then shows"
+    )
+
+
+def strayed(found: Shaking) -> str:
+    """How good an approximation it was; empty for a rig that does not rub."""
+    every = [one for one in found.courses if np.isfinite(one.strayed)]
+    if not every:
+        return ""
+    parts = ", ".join(f"{one.strayed:.2g} (`{one.channel}`)" for one in every)
+    said = (
+        "missing torque: beside friction it is an approximation; the rig that rubs, with this torque as "
+        f"an input, goes elsewhere by {parts} of the noise, rms"
+    )
+    if max(one.strayed for one in every) <= HARMLESS:
+        return f"{said}, which does little harm"
+    return (
+        f"{said}: friction and inertia are NOT as sure as their sds say; leave the friction out, which "
+        "the torque then shows"
     )
 
 
@@ -166,6 +196,7 @@ def as_data(every: Sequence[Shaking]) -> list[dict[str, Any]]:
                     "without": c.without / c.spread,
                     "with": c.left / c.spread,
                     "moved": c.share,
+                    **({"strayed": c.strayed} if np.isfinite(c.strayed) else {}),
                 }
                 for c in one.courses
             },

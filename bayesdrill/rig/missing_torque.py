@@ -17,6 +17,7 @@ from typing import Any, Literal
 
 from bayesdrill.basics.symbols import Symbol
 from bayesdrill.rig import steady, vocabulary
+from bayesdrill.rig.models.friction import Friction, frictions_of
 from bayesdrill.rig.models.linear import Linear, Model, Named, dynamics
 
 At = Literal["motor", "rotor_1"]
@@ -130,6 +131,44 @@ class Pushed:
         a |= self.torque.linear(p[TIME])
         a[self.torque.speed, TORQUE] = push * p[SIZE]
         return Linear(A=a, B=b, c=c)
+
+
+@dataclass(frozen=True, slots=True)
+class Loaded:
+    """`rig` with the torque as one more input, `TORQUE`: as if it had been measured."""
+
+    rig: Model
+    torque: MissingTorque
+
+    @property
+    def name(self) -> str:
+        return self.rig.name
+
+    @property
+    def declares(self) -> tuple[Symbol, ...]:
+        return self.rig.declares
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        return self.rig.parameters
+
+    @property
+    def states(self) -> tuple[str, ...]:
+        return self.rig.states
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        return (*self.rig.inputs, TORQUE)
+
+    @property
+    def frictions(self) -> tuple[Friction, ...]:
+        return frictions_of(self.rig)
+
+    def linear(self, p: Named) -> Linear:
+        found = self.rig.linear(p)
+        push = pushes(self.rig, self.torque, p, found)
+        b = {**found.B, (self.torque.speed, TORQUE): push}
+        return Linear(A=found.A, B=b, c=found.c)
 
 
 def angles(model: Model) -> tuple[str, ...]:

@@ -13,7 +13,6 @@ from bayesdrill.inference.unknowns import Unknown
 from bayesdrill.record.experiment import Experiment
 from bayesdrill.rig.filtered import Filtered, steps_of
 from bayesdrill.rig.missing_torque import SIZE, TIME, MissingTorque, pushes
-from bayesdrill.rig.models.friction import frictions_of
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.sensing import Sensing
 from bayesdrill.setup.config import Config
@@ -77,12 +76,6 @@ def shaken(
 
 def refusal(model: Model, acts: MissingTorque, sensing: Sensing) -> str:
     """Why a rig can have no missing torque; empty where it can."""
-    rubbing = [friction.where for friction in frictions_of(model)]
-    if rubbing:
-        return (
-            "a rig with a missing torque has to be linear, and this one rubs "
-            f"({', '.join(rubbing)}); remove the friction, which the torque will show, or this entry"
-        )
     odd = [*sensing.gains, *sensing.lags]
     if odd:
         return (

@@ -100,10 +100,10 @@ class _Reader:
         wanted = self._config.record.decimate
         if wanted is None:
             return found
-        refusal = thinning.refusal(found, wanted.factor)
+        refusal = thinning.refusal(found, wanted.factor, filtered=wanted.filter)
         if refusal:
             raise InputError([self._source.problem(("record", "decimate"), refusal)])
-        return thinning.thinned(found, wanted.factor)
+        return (thinning.thinned if wanted.filter else thinning.left)(found, wanted.factor)
 
     def _columns(self) -> dict[Place, Column]:
         """All that are named, with NaN where no number is used."""

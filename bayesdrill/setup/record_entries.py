@@ -140,9 +140,14 @@ class AngleColumn(InputColumn):
 
 
 class DecimateSpec(Strict):
-    """One sample of `factor`, after a filter that lets nothing alias."""
+    """One sample of `factor`, after a filter that lets nothing alias, or as it is."""
 
     factor: Annotated[int, Field(ge=2, le=1000)]
+    filter: bool = Field(
+        True,
+        description="`false`: samples as they are, for what a filter would smear, as kinks of friction; "
+        "what is faster than half the new rate stays in as noise.",
+    )
 
 
 def between(t: Array, spans: list[tuple[float, float]]) -> NDArray[np.bool_]:

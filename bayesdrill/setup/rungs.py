@@ -53,7 +53,7 @@ FIRST = (GIVEN, *NOISE, *PHYSICS, *TORQUES)
 ORDER = (*PHYSICS, *STATIC, *TORQUES, *NOISE)  # of parts in a name
 # Of each of these one is enough.
 ALIKE = ({"friction_motor", "friction_rotor_1", "friction_both"}, {*TORQUES}, {*NOISE})
-# A missing torque wants a linear rig, and white noise.
+# A missing torque wants white noise, and beside friction it is an approximation.
 APART = {*TORQUES}, {*PHYSICS, *STATIC, RED} - {"damping_rotor_1", "damping_shaft"}
 
 ABOUT: Mapping[str, str] = {

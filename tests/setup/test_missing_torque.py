@@ -1,6 +1,6 @@
 """What a config may say of a missing torque, and what it is told where it cannot be.
 
-Mutants killed: a torque beside noise or friction that it cannot be told from, a prior in multiples
+Mutants killed: a torque beside noise that it cannot be told from, a prior in multiples
 of nothing.
 """
 
@@ -60,7 +60,6 @@ def test_numbers_hold_them(tmp_path: Path) -> None:
         ((), TORQUE.replace("  at", "  smoothness: 5/2\n  at"), "smoothness"),
         ((), TORQUE.replace("high: 1}", "high: 1, relative: true}"), "no nominal value"),
         ((), TORQUE.replace("start: 0.4", "start: 40"), "outside the prior"),
-        ((("  t_f: nominal", "  t_f: nominal\n  t_cm: 0.1"),), TORQUE, "at the motor"),
         (
             (("w_1, unit: rad/s, sigma: 0.05", "w_1, unit: rad/s, sigma: 0.05, lag: 0.1"),),
             TORQUE,
@@ -76,6 +75,13 @@ def test_what_cannot_be_is_said_with_a_way_out(
     assert done.status == 2, done.text
     assert said in done.text
     assert "Traceback" not in done.text
+
+
+def test_beside_friction_it_is_said_to_be_an_approximation(tmp_path: Path) -> None:
+    done = cli("check", config(tmp_path, ("  t_f: nominal", "  t_f: nominal\n  t_cm: 0.01")))
+    assert done.status == 0, done.text
+    assert "beside friction it is an approximation" in done.out
+    assert "approximation" not in cli("check", config(tmp_path)).out
 
 
 def test_a_record_is_simulated_with_it_and_read_again(tmp_path: Path) -> None:

@@ -472,6 +472,40 @@ def test_inputs_stay_at_every_time_when_channels_are_decimated(tmp_path: Path) -
     assert found.t_start == found.t[0] == 0.0
 
 
+def test_without_a_filter_samples_are_left_as_they_are_at_their_times(tmp_path: Path) -> None:
+    """Of a record with a gap.  Mutants killed: a filter all the same, samples of a grid of their own."""
+    rows = np.r_[0:2000, 2005:3000]
+    noisy = SLOW + 0.2 * np.sin(2500.0 * LONG)
+    save(tmp_path, t=LONG[rows], w=noisy[rows])
+    found = one(tmp_path, "  decimate: {factor: 10, filter: false}\n")
+    assert found.t == pytest.approx(LONG[rows][::10], abs=1e-12)
+    assert found.y[:, 0] == pytest.approx(noisy[rows][::10], abs=1e-9)
+    (said,) = found.told
+    assert "one sample of 10 is left (300 of 2995 of w_1), as it was measured" in said
+
+
+def test_without_a_filter_each_channel_has_its_own_and_inputs_every_one(tmp_path: Path) -> None:
+    """Where one of them has no sample, it has the next; what is held out stays whole."""
+    angle, supply = SLOW + LONG, np.where(LONG < 1.234, 3.0, 8.0)
+    angle[:7] = np.nan
+    save(tmp_path, t=LONG, w=SLOW, phi=angle, u=supply)
+    more = "}\n    theta_1: {column: phi, unit: rad, sigma: 1"
+    record = "  missing: drop\n  held_out: [1, 1.2]\n  decimate: {factor: 10, filter: false}\n"
+    found = one(tmp_path, record, more, "{v: {column: u, unit: V}}")
+    assert found.series["v"].tolist() == supply.tolist()
+    speeds, angles = (np.flatnonzero(found.seen[:, k]) for k in (0, 1))
+    assert speeds.tolist() == [*range(0, 1000, 10), *range(1201, 3000, 10)]
+    assert angles[:3].tolist() == [7, 17, 27]
+    assert found.held_out is not None
+    assert np.count_nonzero(~np.isnan(found.held_out[:, 0])) == 201
+
+
+def test_without_a_filter_some_samples_have_to_be_left(tmp_path: Path) -> None:
+    save(tmp_path, t=LONG[:90], w=SLOW[:90])
+    said = refused(tmp_path, "  decimate: {factor: 10, filter: false}\n")
+    assert "90 samples are too few: 91 leave 10; take a smaller factor" in said
+
+
 @pytest.mark.parametrize(
     ("rows", "record", "says"),
     [

@@ -24,8 +24,12 @@ from bayesdrill.setup.job import prepare
 SHARED = ROOT.parent / "shared" / "data"
 STRING = SHARED / "ufrj_drillstring_rig" / "175_completo_1.mat"
 SERVO = SHARED / "hsm150_servo"
+SIMULATED = SHARED / "simulated_servo"
 drill = pytest.mark.skipif(
     not STRING.exists(), reason="a record that does not come with the project"
+)
+simulated = pytest.mark.skipif(
+    not SIMULATED.is_dir(), reason="records that do not come with the project"
 )
 servo = pytest.mark.skipif(not SERVO.is_dir(), reason="records that do not come with the project")
 
@@ -44,7 +48,7 @@ def config(folder: Path, name: str, *changes: tuple[str, str]) -> Path:
     for old, new in changes:
         assert old in text, old
         text = text.replace(old, new)
-    for record in (STRING, *SERVO.glob("*.mat")):
+    for record in (STRING, *SERVO.glob("*.mat"), *SIMULATED.glob("*.csv")):
         if not (folder / record.name).exists():
             (folder / record.name).symlink_to(record)
     (folder / name).write_text(text)
@@ -229,3 +233,44 @@ def test_repeats_of_a_servo_differ_as_they_do_one_by_one(tmp_path: Path) -> None
     assert t_f.differs
     assert c_m.differs
     assert 0.002 < t_f.spread < 0.02
+
+
+# --- a servo that rubs at both ends, of which the truth is known -----------------------------------
+
+TRUTH = {
+    "j_m": 4.5e-6, "c_m": 2e-6, "k_e": 0.02, "r_m": 1.8, "l_m": 0.6e-3, "k_s": 0.9, "j_1": 2.4e-3,
+    "c_s": 8e-4, "t_cm": 2.5e-3, "t_c1": 0.006, "t_s1": 0.012, "w_s1": 0.3,
+    "lag_alpha": 3.3e-3, "offset_v": -0.06,
+}  # fmt: skip
+PRODUCTS = {  # what the scale of the motor's constant and current leaves: exponents
+    "k_s/j_1": {"k_s": 1, "j_1": -1},
+    "c_s/j_1": {"c_s": 1, "j_1": -1},
+    "t_c1/j_1": {"t_c1": 1, "j_1": -1},
+    "t_s1/j_1": {"t_s1": 1, "j_1": -1},
+    "t_cm/j_1": {"t_cm": 1, "j_1": -1},
+    "j_m/j_1": {"j_m": 1, "j_1": -1},
+    "c_m/j_1": {"c_m": 1, "j_1": -1},
+    "t_cm r_m/k_T": {"t_cm": 1, "r_m": 1, "k_e": -1},
+    "j_1 r_m/k_T": {"j_1": 1, "r_m": 1, "k_e": -1},
+    "l_m/r_m": {"l_m": 1, "r_m": -1},
+    **{name: {name: 1} for name in ("k_e", "w_s1", "lag_alpha", "offset_v")},
+}
+
+
+@pytest.mark.slow
+@simulated
+def test_three_records_of_a_servo_tell_all_that_its_symmetry_leaves(tmp_path: Path) -> None:
+    """Friction at both ends, a damped shaft, an offset of the supply, a late sensor, all unknown."""
+    run = bd.load(config(tmp_path, "three_records.yaml")).sample(seed=1)
+    assert run.converged
+    assert len(run.draws) >= 14
+    draws = {name: run.draws[name].ravel() for name in TRUTH}
+    for name, exponents in PRODUCTS.items():
+        found = np.prod([draws[of] ** e for of, e in exponents.items()], axis=0)
+        true = np.prod([TRUTH[of] ** e for of, e in exponents.items()])
+        low, high = np.quantile(found, [0.005, 0.995])
+        assert low <= true <= high, name
+        near = {"k_s/j_1": 0.01, "t_cm r_m/k_T": 0.03}.get(name, np.inf)
+        assert np.abs(np.array([low, high]) / true - 1).max() < near, name
+    assert np.abs(draws["offset_v"] + 0.06).max() < 0.01
+    assert np.abs(draws["lag_alpha"] - 3.3e-3).max() < 0.3e-3
