@@ -1,7 +1,7 @@
 """What a missing torque follows: the sign of a speed, a speed, its square, an angle, an input, the time.
 
-Each is held against the torque by itself, by least squares.  The one that explains most is taken
-first, then what takes most of what is left, as long as that is a good part of it.
+Each is held against the torque by itself, by least squares, where its inertia turns.  The one that
+explains most is taken first, then what takes most of what is left, as long as that is a good part of it.
 """
 
 from __future__ import annotations
@@ -38,8 +38,10 @@ class Follows:
 
 def follows(found: Shaking) -> tuple[Follows, ...]:
     """Those taken first, in their order; then all others by their shares."""
-    every = [(kind, of, rows) for kind, of, rows in _candidates(found) if _moves(rows)]
-    torque = found.expected
+    turning = found.turning
+    candidates = ((kind, of, rows[turning]) for kind, of, rows in _candidates(found))
+    every = [(kind, of, rows) for kind, of, rows in candidates if _moves(rows)]
+    torque = found.expected[turning]
     total = float(torque @ torque)
     if total == 0.0 or not every:
         return ()
@@ -68,7 +70,7 @@ def _told(
     rows: Array,
 ) -> Iterator[Follows]:
     if taken:
-        weights = np.linalg.lstsq(rows, found.draws.T, rcond=None)[0]  # (rows, N)
+        weights = np.linalg.lstsq(rows, found.draws[:, found.turning].T, rcond=None)[0]  # (rows, N)
         first = 0
         for k in taken:
             kind, of, own = every[k]

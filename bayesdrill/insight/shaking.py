@@ -25,6 +25,8 @@ from bayesdrill.rig.stepped import Stepped
 
 Array = NDArray[np.float64]
 
+STILL = 0.05  # of the root mean square of a speed: slower is standing still
+HARDLY = 0.05  # of all samples
 TAILS = (0.5 - HDI_PROBABILITY / 2, 0.5 + HDI_PROBABILITY / 2)
 
 
@@ -77,6 +79,14 @@ class Shaking:
     def speed(self) -> Array:
         """Of the inertia on which it acts, of the motor by itself."""
         return self.states["w_2"] * self.gear if self.at == "motor" else self.states["w_1"]
+
+    @property
+    def turning(self) -> NDArray[np.bool_]:
+        """`(T,)`: where that is no standstill, at which dry friction may be anything; all of a record
+        that hardly has another.
+        """
+        fast = np.abs(self.speed) > STILL * np.sqrt(np.mean(self.speed**2))
+        return fast if fast.mean() > HARDLY else np.ones(len(self.t), dtype=bool)
 
     @property
     def angle(self) -> Array:

@@ -26,6 +26,7 @@ SWITCHES = {  # what a config names in the place of the torque, by what that fol
     ("speed", "w_2", "motor"): "c_m",
 }
 HARMLESS = 0.5  # of the noise: how far a rig that rubs may stray from what is shown of it
+FULL = 0.95  # of the samples: no word of the rest
 WIDE = 3.0  # times either way: the prior that is proposed
 HEADS = ("channel", "left without it", "left with it", "moved by it")
 READ = (
@@ -90,7 +91,9 @@ def followed(found: Shaking, every: Sequence[Follows]) -> str:
 def _line(found: Shaking, one: Follows) -> str:
     size, sd = abs(one.size), f"{one.sd:.1g}"
     against = one.size < 0
-    share = f"which explains {100 * one.share:.0f} % of it by itself"
+    turning = found.turning.mean()
+    still = f" where it turns, in {100 * turning:.0f} % of the samples," if turning < FULL else ""
+    share = f"which{still} explains {100 * one.share:.0f} % of it by itself"
     said = f"missing torque: it follows {_what(one)}, {share}"
     where = {"motor": "at the motor", "rotor_1": "at rotor 1"}[found.at]
     if one.kind == "sign" and against:

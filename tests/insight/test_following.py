@@ -69,6 +69,23 @@ def test_two_laws_are_found_one_after_the_other() -> None:
     assert found[1].size == pytest.approx(0.1, rel=0.03)
 
 
+def test_what_friction_does_at_rest_does_not_count_against_it() -> None:
+    """There it may be anything.  Kills a law that is held against all samples."""
+    rests = np.abs(np.sin(0.8 * T)) < 0.7
+    held = np.where(rests, 0.15 * np.sin(3.0 * T), -0.2 * np.sign(W_1))
+    still = shaking(held)
+    resting = {**still.states, "w_1": np.where(rests, 1e-3 * np.cos(9.0 * T), W_1)}
+    still = dataclasses.replace(still, states=resting)
+    first, second, *_ = follows(still)
+    assert (first.kind, first.of, first.taken) == ("sign", "w_1", True)
+    assert first.size == pytest.approx(-0.2, rel=0.01)
+    assert first.share > 0.99
+    assert not second.taken
+    said = torque_words.followed(still, follows(still))
+    assert f"where it turns, in {100 * still.turning.mean():.0f} % of the samples, explains" in said
+    assert still.turning.mean() == pytest.approx(np.mean(~rests), abs=0.05)
+
+
 def test_what_follows_nothing_is_said_to() -> None:
     torque = 0.1 * np.sin(40.0 * T)
     found = follows(shaking(torque))
