@@ -604,6 +604,20 @@ MUTANTS = [
         "test_a_derived_channel_is_compared_and_not_counted",
     ),
     Mutant(
+        "a stride while friction still falls with the speed",
+        "rig/kernels/striding.py",
+        "SPENT = 18.0",
+        "SPENT = 3.0",
+        "tests/rig/test_stepped.py::test_shorter_steps_come_to_the_oracle",
+    ),
+    Mutant(
+        "a stride over a gap",
+        "rig/ahead.py",
+        "self.counts == self._pieces",
+        "self.counts >= self._pieces",
+        "tests/rig/test_stepped.py::test_a_stride_is_as_long_as_the_way_to_the_next_sample",
+    ),
+    Mutant(
         "inputs thinned like channels",
         "setup/thinning.py",
         "    if experiment.series:",

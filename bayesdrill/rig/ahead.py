@@ -30,8 +30,8 @@ class Ahead:
         self._series = [np.asarray(u, dtype=float) for u in series.values()]
         g = grid(t)
         self.aligned = g.uniform or len(t) == 1
-        usual = float(g.spans[0]) if g.uniform else g.usual
-        self.span = usual / pieces
+        whole = float(g.spans[0]) if g.uniform else g.usual
+        self.span = whole / pieces
         if self.aligned:
             at = g.at * pieces
             self.counts: Whole = np.append(np.diff(at), 1).astype(np.int64)
@@ -42,17 +42,23 @@ class Ahead:
             self.places = (t - t[0]) / self.span
             self.nodes = int(np.ceil(self.places[-1])) + 1
         self.samples = len(t)
-        self.spans = np.array([self.span])
+        self.spans = np.array([self.span, whole])
+        self._pieces = pieces
 
     @cached_property
     def single(self) -> bool:
         """Whether each step has a sample."""
         return self.aligned and bool((self.counts == 1).all())
 
+    @cached_property
+    def usual(self) -> Whole:
+        """`(T,)`: 1 where the next sample is as many steps away as usual; inputs go straight on."""
+        return np.asarray(self.counts == self._pieces).astype(np.int64)
+
     def every_node(self) -> Ahead:
         """The same steps, with a sample at each node."""
         made = object.__new__(Ahead)
-        cached = ("single", "_kept", "_over_steps")
+        cached = ("single", "usual", "_kept", "_over_steps")
         made.__dict__.update({k: v for k, v in self.__dict__.items() if k not in cached})
         made.samples = self.nodes + 1
         made.aligned = True

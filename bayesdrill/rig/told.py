@@ -47,6 +47,7 @@ class Told:
         blocks = {
             "span": self.ahead.spans,
             "pieces": self.ahead.counts,
+            "usual": self.ahead.usual,
             "t": self.ahead.places,
             "y": NONE if self.shape.efforts else self.y,
         }

@@ -26,6 +26,7 @@ from bayesdrill.rig.kernels.rates import Rates
 from bayesdrill.rig.kernels.regime import Regime
 from bayesdrill.rig.kernels.rub import Rub
 from bayesdrill.rig.kernels.rubbing import Going, Past, Step
+from bayesdrill.rig.kernels.striding import Regimes, Stride
 from bayesdrill.rig.kernels.turning import Parts, step_on
 
 
@@ -37,15 +38,16 @@ class Writer:
         b: ir.IRBuilder,
         shape: Shape,
         arguments: dict[str, ir.Value],
-        exponentials: tuple[ir.Value, ir.Value],
+        exponentials: tuple[ir.Value, ...],
     ) -> None:
-        """`exponentials`: rooms for that of a step, and of a part of one."""
+        """`exponentials`: rooms for that of a step, of a part of one, and of a stride if it has them."""
         self.b, self.shape, self.a = b, shape, arguments
-        self.whole, self.part_of_it = exponentials
+        self.whole, self.part_of_it, *self.stride_of_it = exponentials
         self.kind, self.spans = Kind(b, shape.dual), b.alloca(VEC)
         self.x_count, self.k_count = len(shape.model.states), len(shape.pattern)
         columns = self.x_count + 1 + len(shape.columns)
-        self.room = b.alloca(VEC, I64(Regime.size(self.x_count, columns, len(shape.frictions))))
+        size = Regime.size(self.x_count, columns, len(shape.frictions))
+        self.room, *self.stride_room = (b.alloca(VEC, I64(size)) for _ in range(1 + shape.strides))
 
     # Numbers: a Lane, or a Dual of two.
 
@@ -71,7 +73,23 @@ class Writer:
             self._exponential(exponential, self.span * (1.0 / shape.turns), self.part_of_it)
         self.rows = self._rows()
         self.step = self._step(self.whole, self.span)
-        self.regime = self._regime()
+        self.regime = self._regime(self.step, self.room)
+        self.stride = self._stride(exponential)
+
+    def _stride(self, exponential: ir.Function) -> Stride | None:
+        """From sample to sample, where that is more than a step and may be one."""
+        if not self.shape.strides:
+            return None
+        span = Lane(self.b, splat(self.b, self.b.load(self.b.gep(self.a["span"], [I64(1)]))))
+        (matrix,), (room,) = self.stride_of_it, self.stride_room
+        self._exponential(exponential, span, matrix)
+        step = self._step(matrix, span)
+        return Stride(step, self._regime(step, room))
+
+    @property
+    def regimes(self) -> Regime | Regimes:
+        """What is set where something turns."""
+        return self.regime if self.stride is None else Regimes(self.regime, self.stride.regime)
 
     def _exponential(self, function: ir.Function, span: Lane, room: ir.Value) -> None:
         store(self.b, span.value, self.spans, 0)
@@ -136,15 +154,15 @@ class Writer:
             kind=self.kind,
         )
 
-    def _regime(self) -> Regime:
-        step, shape = self.step, self.shape
+    def _regime(self, step: Step, room: ir.Value) -> Regime:
+        shape = self.shape
         return Regime(
             kind=self.kind,
             rows=step.rows(),
             rubs=step.rubs,
             first=step.first,
             shows=shape.read or shape.efforts,
-            block=self.room,
+            block=room,
         )
 
     def drive(self, node: ir.Value) -> tuple[dict[int, Number], dict[str, Number]]:
@@ -186,7 +204,7 @@ class Writer:
         state, step = self.part("x0"), self.step
         if not step.rubs:
             return self.kind.flat(state)
-        self.regime.set(state)
+        self.regimes.set(state)
         every = step.sizes(state, self.drive(I64(0))[1])
         sizes = [every[e] for e in step.varying]
         return self._carried(state, Past(sizes, [self.kind.zero() for _ in sizes]))
@@ -198,16 +216,18 @@ class Writer:
         self, node: ir.Value, carried: Sequence[ir.Value]
     ) -> tuple[list[Number], list[Number], list[ir.Value]]:
         """A step: the new state, the efforts (where they are shown), and what is carried on."""
-        numbers, x, step = self.kind.shaped(carried), self.x_count, self.step
-        v, state = len(step.varying), numbers[:x]
-        past = Past(numbers[x : x + v], numbers[x + v :])
+        step, (state, past) = self.step, self._shaped(carried)
         drive, inputs = self.drive(node)
         if not step.rubs:
             new = step.free(state, drive)
             return new, [], self.kind.flat(new)
         going, parts = Going(step, self.regime), Parts(self.shape.turns, self._part)
-        new, efforts, past = step_on(going, parts, state, past, drive, inputs)
+        new, efforts, past = step_on(going, parts, state, past, drive, inputs, self.regimes.set)
         return new, efforts, self._carried(new, past)
+
+    def _shaped(self, carried: Sequence[ir.Value]) -> tuple[list[Number], Past]:
+        numbers, x, v = self.kind.shaped(carried), self.x_count, len(self.step.varying)
+        return numbers[:x], Past(numbers[x : x + v], numbers[x + v :])
 
     def _part(self) -> Step:
         """Of a step in which something turns."""
@@ -232,11 +252,27 @@ class Writer:
         else:
             totals = self.observe(samples.index, state, [], totals)
             count = b.load(b.gep(self.a["pieces"], [samples.index]))
+            last = self._onward(samples.index, node, count, carried)
+            samples.close([b.add(node, count), *last, *totals])
+        self.keep(totals)
+
+    def _onward(
+        self, sample: ir.Value, node: ir.Value, count: ir.Value, carried: list[ir.Value]
+    ) -> list[ir.Value]:
+        """To the next sample."""
+        b = self.b
+
+        def steps() -> list[Number]:
             pieces = Loop(b, count, carried, "pieces")
             _, _, last = self.once(b.add(node, pieces.index), pieces.carried)
             pieces.close(last)
-            samples.close([b.add(node, count), *last, *totals])
-        self.keep(totals)
+            return self.kind.shaped(last)
+
+        if self.stride is None:
+            return self.kind.flat(steps())
+        wanted = b.icmp_signed("!=", b.load(b.gep(self.a["usual"], [sample])), I64(0))
+        numbers, drive = self._shaped(carried), self.drive(node)
+        return self.kind.flat(self.stride.or_else(wanted, numbers, drive, steps))
 
     def keep(self, totals: Sequence[ir.Value]) -> None:
         place = self.b.gep(self.a["out"], [self.b.mul(self.group, I64(len(totals)))])

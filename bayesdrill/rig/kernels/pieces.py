@@ -20,10 +20,11 @@ WHOLE = I64.as_pointer()
 # T samples; N steps.
 COUNTS = ("groups", "samples", "nodes")
 BLOCKS = {
-    "span": NUMBERS,  # one: that of a step
+    "span": NUMBERS,  # two: that of a step, and of as many as are between usual samples
     "own": VECTORS,  # (G, `Own.width`): what walkers have of their own
     "u": NUMBERS,  # (N + 1 + 2 `pad`, columns of inputs)
     "pieces": WHOLE,  # (T,) steps to the next sample
+    "usual": WHOLE,  # (T,) whether that is as many as usual
     "t": NUMBERS,  # (T,) times of samples, in steps from the first node
     "y": NUMBERS,  # (T, K)
     "trace": VECTORS,  # scratch (N + 1, K, 3, numbers of one)
@@ -55,6 +56,15 @@ class Shape:
     efforts: bool
     gaps: bool
     turns: int
+
+    @property
+    def strides(self) -> bool:
+        """Whether there are several steps to a sample, and sizes that come down to steady ones."""
+        if self.single or self.read or self.late:
+            return False
+        laws = [friction.law for friction in self.frictions if not friction.law.steady]
+        found = [law.spent(dict.fromkeys(law.parameters, 1.0), 0.0) for law in laws]
+        return bool(found) and all(one is not None for one in found)
 
     @property
     def frictions(self) -> tuple[Friction, ...]:

@@ -122,10 +122,12 @@ class Going:
         drive: Column,
         inputs: Mapping[str, Number],
         ways: Sequence[Lane],
+        sizes: Sequence[Number] | None = None,
     ) -> tuple[list[Number], list[Number], Past]:
         """New state, efforts (if the regime shows them) and the past then.
 
         Sizes that vary are those in the middle: it is looked ahead with sizes that go on as they did.
+        Where `sizes` are known, they are these.
         """
         step, x, varying = self.step, len(state), self.step.varying
         rows = self.regime.now()
@@ -142,17 +144,18 @@ class Going:
                     moved[i] = fused(column[i], effort, moved[i])
             return moved
 
-        likely = [one + trend for one, trend in zip(past.sizes, past.trends, strict=True)]
-        ahead = with_sizes(likely, step.looked_at)
-        every = step.between(state, ahead, inputs)
-        sizes = [every[e] for e in varying]
+        if sizes is None:
+            likely = [one + trend for one, trend in zip(past.sizes, past.trends, strict=True)]
+            ahead = with_sizes(likely, step.looked_at)
+            every = step.between(state, ahead, inputs)
+            sizes = [every[e] for e in varying]
         trends = [one - before for one, before in zip(sizes, past.sizes, strict=True)]
         moved = with_sizes(sizes, range(len(rows)))
-        return moved[:x], moved[x:], Past(sizes, trends)
+        return moved[:x], moved[x:], Past(list(sizes), trends)
 
     def leaves(self, new: Sequence[Number], ways: Sequence[Lane]) -> Mask:
         """Lanes in which a speed is not what it was, or sticks."""
-        return _any(goes_on(way, new[rub.row]).turned() for way, rub in self._pairs(ways))
+        return any_of(goes_on(way, new[rub.row]).turned() for way, rub in self._pairs(ways))
 
     def changes(
         self,
@@ -170,13 +173,13 @@ class Going:
             still = sticking(way)
             turned = goes_on(way, new[rub.row]).turned()
             found.append(beyond.both(still).either(turned.without(still)))
-        return _any(found)
+        return any_of(found)
 
     def _pairs(self, ways: Sequence[Lane]) -> list[tuple[Lane, Rub]]:
         return list(zip(ways, self.step.rubs, strict=True))
 
 
-def _any(masks: Iterable[Mask]) -> Mask:
+def any_of(masks: Iterable[Mask]) -> Mask:
     first, *rest = masks
     for one in rest:
         first = first.either(one)

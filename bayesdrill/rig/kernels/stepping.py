@@ -35,8 +35,8 @@ def compile_stepping(shape: Shape) -> Kernel:
     exponential = emit_exponential(module, shape.layout, "step", None)
     made = function(module, "stepping", len(COUNTS), list(BLOCKS.values()))
     b = ir.IRBuilder(made.append_basic_block())
-    whole, part = (b.alloca(VEC, I64(shape.layout.size**2)) for _ in range(2))
-    w = Writer(b, shape, dict(zip([*COUNTS, *BLOCKS], made.args, strict=True)), (whole, part))
+    rooms = [b.alloca(VEC, I64(shape.layout.size**2)) for _ in range(2 + shape.strides)]
+    w = Writer(b, shape, dict(zip([*COUNTS, *BLOCKS], made.args, strict=True)), tuple(rooms))
     groups = Loop(b, w.a["groups"], [], "groups")
     w.begin(groups.index, exponential)
     if shape.read:

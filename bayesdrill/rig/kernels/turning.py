@@ -26,9 +26,10 @@ def step_on(
     past: Past,
     drive: Column,
     inputs: Mapping[str, Number],
+    turn: Callable[[list[Number]], None],
 ) -> tuple[list[Number], list[Number], Past]:
     """New state, efforts (where the regime shows them) and the past then; `inputs` by name, in the
-    middle of the step.  Where something turns, the regime is another from then on.
+    middle of the step.  Where something turns, the regime is another from then on: `turn(state)`.
     """
     step, regime, x = going.step, going.regime, len(state)
     ways = regime.ways()
@@ -41,7 +42,7 @@ def step_on(
         def turned() -> list[Number]:
             others = parts.numbers(state, past, drive, inputs, shows=regime.shows)
             found = [where(changes, *both) for both in zip(others, usual, strict=True)]
-            regime.set(found[:x])
+            turn(found[:x])
             return found
 
         return step.kind.instead(changes, usual, turned)

@@ -37,6 +37,12 @@ class Law(Protocol):
         """At a `speed` that is not negative."""
         ...
 
+    def spent(self, p: Named, speed: Any) -> tuple[Any, Any] | None:
+        """What a size comes down to at high speed, and how far it has come: the exponent of what is left
+        above it; None where it never is steady.
+        """
+        ...
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Friction:
@@ -72,6 +78,9 @@ class Coulomb:
     def size(self, p: Named, speed: Any, seen: Mapping[str, Any]) -> Any:
         return p[self.sliding]
 
+    def spent(self, p: Named, speed: Any) -> tuple[Any, Any] | None:
+        return None
+
 
 @dataclass(frozen=True, slots=True)
 class Stribeck:
@@ -97,8 +106,14 @@ class Stribeck:
 
     def size(self, p: Named, speed: Any, seen: Mapping[str, Any]) -> Any:
         sliding: Any = p[self.sliding]
-        share = exp(-(((self.times / p[self.scale]) * speed) ** self.power))
-        return sliding + (p[self.static] - sliding) * share
+        return sliding + (p[self.static] - sliding) * exp(-self._fallen(p, speed))
+
+    def spent(self, p: Named, speed: Any) -> tuple[Any, Any] | None:
+        return p[self.sliding], self._fallen(p, speed)
+
+    def _fallen(self, p: Named, speed: Any) -> Any:
+        scale: Any = p[self.scale]
+        return ((self.times / scale) * speed) ** self.power
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,6 +148,9 @@ class BitRock:
         hump = p[self.hump] * speed / (1.0 + p[self.width] * speed**2)
         return seen[self.weight] * p[self.factor] * (rising + hump)
 
+    def spent(self, p: Named, speed: Any) -> tuple[Any, Any] | None:
+        return None
+
 
 @dataclass(frozen=True, slots=True)
 class Both:
@@ -155,6 +173,9 @@ class Both:
 
     def size(self, p: Named, speed: Any, seen: Mapping[str, Any]) -> Any:
         return self.one.size(p, speed, seen) + self.other.size(p, speed, seen)
+
+    def spent(self, p: Named, speed: Any) -> tuple[Any, Any] | None:
+        return None
 
 
 @dataclass(frozen=True, slots=True)
@@ -189,6 +210,9 @@ class Losing:
         passed = size(p[self.stiffness] * (seen[second] - seen[first])) * self.factor
         lost = (1.0 / p[self.efficiency] - 1.0) * passed
         return lost if self.law is None else self.law.size(p, speed, seen) + lost
+
+    def spent(self, p: Named, speed: Any) -> tuple[Any, Any] | None:
+        return None
 
 
 def frictions_of(model: Any) -> tuple[Friction, ...]:
