@@ -238,11 +238,11 @@ MUTANTS = [
         "tests/inference/test_shaken.py::test_slopes_are_those_of_differences",
     ),
     Mutant(
-        "a missing torque beside friction",
-        "setup/missing_torque.py",
-        "    if rubbing:",
-        "    if False:",
-        "tests/setup/test_missing_torque.py::test_what_cannot_be_is_said_with_a_way_out",
+        "an approximation that is said of linear rigs too",
+        "insight/shaking.py",
+        "isinstance(one.noise, Shaken) and _rubs(one)",
+        "isinstance(one.noise, Shaken)",
+        "tests/setup/test_missing_torque.py::test_beside_friction_it_is_said_to_be_an_approximation",
     ),
     Mutant(
         "an imposed angle for its speed",
@@ -435,7 +435,7 @@ MUTANTS = [
     Mutant(
         "a friction whose regime is that of the start",
         "rig/kernels/turning.py",
-        "            regime.set(found[:x])\n",
+        "            turn(found[:x])\n",
         "",
         "tests/rig/test_stepped.py::test_shorter_steps_come_to_the_oracle",
     ),
@@ -609,6 +609,22 @@ MUTANTS = [
         "SPENT = 18.0",
         "SPENT = 3.0",
         "tests/rig/test_stepped.py::test_shorter_steps_come_to_the_oracle",
+    ),
+    Mutant(
+        "a torque held half a step late",
+        "insight/shaking.py",
+        "0.5 * (torque + np.append(torque[1:], torque[-1]))",
+        "torque",
+        "tests/insight/test_rubbing_torque_rates.py::"
+        "test_where_nothing_rubs_the_rig_goes_where_the_torque_moves_it",
+    ),
+    Mutant(
+        "a law held against a standstill too",
+        "insight/shaking.py",
+        "STILL = 0.05",
+        "STILL = 0.0",
+        "tests/insight/test_following.py::"
+        "test_what_friction_does_at_rest_does_not_count_against_it",
     ),
     Mutant(
         "a stride over a gap",
