@@ -18,10 +18,12 @@ from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.residual_checks import FAR_TOO_LARGE
 from bayesdrill.inference.surface import Expansion, PosteriorSurface, joined
 from bayesdrill.rig.models.friction import frictions_of
+from bayesdrill.rig.response import Response
 
 Array = NDArray[np.float64]
 
 UPWARD = 25  # steps from a maximum over the unknowns to one over the coordinates
+MOST_SLOPES = 20_000  # of a point, of records with samples of their own
 SHARED = 64  # points that one process expands at a time
 START_SPREAD = 1.5  # ensembles start wider than the proposal, so that R-hat can tell
 START_TRIES = 20  # of drawing points to start at, wider or not, and of mirroring others
@@ -45,7 +47,7 @@ def prepare(crew: Crew, posterior: Posterior, maxima: Array, seed: int) -> Learn
     with threadpool_limits(1):
         rng = seeds.stream(seed, "learn", 1)
         # Where the density over the coordinates is highest, most of the posterior is near.
-        central, settle = list(_central(surface, tops)), not rubs(posterior)
+        central, settle = list(_central(surface, tops)), not dear(posterior)
         return learn(surface, expand, central, random, rng, again, settle=settle)
 
 
@@ -69,8 +71,19 @@ def fits(posterior: Posterior, maxima: Array) -> bool:
 
 
 def rubs(posterior: Posterior) -> bool:
-    """Whether slopes are dear and jump where friction lets go: no way home along them."""
+    """Whether slopes jump where friction lets go: no way home along them."""
     return any(frictions_of(one.response.model) for one in posterior.likelihood.observations)
+
+
+def dear(posterior: Posterior) -> bool:
+    """Whether slopes are no way home, or so many that a walk along settled ridges, of some 1e5 points,
+    takes minutes: where each sample has its own, and not sums alone.
+    """
+    each = [
+        one for one in posterior.likelihood.observations if not isinstance(one.response, Response)
+    ]
+    numbers = sum(len(one.experiment.t) for one in each) * len(posterior.space.free)
+    return rubs(posterior) or numbers > MOST_SLOPES
 
 
 def expanded(posterior: Posterior, u: Array, directions: Array) -> Expansion:

@@ -158,6 +158,7 @@ def test_what_a_drill_string_did_foretells_what_it_does(tmp_path: Path) -> None:
     assert share(np.mean(found, axis=0)[rest] - y[rest], y[rest]) < 0.06
 
 
+@pytest.mark.slow
 @drill
 def test_a_torque_taken_as_if_it_were_in_time_is_named(tmp_path: Path) -> None:
     """Without its lag a third of the bit's speed is left, and the report says which would explain it."""
@@ -201,6 +202,7 @@ def one_by_one() -> dict[str, np.ndarray]:
     return dict(zip(("j_m", "c_m", "t_f"), np.array(found).T, strict=True))
 
 
+@pytest.mark.slow
 @servo
 def test_each_repeat_of_a_servo_is_found_as_least_squares_find_it(tmp_path: Path) -> None:
     """Inertia, damping and friction of three steps of the torque, each with its own, at every sample."""

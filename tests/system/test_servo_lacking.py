@@ -57,3 +57,47 @@ def test_the_offset_of_the_supply_and_both_frictions_are_named(name: str, tmp_pa
     assert sizes["rig", "t_cm"] == pytest.approx(TRUTH["t_cm"], rel=0.15)
     assert TRUTH["t_c1"] < 1.05 * sizes["rig", "t_c1"] < 2.2 * TRUTH["t_c1"]
     assert found.rest < 20
+
+
+DAMPED = """
+name: damped
+seed: 3
+record:
+  window: [0, 2]
+  time: {column: "time [ms]", unit: ms}
+  channels:
+    theta_2: {column: "theta [deg]", unit: deg, sigma: {prior: log_uniform, low: 0.005, high: 50}}
+    alpha: {column: "alpha [deg]", unit: deg, measures: theta_1 - theta_2,
+            sigma: {prior: log_uniform, low: 0.005, high: 50},
+            lag: {prior: uniform, low: -4, high: 12, unit: ms}}
+inputs:
+  v: {column: "voltage [V]", unit: V, offset: {prior: normal, mean: 0, sd: 0.1}}
+experiments:
+  square: {record: {file: FOLDER/square.csv}}
+  sweep: {record: {file: FOLDER/sweep.csv}}
+  slow: {record: {file: FOLDER/slow.csv}}
+shared: [offset_v, lag_alpha, sigma_alpha, sigma_theta_2]
+model: {name: motor_shaft, i_m: 0.07142857142857142}
+nominal:
+  {j_m: 4.95e-6, c_m: 2.2e-6, k_e: 0.022, k_T: 0.022, r_m: 1.98, l_m: 0.66e-3, k_s: 0.99,
+   j_1: 2.64e-3}
+parameters:
+  {c_m: {prior: log_uniform, low: 0.1, high: 10, relative: true}, k_T: {tie: k_e}, l_m: nominal,
+   t_f: 0.0, c_s: {prior: uniform, low: 0.0, high: 0.05},
+   j_m: BOX, k_e: BOX, r_m: BOX, k_s: BOX, j_1: BOX}
+map: {starts: 1}
+sampler: {walkers: 40, ess: 400, n_tau: 20, max_steps: 500}
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not SHARED.is_dir(), reason="records that do not come with the project")
+def test_a_damped_rig_that_does_not_rub_fits_badly_and_is_sampled_all_the_same(
+    tmp_path: Path,
+) -> None:
+    """Its maximum is at the ends of three priors, where ridges lead out of them."""
+    half = "{prior: uniform, low: 0.5, high: 1.5, relative: true}"
+    path = tmp_path / "damped.yaml"
+    path.write_text(DAMPED.replace("FOLDER", str(SHARED)).replace("BOX", half))
+    run = bd.load(path).sample(seed=1)
+    assert set(run.draws) >= {"c_s", "k_s"}

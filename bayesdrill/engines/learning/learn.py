@@ -109,7 +109,10 @@ def learn(
         found = [(k, trace(surface, expand, at, rng, seen)) for k, at, seen in _midst(last)]
         kept = [part for part in parts if part[1].off < ASTRAY]
         parts = found if last.strays > STRAYS else kept + found
-        last = _fitted(surface, parts, seed, again)
+        try:
+            last = _fitted(surface, parts, seed, again)
+        except Nowhere:  # at ends of priors a ridge may lead out of them
+            break
         best = max(best, last, key=lambda one: one.merit)
     looking = again > 0 and settle
     looked = look(surface, expand, best.proposal, *_heaviest(best), seed, rng) if looking else None
