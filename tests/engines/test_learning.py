@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from compiled import SIGMA, seen
 from surfaces import Gaussians, humps, ridged
 
-from bayesdrill.engines.learning.learn import Learnt, learn
+from bayesdrill.engines.learning.learn import Learnt, _midst, learn
 from bayesdrill.engines.learning.ridges import Expand
 from bayesdrill.engines.samplers.ensemble import State, advance
 from bayesdrill.engines.samplers.weighing import Weighed, effective, normalised
@@ -146,3 +147,14 @@ def test_no_density_at_all_is_said() -> None:
     seed, rng = np.random.RandomState(1), np.random.default_rng(2)
     with pytest.raises(ValueError, match="no point of finite posterior"):
         learn(surface, surface.expand, list(surface.means), seed, rng)
+
+
+def test_the_middle_of_a_single_draw_is_that_draw() -> None:
+    """Where hardly any had a density.  Mutant killed: only draws that weigh more than others."""
+    surface, learnt = two("equal", 2)
+    u = surface.means[:1] + 0.1
+    one = SimpleNamespace(seen=(u, np.ones(1)), proposal=learnt.proposal, origin=learnt.origin)
+    ((origin, middle, (drawn, own)),) = _midst(one)  # type: ignore[arg-type]
+    assert origin == 0
+    assert middle.tolist() == u[0].tolist() == drawn[0].tolist()
+    assert own == pytest.approx([1.0])

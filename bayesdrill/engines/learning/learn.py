@@ -111,7 +111,7 @@ def learn(
         parts = found if last.strays > STRAYS else kept + found
         try:
             last = _fitted(surface, parts, seed, again)
-        except Nowhere:  # at ends of priors a ridge may lead out of them
+        except Nowhere:  # at ends of priors ridges may lead out of them
             break
         best = max(best, last, key=lambda one: one.merit)
     looking = again > 0 and settle
@@ -178,7 +178,7 @@ def _midst(found: _Round) -> list[tuple[int, Array, tuple[Array, Array]]]:
         if own.sum() < LOST:
             continue
         far = distances(u, own)
-        likely = np.flatnonzero(own > np.quantile(own, LIKELY))
+        likely = np.flatnonzero(own >= np.quantile(own, LIKELY))  # of few draws, all
         middles.append((origin, u[likely[np.argmin(far[likely])]], (u, own)))
     return middles
 
