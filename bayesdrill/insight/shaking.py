@@ -141,7 +141,11 @@ def _of(
             left.mean(axis=0),
             by_torque.mean(axis=0),
             _strayed(
-                one, noise, draws[:1], signals[0] + by_torque[0], sizes[0] * smooth[0, :, place]
+                one,
+                noise,
+                (one.told(full[:1]), own[:1]),
+                signals[0] + by_torque[0],
+                sizes[0] * smooth[0, :, place],
             ),
         ),
         gear=1.0 / float(getattr(made.rig, "i_m", 1.0)),
@@ -178,9 +182,11 @@ def _states(one: Observation, noise: Shaken, motion: Array, more: Array) -> dict
     return found | {name: np.asarray(u) for name, u in series.items() if name == "w_2"}
 
 
-def _strayed(one: Observation, noise: Shaken, draw: Array, shown: Array, torque: Array) -> Array:
-    """`(K,)`: the rig that rubs, driven by `torque (T,)` at one `draw (1, D)`, over what is `shown (T,
-    K)`: there the torque moves it as if no friction changed its sign.
+def _strayed(
+    one: Observation, noise: Shaken, draw: tuple[Array, Array], shown: Array, torque: Array
+) -> Array:
+    """`(K,)`: the rig that rubs, driven by `torque (T,)` at one `draw` (what simulator and noise are
+    told), from what is `shown (T, K)`: there the torque moves it as if no friction changed its sign.
     """
     response, experiment = one.response, one.experiment
     if not (isinstance(response, Stepped) and _rubs(one)):
@@ -191,8 +197,8 @@ def _strayed(one: Observation, noise: Shaken, draw: Array, shown: Array, torque:
         model=Loaded(response.model, noise.filtered.torque),
         experiment=dataclasses.replace(experiment, series={**experiment.series, TORQUE: held}),
     )
-    full = one.told(one.space.full(draw)) if one.space is not None else draw
-    off = (loaded.signals(full)[0] - shown) / one.scales(draw)[0]
+    told, own = draw
+    off = (loaded.signals(told)[0] - shown) / noise.scales(own)[0]
     return np.sqrt(np.nanmean(np.where(experiment.seen, off, np.nan) ** 2, axis=0))
 
 

@@ -67,8 +67,7 @@ class Stride:
     ) -> list[Number]:
         """New state, sizes and trends."""
         step = self.step
-        found = [step.rubs[e].law.spent(step.parameters, 0.0) for e in step.varying]
-        steady = [one[0] for one in found if one is not None]
+        steady = [sliding for sliding, _ in self._spent(state)]
         trends = [step.kind.zero() for _ in steady]
         going, past = Going(step, self.regime), Past(steady, trends)
         new, _, _ = going.taken(state, past, *drive, ways, sizes=steady)
@@ -76,11 +75,16 @@ class Stride:
 
     def _falling(self, state: Sequence[Number]) -> Iterator[Mask]:
         """Sizes that still change with the speed."""
+        for _, fallen in self._spent(state):
+            yield below(fallen, SPENT)
+
+    def _spent(self, state: Sequence[Number]) -> Iterator[tuple[Number, Number]]:
+        """Of sizes that vary, see `friction.Law.spent`."""
         for e in self.step.varying:
             rub = self.step.rubs[e]
             found = rub.law.spent(self.step.parameters, size(state[rub.row]))
-            assert found is not None
-            yield below(found[1], SPENT)
+            assert found is not None  # `Shape.strides`
+            yield found
 
     def _near(
         self, state: Sequence[Number], new: Sequence[Number], ways: Sequence[Lane]
