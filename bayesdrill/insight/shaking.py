@@ -169,9 +169,9 @@ def _states(one: Observation, noise: Shaken, motion: Array, more: Array) -> dict
     """With what the torque moves; an angle of which nothing tells follows from its speed."""
     made, t = noise.filtered.pushed, np.asarray(one.experiment.t)
     found = {name: motion[:, k] for k, name in enumerate(made.rig.states)}
-    for name in (n for n in made.of_rig if not (made.turns and n in angles(made.rig))):
-        found[name] = found[name] + more[:, made.states.index(name)]
-    if made.turns:
+    for name, moved in made.of_states(more).items():
+        found[name] = found[name] + moved
+    if not made.tells:
         for name in angles(made.rig):
             speed = name.replace("theta", "w")
             if speed in made.states:

@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayesdrill.rig.grid import Grid, grid, runs
+from bayesdrill.rig.grouped import in_groups
 from bayesdrill.rig.kernels import LANES, Layout, Tally
-from bayesdrill.rig.kernels.dense import BLOCKS, COUNTS, Kernel, Own, Shape, compile_dense
+from bayesdrill.rig.kernels.dense import BLOCKS, COUNTS, Kernel, Shape, compile_dense
 from bayesdrill.rig.kernels.sensing import row_blocks
 from bayesdrill.rig.kernels.steps import MOST_LEVELS, entries_of
 from bayesdrill.rig.kernels.tally import SQUARES
@@ -162,7 +163,7 @@ class Dense:
             each = (self._cells + 1) * LANES * LANES * row_blocks(shape)
             blocks["rows"] = np.empty(rows.shape[1] * each)
         own += [] if weights is None else [weights]
-        blocks["own"] = _in_lanes(own, Own(shape).width)
+        blocks["own"] = in_groups(*own)
         runs_count = len(self._blocks["node"])
         counts = (len(out), len(g.t) - 1, len(g.spans), runs_count, self._cells, high)
         assert len(counts) == len(COUNTS)
@@ -212,16 +213,6 @@ class _Late:
             self.searched = bool((offset < 0).any())
         self.own = [shift, share, offset, head, begin]
         self.farthest = float(max(0.0, -shift.min()))
-
-
-def _in_lanes(parts: list[Array], width: int) -> Array:
-    """Blocks `(W, ...)` side by side, `(G, width, LANES)`; the last walker fills the last group."""
-    n = len(parts[0])
-    n_groups = -(-n // LANES)
-    rows = np.empty((n_groups * LANES, width))
-    np.concatenate(parts, axis=1, out=rows[:n])
-    rows[n:] = rows[n - 1]
-    return np.ascontiguousarray(rows.reshape(n_groups, LANES, -1).transpose(0, 2, 1))
 
 
 def _driven(g: Grid, held: Array, first_order: bool) -> tuple[Array, Array]:

@@ -16,13 +16,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayesdrill.record.experiment import Experiment
+from bayesdrill.rig.grouped import in_groups
 from bayesdrill.rig.kernels import LANES
 from bayesdrill.rig.kernels.filtering import BLOCKS, compile_filtering, kept
 from bayesdrill.rig.kernels.layout import Layout
 from bayesdrill.rig.kernels.spreading import Noisy
 from bayesdrill.rig.kernels.steadily import AT_ONCE, Steadily, compile_steadily
 from bayesdrill.rig.kernels.steadily import BLOCKS as STEADY_BLOCKS
-from bayesdrill.rig.missing_torque import MissingTorque, Pushed, angles, pushed
+from bayesdrill.rig.missing_torque import MissingTorque, Pushed, pushed
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.response import Response, layout
 
@@ -82,19 +83,13 @@ class Filtered:
 
     @cached_property
     def pushed(self) -> Pushed:
-        weights = self.experiment.weights(self.model.states)
-        angles = [k for k, name in enumerate(self.model.states) if name.startswith("theta")]
-        alone = np.abs(weights[:, angles].sum(axis=1)).max(initial=0.0)
-        return pushed(self.model, self.torque, {"": float(alone)})
+        weights = [channel.weights for channel in self.experiment.channels]
+        return pushed(self.model, self.torque, weights)
 
     @cached_property
     def noisy(self) -> Noisy:
         made = self.pushed
-        rows = [
-            tuple(float(c.weights.get(name, 0.0)) for name in made.states)
-            for c in self.experiment.channels
-        ]
-        return Noisy(made, tuple(rows))
+        return Noisy(made, tuple(made.shown(c.weights) for c in self.experiment.channels))
 
     @cached_property
     def steps(self) -> Steps:
@@ -119,24 +114,21 @@ class Filtered:
         alike.
         """
         k, t_count = self.noisy.k, len(self.experiment.t)
-        rows = _in_lanes([parameters])
-        out = np.empty((len(rows), 2 * k + 2, LANES))
+        told = in_groups(parameters, sigmas**2)
+        out = np.empty((2 * k + 1, len(told) * LANES))
         y, u = response.record
-        blocks = {
-            "parameters": rows,
-            "variances": _in_lanes([sigmas**2]),
-            "y": y,
-            "u": u,
-            "rests": self._rests,
-            "out": out,
-        }
-        self._steadily.run(len(rows), t_count, *(blocks[n].ctypes.data for n in STEADY_BLOCKS))
-        made = out.transpose(0, 2, 1).reshape(-1, 2 * k + 2)[: len(parameters)]
-        return _log_density(made, k, t_count)
+        places = {"told": told.ctypes.data, "y": y, "u": u, "out": out.ctypes.data}
+        places["shown"] = self._shown[1]
+        self._steadily.run(len(told), t_count, *(places[name] for name in STEADY_BLOCKS))
+        logs = np.log(out[k:])
+        spread = t_count * (logs[:k] + 0.5 * math.log(2 * math.pi)) + logs[k] / (2 * k)
+        return np.asarray((out[:k] - spread)[:, : len(parameters)].T)
 
     @cached_property
-    def _rests(self) -> Array:
-        return np.zeros(((len(self.experiment.t) + AT_ONCE) * self.noisy.k, LANES))
+    def _shown(self) -> tuple[Array, int]:
+        """Scratch, and its address."""
+        made = np.empty(((len(self.experiment.t) // AT_ONCE + 1) * self.noisy.n, LANES))
+        return made, made.ctypes.data
 
     @cached_property
     def _steadily(self) -> Steadily:
@@ -145,14 +137,8 @@ class Filtered:
     @cached_property
     def _layout(self) -> Layout:
         found, start = layout(self.pushed, self.experiment), self.experiment.start
-        if not self.pushed.turns:
-            return found
-        last = start.get(angles(self.model)[-1], 0.0)
-        own = [
-            x - last * (name in angles(self.model))
-            for name, x in zip(self.pushed.states, found.x0, strict=True)
-        ]
-        return dataclasses.replace(found, x0=tuple(own))
+        channels = self.noisy.channels
+        return dataclasses.replace(found, x0=self.pushed.begun(start), channels=channels)
 
     def whiten(self, parameters: Array, sigmas: Array, left: Array) -> tuple[Array, Array]:
         """Independent standard normal numbers `(W, T, K)`, NaN where nothing was seen, and the variances
@@ -207,11 +193,11 @@ class Filtered:
         noisy, width = self.noisy, len(parameters)
         n_walkers, t_count = len(parameters[0]), len(self.experiment.t)
         columns = noisy.k * each if each else noisy.n + (noisy.k if name == "draw" else 0)
-        rows = _in_lanes(left)
+        rows = _in_turn(left)
         out = np.empty((len(rows), t_count * columns, LANES))
         blocks: dict[str, Any] = self._shared | {
-            "parameters": _in_lanes(parameters),
-            "variances": _in_lanes(variances),
+            "parameters": _in_turn(parameters),
+            "variances": _in_turn(variances),
             "left": rows,
             "table": np.empty((len(self.steps.spans) * 2 * noisy.n**2 * width, LANES)),
             "kept": np.empty((t_count * kept(noisy), LANES)) if name == "smooth" else NONE,
@@ -224,20 +210,6 @@ class Filtered:
         return np.ascontiguousarray(made.reshape(n_walkers, t_count, -1, each) if each else made)
 
 
-def _log_density(found: Array, k: int, t_count: int) -> Array:
-    """Of what the kernel has summed up."""
-    spread, gained, determinant = np.log(found[:, k : 2 * k]), found[:, -2:-1], found[:, -1:]
-    own = -0.5 * found[:, :k] - t_count * (spread + 0.5 * math.log(2 * math.pi))
-    return np.asarray(own - (gained + np.log(determinant)) / (2 * k))
-
-
-def _in_lanes(parts: list[Array]) -> Array:
-    """`(W, ...)` of each to groups `(G, n, LANES)`, values and slopes in turn; the last walker
-    fills up.
-    """
-    flat = np.stack([part.reshape(len(part), -1) for part in parts], axis=-1)
-    flat = flat.reshape(len(flat), -1)
-    n_groups = -(-len(flat) // LANES)
-    rows = np.empty((n_groups * LANES, flat.shape[1]))
-    rows[: len(flat)], rows[len(flat) :] = flat, flat[-1]
-    return np.ascontiguousarray(rows.reshape(n_groups, LANES, -1).transpose(0, 2, 1))
+def _in_turn(parts: list[Array]) -> Array:
+    """Values `(W, ...)` and their slopes, in turn, in groups."""
+    return in_groups(np.stack(parts, axis=-1))

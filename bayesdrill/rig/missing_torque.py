@@ -11,15 +11,19 @@ against the speed.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
 
 from bayesdrill.basics.symbols import Symbol
 from bayesdrill.rig import steady, vocabulary
 from bayesdrill.rig.models.friction import Friction, frictions_of
 from bayesdrill.rig.models.linear import Linear, Model, Named, dynamics
 
+Array = NDArray[np.float64]
 At = Literal["motor", "rotor_1"]
 Smoothness = Literal["1/2", "3/2"]
 
@@ -83,13 +87,14 @@ def pushes(model: Model, torque: MissingTorque, p: Named, linear: Linear) -> Any
 class Pushed:
     """`rig` with the states of its missing torque behind its own, and its size and time as parameters.
 
-    `turns`: of a rig that is free to turn and of which nothing shows how far, so that its angles are
-    those relative to the last of them, which is left out.
+    `free`: to turn, so that nothing depends on how far; its angles are those relative to the last of
+    them, which is left out where nothing `tells` of it.
     """
 
     rig: Model
     torque: MissingTorque
-    turns: bool = False
+    free: bool = False
+    tells: bool = True
 
     @property
     def name(self) -> str:
@@ -110,7 +115,7 @@ class Pushed:
     @property
     def of_rig(self) -> tuple[str, ...]:
         """States that are the rig's."""
-        left_out = self._last if self.turns else None
+        left_out = None if self.tells else self._last
         return tuple(name for name in self.rig.states if name != left_out)
 
     @property
@@ -124,13 +129,53 @@ class Pushed:
     def linear(self, p: Named) -> Linear:
         found = self.rig.linear(p)
         a, b, c = dict(found.A), dict(found.B), dict(found.c)
-        if self.turns:
-            others = [name for name in angles(self.rig) if name != self._last]
-            a, b, c = (_relative(each, others, self._last) for each in (a, b, c))
+        if self.free:
+            a, b, c = (self._relative(each) for each in (a, b, c))
         push = pushes(self.rig, self.torque, p, found)
         a |= self.torque.linear(p[TIME])
         a[self.torque.speed, TORQUE] = push * p[SIZE]
         return Linear(A=a, B=b, c=c)
+
+    def _relative(self, entries: Mapping[Any, Any]) -> dict[Any, Any]:
+        """Rows of angles less that of the last, of which nothing depends."""
+        found: dict[Any, Any] = {}
+        for key, value in entries.items():
+            row, column = key if isinstance(key, tuple) else (key, None)
+            rows = [(row, value)]
+            if row == self._last:
+                rows = [(name, -value) for name in self._others] + rows * self.tells
+            for name, entry in rows if column != self._last else []:
+                place = (name, column) if isinstance(key, tuple) else name
+                found[place] = found[place] + entry if place in found else entry
+        return found
+
+    @property
+    def _others(self) -> list[str]:
+        return [name for name in angles(self.rig) if name != self._last]
+
+    def shown(self, weights: Mapping[str, float]) -> tuple[float, ...]:
+        """Of a channel: the weights of `states`, by those of the rig's."""
+        own = dict(weights)
+        if self.free:
+            own[self._last] = sum(weights.get(name, 0.0) for name in angles(self.rig))
+        return tuple(float(own.get(name, 0.0)) for name in self.states)
+
+    def begun(self, start: Mapping[str, float]) -> tuple[float, ...]:
+        """Of the rig's states at the start, those of `states`."""
+        own = dict(start)
+        if self.free:
+            last = start.get(self._last, 0.0)
+            own |= {name: start.get(name, 0.0) - last for name in self._others}
+        return tuple(float(own.get(name, 0.0)) for name in self.states)
+
+    def of_states(self, found: Array) -> dict[str, Array]:
+        """The rig's, of `states (..., n)`, but for angles of which nothing tells."""
+        own = {name: found[..., self.states.index(name)] for name in self.of_rig}
+        if not self.free:
+            return own
+        if not self.tells:
+            return {name: x for name, x in own.items() if name not in self._others}
+        return own | {name: own[name] + own[self._last] for name in self._others}
 
 
 @dataclass(frozen=True, slots=True)
@@ -175,24 +220,11 @@ def angles(model: Model) -> tuple[str, ...]:
     return tuple(name for name in model.states if vocabulary.STATES[name].unit == "rad")
 
 
-def _relative(entries: Mapping[Any, Any], others: list[str], last: str) -> dict[Any, Any]:
-    """Rows of angles less that of the last, whose own row and column are left out."""
-    found: dict[Any, Any] = {}
-    for key, value in entries.items():
-        row, column = key if isinstance(key, tuple) else (key, None)
-        rows = [(row, value)] if row != last else [(name, -value) for name in others]
-        for name, entry in rows if column != last else []:
-            place = (name, column) if isinstance(key, tuple) else name
-            found[place] = found[place] + entry if place in found else entry
-    return found
-
-
-def pushed(rig: Model, torque: MissingTorque, weights: Mapping[str, float]) -> Pushed:
-    """`weights` of all channels together, by state, absolute: whether they tell of an angle by
-    itself.
-    """
+def pushed(rig: Model, torque: MissingTorque, weights: Sequence[Mapping[str, float]]) -> Pushed:
+    """`weights` of the channels, by state: whether one tells of an angle by itself."""
     own = angles(rig)
     one = dict.fromkeys(rig.parameters, 1.0)
     matrix = dynamics(rig.linear(one), rig.states, 1)
     free = len(own) > 1 and steady.turns(matrix, [rig.states.index(name) for name in own])
-    return Pushed(rig, torque, free and weights.get("", 0.0) == 0.0)
+    alone = any(sum(each.get(name, 0.0) for name in own) != 0.0 for each in weights)
+    return Pushed(rig, torque, free, alone or not free)

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayesdrill.record.experiment import Experiment, frozen
+from bayesdrill.rig.grouped import in_groups
 from bayesdrill.rig.kernels import LANES, TALLIES, Kernels, Layout, compile_kernels, scratch_size
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.models.tangent import DOT, Tangent
@@ -43,6 +44,8 @@ class Response:
         self._u = np.zeros((len(self._y) + 1, len(series)))
         for column, u in enumerate(series):
             self._u[:, column] = np.append(u, u[-1])
+        # Asking an array for its address takes as long as some samples of a group.
+        self._places = (self._y.ctypes.data, self._u.ctypes.data)
         # Made when they are first asked for, the tangent's in any case.
         self._made = kernels
         self._tallies: dict[str, Kernels] = {}
@@ -63,9 +66,9 @@ class Response:
         return self.model.parameters
 
     @property
-    def record(self) -> tuple[Array, Array]:
-        """As kernels read it: channels `(T, K)`, sampled inputs `(T + 1, S)`."""
-        return self._y, self._u
+    def record(self) -> tuple[int, int]:
+        """Where kernels read it: channels `(T, K)`, sampled inputs `(T + 1, S)`."""
+        return self._places
 
     @property
     def _kernels(self) -> Kernels:
@@ -124,14 +127,14 @@ class Response:
 
     def _tallied(self, name: str, kernels: Kernels, told: Array) -> Array:
         """`(W, K, n)`."""
-        blocks, k_count = _in_lanes(told), self._y.shape[1]
+        blocks, k_count = in_groups(told), self._y.shape[1]
         out = np.empty((len(blocks), k_count * TALLIES[name].count, LANES))
         self._run(name, blocks, out, kernels)
         return out.transpose(0, 2, 1).reshape(-1, k_count, TALLIES[name].count)[: len(told)]
 
     def signals(self, theta: Array) -> Array:
         """The channels themselves: `(W, P) -> (W, T, K)`, SI."""
-        blocks = _in_lanes(theta)
+        blocks = in_groups(theta)
         out = np.empty((len(blocks), *self._y.shape, LANES))
         self._run("signals", blocks, out, self._kernels)
         rows = out.transpose(0, 3, 1, 2).reshape(-1, *self._y.shape)
@@ -149,12 +152,14 @@ class Response:
         own, kernels = self._normal[0]
         n, q, _ = directions.shape
         k_count = self._y.shape[1]
-        blocks, scaled = _in_lanes(theta), _in_lanes(scales)
-        along = _in_lanes(directions.reshape(n, -1))
+        blocks, scaled = in_groups(theta), in_groups(scales)
+        along = in_groups(directions.reshape(n, -1))
         scratch = np.empty((scratch_size(own, q) + 8, LANES))
         out = np.empty((len(blocks), k_count + q + q * q, LANES))
-        arrays = (blocks, along, scaled, self._y, self._u, scratch, out)
-        addresses = (array.ctypes.data for array in arrays)
+        told, left = (
+            (a.ctypes.data for a in arrays) for arrays in ((blocks, along, scaled), (scratch, out))
+        )
+        addresses = (*told, *self._places, *left)
         kernels.named["normal"](len(blocks), len(self._y), q, *addresses)
         rows = out.transpose(0, 2, 1).reshape(-1, out.shape[1])[:n]
         squares, slopes, lower = np.split(rows, [k_count, k_count + q], axis=1)
@@ -187,7 +192,7 @@ class Response:
         return found[:, 0, :, k:], found[..., :k]
 
     def _run(self, name: str, blocks: Array, out: Array, kernels: Kernels) -> None:
-        addresses = (a.ctypes.data for a in (blocks, self._y, self._u, out))
+        addresses = (blocks.ctypes.data, *self._places, out.ctypes.data)
         kernels.named[name](len(blocks), len(self._y), *addresses)
 
 
@@ -205,16 +210,6 @@ def _in_slopes(experiment: Experiment) -> Experiment:
         for channel in experiment.channels
     )
     return dataclasses.replace(experiment, channels=channels)
-
-
-def _in_lanes(theta: Array) -> Array:
-    """`(W, P)` to groups `(G, P, LANES)`; the last group is filled up with its last walker."""
-    n_groups = -(-len(theta) // LANES)
-    rows = np.empty((n_groups * LANES, theta.shape[1]))
-    rows[: len(theta)] = theta
-    rows[len(theta) :] = theta[-1]
-    blocks = rows.reshape(n_groups, LANES, -1).transpose(0, 2, 1)
-    return np.ascontiguousarray(blocks)
 
 
 def layout(model: Model, experiment: Experiment) -> Layout:

@@ -1,7 +1,6 @@
 """A Kalman filter, sample after sample and exactly: for gaps, uneven times, slopes and smoothing.
 
-Channels are taken one after the other, so that only numbers are divided by.  Once the covariances
-do not change any more they are left alone, until a gap or another step.
+Once the covariances do not change any more they are left alone, until a gap or another step.
 """
 
 from __future__ import annotations
@@ -14,6 +13,7 @@ from typing import Any
 from llvmlite import ir
 
 from bayesdrill.basics.duals import Dual, dual
+from bayesdrill.rig.kernels.belief import emit_carried, emit_taught, met, width
 from bayesdrill.rig.kernels.compiling import in_one_go, machine_code
 from bayesdrill.rig.kernels.gathering import anywhere
 from bayesdrill.rig.kernels.lanes import (
@@ -32,7 +32,7 @@ from bayesdrill.rig.kernels.lanes import (
     store,
     vector,
 )
-from bayesdrill.rig.kernels.matrices import Memory, dot, emit_factor, emit_product, root
+from bayesdrill.rig.kernels.matrices import Memory, dot, emit_copy, emit_factor, root
 from bayesdrill.rig.kernels.numbers import Number, fused
 from bayesdrill.rig.kernels.spreading import Noisy, emit_spread
 
@@ -91,7 +91,7 @@ class _Writer:
         self.memory = m = Memory(b, self.slopes)
         n = self.n = noisy.n
         self.spread = emit_spread(module, noisy, slopes=self.slopes)
-        self.p, self.x, self.gains = m.room(n * n), m.room(n), m.room(noisy.k * (n + 2))
+        self.p, self.x, self.gains = m.room(n * n), m.room(n), m.room(noisy.k * width(n))
         self.span = b.alloca(VEC, I64(1))
         self.flag = b.alloca(I64, I64(1))
 
@@ -120,31 +120,13 @@ class _Writer:
         b.store(I64(0), self.flag)
         with b.if_then(b.icmp_signed("!=", a["lead"], I64(0))):
             phi, q = self.matrices(b.sub(a["steps"], I64(1)))
-            _carry(b, m, n, self.p, phi, q)
+            emit_carried(m, n, self.p, phi, q)
 
 
 def kept(noisy: Noisy) -> int:
     """Numbers of a sample that smoothing wants: gains, residuals, state, covariance."""
     n = noisy.n
     return noisy.k * (n + 1) + n + n * n
-
-
-def _carry(
-    b: ir.IRBuilder, memory: Memory, n: int, p: ir.Value, phi: ir.Value, q: ir.Value
-) -> None:
-    """p = phi p phi' + q."""
-    half = emit_product(b.module, (n, n, n), slopes=memory.slopes)
-    whole = emit_product(b.module, (n, n, n), right=True, adds=True, slopes=memory.slopes)
-    spare = memory.room(n * n)
-    b.call(half, [spare, phi, p])
-    _copy(b, q, p, n * n * memory.width)
-    b.call(whole, [p, spare, phi])
-
-
-def _copy(b: ir.IRBuilder, source: ir.Value, target: ir.Value, count: int) -> None:
-    each = Loop(b, I64(count), [], "copy")
-    b.store(b.load(b.gep(source, [each.index]), align=8), b.gep(target, [each.index]), align=8)
-    each.close([])
 
 
 def _emit_revise(module: ir.Module, noisy: Noisy, *, slopes: bool) -> ir.Function:
@@ -156,48 +138,13 @@ def _emit_revise(module: ir.Module, noisy: Noisy, *, slopes: bool) -> ir.Functio
     memory = Memory(b, slopes)
     old = [dual(memory.get(p, i * n + i)) for i in range(n)]
     for k in range(noisy.k):
-        _one_channel(memory, noisy, k, p, gains, variances, b.load(b.gep(seen, [I64(k)])))
-    _carry(b, memory, n, p, phi, q)
+        is_seen = Lane(b, splat(b, b.load(b.gep(seen, [I64(k)]))))
+        emit_taught(memory, noisy, k, p, variances, gains, is_seen)
+    emit_carried(memory, n, p, phi, q)
     moving = _moving(memory, n, p, old)
     b.store(b.select(anywhere(b, moving), I64(0), I64(1)), flag)
     b.ret_void()
     return made
-
-
-def _one_channel(
-    memory: Memory,
-    noisy: Noisy,
-    k: int,
-    p: ir.Value,
-    gains: ir.Value,
-    variances: ir.Value,
-    seen: ir.Value,
-) -> None:
-    b, n = memory.b, noisy.n
-    own = noisy.seen(k)
-    weights = [Lane(b, vector(weight)) for weight in own.values()]
-    shown = [dot(weights, [memory.get(p, i * n + j) for j in own]) for i in range(n)]
-    variance = dot(weights, [shown[j] for j in own], memory.get(variances, k))
-    is_seen = Lane(b, splat(b, seen))
-    over = is_seen / variance
-    gain = [one * over for one in shown]
-    for i in range(n):
-        for j in range(n):
-            memory.put(fused(-gain[i], shown[j], memory.get(p, i * n + j)), p, i * n + j)
-    at = k * (n + 2)
-    for i, one in enumerate(gain):
-        memory.put(one, gains, at + i)
-    memory.put(variance * is_seen + (1.0 - is_seen), gains, at + n)
-    memory.put(_root(b, over), gains, at + n + 1)
-
-
-def _root(b: ir.IRBuilder, number: Number) -> Number:
-    value = dual(number).value
-    size = Lane(b, root(b, value.value))
-    if not isinstance(number, Dual):
-        return size
-    safe = b.select(b.fcmp_ordered("==", size.value, vector(0.0)), vector(1.0), size.value)
-    return Dual(size, number.slope * 0.5 / Lane(b, safe))
 
 
 def _moving(memory: Memory, n: int, p: ir.Value, old: list[Dual]) -> ir.Value:
@@ -228,8 +175,8 @@ def _emit_filter(module: ir.Module, noisy: Noisy, name: str) -> None:
     here = b.mul(b.add(b.mul(groups.index, a["samples"]), t), I64(noisy.k))
     if w.smooth:
         keep = m.at(a["kept"], b.mul(t, I64(w.kept)))
-        _copy(b, w.x, b.gep(keep, [I64(noisy.k * (n + 1))]), n)
-        _copy(b, w.p, b.gep(keep, [I64(noisy.k * (n + 1) + n)]), n * n)
+        emit_copy(b, w.x, b.gep(keep, [I64(noisy.k * (n + 1))]), n)
+        emit_copy(b, w.p, b.gep(keep, [I64(noisy.k * (n + 1) + n)]), n * n)
     phi, q = w.matrices(b.load(b.gep(a["node"], [t])))
     settled = b.and_(b.load(w.flag), b.load(b.gep(a["same"], [t])))
     seen = b.gep(a["seen"], [b.mul(t, I64(noisy.k))])
@@ -249,22 +196,18 @@ def _emit_sample(w: _Writer, here: ir.Value, t: ir.Value, phi: ir.Value) -> None
     left, state = m.at(w.a["left"], here), m.row(w.x, n)
     out = m.at(w.a["out"], b.mul(here, I64(2)))
     for k in range(noisy.k):
-        own, at = noisy.seen(k), k * (n + 2)
-        rest = m.get(left, k)
-        for i, weight in own.items():
-            rest = fused(Lane(b, vector(-weight)), state[i], rest)
-        gain = [m.get(w.gains, at + i) for i in range(n)]
+        at = k * width(n)
+        rest, state = met(m, noisy, k, state, m.get(left, k), w.gains)
         over = m.get(w.gains, at + n + 1)
         white = rest * over
         if w.smooth:
             keep = m.at(w.a["kept"], b.mul(t, I64(w.kept)))
-            for i, one in enumerate(gain):
-                m.put(one, keep, k * (n + 1) + i)
+            for i in range(n):
+                m.put(m.get(w.gains, at + i), keep, k * (n + 1) + i)
             m.put(white * over, keep, k * (n + 1) + n)
         else:
             m.put(white, out, 2 * k)
             m.put(m.get(w.gains, at + n), out, 2 * k + 1)
-        state = [fused(one, rest, x) for one, x in zip(gain, state, strict=True)]
     rows = [[m.get(phi, i * n + j) for j in range(n)] for i in range(n)]
     for i, row in enumerate(rows):
         m.put(dot(row, state), w.x, i)
@@ -306,7 +249,7 @@ def _emit_draw(module: ir.Module, noisy: Noisy, name: str) -> None:
     _, q = w.matrices(steps.index)
     spare = m.room(n * n)
     b.call(factor, [spare, q])
-    _copy(b, spare, q, n * n)
+    emit_copy(b, spare, q, n * n)
     steps.close([])
     samples = Loop(b, a["samples"], [vector(0.0)] * n, "samples")
     t, k_count = samples.index, noisy.k

@@ -39,10 +39,19 @@ class Layout:
     @property
     def reach(self) -> tuple[tuple[bool, ...], ...]:
         """Entries of the exponential that can differ from zero."""
+        return reach_of(self._pattern)
+
+    @property
+    def idle(self) -> tuple[bool, ...]:
+        """Columns of zeros: on that nothing depends, and its own entry of the exponential is one."""
+        return tuple(not column for column in self._pattern.any(axis=0))
+
+    @property
+    def _pattern(self) -> NDArray[np.bool_]:
         pattern = np.zeros((self.size, self.size), dtype=bool)
         for row, column, _ in self.entries([1.0] * self.n_parameters):
             pattern[row, column] = True
-        return reach_of(pattern)
+        return pattern
 
 
 def reach_of(pattern: NDArray[np.bool_]) -> tuple[tuple[bool, ...], ...]:

@@ -72,6 +72,13 @@ class Memory:
         each.close([])
 
 
+def emit_copy(b: ir.IRBuilder, source: ir.Value, target: ir.Value, count: int) -> None:
+    """Of vectors."""
+    each = Loop(b, I64(count), [], "copy")
+    b.store(b.load(b.gep(source, [each.index]), align=8), b.gep(target, [each.index]), align=8)
+    each.close([])
+
+
 def dot(left: Sequence[Number], right: Sequence[Number], start: Number | None = None) -> Number:
     total = start
     for one, other in zip(left, right, strict=True):
@@ -79,25 +86,15 @@ def dot(left: Sequence[Number], right: Sequence[Number], start: Number | None = 
     return total
 
 
-def minus(number: Number) -> Number:
-    return -number
-
-
 def emit_product(
     module: ir.Module,
     shape: tuple[int, int, int],
     *,
-    left: bool = False,
-    right: bool = False,
-    adds: bool = False,
     slopes: bool = False,
 ) -> ir.Function:
-    """`product(out (m, n), a, b)`: of a (m, k), or with `left` its transpose in memory, and b (k, n), or
-    with `right` its transpose; `adds` to what is there.
-    """
+    """`product(out (m, n), a, b)`: of a (m, k) and b (k, n)."""
     m, inner, n = shape
-    turned = f"{'t' if left else ''}{'r' if right else ''}{'a' if adds else ''}"
-    name = f"product_{m}_{inner}_{n}{turned}{'d' if slopes else ''}"
+    name = f"product_{m}_{inner}_{n}{'d' if slopes else ''}"
     if name in module.globals:
         return module.globals[name]
     made = function(module, name, 0, [VECTORS] * 3)
@@ -109,29 +106,51 @@ def emit_product(
 
     def some(first: ir.Value | int, count: int) -> None:
         """`count` rows at once: what is read of the other matrix serves all of them."""
-        rows = []
-        for r in range(count):
-            if left:
-                begin = memory.at(a, first)
-                rows.append([memory.get(begin, k * m + r) for k in range(inner)])
-            else:
-                offset = first * inner if isinstance(first, int) else b.mul(first, I64(inner))
-                rows.append(memory.row(memory.at(memory.at(a, offset), r * inner), inner))
-        offset = first * n if isinstance(first, int) else b.mul(first, I64(n))
-        into = memory.at(out, offset)
+        offset, target = (
+            first * size if isinstance(first, int) else b.mul(first, I64(size))
+            for size in (inner, n)
+        )
+        rows = [memory.row(memory.at(memory.at(a, offset), r * inner), inner) for r in range(count)]
+        into = memory.at(out, target)
         for j in range(n):
-            column = [
-                memory.get(other, j * inner + k if right else k * n + j) for k in range(inner)
-            ]
+            column = [memory.get(other, k * n + j) for k in range(inner)]
             for r, own in enumerate(rows):
-                start = memory.get(into, r * n + j) if adds else None
-                memory.put(dot(own, column, start), into, r * n + j)
+                memory.put(dot(own, column), into, r * n + j)
 
     blocks = Loop(b, I64(m // together), [], "rows")
     some(b.mul(blocks.index, I64(together)), together)
     blocks.close([])
     if singles:
         some(m - 1, 1)
+    b.ret_void()
+    return made
+
+
+def emit_even(
+    module: ir.Module, n: int, *, left: bool = False, adds: bool = False, slopes: bool = False
+) -> ir.Function:
+    """`even(out, a, b)`, all (n, n): a b', or with `left` a' b, of which it is known that it is its own
+    transpose: made of its lower half, and so exactly that.
+    """
+    name = f"even_{n}{'t' if left else ''}{'a' if adds else ''}{'d' if slopes else ''}"
+    if name in module.globals:
+        return module.globals[name]
+    made = function(module, name, 0, [VECTORS] * 3)
+    out, a, other = made.args
+    b = ir.IRBuilder(made.append_basic_block())
+    memory = Memory(b, slopes)
+
+    def line(base: ir.Value, i: int) -> list[Number]:
+        return [memory.get(base, k * n + i if left else i * n + k) for k in range(n)]
+
+    for first in range(0, n, 3):
+        rows = {i: line(a, i) for i in range(first, min(first + 3, n))}
+        for j in range(max(rows) + 1):
+            column = line(other, j)
+            for i in (i for i in rows if i >= j):
+                total = dot(rows[i], column, memory.get(out, i * n + j) if adds else None)
+                for place in {i * n + j, j * n + i}:
+                    memory.put(total, out, place)
     b.ret_void()
     return made
 
@@ -174,63 +193,60 @@ def emit_factor(module: ir.Module, n: int) -> ir.Function:
     return made
 
 
-def emit_over(module: ir.Module, m: int, n: int) -> ir.Function:
-    """`over(a, l)`: rows of a (m, n) become those of a l'^-1, for a lower triangle l (n, n)."""
-    name = f"over_{m}_{n}"
+def emit_decomposed(module: ir.Module, n: int) -> ir.Function:
+    """`decomposed(out (n, n), a (n, n), determinant)`: L and U with L U = a, one inside the other: L
+    without its diagonal of ones, one over that of U.
+
+    Of one and a product of two covariances, of which pivots are as good in their order as in any.
+    """
+    name = f"decomposed_{n}"
     if name in module.globals:
         return module.globals[name]
-    made = function(module, name, 0, [VECTORS] * 2)
-    a, triangle = made.args
+    made = function(module, name, 0, [VECTORS] * 3)
+    out, a, determinant = made.args
     b = ir.IRBuilder(made.append_basic_block())
-    overs = b.alloca(VEC, I64(n))
-    for j in range(n):
-        store(b, b.fdiv(vector(1.0), load(b, triangle, j * n + j)), overs, j)
-    rows = Loop(b, I64(m), [], "rows")
-    row = b.gep(a, [b.mul(rows.index, I64(n))])
-    found: list[Lane] = []
-    for j in range(n):
-        entry = Lane(b, load(b, row, j))
-        for k in range(j):
-            entry = fused(-found[k], Lane(b, load(b, triangle, j * n + k)), entry)
-        found.append(entry * Lane(b, load(b, overs, j)))
-        store(b, found[j].value, row, j)
-    rows.close([])
+    found = {(i, j): Lane(b, load(b, a, i * n + j)) for i in range(n) for j in range(n)}
+    total = Lane(b, vector(1.0))
+    for k in range(n):
+        total = total * found[k, k]
+        found[k, k] = 1.0 / found[k, k]
+        for i in range(k + 1, n):
+            found[i, k] = found[i, k] * found[k, k]
+            for j in range(k + 1, n):
+                found[i, j] = fused(-found[i, k], found[k, j], found[i, j])
+    for (i, j), one in found.items():
+        store(b, one.value, out, i * n + j)
+    store(b, total.value, determinant, 0)
     b.ret_void()
     return made
 
 
-def emit_solve(module: ir.Module, n: int, m: int) -> ir.Function:
-    """`solve(x, a, determinant)`: x (n, m) becomes a^-1 x; what is in a (n, n) is lost.
-
-    Of one and a product of two covariances, of which pivots are as good in their order as in any.
-    """
-    name = f"solve_{n}_{m}"
+def emit_solved(module: ir.Module, n: int, m: int) -> ir.Function:
+    """`solved(out (n, m), lu (n, n), x (n, m))`: a^-1 x of what is decomposed."""
+    name = f"solved_{n}_{m}"
     if name in module.globals:
         return module.globals[name]
     made = function(module, name, 0, [VECTORS] * 3)
-    x, a, determinant = made.args
+    out, lu, x = made.args
     b = ir.IRBuilder(made.append_basic_block())
-    total = Lane(b, vector(1.0))
-    for k in range(n):
-        top = [load(b, a, k * n + j) for j in range(k, n)] + [
-            load(b, x, k * m + j) for j in range(m)
-        ]
-        total = total * Lane(b, top[0])
-        over = Lane(b, b.fdiv(vector(1.0), top[0]))
-        scaled = [Lane(b, one) * over for one in top[1:]]
-        for i in range(k + 1, n):
-            entry = -Lane(b, load(b, a, i * n + k))
-            places = [(a, i * n + j) for j in range(k + 1, n)] + [(x, i * m + j) for j in range(m)]
-            for one, place in zip(scaled, places, strict=True):
-                store(b, fused(entry, one, Lane(b, load(b, *place))).value, *place)
-        places = [(a, k * n + j) for j in range(k + 1, n)] + [(x, k * m + j) for j in range(m)]
-        for one, place in zip(scaled, places, strict=True):
-            store(b, one.value, *place)
-    for k in reversed(range(n - 1)):
-        entries = [-Lane(b, load(b, a, k * n + j)) for j in range(k + 1, n)]
-        for j in range(m):
-            below = [Lane(b, load(b, x, i * m + j)) for i in range(k + 1, n)]
-            store(b, dot(entries, below, Lane(b, load(b, x, k * m + j))).value, x, k * m + j)
-    store(b, total.value, determinant, 0)
+    together = next(size for size in (3, 2, 1) if m % size == 0)
+    columns = Loop(b, I64(m // together), [], "columns")
+    first = b.mul(columns.index, I64(together))
+    source, target = b.gep(x, [first]), b.gep(out, [first])
+    entry = {(i, j): Lane(b, load(b, lu, i * n + j)) for i in range(n) for j in range(n)}
+    found = [[Lane(b, load(b, source, i * m + c)) for c in range(together)] for i in range(n)]
+    for i in range(n):
+        for j in range(i):
+            minus = -entry[i, j]
+            found[i] = [fused(minus, y, z) for y, z in zip(found[j], found[i], strict=True)]
+    for i in reversed(range(n)):
+        for j in range(i + 1, n):
+            minus = -entry[i, j]
+            found[i] = [fused(minus, y, z) for y, z in zip(found[j], found[i], strict=True)]
+        found[i] = [one * entry[i, i] for one in found[i]]
+    for i, row in enumerate(found):
+        for c, one in enumerate(row):
+            store(b, one.value, target, i * m + c)
+    columns.close([])
     b.ret_void()
     return made

@@ -46,9 +46,9 @@ def emit_response(
     state = [vector(value) for value in layout.x0]
     if lead is not None:
         b.call(lead, [mine, e])
-        state = next_state(b, layout.n_states, _entries(b, layout, e), state, [])
+        state = next_state(b, layout.n_states, entries(b, layout, e), state, [])
     b.call(step, [mine, e])
-    phi = _entries(b, layout, e)
+    phi = entries(b, layout, e)
     totals = tally.begun(k_count) if tally is not None else []
     samples = Loop(b, n_samples, state + totals, "samples")
     state, totals = samples.carried[: len(state)], samples.carried[len(state) :]
@@ -73,10 +73,16 @@ def emit_response(
     b.ret_void()
 
 
-def _entries(b: ir.IRBuilder, layout: Layout, e: ir.Value) -> dict[tuple[int, int], ir.Value]:
-    n, reach = layout.size, layout.reach
-    places = [(i, j) for i in range(layout.n_states) for j in range(n) if reach[i][j]]
-    return {(i, j): load(b, e, i * n + j) for i, j in places}
+def entries(b: ir.IRBuilder, layout: Layout, e: ir.Value) -> dict[tuple[int, int], ir.Value]:
+    size, reach = layout.size, layout.reach
+    found = {
+        (i, j): load(b, e, i * size + j)
+        for i in range(layout.n_states)
+        for j in range(size)
+        if reach[i][j]
+    }
+    # One, and known to be: an addition of it is none to multiply first.
+    return found | {(i, i): vector(1.0) for i in range(layout.n_states) if layout.idle[i]}
 
 
 def next_state(
@@ -85,22 +91,27 @@ def next_state(
     phi: dict[tuple[int, int], ir.Value],
     state: list[ir.Value],
     drive: list[ir.Value],
+    *,
+    halves: bool = True,
 ) -> list[ir.Value]:
-    """Each sum in two halves: a step takes as long as its longest chain of additions."""
+    """Each sum in two `halves`, where a step takes as long as its longest chain of additions."""
     constant = n_states
     following = []
     for i in range(n_states):
         columns = [*enumerate(state), *enumerate(drive, start=constant + 1)]
         terms = [(phi[i, j], value) for j, value in columns if (i, j) in phi]
-        half = len(terms) // 2
-        total = phi.get((i, constant), vector(0.0))
-        for entry, value in terms[:half]:
-            total = fma(b, entry, value, total)
-        other = b.fmul(*terms[half])
-        for entry, value in terms[half + 1 :]:
-            other = fma(b, entry, value, other)
-        following.append(b.fadd(total, other))
+        half = len(terms) // 2 if halves else len(terms)
+        total = _sum(b, terms[:half], phi.get((i, constant), vector(0.0)))
+        if halves:
+            total = b.fadd(total, _sum(b, terms[half + 1 :], b.fmul(*terms[half])))
+        following.append(total)
     return following
+
+
+def _sum(b: ir.IRBuilder, terms: list[tuple[ir.Value, ir.Value]], total: ir.Value) -> ir.Value:
+    for entry, value in terms:
+        total = fma(b, entry, value, total)
+    return total
 
 
 def emit_drive(b: ir.IRBuilder, layout: Layout, u: ir.Value, index: ir.Value) -> list[ir.Value]:

@@ -1,51 +1,45 @@
-"""Where the gain of a Kalman filter settles, by doubling, and what its start takes to be exact.
+"""Where the gain of a Kalman filter settles, by doubling, and what a record tells of its start.
 
 The covariance P that a step leaves as it is: after 2^j steps it is H, with a transition B and what they
-teach, G (the information of their samples on the state before them),.
+teach, G (the information of their samples on the state before them).
 Two such stretches make one of twice the length:
 
     B <- B E        E = (1 + H G)^-1 B
     G <- G + B' G E
     H <- H + B (1 + H G)^-1 H B'
 
-A filter that begins with P has the same gain at all samples.  The rig begins with P0 instead: the
-whitened residuals z are then not independent, by what the first N of them show of the state at the
-start: W = sum A'^k C' S^-1 C A^k and b = sum A'^k C' S^-1 e, with A = Phi - K C; after N of them nothing
-of it is left.
+and one that goes before what a record ends in teaches, with that, G + B' G' (1 + H G')^-1 B: the
+record is put together of stretches as its length is written in twos.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from llvmlite import ir
 
+from bayesdrill.rig.kernels.belief import emit_taught, width
 from bayesdrill.rig.kernels.gathering import anywhere
-from bayesdrill.rig.kernels.lanes import (
-    I64,
-    LANES,
-    VECTORS,
-    Lane,
-    Loop,
-    function,
-    load,
-    vector,
-)
+from bayesdrill.rig.kernels.lanes import I64, LANES, VECTORS, Lane, function, load, vector
 from bayesdrill.rig.kernels.matrices import (
     Memory,
     dot,
-    emit_factor,
-    emit_over,
+    emit_copy,
+    emit_decomposed,
+    emit_even,
     emit_product,
-    emit_solve,
+    emit_solved,
 )
-from bayesdrill.rig.kernels.numbers import fused
+from bayesdrill.rig.kernels.numbers import Number, fused
 from bayesdrill.rig.kernels.spreading import Noisy
 
 LEAST, MOST = 7, 44  # doublings
-SETTLED = 1e-16  # of the variance of a sample: what one more doubling adds to it
-GONE = 1e-24  # of W: what later samples add to it
-MATRICES = ("p", "phi", "q", "w", "a")  # (n, n) of `Settled`
+SETTLED = 1e-14  # of the variance of a sample: what one more doubling may add to it
+ROUNDING = (
+    1e-15  # of a sum; after a stretch that adds no more to it, one as long as both tells nothing
+)
+MATRICES = ("p", "phi", "q", "g", "a")  # (n, n) of `Settled`
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,45 +50,80 @@ class Settled:
     k: int
 
     @property
-    def gain(self) -> int:
-        """Phi K `(n, K)`."""
+    def gains(self) -> int:
+        """`(K, width)`, see `emit_taught`."""
         return 5 * self.n**2
 
     @property
-    def lower(self) -> int:
-        """The lower triangle L of S = L L' `(K, K)`."""
-        return self.gain + self.n * self.k
-
-    @property
-    def pull(self) -> int:
-        """C' S^-1 `(n, K)`."""
-        return self.lower + self.k**2
+    def pulls(self) -> int:
+        """`(K, n)`: what a channel shows of the state before the sample, over its variance."""
+        return self.gains + self.k * width(self.n)
 
     @property
     def size(self) -> int:
-        return self.pull + self.n * self.k
+        return self.pulls + self.n * self.k
 
     def of(self, name: str) -> int:
         return MATRICES.index(name) * self.n**2
 
 
 def emit_settle(module: ir.Module, noisy: Noisy) -> ir.Function:
-    """`settle(samples, block, variances, first)`: of Phi and Q in the `block`, all the rest of it;
-    `first (1,)` gets N, a whole number up to the number of `samples`.
+    """`settle(samples, block, variances, first)`: of Phi and Q in the `block`, all the rest of it; G is
+    that of all samples; `first (1,)` gets how many of them tell anything of the start.
     """
-    double = _emit_double(module, noisy)
-    gain = _emit_gain(module, noisy)
-    gather = _emit_gather(module, noisy)
+    double, gain, before = (
+        _emit_double(module, noisy),
+        _emit_gain(module, noisy),
+        _emit_before(module, noisy.n),
+    )
     made = function(module, "settle", 1, [VECTORS, VECTORS, I64.as_pointer()])
     samples, block, variances, first = made.args
     b = ir.IRBuilder(made.append_basic_block())
     n = noisy.n
     places, memory = Settled(n, noisy.k), Memory(b, False)
-    phi, q, p = (memory.at(block, places.of(name)) for name in ("phi", "q", "p"))
-    spare = memory.room(2 * n * n)
-    transition, taught = spare, memory.at(spare, n * n)
-    _copy(b, phi, transition, n * n)
-    _copy(b, q, p, n * n)
+    phi, q, p, g = (memory.at(block, places.of(name)) for name in ("phi", "q", "p", "g"))
+    one, other, taught = (memory.room(n * n) for _ in range(3))
+    grown, grows = memory.room(noisy.k), b.alloca(ir.IntType(1), I64(1))
+    for k in range(noisy.k):
+        memory.put(math.inf, grown, k)
+    emit_copy(b, phi, one, n * n)
+    emit_copy(b, q, p, n * n)
+    _emit_sample(memory, noisy, variances, taught)
+    memory.clear(g, n * n)
+    b.store(samples, first)
+    entry = b.block
+    body, after = b.append_basic_block("doubling"), b.append_basic_block("settled")
+    b.branch(body)
+    b.position_at_end(body)
+    count, transition, spare = b.phi(I64), b.phi(VECTORS), b.phi(VECTORS)
+    for node, value in ((count, I64(0)), (transition, one), (spare, other)):
+        node.add_incoming(value, entry)
+    with b.if_then(b.trunc(b.lshr(samples, count), ir.IntType(1))):
+        b.call(before, [transition, taught, p, g])
+    moves = b.call(double, [transition, spare, taught, p, variances, grown, grows])
+    following = b.add(count, I64(1))
+    length = b.shl(I64(1), following)
+    told = b.and_(b.not_(b.load(grows)), b.icmp_signed("<", length, b.load(first)))
+    with b.if_then(told):
+        b.store(length, first)
+    whole = b.icmp_signed(">", length, b.load(first))
+    more = b.or_(moves, b.icmp_signed("<", count, I64(LEAST)))
+    more = b.and_(b.or_(more, b.not_(whole)), b.icmp_signed("<", count, I64(MOST)))
+    count.add_incoming(following, b.block)
+    transition.add_incoming(spare, b.block)
+    spare.add_incoming(transition, b.block)
+    b.cbranch(more, body, after)
+    b.position_at_end(after)
+    with b.if_then(b.icmp_signed("<", b.load(first), samples)):
+        emit_copy(b, taught, g, n * n)
+    b.call(gain, [block, variances])
+    b.ret_void()
+    return made
+
+
+def _emit_sample(memory: Memory, noisy: Noisy, variances: ir.Value, taught: ir.Value) -> None:
+    """What one sample teaches."""
+    b, n = memory.b, noisy.n
     memory.clear(taught, n * n)
     for k in range(noisy.k):
         over = Lane(b, b.fdiv(vector(1.0), load(b, variances, k)))
@@ -102,68 +131,80 @@ def emit_settle(module: ir.Module, noisy: Noisy) -> ir.Function:
             for j, other in noisy.seen(k).items():
                 place = i * n + j
                 memory.put(memory.get(taught, place) + over * (weight * other), taught, place)
-    before = b.block
-    body, after = b.append_basic_block("doubling"), b.append_basic_block("settled")
-    b.branch(body)
-    b.position_at_end(body)
-    count = b.phi(I64)
-    count.add_incoming(I64(0), before)
-    moves = b.call(double, [transition, taught, p, variances])
-    more = b.or_(moves, b.icmp_signed("<", count, I64(LEAST)))
-    more = b.and_(more, b.icmp_signed("<", count, I64(MOST)))
-    count.add_incoming(b.add(count, I64(1)), b.block)
-    b.cbranch(more, body, after)
-    b.position_at_end(after)
-    b.call(gain, [block, variances])
-    b.call(gather, [samples, block, first])
+
+
+def _emit_double(module: ir.Module, noisy: Noisy) -> ir.Function:
+    """`double(B, its next, G, H, variances, grown (K,), grows)`: whether one more would change anything
+    in any lane; `grows (1,)`: whether G still does.
+    """
+    n = noisy.n
+    plain, solved = emit_product(module, (n, n, n)), emit_solved(module, n, n)
+    across = emit_even(module, n)
+    along = emit_even(module, n, left=True, adds=True)
+    flag = ir.IntType(1)
+    made = ir.Function(module, ir.FunctionType(flag, [VECTORS] * 6 + [flag.as_pointer()]), "double")
+    for argument in made.args:
+        argument.add_attribute("noalias")
+    transition, following, taught, p, variances, grown, grows = made.args
+    b = ir.IRBuilder(made.append_basic_block())
+    m = Memory(b, False)
+    lu, x, e, more = (m.room(n * n) for _ in range(4))
+    b.call(plain, [x, p, taught])
+    _add_one(m, n, x)
+    b.call(emit_decomposed(module, n), [lu, x, m.room(1)])
+    b.call(solved, [x, lu, p])
+    b.call(plain, [e, transition, x])
+    b.call(across, [more, e, transition])
+    b.call(solved, [e, lu, transition])
+    b.call(plain, [following, transition, e])
+    b.call(plain, [x, taught, e])
+    before = [m.get(taught, i * n + i) for i in range(n)]
+    b.call(along, [taught, transition, x])
+    b.store(_differs(m, n, before, taught), grows)
+    b.ret(_grow(m, noisy, p, more, variances, grown))
+    return made
+
+
+def _add_one(m: Memory, n: int, x: ir.Value) -> None:
+    for i in range(n):
+        m.put(m.get(x, i * n + i) + 1.0, x, i * n + i)
+
+
+def _differs(m: Memory, n: int, before: list[Number], now: ir.Value) -> ir.Value:
+    """Whether a diagonal has grown by more than rounding, and twice the stretch may tell more."""
+    grown = ir.Constant(ir.VectorType(ir.IntType(1), LANES), [0] * LANES)
+    for i, old in enumerate(before):
+        much = old * (1.0 + ROUNDING)
+        grown = m.b.or_(grown, m.b.fcmp_ordered(">", m.get(now, i * n + i).value, much.value))
+    return anywhere(m.b, grown)
+
+
+def _emit_before(module: ir.Module, n: int) -> ir.Function:
+    """`before(B, G, H, end)`: the stretch goes before what the `end (n, n)` of a record teaches."""
+    plain, solved = emit_product(module, (n, n, n)), emit_solved(module, n, n)
+    along = emit_even(module, n, left=True, adds=True)
+    made = function(module, "before", 0, [VECTORS] * 4)
+    transition, taught, p, end = made.args
+    b = ir.IRBuilder(made.append_basic_block())
+    m = Memory(b, False)
+    lu, x, e = (m.room(n * n) for _ in range(3))
+    b.call(plain, [x, p, end])
+    _add_one(m, n, x)
+    b.call(emit_decomposed(module, n), [lu, x, m.room(1)])
+    b.call(solved, [e, lu, transition])
+    b.call(plain, [x, end, e])
+    emit_copy(b, taught, end, n * n)
+    b.call(along, [end, transition, x])
     b.ret_void()
     return made
 
 
-def _copy(b: ir.IRBuilder, source: ir.Value, target: ir.Value, count: int) -> None:
-    each = Loop(b, I64(count), [], "copy")
-    b.store(b.load(b.gep(source, [each.index]), align=8), b.gep(target, [each.index]), align=8)
-    each.close([])
-
-
-def _emit_double(module: ir.Module, noisy: Noisy) -> ir.Function:
-    """Whether it changes anything still in any lane."""
-    n = noisy.n
-    whole = (n, n, n)
-    plain, right = emit_product(module, whole), emit_product(module, whole, right=True)
-    left_adds = emit_product(module, whole, left=True, adds=True)
-    signature = ir.FunctionType(ir.IntType(1), [VECTORS] * 4)
-    made = ir.Function(module, signature, "double")
-    for argument in made.args:
-        argument.add_attribute("noalias")
-    transition, taught, p, variances = made.args
-    b = ir.IRBuilder(made.append_basic_block())
-    m = Memory(b, False)
-    x, y, u, e, det = m.room(n * n), m.room(n * n), m.room(n * n), m.room(2 * n * n), m.room(1)
-    b.call(plain, [x, p, taught])
-    for i in range(n):
-        m.put(m.get(x, i * n + i) + 1.0, x, i * n + i)
-        for j in range(n):  # B and H side by side
-            m.put(m.get(transition, i * n + j), e, 2 * i * n + j)
-            m.put(m.get(p, i * n + j), e, 2 * i * n + n + j)
-    b.call(emit_solve(module, n, 2 * n), [e, x, det])
-    for i in range(n):
-        for j in range(n):
-            m.put(m.get(e, 2 * i * n + j), x, i * n + j)
-            m.put(m.get(e, 2 * i * n + n + j), y, i * n + j)
-    b.call(plain, [u, transition, y])
-    b.call(right, [y, u, transition])  # B (1 + H G)^-1 H B'
-    b.call(plain, [u, taught, x])
-    b.call(left_adds, [taught, transition, u])
-    b.call(plain, [u, transition, x])
-    _copy(b, u, transition, n * n)
-    moves = _grow(m, noisy, p, y, variances)
-    b.ret(moves)
-    return made
-
-
-def _grow(m: Memory, noisy: Noisy, p: ir.Value, more: ir.Value, variances: ir.Value) -> ir.Value:
-    """`more` comes to p; whether a channel sees the difference."""
+def _grow(
+    m: Memory, noisy: Noisy, p: ir.Value, more: ir.Value, variances: ir.Value, grown: ir.Value
+) -> ir.Value:
+    """`more` comes to p; whether a channel would see the next: that is less by at least as much as this
+    one is than the one before, `grown (K,)`.
+    """
     b, n = m.b, noisy.n
     moves = ir.Constant(ir.VectorType(ir.IntType(1), LANES), [0] * LANES)
     for k in range(noisy.k):
@@ -173,172 +214,73 @@ def _grow(m: Memory, noisy: Noisy, p: ir.Value, more: ir.Value, variances: ir.Va
                 both = Lane(b, vector(weight * other))
                 change = fused(both, m.get(more, i * n + j), change)
                 variance = fused(both, m.get(p, i * n + j), variance)
-        moves = b.or_(moves, b.fcmp_ordered(">", change.value, (variance * SETTLED).value))
-    for i in range(n):
-        for j in range(i + 1):  # what rounding makes of a symmetry would grow
-            sides = m.get(more, i * n + j) + m.get(more, j * n + i)
-            total = fused(Lane(b, vector(0.5)), sides, m.get(p, i * n + j))
-            m.put(total, p, i * n + j)
-            m.put(total, p, j * n + i)
+        least = variance * SETTLED * m.get(grown, k)
+        moves = b.or_(moves, b.fcmp_ordered(">", (change * change).value, least.value))
+        m.put(change, grown, k)
+    for place in range(n * n):
+        m.put(m.get(p, place) + m.get(more, place), p, place)
     return anywhere(b, moves)
 
 
 def _emit_gain(module: ir.Module, noisy: Noisy) -> ir.Function:
-    """`gain(block, variances)`: Phi K, L, C' S^-1, W of one sample, and A."""
-    n, k_count = noisy.n, noisy.k
-    places = Settled(n, k_count)
-    factor, over = emit_factor(module, k_count), emit_over(module, n, k_count)
-    wide = emit_product(module, (n, k_count, n), right=True)
-    onward = emit_product(module, (n, n, k_count))
+    """`gain(block, variances)`: gains, pulls, and A."""
+    n = noisy.n
+    places = Settled(n, noisy.k)
+    onward = emit_product(module, (n, n, n))
     made = function(module, "gain", 0, [VECTORS] * 2)
     block, variances = made.args
     b = ir.IRBuilder(made.append_basic_block())
     m = Memory(b, False)
-    p, phi, lower, pull = (
-        m.at(block, place)
-        for place in (places.of("p"), places.of("phi"), places.lower, places.pull)
-    )
-    shown, s, moved = m.room(n * k_count), m.room(k_count**2), m.room(n * k_count)
-    for k in range(k_count):
-        own = noisy.seen(k)
-        weights = [Lane(b, vector(weight)) for weight in own.values()]
-        column = [dot(weights, [m.get(p, i * n + j) for j in own]) for i in range(n)]
-        for i in range(n):
-            m.put(column[i], shown, i * k_count + k)
-            m.put(own.get(i, 0.0), pull, i * k_count + k)
-        for j in range(k_count):
-            other = noisy.seen(j)
-            start = Lane(b, load(b, variances, k)) if j == k else None
-            value = dot(
-                [Lane(b, vector(w)) for w in other.values()], [column[i] for i in other], start
-            )
-            m.put(value, s, j * k_count + k)
-    b.call(factor, [lower, s])
-    b.call(over, [pull, lower])  # C' L'^-1
-    b.call(wide, [m.at(block, places.of("w")), pull, pull])
-    _divide(m, n, k_count, lower, pull)
-    b.call(onward, [moved, phi, shown])
-    gain = m.at(block, places.gain)
-    _copy(b, moved, gain, n * k_count)
-    b.call(over, [gain, lower])
-    _divide(m, n, k_count, lower, gain)
-    for i in range(n):
-        row = m.row(m.at(phi, i * n), n)
-        for k in range(k_count):
-            entry = -m.get(gain, i * k_count + k)
-            for j, weight in noisy.seen(k).items():
-                row[j] = fused(entry, Lane(b, vector(weight)), row[j])
-        for j, value in enumerate(row):
-            m.put(value, m.at(block, places.of("a")), i * n + j)
+    phi, a = (m.at(block, places.of(name)) for name in ("phi", "a"))
+    gains, pulls = m.at(block, places.gains), m.at(block, places.pulls)
+    left, passed = m.room(n * n), m.room(n * n)
+    emit_copy(b, m.at(block, places.of("p")), left, n * n)
+    m.clear(passed, n * n)
+    _add_one(m, n, passed)
+    for k in range(noisy.k):
+        emit_taught(m, noisy, k, left, variances, gains)
+        rows = [m.row(m.at(passed, i * n), n) for i in noisy.seen(k)]
+        weights = [Lane(b, vector(weight)) for weight in noisy.seen(k).values()]
+        shows = [dot(weights, [row[j] for row in rows]) for j in range(n)]
+        root = m.get(gains, k * width(n) + n + 1)
+        for i, one in enumerate(shows):
+            m.put(one * root * root, pulls, k * n + i)
+            gain = -m.get(gains, k * width(n) + i)
+            for j, other in enumerate(shows):
+                m.put(fused(gain, other, m.get(passed, i * n + j)), passed, i * n + j)
+    b.call(onward, [a, phi, passed])
     b.ret_void()
     return made
 
 
-def _divide(m: Memory, rows: int, k_count: int, lower: ir.Value, of: ir.Value) -> None:
-    """Rows become those of `of` L^-1."""
-    b = m.b
-    triangle = {(i, j): m.get(lower, i * k_count + j) for i in range(k_count) for j in range(i + 1)}
-    overs = [1.0 / triangle[k, k] for k in range(k_count)]
-    each = Loop(b, I64(rows), [], "divide")
-    row = m.at(of, b.mul(each.index, I64(k_count)))
-    found: dict[int, Lane] = {}
-    for k in reversed(range(k_count)):
-        entry = m.get(row, k)
-        for j in range(k + 1, k_count):
-            entry = fused(-found[j], triangle[j, k], entry)
-        found[k] = entry * overs[k]
-        m.put(found[k], row, k)
-    each.close([])
+def emit_begun(module: ir.Module, n: int) -> ir.Function:
+    """`begun(p, g, p0, b, gained, determinant)`: what the start adds to the sum of squares, and the
+    determinant of the covariance of whitened residuals:
 
+        b' (1 + P G) (1 + P0 G)^-1 (P - P0) b        det(1 + P0 G) / det(1 + P G)
 
-def _emit_gather(module: ir.Module, noisy: Noisy) -> ir.Function:
-    """`gather(samples, block, first)`: W of the first N samples; A in the block stays."""
-    n = noisy.n
-    whole = (n, n, n)
-    plain, left = emit_product(module, whole), emit_product(module, whole, left=True)
-    adds = emit_product(module, whole, left=True, adds=True)
-    made = function(module, "gather", 1, [VECTORS, I64.as_pointer()])
-    samples, block, first = made.args
-    b = ir.IRBuilder(made.append_basic_block())
-    m, places = Memory(b, False), Settled(n, noisy.k)
-    w, a = m.at(block, places.of("w")), m.at(block, places.of("a"))
-    power, sums, all_sums, all_power, x, y = (m.room(n * n) for _ in range(6))
-    for source, target in ((a, power), (w, sums)):
-        _copy(b, source, target, n * n)
-    for matrix in (all_sums, all_power):
-        m.clear(matrix, n * n)
-    for i in range(n):
-        m.put(1.0, all_power, i * n + i)
-    before = b.block
-    body, after = b.append_basic_block("gathering"), b.append_basic_block("gathered")
-    b.branch(body)
-    b.position_at_end(body)
-    length = b.phi(I64)
-    length.add_incoming(I64(1), before)
-    with b.if_then(b.icmp_signed("!=", b.and_(length, samples), I64(0))):
-        b.call(plain, [x, sums, all_power])
-        b.call(adds, [all_sums, all_power, x])
-        b.call(plain, [x, power, all_power])
-        _copy(b, x, all_power, n * n)
-    b.call(plain, [x, sums, power])
-    b.call(left, [y, power, x])
-    gone = b.not_(anywhere(b, _adds(m, n, sums, y)))
-    with b.if_then(b.not_(gone)):
-        each = Loop(b, I64(n * n), [], "each")
-        place = b.gep(sums, [each.index])
-        more = b.load(b.gep(y, [each.index]), align=8)
-        b.store(b.fadd(b.load(place, align=8), more), place, align=8)
-        each.close([])
-        b.call(plain, [x, power, power])
-        _copy(b, x, power, n * n)
-    twice = b.mul(length, I64(2))
-    length.add_incoming(twice, b.block)
-    ends = b.or_(gone, b.icmp_signed(">", twice, samples))
-    b.cbranch(ends, after, body)
-    b.position_at_end(after)
-    with b.if_else(gone) as (early, late):
-        with early:
-            _copy(b, sums, w, n * n)
-            shorter = b.icmp_signed("<", length, samples)
-            b.store(b.select(shorter, length, samples), first)
-        with late:
-            _copy(b, all_sums, w, n * n)
-            b.store(samples, first)
-    b.ret_void()
-    return made
-
-
-def _adds(m: Memory, n: int, sums: ir.Value, more: ir.Value) -> ir.Value:
-    """Lanes in which `more` is something beside `sums`, by their diagonals."""
-    b = m.b
-    found = ir.Constant(ir.VectorType(ir.IntType(1), LANES), [0] * LANES)
-    for i in range(n):
-        here = m.get(sums, i * n + i) * GONE
-        found = b.or_(found, b.fcmp_ordered(">", m.get(more, i * n + i).value, here.value))
-    return found
-
-
-def emit_begun(module: ir.Module, noisy: Noisy) -> ir.Function:
-    """`begun(block, p0, b, out)`: of P, W, the covariance at the start and the sum b, (2,)
-    numbers: what the sum of squares gains, and the determinant of the covariance of z, b' (1 - D
-    W)^-1 D b and that of 1 - D W with D = P - P0.
+    They are independent where the start has the covariance P, and it has P0; b (n,): what they show
+    of it.
     """
-    n = noisy.n
-    plain, solve = emit_product(module, (n, n, n)), emit_solve(module, n, 1)
-    made = function(module, "begun", 0, [VECTORS] * 4)
-    block, start, shown, out = made.args
+    plain, decomposed = emit_product(module, (n, n, n)), emit_decomposed(module, n)
+    made = function(module, "begun", 0, [VECTORS] * 6)
+    p, g, start, shown, gained, determinant = made.args
     b = ir.IRBuilder(made.append_basic_block())
-    m, places = Memory(b, False), Settled(n, noisy.k)
-    p, w = m.at(block, places.of("p")), m.at(block, places.of("w"))
-    change, x, row = m.room(n * n), m.room(n * n), m.room(n)
-    for i in range(n * n):
-        m.put(m.get(start, i) - m.get(p, i), change, i)
-    b.call(plain, [x, change, w])
+    m = Memory(b, False)
+    settled, known, lu = (m.room(n * n) for _ in range(3))
+    row, solved, other = m.room(n), m.room(n), m.room(1)
+    for product, covariance in ((settled, p), (known, start)):
+        b.call(plain, [product, covariance, g])
+        _add_one(m, n, product)
+    b.call(decomposed, [lu, settled, other])
+    b.call(decomposed, [lu, known, determinant])
     own = m.row(shown, n)
     for i in range(n):
-        m.put(m.get(x, i * n + i) + 1.0, x, i * n + i)
-        m.put(-dot(m.row(m.at(change, i * n), n), own), row, i)
-    b.call(solve, [row, x, m.at(out, 1)])
-    m.put(dot(own, m.row(row, n)), out, 0)
+        change = [m.get(p, i * n + j) - m.get(start, i * n + j) for j in range(n)]
+        m.put(dot(change, own), row, i)
+    b.call(emit_solved(module, n, 1), [solved, lu, row])
+    found = m.row(solved, n)
+    m.put(dot(own, [dot(m.row(m.at(settled, i * n), n), found) for i in range(n)]), gained, 0)
+    m.put(m.get(determinant, 0) / m.get(other, 0), determinant, 0)
     b.ret_void()
     return made

@@ -32,7 +32,7 @@ from bayesdrill.rig.kernels.lanes import (
     vector,
     whole_numbers,
 )
-from bayesdrill.rig.kernels.matrices import Memory, emit_product
+from bayesdrill.rig.kernels.matrices import Memory, emit_copy, emit_even, emit_product
 from bayesdrill.rig.kernels.numbers import Number, fused
 from bayesdrill.rig.missing_torque import TIME, Pushed
 
@@ -80,7 +80,7 @@ def emit_spread(module: ir.Module, noisy: Noisy, *, slopes: bool) -> ir.Function
     """
     n = noisy.n
     multiply = emit_product(module, (n, n, n), slopes=slopes)
-    turned = emit_product(module, (n, n, n), right=True, adds=True, slopes=slopes)
+    turned = emit_even(module, n, adds=True, slopes=slopes)
     made = function(module, "spread_d" if slopes else "spread", 0, [VECTORS] * 4)
     parameters, span, phi, q = made.args
     b = ir.IRBuilder(made.append_basic_block())
@@ -99,9 +99,7 @@ def emit_spread(module: ir.Module, noisy: Noisy, *, slopes: bool) -> ir.Function
     b.call(multiply, [spare, phi, q])
     b.call(turned, [q, spare, phi])
     b.call(multiply, [other, phi, phi])
-    each = Loop(b, I64(n * n * memory.width), [], "each")
-    b.store(b.load(b.gep(other, [each.index]), align=8), b.gep(phi, [each.index]), align=8)
-    each.close([])
+    emit_copy(b, other, phi, n * n * memory.width)
     twice.close([])
     b.ret_void()
     return made

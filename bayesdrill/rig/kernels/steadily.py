@@ -1,6 +1,7 @@
 """The likelihood of a record that a missing torque has shaken: one gain throughout, an exact start.
 
-x(k + 1) = Phi x(k) + g + G u(k) + Phi K e(k), e = y - C x: that of the response, and residuals.
+Channel after channel of a sample, r = y - c x, x <- x + k r; then x <- Phi x + g + G u: that of the
+response, and residuals.
 """
 
 from __future__ import annotations
@@ -12,7 +13,8 @@ from typing import Any
 
 from llvmlite import ir
 
-from bayesdrill.rig.kernels.compiling import in_one_go, machine_code
+from bayesdrill.rig.kernels.belief import emit_carried, met, width
+from bayesdrill.rig.kernels.compiling import HARDER, in_one_go, machine_code
 from bayesdrill.rig.kernels.exponential import emit_exponential
 from bayesdrill.rig.kernels.lanes import (
     I64,
@@ -20,7 +22,6 @@ from bayesdrill.rig.kernels.lanes import (
     VECTORS,
     Lane,
     Loop,
-    fma,
     function,
     load,
     splat,
@@ -28,34 +29,31 @@ from bayesdrill.rig.kernels.lanes import (
     vector,
 )
 from bayesdrill.rig.kernels.layout import Layout
-from bayesdrill.rig.kernels.matrices import Memory, dot, emit_product
-from bayesdrill.rig.kernels.numbers import fused
-from bayesdrill.rig.kernels.recurrence import emit_drive, next_state
+from bayesdrill.rig.kernels.matrices import Memory, dot, emit_copy, emit_product
+from bayesdrill.rig.kernels.numbers import Number, fused
+from bayesdrill.rig.kernels.recurrence import emit_drive, entries, next_state
 from bayesdrill.rig.kernels.settling import Settled, emit_begun, emit_settle
 from bayesdrill.rig.kernels.spreading import Noisy, emit_spread
 
 COUNTS = ("groups", "samples")
 BLOCKS = {
-    "parameters": VECTORS,  # (G, P)
-    "variances": VECTORS,  # (G, K)
+    "told": VECTORS,  # (G, P + K): parameters, variances
     "y": NUMBERS,  # (T, K)
     "u": NUMBERS,  # (T + 1, n_series)
-    "rests": VECTORS,  # scratch (T + `AT_ONCE`, K), the last of them zero
-    "out": VECTORS,  # (G, 2 K + 2)
+    "shown": VECTORS,  # scratch (T / `AT_ONCE` + 1, n)
+    "out": VECTORS,  # (2 K + 1, G)
 }
+AT_ONCE = 8  # samples
 
 
 @dataclass(frozen=True, slots=True)
 class Steadily:
-    """`run` gives sums of squares of the whitened residuals `(K,)`, their standard deviations
-    `(K,)`, what the start adds to the sums, and the determinant that it takes.
+    """`run` gives minus half the sums of squares of the whitened residuals `(K,)`, the start's part with
+    them, their standard deviations `(K,)`, and the determinant that the start takes.
     """
 
     run: Any
     engine: Any = field(repr=False)
-
-
-AT_ONCE = 8  # samples
 
 
 @lru_cache(maxsize=64)
@@ -64,7 +62,7 @@ def compile_steadily(noisy: Noisy, layout: Layout) -> Steadily:
     """`layout`: of the rig with its torque."""
     module = ir.Module("steadily")
     _emit(module, noisy, layout)
-    engine = machine_code(module)
+    engine = machine_code(module, HARDER)
     prototype = ctypes.CFUNCTYPE(
         None, *[ctypes.c_int64] * len(COUNTS), *[ctypes.c_void_p] * len(BLOCKS)
     )
@@ -75,158 +73,151 @@ def _emit(module: ir.Module, noisy: Noisy, layout: Layout) -> None:
     step = emit_exponential(module, layout, "step", layout.dt)
     lead = emit_exponential(module, layout, "lead", layout.lead) if layout.lead > 0.0 else None
     spread = emit_spread(module, noisy, slopes=False)
-    settle, begun = emit_settle(module, noisy), emit_begun(module, noisy)
+    settle, begun = emit_settle(module, noisy), emit_begun(module, noisy.n)
     made = function(module, "steadily", len(COUNTS), list(BLOCKS.values()))
     a = dict(zip((*COUNTS, *BLOCKS), made.args, strict=True))
     b = ir.IRBuilder(made.append_basic_block())
     n, k_count, size = noisy.n, noisy.k, layout.size
     m, places = Memory(b, False), Settled(n, k_count)
     e, block, start = m.room(size * size), m.room(places.size), m.room(n * n)
-    shown, span, spare = m.room(n), m.room(1), m.room(n * n)
+    shown, span, gained = m.room(n), m.room(1), m.room(1)
     first = b.alloca(I64, I64(1))
     groups = Loop(b, a["groups"], [], "groups")
-    own = b.gep(a["parameters"], [b.mul(groups.index, I64(noisy.p))])
-    variances = b.gep(a["variances"], [b.mul(groups.index, I64(k_count))])
-    out = b.gep(a["out"], [b.mul(groups.index, I64(2 * k_count + 2))])
+    own = b.gep(a["told"], [b.mul(groups.index, I64(noisy.p + k_count))])
+    variances = m.at(own, noisy.p)
+    out = [
+        b.gep(a["out"], [b.add(b.mul(a["groups"], I64(k)), groups.index)])
+        for k in range(2 * k_count + 1)
+    ]
     state = [vector(value) for value in layout.x0]
     m.clear(start, n * n)
     for i in range(n - noisy.own, n):
         m.put(1.0, start, i * n + i)
-    phi_at, q_at = (m.at(block, places.of(name)) for name in ("phi", "q"))
+    phi_at, q_at, p_at, g_at = (m.at(block, places.of(name)) for name in ("phi", "q", "p", "g"))
     if lead is not None:
         store(b, vector(layout.lead), span, 0)
         b.call(spread, [own, span, phi_at, q_at])
-        _carry(m, n, start, phi_at, q_at, spare)
+        emit_carried(m, n, start, phi_at, q_at)
         b.call(lead, [own, e])
-        state = next_state(b, n, _entries(b, layout, e), state, [])
+        state = next_state(b, n, entries(b, layout, e), state, [])
     store(b, vector(layout.dt), span, 0)
     b.call(spread, [own, span, phi_at, q_at])
     b.call(settle, [a["samples"], block, variances, first])
     b.call(step, [own, e])
-    _emit_samples(m, noisy, layout, a, (e, block, out), state)
-    _emit_back(m, noisy, a["rests"], block, b.load(first), shown)
-    b.call(begun, [block, start, shown, b.gep(out, [I64(2 * k_count)])])
+    writer = _Samples(m, noisy, layout, a, entries(b, layout, e), block)
+    blocks = b.sdiv(b.add(b.load(first), I64(AT_ONCE - 1)), I64(AT_ONCE))
+    squares = _emit_samples(writer, blocks, state)
+    _emit_back(writer, blocks, shown)
+    b.call(begun, [p_at, g_at, start, shown, gained, out[2 * k_count]])
+    for k, (total, root) in enumerate(zip(squares, writer.roots, strict=True)):
+        m.put(-0.5 * (total * root * root + m.get(gained, 0) * (1.0 / k_count)), out[k], 0)
+        m.put(1.0 / root, out[k_count + k], 0)
     groups.close([])
     b.ret_void()
 
 
-def _carry(m: Memory, n: int, p: ir.Value, phi: ir.Value, q: ir.Value, spare: ir.Value) -> None:
-    """p = phi p phi' + q."""
-    b = m.b
-    b.call(emit_product(b.module, (n, n, n)), [spare, phi, p])
-    each = Loop(b, I64(n * n), [], "copy")
-    b.store(b.load(b.gep(q, [each.index]), align=8), b.gep(p, [each.index]), align=8)
-    each.close([])
-    b.call(emit_product(b.module, (n, n, n), right=True, adds=True), [p, spare, phi])
+@dataclass(frozen=True, slots=True)
+class _Samples:
+    """What all samples of a group of walkers have in common."""
+
+    m: Memory
+    noisy: Noisy
+    layout: Layout
+    a: dict[str, ir.Value]
+    phi: dict[tuple[int, int], ir.Value]
+    block: ir.Value
+
+    def at(self, place: int) -> ir.Value:
+        return self.m.at(self.block, place)
+
+    @property
+    def places(self) -> Settled:
+        return Settled(self.noisy.n, self.noisy.k)
+
+    @property
+    def roots(self) -> list[Number]:
+        """Of one over the variances of what channels show."""
+        n, gains = self.noisy.n, self.at(self.places.gains)
+        return [self.m.get(gains, k * width(n) + n + 1) for k in range(self.noisy.k)]
+
+    def passed(
+        self, index: ir.Value, carried: list[ir.Value], pulls: ir.Value | None
+    ) -> list[ir.Value]:
+        """A sample: state (n), sums of squares (K) and, with `pulls (K, n)`, what it shows (n)."""
+        b, n, k_count = self.m.b, self.noisy.n, self.noisy.k
+        lanes = [Lane(b, one) for one in carried]
+        state, sums, shown = lanes[:n], lanes[n : n + k_count], lanes[n + k_count :]
+        drive = emit_drive(b, self.layout, self.a["u"], index)
+        y = b.gep(self.a["y"], [b.mul(index, I64(k_count))])
+        gains = self.at(self.places.gains)
+        for k in range(k_count):
+            value = Lane(b, splat(b, b.load(b.gep(y, [I64(k)]))))
+            rest, state = met(self.m, self.noisy, k, state, value, gains)
+            sums[k] = fused(rest, rest, sums[k])
+            if pulls is not None:
+                shown = [fused(self.m.get(pulls, k * n + i), rest, x) for i, x in enumerate(shown)]
+        following = next_state(b, n, self.phi, [x.value for x in state], drive, halves=False)
+        return [*following, *(one.value for one in (*sums, *shown))]
 
 
-def _entries(b: ir.IRBuilder, layout: Layout, e: ir.Value) -> dict[tuple[int, int], ir.Value]:
-    size, reach = layout.size, layout.reach
-    places = [(i, j) for i in range(layout.n_states) for j in range(size) if reach[i][j]]
-    return {(i, j): load(b, e, i * size + j) for i, j in places}
+def _emit_samples(w: _Samples, blocks: ir.Value, state: list[ir.Value]) -> list[Number]:
+    """Sums of squares of all samples, forwards; the first `blocks` say what they show of their start."""
+    m, b, n, k_count = w.m, w.m.b, w.noisy.n, w.noisy.k
+    pulls = _emit_pulls(w)
+    each = Loop(b, blocks, [*state, *[vector(0.0)] * k_count], "blocks")
+    begins = b.mul(each.index, I64(AT_ONCE))
+    left = b.sub(w.a["samples"], begins)
+    count = b.select(b.icmp_signed("<", left, I64(AT_ONCE)), left, I64(AT_ONCE))
+    inner = Loop(b, count, [*each.carried, *[vector(0.0)] * n], "samples")
+    own = m.at(pulls, b.mul(inner.index, I64(n * k_count)))
+    inner_new = w.passed(b.add(begins, inner.index), inner.carried, own)
+    inner.close(inner_new)
+    shown = m.at(w.a["shown"], b.mul(each.index, I64(n)))
+    for i, one in enumerate(inner_new[n + k_count :]):
+        store(b, one, shown, i)
+    each.close(inner_new[: n + k_count])
+    kept = m.room(n + k_count)
+    for i, one in enumerate(inner_new[: n + k_count]):
+        store(b, one, kept, i)
+    begins = b.mul(blocks, I64(AT_ONCE))
+    left = b.sub(w.a["samples"], begins)
+    with b.if_then(b.icmp_signed(">", left, I64(0))):
+        later = Loop(b, left, [load(b, kept, i) for i in range(n + k_count)], "later")
+        new = w.passed(b.add(begins, later.index), later.carried, None)
+        later.close(new)
+        for i, one in enumerate(new):
+            store(b, one, kept, i)
+    return m.row(m.at(kept, n), k_count)
 
 
-def _emit_samples(
-    m: Memory,
-    noisy: Noisy,
-    layout: Layout,
-    a: dict[str, ir.Value],
-    blocks: tuple[ir.Value, ir.Value, ir.Value],
-    state: list[ir.Value],
-) -> None:
-    """All samples, forwards: residuals are kept, and their products summed up."""
-    b, n, k_count = m.b, noisy.n, noisy.k
-    e, block, out = blocks
-    phi = _entries(b, layout, e)
-    gain = m.row(m.at(block, Settled(n, k_count).gain), n * k_count)
-    pairs = [(i, j) for i in range(k_count) for j in range(i + 1)]
-    samples = Loop(b, a["samples"], [*state, *[vector(0.0)] * len(pairs)], "samples")
-    state, totals = samples.carried[:n], samples.carried[n:]
-    drive = emit_drive(b, layout, a["u"], samples.index)
-    at = b.mul(samples.index, I64(k_count))
-    rests = []
-    for k in range(k_count):
-        value = splat(b, b.load(b.gep(a["y"], [b.add(at, I64(k))])))
-        for i, weight in noisy.seen(k).items():
-            value = fma(b, vector(-weight), state[i], value)
-        rests.append(value)
-        store(b, value, b.gep(a["rests"], [at]), k)
-    following = next_state(b, n, phi, state, drive)
-    for i in range(n):
-        own = [gain[i * k_count + k].value for k in range(k_count)]
-        for entry, value in zip(own, rests, strict=True):
-            following[i] = fma(b, entry, value, following[i])
-    sums = [fma(b, rests[i], rests[j], total) for (i, j), total in zip(pairs, totals, strict=True)]
-    samples.close([*following, *sums])
-    _emit_whitened(
-        m, k_count, m.at(block, Settled(n, k_count).lower), dict(zip(pairs, sums, strict=True)), out
-    )
-
-
-def _emit_whitened(
-    m: Memory,
-    k_count: int,
-    lower: ir.Value,
-    sums: dict[tuple[int, int], ir.Value],
-    out: ir.Value,
-) -> None:
-    """The diagonal of L^-1 of the sums L'^-1, and that of L."""
-    b = m.b
-    triangle = {(i, j): m.get(lower, i * k_count + j) for i in range(k_count) for j in range(i + 1)}
-    overs = [1.0 / triangle[k, k] for k in range(k_count)]
-    rows: list[list[Lane]] = []
-    for k in range(k_count):
-        own: list[Lane] = []  # row k of L^-1
-        for j in range(k + 1):
-            entry = Lane(b, vector(1.0 if j == k else 0.0))
-            for i in range(j, k):
-                entry = fused(-triangle[k, i], rows[i][j], entry)
-            own.append(entry * overs[k])
-        rows.append(own)
-        total = Lane(b, vector(0.0))
-        for i in range(k + 1):
-            for j in range(k + 1):
-                product = Lane(b, sums[max(i, j), min(i, j)])
-                total = fused(own[i] * own[j], product, total)
-        m.put(total, out, k)
-        m.put(triangle[k, k], out, k_count + k)
-
-
-def _emit_back(
-    m: Memory, noisy: Noisy, rests: ir.Value, block: ir.Value, first: ir.Value, shown: ir.Value
-) -> None:
-    """What the first samples show of the state at the start, some at once: sum of A'^k C' S^-1 e_k."""
-    b, n, k_count = m.b, noisy.n, noisy.k
-    places = Settled(n, k_count)
-    a, each = m.at(block, places.of("a")), n * k_count
-    onward = emit_product(b.module, (n, n, k_count), left=True)
-    square = emit_product(b.module, (n, n, n))
-    pulls, powers = m.room(AT_ONCE * each), m.room(2 * n * n)
-    copied = Loop(b, I64(each), [], "copied")
-    source = b.gep(block, [b.add(I64(places.pull), copied.index)])
-    b.store(b.load(source, align=8), b.gep(pulls, [copied.index]), align=8)
-    copied.close([])
+def _emit_pulls(w: _Samples) -> ir.Value:
+    """`(AT_ONCE, K, n)`: what the samples of a block show of its first state, A'^k of the first's."""
+    m, b, n, k_count = w.m, w.m.b, w.noisy.n, w.noisy.k
+    each = n * k_count
+    onward = emit_product(b.module, (k_count, n, n))
+    pulls, a = m.room(AT_ONCE * each), w.at(w.places.of("a"))
+    emit_copy(b, w.at(w.places.pulls), pulls, each)
     for k in range(1, AT_ONCE):
-        b.call(onward, [m.at(pulls, k * each), a, m.at(pulls, (k - 1) * each)])
-    power = a
+        b.call(onward, [m.at(pulls, k * each), m.at(pulls, (k - 1) * each), a])
+    return pulls
+
+
+def _emit_back(w: _Samples, blocks: ir.Value, shown: ir.Value) -> None:
+    """What all blocks show of the first state: sum of A'^k of theirs, from the last to the first."""
+    m, b, n = w.m, w.m.b, w.noisy.n
+    square = emit_product(b.module, (n, n, n))
+    powers, power = m.room(2 * n * n), w.at(w.places.of("a"))
     for k in range(AT_ONCE.bit_length() - 1):
         following = m.at(powers, (k % 2) * n * n)
         b.call(square, [following, power, power])
         power = following
-    blocks = b.sdiv(b.add(first, I64(AT_ONCE - 1)), I64(AT_ONCE))
     back = Loop(b, blocks, [vector(0.0)] * n, "back")
-    at = b.mul(b.sub(b.sub(blocks, I64(1)), back.index), I64(AT_ONCE * k_count))
-    own = m.row(b.gep(rests, [at]), AT_ONCE * k_count)
+    at = b.mul(b.sub(b.sub(blocks, I64(1)), back.index), I64(n))
+    own = m.row(m.at(w.a["shown"], at), n)
     carried = [Lane(b, one) for one in back.carried]
-    found = []
-    for i in range(n):
-        entries = [
-            m.get(pulls, j * each + i * k_count + k) for j in range(AT_ONCE) for k in range(k_count)
-        ]
-        half = len(own) // 2
-        moved = dot([m.get(power, j * n + i) for j in range(n)], carried)
-        total = dot(entries[:half], own[:half]) + dot(entries[half:], own[half:], moved)
-        found.append(total.value)
+    found = [
+        dot([m.get(power, j * n + i) for j in range(n)], carried, own[i]).value for i in range(n)
+    ]
     back.close(found)
     for i, value in enumerate(found):
         store(b, value, shown, i)
