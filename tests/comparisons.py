@@ -10,6 +10,7 @@ from pictures import posterior
 
 import bayesdrill as bd
 from bayesdrill.engines.evidence import Evidence
+from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.problem import Problem
 from bayesdrill.inference.residual_checks import Left, limits
 from bayesdrill.insight.comparison import Contender
@@ -25,10 +26,21 @@ def problem() -> Problem:
     return bd.load(CONFIG).job.problem
 
 
-def left(rms: float = 1.0, correlation: float = 0.0) -> tuple[Left, ...]:
+def of_experiments(posterior: Posterior, names: tuple[str, ...]) -> Posterior:
+    """The same record under each of these names."""
+    (one,) = posterior.likelihood.observations
+    several = tuple(dataclasses.replace(one, label=name) for name in names)
+    likelihood = dataclasses.replace(posterior.likelihood, observations=several)
+    return dataclasses.replace(posterior, likelihood=likelihood)
+
+
+def left(
+    rms: float = 1.0, correlation: float = 0.0, experiments: tuple[str, ...] = ("",)
+) -> tuple[Left, ...]:
     return tuple(
         Left(
             channel=name,
+            experiment=experiment,
             rms=rms * (1.0 + 0.01 * k),
             share=0.01,
             correlation=correlation * (1.0 - 0.1 * k),
@@ -36,6 +48,7 @@ def left(rms: float = 1.0, correlation: float = 0.0) -> tuple[Left, ...]:
             time=1.0,
             limits=limits(1001, 4, 9),
         )
+        for experiment in experiments
         for k, name in enumerate(CHANNELS)
     )
 
@@ -53,12 +66,17 @@ def model(
     prior: str = "the same",
     unknowns: int = 3,
     moved: float = 0.0,
+    experiments: tuple[str, ...] = ("",),
 ) -> Contender:
     x = posterior(1500)[:, :unknowns]
     layer = Layer(
         name=name,
         mark=name,
-        problem=dataclasses.replace(problem(), symbols=problem().symbols[:unknowns]),
+        problem=dataclasses.replace(
+            problem(),
+            symbols=problem().symbols[:unknowns],
+            posterior=of_experiments(problem().posterior, experiments),
+        ),
         draws=x + moved * x.std(axis=0),
         settings={"the model": rig, "the noise": noise},
     )
@@ -66,7 +84,7 @@ def model(
         layer=layer,
         converged=name != "stopped",
         evidence=Evidence(log_z=log_z, error=error, overlap=0.7),
-        left=left(rms, correlation),
+        left=left(rms, correlation, experiments),
         vague=(Vague(name=vague, decades=4.0),) if vague else (),
         rig={"the model": rig},
         noise={"w_1": noise},

@@ -15,6 +15,7 @@ from bayesdrill.insight.diagnostics import HDI_PROBABILITY
 from bayesdrill.insight.overlay import Row
 from bayesdrill.report import style
 from bayesdrill.report.overlay_shown import in_logs, shown
+from bayesdrill.report.overlay_words import elided
 from bayesdrill.report.pages import Page
 from bayesdrill.setup.own_units import OwnUnits
 
@@ -22,10 +23,10 @@ FEW, MOST_UNKNOWNS = 4, 12  # models of which all is shown, and unknowns
 COLUMNS, TOP = 3, 3  # panels of a row; those that are not of unknowns
 ROW, FRAME = 0.19, 0.22  # inches of a model and of the margins of a panel
 LETTER, LEAST_LEFT, MOST_LEFT = 0.058, 0.5, 2.2  # inches of a letter of a name, and of all of them
-LONGEST = 34  # letters of a name
+LONGEST = 42  # letters of a name
 MARKS = ("o", "s", "^", "D", "v", "P", "X", "*")  # of channels
 LIMIT: dict[str, Any] = {"color": style.MIDDLE, "linewidth": 0.7, "linestyle": (0, (1, 1.5))}
-PER_LINE = 6  # of the legend
+PER_LINE, PER_LONG_LINE = 6, 4  # of the legend; with names of experiments
 READ = (
     "the most probable model on top; shaded: odds of 20 to 1 or less; bars: means and narrowest "
     f"{100 * HDI_PROBABILITY:.0f} % intervals"
@@ -41,7 +42,9 @@ def comparison_figure(models: Sequence[Contender], rows: Sequence[Row], own: Own
     channels = list(dict.fromkeys(one.name for model in models for one in model.left))
     with style.styled():
         handles = _handles(models)
-        page = _page(len(models), max(map(len, names)), -(-len(handles) // PER_LINE))
+        several = any(one.label for one in layers[0].problem.observations)
+        per_line = min(PER_LONG_LINE if several else PER_LINE, len(handles))
+        page = _page(len(models), max(map(len, names)), -(-len(handles) // per_line))
         figure, panels = page.build(TOP + len(shared))
         _odds(panels[0], [models[k] for k in order])
         _left(panels[1], [models[k] for k in order], channels, lambda one: one.rms, 1.0)
@@ -55,7 +58,7 @@ def comparison_figure(models: Sequence[Contender], rows: Sequence[Row], own: Own
         figure.legend(
             handles=handles,
             loc="upper center",
-            ncols=min(PER_LINE, len(handles)),
+            ncols=per_line,
             borderaxespad=0.3,
             columnspacing=1.4,
             handletextpad=0.5,
@@ -88,7 +91,7 @@ def _page(n_models: int, letters: int, lines: int) -> Page:
 
 
 def _name(one: Contender) -> str:
-    name = one.name if len(one.name) <= LONGEST else f"{one.name[: LONGEST - 3]}..."
+    name = elided(one.name, LONGEST)
     return (name if one.converged else f"{name} *").replace("$", r"\$")
 
 
@@ -186,16 +189,20 @@ def _colour(k: int) -> str:
     return style.BLACK if k == 0 else style.MIDDLE
 
 
+def _of(experiment: str) -> str:
+    return " in " + experiment.replace("$", r"\$") if experiment else ""
+
+
 def _handles(models: Sequence[Contender]) -> list[Line2D]:
     """Of all channels of any model, and what a hollow mark says."""
     symbols = {
-        f"{channel.name} in {one.label}" if one.label else channel.name: channel.latex
+        (channel.name, one.label): f"${channel.latex}$" + _of(one.label)
         for model in models
         for one in model.layer.problem.observations
         for channel in one.experiment.channels
     }
     marks = [
-        Line2D([], [], marker=MARKS[k % len(MARKS)], color=style.DARK, label=f"${symbol}$")
+        Line2D([], [], marker=MARKS[k % len(MARKS)], color=style.DARK, label=symbol)
         for k, symbol in enumerate(symbols.values())
     ]
     hollow = Line2D([], [], marker="o", color=style.DARK, markerfacecolor="white")

@@ -9,7 +9,7 @@ from typing import Any
 from matplotlib.lines import Line2D
 
 from bayesdrill.insight.overlay import Layer
-from bayesdrill.report.overlay_words import warned
+from bayesdrill.report.overlay_words import elided, warned
 
 LONGEST = 48  # letters of a name in a legend
 
@@ -53,6 +53,4 @@ def handles(layers: Sequence[Layer], *, marked: bool) -> list[Line2D]:
 
 
 def legend_name(layer: Layer) -> str:
-    text = warned(layer)
-    short = text if len(text) <= LONGEST else f"{text[: LONGEST - 3]}..."
-    return short.replace("$", r"\$")
+    return elided(warned(layer), LONGEST).replace("$", r"\$")

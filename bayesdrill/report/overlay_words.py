@@ -141,8 +141,13 @@ def settings(layers: Sequence[Layer], differs: dict[str, tuple[str | None, ...]]
 
 
 def _short(value: str | None) -> str:
-    text = value or ""
-    return text if len(text) <= LONGEST else f"{text[: LONGEST - 3]}..."
+    return elided(value or "", LONGEST)
+
+
+def elided(text: str, most: int) -> str:
+    """Without letters of its middle, where it has more than so many: names differ at their ends."""
+    left = most - 3
+    return text if len(text) <= most else f"{text[: left // 2]}...{text[-(left - left // 2) :]}"
 
 
 def warned(layer: Layer) -> str:

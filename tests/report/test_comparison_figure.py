@@ -66,3 +66,25 @@ def test_marks_stand_where_the_numbers_are() -> None:
     assert hollow == {places[one.name] for one in given if not one.like_noise}
     assert len({round(y) for y in hollow}) == 3
     assert np.ptp([xy(line)[1, 0] for line in whole]) == 3
+
+
+def test_names_that_differ_at_their_ends_are_told_apart() -> None:
+    ends = ["first", "second", "third"]
+    given = [model(f"{'all_that_rubs-' * 4}{end}", -9.0 * k) for k, end in enumerate(ends)]
+    page = figure(given)
+    names = [text.get_text() for text in page.axes[0].get_yticklabels()]
+    assert {name.rpartition("-")[2] for name in names} == set(ends)
+    assert max(map(len, names)) < len(given[0].name)
+    assert list(clashes(page)) == []
+
+
+def test_channels_of_several_experiments_say_which_they_are_of() -> None:
+    given = [
+        model(name, -3.0 * k, experiments=("up", "down the hill")) for k, name in enumerate("ab")
+    ]
+    page = figure(given)
+    words = [text.get_text() for text in page.legends[0].get_texts()]
+    channels = [word for word in words if " in " in word]
+    assert len(channels) == len(set(channels)) == 2 * len(CHANNELS)
+    assert {word.partition(" in ")[2] for word in channels} == {"up", "down the hill"}
+    assert list(clashes(page)) == []
