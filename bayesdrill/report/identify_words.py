@@ -38,7 +38,8 @@ def product(names: Sequence[str], exponents: Sequence[float]) -> str:
 def full(study: Study) -> str:
     """All that `identify` prints."""
     rubs, stands = friction_words.sentences(study.frictions), torque_words.stand_ins(study)
-    parts = [structure(study), knowledge(study), nuisances(study), rubs, stands, remedies(study)]
+    parts = [structure(study), resting(study), knowledge(study), nuisances(study)]
+    parts += [rubs, stands, remedies(study)]
     return "\n\n".join(part for part in parts if part).rstrip()
 
 
@@ -100,6 +101,16 @@ def symmetry(names: Sequence[str], exponents: Exponents) -> str:
     return f"with {', '.join(parts)}, for any factor f, no measured signal changes"
 
 
+def resting(study: Study) -> str:
+    """A sentence for each scale that numbers which are held settle."""
+    return "\n".join(
+        f"resting on {_listed(one.through)}, {'which is' if len(one.through) == 1 else 'which are'} "
+        f"held: {_listed(one.unknown)}, known only as far as that is right; "
+        f"{symmetry(one.names, one.exponents)}"
+        for one in study.resting
+    )
+
+
 def knowledge(study: Study) -> str:
     """How well parameters and simple products would be known, before sampling."""
     lines = [
@@ -150,15 +161,15 @@ def remedies(study: Study) -> str:
 
 def brief(study: Study) -> str:
     """For the start of a run: the symmetries, or that there are none, and where to read on."""
-    symmetries = _symmetries(study)
+    symmetries, rests = _symmetries(study), resting(study).splitlines()
     if not symmetries:
-        return _of_each(study)
+        return "\n".join([_of_each(study), *rests])
     lines = [
         "no such record shows everything:",
         *(f"  {line}" for line in symmetries),
         "  `bayesdrill identify` says what would",
     ]
-    return "\n".join(lines)
+    return "\n".join([*lines, *rests])
 
 
 def _of_each(study: Study) -> str:

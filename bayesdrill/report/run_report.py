@@ -79,7 +79,12 @@ def _verdict(run: View) -> Iterator[Block]:
         n, verdict = len(run.problem.observations), run.judged.verdict
         lacking = nuisance_words.lacking(run.causes)
         said = verdict_words.sentences(
-            verdict, table, converged=c.converged, records=n, lacking=lacking
+            verdict,
+            table,
+            converged=c.converged,
+            records=n,
+            lacking=lacking,
+            rests=run.judged.study.resting,
         )
         more = nuisance_words.instead(run.instead) if c.converged else ()
         yield Sentences("\n".join([said, *more]))
@@ -159,7 +164,8 @@ def _against(verdict: Verdict) -> Section:
 
 def _shown(judged: Judgement, records: int) -> Iterator[Section]:
     study = judged.study
-    shown = f"{identify_words.structure(study)}\n\n{identify_words.knowledge(study)}"
+    parts = (identify_words.structure, identify_words.resting, identify_words.knowledge)
+    shown = "\n\n".join(filter(None, (words_of(study) for words_of in parts)))
     whose = "this record" if records == 1 else "these records"
     rubs = friction_words.sentences(study.frictions)
     stands = torque_words.stand_ins(study)

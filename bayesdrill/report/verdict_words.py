@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import csv
 import io
+import itertools
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 from bayesdrill.basics.symbols import Symbol, unit_product
 from bayesdrill.insight.diagnostics import HDI_PROBABILITY
+from bayesdrill.insight.identifiability.resting import Resting
 from bayesdrill.insight.verdict import FALSE_ALARM, Quantity, Verdict
 from bayesdrill.report.identify_words import product
 from bayesdrill.report.sections import Table
@@ -34,16 +36,23 @@ NONE = "verdict: none, because the run did not converge; the numbers may be wron
 
 
 def sentences(
-    found: Verdict, table: str, *, converged: bool = True, records: int = 1, lacking: str = ""
+    found: Verdict,
+    table: str,
+    *,
+    converged: bool = True,
+    records: int = 1,
+    lacking: str = "",
+    rests: Sequence[Resting] = (),
 ) -> str:
-    """The whole in a sentence, then what is not determined and what is pressed.
+    """The whole in a sentence, then what it rests on, what is not determined and what is pressed.
 
     `records`: of how many experiments it is; `lacking`: what the model may miss.
     """
     if not converged:
         return NONE
     whole = [_whole(found, table, records), *([] if found.fits else [_doubt(lacking)])]
-    return "\n".join([*whole, *_opened(found), *_not_determined(found), *_pressed(found)])
+    more = (_resting(found, rests), _opened(found), _not_determined(found), _pressed(found))
+    return "\n".join([*whole, *itertools.chain(*more)])
 
 
 def rule(found: Verdict) -> str:
@@ -100,6 +109,21 @@ def _doubt(lacking: str) -> str:
         "IN DOUBT: the verdict holds only if the model does, and the fit, which leaves more than noise, "
         f"is evidence against the model{missing}"
     )
+
+
+def _resting(found: Verdict, rests: Sequence[Resting]) -> list[str]:
+    """What is judged only as far as a number is right that the config holds."""
+    judged = [q for q in rows(found) if q.says != "not determined"]
+    lines = []
+    for one in rests:
+        scaled = [_name(found, q) for q in judged if one.scales(found.names, q.exponents)]
+        held = " and ".join(one.through)
+        if scaled:
+            lines.append(
+                f"resting on {held}: {', '.join(dict.fromkeys(scaled))} (that is held, and what it is "
+                "off by, they are off by as well; give it a prior to see what the record says by itself)"
+            )
+    return lines
 
 
 def _opened(found: Verdict) -> list[str]:

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from bayesdrill.basics import seeds
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.priors import spread_of_log
-from bayesdrill.insight.identifiability import structure
 from bayesdrill.insight.identifiability.frictions import NOTHING, Told, told_apart
 from bayesdrill.insight.identifiability.information import (
     Direction,
@@ -22,7 +21,9 @@ from bayesdrill.insight.identifiability.information import (
     from_sensitivities,
     products,
 )
+from bayesdrill.insight.identifiability.proving import structure_of
 from bayesdrill.insight.identifiability.remedies import Remedy, remedies
+from bayesdrill.insight.identifiability.resting import Resting, resting
 from bayesdrill.insight.identifiability.scenes import Scenery
 from bayesdrill.insight.identifiability.standing_in import StandIn, scaled, stand_ins
 from bayesdrill.insight.identifiability.structure import Exponents, Structure
@@ -31,8 +32,6 @@ Array = NDArray[np.float64]
 Class = Literal["determined", "weak", "left to the prior"]
 
 ALIKE = 2.0  # times: how much smaller an sd would be, for a nuisance that is named with it
-PRIOR_POINTS = 4  # beside the start: where symmetries are looked for and proven
-MOST_DRAWS = 100  # of the prior, to find that many with a finite response
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -91,7 +90,7 @@ class Study:
 
     `information` is that of the record alone, `directions` its sloppy spectrum.  `stand_ins`:
     parameters that a missing torque can stand in for; `scaled`: names that can be multiplied
-    together, its size among them.
+    together, its size among them.  `resting`: scales that numbers which are held settle.
     """
 
     names: tuple[str, ...]
@@ -106,6 +105,7 @@ class Study:
     frictions: Told = NOTHING
     stand_ins: tuple[StandIn, ...] = ()
     scaled: tuple[tuple[str, ...], ...] = ()
+    resting: tuple[Resting, ...] = ()
 
     @property
     def directions(self) -> tuple[Direction, ...]:
@@ -123,7 +123,7 @@ def study(
 ) -> Study:
     """At `theta (D,)`; `rng` draws the points at which the structure is looked at."""
     names = scenery.unknowns
-    found = _structure(posterior, scenery, theta, rng)
+    found = structure_of(posterior, scenery, theta, rng)
     known = from_sensitivities(names, scenery.sensitivities(theta))
     prior_sd = prior_spreads(posterior)[: len(names)]
     return Study(
@@ -138,6 +138,7 @@ def study(
         nuisances=_nuisances(scenery, posterior, theta, thresholds),
         frictions=told_apart(scenery, posterior, theta),
         stand_ins=stand_ins(posterior, theta, prior_spreads(posterior), rng),
+        resting=resting(posterior, theta, rng),
         scaled=scaled(posterior, found.symmetries),
     )
 
@@ -189,23 +190,6 @@ def study_of(
 def prior_spreads(posterior: Posterior) -> Array:
     """Standard deviations of the logs under the priors `(D,)`."""
     return np.array([spread_of_log(prior) for prior in posterior.space.priors.values()])
-
-
-def _structure(
-    posterior: Posterior, scenery: Scenery, theta: Array, rng: np.random.Generator
-) -> Structure:
-    drawn = posterior.space.draw(MOST_DRAWS, rng)
-    finite = drawn[np.isfinite(posterior.density(drawn))][:PRIOR_POINTS]
-    points = np.vstack([theta, finite])
-    likelihood = posterior.likelihood
-    here = likelihood.every_signal(points)
-
-    def unchanged(exponents: Exponents) -> bool:
-        there = likelihood.every_signal(structure.doubled(points, exponents))
-        return all(map(structure.same_response, here, there))
-
-    sensitivities = [scenery.sensitivities(point) for point in points]
-    return structure.analyse(scenery.unknowns, sensitivities, unchanged)
 
 
 def _parameters(known: Information, prior_sd: Array, thresholds: Thresholds) -> tuple[Known, ...]:

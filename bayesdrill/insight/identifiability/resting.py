@@ -1,0 +1,108 @@
+"""Unknowns that a record knows only as far as numbers that the config holds are right.
+
+A number that is held settles a scale that no signal shows: were it another, so would be all that is
+told through it, and the record would look the same.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayesdrill.basics import symbols
+from bayesdrill.inference.likelihood import Likelihood, Observation, Part
+from bayesdrill.inference.posterior import Posterior
+from bayesdrill.inference.priors import Uniform
+from bayesdrill.inference.unknowns import Unknown
+from bayesdrill.insight.identifiability.proving import structure_of
+from bayesdrill.insight.identifiability.scenes import Scenery
+from bayesdrill.insight.identifiability.structure import Exponents
+
+Array = NDArray[np.float64]
+
+NEAR = 0.5, 1.5  # times what is held: where the structure is looked at
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Resting:
+    """With `exponents` of `names`, of which some are `held`, no measured signal changes."""
+
+    names: tuple[str, ...]
+    exponents: Exponents
+    held: tuple[str, ...]
+
+    @property
+    def unknown(self) -> tuple[str, ...]:
+        """Those that are known through what is held."""
+        named = zip(self.names, self.exponents, strict=True)
+        return tuple(name for name, e in named if e and name not in self.held)
+
+    @property
+    def through(self) -> tuple[str, ...]:
+        named = zip(self.names, self.exponents, strict=True)
+        return tuple(name for name, e in named if e and name in self.held)
+
+    def scales(self, names: Sequence[str], exponents: Sequence[float]) -> bool:
+        """Whether a product of powers is another where what is held is."""
+        own = dict(zip(self.names, self.exponents, strict=True))
+        return sum(own[name] * e for name, e in zip(names, exponents, strict=True)) != 0
+
+
+def resting(posterior: Posterior, theta: Array, rng: np.random.Generator) -> tuple[Resting, ...]:
+    """At `theta (D,)`; `rng` draws the points at which the structure is looked at.
+
+    Where few are held and many rest on them: who holds most of a rig knows that the rest is told
+    through it.
+    """
+    space = posterior.space
+    parameters = posterior.likelihood.observations[0].response.model.parameters
+    held = tuple(name for name in parameters if space.fixed.get(name, 0.0) > 0.0)
+    if not held:
+        return ()
+    wider = _freed(posterior, held)
+    first = len(space.columns("rig", "quantity"))
+    known = [space.fixed[name] for name in held]
+    at = np.concatenate([theta[:first], known, theta[first:]])
+    found = structure_of(wider, Scenery(wider.likelihood), at, rng)
+    every = (Resting(names=found.names, exponents=e, held=held) for e in found.symmetries)
+    return tuple(one for one in every if 0 < len(one.through) <= len(one.unknown))
+
+
+def _freed(posterior: Posterior, held: tuple[str, ...]) -> Posterior:
+    """With what is held unknown, behind the rig's other unknowns."""
+    space = posterior.space
+    low, high = NEAR
+    new = tuple(
+        Unknown(
+            symbol=symbols.PARAMETERS[name],
+            role="rig",
+            prior=Uniform(low=low * space.fixed[name], high=high * space.fixed[name]),
+            start=space.fixed[name],
+        )
+        for name in held
+    )
+    first = len(space.columns("rig", "quantity"))
+    wider = dataclasses.replace(
+        space,
+        unknowns=(*space.unknowns[:first], *new, *space.unknowns[first:]),
+        fixed={name: value for name, value in space.fixed.items() if name not in held},
+    )
+    parts = [_part(one, posterior) for one in posterior.likelihood.observations]
+    return Posterior(
+        space=wider, likelihood=Likelihood.joint(wider, parts), coordinates=wider.coordinates()
+    )
+
+
+def _part(one: Observation, posterior: Posterior) -> Part:
+    told = one.named(one.response.parameters, posterior.space.model)
+    return Part(
+        response=one.response,
+        noise=one.noise,
+        told=[told.get(name, name) for name in one.response.parameters],
+        levels=one.levels(posterior.space),
+        label=one.label,
+    )

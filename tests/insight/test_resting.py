@@ -1,0 +1,85 @@
+"""Scales that held numbers settle: against the rig's two symmetries, and a rig that is scaled.
+
+Mutants killed: symmetries of held numbers alone, or of unknowns alone; a prior about another value.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from oracles import ORDER
+from rigs import measured, posterior
+from verdicts import TABLE, gaussian, verdict
+
+from bayesdrill.insight.identifiability.resting import Resting, resting
+from bayesdrill.insight.identifiability.scenes import Scenery
+from bayesdrill.insight.identifiability.study import Thresholds, study
+from bayesdrill.report import identify_words, verdict_words
+
+SIGMA = np.array([0.02, 0.01, 0.05, 0.03])
+MECHANICAL = frozenset({"j_m", "c_m", "k_T", "k_s", "j_1", "t_f"})
+ELECTRICAL = frozenset({"k_T", "r_m", "l_m"})
+
+
+def found(*held: str, sigma: np.ndarray | None = SIGMA) -> tuple[Resting, ...]:
+    free = tuple(name for name in ORDER if name not in held)
+    target = posterior(measured(SIGMA), sigma, free=free)
+    theta = target.space.vector(target.space.start)
+    return resting(target, theta, np.random.default_rng(1))
+
+
+def sets(found: tuple[Resting, ...]) -> set[tuple[frozenset[str], frozenset[str]]]:
+    return {(frozenset(one.unknown), frozenset(one.through)) for one in found}
+
+
+@pytest.mark.parametrize("sigma", [SIGMA, None])
+@pytest.mark.parametrize("name", ["j_1", "r_m"])
+def test_a_held_number_settles_its_scale(name: str, sigma: np.ndarray | None) -> None:
+    """Of a noise that is known and of one that is not."""
+    whole = MECHANICAL if name == "j_1" else ELECTRICAL
+    assert sets(found(name, sigma=sigma)) == {(whole - {name}, frozenset({name}))}
+
+
+def test_each_scale_rests_on_its_own() -> None:
+    assert sets(found("j_1", "l_m")) == {
+        (MECHANICAL - {"j_1"}, frozenset({"j_1"})),
+        (ELECTRICAL - {"l_m"}, frozenset({"l_m"})),
+    }
+
+
+def test_numbers_that_scale_nothing_unknown_are_not_named() -> None:
+    assert found() == ()
+    assert found("k_e") == ()
+    assert found(*MECHANICAL, *ELECTRICAL) == ()
+
+
+def test_one_that_is_sought_among_many_that_are_held_is_not_warned_of() -> None:
+    assert all("k_s" not in one.unknown for one in found(*MECHANICAL - {"k_s"}))
+
+
+def test_what_rests_is_what_a_symmetry_changes() -> None:
+    (one,) = found("l_m")
+    assert one.scales(("r_m", "k_T"), (1, 0))
+    assert one.scales(("k_s", "k_T"), (1, -1))
+    assert not one.scales(("r_m", "k_T"), (1, -1))
+    assert not one.scales(("k_s", "j_1"), (1, -1))
+
+
+def test_in_words_before_sampling_and_in_the_verdict() -> None:
+    target = posterior(measured(SIGMA), SIGMA, free=tuple(name for name in ORDER if name != "l_m"))
+    theta = target.space.vector(target.space.start)
+    rng = np.random.default_rng(1)
+    made = study(Scenery(target.likelihood), target, theta, (), Thresholds(), rng)
+    for text in (identify_words.full(made), identify_words.brief(made)):
+        assert (
+            "resting on l_m, which is held: k_T and r_m, known only as far as that is right" in text
+        )
+    judged = verdict(gaussian({**TABLE, "r_m": 1.2 * TABLE["r_m"]}, np.random.default_rng(2)))
+    said = verdict_words.sentences(judged, "table", rests=made.resting)
+    (line,) = (line for line in said.splitlines() if line.startswith("resting"))
+    assert line.startswith("resting on l_m: r_m (that is held")
+    elsewhere = dataclasses.replace(made.resting[0], names=("k_s", "j_1", "l_m", "r_m"))
+    apart = dataclasses.replace(elsewhere, exponents=(1, 1, 1, 0))
+    assert "resting" not in verdict_words.sentences(judged, "table", rests=(apart,))
