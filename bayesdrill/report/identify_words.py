@@ -11,6 +11,7 @@ from bayesdrill.insight.identifiability.remedies import Remedy
 from bayesdrill.insight.identifiability.structure import Exponents
 from bayesdrill.insight.identifiability.study import Known, Study
 from bayesdrill.report import friction_words, torque_words
+from bayesdrill.report.friction_words import listed
 from bayesdrill.report.sections import aligned
 
 MOST_REMEDIES = 8
@@ -49,7 +50,7 @@ def structure(study: Study) -> str:
     names = found.names
     if not found.symmetries and not found.unexplained:
         return (
-            f"structure: no exact symmetry; all of {_listed(names)} leave a trace of their own in "
+            f"structure: no exact symmetry; all of {listed(names)} leave a trace of their own in "
             "the measured signals"
         )
     n = len(found.symmetries) + found.unexplained
@@ -58,10 +59,11 @@ def structure(study: Study) -> str:
         "of these channels, however long or clean, shows where on it the rig is:"
     ]
     lines += [f"  - {line}" for line in _symmetries(study)]
-    products = ", ".join(product(names, e) for e in found.invariants)
-    lines.append(
-        f"what such a record can show are {len(found.invariants)} products of powers: {products}"
-    )
+    if found.invariants:
+        products = ", ".join(product(names, e) for e in found.invariants)
+        lines.append(
+            f"what such a record can show are {len(found.invariants)} products of powers: {products}"
+        )
     return "\n".join(lines)
 
 
@@ -73,7 +75,7 @@ def _symmetries(study: Study) -> list[str]:
         blind = [known.exponents.index(1) for known in study.parameters if math.isinf(known.bound)]
         lines.append(
             f"{_count(found.unexplained, 'change', 'changes')} of several of "
-            f"{_listed([found.names[k] for k in blind])} at once, by no common factor, "
+            f"{listed([found.names[k] for k in blind])} at once, by no common factor, "
             f"{'leaves' if found.unexplained == 1 else 'leave'} every signal as it is"
         )
     return lines
@@ -89,13 +91,13 @@ def symmetry(names: Sequence[str], exponents: Exponents) -> str:
         if len(groups[1]) == 1:
             return f"{groups[1][0]} can be multiplied by any factor without changing any measured signal"
         return (
-            f"{_listed(groups[1])} can all be multiplied by the same factor without changing any "
+            f"{listed(groups[1])} can all be multiplied by the same factor without changing any "
             "measured signal"
         )
     parts = [
-        f"{_listed(groups[e])} multiplied by {_factor(e)}"
+        f"{listed(groups[e])} multiplied by {_factor(e)}"
         if e > 0
-        else f"{_listed(groups[e])} divided by {_factor(-e)}"
+        else f"{listed(groups[e])} divided by {_factor(-e)}"
         for e in sorted(groups, reverse=True)
     ]
     return f"with {', '.join(parts)}, for any factor f, no measured signal changes"
@@ -104,8 +106,8 @@ def symmetry(names: Sequence[str], exponents: Exponents) -> str:
 def resting(study: Study) -> str:
     """A sentence for each scale that numbers which are held settle."""
     return "\n".join(
-        f"resting on {_listed(one.through)}, {'which is' if len(one.through) == 1 else 'which are'} "
-        f"held: {_listed(one.unknown)}, known only as far as that is right; "
+        f"resting on {listed(one.through)}, {'which is' if len(one.through) == 1 else 'which are'} "
+        f"held: {listed(one.unknown)}, known only as far as that is right; "
         f"{symmetry(one.names, one.exponents)}"
         for one in study.resting
     )
@@ -138,7 +140,7 @@ def nuisances(study: Study) -> str:
         if one.like:
             each = ", ".join(f"{other} ({times:.2g} times)" for other, times in one.like)
             lines.append(
-                f"{one.name} can hardly be told from {_listed([o for o, _ in one.like])}: if it were "
+                f"{one.name} can hardly be told from {listed([o for o, _ in one.like])}: if it were "
                 f"known, sds would be smaller: {each}"
             )
     return "\n".join(lines)
@@ -150,7 +152,7 @@ def remedies(study: Study) -> str:
     if not helpful:
         return "no single further measurement that was tried would help much"
     lines = [
-        f"what would help, each alone (standard deviations of {_listed(study.of_interest)} shrink "
+        f"what would help, each alone (standard deviations of {listed(study.of_interest)} shrink "
         "by this factor, on average):"
     ]
     n = len(study.structure.symmetries)
@@ -182,10 +184,10 @@ def _of_each(study: Study) -> str:
         return "the record determines every unknown"
     parts = ["no symmetry hides an unknown from this record"]
     if loose:
-        parts.append(f"without their priors it would know {_listed(loose)} at best")
+        parts.append(f"without their priors it would know {listed(loose)} at best")
     if left:
-        parts.append(f"with them it leaves {_listed(left)} largely to the prior")
-    parts += [f"{n.name} can hardly be told from {_listed([o for o, _ in n.like])}" for n in tied]
+        parts.append(f"with them it leaves {listed(left)} largely to the prior")
+    parts += [f"{n.name} can hardly be told from {listed([o for o, _ in n.like])}" for n in tied]
     return "; ".join(parts)
 
 
@@ -248,10 +250,6 @@ def _power(name: str, exponent: float) -> str:
 
 def _factor(exponent: int) -> str:
     return "f" if exponent == 1 else f"f^{exponent}"
-
-
-def _listed(names: Sequence[str]) -> str:
-    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
 
 
 def _count(n: int, one: str, many: str) -> str:

@@ -12,6 +12,7 @@ from bayesdrill.basics.symbols import Symbol, unit_product
 from bayesdrill.insight.diagnostics import HDI_PROBABILITY
 from bayesdrill.insight.identifiability.resting import Resting
 from bayesdrill.insight.verdict import FALSE_ALARM, Quantity, Verdict
+from bayesdrill.report.friction_words import listed
 from bayesdrill.report.identify_words import product
 from bayesdrill.report.sections import Table
 
@@ -117,11 +118,12 @@ def _resting(found: Verdict, rests: Sequence[Resting]) -> list[str]:
     lines = []
     for one in rests:
         scaled = [_name(found, q) for q in judged if one.scales(found.names, q.exponents)]
-        held = " and ".join(one.through)
+        held = listed(one.through)
         if scaled:
             lines.append(
-                f"resting on {held}: {', '.join(dict.fromkeys(scaled))} (that is held, and what it is "
-                "off by, they are off by as well; give it a prior to see what the record says by itself)"
+                f"resting on {held}: {', '.join(dict.fromkeys(scaled))} (held: were that another "
+                "number, so would these be, and the record would look the same; a prior instead says "
+                "what it tells by itself)"
             )
     return lines
 

@@ -6,6 +6,8 @@ Mutants killed: symmetries of held numbers alone, or of unknowns alone; a prior 
 from __future__ import annotations
 
 import dataclasses
+import importlib
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,10 +15,13 @@ from oracles import ORDER
 from rigs import measured, posterior
 from verdicts import TABLE, gaussian, verdict
 
+from bayesdrill.inference.likelihood import Likelihood
+from bayesdrill.inference.posterior import Posterior
 from bayesdrill.insight.identifiability.resting import Resting, resting
 from bayesdrill.insight.identifiability.scenes import Scenery
 from bayesdrill.insight.identifiability.study import Thresholds, study
 from bayesdrill.report import identify_words, verdict_words
+from bayesdrill.rig.response import Response
 
 SIGMA = np.array([0.02, 0.01, 0.05, 0.03])
 MECHANICAL = frozenset({"j_m", "c_m", "k_T", "k_s", "j_1", "t_f"})
@@ -79,7 +84,26 @@ def test_in_words_before_sampling_and_in_the_verdict() -> None:
     judged = verdict(gaussian({**TABLE, "r_m": 1.2 * TABLE["r_m"]}, np.random.default_rng(2)))
     said = verdict_words.sentences(judged, "table", rests=made.resting)
     (line,) = (line for line in said.splitlines() if line.startswith("resting"))
-    assert line.startswith("resting on l_m: r_m (that is held")
+    assert line.startswith("resting on l_m: r_m (held: ")
     elsewhere = dataclasses.replace(made.resting[0], names=("k_s", "j_1", "l_m", "r_m"))
     apart = dataclasses.replace(elsewhere, exponents=(1, 1, 1, 0))
     assert "resting" not in verdict_words.sentences(judged, "table", rests=(apart,))
+
+
+def test_a_rig_s_own_parameters_may_be_held(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Mutant killed: symbols that only the house has."""
+    monkeypatch.syspath_prepend(Path(__file__).parents[1] / "toys")
+    rig, record = importlib.import_module("toy_rig").Damped(), measured(SIGMA)
+    free = tuple(name for name in ORDER if name not in ("j_1", "r_m"))
+    plain = posterior(record, SIGMA, free=free)
+    space = dataclasses.replace(
+        plain.space, model=rig.parameters, fixed={**plain.space.fixed, "tau_s": 0.01}
+    )
+    (one,) = plain.likelihood.observations
+    likelihood = Likelihood.of(space, (Response(rig, record), one.noise))
+    target = Posterior(space=space, likelihood=likelihood, coordinates=space.coordinates())
+    theta = space.vector(space.start)
+    assert sets(resting(target, theta, np.random.default_rng(1))) == {
+        (MECHANICAL - {"j_1"}, frozenset({"j_1"})),
+        (ELECTRICAL - {"r_m"}, frozenset({"r_m"})),
+    }

@@ -13,7 +13,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdrill.basics import symbols
 from bayesdrill.inference.likelihood import Likelihood, Observation, Part
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.priors import Uniform
@@ -21,6 +20,7 @@ from bayesdrill.inference.unknowns import Unknown
 from bayesdrill.insight.identifiability.proving import structure_of
 from bayesdrill.insight.identifiability.scenes import Scenery
 from bayesdrill.insight.identifiability.structure import Exponents
+from bayesdrill.rig.vocabulary import PARAMETERS
 
 Array = NDArray[np.float64]
 
@@ -76,9 +76,11 @@ def _freed(posterior: Posterior, held: tuple[str, ...]) -> Posterior:
     """With what is held unknown, behind the rig's other unknowns."""
     space = posterior.space
     low, high = NEAR
+    model = posterior.likelihood.observations[0].response.model
+    known = {one.name: one for one in (*PARAMETERS.values(), *model.declares)}
     new = tuple(
         Unknown(
-            symbol=symbols.PARAMETERS[name],
+            symbol=known[name],
             role="rig",
             prior=Uniform(low=low * space.fixed[name], high=high * space.fixed[name]),
             start=space.fixed[name],
