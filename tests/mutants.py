@@ -245,6 +245,14 @@ MUTANTS = [
         "tests/rig/test_missing_torque.py::test_one_gain_is_as_good_as_all_of_them",
     ),
     Mutant(
+        "a rig that is held by an angle, looked at where all numbers are alike",
+        "rig/missing_torque.py",
+        "1.0 + math.sqrt(k + 2) % 1 for k",
+        "1.0 for k",
+        "tests/rig/test_missing_torque.py::"
+        "test_a_rig_that_an_angle_holds_is_not_taken_for_one_that_turns",
+    ),
+    Mutant(
         "relative angles that begin where the rig's own do",
         "rig/missing_torque.py",
         "start.get(name, 0.0) - last for name",

@@ -223,8 +223,9 @@ def angles(model: Model) -> tuple[str, ...]:
 def pushed(rig: Model, torque: MissingTorque, weights: Sequence[Mapping[str, float]]) -> Pushed:
     """`weights` of the channels, by state: whether one tells of an angle by itself."""
     own = angles(rig)
-    one = dict.fromkeys(rig.parameters, 1.0)
-    matrix = dynamics(rig.linear(one), rig.states, 1)
+    # No two alike: where all are one, a rig may turn freely that does not elsewhere.
+    apart = {name: 1.0 + math.sqrt(k + 2) % 1 for k, name in enumerate(rig.parameters)}
+    matrix = dynamics(rig.linear(apart), rig.states, 1)
     free = len(own) > 1 and steady.turns(matrix, [rig.states.index(name) for name in own])
     alone = any(sum(each.get(name, 0.0) for name in own) != 0.0 for each in weights)
     return Pushed(rig, torque, free, alone or not free)

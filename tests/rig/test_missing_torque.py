@@ -20,6 +20,7 @@ from rigs import experiment, vector
 from bayesdrill.record.experiment import Experiment
 from bayesdrill.rig.filtered import Filtered, steps_of
 from bayesdrill.rig.missing_torque import At, MissingTorque, Smoothness, pushes
+from bayesdrill.rig.models import MODELS
 from bayesdrill.rig.models.driven_shaft import DrivenShaft
 from bayesdrill.rig.models.motor_shaft import MotorShaft
 from bayesdrill.rig.response import Response
@@ -220,6 +221,22 @@ def test_smoothing_is_what_is_expected_of_the_torque(at: At, smooth: Smoothness)
     states = found.smooth(*told(3), np.repeat(left[None], 3, axis=0))
     ours = SIZE * states[1, :, found.pushed.states.index("torque")]
     assert ours == pytest.approx(mean, abs=1e-9 * np.abs(mean).max() + 1e-10)
+
+
+@pytest.mark.parametrize("measures", [MEASURES, {"w_2": {"w_2": 1.0}}])
+def test_a_rig_that_an_angle_holds_is_not_taken_for_one_that_turns(
+    measures: dict[str, dict[str, float]],
+) -> None:
+    """As the paper prints it a spring holds the motor to the room, but where j_m and j_1 are alike."""
+    rig, one = MODELS["as_printed"](), experiment(80, 0.02, measures=measures)
+    found = Filtered(rig, MissingTorque(at="motor"), one)
+    row, sigmas = told()[0], SIGMAS[None, : len(measures)]
+    left = found.draw(row, sigmas, np.random.default_rng(4))[1][0]
+    clean = Response(rig, one).signals(vector(P)[None])[0]
+    seen = Response(rig, dataclasses.replace(one, y=clean + left))
+    white, variances = found.whiten(row, sigmas, left[None])
+    truth = -0.5 * (np.log(2 * np.pi * variances) + white**2).sum()
+    assert found.log_density(row, sigmas, seen).sum() == pytest.approx(truth, abs=1e-8)
 
 
 def test_a_walker_whose_numbers_overflow_spoils_no_other() -> None:
