@@ -116,9 +116,8 @@ class Filtered:
         k, t_count = self.noisy.k, len(self.experiment.t)
         told = in_groups(parameters, sigmas**2)
         out = np.empty((2 * k + 1, len(told) * LANES))
-        y, u = response.record
-        places = {"told": told.ctypes.data, "y": y, "u": u, "out": out.ctypes.data}
-        places["shown"] = self._shown[1]
+        (y, u), (_, shown) = response.record, self._shown
+        places = {"told": told.ctypes.data, "y": y, "u": u, "shown": shown, "out": out.ctypes.data}
         self._steadily.run(len(told), t_count, *(places[name] for name in STEADY_BLOCKS))
         logs = np.log(out[k:])
         spread = t_count * (logs[:k] + 0.5 * math.log(2 * math.pi)) + logs[k] / (2 * k)

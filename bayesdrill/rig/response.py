@@ -156,10 +156,8 @@ class Response:
         along = in_groups(directions.reshape(n, -1))
         scratch = np.empty((scratch_size(own, q) + 8, LANES))
         out = np.empty((len(blocks), k_count + q + q * q, LANES))
-        told, left = (
-            (a.ctypes.data for a in arrays) for arrays in ((blocks, along, scaled), (scratch, out))
-        )
-        addresses = (*told, *self._places, *left)
+        told = (blocks.ctypes.data, along.ctypes.data, scaled.ctypes.data)
+        addresses = (*told, *self._places, scratch.ctypes.data, out.ctypes.data)
         kernels.named["normal"](len(blocks), len(self._y), q, *addresses)
         rows = out.transpose(0, 2, 1).reshape(-1, out.shape[1])[:n]
         squares, slopes, lower = np.split(rows, [k_count, k_count + q], axis=1)

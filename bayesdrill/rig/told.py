@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayesdrill.rig.ahead import Ahead
+from bayesdrill.rig.grouped import in_groups
 from bayesdrill.rig.kernels import LANES
 from bayesdrill.rig.kernels.stepping import BLOCKS, Kernel, Own, Shape
 
@@ -91,10 +92,8 @@ class Told:
         if self.shape.late:
             behind, *shares = self.ahead.delays(parts["lag"])
             told = {**parts, "share": shares, "behind": [behind] * len(shares)}
-        groups = -(-n // LANES)
-        rows = np.empty((groups * LANES, self._width))
+        rows = np.empty((n, self._width))
         for name, slices in self._slices.items():
             for part, place in zip(told[name], slices, strict=True):
-                rows[:n, place] = part.reshape(len(part), -1)
-        rows[n:] = rows[n - 1]
-        return np.ascontiguousarray(rows.reshape(groups, LANES, -1).transpose(0, 2, 1))
+                rows[:, place] = part.reshape(len(part), -1)
+        return in_groups(rows)

@@ -20,6 +20,7 @@ from bayesdrill.inference.unknowns import Unknown
 from bayesdrill.insight.identifiability.proving import structure_of
 from bayesdrill.insight.identifiability.scenes import Scenery
 from bayesdrill.insight.identifiability.structure import Exponents
+from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.vocabulary import PARAMETERS
 
 Array = NDArray[np.float64]
@@ -58,25 +59,21 @@ def resting(posterior: Posterior, theta: Array, rng: np.random.Generator) -> tup
     Where few are held and many rest on them: who holds most of a rig knows that the rest is told
     through it.
     """
-    space = posterior.space
-    parameters = posterior.likelihood.observations[0].response.model.parameters
-    held = tuple(name for name in parameters if space.fixed.get(name, 0.0) > 0.0)
+    space, model = posterior.space, posterior.likelihood.observations[0].response.model
+    held = tuple(name for name in model.parameters if space.fixed.get(name, 0.0) > 0.0)
     if not held:
         return ()
-    wider = _freed(posterior, held)
     first = len(space.columns("rig", "quantity"))
-    known = [space.fixed[name] for name in held]
-    at = np.concatenate([theta[:first], known, theta[first:]])
+    wider = _freed(posterior, model, held, first)
+    at = np.insert(theta, first, [space.fixed[name] for name in held])
     found = structure_of(wider, Scenery(wider.likelihood), at, rng)
     every = (Resting(names=found.names, exponents=e, held=held) for e in found.symmetries)
     return tuple(one for one in every if 0 < len(one.through) <= len(one.unknown))
 
 
-def _freed(posterior: Posterior, held: tuple[str, ...]) -> Posterior:
-    """With what is held unknown, behind the rig's other unknowns."""
-    space = posterior.space
-    low, high = NEAR
-    model = posterior.likelihood.observations[0].response.model
+def _freed(posterior: Posterior, model: Model, held: tuple[str, ...], first: int) -> Posterior:
+    """With what is held unknown, behind the rig's other unknowns, of which `first` is the number."""
+    space, (low, high) = posterior.space, NEAR
     known = {one.name: one for one in (*PARAMETERS.values(), *model.declares)}
     new = tuple(
         Unknown(
@@ -87,7 +84,6 @@ def _freed(posterior: Posterior, held: tuple[str, ...]) -> Posterior:
         )
         for name in held
     )
-    first = len(space.columns("rig", "quantity"))
     wider = dataclasses.replace(
         space,
         unknowns=(*space.unknowns[:first], *new, *space.unknowns[first:]),

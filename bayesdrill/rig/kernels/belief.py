@@ -34,7 +34,7 @@ def emit_taught(
 ) -> None:
     """Of channel k into `gains (K, width)`; the covariance p (n, n) loses what it teaches."""
     n, own = noisy.n, noisy.seen(k)
-    weights = _constants(memory.b, own)
+    weights = weights_of(memory.b, noisy, k)
     shown = [dot(weights, [memory.get(p, i * n + j) for j in own]) for i in range(n)]
     variance = dot(weights, [shown[j] for j in own], memory.get(variances, k))
     over = is_seen / variance
@@ -72,8 +72,14 @@ def emit_carried(memory: Memory, n: int, p: ir.Value, phi: ir.Value, q: ir.Value
     b.call(whole, [p, spare, phi])
 
 
-def _constants(b: ir.IRBuilder, own: dict[int, float]) -> list[Number]:
-    return [Lane(b, vector(weight)) for weight in own.values()]
+def weights_of(b: ir.IRBuilder, noisy: Noisy, k: int) -> list[Number]:
+    """Those of the states of which channel k tells."""
+    return [Lane(b, vector(weight)) for weight in noisy.seen(k).values()]
+
+
+def root_of(memory: Memory, n: int, k: int, gains: ir.Value) -> Number:
+    """Of one over the variance of what channel k shows."""
+    return memory.get(gains, k * width(n) + n + 1)
 
 
 def _root(b: ir.IRBuilder, number: Number) -> Number:

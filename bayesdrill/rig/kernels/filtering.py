@@ -13,7 +13,7 @@ from typing import Any
 from llvmlite import ir
 
 from bayesdrill.basics.duals import Dual, dual
-from bayesdrill.rig.kernels.belief import emit_carried, emit_taught, met, width
+from bayesdrill.rig.kernels.belief import emit_carried, emit_taught, met, root_of, width
 from bayesdrill.rig.kernels.compiling import in_one_go, machine_code
 from bayesdrill.rig.kernels.gathering import anywhere
 from bayesdrill.rig.kernels.lanes import (
@@ -198,7 +198,7 @@ def _emit_sample(w: _Writer, here: ir.Value, t: ir.Value, phi: ir.Value) -> None
     for k in range(noisy.k):
         at = k * width(n)
         rest, state = met(m, noisy, k, state, m.get(left, k), w.gains)
-        over = m.get(w.gains, at + n + 1)
+        over = root_of(m, n, k, w.gains)
         white = rest * over
         if w.smooth:
             keep = m.at(w.a["kept"], b.mul(t, I64(w.kept)))

@@ -87,31 +87,23 @@ def dot(left: Sequence[Number], right: Sequence[Number], start: Number | None = 
 
 
 def emit_product(
-    module: ir.Module,
-    shape: tuple[int, int, int],
-    *,
-    slopes: bool = False,
+    module: ir.Module, shape: tuple[int, int, int], *, slopes: bool = False
 ) -> ir.Function:
     """`product(out (m, n), a, b)`: of a (m, k) and b (k, n)."""
     m, inner, n = shape
-    name = f"product_{m}_{inner}_{n}{'d' if slopes else ''}"
-    if name in module.globals:
-        return module.globals[name]
-    made = function(module, name, 0, [VECTORS] * 3)
+    made, b = _begun(module, f"product_{m}_{inner}_{n}{'d' if slopes else ''}", 3)
+    if b is None:
+        return made
     out, a, other = made.args
-    b = ir.IRBuilder(made.append_basic_block())
     memory = Memory(b, slopes)
     together = next(size for size in (3, 2, 1) if m % size in (0, 1) and size <= m)
-    singles = m % together
 
-    def some(first: ir.Value | int, count: int) -> None:
+    def some(first: ir.Value, count: int) -> None:
         """`count` rows at once: what is read of the other matrix serves all of them."""
-        offset, target = (
-            first * size if isinstance(first, int) else b.mul(first, I64(size))
-            for size in (inner, n)
+        begin, into = (
+            memory.at(base, b.mul(first, I64(size))) for base, size in ((a, inner), (out, n))
         )
-        rows = [memory.row(memory.at(memory.at(a, offset), r * inner), inner) for r in range(count)]
-        into = memory.at(out, target)
+        rows = [memory.row(memory.at(begin, r * inner), inner) for r in range(count)]
         for j in range(n):
             column = [memory.get(other, k * n + j) for k in range(inner)]
             for r, own in enumerate(rows):
@@ -120,10 +112,18 @@ def emit_product(
     blocks = Loop(b, I64(m // together), [], "rows")
     some(b.mul(blocks.index, I64(together)), together)
     blocks.close([])
-    if singles:
-        some(m - 1, 1)
+    if m % together:
+        some(I64(m - 1), 1)
     b.ret_void()
     return made
+
+
+def _begun(module: ir.Module, name: str, blocks: int) -> tuple[ir.Function, ir.IRBuilder | None]:
+    """A function of so many blocks of vectors; nothing to write it with where the module has it."""
+    if name in module.globals:
+        return module.globals[name], None
+    made = function(module, name, 0, [VECTORS] * blocks)
+    return made, ir.IRBuilder(made.append_basic_block())
 
 
 def emit_even(
@@ -132,12 +132,12 @@ def emit_even(
     """`even(out, a, b)`, all (n, n): a b', or with `left` a' b, of which it is known that it is its own
     transpose: made of its lower half, and so exactly that.
     """
-    name = f"even_{n}{'t' if left else ''}{'a' if adds else ''}{'d' if slopes else ''}"
-    if name in module.globals:
-        return module.globals[name]
-    made = function(module, name, 0, [VECTORS] * 3)
+    made, b = _begun(
+        module, f"even_{n}{'t' if left else ''}{'a' if adds else ''}{'d' if slopes else ''}", 3
+    )
+    if b is None:
+        return made
     out, a, other = made.args
-    b = ir.IRBuilder(made.append_basic_block())
     memory = Memory(b, slopes)
 
     def line(base: ir.Value, i: int) -> list[Number]:
@@ -163,12 +163,10 @@ def emit_factor(module: ir.Module, n: int) -> ir.Function:
     """`factor(out, a)`: lower triangle with out out' = a (n, n), which may be singular: what is nothing
     beside its diagonal gets a column of zeros.
     """
-    name = f"factor_{n}"
-    if name in module.globals:
-        return module.globals[name]
-    made = function(module, name, 0, [VECTORS] * 2)
+    made, b = _begun(module, f"factor_{n}", 2)
+    if b is None:
+        return made
     out, a = made.args
-    b = ir.IRBuilder(made.append_basic_block())
     zero = vector(0.0)
     found: dict[tuple[int, int], Lane] = {}
     for j in range(n):
@@ -199,12 +197,10 @@ def emit_decomposed(module: ir.Module, n: int) -> ir.Function:
 
     Of one and a product of two covariances, of which pivots are as good in their order as in any.
     """
-    name = f"decomposed_{n}"
-    if name in module.globals:
-        return module.globals[name]
-    made = function(module, name, 0, [VECTORS] * 3)
+    made, b = _begun(module, f"decomposed_{n}", 3)
+    if b is None:
+        return made
     out, a, determinant = made.args
-    b = ir.IRBuilder(made.append_basic_block())
     found = {(i, j): Lane(b, load(b, a, i * n + j)) for i in range(n) for j in range(n)}
     total = Lane(b, vector(1.0))
     for k in range(n):
@@ -223,12 +219,10 @@ def emit_decomposed(module: ir.Module, n: int) -> ir.Function:
 
 def emit_solved(module: ir.Module, n: int, m: int) -> ir.Function:
     """`solved(out (n, m), lu (n, n), x (n, m))`: a^-1 x of what is decomposed."""
-    name = f"solved_{n}_{m}"
-    if name in module.globals:
-        return module.globals[name]
-    made = function(module, name, 0, [VECTORS] * 3)
+    made, b = _begun(module, f"solved_{n}_{m}", 3)
+    if b is None:
+        return made
     out, lu, x = made.args
-    b = ir.IRBuilder(made.append_basic_block())
     together = next(size for size in (3, 2, 1) if m % size == 0)
     columns = Loop(b, I64(m // together), [], "columns")
     first = b.mul(columns.index, I64(together))

@@ -74,7 +74,7 @@ def emit_response(
 
 
 def entries(b: ir.IRBuilder, layout: Layout, e: ir.Value) -> dict[tuple[int, int], ir.Value]:
-    size, reach = layout.size, layout.reach
+    size, reach, idle = layout.size, layout.reach, layout.idle
     found = {
         (i, j): load(b, e, i * size + j)
         for i in range(layout.n_states)
@@ -82,7 +82,7 @@ def entries(b: ir.IRBuilder, layout: Layout, e: ir.Value) -> dict[tuple[int, int
         if reach[i][j]
     }
     # One, and known to be: an addition of it is none to multiply first.
-    return found | {(i, i): vector(1.0) for i in range(layout.n_states) if layout.idle[i]}
+    return found | {(i, i): vector(1.0) for i in range(layout.n_states) if idle[i]}
 
 
 def next_state(

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 
 from llvmlite import ir
 
-from bayesdrill.rig.kernels.belief import emit_taught, width
+from bayesdrill.rig.kernels.belief import emit_taught, root_of, weights_of, width
 from bayesdrill.rig.kernels.gathering import anywhere
 from bayesdrill.rig.kernels.lanes import I64, LANES, VECTORS, Lane, function, load, vector
 from bayesdrill.rig.kernels.matrices import (
@@ -240,9 +240,8 @@ def _emit_gain(module: ir.Module, noisy: Noisy) -> ir.Function:
     for k in range(noisy.k):
         emit_taught(m, noisy, k, left, variances, gains)
         rows = [m.row(m.at(passed, i * n), n) for i in noisy.seen(k)]
-        weights = [Lane(b, vector(weight)) for weight in noisy.seen(k).values()]
-        shows = [dot(weights, [row[j] for row in rows]) for j in range(n)]
-        root = m.get(gains, k * width(n) + n + 1)
+        shows = [dot(weights_of(b, noisy, k), [row[j] for row in rows]) for j in range(n)]
+        root = root_of(m, n, k, gains)
         for i, one in enumerate(shows):
             m.put(one * root * root, pulls, k * n + i)
             gain = -m.get(gains, k * width(n) + i)

@@ -13,7 +13,7 @@ from typing import Any
 
 from llvmlite import ir
 
-from bayesdrill.rig.kernels.belief import emit_carried, met, width
+from bayesdrill.rig.kernels.belief import emit_carried, met, root_of
 from bayesdrill.rig.kernels.compiling import HARDER, in_one_go, machine_code
 from bayesdrill.rig.kernels.exponential import emit_exponential
 from bayesdrill.rig.kernels.lanes import (
@@ -138,7 +138,7 @@ class _Samples:
     def roots(self) -> list[Number]:
         """Of one over the variances of what channels show."""
         n, gains = self.noisy.n, self.at(self.places.gains)
-        return [self.m.get(gains, k * width(n) + n + 1) for k in range(self.noisy.k)]
+        return [root_of(self.m, n, k, gains) for k in range(self.noisy.k)]
 
     def passed(
         self, index: ir.Value, carried: list[ir.Value], pulls: ir.Value | None
