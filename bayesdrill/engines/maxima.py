@@ -19,38 +19,61 @@ from bayesdrill.inference.surface import Surface
 Array = NDArray[np.float64]
 
 FIRST_STEPS = 8  # of all starts, and then ...
-BEST_STARTS = 10  # ... as many go on, for ...
+BEST_STARTS = 10  # ... as many of those spread over the prior go on, ...
+AROUND = 128  # ... or of those that are likely to lead to other maxima, for ...
 MORE_STEPS = 25  # ... as many steps
 LOWER = 25.0  # of the log density: a maximum lower than the highest by more holds nothing
 PATH = 10  # steps between two points
 NEAR = 1e-3  # of the priors' spreads: the same point
+CLOSE = 1e-4  # of the priors' spreads: points that are likely to end at the same maximum
 SAME = 3.0  # standard deviations of the tight directions
-MOST = 6  # maxima
+VALLEY = 0.5  # of the log density: what is no deeper parts no maxima, but ripples of one
+ALONG = 24  # places between two points, at which one looks for a valley
+KNOWN = 1e-6  # of the log density: a point that is higher by less is no better than a known one
 
 
-def scout(surface: Surface, starts: Array) -> tuple[Array, Array]:
-    """Where `starts (n, D)` lead: the promising ones, `(m, D)`, and their log densities."""
+def scout(surface: Surface, starts: Array, most: int = BEST_STARTS) -> tuple[Array, Array]:
+    """Where `starts (n, D)` lead: the `most` promising ones, `(m, D)`, and their log densities."""
     first = climb(surface, starts, FIRST_STEPS)
-    best = np.argsort(-first.value, kind="stable")[:BEST_STARTS]
+    order = np.argsort(-first.value, kind="stable")
+    cells = np.rint((first.u[order] - surface.low) / (CLOSE * surface.spread))
+    best = order[np.sort(np.unique(cells, axis=0, return_index=True)[1])][:most]
     found = climb(surface, first.u[best], MORE_STEPS)
     good = np.isfinite(found.value)
     return found.u[good], found.value[good]
 
 
-def apart(surface: Surface, points: Array, values: Array) -> list[int]:
-    """Which of `points (n, D)` are maxima of their own, the highest first."""
-    left = [int(k) for k in np.argsort(-values, kind="stable")]
+def apart(surface: Surface, points: Array, values: Array, known: int = 0) -> list[int]:
+    """Which of `points (n, D)` are maxima of their own, the highest first.
+
+    The first `known` of them are so already, and stay what stands for their maximum.
+    """
+    rank = values + np.where(np.arange(len(values)) < known, KNOWN, 0.0)
+    left = [int(k) for k in np.argsort(-rank, kind="stable")]
     left = [k for k in left if values[k] >= values[left[0]] - LOWER]
     chosen: list[int] = []
-    while left and len(chosen) < MOST:
+    while left:
         highest, *rest = left
         chosen.append(highest)
         if not rest:
             break
-        near = np.abs(points[rest] - points[highest]) < NEAR * surface.spread
-        same = near.all(axis=1) | joined(surface, points[highest], points[rest])
-        left = [k for k, one in zip(rest, same, strict=True) if not one]
+        others = points[rest]
+        same = (np.abs(others - points[highest]) < NEAR * surface.spread).all(axis=1)
+        same[~same] = joined(surface, points[highest], others[~same])
+        same[~same] = ~valleys(surface, points[highest], others[~same])
+        left = [k for k, one in zip(rest, same, strict=True) if not one or k < known]
     return chosen
+
+
+def valleys(surface: Surface, start: Array, others: Array) -> NDArray[np.bool_]:
+    """Whether the density falls by `VALLEY` on the straight ways from `start (D,)` to `others (n, D)`.
+
+    It does not between corners of a plateau, nor where one maximum has ripples.
+    """
+    share = np.linspace(0.0, 1.0, ALONG + 2)[:, None, None]
+    ways = start + share * (others - start)
+    value = surface.value(ways.reshape(-1, len(start))).reshape(ways.shape[:2])
+    return np.asarray(value.min(axis=0) < np.minimum(value[0], value[-1]) - VALLEY)
 
 
 def joined(surface: Surface, start: Array, others: Array) -> NDArray[np.bool_]:

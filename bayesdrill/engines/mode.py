@@ -30,6 +30,7 @@ SAME_PLACE = 0.01  # ... and the same place, when no unknown differs by more tha
 CANDIDATES = 4096  # prior draws of which a search starts at the best
 SCOUTS = 24  # plain draws from the prior that are sent uphill without a simplex
 LOWEST = -1e300  # log density of a search that has led nowhere
+ROUNDS, MOST_CENTRES = 2, 8  # of looking for maxima around others, and around how many at a time
 POLISH, EXACT = 40, 8  # steps of Gauss and Newton, and of Newton, at the end of a search
 
 
@@ -182,17 +183,7 @@ def summarise(
     if scouted is not None and len(scouted[0]):
         points = np.concatenate([points, to(scouted[0])])
         values = np.concatenate([values, scouted[1]])
-    around = aliases.starts(posterior, points[int(np.argmax(values))])
-    if len(around):
-        more = maxima.scout(surface, around)
-        points, values = np.concatenate([points, more[0]]), np.concatenate([values, more[1]])
-    chosen = maxima.apart(surface, points, values)
-    top = climb(surface, points[chosen], POLISH, exact=True)
-    better = top.value > values[chosen]
-    ends = np.where(better[:, None], top.u, points[chosen])
-    heights = np.where(better, top.value, values[chosen])
-    order = np.argsort(-heights, kind="stable")
-    ends, heights = ends[order], heights[order]
+    ends, heights = _looked_around(surface, *_tops(surface, points, values))
     theta = back(ends)
     here = surface.expand(ends[:1], np.eye(ends.shape[1]))
     conditional = np.sqrt(np.maximum(np.einsum("wdd->wd", here.curvature)[0], 1e-300))
@@ -216,6 +207,39 @@ def summarise(
         steps={one.name: one.scale for one in posterior.space.unknowns if one.signed},
         pieces=pieces.taken(posterior),
     )
+
+
+def _tops(surface: Surface, points: Array, values: Array, known: int = 0) -> tuple[Array, Array]:
+    """The very maxima `(M, D)` that `points (n, D)` lead to, and their heights, the highest first.
+
+    Of the first `known` points it is known that they are maxima.
+    """
+    chosen = maxima.apart(surface, points, values, known)
+    fresh = [k for k in chosen if k >= known]
+    ends, heights = points.copy(), values.copy()
+    top = climb(surface, points[fresh], POLISH, exact=True)
+    better = top.value > values[fresh]
+    ends[fresh] = np.where(better[:, None], top.u, points[fresh])
+    heights[fresh] = np.where(better, top.value, values[fresh])
+    order = np.array(chosen)[np.argsort(-heights[chosen], kind="stable")]
+    return ends[order], heights[order]
+
+
+def _looked_around(
+    surface: PosteriorSurface, ends: Array, heights: Array
+) -> tuple[Array, Array]:
+    """Maxima `ends (M, D)` and those that are found from them, and so on."""
+    seen = np.empty((0, ends.shape[1]))
+    for _ in range(ROUNDS):
+        fresh = [u for u in ends if not (seen == u).all(axis=1).any()][:MOST_CENTRES]
+        seen = np.concatenate([seen, *(u[None] for u in fresh)])
+        around = [aliases.starts(surface, u) for u in fresh]
+        if not any(map(len, around)):
+            break
+        more, values = maxima.scout(surface, np.concatenate(around), maxima.AROUND)
+        every = np.concatenate([ends, more]), np.concatenate([heights, values])
+        ends, heights = _tops(surface, *every, known=len(ends))
+    return ends, heights
 
 
 def _polished(surface: Surface, u: Array) -> Climbed:

@@ -28,6 +28,7 @@ Component = tuple[int, float, Array, Array]  # sheet, weight, mean, root
 
 DRAWS = 2400  # of one round, ...
 WIDER, WIDER_DRAWS = 1.5, 800  # ... and so many that are as many times wider
+MANY = 6  # ridges: for each so many more draws
 REPEATED = 50  # times as many at most, where hardly any is inside the prior
 ROUNDS = 12
 WORTH = 1.04  # a round that improves the effective share of the draws by less is the last
@@ -39,7 +40,7 @@ FEW, ALONE = 5, 2.0  # rounds after which so few effective draws are no beginnin
 GOOD = 0.3  # ... unless as many draws are effective
 LIKELY = 0.9  # quantile of the weights: a new centre is a draw above it
 STRAYS = 0.01  # of the posterior: more than that beyond the ridges is not left there
-COMPONENTS = 4
+COMPONENTS, ALL_COMPONENTS = 4, 32  # of a ridge, and of all
 DEAR = 20.0  # what it costs to leave some of the posterior where walkers wait long
 TRAPPED = 0.005  # of the posterior, where the proposal is far too thin: with more it goes on
 EXPECTATIONS = (12, 6)  # of the fit, in the first round and later
@@ -240,8 +241,9 @@ def _draw(
 ) -> _Round:
     """Each draw is weighed with the density of all of them (the balance heuristic)."""
     wide = found.widened(WIDER)
-    own, n_own = _inside(found, DRAWS, surface, seed)
-    others, n_others = _inside(wide, WIDER_DRAWS, surface, seed)
+    times = max(1, len(found.sheets) // MANY)
+    own, n_own = _inside(found, times * DRAWS, surface, seed)
+    others, n_others = _inside(wide, times * WIDER_DRAWS, surface, seed)
     u = np.concatenate([own, others])
     y, jacobian = found.straightened(u)
     log_q = found.log_density_at(y, jacobian)
@@ -252,7 +254,7 @@ def _draw(
     if not np.isfinite(log_w).any():
         raise Nowhere("no point of finite posterior was found around the maximum")
     draws = Weighed(u, log_w, log_q - log_every)
-    proposal = Proposal(found, max(len(own) / n_own, 1.0 / DRAWS), draws.usual)
+    proposal = Proposal(found, max(len(own) / n_own, 1.0 / n_own), draws.usual)
     return _Round(proposal, off, origin, draws)
 
 
@@ -287,10 +289,11 @@ def _several(found: Mixture, u: Array, weights: Array, seed: Random) -> Mixture:
     y, jacobian = found.straightened(u)
     owner = found.sheet[np.argmax(found.log_parts(y, jacobian), axis=0)]
     parts: list[Component] = []
+    most = max(1, min(COMPONENTS, ALL_COMPONENTS // len(found.sheets)))
     for s in range(len(found.sheets)):
         mine = np.flatnonzero(owner == s)
         own = weights[mine]
-        count = int(np.clip(effective(own) / (5 * u.shape[1]), 0, COMPONENTS)) if own.any() else 0
+        count = int(np.clip(effective(own) / (5 * u.shape[1]), 0, most)) if own.any() else 0
         if count == 0:  # too little is known of it yet
             share = max(float(own.sum()), LOST)
             parts += [(s, share, m, r) for m, r in _of_sheet(found, s)]
