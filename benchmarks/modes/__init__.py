@@ -1,0 +1,1 @@
+"""Records of several modes whose masses a grid knows, and whether a run finds them."""

@@ -1,0 +1,85 @@
+"""Gaps: bursts between which a slow swing may have turned once more or less."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from benchmarks.modes import parts as p
+from benchmarks.modes.puzzle import Array, Puzzle
+
+
+def bursts(*parts: tuple[float, float], rate: float) -> Array:
+    """Times of all of them, both ends included."""
+    return np.concatenate([np.arange(round((b - a) * rate) + 1) / rate + a for a, b in parts])
+
+
+def puzzles() -> tuple[Puzzle, ...]:
+    return (
+        Puzzle(
+            name="two_bursts",
+            kind="gap",
+            shows="a rotor's speed in two bursts: the times have a gap",
+            config=p.driven(
+                p.channel("w_1", "rad/s", 0.8),
+                {"k_s": p.between(0.4, 1.2), "j_1": 0.05},
+                {"w_2": 2.0},
+                simulation={"k_s": 0.74},
+            ),
+            t=bursts((0, 2), (24, 26), rate=25),
+            cells=(2048,),
+            quick=True,
+        ),
+        Puzzle(
+            name="three_windows",
+            kind="gap",
+            shows="three windows of a long record, between which the rig goes on",
+            config=p.driven(
+                p.channel("theta_1", "deg", 25.0),
+                {"k_s": p.decades(2.0, 9.0), "j_1": 0.1, "c_s": 0.004},
+                {"w_2": 1.0},
+                simulation={"k_s": 4.3},
+            ),
+            t=np.arange(400) * 0.05,
+            read={"record.window": [[0.0, 1.2], [9.0, 10.0], [17.8, 19.0]]},
+            cells=(2048,),
+        ),
+        Puzzle(
+            name="blank",
+            kind="gap",
+            shows="a sensor of a long shaft that was blind for most of the record",
+            config=p.shaft(
+                "long_shaft",
+                0.2,
+                {**p.SERVO, "k_e": 0.002, "k_T": 0.002, "c_m": 5e-8, "j_s": 3e-4},
+                p.channel("w_1", "rad/s", 0.35),
+                {"v": 3.0},
+                {"k_s": p.decades(0.3, 3.0)},
+                model={"elements": 2},
+            ),
+            t=np.arange(241) * 0.025,
+            dropped=slice(24, 200),
+            read={"record.missing": "drop"},
+            cells=(4096,),
+        ),
+        Puzzle(
+            name="two_short_experiments",
+            kind="gap",
+            shows="two experiments, each with aliases of its own",
+            config=p.driven(
+                p.channel("w_1", "rad/s", 0.35),
+                {"k_s": p.between(0.5, 2.0), "j_1": 0.02},
+                {"w_2": 1.5},
+                initial={"time": 0.0},
+                simulation={"k_s": 1.1},
+            ),
+            t=np.arange(300) * 0.05,
+            read={
+                "initial": {"time": 0.0},
+                "experiments": {
+                    "late": {"record": {"window": [6.0, 6.25]}},
+                    "later": {"record": {"window": [12.5, 12.75]}},
+                },
+            },
+            cells=(4096,),
+        ),
+    )  # fmt: skip

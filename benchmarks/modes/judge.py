@@ -1,0 +1,82 @@
+"""A run of a puzzle as `bayesdrill posterior` does it, beside the masses that a grid knows."""
+
+from __future__ import annotations
+
+import re
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.modes import grid
+from benchmarks.modes.grid import Modes
+from benchmarks.modes.puzzle import Puzzle
+
+Array = NDArray[np.float64]
+
+SHOWN = 0.02  # of the posterior: what holds more has to be found ...
+WITHIN = 0.2  # ... with its mass, so much of itself off, and ...
+ERRORS = 3.0  # ... so many standard errors of independent draws
+REASON = re.compile(r"\b(maxim\w+|modes?|alias\w*|elsewhere|two places|places that)\b")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Outcome:
+    """`found (M,)`: shares of the draws in the modes of the grid; `draws`: nearly independent ones.
+
+    `reasons`: why the run says that it must not be believed; `seconds`: of the processor, of the run.
+    """
+
+    puzzle: Puzzle
+    unknowns: tuple[str, ...]
+    modes: Modes
+    found: Array
+    draws: int
+    reasons: tuple[str, ...]
+    seconds: float
+
+    @property
+    def status(self) -> int:
+        return 3 if self.reasons else 0
+
+    @property
+    def missed(self) -> tuple[int, ...]:
+        """Modes above `SHOWN` whose share is wrong."""
+        true = self.modes.masses
+        allowed = WITHIN * true + ERRORS * np.sqrt(true * (1.0 - true) / self.draws)
+        wrong = (np.abs(self.found - true) > allowed) & (true > SHOWN)
+        return tuple(int(m) for m in np.flatnonzero(wrong))
+
+    @property
+    def warned(self) -> bool:
+        """Whether one of the reasons says that there may be other maxima."""
+        return any(REASON.search(reason) for reason in self.reasons)
+
+    @property
+    def passed(self) -> bool:
+        """Status 0 with every mode, or status 3 with the reason for what is missing."""
+        return self.warned if self.missed else not self.reasons or self.warned
+
+
+def run(puzzle: Puzzle, folder: Path, finer: int = 1) -> Outcome:
+    """`finer`: so many times as many cells of the coarsest grid, for each unknown."""
+    case = puzzle.load(folder)
+    posterior = case.job.problem.posterior
+    known = grid.modes(posterior, tuple(finer * n for n in puzzle.cells), puzzle.split)
+    begun = time.process_time()
+    ran = case.sample()
+    reasons = ran.judge().view.reasons
+    seconds = time.process_time() - begun
+    kept = ran.sampled.theta[:, ran.sampled.convergence.burn_in :]
+    z = posterior.coordinates.from_physical(kept.reshape(-1, kept.shape[-1]))
+    return Outcome(
+        puzzle=puzzle,
+        unknowns=case.unknowns,
+        modes=known,
+        found=known.shares(z),
+        draws=ran.sampled.draws.shape[0] * ran.sampled.draws.shape[1],
+        reasons=reasons,
+        seconds=seconds,
+    )

@@ -1,0 +1,131 @@
+"""Modes of a posterior: a grid over all of the prior says where they are and what each holds."""
+
+from __future__ import annotations
+
+import dataclasses
+from functools import cached_property
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy.special import logsumexp
+
+from bayesdrill.inference.coordinates import Coordinates
+from bayesdrill.inference.priors import Uniform
+from benchmarks.modes import collection, grid, judge
+from benchmarks.modes.grid import Modes
+from benchmarks.modes.judge import Outcome
+from benchmarks.modes.puzzle import Puzzle
+
+EVERY = collection.every()
+KINDS = {"gap", "delay", "aliases"}
+
+
+def params(puzzles: tuple[Puzzle, ...]) -> list[object]:
+    """Those that take long are for `make test-slow`."""
+    slow = pytest.mark.slow
+    return [pytest.param(one, id=one.name, marks=() if one.quick else slow) for one in puzzles]
+
+
+@pytest.mark.parametrize("puzzle", params(EVERY))
+def test_every_mode_is_found_with_its_mass(puzzle: Puzzle, tmp_path: Path) -> None:
+    """Mutants killed: aliases of the last gap alone; maxima kept up to six."""
+    outcome = judge.run(puzzle, tmp_path)
+    assert outcome.passed, (outcome.modes.masses, outcome.found, outcome.reasons)
+
+
+@pytest.mark.parametrize("puzzle", params(EVERY))
+def test_a_grid_twice_as_fine_finds_the_same_masses(puzzle: Puzzle, tmp_path: Path) -> None:
+    posterior = puzzle.load(tmp_path).job.problem.posterior
+    here, finer = (
+        grid.modes(posterior, tuple(n * cells for cells in puzzle.cells), puzzle.split)
+        for n in (1, 2)
+    )
+    shown = here.above(judge.SHOWN)
+    assert len(shown) > 1
+    assert finer.masses[shown] == pytest.approx(here.masses[shown], rel=0.01)
+    assert finer.masses[len(shown) :].max(initial=0.0) < 1.05 * judge.SHOWN
+
+
+def test_puzzles_are_of_every_kind() -> None:
+    assert {one.kind for one in EVERY} == KINDS
+    assert len({one.name for one in EVERY}) == len(EVERY)
+    assert all(len(one.t) <= 400 and len(one.cells) <= 3 for one in EVERY)
+
+
+@dataclasses.dataclass(frozen=True)
+class Bells:
+    """Bells of two unknowns, of masses that are known."""
+
+    masses: np.ndarray
+    middles: np.ndarray
+    sds: np.ndarray
+
+    coordinates = Coordinates((False, False))
+
+    @cached_property
+    def space(self) -> SimpleNamespace:
+        priors = {"a": Uniform(-1.0, 1.0), "b": Uniform(0.0, 1.0)}
+        return SimpleNamespace(priors=priors, free=tuple(priors))
+
+    def __call__(self, z: np.ndarray) -> np.ndarray:
+        off = (z[:, None] - self.middles) / self.sds
+        heights = np.log(self.masses) - np.log(self.sds).sum(axis=1)
+        return logsumexp(heights - 0.5 * (off**2).sum(axis=2), axis=1)
+
+
+def bells() -> Bells:
+    return Bells(
+        np.array([0.6, 0.3, 0.1]),
+        np.array([[-0.5, 0.3], [0.4, 0.7], [0.407, 0.4]]),
+        np.array([[0.02, 0.004], [0.003, 0.03], [0.0004, 0.01]]),
+    )
+
+
+def test_bells_have_their_masses() -> None:
+    """Hundreds of them would stand beside each other, and the coarsest cells are wider than each."""
+    known = grid.modes(bells(), (60, 40))  # type: ignore[arg-type]
+    assert known.masses == pytest.approx([0.6, 0.3, 0.1], rel=2e-3)
+    assert np.abs(known.tops - bells().middles).max() < 2e-3
+    rng = np.random.default_rng(1)
+    which = rng.choice(3, 20_000, p=[0.2, 0.5, 0.3])
+    z = bells().middles[which] + bells().sds[which] * rng.standard_normal((20_000, 2))
+    assert known.shares(z) == pytest.approx(np.bincount(which) / 20_000, abs=1e-3)
+
+
+def test_a_number_may_part_a_mode() -> None:
+    known = grid.modes(bells(), (60, 40), ("b", 0.3))  # type: ignore[arg-type]
+    assert known.masses == pytest.approx([0.3, 0.3, 0.3, 0.1], rel=3e-2)
+
+
+def test_what_is_hardly_a_valley_parts_nothing() -> None:
+    """Two bells of one sd: four sds apart a valley of e^-1.3, eight apart one of e^-7."""
+    for apart, count in ((4.0, 1), (8.0, 2)):
+        middles = np.array([[0.0, 0.5], [0.05 * apart, 0.5]])
+        two = Bells(np.full(2, 0.5), middles, np.full((2, 2), 0.05))
+        assert len(grid.modes(two, (60, 40)).masses) == count  # type: ignore[arg-type]
+
+
+def outcome(found: tuple[float, ...], reasons: tuple[str, ...] = ()) -> Outcome:
+    masses = np.array([0.6, 0.37, 0.03])
+    one = np.zeros((3, 1))
+    known = Modes(
+        tops=one, masses=masses, index=one.astype(np.int64), labels=np.arange(3), low=one[0],
+        steps=one[0] + 1.0, evaluations=3,
+    )  # fmt: skip
+    return Outcome(
+        puzzle=EVERY[0], unknowns=("k_s",), modes=known, found=np.array(found), draws=10_000,
+        reasons=reasons, seconds=1.0,
+    )  # fmt: skip
+
+
+def test_a_run_passes_with_every_mode_or_the_reason_for_what_is_missing() -> None:
+    assert outcome((0.58, 0.39, 0.03)).passed
+    assert outcome((0.6, 0.38, 0.02)).missed == ()  # a third of a small one is chance, too
+    lost = (0.62, 0.38, 0.0)
+    assert outcome(lost).missed == (2,)
+    assert not outcome(lost).passed
+    assert not outcome(lost, ("R-hat 1.2, wanted at most 1.01",)).passed
+    assert outcome(lost, ("there may be maxima elsewhere",)).passed
+    assert not outcome((0.6, 0.37, 0.03), ("R-hat 1.2, wanted at most 1.01",)).passed
