@@ -85,5 +85,5 @@ def computed(task: Task) -> tuple[Mode, Sampled]:
     posterior = pieces.taking(posterior, found.pieces)
     with Crew(posterior, 1) as crew:
         tops = mode.tops(posterior, found)
-        sampled = sample(crew, posterior, tops, task.plan, Memory(), Silent())
+        sampled = sample(crew, posterior, tops, task.plan, Memory(), Silent()).doubted(found.doubts)
     return found, weighed(posterior, sampled, seed)

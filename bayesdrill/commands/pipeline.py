@@ -171,6 +171,7 @@ def _finished(job: Job, folder: Folder) -> tuple[Job, Mode, Sampled]:
         raise InputError.one(str(path / MAP_FILE), message)
     job = job.at(found)
     again = stored(job.problem.posterior, plan(job.config), folder.pieces, str(path))
+    again = again.doubted(found.doubts)
     run = run_folder.read_run(path) or {}
     sampled = dataclasses.replace(again, held=held(run), evidence=evidence_words.of_data(run))
     return job, found, sampled
@@ -221,6 +222,7 @@ def _sample(job: Job, crew: Crew, found: Mode, shelf: Shelf, report: Reporter) -
     tops = mode.tops(posterior, found)
     try:
         sampled = sample(crew, posterior, tops, plan(job.config), shelf, report)
+        sampled = sampled.doubted(found.doubts)
     except Nowhere as error:
         message = f"{error}; the record and the priors do not go together, check units and values"
         raise InputError([job.source.problem(("parameters",), message)]) from None

@@ -9,6 +9,8 @@ maxima along each of them by itself.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
@@ -32,22 +34,31 @@ SCANNED, PER_UNKNOWN = 240, 12  # points along each unknown, and starts that com
 VALLEY = 1.0  # of the log density: what is less deep parts no maxima
 
 
-def starts(surface: PosteriorSurface, u: Array) -> Array:
-    """Coordinates `(n, D)` from which a search may find other maxima than the one at `u (D,)`."""
-    return np.concatenate([_swings(surface, u), _returns(surface, u)])
+@dataclass(frozen=True, slots=True)
+class Around:
+    """Starts `u (n, D)`, and the share of all aliases within the priors that they leave out."""
+
+    u: Array
+    left_out: float
 
 
-def _swings(surface: PosteriorSurface, u: Array) -> Array:
-    """Where a pair of poles swings at an alias of its frequency at `u (D,)`: `(n, D)`."""
+def starts(surface: PosteriorSurface, u: Array) -> Around:
+    """From where a search may find other maxima than the one at `u (D,)`."""
+    aliased = swings(surface, u)
+    return Around(np.concatenate([aliased.u, _returns(surface, u)]), aliased.left_out)
+
+
+def swings(surface: PosteriorSurface, u: Array) -> Around:
+    """Where a pair of poles swings at an alias of its frequency at `u (D,)`."""
     posterior = surface.posterior
     here = frequencies(posterior, u[None])[0]
     slowest, fastest = _reach(surface, u)
-    found = []
+    found, left_out = [np.empty((0, len(u)))], 0.0
     for pair in np.flatnonzero(here > 0):
-        low, high = slowest[pair], fastest[pair]
-        wanted = np.unique(_aliases(posterior, here[pair], low, high))
-        found.append(_moved(surface, u, int(pair), wanted))
-    return np.concatenate([np.empty((0, len(u))), *found])
+        wanted = _aliases(posterior, here[pair], slowest[pair], fastest[pair])
+        found.append(_moved(surface, u, int(pair), np.unique(wanted[:MOST_ALIASES])))
+        left_out = max(left_out, 1.0 - MOST_ALIASES / max(len(wanted), MOST_ALIASES))
+    return Around(np.concatenate(found), left_out)
 
 
 def _returns(surface: PosteriorSurface, u: Array) -> Array:
@@ -66,7 +77,7 @@ def _returns(surface: PosteriorSurface, u: Array) -> Array:
 
 
 def peaks(value: Array, valley: float) -> list[int]:
-    """Indices of the maxima of `value (N,)`, -inf allowed, between which it falls by more than `valley`."""
+    """Indices of maxima of `value (N,)`, -inf allowed, with valleys deeper than `valley` between."""
     found: list[int] = []
     top, lowest, rising = 0, 0, True
     for k, x in enumerate(value):
@@ -89,7 +100,7 @@ def _apart(value: Array, one: int, other: int) -> bool:
 
 
 def _aliases(posterior: Posterior, omega: float, low: float, high: float) -> Array:
-    """Frequencies from `low` to `high` whose samples are like those of `omega`."""
+    """Frequencies from `low` to `high` whose samples are like those of `omega`, the most alike first."""
     patterns: dict[bytes, Array] = {}
     for one in posterior.likelihood.observations:
         for seen in one.experiment.seen.T:
@@ -102,8 +113,7 @@ def _aliases(posterior: Posterior, omega: float, low: float, high: float) -> Arr
         inside = (each > low) & (each < high)
         found.append(each[inside])
         alike.append(np.tile(height, 2)[inside])
-    best = np.argsort(-np.concatenate(alike), kind="stable")[:MOST_ALIASES]
-    return np.concatenate(found)[best]
+    return np.concatenate(found)[np.argsort(-np.concatenate(alike), kind="stable")]
 
 
 def window_peaks(t: Array, highest: float) -> tuple[Array, Array]:

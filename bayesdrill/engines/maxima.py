@@ -73,7 +73,8 @@ def valleys(surface: Surface, start: Array, others: Array) -> NDArray[np.bool_]:
     share = np.linspace(0.0, 1.0, ALONG + 2)[:, None, None]
     ways = start + share * (others - start)
     value = surface.value(ways.reshape(-1, len(start))).reshape(ways.shape[:2])
-    return np.asarray(value.min(axis=0) < np.minimum(value[0], value[-1]) - VALLEY)
+    lower = np.minimum(value[0], value[-1])
+    return np.asarray((value.min(axis=0) < lower - VALLEY) | ~np.isfinite(lower))
 
 
 def joined(surface: Surface, start: Array, others: Array) -> NDArray[np.bool_]:

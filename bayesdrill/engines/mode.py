@@ -24,12 +24,14 @@ from bayesdrill.inference.surface import PosteriorSurface, Surface
 
 Array = NDArray[np.float64]
 
-SAME_LOG_DENSITY = 1e-6  # searches that end nearer than this have found the same height
+SAME_LOG_DENSITY = 1e-3  # searches that end nearer than this have found the same height
 ROUNDING = 1e-12  # of the log posterior: nor can two searches agree better than its own digits
 SAME_PLACE = 0.01  # ... and the same place, when no unknown differs by more than 1 %
 CANDIDATES = 4096  # prior draws of which a search starts at the best
 SCOUTS = 24  # plain draws from the prior that are sent uphill without a simplex
 LOWEST = -1e300  # log density of a search that has led nowhere
+MOST = 64  # maxima that are kept, those that hold most
+MOST_LEFT_OUT = 0.02  # of the posterior: with more it is not believed
 ROUNDS, MOST_CENTRES = 2, 8  # of looking for maxima around others, and around how many at a time
 POLISH, EXACT = 40, 8  # steps of Gauss and Newton, and of Newton, at the end of a search
 
@@ -61,7 +63,8 @@ class Mode:
     below 1 at a maximum inside the prior; `gain`: what a Newton step would still gain.
     `at_bound`: unknowns within 0.1 % of an end of their prior, or with 0.1 % of it between them and
     zero.  `steps`: by which unknowns that may be negative are compared.  `pieces`: of rigs that are
-    stepped, as `inference.pieces.taken` tells them, where they were chosen here.
+    stepped, as `inference.pieces.taken` tells them, where they were chosen here.  `left_out`: about how
+    much of the posterior maxima hold that were not followed, as there are too many.
     """
 
     values: Mapping[str, float]
@@ -73,6 +76,18 @@ class Mode:
     others: tuple[Other, ...] = ()
     steps: Mapping[str, float] = field(default_factory=dict)
     pieces: Mapping[str, Taken] = field(default_factory=dict)
+    left_out: float = 0.0
+
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """Why a posterior about these maxima must not be believed."""
+        if self.left_out < MOST_LEFT_OUT:
+            return ()
+        return (
+            f"the search for maxima stopped at {len(self.maxima)} of them: others, which the record "
+            f"cannot tell from these, may hold about {self.left_out:.0%} of the posterior; give the "
+            "priors nearer ends, or hold an unknown",
+        )
 
     @property
     def maxima(self) -> tuple[Other, ...]:
@@ -183,7 +198,7 @@ def summarise(
     if scouted is not None and len(scouted[0]):
         points = np.concatenate([points, to(scouted[0])])
         values = np.concatenate([values, scouted[1]])
-    ends, heights = _looked_around(surface, *_tops(surface, points, values))
+    ends, heights, left_out = _looked_around(surface, *_tops(surface, points, values))
     theta = back(ends)
     here = surface.expand(ends[:1], np.eye(ends.shape[1]))
     conditional = np.sqrt(np.maximum(np.einsum("wdd->wd", here.curvature)[0], 1e-300))
@@ -206,6 +221,7 @@ def summarise(
         ),
         steps={one.name: one.scale for one in posterior.space.unknowns if one.signed},
         pieces=pieces.taken(posterior),
+        left_out=left_out,
     )
 
 
@@ -221,25 +237,47 @@ def _tops(surface: Surface, points: Array, values: Array, known: int = 0) -> tup
     better = top.value > values[fresh]
     ends[fresh] = np.where(better[:, None], top.u, points[fresh])
     heights[fresh] = np.where(better, top.value, values[fresh])
-    order = np.array(chosen)[np.argsort(-heights[chosen], kind="stable")]
+    ends, heights = ends[sorted(chosen)], heights[sorted(chosen)]
+    known = len(chosen) - len(fresh)
+    order = maxima.apart(surface, ends, heights, known)  # two may have ended at one place
     return ends[order], heights[order]
 
 
 def _looked_around(
     surface: PosteriorSurface, ends: Array, heights: Array
-) -> tuple[Array, Array]:
-    """Maxima `ends (M, D)` and those that are found from them, and so on."""
-    seen = np.empty((0, ends.shape[1]))
+) -> tuple[Array, Array, float]:
+    """Maxima `ends (M, D)` and those that are found from them, and so on; and how much of the posterior
+    is left out.
+    """
+    seen, left_out = np.empty((0, ends.shape[1])), 0.0
     for _ in range(ROUNDS):
         fresh = [u for u in ends if not (seen == u).all(axis=1).any()][:MOST_CENTRES]
         seen = np.concatenate([seen, *(u[None] for u in fresh)])
         around = [aliases.starts(surface, u) for u in fresh]
-        if not any(map(len, around)):
+        left_out = max([left_out, *(one.left_out for one in around)])
+        if not any(len(one.u) for one in around):
             break
-        more, values = maxima.scout(surface, np.concatenate(around), maxima.AROUND)
+        starts = np.concatenate([one.u for one in around])
+        more, values = maxima.scout(surface, starts, maxima.AROUND)
         every = np.concatenate([ends, more]), np.concatenate([heights, values])
         ends, heights = _tops(surface, *every, known=len(ends))
-    return ends, heights
+    held = _held(surface, ends)
+    kept = np.sort(np.argsort(-held, kind="stable")[:MOST])
+    if kept[0] != 0:  # the highest stays
+        kept = np.append(0, kept[:-1])
+    left_out = 1.0 - (1.0 - left_out) * float(held[kept].sum())
+    return ends[kept], heights[kept], left_out
+
+
+def _held(surface: PosteriorSurface, ends: Array) -> Array:
+    """How much of the posterior each of the maxima `ends (M, D)` holds, by Laplace: `(M,)`, sum 1."""
+    over = PosteriorSurface(surface.posterior)
+    here = over.expand(ends, np.eye(ends.shape[1]))
+    scaled = here.curvature * np.outer(over.spread, over.spread) + np.eye(ends.shape[1])
+    log_mass = here.value - 0.5 * np.linalg.slogdet(scaled)[1]
+    log_mass = np.where(np.isfinite(log_mass), log_mass, -np.inf)
+    mass = np.exp(log_mass - log_mass.max()) if np.isfinite(log_mass).any() else np.ones(len(ends))
+    return np.asarray(mass / mass.sum())
 
 
 def _polished(surface: Surface, u: Array) -> Climbed:

@@ -71,6 +71,14 @@ class Sampled:
     held: Array | None = None
     evidence: Evidence | None = None
 
+    def doubted(self, reasons: tuple[str, ...]) -> Sampled:
+        """With further `reasons` not to believe it."""
+        convergence = self.convergence
+        every = (*convergence.reasons, *reasons)
+        return dataclasses.replace(
+            self, convergence=dataclasses.replace(convergence, reasons=every)
+        )
+
     @property
     def draws(self) -> Array:
         """`(E, N, D)`: nearly independent draws of `theta`."""

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from bayesdrill.basics import sizes
 from bayesdrill.basics.symbols import Symbol
 from bayesdrill.engines.convergence import Convergence
-from bayesdrill.engines.mode import SAME_PLACE, Mode
+from bayesdrill.engines.mode import SAME_PLACE, Mode, Other
 from bayesdrill.engines.sampling import Sampled
 from bayesdrill.inference.problem import Problem
 from bayesdrill.inference.residual_checks import Left, like_noise
@@ -152,9 +152,13 @@ def maxima(found: Mode, weights: NDArray[np.float64] | None, own: OwnUnits) -> s
             f"unknown, between which the walkers pass: {shares} of the draws belong to them"
         )
     lines = [f"{len(weights)} maxima of the posterior, between which the walkers pass:"]
-    for one, weight in zip(found.maxima, weights, strict=True):
-        places = ", ".join(f"{name} {own.said(name, one.values[name])}" for name in names)
-        lines.append(f"  {weight:.1%} of the draws belong to the one at {places}")
+    order = np.argsort(-weights, kind="stable")
+    for k in order[:MOST_LISTED]:
+        values = found.maxima[k].values
+        places = ", ".join(f"{name} {own.said(name, values[name])}" for name in names)
+        lines.append(f"  {weights[k]:.1%} of the draws belong to the one at {places}")
+    if len(rest := order[MOST_LISTED:]):
+        lines.append(f"  {weights[rest].sum():.1%} of the draws belong to the other {len(rest)}")
     return "\n".join(lines)
 
 
@@ -205,8 +209,17 @@ def leaning(found: Mapping[str, tuple[str, ...]]) -> str:
 MOST_NAMED = 4  # unknowns, of a maximum elsewhere
 
 
+MOST_LISTED = 6  # maxima
+
+
 def _apart(one: float, other: float) -> bool:
     return abs(one - other) > SAME_PLACE * abs(other)
+
+
+def _ratio(found: Mode, other: Other, name: str) -> float:
+    """How far apart two maxima are in an unknown, relative."""
+    x = found.values[name]
+    return abs(other.values[name] - x) / max(abs(x), 1e-300)
 
 
 def mode(found: Mode, own: OwnUnits) -> str:
@@ -221,17 +234,28 @@ def mode(found: Mode, own: OwnUnits) -> str:
             f"     they ended more than {100 * SAME_PLACE:g} % apart in {', '.join(found.wandering)}: "
             "the posterior is flat there"
         )
+    elif same == 0:
+        lines.append(
+            "     it was reached from a point of the prior, or from around another maximum; give "
+            "map.starts or map.evaluations more"
+        )
     elif same < 2 and n > 1:
         lines.append("     no second search confirms it; give map.starts or map.evaluations more")
-    for other in found.others:
+    for other in found.others[:MOST_LISTED]:
         apart = [name for name, x in other.values.items() if _apart(x, found.values[name])]
+        apart = apart or [max(other.values, key=lambda name: _ratio(found, other, name))]
         places = ", ".join(
             f"{name} {own.said(name, other.values[name])}" for name in apart[:MOST_NAMED]
         )
+        lower = found.log_posterior - other.log_posterior
+        height = f"{lower:.3g} lower" if lower > found.tolerance else "as high"
         lines.append(
-            f"     another maximum, {found.log_posterior - other.log_posterior:.3g} lower: {places}"
+            f"     another maximum, {height}: {places}"
             + (", ..." if len(apart) > MOST_NAMED else "")
         )
+    if rest := found.others[MOST_LISTED:]:
+        lowest = found.log_posterior - rest[-1].log_posterior
+        lines.append(f"     and {len(rest)} more, at most {lowest:.3g} lower")
     lines.append(
         f"     gradient: a Newton step would raise the log posterior by {found.gain:.1g}"
         + (f"; at the bound of its prior: {', '.join(found.at_bound)}" if found.at_bound else "")

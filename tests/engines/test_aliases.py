@@ -59,6 +59,10 @@ def at(target: Posterior, k_s: float) -> np.ndarray:
     return target.coordinates.from_physical(theta[None])[0]
 
 
+def swings(target: Posterior, u: np.ndarray) -> np.ndarray:
+    return aliases.swings(PosteriorSurface(target, physical=True), u).u
+
+
 def test_frequencies_are_those_of_the_equations_of_motion() -> None:
     target = aliased(("k_s", "j_1"), 0.26)
     u = np.stack([at(target, k_s) for k_s in (0.15, 0.26, 0.4)])
@@ -80,12 +84,12 @@ def test_the_other_stiffness_of_a_torsion_near_half_the_sampling_rate(
     other = stiffness(2.0 * np.pi / DT - swing(rig(k_s=true)))
     one, another = (true, other) if nominal else (other, true)
     target = aliased(free, one)
-    found = aliases.starts(target, at(target, one))
+    found = swings(target, at(target, one))
     theta = target.coordinates.to_physical(found)
     names = target.space.free
     speeds = [swing(rig(**dict(zip(names, row, strict=True)))) for row in theta]
     wanted = swing(rig(k_s=another))
-    assert min(abs(np.log(speed / wanted)) for speed in speeds) < aliases.NEAR
+    assert min(abs(speed - wanted) for speed in speeds) < 1.0 / 11.0  # a radian over the record
     assert PosteriorSurface(target).inside(found).all()
     surface = PosteriorSurface(target, physical=True)
     points, values = maxima.scout(surface, np.vstack([at(target, one), found]))
@@ -101,10 +105,10 @@ def test_an_alias_outside_the_priors_is_not_looked_for() -> None:
     narrow = dataclasses.replace(
         target, space=target.space.with_priors({"k_s": Uniform(0.25, 0.27)})
     )
-    assert aliases.starts(narrow, at(narrow, 0.26)).shape == (0, 1)
+    assert swings(narrow, at(narrow, 0.26)).shape == (0, 1)
     still = aliased(("r_m", "t_f"), 0.26)
     u = still.coordinates.from_physical(still.space.vector(NOMINAL)[None])[0]
-    assert aliases.starts(still, u).shape == (0, 2)  # neither moves the pole as far
+    assert swings(still, u).shape == (0, 2)  # neither moves the pole as far
 
 
 def test_with_many_samples_in_a_swing_the_others_are_out_of_reach() -> None:
@@ -112,4 +116,30 @@ def test_with_many_samples_in_a_swing_the_others_are_out_of_reach() -> None:
     fine = experiment(200, 0.05, measures={"w_1": {"w_1": 1.0}})
     priors = dict(target.space.priors)
     dense = posterior(fine, np.array([0.3]), free=("k_s", "j_1"), priors=priors)
-    assert len(aliases.starts(dense, at(dense, 0.26))) == 0
+    assert len(swings(dense, at(dense, 0.26))) == 0
+
+
+def test_the_window_of_two_bursts_peaks_at_swings_over_the_gap() -> None:
+    """Against its sum, and two bursts of one sample each, whose window is a cosine.
+
+    Mutant killed: the step between samples instead of the gap.
+    """
+    t = np.concatenate([np.arange(20) * 0.05, 7.0 + np.arange(20) * 0.05])
+    delta, height = aliases.window_peaks(t, 12.0)
+    exact = np.abs(np.exp(1j * delta[:, None] * t).sum(axis=1)) / len(t)
+    assert height == pytest.approx(exact, abs=0.03)
+    assert delta[1:4] == pytest.approx(2.0 * np.pi / 7.0 * np.arange(2, 5), rel=0.06)
+    delta, height = aliases.window_peaks(np.array([0.0, 2.0]), 20.0)
+    assert delta == pytest.approx(np.pi * np.arange(1, 7), rel=0.02)
+    assert height == pytest.approx(np.ones(6), abs=0.03)
+
+
+def test_maxima_along_a_line_are_those_with_valleys_between() -> None:
+    """Ends among them, and places of no density.  Mutant killed: every ripple is one."""
+    x = np.linspace(0.0, 1.0, 101)
+    value = np.where(
+        x > 0.8, -np.inf, 5.0 * np.cos(10.0 * np.pi * x) + 0.2 * np.cos(80 * np.pi * x)
+    )
+    assert x[aliases.peaks(value, 1.0)] == pytest.approx([0.0, 0.2, 0.4, 0.6, 0.8])
+    assert aliases.peaks(np.full(5, -np.inf), 1.0) == []
+    assert aliases.peaks(np.zeros(5), 1.0) == [0]

@@ -309,7 +309,7 @@ def test_a_search_that_is_not_to_be_polished_says_where_it_ended() -> None:
 
 def test_a_log_normal_has_no_bound_to_be_at() -> None:
     """A record that draws the MAP into its last thousandth.  Mutant killed: zero taken for an end."""
-    prior = LogNormal(100.0 * NOMINAL["k_s"], 0.5)
+    prior = LogNormal(15.0 * NOMINAL["k_s"], 0.5)
     target = posterior(RECORD, SIGMA, free=TWO, priors={"k_s": prior})
     start = target.space.vector(NOMINAL)
     found = mode.summarise(target, (mode.search(target, THOROUGH, 4000, start),))

@@ -139,7 +139,8 @@ def fitted(study: Study, posterior: Posterior, seed: int) -> tuple[mode.Mode, Sa
     posterior = pieces.taking(posterior, found.pieces)
     plan = dataclasses.replace(study.plan, seed=seed)
     with Crew(posterior, 1) as crew:
-        return found, sample(crew, posterior, tops, plan, Memory(), Silent())
+        sampled = sample(crew, posterior, tops, plan, Memory(), Silent())
+        return found, sampled.doubted(found.doubts)
 
 
 def _best(study: Study, posterior: Posterior, seed: int) -> mode.Search:
