@@ -25,6 +25,7 @@ DRAWS = 40_000  # of the chain at most, and as many of the proposal inside the p
 SETTLED_DRAWS = 4000  # of each, where a draw costs some hundred responses
 MOST_TRIED = 50  # times as many at most, where hardly any is inside the prior
 AT_ONCE = 4000  # draws
+CHANCE = 3.0  # standard errors
 MOST = 500.0  # of a log of p over q, over the usual: the rest makes no difference
 ROUNDS, CLOSE = 1000, 1e-10  # of the equation whose solution the evidence is
 
@@ -118,5 +119,15 @@ def bridge(on_chain: Array, drawn: Array, tried: int) -> Evidence | None:
     mean_q = float(of_q.sum() / tried)
     spread_q = float((of_q**2).sum() / tried) / mean_q**2 - 1.0
     spread_p = float(walkers.var(ddof=1) / walkers.mean() ** 2)
-    error = math.sqrt(spread_q / tried + spread_p / len(walkers))
+    error = math.hypot(math.sqrt(spread_q / tried + spread_p / len(walkers)), _apart(q, tried, z))
     return Evidence(log_z=usual + math.log(z), error=error, overlap=min(mean_q, 1.0))
+
+
+def _apart(w: Array, tried: int, z: float) -> float:
+    """How far the log of `z` is from what draws of q say by themselves, by their weights `w`; 0 where
+    that is chance.  Walkers that do not pass between maxima hold shares that are not the posterior's.
+    """
+    alone = float(w.sum()) / tried
+    chance = math.sqrt(max(0.0, float((w**2).sum()) / float(w.sum()) ** 2 - 1.0 / tried))
+    far = abs(math.log(z / alone))
+    return far if far > CHANCE * chance else 0.0

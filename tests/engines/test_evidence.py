@@ -60,6 +60,20 @@ def found(target: Target, d: int, proposal: Proposal, seed: int = 1) -> Evidence
     return result
 
 
+def test_walkers_that_do_not_pass_between_humps_are_in_the_error() -> None:
+    """All of them on the heavier hump.  Mutant killed: an error of what walkers themselves have seen."""
+    target = TARGETS["humps"]
+    assert isinstance(target, Humps)
+    z = target.draw(STEPS * WALKERS, 2, np.random.default_rng(5))
+    for side in (z[:, 0] > z[:, 0].mean(), z[:, 0] <= z[:, 0].mean()):
+        own = np.resize(z[side], (2, STEPS, WALKERS, 2))
+        log_p = target.log_density(own.reshape(-1, 2)).reshape(own.shape[:-1])
+        proposal = rough(target, 2, 2)
+        result = evidence(Known(target), proposal, own, log_p, 1)  # type: ignore[arg-type]
+        assert result is not None
+        assert abs(result.log_z - Known(target).integral(2)) < 1.5 * result.error
+
+
 @pytest.mark.parametrize("d", [2, 5, 9])
 @pytest.mark.parametrize("name", TARGETS)
 def test_it_is_the_integral_of_the_density(name: str, d: int) -> None:
