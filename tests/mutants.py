@@ -1286,6 +1286,13 @@ MUTANTS = [
         "tests/engines/test_sampling.py::test_no_walker_starts_where_it_would_wait",
     ),
     Mutant(
+        "what is tried is tried in other steps than the fit has",
+        "insight/widened.py",
+        "    if isinstance(one.response, Stepped):",
+        "    if False:",
+        "tests/insight/test_widened.py",
+    ),
+    Mutant(
         "no end of a prior is moved",
         "insight/opened_priors.py",
         "ends[name] = end * math.exp(-sign * max(min(own, REACH), past))",
