@@ -1300,6 +1300,13 @@ MUTANTS = [
         "tests/insight/test_opened_priors.py",
     ),
     Mutant(
+        "draws beyond ends of priors that are of another chain",
+        "results/chain_files.py",
+        "        if mark != _mark(pieces):",
+        "        if not mark:",
+        "tests/system/test_opened_ends.py",
+    ),
+    Mutant(
         "the proposal's factor with the wrong sign",
         "engines/samplers/moves.py",
         "fresh, before - after)",

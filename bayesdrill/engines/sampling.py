@@ -57,11 +57,27 @@ class Plan:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Opened:
+    """`names`: unknowns whose priors end too near to their nominal values.
+
+    `draws (N, D)`: of the posterior with these ends moved; None where it did not converge, so that
+    nothing can be said of what depends on them.  `pressed`: those whose draws crowd there as well.
+    `kept`: whether the run has left what it found, or it is unknown.
+    """
+
+    names: tuple[str, ...]
+    draws: Array | None
+    pressed: tuple[str, ...]
+    kept: bool = True
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Sampled:
     """`theta (E, S, W, D)` physical; `pieces` of each ensemble as they were saved.
 
     `learnt`: what the proposal was learnt from, and `held (M,)`: how many of the draws each maximum
     has; None where a chain was only read again.  `evidence`: where it was asked for, see `weighed`.
+    `beyond`: what is seen beyond ends of priors that are in the way, None where none is.
     """
 
     pieces: list[list[Piece]]
@@ -70,6 +86,7 @@ class Sampled:
     learnt: Learnt | None = None
     held: Array | None = None
     evidence: Evidence | None = None
+    beyond: Opened | None = None
 
     @property
     def draws(self) -> Array:

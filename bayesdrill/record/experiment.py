@@ -58,8 +58,8 @@ class Experiment:
     `first_order` or zero-order hold; `start`: the state at time `t_start` <= t[0] (states not named are
     zero).  `told`: what was done to the numbers of the files, in sentences; `odd`: what they look like
     that a sensor made, not the rig.  `held_out (T, K)`: samples that are no evidence though they were
-    measured, NaN elsewhere; None where there are none.  `input_steps`: the usual step [s] of the clock of
-    each of `series`; `dt` where it is not named.
+    measured, NaN elsewhere; None where there are none.  `input_steps`: the usual step [s] of the clock
+    of each of `series`; `dt` where it is not named.
     """
 
     t: Array
