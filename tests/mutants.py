@@ -1307,6 +1307,13 @@ MUTANTS = [
         "tests/system/test_opened_ends.py",
     ),
     Mutant(
+        "what finer steps add to the evidence is taken away",
+        "engines/evidence.py",
+        "log_z=self.log_z + found.added,",
+        "log_z=self.log_z - found.added,",
+        "tests/system/test_steps.py::test_the_evidence_is_that_of_the_rig_and_not_of_its_steps",
+    ),
+    Mutant(
         "the proposal's factor with the wrong sign",
         "engines/samplers/moves.py",
         "fresh, before - after)",

@@ -32,6 +32,7 @@ from bayesdrill.engines.samplers.ensemble import Piece, State, advance
 from bayesdrill.engines.samplers.independence import Proposal
 from bayesdrill.engines.shelf import Shelf
 from bayesdrill.engines.workers import Crew
+from bayesdrill.inference.pieces import evidence_shift
 from bayesdrill.inference.posterior import Posterior
 
 Array = NDArray[np.float64]
@@ -210,6 +211,10 @@ def weighed(posterior: Posterior, sampled: Sampled, seed: int) -> Sampled:
     )
     with threadpool_limits(1):
         found = evidence(posterior, sampled.learnt.proposal, z, log_p, seed)
+        draws = sampled.draws.reshape(-1, z.shape[-1])
+        shift = None if found is None else evidence_shift(posterior, draws)
+    if found is not None and shift is not None:
+        found = found.in_finer_steps(shift)
     return dataclasses.replace(sampled, evidence=found)
 
 
