@@ -73,7 +73,8 @@ class Experiment:
     told: tuple[str, ...] = ()
     odd: tuple[Odd, ...] = ()
     held_out: Array | None = None
-    input_steps: Mapping[str, float] = field(default_factory=dict)
+    # Not in the `repr`, by which results know the noise of a missing torque: it decides no density.
+    input_steps: Mapping[str, float] = field(default_factory=dict, repr=False)
 
     @property
     def dt(self) -> float:
