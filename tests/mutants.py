@@ -1286,11 +1286,32 @@ MUTANTS = [
         "tests/engines/test_sampling.py::test_no_walker_starts_where_it_would_wait",
     ),
     Mutant(
+        "what is tried is tried in other steps than the fit has",
+        "insight/widened.py",
+        "    if isinstance(one.response, Stepped):",
+        "    if False:",
+        "tests/insight/test_widened.py",
+    ),
+    Mutant(
         "no end of a prior is moved",
         "insight/opened_priors.py",
         "ends[name] = end * math.exp(-sign * max(min(own, REACH), past))",
         "ends[name] = end",
         "tests/insight/test_opened_priors.py",
+    ),
+    Mutant(
+        "draws beyond ends of priors that are of another chain",
+        "results/chain_files.py",
+        "        if mark != _mark(pieces):",
+        "        if not mark:",
+        "tests/system/test_opened_ends.py",
+    ),
+    Mutant(
+        "what finer steps add to the evidence is taken away",
+        "engines/evidence.py",
+        "log_z=self.log_z + found.added,",
+        "log_z=self.log_z - found.added,",
+        "tests/system/test_steps.py::test_the_evidence_is_that_of_the_rig_and_not_of_its_steps",
     ),
     Mutant(
         "the proposal's factor with the wrong sign",

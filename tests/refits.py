@@ -13,10 +13,13 @@ from scipy.signal import lfilter
 from threadpoolctl import threadpool_limits
 
 from bayesdrill.basics import seeds
+from bayesdrill.basics.progress import Silent
 from bayesdrill.commands import calibrate, concluding
+from bayesdrill.engines import mode
 from bayesdrill.insight.calibration.refit import fitted
 from bayesdrill.insight.conclusions import conclude
 from bayesdrill.insight.identifiability.scenes import Scenery
+from bayesdrill.insight.opened_priors import with_open_ends
 from bayesdrill.insight.verdict import Verdict
 from bayesdrill.report import residual_words
 from bayesdrill.setup import job
@@ -51,8 +54,11 @@ class Trial:
         )
         own = replace(self.job, problem=replace(self.job.problem, posterior=posterior))
         found, sampled = fitted(calibrate.study(own), posterior, seed)
-        scenery, plan = Scenery(posterior.likelihood), concluding.plan(own.config)
-        _, left, judged = conclude(own.problem, own.asked, found, sampled, scenery, plan)
+        tops, plan = mode.tops(posterior, found), concluding.plan(own.config)
+        nominal = own.problem.nominal
+        sampled = with_open_ends(sampled, posterior, nominal, tops, plan, Silent())
+        scenery = Scenery(posterior.likelihood)
+        _, left, judged = conclude(own.problem, own.asked, found, sampled, scenery)
         assert judged is not None
         return judged.verdict, [*sampled.convergence.reasons, *residual_words.reasons(left)]
 

@@ -24,6 +24,7 @@ FIGURES = "figures"
 PIECES = ".pieces"
 REFITS = ".refits"
 RECOMMENDED = "recommended.yaml"  # of a ladder
+OPENED = "opened.npz"  # draws beyond ends of priors, where these are in the way
 RECORD = "record.csv"  # of a case that was made without any file
 CONFIG_FILE, RESOLVED_FILE = "config.yaml", "config.resolved.yaml"
 CONFIGS = (CONFIG_FILE, RESOLVED_FILE)
@@ -104,7 +105,7 @@ POSTERIOR = Kind(
     "posterior",
     RUN,
     (
-        *("chain.h5", "map.json", *CONFIGS, "posterior.nc", "summary.csv", "summary.md"),
+        *("chain.h5", OPENED, "map.json", *CONFIGS, "posterior.nc", "summary.csv", "summary.md"),
         *("derived.csv", "verdict.csv", "torque.csv", "table.tex", "report.html"),
         *figures(*RUN_FIGURES, "fit_#", "friction_#", "energy_#", "torque_#", formats=FORMATS),
         *UNFINISHED.files,

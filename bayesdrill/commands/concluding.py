@@ -47,14 +47,15 @@ def concluded(
     """`scenery`: of the job's likelihood, where there is one already."""
     problem = job.problem
     scenery = scenery or Scenery(problem.posterior.likelihood)
-    rows, left, judged = conclude(problem, job.asked, found, sampled, scenery, plan(job.config))
+    rows, left, judged = conclude(problem, job.asked, found, sampled, scenery)
     at = problem.posterior.space.vector(found.values)
     late = (f"note: {one}" for one in nuisance_words.moment(half_a_sample(scenery, at)))
     course = (f"note: {one}" for one in plausibility.of_course(scenery, at))
     geared = (f"note: {one}" for one in plausibility.of_gear(problem))
     made = (f"note: record: {one}" for one in record_words.made(problem))
     read = (f"note: record, {one}" for one in record_words.suspicions(problem, job.config))
-    notes = (*tables.notes(rows, job.units), *late, *course, *geared, *made, *read)
+    ends = (f"note: {one}" for one in verdict_words.not_kept(sampled.beyond))
+    notes = (*tables.notes(rows, job.units), *ends, *late, *course, *geared, *made, *read)
     return View(
         problem=problem,
         config=job.config,

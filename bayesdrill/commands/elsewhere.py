@@ -23,6 +23,7 @@ from bayesdrill.engines.workers import Crew
 from bayesdrill.inference import pieces
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.insight.calibration.refit import same_software
+from bayesdrill.insight.opened_priors import with_open_ends
 from bayesdrill.setup import build
 from bayesdrill.setup.job import Job
 
@@ -32,6 +33,7 @@ class Task:
     """All that decides a posterior: what `bayesdrill posterior` would do with it."""
 
     posterior: Posterior
+    nominal: Mapping[str, float]
     optimiser: Optimiser
     starts: int
     evaluations: int
@@ -42,6 +44,7 @@ def packed(job: Job) -> bytes:
     """What `work` wants: compiled code is left out, and made once by each process."""
     task = Task(
         posterior=job.problem.posterior,
+        nominal=job.problem.nominal,
         optimiser=build.optimiser(job.config),
         starts=job.config.map.starts,
         evaluations=job.config.map.evaluations,
@@ -86,4 +89,5 @@ def computed(task: Task) -> tuple[Mode, Sampled]:
     with Crew(posterior, 1) as crew:
         tops = mode.tops(posterior, found)
         sampled = sample(crew, posterior, tops, task.plan, Memory(), Silent()).doubted(found.doubts)
-    return found, weighed(posterior, sampled, seed)
+    sampled = weighed(posterior, sampled, seed)
+    return found, with_open_ends(sampled, posterior, task.nominal, tops, task.plan, Silent())

@@ -29,6 +29,7 @@ from bayesdrill.engines.shelf import Memory, Shelf
 from bayesdrill.engines.workers import Crew
 from bayesdrill.insight.diagnostics import Row
 from bayesdrill.insight.identifiability.scenes import Scenery
+from bayesdrill.insight.opened_priors import not_kept, with_open_ends
 from bayesdrill.insight.verdict import Verdict
 from bayesdrill.report import evidence_words, publish, words
 from bayesdrill.report.run_report import sections
@@ -170,10 +171,13 @@ def _finished(job: Job, folder: Folder) -> tuple[Job, Mode, Sampled]:
         message = "is not there; continue with --resume, which searches the MAP again"
         raise InputError.one(str(path / MAP_FILE), message)
     job = job.at(found)
-    again = stored(job.problem.posterior, plan(job.config), folder.pieces, str(path))
+    problem = job.problem
+    again = stored(problem.posterior, plan(job.config), folder.pieces, str(path))
     again = again.doubted(found.doubts)
     run = run_folder.read_run(path) or {}
-    sampled = dataclasses.replace(again, held=held(run), evidence=evidence_words.of_data(run))
+    beyond = folder.opened_ends(again.pieces) or not_kept(again, problem.posterior, problem.nominal)
+    evidence = evidence_words.of_data(run)
+    sampled = dataclasses.replace(again, held=held(run), evidence=evidence, beyond=beyond)
     return job, found, sampled
 
 
@@ -226,7 +230,9 @@ def _sample(job: Job, crew: Crew, found: Mode, shelf: Shelf, report: Reporter) -
     except Nowhere as error:
         message = f"{error}; the record and the priors do not go together, check units and values"
         raise InputError([job.source.problem(("parameters",), message)]) from None
-    return weighed(posterior, sampled, job.config.seed)
+    sampled = weighed(posterior, sampled, job.config.seed)
+    nominal = job.problem.nominal
+    return with_open_ends(sampled, posterior, nominal, tops, plan(job.config), report)
 
 
 def _finish_chain(job: Job, folder: Folder, sampled: Sampled) -> None:
@@ -236,6 +242,7 @@ def _finish_chain(job: Job, folder: Folder, sampled: Sampled) -> None:
     units = ",".join(symbol.unit for symbol in job.problem.symbols)
     attributes = {"coordinates": coordinates, "unknowns": names, "units": units}
     folder.finish_chain(sampled.pieces, attributes)
+    folder.keep_opened_ends(sampled.beyond, sampled.pieces)
 
 
 def _load_ahead() -> None:

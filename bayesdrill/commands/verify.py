@@ -19,7 +19,7 @@ from bayesdrill.commands import comparing, mapping, overlaying, pipeline
 from bayesdrill.commands.concluding import concluded
 from bayesdrill.insight.comparison import Contender
 from bayesdrill.insight.overlay import Layer
-from bayesdrill.report import comparison_report, overlay_report, publish
+from bayesdrill.report import comparison_report, overlay_report, publish, verdict_words
 from bayesdrill.report.comparison_report import ComparisonReport
 from bayesdrill.report.overlay_report import OverlayReport
 from bayesdrill.results import provenance, run_folder
@@ -94,8 +94,12 @@ def _of_posterior(folder: Path, _: Mapping[str, Any]) -> Iterator[Problem]:
     except InputError as error:  # another record, a config of another run, a damaged chain
         yield from error.problems
         return
-    texts = {name: table(view) or "" for name, table in publish.TABLES.items()}
-    yield from _tables(folder, texts, "the chain")
+    beyond = view.sampled.beyond
+    if beyond is None or beyond.kept:
+        texts = {name: table(view) or "" for name, table in publish.TABLES.items()}
+        yield from _tables(folder, texts, "the chain")
+    else:
+        yield Problem(str(folder / own_files.OPENED), verdict_words.NOT_KEPT)
     mark = view.marks[provenance.RUN_MARK]
     yield from _figures(folder, POSTERIOR, mark, view.config.name)
 

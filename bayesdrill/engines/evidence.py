@@ -7,7 +7,7 @@ both, each weighed with both densities, give Z with hardly any further response 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,7 @@ from bayesdrill.basics import seeds
 from bayesdrill.engines.learning.settled import bound
 from bayesdrill.engines.samplers.independence import Proposal
 from bayesdrill.engines.samplers.mixture import Inside, Mixture
+from bayesdrill.inference.pieces import EvidenceShift
 from bayesdrill.inference.posterior import Posterior
 
 Array = NDArray[np.float64]
@@ -34,12 +35,24 @@ ROUNDS, CLOSE = 1000, 1e-10  # of the equation whose solution the evidence is
 class Evidence:
     """`log_z`: of densities that are all normalised, the record's in SI; `error`: its standard error.
 
-    `overlap`: the share of what posterior and proposal have in common, from 0 to 1.
+    `overlap`: the share of what posterior and proposal have in common, from 0 to 1.  `steps`: what finer
+    steps of a rig that is stepped have added to `log_z`, and `steps_error` what they have to `error`.
     """
 
     log_z: float
     error: float
     overlap: float
+    steps: float = 0.0
+    steps_error: float = 0.0
+
+    def in_finer_steps(self, found: EvidenceShift) -> Evidence:
+        return replace(
+            self,
+            log_z=self.log_z + found.added,
+            error=math.hypot(self.error, found.error),
+            steps=found.added,
+            steps_error=found.error,
+        )
 
 
 def evidence(

@@ -55,13 +55,15 @@ def apart(surface: Surface, points: Array, values: Array, known: int = 0) -> lis
     while left:
         highest, *rest = left
         chosen.append(highest)
-        if not rest:
-            break
-        others = points[rest]
+        fresh = [k for k in rest if k >= known]
+        if not fresh:
+            return [*chosen, *rest]
+        others = points[fresh]
         same = (np.abs(others - points[highest]) < NEAR * surface.spread).all(axis=1)
         same[~same] = joined(surface, points[highest], others[~same])
         same[~same] = ~valleys(surface, points[highest], others[~same])
-        left = [k for k, one in zip(rest, same, strict=True) if not one or k < known]
+        dropped = {k for k, one in zip(fresh, same, strict=True) if one}
+        left = [k for k in rest if k not in dropped]
     return chosen
 
 
@@ -88,9 +90,10 @@ def joined(surface: Surface, start: Array, others: Array) -> NDArray[np.bool_]:
     before = np.zeros_like(tau)
     arrived = np.zeros(len(others), dtype=bool)
     roots = np.zeros((len(others), tau.shape[1], tau.shape[1]))
-    for k in range(1, PATH + 1):
+    steps = PATH if psi.shape[1] else 1
+    for k in range(1, steps + 1):
         ahead = 2.0 * at - before if k > 1 else at  # straight on from the last two
-        found, roots, _, arrived = ridges.led_back(surface.expand, base, psi * (k / PATH), ahead)
+        found, roots, _, arrived = ridges.led_back(surface.expand, base, psi * (k / steps), ahead)
         before, at = at, found
     roots[~arrived] = np.eye(tau.shape[1])  # of no use, where there is no density
     off = np.linalg.solve(roots, (tau - at)[..., None])[..., 0]

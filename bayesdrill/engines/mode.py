@@ -31,6 +31,7 @@ CANDIDATES = 4096  # prior draws of which a search starts at the best
 SCOUTS = 24  # plain draws from the prior that are sent uphill without a simplex
 LOWEST = -1e300  # log density of a search that has led nowhere
 MOST = 64  # maxima that are kept, those that hold most
+NOTHING = 1e-5  # of the posterior: maxima that hold no more together are none
 MOST_LEFT_OUT = 0.02  # of the posterior: with more it is not believed
 ROUNDS, MOST_CENTRES = 2, 8  # of looking for maxima around others, and around how many at a time
 POLISH, EXACT = 40, 8  # steps of Gauss and Newton, and of Newton, at the end of a search
@@ -262,9 +263,9 @@ def _looked_around(
         every = np.concatenate([ends, more]), np.concatenate([heights, values])
         ends, heights = _tops(surface, *every, known=len(ends))
     held = _held(surface, ends)
-    kept = np.sort(np.argsort(-held, kind="stable")[:MOST])
-    if kept[0] != 0:  # the highest stays
-        kept = np.append(0, kept[:-1])
+    order = np.argsort(-held, kind="stable")
+    enough = int(np.searchsorted(np.cumsum(held[order]), 1.0 - NOTHING)) + 1
+    kept = np.union1d(order[: min(enough, MOST)], 0)  # the highest stays
     left_out = 1.0 - (1.0 - left_out) * float(held[kept].sum())
     return ends[kept], heights[kept], left_out
 

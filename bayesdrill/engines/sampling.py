@@ -32,6 +32,7 @@ from bayesdrill.engines.samplers.ensemble import Piece, State, advance
 from bayesdrill.engines.samplers.independence import Proposal
 from bayesdrill.engines.shelf import Shelf
 from bayesdrill.engines.workers import Crew
+from bayesdrill.inference.pieces import evidence_shift
 from bayesdrill.inference.posterior import Posterior
 
 Array = NDArray[np.float64]
@@ -57,11 +58,27 @@ class Plan:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Opened:
+    """`names`: unknowns whose priors end too near to their nominal values.
+
+    `draws (N, D)`: of the posterior with these ends moved; None where it did not converge, so that
+    nothing can be said of what depends on them.  `pressed`: those whose draws crowd there as well.
+    `kept`: whether the run has left what it found, or it is unknown.
+    """
+
+    names: tuple[str, ...]
+    draws: Array | None
+    pressed: tuple[str, ...]
+    kept: bool = True
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Sampled:
     """`theta (E, S, W, D)` physical; `pieces` of each ensemble as they were saved.
 
     `learnt`: what the proposal was learnt from, and `held (M,)`: how many of the draws each maximum
     has; None where a chain was only read again.  `evidence`: where it was asked for, see `weighed`.
+    `beyond`: what is seen beyond ends of priors that are in the way, None where none is.
     """
 
     pieces: list[list[Piece]]
@@ -70,6 +87,7 @@ class Sampled:
     learnt: Learnt | None = None
     held: Array | None = None
     evidence: Evidence | None = None
+    beyond: Opened | None = None
 
     def doubted(self, reasons: tuple[str, ...]) -> Sampled:
         """With further `reasons` not to believe it."""
@@ -201,6 +219,10 @@ def weighed(posterior: Posterior, sampled: Sampled, seed: int) -> Sampled:
     )
     with threadpool_limits(1):
         found = evidence(posterior, sampled.learnt.proposal, z, log_p, seed)
+        draws = sampled.draws.reshape(-1, z.shape[-1])
+        shift = None if found is None else evidence_shift(posterior, draws)
+    if found is not None and shift is not None:
+        found = found.in_finer_steps(shift)
     return dataclasses.replace(sampled, evidence=found)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -28,6 +29,10 @@ MOST = 64
 # Pieces, and parts of those in which something turns, that are taken by themselves.
 TRIED = ((1, 1), *((pieces, TURNS) for pieces in (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, MOST)))
 MOST_STEPS = 4_000_000  # that a truth may take
+WEIGHED, LEAST = 1000, 16  # draws for the evidence, and where a truth is dear
+AT_ONCE = 50  # of them
+ALL_STEPS = 400_000_000  # that the truths of these may take together
+HALF = 2  # of the steps of the truth: what it lacks is about as far as from there to it
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -46,6 +51,49 @@ class StepError:
     @property
     def fine(self) -> bool:
         return self.worst <= ENOUGH
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EvidenceShift:
+    """What the truth adds to a log evidence that was found in steps, and its standard error."""
+
+    added: float
+    error: float
+
+
+def evidence_shift(posterior: Posterior, draws: Array) -> EvidenceShift | None:
+    """From its draws `(N, D)`, physical; None where nothing is stepped, or no truth is finite.
+
+    The ratio of the evidences is the mean over the posterior of the ratio of the likelihoods, in finer
+    steps and in its own.
+    """
+    every = [response for _, response in _stepped(posterior.likelihood)]
+    if not every:
+        return None
+    steps = sum(_truth(one).pieces * len(one.experiment.t) for one in every)
+    most = min(max(ALL_STEPS // steps, LEAST), WEIGHED)
+    some = draws[:: max(1, -(-len(draws) // most))]
+    here, found = _log_likelihood(posterior, some), []
+    for part in (HALF, 1):
+        finer = _finer(posterior, part)
+        logs = np.nan_to_num(_log_likelihood(finer, some) - here, nan=-np.inf)
+        top = float(logs.max())
+        if not math.isfinite(top):
+            return None
+        weights = np.exp(logs - top)
+        found.append(top + math.log(weights.mean()))
+    spread = float(weights.std(ddof=1) / weights.mean()) / math.sqrt(len(weights))
+    return EvidenceShift(added=found[1], error=math.hypot(spread, found[1] - found[0]))
+
+
+def _finer(posterior: Posterior, part: int) -> Posterior:
+    return _with(posterior, lambda one, old: dataclasses.replace(one, response=_truth(old, part)))
+
+
+def _log_likelihood(posterior: Posterior, draws: Array) -> Array:
+    """In turn: noise that asks for samples keeps all of them."""
+    parts = np.array_split(draws, -(-len(draws) // AT_ONCE))
+    return np.concatenate([posterior.likelihood(some) for some in parts])
 
 
 def step_errors(likelihood: Likelihood, theta: Array) -> tuple[StepError, ...]:
@@ -139,13 +187,18 @@ def _error(one: Observation, full: Array, theta: Array) -> StepError:
     )
 
 
+def _truth(response: Stepped, part: int = 1) -> Stepped:
+    """`FINER` times as fine or as `MOST_STEPS` allow, twice at least; `part`: by so much less."""
+    allowed = MOST_STEPS // (response.pieces * len(response.experiment.t))
+    return response.finer(response.pieces * max(1, max(2, min(FINER, allowed)) // part))
+
+
 def _errors(one: Observation, full: Array, theta: Array) -> Array:
     """The most that steps do to a sample `(W, K)`, over its sd.  A walker that overflows has none."""
     response = one.response
     assert isinstance(response, Stepped)
-    finer = max(1, min(FINER, MOST_STEPS // (response.pieces * len(response.experiment.t))))
     told = one.told(full)
-    truth = response.finer(response.pieces * max(2, finer)).signals(told)
+    truth = _truth(response).signals(told)
     off = np.abs(response.signals(told) - truth)
     with np.errstate(invalid="ignore"):
         shares = np.where(response.experiment.seen, off / one.scales(theta)[:, None], 0.0)

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from bayesdrill.inference.likelihood import Observation
 from bayesdrill.insight.identifiability.information import root_of
 from bayesdrill.insight.identifiability.scenes import Scenery
+from bayesdrill.record.clocks import usual_step
 from bayesdrill.record.experiment import Experiment
 from bayesdrill.rig.models.linear import driven, dynamics
 
@@ -47,7 +48,7 @@ def half_a_sample(scenery: Scenery, theta: Array) -> Moment | None:
     pairs = zip(every, motions, strict=True)
     late = np.concatenate([_later(one, scenery, theta, motion).ravel() for one, motion in pairs])
     rows = scenery.every(theta)
-    if not (np.isfinite(rows).all() and np.isfinite(late).all()):
+    if not (np.isfinite(half) and np.isfinite(rows).all() and np.isfinite(late).all()):
         return None
     matrix = np.vstack([rows, np.diag(1.0 / scenery.prior_spreads)])
     target = np.append(half * late, np.zeros(rows.shape[1]))
@@ -59,9 +60,10 @@ def half_a_sample(scenery: Scenery, theta: Array) -> Moment | None:
 
 
 def _step(experiment: Experiment) -> float:
-    """The usual one between two samples of a channel."""
-    steps = [np.diff(experiment.t[seen]) for seen in experiment.seen.T if seen.sum() > 1]
-    return float(min(np.median(step) for step in steps))
+    """The usual one between two samples of an input or, where all are constant, of a channel."""
+    if experiment.series:
+        return min(experiment.input_steps.get(name, experiment.dt) for name in experiment.series)
+    return min(usual_step(experiment.t[seen]) for seen in experiment.seen.T)
 
 
 def _told(one: Observation) -> bool:

@@ -9,14 +9,13 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdrill.basics.progress import Silent
+from bayesdrill.basics.progress import Reporter
 from bayesdrill.engines.learning.learn import Nowhere
-from bayesdrill.engines.sampling import Plan, sample
+from bayesdrill.engines.sampling import Opened, Plan, Sampled, sample
 from bayesdrill.engines.shelf import Memory
 from bayesdrill.engines.workers import Crew
 from bayesdrill.inference.posterior import Posterior
@@ -30,45 +29,72 @@ TAIL, SIGMA = 1e-3, 2.28e-2  # shares of the draws at three and two sigma of a n
 REACH = math.log(10.0)  # an end is moved by the prior's own range, but by no more than this factor
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Opened:
-    """`names`: unknowns whose priors end too near to their nominal values.
+def with_open_ends(
+    sampled: Sampled,
+    posterior: Posterior,
+    nominal: Mapping[str, float],
+    maxima: Array,
+    plan: Plan,
+    report: Reporter,
+) -> Sampled:
+    """With what is seen beyond ends of priors that are in the way, where ensembles have converged."""
+    if not sampled.convergence.converged:
+        return sampled
+    draws = sampled.draws.reshape(-1, maxima.shape[1])
+    beyond = open_ends(posterior, nominal, draws, maxima, plan, report)
+    return dataclasses.replace(sampled, beyond=beyond)
 
-    `draws (N, D)`: of the posterior with these ends moved; None where it did not converge, so that
-    nothing can be said of what depends on them.  `pressed`: those whose draws crowd there as well.
-    """
 
-    names: tuple[str, ...]
-    draws: Array | None
-    pressed: tuple[str, ...]
+def not_kept(sampled: Sampled, posterior: Posterior, nominal: Mapping[str, float]) -> Opened | None:
+    """What is known of ends in the way where a run has kept nothing from beyond: no more than names."""
+    if not sampled.convergence.converged:
+        return None
+    draws = sampled.draws.reshape(-1, len(posterior.space.free))
+    names = tuple(_in_the_way(posterior, nominal, draws))
+    return Opened(names=names, draws=None, pressed=names, kept=False) if names else None
 
 
 def open_ends(
-    posterior: Posterior, nominal: Mapping[str, float], draws: Array, maxima: Array, plan: Plan
+    posterior: Posterior,
+    nominal: Mapping[str, float],
+    draws: Array,
+    maxima: Array,
+    plan: Plan,
+    report: Reporter,
 ) -> Opened | None:
     """From physical draws `(N, D)` and maxima `(M, D)`; None where no end is in the way."""
+    priors = _in_the_way(posterior, nominal, draws)
+    if not priors:
+        return None
+    beyond = dataclasses.replace(posterior, space=posterior.space.with_priors(priors))
+    names = tuple(priors)
+    report.say(
+        f"priors of {', '.join(names)} end near nominal values: once more without these ends"
+    )
+    try:
+        with Crew(beyond, 1) as crew:
+            sampled = sample(crew, beyond, maxima, plan, Memory(), report)
+    except Nowhere:
+        return Opened(names=names, draws=None, pressed=names)
+    if not sampled.convergence.converged:
+        return Opened(names=names, draws=None, pressed=names)
+    found = sampled.draws.reshape(-1, draws.shape[1])
+    columns = dict(zip(posterior.space.free, found.T, strict=True))
+    crowded = [name for name in names if pressed_against(columns[name], priors[name]) is not None]
+    return Opened(names=names, draws=found, pressed=tuple(crowded))
+
+
+def _in_the_way(
+    posterior: Posterior, nominal: Mapping[str, float], draws: Array
+) -> dict[str, Prior]:
+    """Priors that end too near to their nominal values, with these ends moved."""
     space = posterior.space
     wider = {
         name: _wider(prior, nominal[name], draws[:, column])
         for column, (name, prior) in enumerate(space.priors.items())
         if name in nominal
     }
-    priors = {name: prior for name, prior in wider.items() if prior is not space.priors[name]}
-    if not priors:
-        return None
-    beyond = dataclasses.replace(posterior, space=space.with_priors(priors))
-    names = tuple(priors)
-    try:
-        with Crew(beyond, 1) as crew:
-            sampled = sample(crew, beyond, maxima, plan, Memory(), Silent())
-    except Nowhere:
-        return Opened(names=names, draws=None, pressed=names)
-    if not sampled.convergence.converged:
-        return Opened(names=names, draws=None, pressed=names)
-    found = sampled.draws.reshape(-1, draws.shape[1])
-    columns = dict(zip(space.free, found.T, strict=True))
-    crowded = [name for name in names if pressed_against(columns[name], priors[name]) is not None]
-    return Opened(names=names, draws=found, pressed=tuple(crowded))
+    return {name: prior for name, prior in wider.items() if prior is not space.priors[name]}
 
 
 def _wider(prior: Prior, nominal: float, draws: Array) -> Prior:

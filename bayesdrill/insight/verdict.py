@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy.stats import norm
 
 from bayesdrill.basics import seeds
+from bayesdrill.engines.sampling import Opened
 from bayesdrill.inference.problem import Problem
 from bayesdrill.insight import plausibility
 from bayesdrill.insight.diagnostics import Row, hdi
@@ -23,7 +24,6 @@ from bayesdrill.insight.identifiability.information import Information
 from bayesdrill.insight.identifiability.scenes import Scenery
 from bayesdrill.insight.identifiability.structure import Exponents
 from bayesdrill.insight.identifiability.study import Asked, Study, Thresholds, study_of
-from bayesdrill.insight.opened_priors import Opened
 from bayesdrill.insight.tension import bits_gained, joint_tension, tension
 
 Array = NDArray[np.float64]
@@ -193,7 +193,7 @@ def judge(
         limit=limit,
         joint=scene.joint([e for e in products if shown[e] and not scene.hides(e)]),
         fits=fits,
-        opened=names,
+        opened=names if free else (),
     )
 
 

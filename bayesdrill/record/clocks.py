@@ -96,18 +96,18 @@ def _gaps(t: Array, found: Grid) -> str:
 def union(clocks: Sequence[Array]) -> Array:
     """Times of all `clocks`, each increasing; those that are the same on several stand once."""
     t = np.sort(np.concatenate(clocks))
-    usual = min(map(_usual, clocks))
+    usual = min(map(usual_step, clocks))
     near = max(SAME * usual if usual < math.inf else 0.0, _rounding(t))
     return np.asarray(t[np.r_[True, np.diff(t) > near]], dtype=np.float64)
 
 
 def crowded(t: Array, clocks: Sequence[Array]) -> float:
     """A time of the `union` `t` that is followed by another after far less than a step; NaN: none."""
-    close = np.flatnonzero(np.diff(t) < STEP_TOLERANCE * min(map(_usual, clocks)))
+    close = np.flatnonzero(np.diff(t) < STEP_TOLERANCE * min(map(usual_step, clocks)))
     return float(t[close[0]]) if len(close) else math.nan
 
 
-def _usual(clock: Array) -> float:
+def usual_step(clock: Array) -> float:
     """Step; of a single time there is none, and it is as good as any."""
     return float(np.median(np.diff(clock))) if len(clock) > 1 else math.inf
 
@@ -131,7 +131,7 @@ def held(t: Array, clock: Array, values: Array, *, first_order: bool) -> Array:
     """
     if first_order:
         return np.interp(t, clock, values)
-    usual = _usual(clock)
+    usual = usual_step(clock)
     slack = (SAME * usual if usual < math.inf else 0.0) + _rounding(clock)
     last = np.searchsorted(clock, t + slack, side="right") - 1
     return np.asarray(values[np.maximum(last, 0)], dtype=np.float64)

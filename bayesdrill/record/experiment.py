@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,7 +58,8 @@ class Experiment:
     `first_order` or zero-order hold; `start`: the state at time `t_start` <= t[0] (states not named are
     zero).  `told`: what was done to the numbers of the files, in sentences; `odd`: what they look like
     that a sensor made, not the rig.  `held_out (T, K)`: samples that are no evidence though they were
-    measured, NaN elsewhere; None where there are none.
+    measured, NaN elsewhere; None where there are none.  `input_steps`: the usual step [s] of the clock
+    of each of `series`; `dt` where it is not named.
     """
 
     t: Array
@@ -72,6 +73,8 @@ class Experiment:
     told: tuple[str, ...] = ()
     odd: tuple[Odd, ...] = ()
     held_out: Array | None = None
+    # Not in the `repr`, by which results know the noise of a missing torque: it decides no density.
+    input_steps: Mapping[str, float] = field(default_factory=dict, repr=False)
 
     @property
     def dt(self) -> float:

@@ -22,8 +22,14 @@ EXPLAINED = (
 def sentences(found: Evidence, priors: Sequence[Vague], *, converged: bool) -> str:
     """A line, and one for what makes it doubtful."""
     lines = [f"log evidence: {said(found)}"]
+    if found.steps_error:
+        lines.append(
+            f"  of which {found.steps:+.2g} +- {found.steps_error:.1g} for the error of its steps"
+        )
     if not converged:
         lines.append("  ROUGH: the ensembles did not converge")
+    elif found.error > POOR and found.steps_error > 0.5 * found.error:
+        lines.append("  ROUGH: the steps of the rig are long for it; a larger `model.pieces` helps")
     elif found.error > POOR:
         lines.append(
             "  ROUGH: the proposal and the posterior have little in common; longer chains would help"
@@ -57,6 +63,11 @@ def as_data(found: Evidence | None, priors: Sequence[Vague]) -> dict[str, Any]:
         "log_evidence": found.log_z,
         "log_evidence_error": found.error,
         "log_evidence_overlap": found.overlap,
+        **(
+            {"log_evidence_steps": found.steps, "log_evidence_steps_error": found.steps_error}
+            if found.steps_error
+            else {}
+        ),
         "vague_priors": [one.name for one in priors],
     }
 
@@ -68,6 +79,8 @@ def of_data(run: Mapping[str, Any]) -> Evidence | None:
             log_z=float(run["log_evidence"]),
             error=float(run["log_evidence_error"]),
             overlap=float(run["log_evidence_overlap"]),
+            steps=float(run.get("log_evidence_steps", 0.0)),
+            steps_error=float(run.get("log_evidence_steps_error", 0.0)),
         )
     except (KeyError, TypeError, ValueError):
         return None

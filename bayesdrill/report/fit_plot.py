@@ -82,6 +82,12 @@ def extremes(y: Array, most: int) -> Indices:
     return np.unique(np.concatenate([[0, n - 1], np.minimum(kept, n - 1).ravel()]))
 
 
+def measured(y: Array) -> Indices:
+    """At most `DOTS` of the samples of a channel `y (T,)`, which may have few of the record's times."""
+    seen = np.flatnonzero(~np.isnan(y))
+    return seen[style.thin(len(seen), DOTS)]
+
+
 def corners(u: Array, most: int) -> Indices:
     """Where stairs through `u` begin, rise and end; of too many, the `extremes`."""
     changes = np.flatnonzero(np.diff(u)) + 1
@@ -138,7 +144,7 @@ def _signals(
     high = max(float(np.nanmax(y)), float(model.max()), float(band.max()))
     scale = _numbers(panel, signal.label, low, high)
     panel.fill_between(time(t[drawn]), *scale(band), zorder=0, **BAND)
-    dots = style.thin(len(t), DOTS)
+    dots = measured(y)
     panel.plot(time(t[dots]), scale(y[dots]), **(DOT | _size(len(dots))))
     panel.plot(time(t[drawn]), scale(model[drawn]), zorder=2, **MODEL)
 
@@ -153,7 +159,7 @@ def _residuals(panel: Axes, signal: Signal, time: style.Scale, t: Array) -> None
     panel.axhspan(*ends, zorder=0, **BAND)
     for end in ends:
         panel.axhline(end, zorder=2, **EDGE)
-    dots = style.thin(len(t), DOTS)
+    dots = measured(rest)
     panel.plot(time(t[dots]), scale(rest[dots]), **(DOT | _size(len(dots))))
     panel.axhline(float(scale(0.0)), zorder=2, **MODEL)
     if not math.isnan(signal.share):

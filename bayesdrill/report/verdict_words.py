@@ -5,10 +5,11 @@ from __future__ import annotations
 import csv
 import io
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from bayesdrill.basics.symbols import Symbol, unit_product
+from bayesdrill.engines.sampling import Opened
 from bayesdrill.insight.diagnostics import HDI_PROBABILITY
 from bayesdrill.insight.identifiability.resting import Resting
 from bayesdrill.insight.verdict import FALSE_ALARM, Quantity, Verdict
@@ -126,6 +127,22 @@ def _resting(found: Verdict, rests: Sequence[Resting]) -> list[str]:
                 "what it tells by itself)"
             )
     return lines
+
+
+NOT_KEPT = (
+    "not there: a run of an older version has not kept its draws beyond the ends of priors, and tables "
+    "cannot be followed without them; `--resume`, or under another version `--force`, samples them"
+)
+
+
+def not_kept(beyond: Opened | None) -> Iterator[str]:
+    """Of a run that has left nothing of what lies beyond ends of priors."""
+    if beyond is not None and not beyond.kept:
+        yield (
+            f"priors of {', '.join(beyond.names)} end near nominal values, and draws beyond were not "
+            "kept by the version that sampled this run, so that nothing is said of these values: "
+            "continue it with --resume, or under another version start over with --force"
+        )
 
 
 def _opened(found: Verdict) -> list[str]:

@@ -6,7 +6,7 @@ import hashlib
 import struct
 import zipfile
 import zlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -15,6 +15,7 @@ import numpy as np
 
 from bayesdrill.basics.errors import InputError
 from bayesdrill.engines.samplers.ensemble import Piece, State
+from bayesdrill.engines.sampling import Opened
 
 SEAL = "checksum"
 # What NumPy, zipfile and HDF5 raise when bytes of a file are not what they were.
@@ -61,6 +62,33 @@ def read_piece(path: Path) -> Piece:
             )
     except DAMAGED:
         raise InputError.one(str(path), COMPUTED_AGAIN) from None
+
+
+def write_opened(path: Path, opened: Opened, pieces: Sequence[Sequence[Piece]]) -> None:
+    """With a mark of the chain of these `pieces`, beyond which it was found."""
+    draws = () if opened.draws is None else opened.draws
+    np.savez(path, names=opened.names, pressed=opened.pressed, draws=draws, chain=_mark(pieces))
+
+
+def read_opened(path: Path, pieces: Sequence[Sequence[Piece]]) -> Opened:
+    """Raises `InputError` where the file is damaged, or of another chain."""
+    try:
+        with path.open("rb") as raw, np.load(raw) as file:
+            names, pressed = (tuple(map(str, file[name])) for name in ("names", "pressed"))
+            draws, mark = file["draws"].reshape(-1, pieces[0][0].z.shape[-1]), str(file["chain"])
+        if mark != _mark(pieces):
+            raise ValueError("of another chain")
+        return Opened(names=names, draws=draws if draws.size else None, pressed=pressed)
+    except DAMAGED:
+        raise InputError.one(str(path), f"is of another chain, or {COMPUTED_AGAIN}") from None
+
+
+def _mark(pieces: Sequence[Sequence[Piece]]) -> str:
+    """Of a chain, however it was cut."""
+    digest = hashlib.sha256()
+    for chain in pieces:
+        digest.update(np.concatenate([piece.log_p for piece in chain]))
+    return digest.hexdigest()
 
 
 def chain_image(pieces: list[list[Piece]], attributes: Mapping[str, Any]) -> bytes:

@@ -12,10 +12,18 @@ from filelock import FileLock, Timeout
 
 from bayesdrill.basics import own_files
 from bayesdrill.basics.errors import InputError, Problem
-from bayesdrill.basics.own_files import LOCK, PIECES, RUN, Kind, whole
+from bayesdrill.basics.own_files import LOCK, OPENED, PIECES, RUN, Kind, whole
 from bayesdrill.basics.sealed import opened, sealed
 from bayesdrill.engines.samplers.ensemble import Piece
-from bayesdrill.results.chain_files import chain_image, read_chain, read_piece, write_piece
+from bayesdrill.engines.sampling import Opened
+from bayesdrill.results.chain_files import (
+    chain_image,
+    read_chain,
+    read_opened,
+    read_piece,
+    write_opened,
+    write_piece,
+)
 
 Mode = Literal["fresh", "resume", "force", "report"]  # report: nothing is added to the chain
 
@@ -174,6 +182,20 @@ class Folder:
         with whole(self.place(CHAIN)) as path:
             path.write_bytes(chain_image(pieces, attributes))
         own_files.take_away(self.path, own_files.UNFINISHED)
+
+    def keep_opened_ends(self, found: Opened | None, pieces: list[list[Piece]]) -> None:
+        """What was found beyond ends of priors, of the chain of these `pieces`; None: no end was in
+        the way.
+        """
+        self.take_away({OPENED})
+        if found is not None:
+            with whole(self.place(OPENED)) as path:
+                write_opened(path, found, pieces)
+
+    def opened_ends(self, pieces: list[list[Piece]]) -> Opened | None:
+        """None where nothing was kept; raises `InputError` where it is damaged or of another chain."""
+        path = self.path / OPENED
+        return read_opened(path, pieces) if own_files.what(path) else None
 
 
 def read_run(folder: Path) -> dict[str, Any] | None:

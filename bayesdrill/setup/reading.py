@@ -93,6 +93,10 @@ class _Reader:
             told=tuple(findings.told),
             odd=tuple(findings.odd),
             held_out=None if held is None else frozen(held),
+            input_steps={
+                name: clocks.usual_step(columns["inputs", given_inputs.entry(config, name)].clock.t)
+                for name in series
+            },
         )
         return self._decimated(found)
 

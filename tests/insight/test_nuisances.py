@@ -145,6 +145,19 @@ def test_half_a_sample_moves_what_a_late_step_moves() -> None:
         assert shift == pytest.approx(true, rel=0.5, abs=0.3), name
 
 
+@pytest.mark.parametrize(
+    ("own", "seconds"), [({}, 0.5 * DT), ({"v": 7 * DT}, 3.5 * DT)], ids=["of the record", "slower"]
+)
+def test_half_a_sample_is_one_of_the_input(own: dict[str, float], seconds: float) -> None:
+    """Of channels one sample of four is left; mutant killed: half of one of theirs."""
+    record = seen(Sensing(), [])
+    fewer = np.where(np.arange(N)[:, None] % 4 == 0, record.y, np.nan)
+    posterior = believed(replace(record, y=fewer, input_steps=own))
+    found = half_a_sample(Scenery(posterior.likelihood), best(posterior))
+    assert found is not None
+    assert found.seconds == pytest.approx(seconds)
+
+
 def test_a_moment_that_is_unknown_is_no_matter_of_doubt() -> None:
     record = seen(Sensing(), [])
     posterior = believed(record)

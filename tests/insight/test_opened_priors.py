@@ -9,11 +9,12 @@ from rigs import measured, posterior
 from scipy.stats import norm
 from verdicts import LINEAR, NAMES, PRIOR, TABLE, gaussian
 
+from bayesdrill.basics.progress import Silent
 from bayesdrill.engines.convergence import Targets
-from bayesdrill.engines.sampling import Plan
+from bayesdrill.engines.sampling import Opened, Plan
 from bayesdrill.inference.priors import LogNormal, LogUniform, Prior, TruncatedNormal, Uniform
 from bayesdrill.insight.identifiability.study import Thresholds
-from bayesdrill.insight.opened_priors import Opened, open_ends
+from bayesdrill.insight.opened_priors import open_ends
 from bayesdrill.insight.tension import tension
 from bayesdrill.insight.verdict import judge
 
@@ -45,7 +46,7 @@ def test_an_end_at_the_nominal_value_does_not_count(prior: Prior) -> None:
     top = np.array([[min(max(1.0005 * K_S, prior.low), prior.high)]])
     draws = np.linspace(0.99, 1.01, 4001)[:, None] * K_S
     draws = draws[(draws[:, 0] >= prior.low) & (draws[:, 0] <= prior.high)]
-    found = open_ends(target, NAMED, draws, top, PLAN)
+    found = open_ends(target, NAMED, draws, top, PLAN, Silent())
     assert found is not None
     assert found.draws is not None
     assert found.names == ("k_s",)
@@ -72,7 +73,7 @@ def test_priors_that_are_in_nobodys_way_stay(prior: Prior, low: float, high: flo
     middle, half = 0.5 * (low + high), 0.5 * (high - low)
     share = (np.arange(2000) + 0.5) / 2000
     draws = (middle + half * np.clip(norm.ppf(share) / 4, -1, 1))[:, None] * K_S
-    assert open_ends(target, NAMED, draws, draws[:1], PLAN) is None
+    assert open_ends(target, NAMED, draws, draws[:1], PLAN, Silent()) is None
 
 
 def cut(truth: dict[str, float], seed: int) -> tuple[np.ndarray, np.ndarray]:

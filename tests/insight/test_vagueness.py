@@ -64,10 +64,16 @@ def test_as_many_digits_as_are_known_and_what_makes_them_doubtful() -> None:
     assert "ROUGH" in said
     assert "that of c_s is 4.0 decades wide" in said
     assert "ROUGH" in evidence_words.sentences(good, (), converged=False)
+    stepped = dataclasses.replace(rough, steps=-0.41, steps_error=0.29)
+    said = evidence_words.sentences(stepped, (), converged=True)
+    assert "of which -0.41 +- 0.3 for the error of its steps" in said
+    assert "ROUGH: the steps of the rig are long for it" in said
 
 
 def test_what_a_run_has_left_is_read_back() -> None:
     one = Evidence(log_z=-1.0 / 3.0, error=0.01, overlap=0.5)
-    assert evidence_words.of_data(evidence_words.as_data(one, ())) == one
+    stepped = dataclasses.replace(one, steps=0.2, steps_error=0.009)
+    for found in (one, stepped):
+        assert evidence_words.of_data(evidence_words.as_data(found, ())) == found
     assert evidence_words.of_data({}) is None
     assert evidence_words.as_data(None, ()) == {}

@@ -291,6 +291,7 @@ def test_every_column_may_have_its_own_file_and_clock(tmp_path: Path) -> None:
         assert found.y[found.seen[:, k], k] == pytest.approx(values[used])
     last = np.searchsorted(late, found.t + 1e-9, side="right") - 1
     assert found.series["v"].tolist() == (5.0 + last % 7).tolist()
+    assert found.input_steps == {"v": pytest.approx(0.03)}
 
 
 def test_the_same_clock_in_two_files_is_one(tmp_path: Path) -> None:

@@ -13,27 +13,32 @@ from ruamel.yaml import YAML
 import bayesdrill as bd
 from bayesdrill.inference import pieces
 from bayesdrill.inference.pieces import step_errors
+from bayesdrill.rig.stepped import TURNS
 from bayesdrill.setup.job import Job
 
 T = np.linspace(0.0, 4.0, 161)
 STRIBECK = {"t_cm": 0.01, "t_sm": 0.03, "w_sm": 20.0}
 YAML_SAFE = YAML(typ="safe", pure=True)
+NAMED = {**dict.fromkeys(NOMINAL, "nominal"), **STRIBECK}
 BOX = {"prior": "uniform", "low": 0.5, "high": 1.5, "relative": True}
 UNKNOWN = {"prior": "log_uniform", "low": 0.01, "high": 100.0, "start": 20.0}
 
 
 @cache
-def case() -> bd.Case:
-    """Of noise that is a thousandth of what the search starts with: there any step would do."""
+def case(*, known: bool = False) -> bd.Case:
+    """Of noise that is a thousandth of what the search starts with: there any step would do.
+
+    `known`: all but an inertia is.
+    """
     v = np.where(np.arange(len(T)) // 40 % 2 == 0, 6.0, -6.0)
     inputs = {"v": bd.Input(v, "V", hold="zero")}
     exact = bd.respond("motor_shaft", {**NOMINAL, **STRIBECK}, T, {"v": v}, "w_2")["w_2"]
     noise = 0.02 * np.random.default_rng(6).standard_normal(len(T))
     return bd.case(
         T,
-        channels={"w_2": bd.Channel(exact + noise, "rad/s", UNKNOWN)},
+        channels={"w_2": bd.Channel(exact + noise, "rad/s", 0.02 if known else UNKNOWN)},
         inputs=inputs,
-        parameters={**dict.fromkeys(NOMINAL, "nominal"), **STRIBECK, "k_s": BOX, "j_1": BOX},
+        parameters={**NAMED, "j_1": BOX} if known else {**NAMED, "k_s": BOX, "j_1": BOX},
         map={"starts": 1},
         sampler={"ensembles": 4, "walkers": 16, "r_hat": 1.1, "n_tau": 5, "ess": 100},
         seed=3,
@@ -73,6 +78,28 @@ def test_a_search_and_a_chain_take_them_in_all_processes(tmp_path: Path) -> None
     assert taken(run().job) == taken(other.job) == run().mode.pieces
     for name, draws in run().draws.items():
         assert np.array_equal(draws, other.draws[name])
+
+
+def test_the_evidence_is_that_of_the_rig_and_not_of_its_steps() -> None:
+    """Oracle: the integral over its only unknown, in far finer steps than any that a run takes.
+
+    Mutants killed: no error of steps; what finer steps add is taken away.
+    """
+    run = case(known=True).sample()
+    posterior, x = run.job.problem.posterior, run.draws["j_1"]
+    at = np.linspace(x.mean() - 8 * x.std(), x.mean() + 8 * x.std(), 400)
+    prior = posterior.space.priors["j_1"]
+
+    def log_z(steps: dict[str, pieces.Taken]) -> float:
+        logs = pieces.taking(posterior, steps).likelihood(at[:, None])
+        whole = np.trapezoid(np.exp(logs - logs.max()), at) / (prior.high - prior.low)
+        return float(logs.max() + np.log(whole))
+
+    true, found = log_z({"": (256, TURNS)}), run.evidence
+    assert found is not None
+    assert abs(log_z(dict(run.mode.pieces)) - true) > 0.03
+    assert abs(found.log_z - true) < 2 * found.error < 0.1
+    assert "for the error of its steps" in str(run)
 
 
 def test_what_was_saved_goes_on_in_them(tmp_path: Path) -> None:
