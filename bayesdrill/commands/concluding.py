@@ -55,6 +55,7 @@ def concluded(
     made = (f"note: record: {one}" for one in record_words.made(problem))
     read = (f"note: record, {one}" for one in record_words.suspicions(problem, job.config))
     notes = (*tables.notes(rows, job.units), *late, *course, *geared, *made, *read)
+    every = () if judged is None else verdict.basis(judged.study, judged.study.names)
     return View(
         problem=problem,
         config=job.config,
@@ -64,7 +65,7 @@ def concluded(
         left=left,
         judged=judged,
         notes=notes,
-        repeats=() if judged is None else repeats(scenery, at, verdict.basis(judged.study)),
+        repeats=repeats(scenery, at, every),
         seconds=seconds or {},
     )
 
