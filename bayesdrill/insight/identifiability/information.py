@@ -113,9 +113,7 @@ class Product:
         return self.sd / self.prior_sd * sum(map(abs, self.exponents))
 
 
-def products(
-    information: Information, prior_sd: Array, candidates: Array
-) -> tuple[Product, ...]:
+def products(information: Information, prior_sd: Array, candidates: Array) -> tuple[Product, ...]:
     """As many independent ones of the `candidates (n, m)` as there are, the most narrowed first.
 
     Each is the one that the record narrows most of those independent of the ones before it; a

@@ -43,7 +43,9 @@ class Structure:
         own = [k for k, name in enumerate(self.names) if name in names]
         m = len(self.names)
         changed = _complement(np.array(self.invariants, dtype=float).reshape(-1, m), m)[:, own]
-        found = [dict(zip(own, e, strict=True)) for e in sparse_basis(_complement(changed, len(own)))]
+        found = [
+            dict(zip(own, e, strict=True)) for e in sparse_basis(_complement(changed, len(own)))
+        ]
         return tuple(tuple(powers.get(k, 0) for k in range(m)) for powers in found)
 
 

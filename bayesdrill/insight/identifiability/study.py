@@ -140,7 +140,7 @@ def study(
         nuisances=_nuisances(scenery, posterior, theta, thresholds),
         frictions=told_apart(scenery, posterior, theta),
         stand_ins=stand_ins(posterior, theta, prior_spreads(posterior), rng),
-        resting=resting(posterior, theta, rng),
+        resting=resting(posterior, theta, known, prior_sd, rng),
         scaled=scaled(posterior, found.symmetries),
     )
 
