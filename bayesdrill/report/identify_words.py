@@ -107,16 +107,15 @@ def resting(study: Study) -> str:
     """A sentence for each scale that numbers which are held settle, or would."""
     lines = []
     for one in study.resting:
-        on = held = (
-            f"{listed(one.through)}, {'which is' if len(one.through) == 1 else 'which are'} held"
-        )
-        known = "only as far as that is right"
+        on = f"{listed(one.through)}, {'which is' if len(one.through) == 1 else 'which are'} held"
+        known = "known only as far as that is right"
         if priors := one.priors((one.told,), (1,)):
             on = priors_of(priors)
-            known = f"hardly by the record, for it hardly shows {held}"
+            known = (
+                f"told by these rather than by the record, which hardly shows {listed(one.through)}"
+            )
         lines.append(
-            f"resting on {on}: {listed(one.unknown)}, known {known}; "
-            f"{symmetry(one.names, one.exponents)}"
+            f"resting on {on}: {listed(one.unknown)}, {known}; {symmetry(one.names, one.exponents)}"
         )
     return "\n".join(lines)
 

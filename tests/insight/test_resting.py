@@ -118,7 +118,7 @@ def test_a_record_too_loud_for_the_inductance_rests_on_the_resistance_s_prior() 
     made = study(Scenery(target.likelihood), target, theta, (), Thresholds(), rng)
     text = identify_words.resting(made)
     assert text.startswith("resting on the prior")
-    assert "known hardly by the record, for it hardly shows l_m" in text
+    assert "told by these rather than by the record, which hardly shows l_m;" in text
 
 
 def test_in_words_before_sampling_and_in_the_verdict() -> None:

@@ -102,7 +102,7 @@ def test_a_value_of_the_table_that_is_off_is_told(tmp_path: Path, parameters: e.
     found = study_of(Scenery(posterior.likelihood), posterior, theta, job.asked)
     named = [name for name in found.names if name in job.problem.nominal]
     shown = [name for name, sigmas in off_by(found, named, OFF).items() if sigmas > 7]
-    assert len(shown) >= 5
+    assert len(shown) >= 4
     for seed, name in enumerate(shown):
         off = {name: (1 + OFF) * job.problem.nominal[name]}
         verdict, _ = Trial(job, refits.truly(job, **true(job), **off)).concluded(seed)
