@@ -1,11 +1,20 @@
-"""A study that is exactly linear, and the exact posterior of any record of it."""
+"""A study that is exactly linear, and the exact posterior of any record of it; what a record shows."""
 
 from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Collection
 
 import numpy as np
 from oracles import NOMINAL
 
-from bayesdrill.insight.identifiability.information import Information, products, root_of
+from bayesdrill.insight.identifiability.information import (
+    Information,
+    products,
+    root_of,
+    simple_exponents,
+)
 from bayesdrill.insight.identifiability.structure import Structure
 from bayesdrill.insight.identifiability.study import Known, Study, Thresholds
 from bayesdrill.insight.verdict import Verdict, judge
@@ -46,7 +55,7 @@ def linear_study(prior_sd: np.ndarray) -> Study:
             unexplained=0,
         ),
         parameters=tuple(judged(e) for e in ((1, 0, 0), (0, 1, 0), (0, 0, 1))),
-        products=tuple(judged(p.exponents) for p in products(known, prior_sd)),
+        products=tuple(judged(p.exponents) for p in products(known, prior_sd, simple_exponents(3))),
         information=known,
         remedies=(),
     )
@@ -71,3 +80,28 @@ def verdict(
 ) -> Verdict:
     limits = dict.fromkeys(NAMES, tolerance)
     return judge(LINEAR, draws, PRIOR, TABLE, limits, pressed, Thresholds(), fits=fits)
+
+
+def off_by(study: Study, named: Collection[str], off: float) -> dict[str, float]:
+    """With each of the `named` in turn off by so much: sigmas by which the record shows it.
+
+    The most over all products of up to three of them, with powers up to two, that no symmetry changes
+    and that the record brings below half of the prior: counted one by one, no basis among them.
+    """
+    before = np.array([one.prior_sd for one in study.parameters])
+    root = study.information.root
+    covariance = np.linalg.inv(root.T @ root + np.diag(before**-2.0))
+    symmetries = np.array(study.structure.symmetries, dtype=float).reshape(-1, len(before))
+    found = dict.fromkeys(named, 0.0)
+    for size in (1, 2, 3):
+        for places in itertools.combinations([study.names.index(name) for name in named], size):
+            for powers in itertools.product((1, -1, 2, -2), repeat=size):
+                e = np.zeros(len(before))
+                e[list(places)] = powers
+                sd = math.sqrt(e @ covariance @ e)
+                if (symmetries @ e).any() or sd > 0.5 * np.linalg.norm(e * before):
+                    continue
+                for place, power in zip(places, powers, strict=True):
+                    name = study.names[place]
+                    found[name] = max(found[name], abs(power) * math.log1p(off) / sd)
+    return found

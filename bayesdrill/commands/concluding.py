@@ -56,6 +56,7 @@ def concluded(
     read = (f"note: record, {one}" for one in record_words.suspicions(problem, job.config))
     ends = (f"note: {one}" for one in verdict_words.not_kept(sampled.beyond))
     notes = (*tables.notes(rows, job.units), *ends, *late, *course, *geared, *made, *read)
+    every = () if judged is None else verdict.basis(judged.study, judged.study.names)
     return View(
         problem=problem,
         config=job.config,
@@ -65,7 +66,7 @@ def concluded(
         left=left,
         judged=judged,
         notes=notes,
-        repeats=() if judged is None else repeats(scenery, at, verdict.basis(judged.study)),
+        repeats=repeats(scenery, at, every),
         seconds=seconds or {},
     )
 

@@ -20,7 +20,7 @@ from bayesdrill.engines.sampling import Opened
 from bayesdrill.inference.problem import Problem
 from bayesdrill.insight import plausibility
 from bayesdrill.insight.diagnostics import Row, hdi
-from bayesdrill.insight.identifiability.information import Information
+from bayesdrill.insight.identifiability.information import Information, products, simple_exponents
 from bayesdrill.insight.identifiability.scenes import Scenery
 from bayesdrill.insight.identifiability.structure import Exponents
 from bayesdrill.insight.identifiability.study import Asked, Study, Thresholds, study_of
@@ -180,28 +180,37 @@ def judge(
         thresholds=thresholds,
         fits=fits,
     )
-    units = [tuple(int(x) for x in row) for row in np.eye(len(study.names), dtype=int)]
-    looked_at = [e for e in dict.fromkeys((*units, *basis(study))) if _has_nominal(e, table)]
+    units = [tuple(int(x) for x in row) for row in np.eye(m, dtype=int)[np.isfinite(table)]]
+    chosen = basis(study, nominal)
+    looked_at = dict.fromkeys((*units, *chosen))
     shown = {e: scene.shows(e) for e in looked_at}
     limit = sigma_limit(1 + sum(shown.values()))
     found = {e: scene.quantity(e, shown=shown[e], limit=limit) for e in looked_at}
-    products = [e for e in basis(study) if e in found]
     return Verdict(
         names=study.names,
-        parameters=tuple(found[e] for e in units if e in found),
-        products=tuple(found[e] for e in products),
+        parameters=tuple(found[e] for e in units),
+        products=tuple(found[e] for e in chosen),
         limit=limit,
-        joint=scene.joint([e for e in products if shown[e] and not scene.hides(e)]),
+        joint=scene.joint([e for e in chosen if shown[e] and not scene.hides(e)]),
         fits=fits,
         opened=names if free else (),
     )
 
 
-def basis(study: Study) -> tuple[Exponents, ...]:
-    """Independent products that no symmetry changes, those that the record narrows most first."""
-    narrowed = [p.exponents for p in study.products if math.isfinite(p.bound)]
-    chosen: list[Exponents] = []
-    for exponents in (*narrowed, *study.structure.invariants):
+def basis(study: Study, among: Collection[str]) -> tuple[Exponents, ...]:
+    """Independent products of unknowns `among` these alone that no symmetry changes: all there are.
+
+    First those that the record narrows, the most narrowed first, then the sparsest: where others take
+    part in what is narrowed most of all, the rest would not span what it tells of these.
+    """
+    simple = simple_exponents(len(study.names))
+    foreign = [name not in among for name in study.names]
+    simple = simple[~simple[:, foreign].any(axis=1)]
+    simple = simple[np.isfinite(study.information.bounds_of(simple))]
+    before = np.array([parameter.prior_sd for parameter in study.parameters])
+    best = products(study.information, before, simple)
+    chosen = [product.exponents for product in best if product.price < 1.0]
+    for exponents in study.structure.invariants_of(among):
         if np.linalg.matrix_rank(np.array([*chosen, exponents], dtype=float)) > len(chosen):
             chosen.append(exponents)
     return tuple(chosen)
@@ -315,7 +324,3 @@ def _combined(logs: Array, exponents: Exponents) -> Array:
     """Only of the factors: the others may have no nominal value."""
     used = np.flatnonzero(exponents)
     return np.asarray(logs[..., used] @ np.array(exponents, dtype=float)[used])
-
-
-def _has_nominal(exponents: Exponents, table: Array) -> bool:
-    return bool(np.isfinite(_combined(table, exponents)))

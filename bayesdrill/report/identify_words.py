@@ -104,13 +104,25 @@ def symmetry(names: Sequence[str], exponents: Exponents) -> str:
 
 
 def resting(study: Study) -> str:
-    """A sentence for each scale that numbers which are held settle."""
-    return "\n".join(
-        f"resting on {listed(one.through)}, {'which is' if len(one.through) == 1 else 'which are'} "
-        f"held: {listed(one.unknown)}, known only as far as that is right; "
-        f"{symmetry(one.names, one.exponents)}"
-        for one in study.resting
-    )
+    """A sentence for each scale that numbers which are held settle, or would."""
+    lines = []
+    for one in study.resting:
+        on = f"{listed(one.through)}, {'which is' if len(one.through) == 1 else 'which are'} held"
+        known = "known only as far as that is right"
+        if priors := one.priors((one.told,), (1,)):
+            on = priors_of(priors)
+            known = (
+                f"told by these rather than by the record, which hardly shows {listed(one.through)}"
+            )
+        lines.append(
+            f"resting on {on}: {listed(one.unknown)}, {known}; {symmetry(one.names, one.exponents)}"
+        )
+    return "\n".join(lines)
+
+
+def priors_of(names: Sequence[str]) -> str:
+    """Of one or several."""
+    return f"the {'prior' if len(names) == 1 else 'priors'} of {listed(names)}"
 
 
 def knowledge(study: Study) -> str:

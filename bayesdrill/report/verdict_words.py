@@ -14,7 +14,7 @@ from bayesdrill.insight.diagnostics import HDI_PROBABILITY
 from bayesdrill.insight.identifiability.resting import Resting
 from bayesdrill.insight.verdict import FALSE_ALARM, Quantity, Verdict
 from bayesdrill.report.friction_words import listed
-from bayesdrill.report.identify_words import product
+from bayesdrill.report.identify_words import priors_of, product
 from bayesdrill.report.sections import Table
 
 _HDI = f"{100 * HDI_PROBABILITY:.0f} % HDI"
@@ -33,6 +33,12 @@ EXPLAINED = (
     "the prior (one bit halves a range)."
 )
 
+
+_HOLDS = (
+    "held: were that another number, so would these be, and the record would look the same; a prior "
+    "instead says what it tells by itself"
+)
+_LEANS = "the record by itself tells little but ratios"
 
 NONE = "verdict: none, because the run did not converge; the numbers may be wrong"
 
@@ -114,19 +120,16 @@ def _doubt(lacking: str) -> str:
 
 
 def _resting(found: Verdict, rests: Sequence[Resting]) -> list[str]:
-    """What is judged only as far as a number is right that the config holds."""
+    """What is judged only as far as a number is right that the config holds, or a prior."""
     judged = [q for q in rows(found) if q.says != "not determined"]
-    lines = []
+    lines: dict[tuple[str, str], list[str]] = {}
     for one in rests:
-        scaled = [_name(found, q) for q in judged if one.scales(found.names, q.exponents)]
-        held = listed(one.through)
-        if scaled:
-            lines.append(
-                f"resting on {held}: {', '.join(dict.fromkeys(scaled))} (held: were that another "
-                "number, so would these be, and the record would look the same; a prior instead says "
-                "what it tells by itself)"
-            )
-    return lines
+        for q in judged:
+            if one.scales(found.names, q.exponents):
+                priors = one.priors(found.names, q.exponents)
+                basis = (priors_of(priors), _LEANS) if priors else (listed(one.through), _HOLDS)
+                lines.setdefault(basis, []).append(_name(found, q))
+    return [f"resting on {on}: {', '.join(names)} ({why})" for (on, why), names in lines.items()]
 
 
 NOT_KEPT = (

@@ -17,9 +17,14 @@ from verdicts import TABLE, gaussian, verdict
 
 from bayesdrill.inference.likelihood import Likelihood
 from bayesdrill.inference.posterior import Posterior
-from bayesdrill.insight.identifiability.resting import Resting, resting
+from bayesdrill.insight.identifiability.information import (
+    Information,
+    from_sensitivities,
+    root_of,
+)
+from bayesdrill.insight.identifiability.resting import Resting, following, resting
 from bayesdrill.insight.identifiability.scenes import Scenery
-from bayesdrill.insight.identifiability.study import Thresholds, study
+from bayesdrill.insight.identifiability.study import Thresholds, prior_spreads, study
 from bayesdrill.report import identify_words, verdict_words
 from bayesdrill.rig.response import Response
 
@@ -32,7 +37,14 @@ def found(*held: str, sigma: np.ndarray | None = SIGMA) -> tuple[Resting, ...]:
     free = tuple(name for name in ORDER if name not in held)
     target = posterior(measured(SIGMA), sigma, free=free)
     theta = target.space.vector(target.space.start)
-    return resting(target, theta, np.random.default_rng(1))
+    return rests(target, theta)
+
+
+def rests(target: Posterior, theta: np.ndarray) -> tuple[Resting, ...]:
+    scenery = Scenery(target.likelihood)
+    known = from_sensitivities(scenery.unknowns, scenery.sensitivities(theta))
+    before = prior_spreads(target)[: len(scenery.unknowns)]
+    return resting(target, theta, known, before, np.random.default_rng(1))
 
 
 def sets(found: tuple[Resting, ...]) -> set[tuple[frozenset[str], frozenset[str]]]:
@@ -72,6 +84,43 @@ def test_what_rests_is_what_a_symmetry_changes() -> None:
     assert not one.scales(("k_s", "j_1"), (1, -1))
 
 
+def test_what_the_record_hardly_shows_settles_nothing() -> None:
+    """k_e/(r_m k_s) is known well, r_m through a held l_m to `sd`; r_m and k_e have priors of 0.3.
+
+    Mutants killed: a scale that always rests on what is held; a prior that is named whatever it tells.
+    """
+    names, before = ("k_s", "r_m", "k_e"), np.array([3.0, 0.3, 0.3])
+    ratio = np.array([1.0, 1.0, -1.0]) / 1e-3
+
+    def rest(sd: float) -> Resting:
+        known = Information(names, root_of(np.vstack([ratio, [0.0, 1.0 / sd, 0.0]])))
+        return Resting(
+            names=(*names, "l_m"),
+            exponents=(-1, 1, 0, 1),
+            held=("l_m",),
+            following=following(known, before),
+        )
+
+    loose, tight = rest(3.0), rest(0.03)
+    assert loose.priors(names, (1, 0, 0)) == ("r_m", "k_e")
+    assert loose.priors(names, (0, 1, 0)) == ("r_m",)
+    assert tight.priors(names, (1, 0, 0)) == tight.priors(names, (0, 1, 0)) == ()
+    shares = [rest(sd).following[0] @ [-1.0, 1.0, 0.0] / -1.0 for sd in (3.0, 0.03)]
+    alone = [0.3**-2 / (0.3**-2 + sd**-2) for sd in (3.0, 0.03)]
+    assert shares == pytest.approx(alone, abs=0.01)
+
+
+def test_a_record_too_loud_for_the_inductance_rests_on_the_resistance_s_prior() -> None:
+    sigma = 100.0 * SIGMA
+    target = posterior(measured(sigma), sigma, free=("j_m", "k_e", "k_T", "r_m"))
+    theta = target.space.vector(target.space.start)
+    rng = np.random.default_rng(1)
+    made = study(Scenery(target.likelihood), target, theta, (), Thresholds(), rng)
+    text = identify_words.resting(made)
+    assert text.startswith("resting on the prior")
+    assert "told by these rather than by the record, which hardly shows l_m;" in text
+
+
 def test_in_words_before_sampling_and_in_the_verdict() -> None:
     target = posterior(measured(SIGMA), SIGMA, free=tuple(name for name in ORDER if name != "l_m"))
     theta = target.space.vector(target.space.start)
@@ -85,6 +134,9 @@ def test_in_words_before_sampling_and_in_the_verdict() -> None:
     said = verdict_words.sentences(judged, "table", rests=made.resting)
     (line,) = (line for line in said.splitlines() if line.startswith("resting"))
     assert line.startswith("resting on l_m: r_m (held: ")
+    leaning = dataclasses.replace(made.resting[0], following=np.eye(len(made.names)))
+    text = verdict_words.sentences(judged, "table", rests=(leaning,))
+    assert "resting on the prior of r_m: r_m (the record by itself tells little" in text
     elsewhere = dataclasses.replace(made.resting[0], names=("k_s", "j_1", "l_m", "r_m"))
     apart = dataclasses.replace(elsewhere, exponents=(1, 1, 1, 0))
     assert "resting" not in verdict_words.sentences(judged, "table", rests=(apart,))
@@ -103,7 +155,7 @@ def test_a_rig_s_own_parameters_may_be_held(monkeypatch: pytest.MonkeyPatch) -> 
     likelihood = Likelihood.of(space, (Response(rig, record), one.noise))
     target = Posterior(space=space, likelihood=likelihood, coordinates=space.coordinates())
     theta = space.vector(space.start)
-    assert sets(resting(target, theta, np.random.default_rng(1))) == {
+    assert sets(rests(target, theta)) == {
         (MECHANICAL - {"j_1"}, frozenset({"j_1"})),
         (ELECTRICAL - {"r_m"}, frozenset({"r_m"})),
     }

@@ -178,6 +178,23 @@ def test_a_deviation_within_tolerance_agrees() -> None:
     assert r_m.beyond < 0.01
 
 
+@pytest.mark.parametrize("ratio", [0.55, 0.6, 1.9, 2.1])
+def test_the_ends_of_a_tolerance_change_places_below_the_line(ratio: float) -> None:
+    """k_s within 20 %, j_1 within 40 %: k_s/j_1 from 0.8/1.4 to 1.2/0.6.
+
+    Mutant killed: the power of j_1 without its sign.
+    """
+    draws = gaussian({**TABLE, "k_s": ratio * TABLE["k_s"]}, np.random.default_rng(4))
+    allowed = {"k_s": 0.2, "j_1": 0.4}
+    wide = np.exp(2.0 * np.log(PRIOR / [*TABLE.values()])) * [*TABLE.values()]
+    found = judge(LINEAR, draws, wide, TABLE, allowed, (), Thresholds())
+    (product,) = (q for q in found.products if q.exponents == (1, -1, 0))
+    assert product.tolerance == pytest.approx((0.8 / 1.4 - 1.0, 1.2 / 0.6 - 1.0))
+    within = 0.8 / 1.4 < ratio < 1.2 / 0.6
+    assert product.says == ("agrees" if within else "disagrees")
+    assert found.agrees == within
+
+
 def test_a_parameter_pressed_against_its_prior_says_so_before_all_else() -> None:
     found = verdict(gaussian(TABLE, np.random.default_rng(5)), pressed=("r_m", "k_s"))
     assert says(found)[0, 0, 1] == says(found)[1, 0, 0] == "pressed against the prior"
@@ -198,7 +215,7 @@ def test_seven_independent_products_of_the_real_rig_are_looked_at() -> None:
     theta = target.space.vector(target.space.start)
     scenery = Scenery(target.likelihood)
     found = study(scenery, target, theta, (), Thresholds(), np.random.default_rng(1))
-    powers = np.array(basis(found), dtype=float)
+    powers = np.array(basis(found, found.names), dtype=float)
     assert np.linalg.matrix_rank(powers) == len(powers) == 7
     assert not np.any(powers @ np.array(found.structure.symmetries, dtype=float).T)
     assert found.names == ORDER

@@ -8,10 +8,14 @@ import numpy as np
 import pytest
 import refits
 from refits import Trial
+from verdicts import off_by
 
+from bayesdrill.insight.identifiability.scenes import Scenery
+from bayesdrill.insight.identifiability.study import study_of
 from bayesdrill.setup import build, simulating
 from benchmarks.zoo import entries as e
 from benchmarks.zoo.friction import DryFriction
+from benchmarks.zoo.row import Row
 from benchmarks.zoo.texts import changed
 
 RECORDS = 200
@@ -19,6 +23,12 @@ MOST_ALARMS = 7  # of 200 at a rate of 1 %: more have a probability of 1 in 1000
 MISFITS = 100
 HELD = {"j_1": "nominal", "r_m": "nominal"}
 SEVEN = e.parameters(e.box(), **HELD)
+COULOMB = {"t_cm": {"prior": "uniform", "low": 0.0, "high": 0.2}}
+BOTH = {**COULOMB, "t_c1": {"prior": "uniform", "low": 0.0, "high": 1.0}}
+DAMPED = {**COULOMB, "c_s": {"prior": "log_uniform", "low": 1e-4, "high": 0.1}}
+TRUTH = {"t_cm": 0.03, "t_c1": 0.2, "c_s": 3e-3}  # of what no table names
+RUBS = [e.parameters(e.box(), t_f=0.0, **own) for own in (BOTH, DAMPED)]
+OFF = 0.1
 WEIGHED = e.parameters(e.box(), j_m="nominal", k_s="nominal", j_1="nominal")
 BEGINS, ENDS = e.box(1.0, 1.5), e.box(0.5, 1.0)
 
@@ -50,21 +60,53 @@ def test_two_parameters_that_are_off_disagree_and_no_others(tmp_path: Path) -> N
         e.parameters("nominal", k_s=BEGINS, k_e=ENDS),
         e.parameters("nominal", k_s=BEGINS, k_e=ENDS, j_m=BEGINS, c_m=ENDS, r_m=e.box()),
         e.parameters(BEGINS),
+        *RUBS,
     ],
-    ids=["seven, around nominal", "one", "two", "five", "nine"],
+    ids=["seven, around nominal", "one", "two", "five", "nine", "friction", "friction, damped"],
 )
 def test_nominal_records_rarely_disagree(tmp_path: Path, parameters: e.Entry) -> None:
     """At most 1 % of them, as the verdict says, wherever the priors end.
 
     Mutants killed: a limit of 1.96 sigma; ends of priors at nominal values are left as they are.
     """
-    job = refits.built(tmp_path, refits.row(parameters))
-    found = refits.outcomes(Trial(job, refits.truly(job)), range(RECORDS))
+    job = refits.built(tmp_path, made(parameters))
+    found = refits.outcomes(Trial(job, refits.truly(job, **true(job))), range(RECORDS))
     alarms = sum(one.disagrees for one in found)
     print(f"{alarms} of {RECORDS} nominal records disagree")
     assert alarms <= MOST_ALARMS
     assert sum(one.believed for one in found) >= 0.95 * RECORDS
     assert sum(one.fits for one in found) >= 0.95 * RECORDS
+
+
+def true(job: refits.Job) -> dict[str, float]:
+    return {name: TRUTH[name] for name in job.problem.names if name in TRUTH}
+
+
+def made(parameters: e.Entry) -> Row:
+    """Its record with what no table names."""
+    row = refits.row(parameters)
+    values = {name: TRUTH[name] for name in parameters if name in TRUTH}
+    return refits.replace(row, config={**row.config, "simulation": values})
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("parameters", [SEVEN, *RUBS], ids=["seven", "friction", "damped"])
+def test_a_value_of_the_table_that_is_off_is_told(tmp_path: Path, parameters: e.Entry) -> None:
+    """Each in turn by 10 %, where a product that the record determines is off by 7 sigma and more.
+
+    Mutant killed: products of the table's unknowns that lose their place to products with friction.
+    """
+    job = refits.built(tmp_path, made(parameters))
+    posterior = job.problem.posterior
+    theta = posterior.space.vector({**job.problem.nominal, **true(job)})
+    found = study_of(Scenery(posterior.likelihood), posterior, theta, job.asked)
+    named = [name for name in found.names if name in job.problem.nominal]
+    shown = [name for name, sigmas in off_by(found, named, OFF).items() if sigmas > 7]
+    assert len(shown) >= 4
+    for seed, name in enumerate(shown):
+        off = {name: (1 + OFF) * job.problem.nominal[name]}
+        verdict, _ = Trial(job, refits.truly(job, **true(job), **off)).concluded(seed)
+        assert not verdict.agrees, name
 
 
 def late(clean: np.ndarray) -> np.ndarray:

@@ -30,14 +30,14 @@ class Information:
 
     def bound(self, exponents: Array) -> float:
         """Cramer-Rao bound of the sd of the log of a product of powers; inf if not determined."""
-        return float(self._bounds(exponents[None])[0])
+        return float(self.bounds_of(exponents[None])[0])
 
     def bounds(self) -> Array:
         """Of each unknown: `(m,)`."""
-        return self._bounds(np.eye(len(self.names)))
+        return self.bounds_of(np.eye(len(self.names)))
 
-    def _bounds(self, exponents: Array) -> Array:
-        """`(n, m) -> (n,)`."""
+    def bounds_of(self, exponents: Array) -> Array:
+        """`bound` of many products, `(n, m) -> (n,)`."""
         _, values, rows = np.linalg.svd(self.root)
         seen = values > RANK_TOLERANCE * values[0]
         along = exponents @ rows.T
@@ -99,7 +99,8 @@ def directions(information: Information) -> tuple[Direction, ...]:
 class Product:
     """A simple product of powers: `sd` of its log with record and priors, `prior_sd` before.
 
-    `bound`: from the record alone, inf if it does not determine the product.
+    `bound`: from the record alone, inf if it does not determine the product.  `price`: of what is left
+    of the prior's sd, each factor.
     """
 
     exponents: tuple[int, ...]
@@ -107,25 +108,29 @@ class Product:
     prior_sd: float
     bound: float
 
+    @property
+    def price(self) -> float:
+        return self.sd / self.prior_sd * sum(map(abs, self.exponents))
 
-def products(information: Information, prior_sd: Array) -> tuple[Product, ...]:
-    """As many independent simple products as unknowns, the most narrowed first.
+
+def products(information: Information, prior_sd: Array, candidates: Array) -> tuple[Product, ...]:
+    """As many independent ones of the `candidates (n, m)` as there are, the most narrowed first.
 
     Each is the one that the record narrows most of those independent of the ones before it; a
     factor more has to pay for itself.
     """
     joint = information.with_priors(prior_sd)
     spread = np.linalg.inv(joint.root)
-    candidates = _simple_exponents(len(prior_sd))
+    rank = np.linalg.matrix_rank(candidates) if len(candidates) else 0
     sd = np.linalg.norm(candidates @ spread, axis=1)
     before = np.linalg.norm(candidates * prior_sd, axis=1)
     price = sd / before * np.abs(candidates).sum(axis=1)
     chosen: list[int] = []
     for index in np.argsort(price, kind="stable"):
+        if len(chosen) == rank:
+            break
         if np.linalg.matrix_rank(candidates[[*chosen, index]]) > len(chosen):
             chosen.append(int(index))
-        if len(chosen) == len(prior_sd):
-            break
     return tuple(
         Product(
             exponents=tuple(int(x) for x in candidates[k]),
@@ -137,7 +142,7 @@ def products(information: Information, prior_sd: Array) -> tuple[Product, ...]:
     )
 
 
-def _simple_exponents(m: int) -> Array:
+def simple_exponents(m: int) -> Array:
     """All products of up to three unknowns with exponents up to 2, the first one positive."""
     rows = []
     for size in range(1, min(MOST_FACTORS, m) + 1):

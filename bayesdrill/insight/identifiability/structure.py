@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 
@@ -37,6 +37,16 @@ class Structure:
     symmetries: tuple[Exponents, ...]
     invariants: tuple[Exponents, ...]
     unexplained: int
+
+    def invariants_of(self, names: Collection[str]) -> tuple[Exponents, ...]:
+        """Independent products of these unknowns alone that nothing of this changes, sparsest first."""
+        own = [k for k, name in enumerate(self.names) if name in names]
+        m = len(self.names)
+        changed = _complement(np.array(self.invariants, dtype=float).reshape(-1, m), m)[:, own]
+        found = [
+            dict(zip(own, e, strict=True)) for e in sparse_basis(_complement(changed, len(own)))
+        ]
+        return tuple(tuple(powers.get(k, 0) for k in range(m)) for powers in found)
 
 
 def null_space(sensitivities: Sequence[Array]) -> Array:

@@ -20,6 +20,7 @@ from bayesdrill.insight.identifiability.information import (
     directions,
     from_sensitivities,
     products,
+    simple_exponents,
 )
 from bayesdrill.insight.identifiability.proving import structure_of
 from bayesdrill.insight.identifiability.remedies import Remedy, remedies
@@ -126,19 +127,20 @@ def study(
     found = structure_of(posterior, scenery, theta, rng)
     known = from_sensitivities(names, scenery.sensitivities(theta))
     prior_sd = prior_spreads(posterior)[: len(names)]
+    simple = products(known, prior_sd, simple_exponents(len(names)))
     return Study(
         names=names,
         at=at,
         of_interest=tuple(of_interest) or names,
         structure=found,
         parameters=_parameters(known, prior_sd, thresholds),
-        products=tuple(_known(p, thresholds) for p in products(known, prior_sd)),
+        products=tuple(_known(p, thresholds) for p in simple),
         information=known,
         remedies=remedies(scenery, theta, found.symmetries, prior_sd, of_interest or names),
         nuisances=_nuisances(scenery, posterior, theta, thresholds),
         frictions=told_apart(scenery, posterior, theta),
         stand_ins=stand_ins(posterior, theta, prior_spreads(posterior), rng),
-        resting=resting(posterior, theta, rng),
+        resting=resting(posterior, theta, known, prior_sd, rng),
         scaled=scaled(posterior, found.symmetries),
     )
 
