@@ -27,6 +27,40 @@ def puzzles() -> tuple[Puzzle, ...]:
             quick=True,
         ),
         Puzzle(
+            name="bits_t_0",
+            kind="delay",
+            shows="the moment of a repeated sequence of bits",
+            config=p.shaft(
+                "motor_shaft",
+                1 / 14,
+                p.SERVO,
+                p.channel("w_2", "rad/s", 20.0),
+                {"v": p.measured("V", "v"), "t_0": p.between(-1.0, 1.0)},
+                {},
+                simulation={"truth": {"t_0": 0.11}},
+            ),
+            t=t,
+            series={"v": p.repeated_bits(t, 3.0, 0.06, 7, 5)},
+            cells=(512,),
+        ),
+        Puzzle(
+            name="sine_lag",
+            kind="delay",
+            shows="the lag of a twist under a sine, and the stiffness",
+            config=p.driven(
+                p.channel(
+                    "twist", "deg", 2.5, measures="theta_1 - theta_2", lag=p.between(0.0, 1.5)
+                ),
+                {"k_s": p.decades(0.5, 2.0), "j_1": 0.004, "c_s": 0.03},
+                {"w_2": p.measured("rad/s", "w_2", "first")},
+                simulation={"k_s": 0.9, "truth": {"lag_twist": 0.7}},
+            ),
+            t=t,
+            series={"w_2": p.sine(t, 3.0, 0.5)},
+            read={"record.channels.twist.mask": {"times": [[0.0, 1.6]]}},
+            cells=(96, 384),
+        ),
+        Puzzle(
             name="two_lags",
             kind="delay",
             shows="two sensors, each with a lag of its own",
@@ -41,6 +75,25 @@ def puzzles() -> tuple[Puzzle, ...]:
             ),
             t=t,
             series={"t_m": p.square(t, 0.012, 0.4)},
+            read={
+                "record.channels.theta_2.mask": {"times": [[0.0, 1.3]]},
+                "record.channels.w_2.mask": {"times": [[0.0, 1.3]]},
+            },
             cells=(256, 256),
+        ),
+        Puzzle(
+            name="late_top",
+            kind="delay",
+            shows="the lag of an imposed speed that swings, on a damped shaft",
+            config=p.driven(
+                p.channel("w_1", "rpm", 40.0),
+                {"k_s": 1.2, "j_1": 0.01, "c_s": 0.03},
+                {"w_2": p.measured("rpm", "w_2", "first", lag=p.between(-1.2, 1.2))},
+                simulation={"truth": {"lag_w_2": -0.35}},
+            ),
+            t=t,
+            series={"w_2": p.sine(t, 25.0, 0.7)},
+            read={"record.channels.w_1.mask": {"times": [[0.0, 1.3]]}},
+            cells=(512,),
         ),
     )
