@@ -66,6 +66,23 @@ def puzzles() -> tuple[Puzzle, ...]:
             own_seed=1,
         ),
         Puzzle(
+            name="late_or_stuck",
+            kind="friction",
+            shows="a rotor that friction may hold for good, and a lag that shows only where it moves",
+            config=p.driven(
+                p.channel("w_1", "rpm", 60.0, lag=p.between(-0.4, 0.4)),
+                {"k_s": 1.0, "j_1": 6e-3, "c_s": 0.01, "t_c1": p.between(0.02, 1.2)},
+                {"w_2": p.measured("rad/s", "w_2", "first")},
+                model={"pieces": 4},
+                simulation={"t_c1": 0.2, "truth": {"lag_w_1": 0.13}},
+            ),
+            t=t,
+            series={"w_2": p.sine(t, 2.0, 1.3)},
+            cells=(256, 256),
+            own_seed=1,
+            split=("t_c1", 0.38),
+        ),
+        Puzzle(
             name="slips_of_a_string",
             kind="friction",
             shows="the stiffness of a shaft whose rotor sticks and slips, its speed seen seldom",

@@ -27,7 +27,7 @@ STABLE = (
     2e-3  # relative change of masses, when all cells are halved, at which the grid is fine enough
 )
 LIGHT = 5e-3  # a mode that holds less need not be stable
-MOST = 1_500_000  # cells
+MOST = 4_000_000  # cells
 LEVELS = 24
 
 
