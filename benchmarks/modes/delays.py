@@ -24,7 +24,6 @@ def puzzles() -> tuple[Puzzle, ...]:
             t=t,
             series={"t_m": p.square(t, 0.02, 0.8)},
             cells=(512,),
-            quick=True,
         ),
         Puzzle(
             name="bits_t_0",
@@ -57,6 +56,7 @@ def puzzles() -> tuple[Puzzle, ...]:
             series={"v": p.repeated_bits(np.arange(400) * 0.02, 5.0, 0.04, 31, 11)},
             read={"record.channels.i.mask": {"times": [[0.0, 5.3]]}},
             cells=(1024,),
+            quick=True,
         ),
         Puzzle(
             name="late_supply",

@@ -27,7 +27,21 @@ def puzzles() -> tuple[Puzzle, ...]:
             ),
             t=bursts((0, 2), (24, 26), rate=25),
             cells=(2048,),
+        ),
+        Puzzle(
+            name="far_apart",
+            kind="gap",
+            shows="the same with less noise, four times as far apart, in a prior of two decades",
+            config=p.driven(
+                p.channel("w_1", "rad/s", 0.3),
+                {"k_s": p.between(0.05, 5.0), "j_1": 0.05},
+                {"w_2": 2.0},
+                simulation={"k_s": 0.74},
+            ),
+            t=bursts((0, 2), (100, 102), rate=25),
+            cells=(16384,),
             quick=True,
+            own_seed=2,
         ),
         Puzzle(
             name="three_windows",

@@ -42,7 +42,6 @@ def puzzles() -> tuple[Puzzle, ...]:
             ),
             t=slow,
             cells=(512,),
-            quick=True,
         ),
         Puzzle(
             name="two_springs",
@@ -74,6 +73,7 @@ def puzzles() -> tuple[Puzzle, ...]:
             t=np.arange(200) * 0.03,
             read={"record.channels.w_1.mask": {"times": [[0.0, 3.1]]}},
             cells=(512,),
+            quick=True,
         ),
         Puzzle(
             name="rotors_change_places",
