@@ -38,6 +38,19 @@ def puzzles() -> tuple[Puzzle, ...]:
             quick=True,
         ),
         Puzzle(
+            name="ridges",
+            kind="aliases",
+            shows="stiffness and inertia of an undamped rotor: a ridge for each alias",
+            config=p.driven(
+                p.channel("w_1", "rpm", 3.0),
+                {"k_s": p.decades(2.0, 200.0), "j_1": p.decades(0.08, 0.13)},
+                {"w_2": 1.0},
+                simulation={"k_s": 7.3, "j_1": 0.1},
+            ),
+            t=np.arange(12) * 0.3,
+            cells=(512, 256),
+        ),
+        Puzzle(
             name="servo_aliases",
             kind="aliases",
             shows="a servo's shaft, sampled at 12 Hz",

@@ -4,12 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from benchmarks.modes import aliases, delays, gaps
+from benchmarks.modes import aliases, delays, friction, gaps, mixed, signs
 from benchmarks.modes.puzzle import Puzzle
 
 
 def every() -> tuple[Puzzle, ...]:
-    return (*gaps.puzzles(), *delays.puzzles(), *aliases.puzzles())
+    return (
+        *gaps.puzzles(),
+        *delays.puzzles(),
+        *aliases.puzzles(),
+        *friction.puzzles(),
+        *signs.puzzles(),
+        *mixed.puzzles(),
+    )
 
 
 def chosen(names: Sequence[str] | None) -> tuple[Puzzle, ...]:

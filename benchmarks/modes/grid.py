@@ -27,7 +27,7 @@ STABLE = (
     2e-3  # relative change of masses, when all cells are halved, at which the grid is fine enough
 )
 LIGHT = 5e-3  # a mode that holds less need not be stable
-MOST = 1_500_000  # cells
+MOST = 4_000_000  # cells
 LEVELS = 24
 
 
@@ -67,11 +67,11 @@ def modes(
     steps = (high - low) / count
     f = _density(posterior, low + steps * (index + 0.5))
     evaluations, reach = len(f), _reach(f.reshape(cells)).ravel()
+    corners = np.array(list(itertools.product((0, 1), repeat=len(cells))))
     before: Array | None = None
     for _ in range(LEVELS):
         kept = f + reach > f.max() - CUT
         index, above = index[kept], f[kept]
-        corners = np.array(list(itertools.product((0, 1), repeat=len(cells))))
         if len(index) * len(corners) > MOST:
             raise ValueError(
                 f"a grid of more than {MOST} cells; give fewer unknowns, or more noise"
@@ -81,9 +81,8 @@ def modes(
         f = _density(posterior, low + steps * (index + 0.5))
         evaluations += len(f)
         change = np.abs(f.reshape(len(above), -1) - above[:, None])
-        reach = np.repeat(
-            2.0 * np.where(np.isfinite(change), change, np.inf).max(axis=1), 2 ** len(cells)
-        )
+        steepest = 2.0 * np.where(np.isfinite(change), change, np.inf).max(axis=1)
+        reach = np.where(np.isfinite(f), np.repeat(steepest, len(corners)), 0.0)
         resolved = np.max(reach[f > f.max() - 2.0], initial=0.0) < 4.0
         if not resolved:
             continue

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.zoo import entries
 from benchmarks.zoo.row import Entry
 
 Array = NDArray[np.float64]
@@ -53,7 +56,7 @@ def _entries(model: Entry, channels: Entry, parameters: Entry, inputs: Entry, re
 def shaft(
     rig: str,
     i_m: float,
-    values: dict[str, float],
+    values: Mapping[str, float],
     channels: Entry,
     inputs: Entry,
     unknown: Entry,
@@ -80,11 +83,4 @@ def repeated_bits(t: Array, amplitude: float, hold: float, bits: int, seed: int)
     return amplitude * signs[np.floor(t / hold + 1e-9).astype(np.intp) % bits]
 
 
-PAPER = {
-    "j_m": 2.85e-5, "c_m": 1.9e-4, "k_e": 0.06, "k_T": 0.06, "r_m": 0.35, "l_m": 1e-3,
-    "k_s": 0.26, "j_1": 0.0283, "t_f": 0.1,
-}  # fmt: skip
-SERVO = {
-    "j_m": 4.5e-6, "c_m": 2e-6, "k_e": 0.02, "k_T": 0.02, "r_m": 1.8, "l_m": 6e-4,
-    "k_s": 0.9, "j_1": 2.4e-3, "t_f": 1e-4,
-}  # fmt: skip
+PAPER, SERVO = entries.paper().values, entries.servo().values

@@ -19,7 +19,7 @@ from benchmarks.modes.judge import Outcome
 from benchmarks.modes.puzzle import Puzzle
 
 EVERY = collection.every()
-KINDS = {"gap", "delay", "aliases"}
+KINDS = {"gap", "delay", "aliases", "friction", "signs", "mixed"}
 
 
 def params(puzzles: tuple[Puzzle, ...]) -> list[object]:
@@ -30,7 +30,7 @@ def params(puzzles: tuple[Puzzle, ...]) -> list[object]:
 
 @pytest.mark.parametrize("puzzle", params(EVERY))
 def test_every_mode_is_found_with_its_mass(puzzle: Puzzle, tmp_path: Path) -> None:
-    """Mutants killed: aliases of the last gap alone; maxima kept up to six."""
+    """Mutant killed: at most six maxima are kept."""
     outcome = judge.run(puzzle, tmp_path)
     assert outcome.passed, (outcome.modes.masses, outcome.found, outcome.reasons)
 
@@ -49,7 +49,9 @@ def test_a_grid_twice_as_fine_finds_the_same_masses(puzzle: Puzzle, tmp_path: Pa
 
 
 def test_puzzles_are_of_every_kind() -> None:
-    assert {one.kind for one in EVERY} == KINDS
+    kinds = [one.kind for one in EVERY]
+    assert set(kinds) == KINDS
+    assert min(map(kinds.count, KINDS)) >= 4
     assert len({one.name for one in EVERY}) == len(EVERY)
     assert all(len(one.t) <= 400 and len(one.cells) <= 3 for one in EVERY)
 
@@ -78,8 +80,8 @@ class Bells:
 def bells() -> Bells:
     return Bells(
         np.array([0.6, 0.3, 0.1]),
-        np.array([[-0.5, 0.3], [0.4, 0.7], [0.407, 0.4]]),
-        np.array([[0.02, 0.004], [0.003, 0.03], [0.0004, 0.01]]),
+        np.array([[-0.5, 0.3], [0.4, 0.7], [0.415, 0.4]]),
+        np.array([[0.02, 0.004], [0.003, 0.03], [0.001, 0.01]]),
     )
 
 
@@ -128,4 +130,4 @@ def test_a_run_passes_with_every_mode_or_the_reason_for_what_is_missing() -> Non
     assert not outcome(lost).passed
     assert not outcome(lost, ("R-hat 1.2, wanted at most 1.01",)).passed
     assert outcome(lost, ("there may be maxima elsewhere",)).passed
-    assert not outcome((0.6, 0.37, 0.03), ("R-hat 1.2, wanted at most 1.01",)).passed
+    assert outcome((0.6, 0.37, 0.03), ("R-hat 1.2, wanted at most 1.01",)).status == 3
