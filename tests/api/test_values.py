@@ -61,6 +61,13 @@ def test_what_is_handed_out_can_be_pickled_and_is_the_same_after() -> None:
         assert pickle.loads(pickle.dumps(back)) == thing, name
 
 
+def test_what_is_computed_stays_here() -> None:
+    """A run that was judged is as short as one that was not."""
+    judged = dataclasses.replace(run())
+    assert judged.judge().text
+    assert len(pickle.dumps(judged)) == len(pickle.dumps(dataclasses.replace(run())))
+
+
 @pytest.mark.parametrize("name", ["nominal_step", "example_experiments", "example_torque"])
 def test_a_case_that_is_read_again_is_the_same(name: str) -> None:
     """Of several experiments, of rigs that rub and of those that a torque shakes too."""
