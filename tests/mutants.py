@@ -31,6 +31,41 @@ class Mutant:
 
 MUTANTS = [
     Mutant(
+        "figures of two threads in one style",
+        "report/style.py",
+        "with _ONE_AT_A_TIME, matplotlib.rc_context(rc):",
+        "with matplotlib.rc_context(rc):",
+        "tests/api/test_threads.py::test_one_thread_draws_at_a_time",
+    ),
+    Mutant(
+        "chains of two threads under one name",
+        "results/chain_files.py",
+        'name = f"chain.{threading.get_native_id()}.h5"',
+        'name = "chain.h5"',
+        "tests/api/test_threads.py::test_what_threads_save_at_once_is_what_one_saves",
+    ),
+    Mutant(
+        "an engine that keeps what has compiled it",
+        "rig/kernels/compiling.py",
+        'engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), _target(effort))',
+        'engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), target)',
+        "tests/rig/test_compiling.py::test_code_that_is_kept_takes_little",
+    ),
+    Mutant(
+        "a yes for a number",
+        "basics/checked.py",
+        "return isinstance(value, kinds) and (not isinstance(value, bool) or kind not in (int, float))",
+        "return isinstance(value, kinds)",
+        "tests/api/test_border.py::test_no_call_takes_what_its_annotations_do_not_name",
+    ),
+    Mutant(
+        "what a run has computed, pickled with it",
+        "basics/values.py",
+        "return {field.name: getattr(self, field.name) for field in fields}",
+        "return {field.name: getattr(self, field.name) for field in fields} | vars(self)",
+        "tests/api/test_values.py::test_what_is_computed_stays_here",
+    ),
+    Mutant(
         "a record that is looked for beside a recommended config",
         "setup/rungs.py",
         "entry[key] = Path(os.path.relpath(record, folder.resolve())).as_posix()",

@@ -8,11 +8,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import TypeAdapter, ValidationError
 
-from bayesdrill.basics.errors import InputError, Problem, did_you_mean
+from bayesdrill.basics.entries import entries_of
+from bayesdrill.basics.errors import InputError, Problem, did_you_mean, shown
 from bayesdrill.basics.registry import lookup
 from bayesdrill.engines.workers import available
-from bayesdrill.record.experiment import check_time
+from bayesdrill.record.experiment import check_time, raise_if_any
 from bayesdrill.rig.models import MODELS
 from bayesdrill.rig.models.composed import offers
 from bayesdrill.rig.models.linear import Model
@@ -30,7 +32,7 @@ def series(place: str, values: Any, found: list[Problem]) -> Array:
     try:
         masked = np.ma.getmaskarray(values) if isinstance(values, np.ma.MaskedArray) else None
         raw = np.asarray(values)
-    except ValueError:  # of lists of different lengths
+    except Exception:  # lists of different lengths, and whatever arrays of others raise
         raw, masked = np.array(None), None
     if raw.ndim == 2 and 1 in raw.shape:
         raw = raw.reshape(-1)
@@ -44,7 +46,7 @@ def series(place: str, values: Any, found: list[Problem]) -> Array:
     else:
         try:
             numbers = raw.astype(np.float64)
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             found.append(Problem(place, "not all of these are numbers"))
         else:
             return numbers if masked is None else np.where(masked.reshape(-1), np.nan, numbers)
@@ -55,6 +57,7 @@ def rig(value: Any) -> Model:
     """A model, or that of its name as it is by default."""
     kinds = tuple(MODELS.usable().values())
     if isinstance(value, kinds):
+        _check_constants(value)
         _check_added(value)
         return value
     if isinstance(value, str):
@@ -64,12 +67,25 @@ def rig(value: Any) -> Model:
     )
 
 
+def _check_constants(rig: Model) -> None:
+    found = []
+    for name, kind in entries_of(type(rig)).items():
+        value = getattr(rig, name)
+        plain = value.item() if getattr(value, "shape", None) == () else value
+        try:
+            TypeAdapter(kind).validate_python(plain, strict=True)
+        except ValidationError as error:
+            why = error.errors()[0]["msg"].removeprefix("Value error, ")
+            found.append(Problem(f"rig.{name}", f"{shown(value)} cannot be this: {why}"))
+    raise_if_any(found)
+
+
 def _check_added(rig: Model) -> None:
     added = getattr(rig, "added", ())
     if not isinstance(added, tuple):
         raise InputError.one("rig.added", f"give a tuple of names, not {type(added).__name__}")
     for name in added:
-        if name not in offers(rig):
+        if name not in tuple(offers(rig)):
             hint = did_you_mean(str(name), offers(rig))
             raise InputError.one("rig.added", f"{rig.name} has no {name!r} to add{hint}")
 
@@ -81,17 +97,11 @@ def known[T](registry: Mapping[str, T], name: Any, place: str, what: str) -> T:
         raise InputError.one(place, str(error)) from None
 
 
-def mapping(place: str, value: Any, wanted: str) -> Mapping[str, Any]:
-    if not isinstance(value, Mapping):
-        raise InputError.one(place, f"give {wanted}, not {type(value).__name__}")
-    return value
-
-
-def whole(place: str, value: Any, least: int) -> int:
+def whole(place: str, value: int, least: int) -> int:
     """Of 64 bits at most."""
-    counts = isinstance(value, int | np.integer) and not isinstance(value, bool)
-    if not counts or not least <= value < 2**64:
-        raise InputError.one(place, f"{value!r} is no whole number from {least} on")
+    if not least <= value < 2**64:
+        message = f"{shown(value)} is no whole number from {least} to 2**64 - 1"
+        raise InputError.one(place, message)
     return int(value)
 
 
@@ -101,7 +111,7 @@ def mode(*, resume: bool, force: bool) -> Mode:
     return "resume" if resume else "force" if force else "fresh"
 
 
-def workers(processes: Any) -> int:
+def workers(processes: int | None) -> int:
     """None: as many as there are processors."""
     return available() if processes is None else whole("processes", processes, 1)
 
@@ -119,14 +129,21 @@ def crew(processes: Any, scheduler: str | None) -> Iterator[Executor]:
             yield found
 
 
+def is_series(value: Any) -> bool:
+    """Whether these are several numbers, or none at all."""
+    if isinstance(value, np.ndarray):
+        return value.ndim > 0
+    return hasattr(value, "__len__") and not isinstance(value, str)
+
+
 def number(place: str, value: Any, found: list[Problem], *, positive: bool = False) -> float:
     try:
-        read = float(value) if not isinstance(value, str) else float("nan")
-    except (TypeError, ValueError):
+        read = float(value) if not isinstance(value, str | bool | np.bool) else float("nan")
+    except (TypeError, ValueError, OverflowError):
         read = float("nan")
     if not np.isfinite(read) or (positive and not read > 0):
         wanted = "a positive number" if positive else "a number"
-        found.append(Problem(place, f"{value!r} is not {wanted}"))
+        found.append(Problem(place, f"{shown(value)} is not {wanted}"))
     return read
 
 

@@ -6,14 +6,16 @@ import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from bayesdrill.api import arguments
+from bayesdrill.basics.checked import checked
 from bayesdrill.basics.errors import InputError, Problem
 from bayesdrill.basics.progress import Reporter, Silent
+from bayesdrill.basics.values import Value, alike
 from bayesdrill.commands import identify
 from bayesdrill.insight.identifiability.scenes import Scenery
 from bayesdrill.record.experiment import raise_if_any
@@ -35,12 +37,12 @@ PRIORS = "a prior, a number or 'nominal' for each name"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Channel:
+class Channel(Value):
     """`values (T,)` in `unit`; `sigma`: their noise in that unit, or its prior as in a config.
 
     `measures`: a sum of states, such as `theta_1 - theta_2`, where the name is not that of one; `noise`:
     its kind and entries, as in a config, where it is not white.  `gain`, `offset` (in that unit) and
-    `lag` (s) of its sensor: numbers or priors, as in a config.
+    `lag` (s) of its sensor: numbers or priors, as in a config.  What is wrong with it `case` says.
     """
 
     values: ArrayLike
@@ -54,10 +56,10 @@ class Channel:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Input:
+class Input(Value):
     """A measured input: `values (T,)` in `unit`, between samples held (`zero`) or straight (`first`).
 
-    `gain`, `offset`, `lag`: as of a `Channel`.
+    `gain`, `offset`, `lag`: as of a `Channel`.  What is wrong with it `case` says.
     """
 
     values: ArrayLike
@@ -68,8 +70,9 @@ class Input:
     lag: float | Mapping[str, Any] | None = None
 
 
+@checked
 @dataclass(frozen=True, eq=False, repr=False)
-class Case:
+class Case(Value):
     """From `load` or `case`.  `columns`: the record, `(T,)` each, where it is in no file."""
 
     job: Job
@@ -197,23 +200,25 @@ class Case:
 
         if not isinstance(best, Best):
             raise InputError.one("best", f"give what find_map found, not {type(best).__name__}")
-        if best.job.problem.posterior is not self.job.problem.posterior:
+        if not alike(best.job.problem.posterior, self.job.problem.posterior):
             raise InputError.one(
                 "best", "this is the maximum of another case; find that of this one"
             )
         return best.mode
 
 
+@checked
 def load(path: str | Path) -> Case:
     """The case of a YAML config; raises `InputError` with all that is wrong with it."""
     return Case(prepare(Path(path).expanduser()))
 
 
+@checked
 def case(
     t: ArrayLike,
-    channels: Mapping[str, Channel],
-    inputs: Mapping[str, Input | float],
-    parameters: Mapping[str, Any],
+    channels: Annotated[Mapping[str, Channel], CHANNELS],
+    inputs: Annotated[Mapping[str, Input | float], INPUTS],
+    parameters: Annotated[Mapping[str, Any], PRIORS],
     *,
     rig: str | Model = "motor_shaft",
     nominal: Any = None,
@@ -234,13 +239,16 @@ def case(
     `initial={"w_1": ...}` says otherwise.  Raises `InputError` with all that is wrong.
     """
     columns, measured = _columns(t, channels, inputs)
-    record = arguments.mapping("record", entries.pop("record", {}), "entries, such as a window")
+    record = entries.pop("record", {})
+    if not isinstance(record, Mapping):
+        message = f"give entries, such as a window, not {type(record).__name__}"
+        raise InputError.one("record", message)
     said = [name for name in ("model",) if name in entries]
     said += [f"record.{name}" for name in ("file", "format", "time", "channels") if name in record]
     if said:
         raise InputError.one(said[0], "arrays and `rig` say this already; leave it out")
     model = arguments.rig(rig)
-    believed = dict(arguments.mapping("parameters", parameters, PRIORS))
+    believed = dict(parameters)
     unsaid = [name for name in getattr(model, "added", ()) if name not in believed]
     raise_if_any([Problem(f"parameters.{n}", f"the rig has it; give {PRIORS}") for n in unsaid])
     given = {
@@ -262,13 +270,13 @@ def _columns(
     """All `(T,)` columns, and the inputs that are measured."""
     found: list[Problem] = []
     every: dict[str, Array] = {in_memory.TIME: arguments.series("t", t, found)}
-    for name, one in arguments.mapping("channels", channels, CHANNELS).items():
+    for name, one in channels.items():
         if isinstance(one, Channel):
             every[name] = arguments.series(f"channels.{name}", one.values, found)
         else:
             found.append(Problem(f"channels.{name}", f"give {CHANNELS}, not {type(one).__name__}"))
     measured = {}
-    for name, given in arguments.mapping("inputs", inputs, INPUTS).items():
+    for name, given in inputs.items():
         if isinstance(given, Input) and name in channels:
             said = "an input has this name; give the channel another, with `measures`"
             found.append(Problem(f"channels.{name}", said))

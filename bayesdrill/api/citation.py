@@ -5,10 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 from bayesdrill.basics import citation as citing
+from bayesdrill.basics.checked import checked
 from bayesdrill.basics.citation import Citation
 from bayesdrill.basics.errors import InputError
 
 
+@checked
 def citation(folder: str | Path | None = None) -> Citation:
     """How to cite what is installed, or what the run in `folder` was made with.
 

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING
 from bayesdrill.api import run as single
 from bayesdrill.api.overlay import named_runs
 from bayesdrill.api.pictures import for_notebooks
-from bayesdrill.basics.errors import InputError
+from bayesdrill.basics.checked import checked
+from bayesdrill.basics.values import Value
 from bayesdrill.commands import comparing, overlaying
 from bayesdrill.insight.comparison import Contender, Decision
 from bayesdrill.insight.overlay import Row
@@ -21,8 +22,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
+@checked
 @dataclass(frozen=True, eq=False, repr=False)
-class Comparison:
+class Comparison(Value):
     """What several models say of one record, and which is the more probable.
 
     `runs`: where each is, None where it is in no folder.
@@ -91,6 +93,7 @@ class Comparison:
     __repr__ = __str__
 
 
+@checked
 def compare(
     runs: Sequence[single.Run | str | Path], names: Sequence[str] | None = None
 ) -> Comparison:
@@ -99,11 +102,8 @@ def compare(
     The first is what the others are held against.  `names`: by default those of the folders and cases.
     Raises `InputError`, also where records are not the same.
     """
-    if isinstance(runs, str | Path | single.Run):
-        raise InputError.one("runs", "give a list of runs or of their folders")
-    every = list(runs)
-    comparing.check_number(len(every))
-    own, opened, places = named_runs(every, names)
+    comparing.check_number(len(runs))
+    own, opened, places = named_runs(runs, names)
     jobs = [one.job for one in opened]
     where = [name if place is None else str(place) for name, place in zip(own, places, strict=True)]
     comparing.check_same_record(where, [job.problem for job in jobs])
@@ -115,6 +115,7 @@ def compare(
     return Comparison(ComparisonReport(tuple(models), units), tuple(places))
 
 
+@checked
 def check_place(
     folders: Sequence[str | Path], output: str | Path | None = None, *, force: bool = False
 ) -> Path:

@@ -6,6 +6,8 @@ import shlex
 from dataclasses import dataclass
 from pathlib import Path
 
+from bayesdrill.basics.checked import checked
+
 
 @dataclass(frozen=True, slots=True)
 class Example:
@@ -23,6 +25,7 @@ class Example:
     __repr__ = __str__
 
 
+@checked
 def example(folder: str | Path = "configs") -> Example:
     """Writes the bundled configs and records into a folder, and overwrites nothing.
 

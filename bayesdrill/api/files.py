@@ -8,8 +8,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bayesdrill.api import arguments
+from bayesdrill.basics.checked import checked
 from bayesdrill.basics.errors import InputError
 from bayesdrill.basics.progress import Reporter, Silent
+from bayesdrill.basics.values import Value
 
 if TYPE_CHECKING:
     from bayesdrill.commands.calibrate import Outcome as Calibrated
@@ -35,6 +37,7 @@ class Simulated:
         return sum(self.files.values())
 
 
+@checked
 def simulate(
     config: str | Path,
     output: str | Path | None = None,
@@ -70,6 +73,7 @@ def simulate(
     return Simulated(files)
 
 
+@checked
 def publish(folder: str | Path, *, processes: int | None = 1) -> Outcome:
     """Tables and figures again, from the chain in a folder; raises `InputError` where there is none."""
     from bayesdrill.commands import pipeline
@@ -77,6 +81,7 @@ def publish(folder: str | Path, *, processes: int | None = 1) -> Outcome:
     return pipeline.republish(Path(folder).expanduser(), arguments.workers(processes))
 
 
+@checked
 def no_overlay(output: str | Path | None, *, force: bool) -> None:
     """Raises `InputError` for what only an overlay of several runs is told."""
     if output is not None or force:
@@ -85,6 +90,7 @@ def no_overlay(output: str | Path | None, *, force: bool) -> None:
         raise InputError.one(option, message)
 
 
+@checked
 def verify(folder: str | Path) -> Verified:
     """Whether config, record, tables and figures of a run still belong together.
 
@@ -95,8 +101,9 @@ def verify(folder: str | Path) -> Verified:
     return verifying.verify(Path(folder).expanduser())
 
 
+@checked
 @dataclass(frozen=True, slots=True, eq=False)
-class Calibration:
+class Calibration(Value):
     """Refits of simulated records, which say whether a posterior is as wide as it claims."""
 
     job: Job
@@ -127,6 +134,7 @@ class Calibration:
             return calibrate.calibrate(self.job, place, how, crew, report or Silent())
 
 
+@checked
 def calibration(config: str | Path) -> Calibration:
     """Of a config, whose record need not be there yet where `simulation:` gives its times.
 
@@ -137,6 +145,7 @@ def calibration(config: str | Path) -> Calibration:
     return Calibration(prepare(Path(config).expanduser()))
 
 
+@checked
 def schema() -> str:
     """The JSON schema of configs."""
     from bayesdrill.setup.schema import as_text

@@ -7,12 +7,14 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from bayesdrill.basics.checked import checked
 from bayesdrill.basics.errors import InputError
 
 if TYPE_CHECKING:
     from bayesdrill.setup.guessing.guess import Guess
 
 
+@checked
 def init(
     record: str | Path | Sequence[str | Path],
     output: str | Path | None = None,

@@ -8,15 +8,18 @@ from typing import TYPE_CHECKING
 
 from bayesdrill.api import arguments
 from bayesdrill.api.case import load
+from bayesdrill.basics.checked import checked
 from bayesdrill.basics.progress import Reporter, Silent
+from bayesdrill.basics.values import Value
+from bayesdrill.setup.job import Job
 
 if TYPE_CHECKING:
     from bayesdrill.commands.laddering import Outcome
-    from bayesdrill.setup.job import Job
 
 
+@checked
 @dataclass(frozen=True, slots=True, eq=False)
-class Ladder:
+class Ladder(Value):
     """The config as given, and what may be missing from it, one thing at a time."""
 
     job: Job
@@ -48,6 +51,7 @@ class Ladder:
             return laddering.ladder(self.job, place, how, crew, report or Silent())
 
 
+@checked
 def ladder(config: str | Path) -> Ladder:
     """Of a config and its record; raises `InputError` with all that is wrong with them."""
     return Ladder(load(Path(config).expanduser()).job)

@@ -10,7 +10,9 @@ from typing import TYPE_CHECKING
 from bayesdrill.api import arguments
 from bayesdrill.api import run as single
 from bayesdrill.api.pictures import for_notebooks
+from bayesdrill.basics.checked import checked
 from bayesdrill.basics.errors import InputError
+from bayesdrill.basics.values import Value
 from bayesdrill.commands import overlaying
 from bayesdrill.insight.overlay import Row
 from bayesdrill.report.overlay_report import OverlayReport
@@ -20,8 +22,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
+@checked
 @dataclass(frozen=True, eq=False, repr=False)
-class Overlay:
+class Overlay(Value):
     """What several runs say of their unknowns, side by side.
 
     `runs`: where each is, None where it is in no folder.
@@ -73,16 +76,14 @@ class Overlay:
     __repr__ = __str__
 
 
+@checked
 def overlay(runs: Sequence[single.Run | str | Path], names: Sequence[str] | None = None) -> Overlay:
     """Of two runs or more, of any records, priors and rigs: runs in memory, or folders of them.
 
     `names`: by default those of the folders and cases.  Raises `InputError`.
     """
-    if isinstance(runs, str | Path | single.Run):
-        raise InputError.one("runs", "give a list of runs or of their folders")
-    every = list(runs)
-    overlaying.check_number(len(every))
-    own, opened, places = named_runs(every, names)
+    overlaying.check_number(len(runs))
+    own, opened, places = named_runs(runs, names)
     units = overlaying.units([one.job for one in opened])
     layers = [
         overlaying.layer(name, one.job, one.mode, one.sampled, units)
@@ -97,7 +98,7 @@ def named_runs(
     """Their names, all different; the runs; and where they are."""
     if names is not None and len(names) != len(every):
         raise InputError.one("names", f"{len(names)} names of {len(every)} runs")
-    opened = [_opened(one) for one in every]
+    opened = [one if isinstance(one, single.Run) else single.open(one) for one in every]
     places = [None if isinstance(one, single.Run) else Path(one).expanduser() for one in every]
     usual = [
         one.job.config.name if place is None else place.resolve().name
@@ -106,6 +107,7 @@ def named_runs(
     return overlaying.distinct([str(name) for name in names or usual]), opened, places
 
 
+@checked
 def check_place(
     folders: Sequence[str | Path], output: str | Path | None = None, *, force: bool = False
 ) -> Path:
@@ -117,11 +119,3 @@ def check_place(
     target = usual if output is None else Path(output).expanduser()
     overlaying.check_place(target, places, force=force)
     return target
-
-
-def _opened(one: single.Run | str | Path) -> single.Run:
-    if isinstance(one, single.Run):
-        return one
-    if isinstance(one, str | Path):
-        return single.open(one)
-    raise InputError.one("runs", f"give runs or their folders, not {type(one).__name__}")

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from bayesdrill.api import arguments
 from bayesdrill.basics import symbols
-from bayesdrill.basics.errors import InputError, Problem, did_you_mean
+from bayesdrill.basics.checked import checked
+from bayesdrill.basics.errors import InputError, Problem, did_you_mean, shown
 from bayesdrill.basics.expressions import linear_combination
 from bayesdrill.inference import pieces
 from bayesdrill.record.experiment import Channel, Experiment, frozen, raise_if_any
@@ -24,19 +26,21 @@ Array = NDArray[np.float64]
 NUMBERS = "a number for each name"
 
 
+@checked
 def nominal(table: str = symbols.DEFAULT_NOMINAL) -> dict[str, float]:
     """The paper's values of all parameters, SI; raises `InputError` for a table it has not."""
     return dict(arguments.known(symbols.NOMINAL, table, "nominal", "nominal table").values)
 
 
+@checked
 def respond(
     rig: str | Model,
-    parameters: Mapping[str, float],
+    parameters: Annotated[Mapping[str, float], NUMBERS],
     t: ArrayLike,
-    inputs: Mapping[str, ArrayLike],
-    signals: Sequence[str],
+    inputs: Annotated[Mapping[str, ArrayLike], "their values"],
+    signals: Sequence[str] | str,
     *,
-    initial: Mapping[str, float] | None = None,
+    initial: Annotated[Mapping[str, float] | None, "a number for each state"] = None,
     hold: str = "zero",
 ) -> dict[str, Array]:
     """`signals` (states, or sums such as `theta_1 - theta_2`) at times `t (T,)`, exact, all in SI.
@@ -47,19 +51,17 @@ def respond(
     such as `c_s`, is to switch it on.  Raises `InputError` with all that is wrong.
     """
     own, found = arguments.rig(rig), list[Problem]()
-    own = with_named(own, arguments.mapping("parameters", parameters, NUMBERS))
+    own = with_named(own, parameters)
     found += [Problem(f"parameters.{n}", in_vain(n, of)) for n, of in lacking(own).items()]
     signals = [signals] if isinstance(signals, str) else signals
     times = arguments.times(t, found)
     values = _numbers(own.parameters, parameters, "parameters", found)
-    begun = arguments.mapping(
-        "initial", {} if initial is None else initial, "a number for each state"
-    )
-    start = _numbers(own.states, dict.fromkeys(own.states, 0.0) | {**begun}, "initial", found)
+    at_rest = dict.fromkeys(own.states, 0.0)
+    start = _numbers(own.states, at_rest | dict(initial or {}), "initial", found)
     idle: dict[str, ArrayLike] = {name: 0.0 for name in own.inputs if name == "t_1"}
     given: dict[str, Array] = {}
-    for name, value in (idle | {**arguments.mapping("inputs", inputs, "their values")}).items():
-        if np.ndim(value):
+    for name, value in (idle | dict(inputs)).items():
+        if arguments.is_series(value):
             given[name] = arguments.series(f"inputs.{name}", value, found)
         else:
             given[name] = np.array(arguments.number(f"inputs.{name}", value, found))
@@ -70,6 +72,8 @@ def respond(
     for name, one in series.items():
         if one.shape != times.shape or not np.isfinite(one).all():
             found.append(Problem(f"inputs.{name}", "give one number for each of the times"))
+    if not signals:
+        found.append(Problem("signals", "none is named; name a state, or a sum of states"))
     raise_if_any(found)
     experiment = Experiment(
         t=frozen(times),
@@ -90,16 +94,16 @@ def _numbers(
     names: Sequence[str], values: Mapping[str, float], place: str, found: list[Problem]
 ) -> dict[str, float]:
     """One for each of `names`; parameters are as they may be held."""
-    _check_names(names, arguments.mapping(place, values, NUMBERS), place, found)
+    _check_names(names, values, place, found)
     read = {}
     for name in (name for name in names if name in values):
         symbol = vocabulary.PARAMETERS[name] if place == "parameters" else None
         positive = symbol is not None and symbol.held == "positive"
         read[name] = arguments.number(f"{place}.{name}", values[name], found, positive=positive)
         if symbol is not None and symbol.held == "not negative" and read[name] < 0:
-            found.append(Problem(f"{place}.{name}", f"{values[name]!r} is negative"))
+            found.append(Problem(f"{place}.{name}", f"{shown(values[name])} is negative"))
         if symbol is not None and read[name] > symbol.at_most:
-            message = f"{values[name]!r} is more than {symbol.at_most:g}"
+            message = f"{shown(values[name])} is more than {symbol.at_most:g}"
             found.append(Problem(f"{place}.{name}", message))
     return read
 

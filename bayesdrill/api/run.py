@@ -14,7 +14,9 @@ from numpy.typing import NDArray
 
 from bayesdrill.api import arguments
 from bayesdrill.api.pictures import for_notebooks
-from bayesdrill.basics.errors import InputError
+from bayesdrill.basics.checked import checked
+from bayesdrill.basics.errors import InputError, shown
+from bayesdrill.basics.values import Value
 from bayesdrill.commands import concluding, mapping, pipeline
 from bayesdrill.engines.evidence import Evidence
 from bayesdrill.engines.mode import Mode
@@ -35,8 +37,9 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 
+@checked
 @dataclass(frozen=True, eq=False)
-class Best:
+class Best(Value):
     """The maximum of the posterior (MAP) that searches found.
 
     `columns`: the record `(T,)` each, where it is in no file.
@@ -63,7 +66,9 @@ class Best:
         found = mapping.report(self.job, self.mode)
         every = list(found.figures.values())
         if not 1 <= part <= len(every):
-            raise InputError.one("part", f"{part} given, and there are {len(every)} experiments")
+            raise InputError.one(
+                "part", f"{shown(part)} given, and there are {len(every)} experiments"
+            )
         return for_notebooks(warned(every[part - 1].drawn(), found.warning))
 
     @staticmethod
@@ -86,8 +91,9 @@ class Best:
     __repr__ = __str__
 
 
+@checked
 @dataclass(frozen=True, eq=False, repr=False)
-class Run:
+class Run(Value):
     """A sampled posterior: draws, what they say, and figures of them.
 
     `columns`: the record `(T,)` each, where it is in no file.
@@ -137,7 +143,9 @@ class Run:
         if not found:
             raise InputError.one("plot", f"there is nothing to draw in a figure {name} of this run")
         if not 1 <= part <= len(found):
-            raise InputError.one("part", f"{part} given, and the figure {name} has {len(found)}")
+            raise InputError.one(
+                "part", f"{shown(part)} given, and the figure {name} has {len(found)}"
+            )
         return for_notebooks(warned(found[part - 1].drawn(), self._view.warning))
 
     def plot_corner(self) -> Figure:
@@ -154,7 +162,7 @@ class Run:
         done = pipeline.write(self.job, self._view, place, record, force=force)
         if done.missing:
             said = f"could not be made: {'; '.join(done.missing)}; all else is in {place}"
-            warnings.warn(said, stacklevel=2)
+            warnings.warn(said, stacklevel=3)
         return place
 
     def __str__(self) -> str:
@@ -166,8 +174,9 @@ class Run:
     __repr__ = __str__
 
 
+@checked
 @dataclass(frozen=True, eq=False)
-class Judged:
+class Judged(Value):
     """`verdict`: None where no unknown has a nominal value to be compared with."""
 
     view: View
@@ -200,6 +209,7 @@ def _as_record(columns: Mapping[str, Array] | None) -> str | None:
     return None if columns is None else in_memory.as_csv(columns)
 
 
+@checked
 def open(folder: str | Path) -> Run:
     """The run that `save` or `bayesdrill posterior` left; raises `InputError` where there is none."""
     job, found, sampled = pipeline.read(Path(folder).expanduser())

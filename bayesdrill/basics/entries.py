@@ -74,7 +74,8 @@ def chosen[B: Strict](name: str, base: type[B], key: str, members: Mapping[str, 
         default_ = "" if usual is None else f"; default: {usual}"
         said = f"{', '.join(having)}: {_about(hint)}{default_}."
         fields[entry] = (hint | None, Field(None, description=said))
-    return create_model(name, __base__=base, __doc__=base.__doc__, **fields)
+    where = base.__module__  # which has it by this name, so that its records can be pickled
+    return create_model(name, __base__=base, __doc__=base.__doc__, __module__=where, **fields)
 
 
 def who_has(members: Mapping[str, type]) -> dict[str, list[str]]:

@@ -6,6 +6,8 @@ import difflib
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
+LONGEST = 60  # letters of a value in a message
+
 
 @dataclass(frozen=True, slots=True)
 class Problem:
@@ -22,8 +24,11 @@ class InputError(Exception):
     """The input is wrong: every problem found, at once. The command line exits with status 2."""
 
     def __init__(self, problems: Sequence[Problem]) -> None:
-        super().__init__("\n".join(str(problem) for problem in problems))
         self.problems = tuple(problems)
+        super().__init__(self.problems)  # by which it is made again in another process
+
+    def __str__(self) -> str:
+        return "\n".join(str(problem) for problem in self.problems)
 
     @classmethod
     def one(cls, place: str, message: str) -> InputError:
@@ -42,6 +47,15 @@ def of_each[T, S](do: Callable[[T], S], those: Iterable[T]) -> list[S]:
     if problems:
         raise InputError(list(dict.fromkeys(problems)))
     return found
+
+
+def shown(value: object) -> str:
+    """As a message has it: in one short line, whatever it is."""
+    try:
+        text = " ".join(repr(value).split())
+    except Exception:  # whole numbers of thousands of digits, and objects of others
+        return f"what is given, of type {type(value).__name__},"
+    return text if len(text) <= LONGEST else f"{text[: LONGEST - 3]}..."
 
 
 class Interrupted(Exception):

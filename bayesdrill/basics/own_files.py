@@ -10,6 +10,7 @@ import hashlib
 import os
 import re
 import stat
+import threading
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -233,7 +234,8 @@ def digest(path: Path) -> str:
 def whole(path: Path) -> Iterator[Path]:
     """A path to write to, renamed to `path` when the block ends well and removed otherwise."""
     refuse_other_than_file(path)
-    aside = path.with_name(f".{path.stem}.{os.getpid()}.aside{path.suffix}")
+    # Of this thread, and so of this process too.
+    aside = path.with_name(f".{path.stem}.{threading.get_native_id()}.aside{path.suffix}")
     try:
         yield aside
         with aside.open("rb") as file:

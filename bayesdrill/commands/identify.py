@@ -10,10 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayesdrill.basics import own_files
+from bayesdrill.basics.checked import checked
 from bayesdrill.basics.errors import InputError, did_you_mean
 from bayesdrill.basics.own_files import FIGURES, IDENTIFY, what, whole
 from bayesdrill.basics.progress import Reporter
 from bayesdrill.basics.symbols import Symbol
+from bayesdrill.basics.values import Value
 from bayesdrill.inference.priors import flat_in_logs
 from bayesdrill.insight import plausibility
 from bayesdrill.insight.identifiability.profile import Fitter, Profile, profile
@@ -32,8 +34,9 @@ ALL = "all"
 MARK = "<!-- bayesdrill identify -->"  # begins the text, and so says whose the figures are
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Findings:
+@checked
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Findings(Value):
     """`study`: symmetries, bounds, products, remedies; `profiles`: of what was wanted, SI."""
 
     job: Job

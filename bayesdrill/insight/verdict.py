@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy.stats import norm
 
 from bayesdrill.basics import seeds
+from bayesdrill.basics.checked import checked
 from bayesdrill.engines.sampling import Opened
 from bayesdrill.inference.problem import Problem
 from bayesdrill.insight import plausibility
@@ -60,6 +61,7 @@ class Quantity:
     says: Says
 
 
+@checked
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Verdict:
     """`limit`: sigmas from which a quantity disagrees.  `joint`: sigmas between posterior and table

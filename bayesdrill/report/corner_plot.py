@@ -66,9 +66,9 @@ def corner_figure(
         _column(x, symbol, nominal.get(symbol.name), mode.get(symbol.name), priors.get(symbol.name))
         for x, symbol in zip(draws.T, symbols, strict=True)
     ]
-    first, second = _explained(columns)
-    page = CornerPage.of(len(columns), width, len(first) + len(second))
     with style.styled(width):
+        first, second = _explained(columns)
+        page = CornerPage.of(len(columns), width, len(first) + len(second))
         figure = Figure(figsize=(page.width, page.height))
         panels = _panels(figure, page)
         for i, row in enumerate(columns):

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
-from contextlib import AbstractContextManager
+import threading
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
@@ -119,15 +120,21 @@ DOTS: Mapping[str, Any] = MappingProxyType(
 )
 
 
-def styled(width: float = DOUBLE) -> AbstractContextManager[None]:
-    """Figures are built and saved inside; what the caller had set comes back after it.
+# Matplotlib has one style for the whole process, and one parser of formulas.
+_ONE_AT_A_TIME = threading.RLock()
+
+
+@contextmanager
+def styled(width: float = DOUBLE) -> Iterator[None]:
+    """Figures are built and saved inside, of one thread; what the caller had set comes back after it.
 
     Letters are smaller in a figure of one column.
     """
     rc: Any = dict(RC)
     if width <= SINGLE:
         rc |= {name: SMALL * size for name, size in RC.items() if name in _SIZES}
-    return matplotlib.rc_context(rc)
+    with _ONE_AT_A_TIME, matplotlib.rc_context(rc):
+        yield
 
 
 def letters(of: str) -> float:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 import bayesdrill
 from bayesdrill.basics import seeds
 from bayesdrill.basics.units import Unit
+from bayesdrill.basics.values import Value
 from bayesdrill.engines.evidence import Evidence
 from bayesdrill.engines.mode import Mode
 from bayesdrill.engines.sampling import Sampled
@@ -64,8 +65,8 @@ class Drawing:
         return self.figure(*self.arguments)
 
 
-@dataclass(frozen=True)
-class View:
+@dataclass(frozen=True, eq=False)
+class View(Value):
     """`rows`: of the unknowns; `left`: what the best fit leaves of each channel; `judged`: None where
     there is no table; `notes`: sentences; `repeats`: products as each of several experiments has them;
     `seconds`: how long the parts of the run took, where that is known.  `sparing` is told of derived
@@ -83,7 +84,7 @@ class View:
     notes: tuple[str, ...]
     repeats: tuple[Repeat, ...] = ()
     seconds: Mapping[str, float] = field(default_factory=dict)
-    sparing: Sparing = field(default_factory=Sparing)
+    sparing: Sparing = field(default_factory=Sparing, compare=False)
     alone: bool = True
 
     @property

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import struct
+import threading
 import zipfile
 import zlib
 from collections.abc import Mapping, Sequence
@@ -98,7 +99,9 @@ def chain_image(pieces: list[list[Piece]], attributes: Mapping[str, Any]) -> byt
     """
     import h5py
 
-    with h5py.File("chain.h5", "w", driver="core", backing_store=False) as file:
+    # Two files of one name are never open at once, in memory either; the name is not in the bytes.
+    name = f"chain.{threading.get_native_id()}.h5"
+    with h5py.File(name, "w", driver="core", backing_store=False) as file:
         for ensemble, parts in enumerate(pieces):
             group = file.create_group(f"ensemble_{ensemble}")
             _write_ensemble(group, parts, attributes)

@@ -27,7 +27,7 @@ Array = NDArray[np.float64]
 
 
 class Response:
-    """Response of `model` in `experiment`; kernels are compiled at construction (and unpickling).
+    """Response of `model` in `experiment`; kernels are compiled when they are first asked for.
 
     Parameters come as `(W, P)`, columns in the order of `model.parameters`, SI.  A walker whose
     numbers overflow gets NaN in its own row alone.

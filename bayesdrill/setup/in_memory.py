@@ -26,6 +26,8 @@ Array = NDArray[np.float64]
 
 PLACE = Path("arrays")  # begins the places of mistakes
 TIME = "t"
+DEEPEST = 20  # of entries within entries
+LONGEST = 1000  # bits of a whole number
 
 
 def job(columns: Mapping[str, Array], entries: Mapping[str, Any]) -> Job:
@@ -68,13 +70,18 @@ def _as_yaml(entries: Mapping[str, Any]) -> str:
 
 def _plain(value: Any, place: tuple[str, ...], found: list[Problem]) -> Any:
     """As YAML can have it, numbers of NumPy as Python has them; of the rest a problem is `found`."""
+    if len(place) > DEEPEST:
+        found.append(Problem(".".join(place[:4]), "is nested too deep; see docs/config.md"))
+        return None
     if isinstance(value, Mapping):
         return {str(key): _plain(one, (*place, str(key)), found) for key, one in value.items()}
     if isinstance(value, list | tuple):
         return [_plain(one, (*place, str(k)), found) for k, one in enumerate(value)]
     if isinstance(value, np.generic) or (isinstance(value, np.ndarray) and value.ndim == 0):
         value = value.item()
-    if value is not None and not isinstance(value, bool | int | float | str):
-        message = f"no entry can be {type(value).__name__}; see docs/config.md for what it can be"
+    known = value is None or isinstance(value, bool | float | str)
+    if not known and not (isinstance(value, int) and value.bit_length() < LONGEST):
+        what = "a number of so many digits" if isinstance(value, int) else type(value).__name__
+        message = f"no entry can be {what}; see docs/config.md for what it can be"
         found.append(Problem(".".join(place), message))
     return value

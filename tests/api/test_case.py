@@ -7,13 +7,13 @@ import re
 import runpy
 import subprocess
 import sys
-from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pytest
 import systems
 import xarray
+from cases import BOX, SHAFT, T, noisy, run, two
 from oracles import NOMINAL, by_expm
 
 import bayesdrill as bd
@@ -24,36 +24,6 @@ from bayesdrill.setup import in_memory
 
 ROOT = Path(__file__).parents[2]
 CONFIG = ROOT / "configs" / "nominal_step.yaml"
-BOX = {"prior": "uniform", "low": 0.5, "high": 1.5, "relative": True}
-FAST = {"ensembles": 4, "walkers": 16, "r_hat": 1.1, "n_tau": 5, "ess": 100}
-T = np.linspace(0.0, 6.0, 241)
-SHAFT = {**NOMINAL, "k_s": 0.31}
-
-
-def noisy(name: str, scale: float, sigma: float) -> bd.Channel:
-    """Of a rig with a stiffer shaft, in units that are `scale` of SI."""
-    exact = bd.respond(MotorShaft(), SHAFT, T, {"v": 5.0}, [name])[name]
-    noise = np.random.default_rng(len(name)).standard_normal(len(T))
-    return bd.Channel(
-        (exact + sigma * noise) / scale, "deg" if scale < 1 else "rad/s", sigma / scale
-    )
-
-
-def two(**entries: object) -> bd.Case:
-    return bd.case(
-        T,
-        channels={"theta_2": noisy("theta_2", np.pi / 180, 0.05), "w_1": noisy("w_1", 1.0, 0.1)},
-        inputs={"v": 5.0},
-        parameters=dict.fromkeys(NOMINAL, "nominal") | {"k_s": BOX, "t_f": BOX},
-        rig=bd.MotorShaft(i_m=1 / 8),
-        nominal="tables_2_3",
-        **{"seed": 4, "sampler": FAST, "output": {"figures": ["corner"]}} | entries,  # type: ignore[arg-type]
-    )
-
-
-@cache
-def run() -> bd.Run:
-    return two().sample()
 
 
 def test_the_response_is_that_of_the_matrix_exponential() -> None:
@@ -215,7 +185,7 @@ def test_what_samples_is_judged_before() -> None:
     with pytest.raises(bd.InputError, match="give what find_map found, not int"):
         case.sample(1)  # type: ignore[arg-type]
     with pytest.raises(bd.InputError, match="the maximum of another case"):
-        case.sample(best)
+        two(initial={"w_1": 1.0}).sample(best)
     with pytest.raises(bd.InputError, match="did you mean"):
         bd.nominal("tables_2_4")
 
@@ -369,6 +339,9 @@ def test_a_figure_that_fails_is_told_when_a_run_is_saved(
 
     with monkeypatch.context() as patch:
         patch.setattr("bayesdrill.report.derived_words.shown", fail)
-        with pytest.warns(UserWarning, match=r"figures/corner \(ValueError: cannot do this\)"):
+        with pytest.warns(
+            UserWarning, match=r"figures/corner \(ValueError: cannot do this\)"
+        ) as told:
             folder = run().save(tmp_path / "mine")
+    assert told[0].filename == __file__
     assert (folder / "summary.csv").exists()

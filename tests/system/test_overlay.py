@@ -118,7 +118,7 @@ def test_nothing_is_overwritten_unasked(runs: Path) -> None:
     assert {row["run"] for row in table(out)} == {"one", "held"}
     with pytest.raises(bd.InputError, match="1 given"):
         bd.overlay([runs / "one"])
-    with pytest.raises(bd.InputError, match="give runs or their folders, not int"):
+    with pytest.raises(bd.InputError, match="give a Run or a path, not int"):
         bd.overlay([1, 2])  # type: ignore[list-item]
     with pytest.raises(bd.InputError, match="did you mean intervals"):
         bd.overlay(list(two)).plot("interval")

@@ -20,21 +20,32 @@ EFFORT, HARDER = 1, 2
 
 
 def machine_code(module: ir.Module, effort: int = EFFORT) -> Any:
-    """An engine, which owns the code."""
+    """Compile `module` for this processor, and return the engine that owns the code.
+
+    The engine holds machine code alone: a module of LLVM and a target that has compiled take ten times
+    as much memory, and would stay as long as the code.
+    """
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
-    target = llvm.Target.from_default_triple().create_target_machine(
-        cpu=llvm.get_host_cpu_name(), features=llvm.get_host_cpu_features().flatten(), opt=effort
-    )
-    parsed = llvm.parse_assembly(str(module))
+    context = llvm.create_context()  # constants stay in one as long as it lives
+    parsed = llvm.parse_assembly(str(module), context)
     parsed.verify()
+    target = _target(effort)
     passes = llvm.create_new_module_pass_manager()
     for name in PASSES:
         getattr(passes, f"add_{name}_pass")()
     passes.run(parsed, llvm.create_pass_builder(target, llvm.create_pipeline_tuning_options()))
-    engine = llvm.create_mcjit_compiler(parsed, target)
+    code = llvm.ObjectFileRef.from_data(target.emit_object(parsed))
+    engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), _target(effort))
+    engine.add_object_file(code)
     engine.finalize_object()
     return engine
+
+
+def _target(effort: int) -> llvm.TargetMachine:
+    return llvm.Target.from_default_triple().create_target_machine(
+        cpu=llvm.get_host_cpu_name(), features=llvm.get_host_cpu_features().flatten(), opt=effort
+    )
 
 
 def in_one_go[**P, T](write: Callable[P, T]) -> Callable[P, T]:

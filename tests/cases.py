@@ -1,0 +1,47 @@
+"""Cases of arrays, for tests of the API."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+import numpy as np
+from oracles import NOMINAL
+
+import bayesdrill as bd
+from bayesdrill.rig.models.motor_shaft import MotorShaft
+
+BOX = {"prior": "uniform", "low": 0.5, "high": 1.5, "relative": True}
+FAST = {"ensembles": 4, "walkers": 16, "r_hat": 1.1, "n_tau": 5, "ess": 100}
+T = np.linspace(0.0, 6.0, 241)
+SHAFT = {**NOMINAL, "k_s": 0.31}
+
+
+def noisy(name: str, scale: float, sigma: float) -> bd.Channel:
+    """Of a rig with a stiffer shaft, in units that are `scale` of SI."""
+    exact = bd.respond(MotorShaft(), SHAFT, T, {"v": 5.0}, [name])[name]
+    noise = np.random.default_rng(len(name)).standard_normal(len(T))
+    return bd.Channel(
+        (exact + sigma * noise) / scale, "deg" if scale < 1 else "rad/s", sigma / scale
+    )
+
+
+def two(**entries: Any) -> bd.Case:
+    """Of two channels and two unknowns; `entries` in the place of what it has."""
+    usual: dict[str, Any] = {
+        "t": T,
+        "channels": {"theta_2": noisy("theta_2", np.pi / 180, 0.05), "w_1": noisy("w_1", 1.0, 0.1)},
+        "inputs": {"v": 5.0},
+        "parameters": dict.fromkeys(NOMINAL, "nominal") | {"k_s": BOX, "t_f": BOX},
+        "rig": bd.MotorShaft(i_m=1 / 8),
+        "nominal": "tables_2_3",
+        "seed": 4,
+        "sampler": FAST,
+        "output": {"figures": ["corner"]},
+    }
+    return bd.case(**usual | entries)
+
+
+@cache
+def run() -> bd.Run:
+    return two().sample()
