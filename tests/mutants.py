@@ -1775,6 +1775,13 @@ MUTANTS = [
         "tests/results/test_run_folder.py::test_a_damaged_chain_is_named_or_harmless",
     ),
     Mutant(
+        "believe a chain whatever run it is of",
+        "results/run_folder.py",
+        "if run == self.run or",
+        "if True or",
+        "tests/results/test_run_folder.py::test_pieces_of_another_run_are_refused",
+    ),
+    Mutant(
         "take a later piece for the next one",
         "results/run_folder.py",
         'if first == f"{have:09d}":',

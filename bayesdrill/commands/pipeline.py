@@ -95,7 +95,7 @@ def posterior(
 def _taken_up(job: Job, folder: Folder) -> Mode | None:
     """What was done is read before anything is written: what cannot go on stays as it is."""
     folder.read_ahead(job.config.sampler.ensembles)
-    return read_mode(folder.path / MAP_FILE)
+    return read_mode(folder)
 
 
 def _run(job: Job, folder: Folder, known: Mode | None, processes: int, report: Reporter) -> Outcome:
@@ -112,7 +112,7 @@ def _run(job: Job, folder: Folder, known: Mode | None, processes: int, report: R
             _load_ahead()
         if hunt is not None:
             known = searching.end(crew, hunt, job, report)
-            folder.write_text(MAP_FILE, sealed(dataclasses.asdict(known)))
+            write_mode(folder, known)
         assert known is not None
         found, job = known, job.at(known)
         crew.step(found.pieces)
@@ -165,7 +165,7 @@ def _made(output: Path) -> tuple[Job, dict[str, str]]:
 
 def _finished(job: Job, folder: Folder) -> tuple[Job, Mode, Sampled]:
     path = folder.path
-    found = read_mode(path / MAP_FILE)
+    found = read_mode(folder)
     if found is None:
         message = "is not there; continue with --resume, which searches the MAP again"
         raise InputError.one(str(path / MAP_FILE), message)
@@ -183,7 +183,7 @@ def write(job: Job, view: View, output: Path, record: str | None, *, force: bool
     with Folder(output, "force" if force else "fresh", marks, POSTERIOR) as folder:
         folder.begin(status="running", seed=job.config.seed, versions=software.versions())
         write_given(job, folder, record)
-        folder.write_text(MAP_FILE, sealed(dataclasses.asdict(view.mode)))
+        write_mode(folder, view.mode)
         for ensemble, pieces in enumerate(view.sampled.pieces):
             first = 0
             for piece in pieces:
@@ -242,12 +242,21 @@ def _load_ahead() -> None:
         importlib.import_module(name)
 
 
-def read_mode(path: Path) -> Mode | None:
-    """What `map.json` holds; None where no search has ended yet."""
+def write_mode(folder: Folder, found: Mode) -> None:
+    folder.write_text(MAP_FILE, sealed({"run": folder.run, **dataclasses.asdict(found)}))
+
+
+def read_mode(folder: Folder) -> Mode | None:
+    """What `map.json` holds; None where no search has ended yet.
+
+    Raises `InputError` where it is damaged, or of another run.
+    """
+    path = folder.path / MAP_FILE
     if not path.exists():
         return None
     try:
         data = opened(path.read_bytes())
+        folder.refuse_foreign(MAP_FILE, data.pop("run", None))
         searches = tuple(Search(**search) for search in data.pop("searches"))
         others = tuple(Other(**other) for other in data.pop("others"))
         at_bound = tuple(data.pop("at_bound"))

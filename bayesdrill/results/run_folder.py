@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -15,7 +16,7 @@ from bayesdrill.basics.errors import InputError, Problem
 from bayesdrill.basics.own_files import LOCK, PIECES, RUN, Kind, whole
 from bayesdrill.basics.sealed import opened, sealed
 from bayesdrill.engines.samplers.ensemble import Piece
-from bayesdrill.results.chain_files import chain_image, read_chain, read_piece, write_piece
+from bayesdrill.results.chain_files import AGAIN, chain_image, read_chain, read_piece, write_piece
 
 Mode = Literal["fresh", "resume", "force", "report"]  # report: nothing is added to the chain
 
@@ -111,6 +112,28 @@ class Folder:
         elif entries:
             self.write_run(**entries)
 
+    @property
+    def run(self) -> str:
+        """Its mark."""
+        return mark(self.fingerprint)
+
+    def refuse_foreign(self, name: str, run: str | None) -> None:
+        """Raises `InputError` where a file of this name is of another `run`.
+
+        Files of older versions do not say: they are believed where `run.json` knows them.
+        """
+        path = self.path / name
+        if run == self.run or (run is None and own_files.digest(path) == self._known(name)):
+            return
+        whose = f"run {run}" if run else "a run that it does not name (an older version wrote it)"
+        message = f"is of {whose}, and this folder of run {self.run}; put back its own, or {AGAIN}"
+        raise InputError.one(str(path), message)
+
+    def _known(self, name: str) -> str | None:
+        """The digest that a file had when a run ended here."""
+        files = (read_run(self.path) or {}).get("files")
+        return files.get(name) if isinstance(files, dict) else None
+
     def place(self, name: str) -> Path:
         """Raises `KeyError` for a file that a later --force would not know as ours."""
         if not self.kind.made(name):
@@ -143,7 +166,7 @@ class Folder:
         """One file a piece: an interrupted run loses at most the pieces under way."""
         (self.path / PIECES).mkdir(exist_ok=True)
         with whole(self.place(f"{PIECES}/ensemble_{ensemble}_{first_step:09d}.npz")) as path:
-            write_piece(path, piece)
+            write_piece(path, piece, self.run)
 
     def read_ahead(self, ensembles: int) -> None:
         """All chains, for what is damaged to be found now; `pieces` hands each out once."""
@@ -156,15 +179,19 @@ class Folder:
     def _read(self, ensemble: int) -> list[Piece]:
         found = []
         if (self.path / CHAIN).exists():
-            found.append(read_chain(self.path / CHAIN, ensemble))
+            piece, run = read_chain(self.path / CHAIN, ensemble)
+            self.refuse_foreign(CHAIN, run)
+            found.append(piece)
         have = sum(len(piece.z) for piece in found)
         for name in own_files.present(self.path, own_files.UNFINISHED):
             if not name.startswith(f"{PIECES}/ensemble_{ensemble}_"):
                 continue
             first = Path(name).stem.rsplit("_", 1)[1]
             if first == f"{have:09d}":  # others are not ours
-                found.append(read_piece(self.path / name))
-                have += len(found[-1].z)
+                piece, run = read_piece(self.path / name)
+                self.refuse_foreign(name, run)
+                found.append(piece)
+                have += len(piece.z)
         return found
 
     def finish_chain(self, pieces: list[list[Piece]], attributes: Mapping[str, Any]) -> None:
@@ -172,8 +199,15 @@ class Folder:
         if not own_files.present(self.path, own_files.UNFINISHED):
             return  # nothing is new
         with whole(self.place(CHAIN)) as path:
-            path.write_bytes(chain_image(pieces, attributes))
+            path.write_bytes(chain_image(pieces, {"run": self.run, **attributes}))
         own_files.take_away(self.path, own_files.UNFINISHED)
+
+
+def mark(fingerprint: Mapping[str, Any]) -> str:
+    """Which run it is, in twelve letters: by record, config and seed, whatever versions made it."""
+    own = {name: value for name, value in fingerprint.items() if not name.startswith(VERSION_OF)}
+    lines = [f"{name}: {value}" for name, value in sorted(own.items())]
+    return hashlib.sha256("\n".join(lines).encode()).hexdigest()[:12]
 
 
 def read_run(folder: Path) -> dict[str, Any] | None:

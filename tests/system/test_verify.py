@@ -7,12 +7,14 @@ import shutil
 from collections.abc import Callable
 from pathlib import Path
 
+import h5py
 import pytest
 import systems
 
 import bayesdrill as bd
 from bayesdrill.basics.sealed import opened, sealed
 from bayesdrill.commands.pipeline import check_record, prepare
+from bayesdrill.results.chain_files import seal
 
 DRAWN = ("figures: []", "figures: [corner, trace]")
 
@@ -108,7 +110,7 @@ CASES: list[tuple[Callable[[Path], None], bool, str]] = [
     (another_record, False, "the record was 101 samples"),
     (another_record, True, "the record was 101 samples"),
     (another_chain, False, "chain.h5: was changed"),
-    (another_chain, True, "summary.csv: does not follow from the chain"),
+    (another_chain, True, "chain.h5: is of run "),
     (missing, False, "trace.png: is missing"),
 ]
 
@@ -128,6 +130,42 @@ def test_what_does_not_belong_is_named(
     assert says in ran.err, ran.err
     assert "Traceback" not in ran.text
     assert systems.listing(rig) == before
+
+
+@pytest.mark.parametrize("name", ["chain.h5", "map.json"])
+def test_what_another_run_has_found_is_refused_by_all_that_read_it(name: str, rig: Path) -> None:
+    """Mutant killed: a chain that is believed whatever run it is of."""
+    mine, other = rig / "out", rig / "other"
+    shutil.copy(other / name, mine / name)
+    before = systems.listing(rig)
+    for command in (
+        ("report", mine),
+        ("verify", mine),
+        ("report", other, mine, "-o", rig / "laid"),
+        ("compare", other, mine, "-o", rig / "compared"),
+        ("posterior", rig / "out.yaml", "-o", mine, "--resume"),
+    ):
+        ran = systems.cli(*command)
+        assert ran.status == 2, ran.text
+        assert f"{name}: is of run " in ran.err
+        assert "put back its own, or delete it and continue with --resume" in ran.err
+    assert systems.listing(rig) == before
+
+
+def test_a_chain_that_does_not_say_whose_it_is_is_believed_where_run_json_knows_it(
+    rig: Path,
+) -> None:
+    for name in ("out", "other"):
+        with h5py.File(rig / name / "chain.h5", "r+") as file:
+            for group in file.values():
+                del group.attrs["run"]
+                seal(group)
+        forged(rig / name)
+    assert bd.verify(rig / "out").together
+    shutil.copy(rig / "other" / "chain.h5", rig / "out" / "chain.h5")
+    ran = systems.cli("report", rig / "out")
+    assert ran.status == 2
+    assert "chain.h5: is of a run that it does not name (an older version wrote it)" in ran.err
 
 
 def test_what_belongs_together_is_said_so(rig: Path) -> None:
