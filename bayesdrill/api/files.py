@@ -70,19 +70,28 @@ def simulate(
     return Simulated(files)
 
 
-def publish(folder: str | Path, *, processes: int | None = 1) -> Outcome:
-    """Tables and figures again, from the chain in a folder; raises `InputError` where there is none."""
+def publish(
+    folder: str | Path,
+    output: str | Path | None = None,
+    *,
+    force: bool = False,
+    processes: int | None = 1,
+) -> Outcome:
+    """Tables and figures again, from the chain in a folder; raises `InputError` where there is none.
+
+    `output`: a folder that gets a copy of the run with them, where the first may only be read.
+    """
     from bayesdrill.commands import pipeline
 
-    return pipeline.republish(Path(folder).expanduser(), arguments.workers(processes))
-
-
-def no_overlay(output: str | Path | None, *, force: bool) -> None:
-    """Raises `InputError` for what only an overlay of several runs is told."""
-    if output is not None or force:
-        option = "--force" if output is None else "--output"
-        message = "goes with several folders; one is written again where it is"
-        raise InputError.one(option, message)
+    source, workers = Path(folder).expanduser(), arguments.workers(processes)
+    if output is None:
+        if force:
+            message = "goes with --output, or several folders; one is written again where it is"
+            raise InputError.one("--force", message)
+        return pipeline.republish(source, workers)
+    place = Path(output).expanduser()
+    pipeline.copied(source, place, force=force)
+    return pipeline.republish(place, workers)
 
 
 def verify(folder: str | Path) -> Verified:

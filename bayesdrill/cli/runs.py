@@ -77,7 +77,7 @@ def report(
         list[Path], typer.Argument(metavar="FOLDER...", help="Of finished runs, one or several.")
     ],
     output: Annotated[
-        Path | None, output_option("Of several; default: results/<name>-<name>.")
+        Path | None, output_option("Default: of one where it is, of several results/<name>-<name>.")
     ] = None,
     force: Force = False,
     processes: Processes = None,
@@ -89,8 +89,7 @@ def report(
         if len(folders) > 1:
             _lay_over(folders, output, force=force)
             return
-        files.no_overlay(output, force=force)
-        finish(files.publish(folders[0], processes=processes))
+        finish(files.publish(folders[0], output, force=force, processes=processes))
 
 
 def _lay_over(folders: list[Path], output: Path | None, *, force: bool) -> None:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from bayesdrill.basics import own_files
 from bayesdrill.basics.errors import InputError, did_you_mean
-from bayesdrill.basics.own_files import FIGURES, IDENTIFY, what, whole
+from bayesdrill.basics.own_files import FIGURES, IDENTIFY, whole
 from bayesdrill.basics.progress import Reporter
 from bayesdrill.basics.symbols import Symbol
 from bayesdrill.inference.priors import flat_in_logs
@@ -107,8 +107,7 @@ def preflight(job: Job, scenery: Scenery) -> str:
 
 def check_place(folder: Path, *, force: bool) -> None:
     """Raises `InputError` where something is in the way that `publish` must not replace."""
-    if what(folder) and not folder.is_dir():
-        raise InputError.one(str(folder), "a file is in the way; give another --output")
+    own_files.refuse_unwritable(folder, IDENTIFY.folders)
     obstacles = own_files.in_the_way(folder, IDENTIFY)
     if obstacles:
         raise InputError(obstacles)
@@ -129,11 +128,8 @@ def publish(job: Job, findings: Findings, folder: Path, *, force: bool) -> str:
     from bayesdrill.report.spectrum_plot import spectrum_figure
 
     check_place(folder, force=force)
-    own_files.take_away(folder, IDENTIFY)
     figures = folder / FIGURES
     figures.mkdir(parents=True, exist_ok=True)
-    with whole(folder / IDENTIFY.mark) as path:
-        path.write_text(_markdown(job, findings), encoding="utf-8")
     symbols = {symbol.name: symbol for symbol in findings.symbols}
     latex = {name: symbol.latex for name, symbol in symbols.items()}
     output, priors = job.config.output, job.problem.posterior.space.priors
@@ -143,9 +139,12 @@ def publish(job: Job, findings: Findings, folder: Path, *, force: bool) -> str:
         logs = [name for name, prior in priors.items() if flat_in_logs(prior)]
         nominal = job.units.values(job.problem.nominal)
         drawn["profiles"] = profile_figure(findings.shown, symbols, nominal, logs, width)
-    for name, figure in drawn.items():
-        note = {"Title": job.config.name}
-        style.save(figure, figures, name, note, formats=tuple(output.formats), dpi=output.dpi)
+    note = {"Title": job.config.name}
+    with own_files.renewed(folder, IDENTIFY):
+        with whole(folder / IDENTIFY.mark) as path:
+            path.write_text(_markdown(job, findings), encoding="utf-8")
+        for name, figure in drawn.items():
+            style.save(figure, figures, name, note, formats=tuple(output.formats), dpi=output.dpi)
     return f"{folder}/ ({IDENTIFY.mark}, figures/)"
 
 

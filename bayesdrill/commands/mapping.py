@@ -51,7 +51,7 @@ def read(output: Path) -> tuple[Job, Mode]:
     """What `save` left; raises `InputError` where config or record are not those of it."""
     job = pipeline.prepare(output / own_files.RESOLVED_FILE)
     marks = provenance.fingerprint(job.config, job.problem)
-    with Folder(output, "report", marks, MAP) as folder:
+    with Folder(output, "read", marks, MAP) as folder:
         found = pipeline.read_mode(folder)
     if found is None:
         raise InputError.one(str(output / pipeline.MAP_FILE), "is not there; map it again")

@@ -140,10 +140,29 @@ def republish(output: Path, processes: int) -> Outcome:
             return _publish(job, folder, concluded(job, found, sampled, seconds=seconds), crew)
 
 
+def copied(source: Path, output: Path, *, force: bool) -> None:
+    """What a report is made from, in a folder of its own: for a run that one may only read.
+
+    Raises `InputError`, also where there is nothing to be reported.
+    """
+    if output.resolve() == source.resolve():
+        raise InputError.one(str(output), "holds this very run; leave --output out")
+    how: run_folder.Mode = "force" if force else "fresh"
+    Folder(output, how, {}, POSTERIOR).check()  # before the chain is read
+    job, _, _ = read(source)
+    check_record(job, output, None)
+    run = run_folder.read_run(source) or {}
+    with Folder(output, how, run["fingerprint"], POSTERIOR) as folder:
+        folder.begin(**run | {"status": "running"})
+        folder.write_text(RESOLVED_FILE, provenance.resolved(job.config, job.source, output))
+        for name in own_files.present(source, own_files.GROUND):
+            folder.take_over(name, source)
+
+
 def read(output: Path) -> tuple[Job, Mode, Sampled]:
     """The run that `output` holds; nothing is written."""
     job, marks = _made(output)
-    with Folder(output, "report", marks, POSTERIOR) as folder:
+    with Folder(output, "read", marks, POSTERIOR) as folder:
         return _finished(job, folder)
 
 

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import hashlib
+import shutil
 from collections.abc import Collection, Mapping
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
@@ -18,7 +20,8 @@ from bayesdrill.basics.sealed import opened, sealed
 from bayesdrill.engines.samplers.ensemble import Piece
 from bayesdrill.results.chain_files import AGAIN, chain_image, read_chain, read_piece, write_piece
 
-Mode = Literal["fresh", "resume", "force", "report"]  # report: nothing is added to the chain
+# report: nothing is added to the chain; read: nothing is written at all
+Mode = Literal["fresh", "resume", "force", "report", "read"]
 
 CHAIN = "chain.h5"
 VERSION_OF = "the version of "  # begins the names of fingerprints that a report may differ in
@@ -29,6 +32,8 @@ LONGEST = 120  # letters of a value in a message
 class Folder:
     """`results/<name>`, locked while open. `fingerprint`: what a resumed run must share.
 
+    One that is only read may be where nothing can be written, so that nobody writes, and needs no lock.
+
     What is there can be read at once; nothing is changed before `begin`, so that a run that is
     refused for what it finds leaves all as it was.
     """
@@ -37,17 +42,17 @@ class Folder:
     mode: Mode
     fingerprint: Mapping[str, Any]
     kind: Kind
-    _lock: FileLock | None = None
+    _open: ExitStack = field(default_factory=ExitStack)
     _chains: dict[int, list[Piece]] = field(default_factory=dict)
 
     def __enter__(self) -> Self:
         """Raises `InputError` when results are in the way, differ, or are being written."""
         self.check()
-        try:
+        reading = self.mode == "read"
+        if not reading:
             self.path.mkdir(parents=True, exist_ok=True)
-        except (FileExistsError, NotADirectoryError):
-            message = "a file is in the way; give another --output"
-            raise InputError.one(str(self.path), message) from None
+        elif not (self.path / LOCK).exists():
+            return self
         lock = FileLock(self.path / LOCK)
         try:
             lock.acquire(timeout=0)
@@ -55,7 +60,11 @@ class Folder:
             raise InputError.one(
                 str(self.path), "another run is writing here; wait for it or give --output"
             ) from None
-        self._lock = lock
+        except OSError:
+            if not reading:
+                raise
+        else:
+            self._open.callback(lock.release)
         return self
 
     def __exit__(
@@ -64,11 +73,15 @@ class Folder:
         value: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        if self._lock is not None:
-            self._lock.release()
+        self._open.close()
 
     def check(self) -> None:
-        """Results are neither overwritten nor reused unasked; a folder of others is left alone."""
+        """Results are neither overwritten nor reused unasked; a folder of others is left alone.
+
+        Raises `InputError`, also where nothing can be written: before the work, and not after.
+        """
+        if self.mode != "read":
+            own_files.refuse_unwritable(self.path, self.kind.folders)
         obstacles = own_files.in_the_way(self.path, self.kind)
         if obstacles:
             raise InputError(obstacles)
@@ -81,7 +94,7 @@ class Folder:
             raise InputError.one(str(self.path), message)
         if self.mode == "fresh":
             raise InputError.one(str(self.path), f"results exist already; {self.kind.again}")
-        if self.mode in ("resume", "report"):
+        if self.mode != "force":
             self._refuse_changes(run.get("fingerprint", {}))
 
     def _refuse_others(self) -> None:
@@ -107,7 +120,7 @@ class Folder:
         """
         own_files.tidy(self.path, self.kind)
         if self.mode == "force":
-            own_files.take_away(self.path, self.kind)
+            self._open.enter_context(own_files.renewed(self.path, self.kind))
             self._write_entries(entries)
         elif entries:
             self.write_run(**entries)
@@ -152,6 +165,13 @@ class Folder:
     def write_text(self, name: str, text: str) -> None:
         with whole(self.place(name)) as path:
             path.write_text(text, encoding="utf-8")
+
+    def take_over(self, name: str, other: Path) -> None:
+        """The file of this name that another folder holds."""
+        place = self.place(name)
+        place.parent.mkdir(exist_ok=True)
+        with whole(place) as path:
+            shutil.copyfile(other / name, path)
 
     def write_run(self, **entries: Any) -> None:
         """Update `run.json`."""

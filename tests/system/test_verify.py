@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
-from collections.abc import Callable
+import tempfile
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import h5py
@@ -180,6 +182,83 @@ def test_what_belongs_together_is_said_so(rig: Path) -> None:
     assert bd.verify(rig / "saved").together
     with pytest.raises(bd.InputError, match="no results"):
         bd.verify(rig)
+
+
+@pytest.fixture
+def lent(done: Path) -> Iterator[Path]:
+    """The rig where this user may only read, beside `mine`, where it may write; root is nobody."""
+    if os.name != "posix":
+        pytest.skip("no mode bits")
+    place = Path(tempfile.mkdtemp())  # others cannot look into the folders of pytest
+    shutil.copytree(done, place / "rig")
+    (place / "mine").mkdir()
+    every = [place, *place.rglob("*")]
+    for path in every:
+        path.chmod(0o444 | 0o111 * path.is_dir())
+    (place / "mine").chmod(0o777)
+    user = os.geteuid()
+    try:
+        if user == 0:
+            os.seteuid(65534)
+        try:
+            Path(bd.__file__).read_bytes()
+        except PermissionError:
+            pytest.skip("nobody else may read the package")
+        yield place
+    finally:
+        os.seteuid(user)
+        for path in every:
+            path.chmod(0o755)
+        shutil.rmtree(place)
+
+
+def test_what_one_may_only_read_is_verified_compared_and_reported_elsewhere(lent: Path) -> None:
+    run, other, mine = lent / "rig" / "out", lent / "rig" / "other", lent / "mine"
+    before = systems.listing(lent / "rig")
+    assert systems.cli("verify", run).status == 0
+    for command in (
+        ("compare", run, other, "-o", mine / "compared"),
+        ("report", run, other, "-o", mine / "laid"),
+        ("report", run, "-o", mine / "copy", "--processes", "1"),
+    ):
+        ran = systems.cli(*command)
+        assert ran.status == 0, ran.text
+    for name in ("chain.h5", "map.json", "config.yaml", "summary.csv", "verdict.csv"):
+        assert (mine / "copy" / name).read_bytes() == (run / name).read_bytes()
+    for name in ("compared", "laid", "copy"):
+        assert bd.verify(mine / name).together
+    old, new = (json.loads((place / "run.json").read_text()) for place in (run, mine / "copy"))
+    assert [new[name] for name in ("fingerprint", "versions", "log_evidence")] == [
+        old[name] for name in ("fingerprint", "versions", "log_evidence")
+    ]
+    assert systems.listing(lent / "rig") == before
+    for command in (
+        ("report", run),
+        ("report", run, "-o", run / "below"),
+        ("compare", run, other, "-o", run / "below"),
+        ("posterior", lent / "rig" / "out.yaml", "-o", run, "--force"),
+        ("posterior", lent / "rig" / "out.yaml", "-o", run / "below"),
+    ):
+        ran = systems.cli(*command)
+        assert ran.status == 2
+        assert "nothing can be written here (Permission denied); give another --output" in ran.err
+
+
+def test_a_run_is_reported_elsewhere_in_a_folder_of_its_own(rig: Path) -> None:
+    out, before = rig / "out", systems.listing(rig)
+    for wrong, says in (
+        ([out, "-o", out, "--force"], "holds this very run"),
+        ([out, "-o", rig, "--force"], "this folder holds other files"),
+        ([out, "-o", rig / "other"], "results exist already"),
+        ([out, "--force"], "--force: goes with --output"),
+    ):
+        ran = systems.cli("report", *wrong)
+        assert ran.status == 2
+        assert says in ran.err
+        assert systems.listing(rig) == before
+    assert systems.cli("report", out, "-o", rig / "other", "--force").status == 0
+    assert bd.verify(rig / "other").together
+    assert (rig / "other" / "chain.h5").read_bytes() == (out / "chain.h5").read_bytes()
 
 
 def test_figures_and_tree_say_which_run_they_are_of(done: Path) -> None:

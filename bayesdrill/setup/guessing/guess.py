@@ -73,8 +73,14 @@ def guess(
 
 
 def save(made_: Guess, records: Sequence[Path], *, force: bool) -> None:
+    """See `check_place`."""
+    check_place(made_.path, records, force=force)
+    with own_files.whole(made_.path) as aside:
+        aside.write_text(made_.text, encoding="utf-8")
+
+
+def check_place(path: Path, records: Sequence[Path], *, force: bool) -> None:
     """Never over a record, and over another file with `force` alone; raises `InputError`."""
-    path = made_.path
     own_files.refuse_other_than_file(path)
     taken = {record.absolute() for record in records}
     if path.suffix.lower() not in (".yaml", ".yml") or path.absolute() in taken:
@@ -84,8 +90,7 @@ def save(made_: Guess, records: Sequence[Path], *, force: bool) -> None:
         raise InputError.one(str(path), "exists already; give --force or another --output")
     if not path.parent.is_dir():
         raise InputError.one(str(path.parent), "there is no such folder; make it first")
-    with own_files.whole(path) as aside:
-        aside.write_text(made_.text, encoding="utf-8")
+    own_files.refuse_unwritable(path.parent)
 
 
 def _start(one: Experiment, voltage: float | None) -> Start:
