@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from bayesdrill.api import arguments
 from bayesdrill.basics.errors import InputError
-from bayesdrill.basics.progress import Reporter, Silent
+from bayesdrill.basics.progress import SILENT, Reporter
 
 if TYPE_CHECKING:
     from bayesdrill.commands.calibrate import Outcome as Calibrated
@@ -76,6 +76,7 @@ def publish(
     *,
     force: bool = False,
     processes: int | None = 1,
+    report: Reporter | None = None,
 ) -> Outcome:
     """Tables and figures again, from the chain in a folder; raises `InputError` where there is none.
 
@@ -88,10 +89,10 @@ def publish(
         if force:
             message = "goes with --output, or several folders; one is written again where it is"
             raise InputError.one("--force", message)
-        return pipeline.republish(source, workers)
+        return pipeline.republish(source, workers, report or SILENT)
     place = Path(output).expanduser()
     pipeline.copied(source, place, force=force)
-    return pipeline.republish(place, workers)
+    return pipeline.republish(place, workers, report or SILENT)
 
 
 def verify(folder: str | Path) -> Verified:
@@ -133,7 +134,7 @@ class Calibration:
 
         how, place = arguments.mode(resume=resume, force=force), self.place(folder)
         with arguments.crew(processes, scheduler) as crew:
-            return calibrate.calibrate(self.job, place, how, crew, report or Silent())
+            return calibrate.calibrate(self.job, place, how, crew, report or SILENT)
 
 
 def calibration(config: str | Path) -> Calibration:

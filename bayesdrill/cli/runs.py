@@ -85,11 +85,16 @@ def report(
     """Make tables and figures again from a stored chain; of several runs, lay them over each other."""
     with guarded():
         from bayesdrill.api import files
+        from bayesdrill.basics.progress import reporter
 
         if len(folders) > 1:
             _lay_over(folders, output, force=force)
             return
-        finish(files.publish(folders[0], output, force=force, processes=processes))
+        with reporter() as told:
+            outcome = files.publish(
+                folders[0], output, force=force, processes=processes, report=told
+            )
+        finish(outcome)
 
 
 def _lay_over(folders: list[Path], output: Path | None, *, force: bool) -> None:

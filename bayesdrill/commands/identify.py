@@ -79,6 +79,7 @@ def identify(job: Job, theta: Array, at: str, wanted: Sequence[str], report: Rep
     if not scenery.unknowns:
         raise InputError.one("parameters", "no parameter is unknown; there is nothing to identify")
     columns = _columns(scenery.unknowns, wanted)
+    report.update(0.0, "looking at what the record can show")
     found = study_of(scenery, posterior, theta, job.asked, at)
     profiles = []
     if columns:
@@ -86,7 +87,7 @@ def identify(job: Job, theta: Array, at: str, wanted: Sequence[str], report: Rep
         for done, column in enumerate(columns):
             report.update(done / len(columns), f"profile of {scenery.unknowns[column]}")
             profiles.append(profile(fitter, scenery.unknowns, column))
-        report.update(1.0, "")
+    report.update(1.0, "")
     late = half_a_sample(scenery, theta)
     return Findings(job=job, study=found, profiles=tuple(profiles), moment=late)
 

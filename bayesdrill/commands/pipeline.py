@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from bayesdrill.basics import own_files, software
 from bayesdrill.basics.errors import InputError, Interrupted
 from bayesdrill.basics.own_files import CONFIG_FILE, POSTERIOR, RESOLVED_FILE
-from bayesdrill.basics.progress import Reporter
+from bayesdrill.basics.progress import SILENT, Reporter
 from bayesdrill.basics.sealed import opened, sealed
 from bayesdrill.commands import searching
 from bayesdrill.commands.concluding import concluded, entries, held, plan
@@ -45,6 +45,7 @@ from bayesdrill.setup.job import prepare as prepare
 Array = NDArray[np.float64]
 
 MAP_FILE = "map.json"
+DRAWS_SAY = "looking at what the draws say"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -70,7 +71,7 @@ def posterior(
     job: Job, output: Path, how: run_folder.Mode, processes: int, report: Reporter
 ) -> Outcome:
     """The whole job. Raises `Interrupted` when asked to stop, and `BrokenProcessPool` when a worker
-    was killed; what was sampled is saved.
+    was killed; what was found and sampled is saved.
     """
     marks = provenance.fingerprint(job.config, job.problem)
     with Folder(output, how, marks, POSTERIOR) as folder:
@@ -85,11 +86,19 @@ def posterior(
             return _run(job, folder, known, processes, report)
         except KeyboardInterrupt:
             folder.write_run(status="interrupted")
-            message = f"stopped; what was sampled is saved in {output}; continue with --resume"
-            raise Interrupted(message) from None
+            raise Interrupted(f"stopped; {_kept(folder)}; continue with --resume") from None
         except BrokenProcessPool:
             folder.write_run(status="interrupted")
             raise
+
+
+def _kept(folder: Folder) -> str:
+    """What a run that was stopped leaves."""
+    if folder.sampled:
+        return f"what was sampled is saved in {folder.path}"
+    if (folder.path / MAP_FILE).exists():
+        return f"the maximum is saved in {folder.path}, and nothing was sampled yet"
+    return f"nothing was found yet, and {folder.path} holds the config alone"
 
 
 def _taken_up(job: Job, folder: Folder) -> Mode | None:
@@ -101,10 +110,11 @@ def _taken_up(job: Job, folder: Folder) -> Mode | None:
 def _run(job: Job, folder: Folder, known: Mode | None, processes: int, report: Reporter) -> Outcome:
     clock = [time.perf_counter()]
     with Crew(job.problem.posterior, processes) as crew:
-        hunt = None if known else searching.begin(job, crew)
+        hunt = None if known else searching.begin(job, crew, report)
         # While others search the MAP, this process looks at what the record can show, and loads
         # what sampling and report will need.
         scenery = Scenery(job.problem.posterior.likelihood)
+        report.update(0.0, "looking at what the record can show")
         report.say(preflight(job, scenery))
         if not crew.alone:
             for _ in range(processes):  # one for each, as it is done with its searches
@@ -123,11 +133,12 @@ def _run(job: Job, folder: Folder, known: Mode | None, processes: int, report: R
         clock.append(time.perf_counter())
         _finish_chain(job, folder, sampled)
         seconds = {"map": clock[1] - clock[0], "sampling": clock[2] - clock[1]}
+        report.update(0.0, DRAWS_SAY)
         view = concluded(job, found, sampled, scenery, seconds)
-        return _publish(job, folder, view, crew, clock[-1])
+        return _publish(job, folder, view, crew, report, clock[-1])
 
 
-def republish(output: Path, processes: int) -> Outcome:
+def republish(output: Path, processes: int, report: Reporter = SILENT) -> Outcome:
     """Tables and figures again, from the chain that `output` holds."""
     job, marks = _made(output)
     with Folder(output, "report", marks, POSTERIOR) as folder:
@@ -137,7 +148,9 @@ def republish(output: Path, processes: int) -> Outcome:
         with Crew(posterior, processes) as crew:
             seconds = dict((run_folder.read_run(output) or {}).get("seconds", {}))
             seconds.pop("report", None)  # is being made again
-            return _publish(job, folder, concluded(job, found, sampled, seconds=seconds), crew)
+            report.update(0.0, DRAWS_SAY)
+            view = concluded(job, found, sampled, seconds=seconds)
+            return _publish(job, folder, view, crew, report)
 
 
 def copied(source: Path, output: Path, *, force: bool) -> None:
@@ -156,7 +169,8 @@ def copied(source: Path, output: Path, *, force: bool) -> None:
         folder.begin(**run | {"status": "running"})
         folder.write_text(RESOLVED_FILE, provenance.resolved(job.config, job.source, output))
         for name in own_files.present(source, own_files.GROUND):
-            folder.take_over(name, source)
+            if name != own_files.RUN:
+                folder.take_over(name, source)
 
 
 def read(output: Path) -> tuple[Job, Mode, Sampled]:
@@ -210,7 +224,7 @@ def write(job: Job, view: View, output: Path, record: str | None, *, force: bool
                 first += len(piece.z)
         _finish_chain(job, folder, view.sampled)
         with Crew(job.problem.posterior, 1) as crew:
-            return _publish(job, folder, view, crew)
+            return _publish(job, folder, view, crew, SILENT)
 
 
 def check_record(job: Job, output: Path, record: str | None) -> None:
@@ -243,7 +257,10 @@ def _sample(job: Job, crew: Crew, found: Mode, shelf: Shelf, report: Reporter) -
     except Nowhere as error:
         message = f"{error}; the record and the priors do not go together, check units and values"
         raise InputError([job.source.problem(("parameters",), message)]) from None
-    return weighed(posterior, sampled, job.config.seed)
+    report.update(0.0, "computing the evidence")
+    sampled = weighed(posterior, sampled, job.config.seed)
+    report.update(1.0, "")
+    return sampled
 
 
 def _finish_chain(job: Job, folder: Folder, sampled: Sampled) -> None:
@@ -298,11 +315,13 @@ def _publish(
     folder: Folder,
     view: View,
     crew: Crew,
+    report: Reporter,
     begun: float | None = None,
 ) -> Outcome:
     """`begun`: when the report began, of a run that is timed."""
     seconds, judged = dict(view.seconds), view.judged
-    missing = publish.everything(view, folder, crew)
+    missing = publish.everything(view, folder, crew, report)
+    report.update(1.0, "")
     if begun is not None:
         seconds["report"] = time.perf_counter() - begun
         folder.write_run(seconds={name: round(value, 3) for name, value in seconds.items()})

@@ -182,6 +182,15 @@ class Folder:
         marks = {"job": self.kind.job, "fingerprint": dict(self.fingerprint)}
         self.write_text(RUN, sealed({**marks, **entries}))
 
+    @property
+    def sampled(self) -> bool:
+        """Whether there is a chain, or a piece of one."""
+        return bool(self._unfinished()) or (self.path / CHAIN).exists()
+
+    def _unfinished(self) -> list[str]:
+        """Pieces that are not in the chain yet."""
+        return [n for n in own_files.present(self.path, own_files.UNFINISHED) if n != RUN]
+
     def save(self, ensemble: int, first_step: int, piece: Piece) -> None:
         """One file a piece: an interrupted run loses at most the pieces under way."""
         (self.path / PIECES).mkdir(exist_ok=True)
@@ -203,7 +212,7 @@ class Folder:
             self.refuse_foreign(CHAIN, run)
             found.append(piece)
         have = sum(len(piece.z) for piece in found)
-        for name in own_files.present(self.path, own_files.UNFINISHED):
+        for name in self._unfinished():
             if not name.startswith(f"{PIECES}/ensemble_{ensemble}_"):
                 continue
             first = Path(name).stem.rsplit("_", 1)[1]
@@ -216,7 +225,7 @@ class Folder:
 
     def finish_chain(self, pieces: list[list[Piece]], attributes: Mapping[str, Any]) -> None:
         """`chain.h5` in emcee's layout; then the pieces go."""
-        if not own_files.present(self.path, own_files.UNFINISHED):
+        if not self._unfinished():
             return  # nothing is new
         with whole(self.place(CHAIN)) as path:
             path.write_bytes(chain_image(pieces, {"run": self.run, **attributes}))
