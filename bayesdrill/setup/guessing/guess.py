@@ -10,13 +10,14 @@ from pathlib import Path
 
 from bayesdrill.basics import own_files
 from bayesdrill.basics.errors import InputError, Problem
-from bayesdrill.setup import experiments, loading, reading
-from bayesdrill.setup.guessing import lags, page, several, start
+from bayesdrill.setup import loading
+from bayesdrill.setup.guessing import inputs, lags, page, several, start
 from bayesdrill.setup.guessing.comments import REVIEW
 from bayesdrill.setup.guessing.entries import Found
 from bayesdrill.setup.guessing.lags import Lag
 from bayesdrill.setup.guessing.several import Experiment, Experiments
 from bayesdrill.setup.guessing.start import Start
+from bayesdrill.setup.job import assemble
 from bayesdrill.setup.yaml_source import parse
 
 
@@ -69,7 +70,7 @@ def guess(
     text = page.page(found, name)
     channels = tuple(one.name for one in found.channels)
     labels = tuple(one.label for one in those.every if one.label)
-    return Guess(target, text, channels, labels, _asks(text, target))
+    return Guess(target, text, channels, labels, _asks(text, target, records[0]))
 
 
 def save(made_: Guess, records: Sequence[Path], *, force: bool) -> None:
@@ -108,12 +109,19 @@ def _lag(those: Experiments) -> Lag | None:
     return max(hints, key=lambda one: one.clear, default=None)
 
 
-def _asks(text: str, target: Path) -> tuple[Problem, ...]:
-    """What is wrong with it as it stands, as far as can be said without a response."""
+def _asks(text: str, target: Path, record: Path) -> tuple[Problem, ...]:
+    """What is wrong as it stands: a voltage that nobody has told.
+
+    Raises `InputError` where `check` would refuse it with one, too.
+    """
+    whole = parse(target, text.replace(inputs.UNKNOWN, inputs.UNKNOWN.replace("# ", "")))
     try:
-        source = parse(target, text)
-        for one in experiments.views(loading.validated(source), source):
-            reading.read(one.config, one.source)
+        assemble(loading.validated(whole), whole)
+    except InputError as error:
+        message = "`check` would refuse what can be made of it; mend it, or write a config by hand"
+        raise InputError([Problem(str(record), message), *error.problems]) from None
+    try:
+        loading.validated(parse(target, text))
     except InputError as error:
         return error.problems
     return ()
