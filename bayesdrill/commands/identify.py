@@ -130,7 +130,6 @@ def publish(job: Job, findings: Findings, folder: Path, *, force: bool) -> str:
 
     check_place(folder, force=force)
     figures = folder / FIGURES
-    figures.mkdir(parents=True, exist_ok=True)
     symbols = {symbol.name: symbol for symbol in findings.symbols}
     latex = {name: symbol.latex for name, symbol in symbols.items()}
     output, priors = job.config.output, job.problem.posterior.space.priors
@@ -142,6 +141,7 @@ def publish(job: Job, findings: Findings, folder: Path, *, force: bool) -> str:
         drawn["profiles"] = profile_figure(findings.shown, symbols, nominal, logs, width)
     note = {"Title": job.config.name}
     with own_files.renewed(folder, IDENTIFY):
+        figures.mkdir(parents=True, exist_ok=True)
         with whole(folder / IDENTIFY.mark) as path:
             path.write_text(_markdown(job, findings), encoding="utf-8")
         for name, figure in drawn.items():
