@@ -77,3 +77,62 @@ def german(gear: float = 5.0) -> dict[str, np.ndarray]:
         "n_Rotor": x[:, 2] * RPM + rng.normal(0, 1, len(t)),
         "n_Motor": x[:, 3] * gear * RPM + rng.normal(0, 6, len(t)),
     }
+
+
+HEADS = (
+    "w_1",
+    "x: y",
+    "'a' # b",
+    "- z",
+    "null",
+    "1e5",
+    "@",
+    "",
+    "U [V]",
+    "theta_2 [°]",
+    "i [mA]",
+    "\\n",
+    "{a}",
+)
+
+
+def hostile(rng: np.random.Generator) -> dict[str, np.ndarray]:
+    """Columns of a newcomer's record, some of them spoilt, the times among them; some heads, too."""
+    begin, n = int(rng.integers(0, 1000)), int(rng.choice([25, 60, 200, 600]))
+    found = {}
+    for name, values in german().items():
+        if rng.random() < 0.2 and name != "Zeit_ms":
+            continue
+        head = str(rng.choice(HEADS)) if rng.random() < 0.15 else name
+        found[head] = _spoilt(values[begin : begin + n].copy(), rng)
+    return found
+
+
+def _spoilt(x: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    n, at = len(x), int(rng.integers(1, len(x)))
+    match int(rng.integers(0, 24)):
+        case 0:
+            x[at] = x[at - 1]
+        case 1:
+            x[at] = 1e7
+        case 2:
+            x[at:] -= 3 * abs(x[1] - x[0])
+        case 3:
+            x[rng.random(n) < 0.2] = np.nan
+        case 4:
+            x[:at] = np.nan
+        case 5:
+            x[at] = -np.inf
+        case 6:
+            x[:] = 0.0
+        case 7:
+            x = x % 360
+        case 8:
+            x += 1e9
+        case 9:
+            x *= 10.0 ** rng.integers(-9, 9)
+        case 10:
+            x = x[::-1]
+        case 11:
+            x[:at] = x[at]
+    return x

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from bayesdrill.api import arguments
 from bayesdrill.basics.checked import checked
 from bayesdrill.basics.errors import InputError
-from bayesdrill.basics.progress import Reporter, Silent
+from bayesdrill.basics.progress import SILENT, Reporter
 from bayesdrill.basics.values import Value
 
 if TYPE_CHECKING:
@@ -74,20 +74,29 @@ def simulate(
 
 
 @checked
-def publish(folder: str | Path, *, processes: int | None = 1) -> Outcome:
-    """Tables and figures again, from the chain in a folder; raises `InputError` where there is none."""
+def publish(
+    folder: str | Path,
+    output: str | Path | None = None,
+    *,
+    force: bool = False,
+    processes: int | None = 1,
+    report: Reporter | None = None,
+) -> Outcome:
+    """Tables and figures again, from the chain in a folder; raises `InputError` where there is none.
+
+    `output`: a folder that gets a copy of the run with them, where the first may only be read.
+    """
     from bayesdrill.commands import pipeline
 
-    return pipeline.republish(Path(folder).expanduser(), arguments.workers(processes))
-
-
-@checked
-def no_overlay(output: str | Path | None, *, force: bool) -> None:
-    """Raises `InputError` for what only an overlay of several runs is told."""
-    if output is not None or force:
-        option = "--force" if output is None else "--output"
-        message = "goes with several folders; one is written again where it is"
-        raise InputError.one(option, message)
+    source, workers = Path(folder).expanduser(), arguments.workers(processes)
+    if output is None:
+        if force:
+            message = "goes with --output, or several folders; one is written again where it is"
+            raise InputError.one("--force", message)
+        return pipeline.republish(source, workers, report or SILENT)
+    place = Path(output).expanduser()
+    pipeline.copied(source, place, force=force)
+    return pipeline.republish(place, workers, report or SILENT)
 
 
 @checked
@@ -131,7 +140,7 @@ class Calibration(Value):
 
         how, place = arguments.mode(resume=resume, force=force), self.place(folder)
         with arguments.crew(processes, scheduler) as crew:
-            return calibrate.calibrate(self.job, place, how, crew, report or Silent())
+            return calibrate.calibrate(self.job, place, how, crew, report or SILENT)
 
 
 @checked

@@ -46,6 +46,7 @@ def init(
     if len(records) > 1:
         beside = records[0].with_name(f"{several.stem(records)}.yaml")
     target = beside if output is None else Path(output).expanduser()
+    guess.check_place(target, records, force=force)
     made = guess.guess(records, target, voltage=voltage, gear=gear)
     guess.save(made, records, force=force)
     return made

@@ -9,7 +9,9 @@ from __future__ import annotations
 import hashlib
 import os
 import re
+import shutil
 import stat
+import tempfile
 import threading
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -76,6 +78,9 @@ def shown(formats: Iterable[str]) -> str:
 
 
 UNFINISHED = Kind("posterior", RUN, (f"{PIECES}/ensemble_#_#.npz",))
+
+# What a report is made from, beside the config with all defaults.
+GROUND = Kind("posterior", RUN, ("chain.h5", "map.json", CONFIG_FILE, *UNFINISHED.files))
 
 
 # Of a run, by name; `report.figures` says what each shows.  Those on request are drawn where a config
@@ -217,6 +222,23 @@ def take_away(folder: Path, kind: Kind) -> None:
                 (folder / name).rmdir()
 
 
+@contextmanager
+def renewed(folder: Path, kind: Kind) -> Iterator[None]:
+    """Takes away what such a run has written; what the block writes anew has the mode bits of before."""
+    before = {
+        name: (folder / name).lstat().st_mode
+        for name in present(folder, kind)
+        if what(folder / name) == "a file"
+    }
+    take_away(folder, kind)
+    try:
+        yield
+    finally:
+        for name, mode in before.items():
+            if what(folder / name) == "a file":
+                (folder / name).chmod(stat.S_IMODE(mode))
+
+
 def tidy(folder: Path, kind: Kind) -> None:
     """What a run that was killed had begun to write; the folder must be locked."""
     for name in _names(folder, ("", *kind.folders)):
@@ -232,7 +254,10 @@ def digest(path: Path) -> str:
 
 @contextmanager
 def whole(path: Path) -> Iterator[Path]:
-    """A path to write to, renamed to `path` when the block ends well and removed otherwise."""
+    """A path to write to, renamed to `path` when the block ends well and removed otherwise.
+
+    What it replaces hands its mode bits on.
+    """
     refuse_other_than_file(path)
     # Of this thread, and so of this process too.
     aside = path.with_name(f".{path.stem}.{threading.get_native_id()}.aside{path.suffix}")
@@ -240,6 +265,8 @@ def whole(path: Path) -> Iterator[Path]:
         yield aside
         with aside.open("rb") as file:
             os.fsync(file.fileno())
+        if path.exists():
+            shutil.copymode(path, aside)
         aside.replace(path)
     finally:
         aside.unlink(missing_ok=True)
@@ -250,6 +277,24 @@ def refuse_other_than_file(path: Path) -> None:
     if found := _no_file(path):
         message = f"{found}, which is never replaced; give another --output"
         raise InputError.one(str(path), message)
+
+
+def refuse_unwritable(folder: Path, below: Iterable[str] = ()) -> None:
+    """Raises `InputError` where no file can be made in `folder`, or in those `below` that are there.
+
+    It is tried, as mode bits do not know of read-only disks; nothing is left behind, and no folder made.
+    """
+    parents = (folder, *folder.absolute().parents)
+    nearest = next(one for one in parents if os.path.lexists(one))
+    for place in (nearest, *(folder / name for name in below if (folder / name).is_dir())):
+        if not place.is_dir():
+            raise InputError.one(str(folder), "a file is in the way; give another --output")
+        try:
+            with tempfile.TemporaryFile(dir=place):
+                pass
+        except OSError as error:
+            message = f"nothing can be written here ({error.strerror}); give another --output"
+            raise InputError.one(str(place), message) from None
 
 
 def what(path: Path) -> str:

@@ -13,7 +13,7 @@ from typing import Any, Protocol, TextIO, runtime_checkable
 
 @runtime_checkable
 class Reporter(Protocol):
-    """`say` prints a line; `update` tells how far the work is (0 to 1) and what it knows."""
+    """`say` prints a line; `update` tells how far a stage is and what it knows: 0 begins, 1 ends it."""
 
     def say(self, text: str) -> None: ...
 
@@ -29,9 +29,12 @@ class Silent:
         pass
 
 
+SILENT = Silent()
+
+
 @dataclass(slots=True)
 class Lines:
-    """A line every `every` seconds, with the time left; for files and logs."""
+    """A line for each stage, and one every `every` seconds, with the time left; for files and logs."""
 
     stream: TextIO
     every: float = 10.0
@@ -47,8 +50,9 @@ class Lines:
     def update(self, fraction: float, text: str) -> None:
         now = time.monotonic()
         if fraction <= 0:
-            self._begun = now
-        if now - self._last >= self.every:
+            self._begun = self._last = now
+            self.say(f"  {text} ...")
+        elif text and now - self._last >= self.every:
             self._last = now
             left = _left(now - self._begun, fraction)
             self.say(f"  {100 * fraction:3.0f} %  {text}{left}")
@@ -66,12 +70,18 @@ class Bar:
         self._console.print(text, highlight=False, markup=False, soft_wrap=True)
 
     def update(self, fraction: float, text: str) -> None:
+        if fraction <= 0:
+            self._end()
         if self._task is None:
             self._begun = time.monotonic()
             self._task = self._progress.add_task("", total=1.0)
         left = _left(time.monotonic() - self._begun, fraction)
         self._progress.update(self._task, completed=fraction, description=f"{text}{left}")
         if fraction >= 1.0:
+            self._end()
+
+    def _end(self) -> None:
+        if self._task is not None:
             self._progress.remove_task(self._task)
             self._task = None
 
@@ -95,9 +105,10 @@ def reporter() -> Iterator[Reporter]:
         yield Lines(sys.stderr)
         return
     from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
     console = Console(stderr=True)
-    columns = (BarColumn(bar_width=24), TextColumn("{task.percentage:3.0f} % {task.description}"))
+    text = TextColumn("{task.percentage:3.0f} % {task.description}")
+    columns = (BarColumn(bar_width=24), TimeElapsedColumn(), text)
     with Progress(*columns, console=console, transient=True) as progress:
         yield Bar(console, progress)

@@ -77,7 +77,7 @@ def report(
         list[Path], typer.Argument(metavar="FOLDER...", help="Of finished runs, one or several.")
     ],
     output: Annotated[
-        Path | None, output_option("Of several; default: results/<name>-<name>.")
+        Path | None, output_option("Default: of one where it is, of several results/<name>-<name>.")
     ] = None,
     force: Force = False,
     processes: Processes = None,
@@ -85,12 +85,16 @@ def report(
     """Make tables and figures again from a stored chain; of several runs, lay them over each other."""
     with guarded():
         from bayesdrill.api import files
+        from bayesdrill.basics.progress import reporter
 
         if len(folders) > 1:
             _lay_over(folders, output, force=force)
             return
-        files.no_overlay(output, force=force)
-        finish(files.publish(folders[0], processes=processes))
+        with reporter() as told:
+            outcome = files.publish(
+                folders[0], output, force=force, processes=processes, report=told
+            )
+        finish(outcome)
 
 
 def _lay_over(folders: list[Path], output: Path | None, *, force: bool) -> None:

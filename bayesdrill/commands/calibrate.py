@@ -132,10 +132,9 @@ def calibrate(
             refits = run(study(job), own.refits, folder.path / REFITS, crew, report)
         except KeyboardInterrupt:
             folder.write_run(status="interrupted")
-            message = (
-                f"stopped; the refits that were done are saved in {output}; continue with --resume"
-            )
-            raise Interrupted(message) from None
+            done = len(saved(folder.path / REFITS))
+            message = f"stopped; {done} of {own.refits} refits are saved in {output}"
+            raise Interrupted(f"{message}; continue with --resume") from None
         except (InputError, BrokenProcessPool):
             folder.write_run(status="interrupted")
             raise

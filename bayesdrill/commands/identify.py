@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from bayesdrill.basics import own_files
 from bayesdrill.basics.checked import checked
 from bayesdrill.basics.errors import InputError, did_you_mean
-from bayesdrill.basics.own_files import FIGURES, IDENTIFY, what, whole
+from bayesdrill.basics.own_files import FIGURES, IDENTIFY, whole
 from bayesdrill.basics.progress import Reporter
 from bayesdrill.basics.symbols import Symbol
 from bayesdrill.basics.values import Value
@@ -82,6 +82,7 @@ def identify(job: Job, theta: Array, at: str, wanted: Sequence[str], report: Rep
     if not scenery.unknowns:
         raise InputError.one("parameters", "no parameter is unknown; there is nothing to identify")
     columns = _columns(scenery.unknowns, wanted)
+    report.update(0.0, "looking at what the record can show")
     found = study_of(scenery, posterior, theta, job.asked, at)
     profiles = []
     if columns:
@@ -89,7 +90,7 @@ def identify(job: Job, theta: Array, at: str, wanted: Sequence[str], report: Rep
         for done, column in enumerate(columns):
             report.update(done / len(columns), f"profile of {scenery.unknowns[column]}")
             profiles.append(profile(fitter, scenery.unknowns, column))
-        report.update(1.0, "")
+    report.update(1.0, "")
     late = half_a_sample(scenery, theta)
     return Findings(job=job, study=found, profiles=tuple(profiles), moment=late)
 
@@ -110,8 +111,7 @@ def preflight(job: Job, scenery: Scenery) -> str:
 
 def check_place(folder: Path, *, force: bool) -> None:
     """Raises `InputError` where something is in the way that `publish` must not replace."""
-    if what(folder) and not folder.is_dir():
-        raise InputError.one(str(folder), "a file is in the way; give another --output")
+    own_files.refuse_unwritable(folder, IDENTIFY.folders)
     obstacles = own_files.in_the_way(folder, IDENTIFY)
     if obstacles:
         raise InputError(obstacles)
@@ -132,11 +132,7 @@ def publish(job: Job, findings: Findings, folder: Path, *, force: bool) -> str:
     from bayesdrill.report.spectrum_plot import spectrum_figure
 
     check_place(folder, force=force)
-    own_files.take_away(folder, IDENTIFY)
     figures = folder / FIGURES
-    figures.mkdir(parents=True, exist_ok=True)
-    with whole(folder / IDENTIFY.mark) as path:
-        path.write_text(_markdown(job, findings), encoding="utf-8")
     symbols = {symbol.name: symbol for symbol in findings.symbols}
     latex = {name: symbol.latex for name, symbol in symbols.items()}
     output, priors = job.config.output, job.problem.posterior.space.priors
@@ -146,9 +142,13 @@ def publish(job: Job, findings: Findings, folder: Path, *, force: bool) -> str:
         logs = [name for name, prior in priors.items() if flat_in_logs(prior)]
         nominal = job.units.values(job.problem.nominal)
         drawn["profiles"] = profile_figure(findings.shown, symbols, nominal, logs, width)
-    for name, figure in drawn.items():
-        note = {"Title": job.config.name}
-        style.save(figure, figures, name, note, formats=tuple(output.formats), dpi=output.dpi)
+    note = {"Title": job.config.name}
+    with own_files.renewed(folder, IDENTIFY):
+        figures.mkdir(parents=True, exist_ok=True)
+        with whole(folder / IDENTIFY.mark) as path:
+            path.write_text(_markdown(job, findings), encoding="utf-8")
+        for name, figure in drawn.items():
+            style.save(figure, figures, name, note, formats=tuple(output.formats), dpi=output.dpi)
     return f"{folder}/ ({IDENTIFY.mark}, figures/)"
 
 

@@ -69,8 +69,8 @@ def ladder(
             work.up(Ladder.of(job))
         except KeyboardInterrupt:
             folder.write_run(status="interrupted")
-            message = f"stopped; rungs that were done are kept in {output}; continue with --resume"
-            raise Interrupted(message) from None
+            message = f"stopped; {len(work.done)} rungs are done and kept in {output}"
+            raise Interrupted(f"{message}; continue with --resume") from None
         except (InputError, BrokenProcessPool):
             folder.write_run(status="interrupted")
             raise

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import dataclasses
 from pathlib import Path
 
 from bayesdrill.basics import own_files, software
 from bayesdrill.basics.errors import InputError
 from bayesdrill.basics.own_files import MAP
-from bayesdrill.basics.sealed import sealed
 from bayesdrill.commands import pipeline
 from bayesdrill.engines.mode import Mode
 from bayesdrill.report import publish, residual_words
@@ -34,7 +32,7 @@ def save(job: Job, found: Mode, output: Path, record: str | None, *, force: bool
     with Folder(output, "force" if force else "fresh", marks, MAP) as folder:
         folder.begin(status="running", seed=job.config.seed, versions=software.versions())
         pipeline.write_given(job, folder, record)
-        folder.write_text(pipeline.MAP_FILE, sealed(dataclasses.asdict(found)))
+        pipeline.write_mode(folder, found)
         for name, text in said.texts.items():
             folder.write_text(name, text)
         place = output / own_files.FIGURES
@@ -53,8 +51,8 @@ def read(output: Path) -> tuple[Job, Mode]:
     """What `save` left; raises `InputError` where config or record are not those of it."""
     job = pipeline.prepare(output / own_files.RESOLVED_FILE)
     marks = provenance.fingerprint(job.config, job.problem)
-    with Folder(output, "report", marks, MAP) as folder:
-        found = pipeline.read_mode(folder.path / pipeline.MAP_FILE)
+    with Folder(output, "read", marks, MAP) as folder:
+        found = pipeline.read_mode(folder)
     if found is None:
         raise InputError.one(str(output / pipeline.MAP_FILE), "is not there; map it again")
     return job, found

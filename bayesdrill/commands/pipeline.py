@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from bayesdrill.basics import own_files, software
 from bayesdrill.basics.errors import InputError, Interrupted
 from bayesdrill.basics.own_files import CONFIG_FILE, POSTERIOR, RESOLVED_FILE
-from bayesdrill.basics.progress import Reporter
+from bayesdrill.basics.progress import SILENT, Reporter
 from bayesdrill.basics.sealed import opened, sealed
 from bayesdrill.commands import searching
 from bayesdrill.commands.concluding import concluded, entries, held, plan
@@ -46,6 +46,7 @@ from bayesdrill.setup.job import prepare as prepare
 Array = NDArray[np.float64]
 
 MAP_FILE = "map.json"
+DRAWS_SAY = "looking at what the draws say"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -71,7 +72,7 @@ def posterior(
     job: Job, output: Path, how: run_folder.Mode, processes: int, report: Reporter
 ) -> Outcome:
     """The whole job. Raises `Interrupted` when asked to stop, and `BrokenProcessPool` when a worker
-    was killed; what was sampled is saved.
+    was killed; what was found and sampled is saved.
     """
     marks = provenance.fingerprint(job.config, job.problem)
     with Folder(output, how, marks, POSTERIOR) as folder:
@@ -86,26 +87,35 @@ def posterior(
             return _run(job, folder, known, processes, report)
         except KeyboardInterrupt:
             folder.write_run(status="interrupted")
-            message = f"stopped; what was sampled is saved in {output}; continue with --resume"
-            raise Interrupted(message) from None
+            raise Interrupted(f"stopped; {_kept(folder)}; continue with --resume") from None
         except BrokenProcessPool:
             folder.write_run(status="interrupted")
             raise
 
 
+def _kept(folder: Folder) -> str:
+    """What a run that was stopped leaves."""
+    if folder.sampled:
+        return f"what was sampled is saved in {folder.path}"
+    if (folder.path / MAP_FILE).exists():
+        return f"the maximum is saved in {folder.path}, and nothing was sampled yet"
+    return f"nothing was found yet, and {folder.path} holds the config alone"
+
+
 def _taken_up(job: Job, folder: Folder) -> Mode | None:
     """What was done is read before anything is written: what cannot go on stays as it is."""
     folder.read_ahead(job.config.sampler.ensembles)
-    return read_mode(folder.path / MAP_FILE)
+    return read_mode(folder)
 
 
 def _run(job: Job, folder: Folder, known: Mode | None, processes: int, report: Reporter) -> Outcome:
     clock = [time.perf_counter()]
     with Crew(job.problem.posterior, processes) as crew:
-        hunt = None if known else searching.begin(job, crew)
+        hunt = None if known else searching.begin(job, crew, report)
         # While others search the MAP, this process looks at what the record can show, and loads
         # what sampling and report will need.
         scenery = Scenery(job.problem.posterior.likelihood)
+        report.update(0.0, "looking at what the record can show")
         report.say(preflight(job, scenery))
         if not crew.alone:
             for _ in range(processes):  # one for each, as it is done with its searches
@@ -113,7 +123,7 @@ def _run(job: Job, folder: Folder, known: Mode | None, processes: int, report: R
             _load_ahead()
         if hunt is not None:
             known = searching.end(crew, hunt, job, report)
-            folder.write_text(MAP_FILE, sealed(dataclasses.asdict(known)))
+            write_mode(folder, known)
         assert known is not None
         found, job = known, job.at(known)
         crew.step(found.pieces)
@@ -124,11 +134,12 @@ def _run(job: Job, folder: Folder, known: Mode | None, processes: int, report: R
         clock.append(time.perf_counter())
         _finish_chain(job, folder, sampled)
         seconds = {"map": clock[1] - clock[0], "sampling": clock[2] - clock[1]}
+        report.update(0.0, DRAWS_SAY)
         view = concluded(job, found, sampled, scenery, seconds)
-        return _publish(job, folder, view, crew, clock[-1])
+        return _publish(job, folder, view, crew, report, clock[-1])
 
 
-def republish(output: Path, processes: int) -> Outcome:
+def republish(output: Path, processes: int, report: Reporter = SILENT) -> Outcome:
     """Tables and figures again, from the chain that `output` holds."""
     job, marks = _made(output)
     with Folder(output, "report", marks, POSTERIOR) as folder:
@@ -138,13 +149,35 @@ def republish(output: Path, processes: int) -> Outcome:
         with Crew(posterior, processes) as crew:
             seconds = dict((run_folder.read_run(output) or {}).get("seconds", {}))
             seconds.pop("report", None)  # is being made again
-            return _publish(job, folder, concluded(job, found, sampled, seconds=seconds), crew)
+            report.update(0.0, DRAWS_SAY)
+            view = concluded(job, found, sampled, seconds=seconds)
+            return _publish(job, folder, view, crew, report)
+
+
+def copied(source: Path, output: Path, *, force: bool) -> None:
+    """What a report is made from, in a folder of its own: for a run that one may only read.
+
+    Raises `InputError`, also where there is nothing to be reported.
+    """
+    if output.resolve() == source.resolve():
+        raise InputError.one(str(output), "holds this very run; leave --output out")
+    how: run_folder.Mode = "force" if force else "fresh"
+    Folder(output, how, {}, POSTERIOR).check()  # before the chain is read
+    job, _, _ = read(source)
+    check_record(job, output, None)
+    run = run_folder.read_run(source) or {}
+    with Folder(output, how, run["fingerprint"], POSTERIOR) as folder:
+        folder.begin(**run | {"status": "running"})
+        folder.write_text(RESOLVED_FILE, provenance.resolved(job.config, job.source, output))
+        for name in own_files.present(source, own_files.GROUND):
+            if name != own_files.RUN:
+                folder.take_over(name, source)
 
 
 def read(output: Path) -> tuple[Job, Mode, Sampled]:
     """The run that `output` holds; nothing is written."""
     job, marks = _made(output)
-    with Folder(output, "report", marks, POSTERIOR) as folder:
+    with Folder(output, "read", marks, POSTERIOR) as folder:
         return _finished(job, folder)
 
 
@@ -166,7 +199,7 @@ def _made(output: Path) -> tuple[Job, dict[str, str]]:
 
 def _finished(job: Job, folder: Folder) -> tuple[Job, Mode, Sampled]:
     path = folder.path
-    found = read_mode(path / MAP_FILE)
+    found = read_mode(folder)
     if found is None:
         message = "is not there; continue with --resume, which searches the MAP again"
         raise InputError.one(str(path / MAP_FILE), message)
@@ -188,7 +221,7 @@ def write(job: Job, view: View, output: Path, record: str | None, *, force: bool
     with Folder(output, "force" if force else "fresh", marks, POSTERIOR) as folder:
         folder.begin(status="running", seed=job.config.seed, versions=software.versions())
         write_given(job, folder, record)
-        folder.write_text(MAP_FILE, sealed(dataclasses.asdict(view.mode)))
+        write_mode(folder, view.mode)
         for ensemble, pieces in enumerate(view.sampled.pieces):
             first = 0
             for piece in pieces:
@@ -196,7 +229,7 @@ def write(job: Job, view: View, output: Path, record: str | None, *, force: bool
                 first += len(piece.z)
         _finish_chain(job, folder, view.sampled)
         with Crew(job.problem.posterior, 1) as crew:
-            return _publish(job, folder, view, crew)
+            return _publish(job, folder, view, crew, SILENT)
 
 
 def check_record(job: Job, output: Path, record: str | None) -> None:
@@ -230,7 +263,9 @@ def _sample(job: Job, crew: Crew, found: Mode, shelf: Shelf, report: Reporter) -
     except Nowhere as error:
         message = f"{error}; the record and the priors do not go together, check units and values"
         raise InputError([job.source.problem(("parameters",), message)]) from None
+    report.update(0.0, "computing the evidence")
     sampled = weighed(posterior, sampled, job.config.seed)
+    report.update(1.0, "")
     nominal = job.problem.nominal
     return with_open_ends(sampled, posterior, nominal, tops, plan(job.config), report)
 
@@ -251,12 +286,21 @@ def _load_ahead() -> None:
         importlib.import_module(name)
 
 
-def read_mode(path: Path) -> Mode | None:
-    """What `map.json` holds; None where no search has ended yet."""
+def write_mode(folder: Folder, found: Mode) -> None:
+    folder.write_text(MAP_FILE, sealed({"run": folder.run, **dataclasses.asdict(found)}))
+
+
+def read_mode(folder: Folder) -> Mode | None:
+    """What `map.json` holds; None where no search has ended yet.
+
+    Raises `InputError` where it is damaged, or of another run.
+    """
+    path = folder.path / MAP_FILE
     if not path.exists():
         return None
     try:
         data = opened(path.read_bytes())
+        folder.refuse_foreign(MAP_FILE, data.pop("run", None))
         searches = tuple(Search(**search) for search in data.pop("searches"))
         others = tuple(Other(**other) for other in data.pop("others"))
         at_bound = tuple(data.pop("at_bound"))
@@ -279,11 +323,13 @@ def _publish(
     folder: Folder,
     view: View,
     crew: Crew,
+    report: Reporter,
     begun: float | None = None,
 ) -> Outcome:
     """`begun`: when the report began, of a run that is timed."""
     seconds, judged = dict(view.seconds), view.judged
-    missing = publish.everything(view, folder, crew)
+    missing = publish.everything(view, folder, crew, report)
+    report.update(1.0, "")
     if begun is not None:
         seconds["report"] = time.perf_counter() - begun
         folder.write_run(seconds={name: round(value, 3) for name, value in seconds.items()})

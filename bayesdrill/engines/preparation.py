@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from bayesdrill.basics import seeds
+from bayesdrill.basics.progress import SILENT, Reporter
 from bayesdrill.engines.climb import climb
 from bayesdrill.engines.learning.learn import AGAIN, Learnt, Nowhere, learn
 from bayesdrill.engines.learning.settled import bound
@@ -30,7 +31,9 @@ START_TRIES = 20  # of drawing points to start at, wider or not, and of mirrorin
 DEEP = 50.0  # of the log density below the highest start: far off a bent ridge is no place to start
 
 
-def prepare(crew: Crew, posterior: Posterior, maxima: Array, seed: int) -> Learnt:
+def prepare(
+    crew: Crew, posterior: Posterior, maxima: Array, seed: int, report: Reporter = SILENT
+) -> Learnt:
     """The proposal, the same whatever the number of processes."""
 
     def expand(u: Array, directions: Array) -> Expansion:
@@ -40,6 +43,7 @@ def prepare(crew: Crew, posterior: Posterior, maxima: Array, seed: int) -> Learn
         tasks = [crew.submit(expanded, part, directions) for part in parts]
         return joined([task.result() for task in tasks])
 
+    report.update(0.0, "learning the proposal")
     random = np.random.RandomState(seeds.bits(seed, "learn", 0))
     z = posterior.coordinates.from_physical(maxima)
     again, tops = (AGAIN, z) if fits(posterior, maxima) else (0, z[:1])
@@ -48,7 +52,7 @@ def prepare(crew: Crew, posterior: Posterior, maxima: Array, seed: int) -> Learn
         rng = seeds.stream(seed, "learn", 1)
         # Where the density over the coordinates is highest, most of the posterior is near.
         central, settle = list(_central(surface, tops)), not dear(posterior)
-        return learn(surface, expand, central, random, rng, again, settle=settle)
+        return learn(surface, expand, central, random, rng, again, report, settle=settle)
 
 
 def _central(surface: PosteriorSurface, tops: Array) -> Array:

@@ -151,8 +151,11 @@ class _Walk:
     def steps(self) -> list[int]:
         return [_steps(pieces) for pieces in self.pieces]
 
-    def advance_to(self, goal: int) -> None:
-        """All ensembles to `goal` steps; each goes on as soon as its last piece is in."""
+    def advance_to(self, goal: int, tell: Callable[[int], None]) -> None:
+        """All ensembles to `goal` steps; each goes on as soon as its last piece is in.
+
+        `tell`: of how many steps all have made.
+        """
         running: dict[Future[Piece], int] = {}
         length = PIECE
 
@@ -176,6 +179,7 @@ class _Walk:
                     submit(ensemble)  # first, so that others walk on while this process writes
                 self.shelf.save(ensemble, first, piece)
                 self.theta[ensemble].append(_physical(self.posterior, piece))
+                tell(min(self.steps))
                 if self.crew.alone:
                     submit(ensemble)
 
@@ -196,7 +200,7 @@ def sample(
 
     `maxima (M, D)`: physical, each of which may hold some of the posterior.
     """
-    learnt = prepare(crew, posterior, maxima, plan.seed)
+    learnt = prepare(crew, posterior, maxima, plan.seed, report)
     report.say(_said(learnt))
     under_way = _taken_up(crew, posterior, learnt.proposal, plan, shelf)
     have, most = max(under_way.steps), plan.most_steps(maxima.shape[1])
@@ -236,8 +240,14 @@ def _until_judged(
     plan, last = under_way.plan, max(most, have)
     goal = min(FIRST_CHECK, last)
     trail: list[tuple[int, float]] = []
+    share = 0.01
+
+    def tell(steps: int) -> None:
+        report.update(share, f"{steps} of {goal} steps to the next look")
+
+    report.update(0.0, "the ensembles go on" if have else "starting the walkers")
     while True:
-        under_way.advance_to(goal)
+        under_way.advance_to(goal, tell)
         theta = under_way.first(goal)
         seen = length(theta)
         trail.append((goal, seen.n_tau))

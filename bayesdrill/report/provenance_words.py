@@ -52,7 +52,7 @@ def _lines(run: View) -> Iterator[tuple[str, str]]:
     config, marks = run.config, run.marks
     c, sampler = run.sampled.convergence, config.sampler
     yield "config", config.name
-    yield "run", f"{marks[provenance.RUN_MARK]}, a digest of all that decides the chain"
+    yield "run", f"{marks[provenance.RUN_MARK]}, a digest of record, config and seed"
     yield from records(run.problem, config)
     yield "model", words.model(run.problem)
     yield "seed", marks["Seed"]

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from bayesdrill.basics import own_files, software
 from bayesdrill.basics.own_files import FIGURES as FOLDER
 from bayesdrill.basics.own_files import whole
+from bayesdrill.basics.progress import Reporter
 from bayesdrill.engines.workers import Crew
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.report import (
@@ -68,7 +69,7 @@ _SEVERAL = tuple(  # of as many experiments
 )
 
 
-def everything(view: View, folder: Folder, crew: Crew) -> tuple[str, ...]:
+def everything(view: View, folder: Folder, crew: Crew, report: Reporter) -> tuple[str, ...]:
     """What could not be made, and why; all else is written.
 
     Raises `OSError` when the disk is full; files already there stay whole.
@@ -81,11 +82,14 @@ def everything(view: View, folder: Folder, crew: Crew) -> tuple[str, ...]:
         set(own_files.figures(*FIGURES, *_SEVERAL, formats=own_files.FORMATS))
         - set(own_files.figures(*wanted, formats=output.formats))
     )
-    for name in wanted:
+    report.update(0.0, "making tables and figures")
+    for k, name in enumerate(wanted, 1):
+        report.update(0.5 * k / len(wanted), f"figure {name}")
         with sparing.making(f"figures/{name}"):
             for stem, found in drawings(name, view).items():
                 tasks.append((stem, found.says, crew.submit(draw, stem, found, *place)))
     # While others draw, the rest.
+    report.update(0.5, "tables")
     for name, table in TABLES.items():
         with sparing.making(name):
             text = table(view)
@@ -94,7 +98,8 @@ def everything(view: View, folder: Folder, crew: Crew) -> tuple[str, ...]:
     with sparing.making("posterior.nc"):
         _write_tree(view.tree, folder.place("posterior.nc"))
     pictures = []
-    for stem, says, task in tasks:
+    for k, (stem, says, task) in enumerate(tasks):
+        report.update(0.6 + 0.4 * k / len(tasks), f"figure {stem}")
         with sparing.making(f"figures/{stem}"):
             task.result()
             pictures.append(Picture(stem, says or stem, own_files.shown(output.formats)))

@@ -25,11 +25,12 @@ DAMAGED = (
     *(AttributeError, OverflowError, NotImplementedError, SyntaxError, struct.error),
     *(zipfile.BadZipFile, zlib.error),
 )
-COMPUTED_AGAIN = "is damaged; delete it and continue with --resume, which computes it again"
+AGAIN = "delete it and continue with --resume, which computes it again"
+COMPUTED_AGAIN = f"is damaged; {AGAIN}"
 
 
-def write_piece(path: Path, piece: Piece) -> None:
-    """Zip keeps a checksum of each array."""
+def write_piece(path: Path, piece: Piece, run: str) -> None:
+    """Zip keeps a checksum of each array; `run`: the mark of the run that it is a piece of."""
     kind, keys, *rest = piece.state.random
     np.savez(
         path,
@@ -38,6 +39,7 @@ def write_piece(path: Path, piece: Piece) -> None:
         accepted=piece.accepted,
         failures=piece.failures,
         seconds=piece.seconds,
+        run=run,
         end_z=piece.state.z,
         end_log_p=piece.state.log_p,
         random_kind=kind,
@@ -46,14 +48,14 @@ def write_piece(path: Path, piece: Piece) -> None:
     )
 
 
-def read_piece(path: Path) -> Piece:
-    """Raises `InputError` where the file is damaged."""
+def read_piece(path: Path) -> tuple[Piece, str | None]:
+    """And of which run it is; raises `InputError` where the file is damaged."""
     try:
         with path.open("rb") as raw, np.load(raw) as file:
             position, has_gauss, cached = file["random_rest"]
             kind, keys = str(file["random_kind"]), file["random_keys"]
             random = (kind, keys, int(position), int(has_gauss), cached)
-            return Piece(
+            piece = Piece(
                 z=file["z"],
                 log_p=file["log_p"],
                 accepted=file["accepted"],
@@ -61,6 +63,7 @@ def read_piece(path: Path) -> Piece:
                 state=State(file["end_z"], file["end_log_p"], random),
                 seconds=float(file["seconds"]),
             )
+            return piece, str(file["run"]) if "run" in file else None
     except DAMAGED:
         raise InputError.one(str(path), COMPUTED_AGAIN) from None
 
@@ -151,8 +154,8 @@ def _checksum(contents: Mapping[str, Any]) -> str:
     return digest.hexdigest()
 
 
-def read_chain(path: Path, ensemble: int) -> Piece:
-    """One finished ensemble; raises `InputError` where the file is damaged."""
+def read_chain(path: Path, ensemble: int) -> tuple[Piece, str | None]:
+    """One finished ensemble, and of which run it is; raises `InputError` where the file is damaged."""
     import h5py
 
     try:
@@ -164,7 +167,7 @@ def read_chain(path: Path, ensemble: int) -> Piece:
         kind, keys, position, has_gauss, cached = (found[f"random_state_{k}"] for k in range(5))
         random = (str(kind), keys, int(position), int(has_gauss), cached)
         z, log_p = found["chain"], found["log_prob"]
-        return Piece(
+        piece = Piece(
             z=z,
             log_p=log_p,
             accepted=found["accepted"],
@@ -172,5 +175,6 @@ def read_chain(path: Path, ensemble: int) -> Piece:
             state=State(z[-1], log_p[-1], random),
             seconds=1.0,
         )
+        return piece, found.get("run")
     except DAMAGED:
         raise InputError.one(str(path), COMPUTED_AGAIN) from None

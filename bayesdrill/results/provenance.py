@@ -15,7 +15,7 @@ from bayesdrill.basics.symbols import INPUTS, noise_name
 from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.problem import Problem
 from bayesdrill.record.experiment import Experiment
-from bayesdrill.results.run_folder import VERSION_OF
+from bayesdrill.results.run_folder import VERSION_OF, mark
 from bayesdrill.rig.models.composed import constants
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.setup import build, experiments, sources
@@ -68,9 +68,8 @@ def settings(config: Config, problem: Problem, own: OwnUnits) -> dict[str, str]:
 
 def marks(config: Config, problem: Problem, burn_in: str) -> dict[str, str]:
     """What figures and tree carry inside, so that each says by itself which run it is of."""
-    every = fingerprint(config, problem)
     return {
-        RUN_MARK: _short("\n".join(f"{name}: {value}" for name, value in sorted(every.items()))),
+        RUN_MARK: mark(fingerprint(config, problem)),
         "Record": ", ".join(records(problem).values()),
         "Seed": str(config.seed),
         BURN_IN_MARK: burn_in,

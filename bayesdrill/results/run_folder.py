@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import hashlib
+import shutil
 from collections.abc import Collection, Mapping
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
@@ -17,6 +20,7 @@ from bayesdrill.basics.sealed import opened, sealed
 from bayesdrill.engines.samplers.ensemble import Piece
 from bayesdrill.engines.sampling import Opened
 from bayesdrill.results.chain_files import (
+    AGAIN,
     chain_image,
     read_chain,
     read_opened,
@@ -25,7 +29,8 @@ from bayesdrill.results.chain_files import (
     write_piece,
 )
 
-Mode = Literal["fresh", "resume", "force", "report"]  # report: nothing is added to the chain
+# report: nothing is added to the chain; read: nothing is written at all
+Mode = Literal["fresh", "resume", "force", "report", "read"]
 
 CHAIN = "chain.h5"
 VERSION_OF = "the version of "  # begins the names of fingerprints that a report may differ in
@@ -36,6 +41,8 @@ LONGEST = 120  # letters of a value in a message
 class Folder:
     """`results/<name>`, locked while open. `fingerprint`: what a resumed run must share.
 
+    One that is only read may be where nothing can be written, so that nobody writes, and needs no lock.
+
     What is there can be read at once; nothing is changed before `begin`, so that a run that is
     refused for what it finds leaves all as it was.
     """
@@ -44,17 +51,17 @@ class Folder:
     mode: Mode
     fingerprint: Mapping[str, Any]
     kind: Kind
-    _lock: FileLock | None = None
+    _open: ExitStack = field(default_factory=ExitStack)
     _chains: dict[int, list[Piece]] = field(default_factory=dict)
 
     def __enter__(self) -> Self:
         """Raises `InputError` when results are in the way, differ, or are being written."""
         self.check()
-        try:
+        reading = self.mode == "read"
+        if not reading:
             self.path.mkdir(parents=True, exist_ok=True)
-        except (FileExistsError, NotADirectoryError):
-            message = "a file is in the way; give another --output"
-            raise InputError.one(str(self.path), message) from None
+        elif not (self.path / LOCK).exists():
+            return self
         lock = FileLock(self.path / LOCK)
         try:
             lock.acquire(timeout=0)
@@ -62,7 +69,11 @@ class Folder:
             raise InputError.one(
                 str(self.path), "another run is writing here; wait for it or give --output"
             ) from None
-        self._lock = lock
+        except OSError:
+            if not reading:
+                raise
+        else:
+            self._open.callback(lock.release)
         return self
 
     def __exit__(
@@ -71,11 +82,15 @@ class Folder:
         value: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        if self._lock is not None:
-            self._lock.release()
+        self._open.close()
 
     def check(self) -> None:
-        """Results are neither overwritten nor reused unasked; a folder of others is left alone."""
+        """Results are neither overwritten nor reused unasked; a folder of others is left alone.
+
+        Raises `InputError`, also where nothing can be written: before the work, and not after.
+        """
+        if self.mode != "read":
+            own_files.refuse_unwritable(self.path, self.kind.folders)
         obstacles = own_files.in_the_way(self.path, self.kind)
         if obstacles:
             raise InputError(obstacles)
@@ -88,7 +103,7 @@ class Folder:
             raise InputError.one(str(self.path), message)
         if self.mode == "fresh":
             raise InputError.one(str(self.path), f"results exist already; {self.kind.again}")
-        if self.mode in ("resume", "report"):
+        if self.mode != "force":
             self._refuse_changes(run.get("fingerprint", {}))
 
     def _refuse_others(self) -> None:
@@ -114,10 +129,32 @@ class Folder:
         """
         own_files.tidy(self.path, self.kind)
         if self.mode == "force":
-            own_files.take_away(self.path, self.kind)
+            self._open.enter_context(own_files.renewed(self.path, self.kind))
             self._write_entries(entries)
         elif entries:
             self.write_run(**entries)
+
+    @property
+    def run(self) -> str:
+        """Its mark."""
+        return mark(self.fingerprint)
+
+    def refuse_foreign(self, name: str, run: str | None) -> None:
+        """Raises `InputError` where a file of this name is of another `run`.
+
+        Files of older versions do not say: they are believed where `run.json` knows them.
+        """
+        path = self.path / name
+        if run == self.run or (run is None and own_files.digest(path) == self._known(name)):
+            return
+        whose = f"run {run}" if run else "a run that it does not name (an older version wrote it)"
+        message = f"is of {whose}, and this folder of run {self.run}; put back its own, or {AGAIN}"
+        raise InputError.one(str(path), message)
+
+    def _known(self, name: str) -> str | None:
+        """The digest that a file had when a run ended here."""
+        files = (read_run(self.path) or {}).get("files")
+        return files.get(name) if isinstance(files, dict) else None
 
     def place(self, name: str) -> Path:
         """Raises `KeyError` for a file that a later --force would not know as ours."""
@@ -138,6 +175,13 @@ class Folder:
         with whole(self.place(name)) as path:
             path.write_text(text, encoding="utf-8")
 
+    def take_over(self, name: str, other: Path) -> None:
+        """The file of this name that another folder holds."""
+        place = self.place(name)
+        place.parent.mkdir(exist_ok=True)
+        with whole(place) as path:
+            shutil.copyfile(other / name, path)
+
     def write_run(self, **entries: Any) -> None:
         """Update `run.json`."""
         self._write_entries({**(read_run(self.path) or {}), **entries})
@@ -147,11 +191,20 @@ class Folder:
         marks = {"job": self.kind.job, "fingerprint": dict(self.fingerprint)}
         self.write_text(RUN, sealed({**marks, **entries}))
 
+    @property
+    def sampled(self) -> bool:
+        """Whether there is a chain, or a piece of one."""
+        return bool(self._unfinished()) or (self.path / CHAIN).exists()
+
+    def _unfinished(self) -> list[str]:
+        """Pieces that are not in the chain yet."""
+        return [n for n in own_files.present(self.path, own_files.UNFINISHED) if n != RUN]
+
     def save(self, ensemble: int, first_step: int, piece: Piece) -> None:
         """One file a piece: an interrupted run loses at most the pieces under way."""
         (self.path / PIECES).mkdir(exist_ok=True)
         with whole(self.place(f"{PIECES}/ensemble_{ensemble}_{first_step:09d}.npz")) as path:
-            write_piece(path, piece)
+            write_piece(path, piece, self.run)
 
     def read_ahead(self, ensembles: int) -> None:
         """All chains, for what is damaged to be found now; `pieces` hands each out once."""
@@ -164,23 +217,27 @@ class Folder:
     def _read(self, ensemble: int) -> list[Piece]:
         found = []
         if (self.path / CHAIN).exists():
-            found.append(read_chain(self.path / CHAIN, ensemble))
+            piece, run = read_chain(self.path / CHAIN, ensemble)
+            self.refuse_foreign(CHAIN, run)
+            found.append(piece)
         have = sum(len(piece.z) for piece in found)
-        for name in own_files.present(self.path, own_files.UNFINISHED):
+        for name in self._unfinished():
             if not name.startswith(f"{PIECES}/ensemble_{ensemble}_"):
                 continue
             first = Path(name).stem.rsplit("_", 1)[1]
             if first == f"{have:09d}":  # others are not ours
-                found.append(read_piece(self.path / name))
-                have += len(found[-1].z)
+                piece, run = read_piece(self.path / name)
+                self.refuse_foreign(name, run)
+                found.append(piece)
+                have += len(piece.z)
         return found
 
     def finish_chain(self, pieces: list[list[Piece]], attributes: Mapping[str, Any]) -> None:
         """`chain.h5` in emcee's layout; then the pieces go."""
-        if not own_files.present(self.path, own_files.UNFINISHED):
+        if not self._unfinished():
             return  # nothing is new
         with whole(self.place(CHAIN)) as path:
-            path.write_bytes(chain_image(pieces, attributes))
+            path.write_bytes(chain_image(pieces, {"run": self.run, **attributes}))
         own_files.take_away(self.path, own_files.UNFINISHED)
 
     def keep_opened_ends(self, found: Opened | None, pieces: list[list[Piece]]) -> None:
@@ -196,6 +253,13 @@ class Folder:
         """None where nothing was kept; raises `InputError` where it is damaged or of another chain."""
         path = self.path / OPENED
         return read_opened(path, pieces) if own_files.what(path) else None
+
+
+def mark(fingerprint: Mapping[str, Any]) -> str:
+    """Which run it is, in twelve letters: by record, config and seed, whatever versions made it."""
+    own = {name: value for name, value in fingerprint.items() if not name.startswith(VERSION_OF)}
+    lines = [f"{name}: {value}" for name, value in sorted(own.items())]
+    return hashlib.sha256("\n".join(lines).encode()).hexdigest()[:12]
 
 
 def read_run(folder: Path) -> dict[str, Any] | None:

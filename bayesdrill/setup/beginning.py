@@ -91,7 +91,7 @@ def _other(experiment: Experiment, unit: str) -> float:
 
 
 def _driven(name: str, experiment: Experiment, model: Model, values: Named) -> float:
-    """Where the inputs would hold it, if nothing else moved."""
+    """Where the inputs would hold it, if nothing else moved; where there are none, what turns would."""
     linear = model.linear(values)
     decay = abs(float(linear.A.get((name, name), 0.0)))
     largest = {n: abs(x) for n, x in experiment.constant.items()}
@@ -101,6 +101,12 @@ def _driven(name: str, experiment: Experiment, model: Model, values: Named) -> f
         for (row, of), value in linear.B.items()
         if row == name
     )
+    if push == 0:
+        for other in (n for n in model.states if vocabulary.STATES[n].unit == "rad/s"):
+            seen = [(w[other], y) for w, y in _seen(experiment, "rad/s") if w.get(other)]
+            speeds = [float(np.abs(y / weight).max()) for weight, y in seen]
+            speed = max(speeds, default=_speed(experiment, "rad/s"))
+            push = max(push, abs(float(linear.A.get((name, other), 0.0))) * speed)
     return push / decay if decay > 0 else 0.0
 
 

@@ -222,10 +222,12 @@ def _message(error: dict[str, Any], place: Place) -> str:
             return f"{_shown(value)}: it should be {bound}"
         case "bool_type":
             return f"{_shown(value)} is neither `true` nor `false`"
-        case "too_short" | "too_long":
-            bound = context.get("min_length", context.get("max_length"))
-            most = "at least" if kind == "too_short" else "at most"
-            return f"{context['actual_length']} entries stand here, wanted are {most} {bound}"
+        case "too_short":
+            return f"{len(value)} entries stand here, wanted are at least {context['min_length']}"
+        case "too_long":
+            most = context["max_length"]
+            rest = ", ".join(map(str, [*value][most:]))
+            return f"{len(value)} entries stand here, wanted are at most {most}; take out {rest}"
         case "string_type":
             return f"{_shown(value)} is not text; put it in quotes if it is meant"
         case "model_type" | "model_attributes_type" | "dict_type":

@@ -101,6 +101,7 @@ def save(text: str, target: Path, record: Path, *, force: bool) -> None:
 def check_place(text: str, target: Path, record: Path, *, force: bool) -> None:
     """Never over `record`, which the config names: that may be what was measured."""
     own_files.refuse_other_than_file(target)
+    own_files.refuse_unwritable(target.parent)
     if target.exists():
         if record.exists() and target.samefile(record):
             message = "the record that the config names is never overwritten; give another --output"

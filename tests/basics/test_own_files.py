@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import errno
 import os
+import stat
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
-from systems import listing, results
+from systems import cli, listing, results, small
 
 from bayesdrill.basics import own_files
 from bayesdrill.basics.errors import InputError
@@ -236,3 +238,50 @@ def test_what_is_sealed_is_opened_and_a_changed_bit_is_never_believed() -> None:
 def test_what_was_never_sealed_is_an_error(content: bytes) -> None:
     with pytest.raises(ValueError):  # noqa: PT011
         opened(content)
+
+
+def test_what_is_replaced_hands_its_mode_bits_on(tmp_path: Path) -> None:
+    """Also where --force takes it away first.  Mutants killed: a file as the umask has it."""
+    out = results(tmp_path / "out", POSTERIOR)
+    put(out, "summary.csv")
+    (out / RUN).chmod(0o640)
+    (out / "summary.csv").chmod(0o600)
+    modes: tuple[Mode, ...] = ("report", "force")
+    for mode in modes:
+        with Folder(out, mode, {}, POSTERIOR) as folder:
+            folder.begin(status="running")
+            folder.write_text("summary.csv", "ours")
+        found = [stat.S_IMODE((out / name).stat().st_mode) for name in (RUN, "summary.csv")]
+        assert found == [0o640, 0o600]
+
+
+COMMANDS = (
+    *("posterior", "calibrate", "ladder", "map", "identify", "simulate"),
+    *("init", "report", "compare"),
+)
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_a_place_that_cannot_be_written_is_found_before_the_work(
+    command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A disk that is read-only, whatever mode bits say: one line, and nothing is said of any work."""
+
+    def read_only(**_: object) -> None:
+        raise OSError(errno.EROFS, os.strerror(errno.EROFS))
+
+    config, out = small(tmp_path), tmp_path / "out"
+    given = [config]
+    if command == "init":
+        given, out = [config.parent / "small.csv"], tmp_path / "mine.yaml"
+    elif command == "simulate":
+        out = tmp_path / "mine.csv"
+    elif command in ("report", "compare"):
+        given = [tmp_path / "one", tmp_path / "two"]
+    before = listing(tmp_path)
+    monkeypatch.setattr(own_files.tempfile, "TemporaryFile", read_only)
+    ran = cli(command, *given, "-o", out)
+    assert (ran.status, ran.out) == (2, "")
+    message = "nothing can be written here (Read-only file system); give another --output"
+    assert ran.err == f"{tmp_path}: {message}\n"
+    assert listing(tmp_path) == before

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -46,12 +47,12 @@ def test_a_damaged_chain_is_named_or_harmless(piece: Piece, tmp_path: Path) -> N
         folder.finish_chain([[piece]], {})
     path = tmp_path / "out" / "chain.h5"
     content = path.read_bytes()
-    assert same(read_chain(path, 0), piece)
+    assert same(read_chain(path, 0)[0], piece)
     found = harmless = 0
     for damaged in (spoilt := damages(content, np.random.default_rng(1))):
         path.write_bytes(damaged)
         try:
-            back = read_chain(path, 0)
+            back, _ = read_chain(path, 0)
         except InputError as error:
             found += "chain.h5" in str(error) and "delete it" in str(error)
         else:
@@ -79,6 +80,18 @@ def test_a_damaged_piece_is_named_or_harmless(piece: Piece, tmp_path: Path) -> N
                 harmless += 1
     assert found > 20
     assert found + harmless == len(spoilt)
+
+
+def test_pieces_of_another_run_are_refused(piece: Piece, tmp_path: Path) -> None:
+    """Mutant killed: a piece that is believed whatever run it is of."""
+    with Folder(tmp_path / "other", "fresh", {"the seed": "2"}, POSTERIOR) as other:
+        other.save(0, 40, piece)
+    with Folder(tmp_path / "mine", "fresh", {"the seed": "1"}, POSTERIOR) as mine:
+        mine.save(0, 0, piece)
+        name = ".pieces/ensemble_0_000000040.npz"
+        shutil.copy(other.path / name, mine.path / name)
+        with pytest.raises(InputError, match=f"{name}: is of run .* of run .*--resume"):
+            mine.pieces(0)
 
 
 def test_pieces_after_a_gap_wait_until_it_is_filled(piece: Piece, tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import scipy.io
 import systems
-from newcomers import DEG, RPM, accepted, both_ways, german, made, told, written
+from newcomers import DEG, RPM, accepted, both_ways, german, hostile, made, told, written
 
 import bayesdrill as bd
 from bayesdrill.setup import loading, simulating
@@ -347,6 +347,77 @@ def test_times_that_go_back_and_infinite_cells_are_cut_off(tmp_path: Path) -> No
     found = made(path)
     assert found["record"]["window"] == pytest.approx([0.02, 7.495])
     accepted(path.with_suffix(".yaml"))
+
+
+@pytest.mark.parametrize("batch", range(4))
+def test_whatever_the_table_a_config_that_is_written_passes_check(
+    batch: int, tmp_path: Path
+) -> None:
+    """Or nothing is written, with the reason; a voltage that nobody has told is asked for.  Mutants
+    killed: a window that holds rows of another part, or a draft that nobody has checked.
+    """
+    wrong, count, path = {}, 0, tmp_path / "r.csv"
+    for seed in range(100 * batch, 100 * batch + 12):
+        written(path, hostile(np.random.default_rng(seed)))
+        config = tmp_path / f"{seed}.yaml"
+        voltage = 6.0 if seed % 2 else None
+        try:
+            asks = bd.init(path, config, voltage=voltage).asks
+        except bd.InputError:
+            assert not config.exists()
+            continue
+        count += 1
+        try:
+            assert all("inputs" in one.place for one in asks)
+            if not asks:
+                bd.load(config)
+        except (bd.InputError, AssertionError) as error:
+            wrong[seed] = str(error)
+    assert wrong == {}
+    assert count > 3
+
+
+def test_rows_that_share_a_time_with_others_are_cut_off(tmp_path: Path) -> None:
+    """Three times one after the other, of which no window of times can take one."""
+    columns = german()
+    columns["Zeit_ms"][900:] -= 15.0
+    path = written(tmp_path / "r.csv", columns)
+    assert made(path)["record"]["window"] == pytest.approx([0.0, 4.48])
+    assert bd.load(path.with_suffix(".yaml"))
+    columns["Zeit_ms"][900:] += 15.0
+    columns["Zeit_ms"][899] = 1e7  # which grows, too
+    path = written(tmp_path / "r.csv", columns)
+    assert made(path)["record"]["window"] == pytest.approx([0.0, 4.49])
+    assert bd.load(path.with_suffix(".yaml"))
+
+
+def test_a_rig_that_coasts_says_how_large_its_current_may_be(tmp_path: Path) -> None:
+    """Of a voltage of zero nothing follows; of what turns a current does."""
+    columns = {name: german()[name][200:900] for name in ("Zeit_ms", "n_Motor")}
+    path = written(tmp_path / "r.csv", {**columns, "U_Motor": np.zeros(700)})
+    assert made(path)["initial"]["state"] == "free"
+    space = bd.load(path.with_suffix(".yaml")).job.problem.posterior.space
+    speed, p = np.abs(columns["n_Motor"]).max() / RPM, bd.nominal("tables_2_3")
+    assert space.priors["i_0"].sd == pytest.approx(2 * speed * p["k_e"] / p["r_m"], rel=0.2)
+
+
+def test_names_that_yaml_would_take_for_something_else(tmp_path: Path) -> None:
+    columns = {name: values[:200] for name, values in german().items()}
+    for name in ("0", "null", "1e5", "true"):
+        path = written(tmp_path / f"{name}.csv", columns)
+        assert made(path)["name"] == name
+    paths = [written(tmp_path / f"run_{name}.csv", columns) for name in ("null", "true")]
+    bd.init(paths, tmp_path / "both.yaml")
+    assert {*bd.load(tmp_path / "both.yaml").job.config.experiments} == {"null", "true"}
+
+
+def test_more_files_than_a_config_holds_are_named(tmp_path: Path) -> None:
+    columns = {name: values[:60] for name, values in german().items()}
+    paths = [written(tmp_path / f"r{k}.csv", columns) for k in range(52)]
+    refused = systems.cli("init", *paths, "-o", tmp_path / "all.yaml")
+    assert refused.status == 2
+    assert "52 entries stand here, wanted are at most 50; take out r50, r51" in refused.err
+    assert not (tmp_path / "all.yaml").exists()
 
 
 def test_noise_of_what_swings_is_counted_or_is_constant() -> None:

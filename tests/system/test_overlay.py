@@ -103,8 +103,6 @@ def test_nothing_is_overwritten_unasked(runs: Path) -> None:
         ([*two, "-o", out], "results exist already; make them anew with --force"),
         ([*two, "-o", runs / "one", "--force"], "is one of these runs"),
         ([*two, "-o", runs / "held", "--force"], "results of `bayesdrill posterior`"),
-        ([runs / "one", "-o", runs / "new"], "--output: goes with several folders"),
-        ([runs / "one", "--force"], "--force: goes with several folders"),
         ([runs / "one", runs / "none", "-o", runs / "new"], "none: no results here"),
         ([*(runs / "one" for _ in range(7)), "-o", runs / "new"], "7 given; 2 to 6 runs"),
         ([out, runs / "one", "-o", runs / "new"], "results of `bayesdrill report`"),

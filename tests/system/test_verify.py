@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
-from collections.abc import Callable
+import tempfile
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import h5py
 import pytest
 import systems
 
 import bayesdrill as bd
 from bayesdrill.basics.sealed import opened, sealed
 from bayesdrill.commands.pipeline import check_record, prepare
+from bayesdrill.results.chain_files import seal
 
 DRAWN = ("figures: []", "figures: [corner, trace]")
 
@@ -108,7 +112,7 @@ CASES: list[tuple[Callable[[Path], None], bool, str]] = [
     (another_record, False, "the record was 101 samples"),
     (another_record, True, "the record was 101 samples"),
     (another_chain, False, "chain.h5: was changed"),
-    (another_chain, True, "summary.csv: does not follow from the chain"),
+    (another_chain, True, "chain.h5: is of run "),
     (missing, False, "trace.png: is missing"),
 ]
 
@@ -130,6 +134,42 @@ def test_what_does_not_belong_is_named(
     assert systems.listing(rig) == before
 
 
+@pytest.mark.parametrize("name", ["chain.h5", "map.json"])
+def test_what_another_run_has_found_is_refused_by_all_that_read_it(name: str, rig: Path) -> None:
+    """Mutant killed: a chain that is believed whatever run it is of."""
+    mine, other = rig / "out", rig / "other"
+    shutil.copy(other / name, mine / name)
+    before = systems.listing(rig)
+    for command in (
+        ("report", mine),
+        ("verify", mine),
+        ("report", other, mine, "-o", rig / "laid"),
+        ("compare", other, mine, "-o", rig / "compared"),
+        ("posterior", rig / "out.yaml", "-o", mine, "--resume"),
+    ):
+        ran = systems.cli(*command)
+        assert ran.status == 2, ran.text
+        assert f"{name}: is of run " in ran.err
+        assert "put back its own, or delete it and continue with --resume" in ran.err
+    assert systems.listing(rig) == before
+
+
+def test_a_chain_that_does_not_say_whose_it_is_is_believed_where_run_json_knows_it(
+    rig: Path,
+) -> None:
+    for name in ("out", "other"):
+        with h5py.File(rig / name / "chain.h5", "r+") as file:
+            for group in file.values():
+                del group.attrs["run"]
+                seal(group)
+        forged(rig / name)
+    assert bd.verify(rig / "out").together
+    shutil.copy(rig / "other" / "chain.h5", rig / "out" / "chain.h5")
+    ran = systems.cli("report", rig / "out")
+    assert ran.status == 2
+    assert "chain.h5: is of a run that it does not name (an older version wrote it)" in ran.err
+
+
 def test_what_belongs_together_is_said_so(rig: Path) -> None:
     """After a report too, in another place, and of a case that was saved from memory."""
     ran = systems.cli("verify", rig / "out")
@@ -142,6 +182,83 @@ def test_what_belongs_together_is_said_so(rig: Path) -> None:
     assert bd.verify(rig / "saved").together
     with pytest.raises(bd.InputError, match="no results"):
         bd.verify(rig)
+
+
+@pytest.fixture
+def lent(done: Path) -> Iterator[Path]:
+    """The rig where this user may only read, beside `mine`, where it may write; root is nobody."""
+    if os.name != "posix":
+        pytest.skip("no mode bits")
+    place = Path(tempfile.mkdtemp())  # others cannot look into the folders of pytest
+    shutil.copytree(done, place / "rig")
+    (place / "mine").mkdir()
+    every = [place, *place.rglob("*")]
+    for path in every:
+        path.chmod(0o444 | 0o111 * path.is_dir())
+    (place / "mine").chmod(0o777)
+    user = os.geteuid()
+    try:
+        if user == 0:
+            os.seteuid(65534)
+        try:
+            Path(bd.__file__).read_bytes()
+        except PermissionError:
+            pytest.skip("nobody else may read the package")
+        yield place
+    finally:
+        os.seteuid(user)
+        for path in every:
+            path.chmod(0o755)
+        shutil.rmtree(place)
+
+
+def test_what_one_may_only_read_is_verified_compared_and_reported_elsewhere(lent: Path) -> None:
+    run, other, mine = lent / "rig" / "out", lent / "rig" / "other", lent / "mine"
+    before = systems.listing(lent / "rig")
+    assert systems.cli("verify", run).status == 0
+    for command in (
+        ("compare", run, other, "-o", mine / "compared"),
+        ("report", run, other, "-o", mine / "laid"),
+        ("report", run, "-o", mine / "copy", "--processes", "1"),
+    ):
+        ran = systems.cli(*command)
+        assert ran.status == 0, ran.text
+    for name in ("chain.h5", "map.json", "config.yaml", "summary.csv", "verdict.csv"):
+        assert (mine / "copy" / name).read_bytes() == (run / name).read_bytes()
+    for name in ("compared", "laid", "copy"):
+        assert bd.verify(mine / name).together
+    old, new = (json.loads((place / "run.json").read_text()) for place in (run, mine / "copy"))
+    assert [new[name] for name in ("fingerprint", "versions", "log_evidence")] == [
+        old[name] for name in ("fingerprint", "versions", "log_evidence")
+    ]
+    assert systems.listing(lent / "rig") == before
+    for command in (
+        ("report", run),
+        ("report", run, "-o", run / "below"),
+        ("compare", run, other, "-o", run / "below"),
+        ("posterior", lent / "rig" / "out.yaml", "-o", run, "--force"),
+        ("posterior", lent / "rig" / "out.yaml", "-o", run / "below"),
+    ):
+        ran = systems.cli(*command)
+        assert ran.status == 2
+        assert "nothing can be written here (Permission denied); give another --output" in ran.err
+
+
+def test_a_run_is_reported_elsewhere_in_a_folder_of_its_own(rig: Path) -> None:
+    out, before = rig / "out", systems.listing(rig)
+    for wrong, says in (
+        ([out, "-o", out, "--force"], "holds this very run"),
+        ([out, "-o", rig, "--force"], "this folder holds other files"),
+        ([out, "-o", rig / "other"], "results exist already"),
+        ([out, "--force"], "--force: goes with --output"),
+    ):
+        ran = systems.cli("report", *wrong)
+        assert ran.status == 2
+        assert says in ran.err
+        assert systems.listing(rig) == before
+    assert systems.cli("report", out, "-o", rig / "other", "--force").status == 0
+    assert bd.verify(rig / "other").together
+    assert (rig / "other" / "chain.h5").read_bytes() == (out / "chain.h5").read_bytes()
 
 
 def test_figures_and_tree_say_which_run_they_are_of(done: Path) -> None:

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from bayesdrill.basics.progress import SILENT, Reporter
 from bayesdrill.engines.learning.directions import Expand
 from bayesdrill.engines.learning.left_out import look
 from bayesdrill.engines.learning.ridges import ASTRAY, Traced, beside, distances, moments, trace
@@ -88,6 +89,7 @@ def learn(
     seed: Random,
     rng: np.random.Generator,
     again: int = AGAIN,
+    report: Reporter = SILENT,
     *,
     settle: bool = True,
 ) -> Learnt:
@@ -98,10 +100,10 @@ def learn(
     """
     parts = [(origin, trace(surface, expand, at, rng)) for origin, at in enumerate(maxima)]
     try:
-        best = last = _fitted(surface, parts, seed, again)
+        best = last = _fitted(surface, parts, seed, again, report)
     except Nowhere:  # the posterior is narrower than all that its curvature foresees
         parts = [(0, beside(surface, maxima[0], rng))]
-        best = last = _fitted(surface, parts, seed, again)
+        best = last = _fitted(surface, parts, seed, again, report)
     for _ in range(again):
         if best.good:
             break
@@ -111,12 +113,14 @@ def learn(
         kept = [part for part in parts if part[1].off < ASTRAY]
         parts = found if last.strays > STRAYS else kept + found
         try:
-            last = _fitted(surface, parts, seed, again)
+            last = _fitted(surface, parts, seed, again, report)
         except Nowhere:  # at ends of priors ridges may lead out of them
             break
         best = max(best, last, key=lambda one: one.merit)
-    looking = again > 0 and settle
-    looked = look(surface, expand, best.proposal, *_heaviest(best), seed, rng) if looking else None
+    looked = None
+    if again > 0 and settle:
+        report.update(0.0, "looking for what the proposal leaves out")
+        looked = look(surface, expand, best.proposal, *_heaviest(best), seed, rng, report)
     draws = looked.draws if looked else best.draws
     return Learnt(
         proposal=replace(best.proposal, settled=looked.proposal if looked else None),
@@ -145,7 +149,11 @@ def _heaviest(found: _Round) -> tuple[list[int], tuple[Array, Array]]:
 
 
 def _fitted(
-    surface: Surface, parts: Sequence[tuple[int, Traced]], seed: Random, again: int
+    surface: Surface,
+    parts: Sequence[tuple[int, Traced]],
+    seed: Random,
+    again: int,
+    report: Reporter,
 ) -> _Round:
     """The best of several rounds of drawing, weighing and fitting."""
     origin, traced = zip(*parts, strict=True)
@@ -156,6 +164,8 @@ def _fitted(
         done = _draw(found, off, origin, surface, seed)
         settled = bool(rounds) and done.share < WORTH * rounds[-1].share
         rounds.append(done)
+        said = f"learning the proposal, round {len(rounds)}: {done.share:.0%} of its draws count"
+        report.update(len(rounds) / (ROUNDS + 1), said)
         good = done.share > ENOUGH and done.draws.trapped < TRAPPED
         if (settled and good) or (len(rounds) > FEW and done.hopeless):
             break

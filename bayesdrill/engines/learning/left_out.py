@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from bayesdrill.basics.progress import SILENT, Reporter
 from bayesdrill.engines.learning.directions import Expand
 from bayesdrill.engines.learning.ridges import distances, moments, trace
 from bayesdrill.engines.learning.settled import settled
@@ -58,6 +59,7 @@ def look(
     seen: tuple[Array, Array],
     seed: Random,
     rng: np.random.Generator,
+    report: Reporter = SILENT,
 ) -> Look | None:
     """None where `proposal` leaves nothing out, or where nothing can be seen.
 
@@ -75,7 +77,7 @@ def look(
         seen = draws.u, shares * draws.tempered(ENOUGH * len(draws.u))
     begin = draws.u[seed.choice(len(draws.u), size=WALKERS, p=draws.weights)]
     own = Proposal(_wide(chosen, *seen), inside, draws.usual, alone=1.0)
-    found = _completed(surface, expand, own, begin, seed, rng)
+    found = _completed(surface, expand, own, begin, seed, rng, report)
     draws, _, inside = _drawn(surface, settled(found, expand), LAST_DRAWS, seed)
     if _nothing(surface, proposal, draws):
         return None  # a few draws of many looked like it by chance
@@ -89,6 +91,7 @@ def _completed(
     begin: Array,
     seed: Random,
     rng: np.random.Generator,
+    report: Reporter,
 ) -> Mixture:
     """With a sheet more wherever walkers that `begin (W, D)` come to places that they hardly leave.
 
@@ -98,6 +101,7 @@ def _completed(
     state = State(begin, surface.value(begin), tuple(seed.get_state()))
     first = len(own.mixture.sheets)
     for k in range(MORE):
+        report.update((k + 1) / (MORE + 1), "looking for what the proposal leaves out")
         # Into such a place walkers of all others have to step first: then those that are there go on.
         limit = -np.inf if k == 0 else own.usual
         walking = replace(own, mixture=settled(own.mixture, expand), usual=limit)

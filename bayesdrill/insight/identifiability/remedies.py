@@ -125,7 +125,7 @@ def _more_channels(scenery: Scenery, theta: Array) -> Iterator[tuple[str, Scene]
         new = name not in INNER and any(
             np.linalg.matrix_rank(np.vstack([w, unit])) > len(w) for w in seen
         )
-        sigma = float(spread / ratio)
+        sigma = float(spread / ratio) if ratio > 0 else 0.0
         if new and sigma > 0:
             yield (
                 f"measure {name} (noise {sigma:.2g} {STATES[name].unit})",

@@ -10,13 +10,14 @@ from pathlib import Path
 
 from bayesdrill.basics import own_files
 from bayesdrill.basics.errors import InputError, Problem
-from bayesdrill.setup import experiments, loading, reading
-from bayesdrill.setup.guessing import lags, page, several, start
+from bayesdrill.setup import loading
+from bayesdrill.setup.guessing import inputs, lags, page, several, start
 from bayesdrill.setup.guessing.comments import REVIEW
 from bayesdrill.setup.guessing.entries import Found
 from bayesdrill.setup.guessing.lags import Lag
 from bayesdrill.setup.guessing.several import Experiment, Experiments
 from bayesdrill.setup.guessing.start import Start
+from bayesdrill.setup.job import assemble
 from bayesdrill.setup.yaml_source import parse
 
 
@@ -69,12 +70,18 @@ def guess(
     text = page.page(found, name)
     channels = tuple(one.name for one in found.channels)
     labels = tuple(one.label for one in those.every if one.label)
-    return Guess(target, text, channels, labels, _asks(text, target))
+    return Guess(target, text, channels, labels, _asks(text, target, records[0]))
 
 
 def save(made_: Guess, records: Sequence[Path], *, force: bool) -> None:
+    """See `check_place`."""
+    check_place(made_.path, records, force=force)
+    with own_files.whole(made_.path) as aside:
+        aside.write_text(made_.text, encoding="utf-8")
+
+
+def check_place(path: Path, records: Sequence[Path], *, force: bool) -> None:
     """Never over a record, and over another file with `force` alone; raises `InputError`."""
-    path = made_.path
     own_files.refuse_other_than_file(path)
     taken = {record.absolute() for record in records}
     if path.suffix.lower() not in (".yaml", ".yml") or path.absolute() in taken:
@@ -84,8 +91,7 @@ def save(made_: Guess, records: Sequence[Path], *, force: bool) -> None:
         raise InputError.one(str(path), "exists already; give --force or another --output")
     if not path.parent.is_dir():
         raise InputError.one(str(path.parent), "there is no such folder; make it first")
-    with own_files.whole(path) as aside:
-        aside.write_text(made_.text, encoding="utf-8")
+    own_files.refuse_unwritable(path.parent)
 
 
 def _start(one: Experiment, voltage: float | None) -> Start:
@@ -103,12 +109,19 @@ def _lag(those: Experiments) -> Lag | None:
     return max(hints, key=lambda one: one.clear, default=None)
 
 
-def _asks(text: str, target: Path) -> tuple[Problem, ...]:
-    """What is wrong with it as it stands, as far as can be said without a response."""
+def _asks(text: str, target: Path, record: Path) -> tuple[Problem, ...]:
+    """What is wrong as it stands: a voltage that nobody has told.
+
+    Raises `InputError` where `check` would refuse it with one, too.
+    """
+    whole = parse(target, text.replace(inputs.UNKNOWN, inputs.UNKNOWN.replace("# ", "")))
     try:
-        source = parse(target, text)
-        for one in experiments.views(loading.validated(source), source):
-            reading.read(one.config, one.source)
+        assemble(loading.validated(whole), whole)
+    except InputError as error:
+        message = "`check` would refuse what can be made of it; mend it, or write a config by hand"
+        raise InputError([Problem(str(record), message), *error.problems]) from None
+    try:
+        loading.validated(parse(target, text))
     except InputError as error:
         return error.problems
     return ()

@@ -9,6 +9,8 @@ from bayesdrill.setup.guessing.drafts import Sensor
 from bayesdrill.setup.guessing.entries import SUPPLY, Found, address, time_entry
 from bayesdrill.setup.guessing.start import Start
 
+UNKNOWN = "  # v: 8.0"  # to be written by the user
+
 
 def inputs(found: Found) -> list[str]:
     return ["inputs:", *_voltage(found), *_load(found), *_moment(found)]
@@ -35,7 +37,7 @@ def _voltage(found: Found) -> list[str]:
             "no column is a voltage. Write the supply here, in V: a number if it was constant, else "
             "`{column: ..., unit: V, hold: zero}`; `bayesdrill check` asks for it"
         )
-        return [*review([doubt, *_imposed(found)], 2), "  # v: 8.0"]
+        return [*review([doubt, *_imposed(found)], 2), UNKNOWN]
     head = [*(line for why in v.why for line in comment(why, 2)), *review(v.doubts, 2)]
     if known := constant(found):
         doubt = f"{v.name} is the same in every row, taken as there from the start on"

@@ -25,7 +25,7 @@ def page(found: Found, name: str) -> str:
             "a line with REVIEW and its reason: look at each, mend it or not, and take the line away."
         ),
         "",
-        f"name: {name}",
+        f"name: {scalar(name)}",
         "seed: 1                 # any whole number; the same seed gives the same result",
         "",
         *entries.record(found),
@@ -91,10 +91,10 @@ def _experiment(found: Found, one: Experiment) -> list[str]:
         sections.append(f"inputs: {{{own}}}")
     if entry := _state(start):
         sections.append(f"initial: {entry}")
-    head, whole = review(doubts, 2), f"  {one.label}: {{{', '.join(sections)}}}"
+    head, whole = review(doubts, 2), f"  {scalar(one.label)}: {{{', '.join(sections)}}}"
     if len(whole) <= 110:
         return [*head, whole]
-    return [*head, f"  {one.label}:", *(f"    {section}" for section in sections)]
+    return [*head, f"  {scalar(one.label)}:", *(f"    {section}" for section in sections)]
 
 
 def _own_inputs(found: Found, one: Experiment) -> str:

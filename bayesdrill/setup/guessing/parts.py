@@ -12,6 +12,7 @@ from bayesdrill.setup.guessing.timing import Timing
 
 LONG = 10.0  # usual steps: over a longer gap nothing is told
 EVEN = 0.01  # of a step
+SLACK = 1e-9  # of its times, by which a window is wider than it says
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -34,7 +35,7 @@ def part(time: Timing, used: Sequence[Seen]) -> Part | None:
     for one in used:
         sound &= ~np.isinf(one.values)
     steps = np.diff(time.t)
-    rows = _longest(sound[1:] & sound[:-1] & (steps > 0))
+    rows = _alone(time.t, _longest(sound[1:] & sound[:-1] & (steps > 0)))
     if rows.stop - rows.start < LEAST:
         return None
     t = time.t[rows]
@@ -50,6 +51,19 @@ def numbers(one: Seen, of: Part) -> Array:
     """Those of its used rows that are numbers."""
     values = one.values[of.rows]
     return values[np.isfinite(values)]
+
+
+def _alone(t: Array, rows: slice) -> slice:
+    """Of `rows` the longest stretch among whose times no other row is: a window tells them apart."""
+    own, others = t[rows], np.sort(np.delete(t, np.arange(len(t))[rows]))
+    slack = SLACK * float(np.abs(own).max(initial=0.0))
+    before, after = (
+        np.searchsorted(others, own - slack),
+        np.searchsorted(others, own + slack, "right"),
+    )
+    free = after == before  # NaN sorts to the end
+    stretch = _longest(free[1:] & free[:-1] & (before[1:] == before[:-1]))
+    return slice(rows.start + stretch.start, rows.start + stretch.stop)
 
 
 def _longest(joined: np.ndarray) -> slice:
