@@ -118,9 +118,8 @@ class Client:
         assert (asked, on_error) == (software.versions, "return")
         return {name: self.there[name] for name in workers if name in self.there}
 
-    async def retire_workers(self, workers: list[str]) -> None:
-        for name in workers:
-            del self.seen[name]
+    async def unregister(self, address: str, stimulus_id: str) -> None:
+        del self.seen[address]
 
 
 @pytest.fixture
@@ -187,15 +186,15 @@ def test_what_a_silent_worker_had_goes_to_the_others(quick: None) -> None:
         def say(self, text: str) -> None:
             said.append(text)
 
-    async def retire(workers: list[str]) -> None:
-        await Client.retire_workers(client, workers)
+    async def leave(**worker: str) -> None:
+        await Client.unregister(client, **worker)
         future.set_result(7)
 
     async def identity(n_workers: int) -> dict[str, object]:
         client.seen["a"] += 1
         return await Client.identity(client, n_workers)
 
-    client.retire_workers, client.identity = retire, identity  # type: ignore[method-assign]
+    client.unregister, client.identity = leave, identity  # type: ignore[method-assign]
     found = list(executors.results(Cluster(client), [future], FOLDER, Telling()))
     assert found == [(future, 7)]
     assert client.seen.keys() == {"a"}
@@ -233,9 +232,11 @@ def test_a_real_worker_that_dies_or_stops_costs_nothing(
         pid = cluster.workers[1].pid
         with executors.dask(cluster.scheduler_address) as crew:
             futures = [crew.submit(slow, k) for k in range(12)]
-            time.sleep(1.0)
-            os.kill(pid, number)
-            found = [of for _, of in executors.results(crew, futures, FOLDER, Silent())]
+            found = []
+            for _, of in executors.results(crew, futures, FOLDER, Silent()):
+                found.append(of)
+                if len(found) == 5:  # what it has done and said stays in its memory
+                    os.kill(pid, number)
         assert sorted(found) == list(range(12))
         if number == signal.SIGSTOP:
             os.kill(pid, signal.SIGKILL)

@@ -181,9 +181,9 @@ class Cluster(Executor):
         for address in silent - self._given_up:
             self._given_up.add(address)
             say(f"worker {address} is silent; what it had is done by the others")
-            with suppress(TimeoutError):
-                retire = client.scheduler.retire_workers
-                client.sync(retire, workers=[address], callback_timeout=PATIENCE)
+            leave = {"address": address, "stimulus_id": f"silent-{time.time()}"}
+            with suppress(OSError):  # as it does itself when it leaves; else Dask's own patience ends
+                client.sync(client.scheduler.unregister, **leave, callback_timeout=PATIENCE)
         return ""
 
 
