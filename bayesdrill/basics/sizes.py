@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-import stat
 from pathlib import Path
+
+from bayesdrill.basics import own_files
+from bayesdrill.basics.errors import InputError
 
 LARGEST_FILE = 1_000_000_000  # bytes of a record: five million numbers as text are a tenth of that
 MOST_SAMPLES = 1_000_000
@@ -14,18 +16,18 @@ MOST_PREDICTED = 20_000_000  # numbers, 80 MB; as many log likelihoods go with t
 
 
 def check_file(path: Path) -> None:
-    """Raises `ValueError` with a message for the user; one that is not there is for its reader."""
+    """Raises `InputError` for one too long to be read; what is not there is for its reader."""
+    own_files.refuse_endless(path)
     try:
-        found = path.stat()
+        size = path.stat().st_size
     except (OSError, ValueError):
         return
-    if not stat.S_ISREG(found.st_mode) and not stat.S_ISDIR(found.st_mode):
-        raise ValueError(f"{path} is a device or a pipe; give a file")
-    if found.st_size > LARGEST_FILE:
-        raise ValueError(
-            f"{path} has {found.st_size / 1e6:.0f} MB; at most {LARGEST_FILE / 1e6:.0f} MB are read: "
-            "resample to a lower rate, shorten the record, or save fewer variables"
+    if size > LARGEST_FILE:
+        message = (
+            f"has {size / 1e6:.0f} MB; at most {LARGEST_FILE / 1e6:.0f} MB are read: resample to a "
+            "lower rate, shorten the record, or save fewer variables"
         )
+        raise InputError.one(str(path), message)
 
 
 def check_record(samples: float, channels: int) -> None:

@@ -8,6 +8,7 @@ import time
 from itertools import pairwise
 from pathlib import Path
 
+import forked
 import h5py
 import numpy as np
 import pytest
@@ -101,8 +102,44 @@ def test_what_nobody_needs_is_one_line_at_once(
     assert systems.listing(tmp_path) == before
 
 
-def test_a_config_without_an_end_is_not_read(tmp_path: Path) -> None:
-    ran = systems.cli("check", "/dev/zero")
+@pytest.mark.parametrize("command", ["check", "init", "verify", "simulate"])
+@pytest.mark.parametrize("behind", ["a device", "a pipe", "a link to a pipe"])
+def test_what_has_no_end_is_no_config_and_no_record(
+    behind: str, command: str, tmp_path: Path
+) -> None:
+    """Mutant killed: a pipe is opened, which waits until somebody writes."""
+    path = tmp_path / ("small.csv" if command == "init" else "run.json")
+    if behind == "a device":
+        path.symlink_to("/dev/zero")
+    else:
+        os.mkfifo(pipe := path.with_name("pipe") if "link" in behind else path)
+        if pipe != path:
+            path.symlink_to(pipe)
+    ended = forked.ran([command, tmp_path if command == "verify" else path], tmp_path, SECONDS)
+    assert (ended.status, ended.hung, ended.traceback) == (2, False, False)
+    assert ended.text.count("\n") == 1
+    assert f"{path.name}: is a device or a pipe, which may have no end; give a file" in ended.text
+
+
+def test_standard_input_is_no_record(tmp_path: Path) -> None:
+    """A pipe that nobody writes to, and nobody closes."""
+    config = systems.small(tmp_path, ("file: small.csv", "file: /dev/stdin\n  format: csv"))
+    out, into = os.pipe()
+    before = os.dup(0)
+    try:
+        os.dup2(out, 0)
+        ended = forked.ran(["check", config], tmp_path, SECONDS)
+    finally:
+        os.dup2(before, 0)
+        for one in (out, into, before):
+            os.close(one)
+    assert (ended.status, ended.hung) == (2, False)
+    assert "give a file" in ended.text
+
+
+def test_a_long_config_is_not_read(tmp_path: Path) -> None:
+    (tmp_path / "long.yaml").write_text("#" * 200_000)
+    ran = systems.cli("check", tmp_path / "long.yaml")
     assert ran.status == 2
     assert "holds more than 100 kB" in ran.err
 

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
 from collections.abc import Callable
 from pathlib import Path
 
+import forked
 import pytest
 import systems
 
@@ -128,6 +130,24 @@ def test_what_does_not_belong_is_named(
     assert says in ran.err, ran.err
     assert "Traceback" not in ran.text
     assert systems.listing(rig) == before
+
+
+def test_no_pipe_among_results_is_waited_for(rig: Path) -> None:
+    """Each file of a run in turn; mutant killed: what `run.json` names is opened, whatever it is."""
+    out = rig / "out"
+    commands = [("verify", out)]
+    commands += [("report", out), ("compare", out, rig / "other", "-o", rig / "new")]
+    for path in [*out.glob("*.*"), out / "figures" / "corner.png"]:
+        kept = path.rename(rig / "kept")
+        os.mkfifo(path)
+        name = str(path.relative_to(out))
+        read_first = name in ("run.json", "config.resolved.yaml", "chain.h5")
+        for command in commands[: 3 if read_first else 1]:
+            ended = forked.ran(command, rig)
+            assert (ended.status, ended.traceback) == (2, False), (name, command, ended)
+            assert f"{name}: " in ended.text
+            assert "pipe" in ended.text
+        kept.rename(path)
 
 
 def test_what_belongs_together_is_said_so(rig: Path) -> None:

@@ -182,7 +182,9 @@ class Cluster(Executor):
             self._given_up.add(address)
             say(f"worker {address} is silent; what it had is done by the others")
             leave = {"address": address, "stimulus_id": f"silent-{time.time()}"}
-            with suppress(OSError):  # as it does itself when it leaves; else Dask's own patience ends
+            with suppress(
+                OSError
+            ):  # as it does itself when it leaves; else Dask's own patience ends
                 client.sync(client.scheduler.unregister, **leave, callback_timeout=PATIENCE)
         return ""
 

@@ -117,9 +117,6 @@ def hopeless(record: Path, left_out: dict[str, str], why: str) -> InputError:
 
 
 def _read(record: Path) -> Table:
-    try:
-        sizes.check_file(record)
-    except ValueError as error:
-        raise InputError.one(str(record), str(error)) from None
+    sizes.check_file(record)
     kind = FORMATS[format_of(record)]
     return kind.read(record, kind.options(), None)
