@@ -66,6 +66,28 @@ MUTANTS = [
         "tests/api/test_values.py::test_what_is_computed_stays_here",
     ),
     Mutant(
+        "workers that are known counted as heard",
+        "insight/calibration/executors.py",
+        "if now - self._last > SILENT:",
+        "if not workers and now - self._last > SILENT:",
+        "tests/insight/test_executors.py::test_workers_that_fall_silent_are_as_good_as_dead",
+    ),
+    Mutant(
+        "workers that come later and are not compared",
+        "insight/calibration/executors.py",
+        'self.compare(workers := found["workers"])',
+        'workers = found["workers"]',
+        "tests/insight/test_executors.py::"
+        "test_a_worker_with_other_software_is_named_before_it_has_work",
+    ),
+    Mutant(
+        "a pipe that is waited for where results are read",
+        "results/run_folder.py",
+        "    own_files.refuse_endless(path)\n",
+        "",
+        "tests/system/test_limits.py::test_what_has_no_end_is_no_config_and_no_record",
+    ),
+    Mutant(
         "a record that is looked for beside a recommended config",
         "setup/rungs.py",
         "entry[key] = Path(os.path.relpath(record, folder.resolve())).as_posix()",

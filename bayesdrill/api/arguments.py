@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
+MOST_PROCESSES = 256  # of which each takes the memory of an interpreter with all libraries
+
 
 def series(place: str, values: Any, found: list[Problem]) -> Array:
     """`(T,)` numbers; what a mask hides is NaN.  Of anything else a problem is `found`."""
@@ -113,7 +115,12 @@ def mode(*, resume: bool, force: bool) -> Mode:
 
 def workers(processes: int | None) -> int:
     """None: as many as there are processors."""
-    return available() if processes is None else whole("processes", processes, 1)
+    if processes is None:
+        return available()
+    found = whole("processes", processes, 1)
+    if found > MOST_PROCESSES:
+        raise InputError.one("processes", f"{found} are more than {MOST_PROCESSES}; give fewer")
+    return found
 
 
 @contextmanager

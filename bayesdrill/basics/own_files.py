@@ -297,6 +297,19 @@ def refuse_unwritable(folder: Path, below: Iterable[str] = ()) -> None:
             raise InputError.one(str(place), message) from None
 
 
+def refuse_endless(path: Path) -> None:
+    """Raises `InputError` for devices and pipes, also behind links: opening may never end."""
+    try:
+        mode = path.stat().st_mode
+    except (
+        OSError,
+        ValueError,
+    ):  # what is not there is for its reader; ValueError: a NUL in the path
+        return
+    if not stat.S_ISREG(mode) and not stat.S_ISDIR(mode):
+        raise InputError.one(str(path), "is a device or a pipe, which may have no end; give a file")
+
+
 def what(path: Path) -> str:
     """`a file`, `a folder`, ...; empty where there is nothing.  Links are not followed."""
     try:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from importlib.metadata import version
 
 import bayesdrill
@@ -14,6 +15,11 @@ PACKAGES = (*DECISIVE, "arviz-stats", "arviz-base", "h5py")
 
 def versions() -> dict[str, str]:
     return {"bayesdrill": bayesdrill.__version__, **{name: version(name) for name in PACKAGES}}
+
+
+def unlike(there: Mapping[str, str], wanted: Mapping[str, str]) -> list[str]:
+    """What is `there` in another version than is `wanted`, with both."""
+    return [f"{k} {there.get(k)} instead of {v}" for k, v in wanted.items() if there.get(k) != v]
 
 
 def creator() -> str:

@@ -7,7 +7,7 @@ import dataclasses
 import io
 import time
 from collections.abc import Callable, Sequence
-from concurrent.futures import CancelledError, Executor, as_completed
+from concurrent.futures import Executor
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,6 +24,7 @@ from bayesdrill.commands import concluding
 from bayesdrill.engines.convergence import Targets
 from bayesdrill.engines.workers import ctrl_c_waits
 from bayesdrill.inference.problem import Problem
+from bayesdrill.insight.calibration.executors import results
 from bayesdrill.insight.calibration.refit import Refit, Study, packed, work
 from bayesdrill.insight.calibration.verdict import Verdict, judge
 from bayesdrill.record.experiment import Experiment, frozen
@@ -158,10 +159,7 @@ def run(
     missing = [index for index in range(n) if index not in done]
     folder.mkdir(exist_ok=True)
     report.update(0.0, f"{len(done)} of {n} refits")
-    try:
-        _collect(study, missing, crew, done, n, folder, report)
-    except CancelledError:
-        raise lost(folder.parent, "the scheduler is gone") from None
+    _collect(study, missing, crew, done, n, folder, report)
     report.update(1.0, "")
     return [done[index] for index in range(n)]
 
@@ -178,31 +176,12 @@ def _collect(
     blob, versions = packed(study), software.versions()
     with ctrl_c_waits():
         futures = [crew.submit(work, blob, versions, index) for index in missing]
-    for count, future in enumerate(as_completed(futures), 1):
-        refit = result_of(future.result, folder.parent)
+    for count, (_, refit) in enumerate(results(crew, futures, folder.parent, report), 1):
         save(folder, refit)
         done[refit.index] = refit
         strayed = sum(not refit.converged for refit in done.values())
         doubt = f", {strayed} not converged" if strayed else ""
         report.update(count / len(missing), f"{len(done)} of {n} refits{doubt}")
-
-
-def result_of[T](result: Callable[[], T], folder: Path) -> T:
-    """Of a task; raises `InputError` for workers that cannot do it, or are lost."""
-    try:
-        return result()
-    except ModuleNotFoundError as error:
-        message = f"a worker cannot import {error.name}; install the same bayesdrill there"
-        raise InputError.one("--scheduler", message) from None
-    except Exception as error:
-        # Of distributed, which may be missing here: a task whose workers died again and again.
-        if type(error).__name__ != "KilledWorker":
-            raise
-        raise lost(folder, "workers were killed again and again (out of memory?)") from None
-
-
-def lost(folder: Path, reason: str) -> InputError:
-    return InputError.one(str(folder), f"{reason}; continue with --resume")
 
 
 def save(folder: Path, refit: Refit) -> None:

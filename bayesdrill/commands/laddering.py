@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Mapping, Sequence
-from concurrent.futures import CancelledError, Executor, Future, as_completed
+from concurrent.futures import Executor
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,11 +14,12 @@ from bayesdrill.basics import own_files, software
 from bayesdrill.basics.errors import InputError, Interrupted
 from bayesdrill.basics.own_files import CONFIG_FILE, POSTERIOR, RECOMMENDED, RESOLVED_FILE
 from bayesdrill.basics.progress import Reporter
-from bayesdrill.commands import calibrate, comparing, elsewhere, overlaying, pipeline
+from bayesdrill.commands import comparing, elsewhere, overlaying, pipeline
 from bayesdrill.commands.concluding import concluded
 from bayesdrill.engines.mode import Mode
 from bayesdrill.engines.sampling import Sampled
 from bayesdrill.engines.workers import ctrl_c_waits
+from bayesdrill.insight.calibration.executors import results
 from bayesdrill.insight.comparison import SURE, Contender
 from bayesdrill.report import ladder_words
 from bayesdrill.report.comparison_report import ComparisonReport
@@ -118,12 +119,10 @@ class _Climb:
                 for pair in missing.values()
                 for made in [pair[1]]
             }
-        try:
-            for count, future in enumerate(as_completed(futures), 1):
-                self._finish(future, *futures[future])
-                self.report.update(count / len(futures), f"{len(self.done)} rungs")
-        except CancelledError:
-            raise calibrate.lost(self.output, "the scheduler is gone") from None
+        every = results(self.crew, futures, self.output, self.report)
+        for count, (future, found) in enumerate(every, 1):
+            self._finish(found, *futures[future])
+            self.report.update(count / len(futures), f"{len(self.done)} rungs")
         self.report.update(1.0, "")
 
     def _job(self, rung: Rung) -> Job | None:
@@ -147,8 +146,7 @@ class _Climb:
         job, found, sampled = pipeline.read(place)
         return self._known(rung, job, found, sampled)
 
-    def _finish(self, future: Future[tuple[Mode, Sampled] | str], rung: Rung, job: Job) -> None:
-        made = calibrate.result_of(future.result, self.output)
+    def _finish(self, made: tuple[Mode, Sampled] | str, rung: Rung, job: Job) -> None:
         if isinstance(made, str):
             self.left_out[rung.name] = made
             return

@@ -76,6 +76,8 @@ def verify(folder: Path) -> Verified:
     if run is None or way is None:
         message = "no results of `bayesdrill posterior`, `map`, `compare`, `ladder` or an overlay"
         raise InputError.one(str(folder), message)
+    if obstacles := own_files.in_the_way(folder, way.kind):
+        raise InputError(obstacles)
     files = run.get("files")
     if run.get("status") != "finished" or not isinstance(files, dict):
         message = (

@@ -267,6 +267,7 @@ def read_run(folder: Path) -> dict[str, Any] | None:
     path = folder / RUN
     if not own_files.what(path):
         return None
+    own_files.refuse_endless(path)
     try:
         return opened(path.read_bytes())
     except (ValueError, RecursionError):

@@ -38,6 +38,7 @@ from bayesdrill.setup.output_entries import MOST_NAMED, OutputSpec
 from bayesdrill.setup.torque_entries import MissingTorqueSpec
 
 Searches = Annotated[int, Field(ge=1, le=1000)]
+MOST_PIECES = 1000  # a sample; 64 is the most that is taken by itself
 
 
 class DerivedSpec(Strict):
@@ -54,7 +55,7 @@ class ModelBase(Strict):
     """A rig and its constants; each model has some of them, with its own defaults."""
 
     name: str = Field("motor_shaft", description="The model.")
-    pieces: Count | None = Field(
+    pieces: Annotated[int, Field(ge=1, le=MOST_PIECES)] | None = Field(
         None,
         description="Steps between two samples of a rig that rubs; default: as many as keep their error "
         "below a tenth of the noise.",

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from bayesdrill.basics import own_files
 from bayesdrill.basics.errors import InputError, Problem
 
 Place = tuple[str | int, ...]
@@ -47,8 +48,9 @@ class Source:
 
 def read(path: Path) -> Source:
     """Raises `InputError` where the file cannot be read or is not YAML."""
+    own_files.refuse_endless(path)
     try:
-        with path.open("rb") as file:  # of a device there may be no end
+        with path.open("rb") as file:
             raw = file.read(MOST_BYTES + 1)
     except FileNotFoundError:
         message = "there is no such file; check the path (`bayesdrill example` writes some to copy)"

@@ -182,6 +182,8 @@ def test_what_samples_is_judged_before() -> None:
         case.sample(seed=-1)
     with pytest.raises(bd.InputError, match="processes: 0"):
         case.find_map(processes=0)
+    with pytest.raises(bd.InputError, match="processes: 1000000000 are more than 256"):
+        case.find_map(processes=10**9)
     with pytest.raises(bd.InputError, match="give what find_map found, not int"):
         case.sample(1)  # type: ignore[arg-type]
     with pytest.raises(bd.InputError, match="the maximum of another case"):

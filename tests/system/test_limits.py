@@ -8,6 +8,7 @@ import time
 from itertools import pairwise
 from pathlib import Path
 
+import forked
 import h5py
 import numpy as np
 import pytest
@@ -73,6 +74,10 @@ LIMITS = {
     "a tiny sigma": ([("w_1, unit: rad/s, sigma: 0.05", "w_1, unit: rad/s, sigma: 1e-29")], "off"),
     "an endless duration": ([(GRID, "{duration: 1e18, rate: 20}")], "samples of 2 channels"),
     "an endless rate": ([(GRID, "{duration: 5, rate: 1e18}")], "samples of 2 channels"),
+    "pieces": (
+        [("map: {", "model: {name: motor_shaft, pieces: 1000000}\nmap: {")],
+        "less than or equal to 1000",
+    ),
     "starts": ([("starts: 1", "starts: 1000000000")], "less than or equal to 1000"),
     "predictive draws": (
         [("predictive_draws: 10", "predictive_draws: 1000000000")],
@@ -101,8 +106,44 @@ def test_what_nobody_needs_is_one_line_at_once(
     assert systems.listing(tmp_path) == before
 
 
-def test_a_config_without_an_end_is_not_read(tmp_path: Path) -> None:
-    ran = systems.cli("check", "/dev/zero")
+@pytest.mark.parametrize("command", ["check", "init", "verify", "simulate"])
+@pytest.mark.parametrize("behind", ["a device", "a pipe", "a link to a pipe"])
+def test_what_has_no_end_is_no_config_and_no_record(
+    behind: str, command: str, tmp_path: Path
+) -> None:
+    """Mutant killed: a pipe is opened, which waits until somebody writes."""
+    path = tmp_path / ("small.csv" if command == "init" else "run.json")
+    if behind == "a device":
+        path.symlink_to("/dev/zero")
+    else:
+        os.mkfifo(pipe := path.with_name("pipe") if "link" in behind else path)
+        if pipe != path:
+            path.symlink_to(pipe)
+    ended = forked.ran([command, tmp_path if command == "verify" else path], tmp_path, SECONDS)
+    assert (ended.status, ended.hung, ended.traceback) == (2, False, False)
+    assert ended.text.count("\n") == 1
+    assert f"{path.name}: is a device or a pipe, which may have no end; give a file" in ended.text
+
+
+def test_standard_input_is_no_record(tmp_path: Path) -> None:
+    """A pipe that nobody writes to, and nobody closes."""
+    config = systems.small(tmp_path, ("file: small.csv", "file: /dev/stdin\n  format: csv"))
+    out, into = os.pipe()
+    before = os.dup(0)
+    try:
+        os.dup2(out, 0)
+        ended = forked.ran(["check", config], tmp_path, SECONDS)
+    finally:
+        os.dup2(before, 0)
+        for one in (out, into, before):
+            os.close(one)
+    assert (ended.status, ended.hung) == (2, False)
+    assert "give a file" in ended.text
+
+
+def test_a_long_config_is_not_read(tmp_path: Path) -> None:
+    (tmp_path / "long.yaml").write_text("#" * 200_000)
+    ran = systems.cli("check", tmp_path / "long.yaml")
     assert ran.status == 2
     assert "holds more than 100 kB" in ran.err
 
@@ -193,6 +234,59 @@ def test_a_record_that_has_no_end_is_not_read(what: str, tmp_path: Path) -> None
     assert ran.status == 2
     assert "small.yaml:4" in ran.err
     assert ("at most 1000 MB" if what == "a large file" else "give a file") in ran.err
+
+
+HEAD = "t,w_1\n" + "\n".join(f"{k / 100},{k % 7}" for k in range(40))
+ENDLESS = {
+    "one line": "1.5," * 1_500_000,
+    "one cell": f"{HEAD}\n0.4,{'1' * 6_000_000}\n",
+    "one head": HEAD.replace("w_1", "w [" * 2_000_000),
+    "digits": HEAD.replace(",3", f",{'3' * 190_000}"),
+    "brackets": "t w" + " [x" * 60_000 + "\n" + "1 2\n" * 30,
+    "blanks": HEAD.replace("w_1", f"w{' ' * 190_000}["),
+    "5,000 columns": ",".join(f"x_{k}" for k in range(5000)) + ("\n" + "1,2,3,4," * 1250) * 30,
+}
+SAYS = {
+    **dict.fromkeys(("one line", "one cell", "one head"), "at most 200000 are read"),
+    "digits": "is not a number",
+    "5,000 columns": "300 columns at most",
+}
+
+
+@pytest.mark.parametrize("name", ENDLESS)
+def test_init_looks_at_no_table_for_ever(name: str, tmp_path: Path) -> None:
+    """Processor time, of which each took minutes: pairs of columns, digits, brackets that are open."""
+    (tmp_path / "odd.csv").write_text(ENDLESS[name])
+    begun = time.process_time()
+    ran = systems.cli("init", tmp_path / "odd.csv")
+    assert time.process_time() - begun < SECONDS
+    assert ran.status == 2
+    assert SAYS.get(name, "odd.csv") in ran.err
+    assert max(map(len, ran.err.splitlines())) <= 400
+
+
+def test_columns_that_may_be_anything_are_paired_in_seconds(tmp_path: Path) -> None:
+    """Each may be the derivative of each; kills fitting every pair anew, 40 us and more each."""
+    walks = np.cumsum(np.random.default_rng(1).standard_normal((200, 5000)), axis=1)
+    np.savez(tmp_path / "walks.npz", **{f"x_{k}": one for k, one in enumerate(walks)})
+    begun = time.process_time()
+    ran = systems.cli("init", tmp_path / "walks.npz")
+    assert time.process_time() - begun < SECONDS
+    assert (ran.status, "nothing says" in ran.err or "its name says" in ran.err) == (2, True)
+
+
+@pytest.mark.parametrize("what", ["samples", "bytes"])
+def test_init_says_how_much_it_looks_at(what: str, tmp_path: Path) -> None:
+    path = tmp_path / "long.npz"
+    if what == "samples":
+        np.savez_compressed(path, t=np.arange(1e6 + 1), w_1=np.zeros(1_000_001))
+    else:
+        with path.open("wb") as file:
+            file.truncate(200_000_000)
+    ran = systems.cli("init", path)
+    says = {"samples": "looks at 1000000 samples", "bytes": "has 200 MB; at most 100 MB"}
+    assert (ran.status, says[what] in ran.err) == (2, True), ran.err
+    assert ran.err.count("\n") == 1
 
 
 @pytest.mark.parametrize("command", ["posterior", "calibrate"])

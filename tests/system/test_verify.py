@@ -9,6 +9,7 @@ import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import forked
 import h5py
 import pytest
 import systems
@@ -168,6 +169,24 @@ def test_a_chain_that_does_not_say_whose_it_is_is_believed_where_run_json_knows_
     ran = systems.cli("report", rig / "out")
     assert ran.status == 2
     assert "chain.h5: is of a run that it does not name (an older version wrote it)" in ran.err
+
+
+def test_no_pipe_among_results_is_waited_for(rig: Path) -> None:
+    """Each file of a run in turn; mutant killed: what `run.json` names is opened, whatever it is."""
+    out = rig / "out"
+    commands = [("verify", out)]
+    commands += [("report", out), ("compare", out, rig / "other", "-o", rig / "new")]
+    for path in [*out.glob("*.*"), out / "figures" / "corner.png"]:
+        kept = path.rename(rig / "kept")
+        os.mkfifo(path)
+        name = str(path.relative_to(out))
+        read_first = name in ("run.json", "config.resolved.yaml", "chain.h5")
+        for command in commands[: 3 if read_first else 1]:
+            ended = forked.ran(command, rig)
+            assert (ended.status, ended.traceback) == (2, False), (name, command, ended)
+            assert f"{name}: " in ended.text
+            assert "pipe" in ended.text
+        kept.rename(path)
 
 
 def test_what_belongs_together_is_said_so(rig: Path) -> None:

@@ -2,18 +2,30 @@
 
 from __future__ import annotations
 
+import asyncio
 import logging
 import re
-from collections.abc import Iterator
-from concurrent.futures import Executor
-from contextlib import contextmanager
+import time
+from collections.abc import Callable, Collection, Iterator
+from concurrent.futures import CancelledError, Executor, Future
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from queue import Empty, SimpleQueue
 from typing import Any
 
-from bayesdrill.basics.errors import InputError
+from bayesdrill.basics import software
+from bayesdrill.basics.errors import InputError, Problem
+from bayesdrill.basics.progress import Reporter
 from bayesdrill.engines.workers import closed, workers
 
 ADDRESS = re.compile(r"((tcp|tls|ws|wss)://)?(\[[0-9a-fA-F:]+\]|[^/:\s\[\]]+):\d{1,5}")
-PATIENCE = 5.0  # seconds for a scheduler to answer, and then for a first worker
+PATIENCE = (
+    5.0  # seconds for a scheduler to answer, for a first worker, and for what a worker is asked
+)
+WATCH = 2.0  # seconds between two looks at a cluster
+SILENT = (
+    20.0  # seconds after which who has said nothing is given up; a heartbeat comes twice a second
+)
 
 
 @contextmanager
@@ -47,24 +59,171 @@ def dask(scheduler: str) -> Iterator[Executor]:
     if not ADDRESS.fullmatch(scheduler):
         message = f"'{scheduler}' is no address of a scheduler; write it like tcp://host:8786"
         raise InputError.one("--scheduler", message)
-    try:
+    with _quiet():
+        _check_answers(scheduler)
         client: Any = Client(scheduler, timeout=PATIENCE, set_as_default=False)  # type: ignore[no-untyped-call]
-    except OSError as error:
-        reason = str(error).partition("\n")[0]
+        cluster = Cluster(client)
+        try:
+            try:
+                client.wait_for_workers(1, timeout=PATIENCE)
+            except TimeoutError:
+                start = f"dask worker {scheduler} --nthreads 1"
+                message = f"{scheduler} has no workers; start some with `{start}`"
+                raise InputError.one("--scheduler", message) from None
+            cluster.compare(client.scheduler_info(n_workers=-1)["workers"])
+            yield cluster
+        finally:
+            cluster.shutdown(wait=False)
+            with suppress(TimeoutError):  # of a scheduler that no longer answers
+                client.close(timeout=PATIENCE)
+
+
+def _check_answers(scheduler: str) -> None:
+    """Raises `InputError`; `Client` itself waits without end for one that listens and says nothing."""
+    from distributed import rpc
+    from distributed.security import Security
+
+    call: dict[str, Any] = Security().get_connection_args("client")  # type: ignore[no-untyped-call]
+    if scheduler.startswith(("tls", "wss")) and call.get("ssl_context") is None:
+        message = (
+            "no certificates are configured, without which tls:// and wss:// cannot be; name them in "
+            "distributed.comm.tls of Dask's configuration, or take tcp://"
+        )
+        raise InputError.one("--scheduler", message)
+
+    async def identity() -> None:
+        async with rpc(scheduler, connection_args=call) as remote:  # type: ignore[no-untyped-call]
+            await asyncio.wait_for(remote.identity(), PATIENCE)
+
+    try:
+        asyncio.run(identity())
+    except Exception as error:  # whatever else listens there may answer anything
+        told = str(error).partition("\n")[0] if isinstance(error, OSError) else "what does is none"
+        reason = told or f"nothing in {PATIENCE:g} s"
         message = f"no scheduler answers at {scheduler} ({reason}); start one with `dask scheduler`"
         raise InputError.one("--scheduler", message) from None
-    with client, _quiet():
+
+
+class Cluster(Executor):
+    """The workers of a scheduler; whoever waits for what they do calls `watch` now and then."""
+
+    def __init__(self, client: Any) -> None:
+        self._client, self._executor = client, client.get_executor(pure=False)
+        self._compared: set[str] = set()
+        self._given_up: set[str] = set()
+        # By address: the scheduler's time of a worker's last word, and when that was new to us.
+        self._heard: dict[str, tuple[float, float]] = {}
+        self._last = self._looked = time.monotonic()
+
+    def submit[**P, T](
+        self, function: Callable[P, T], /, *arguments: P.args, **named: P.kwargs
+    ) -> Future[T]:
+        future: Future[T] = self._executor.submit(function, *arguments, **named)
+        return future
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        """What is under way is finished first, or given up; Dask knows nothing between the two."""
+        self._executor.shutdown(wait=wait and not cancel_futures)
+
+    def compare(self, workers: Collection[str]) -> None:
+        """Raises `InputError` where one has other software than this process.
+
+        One that cannot load a task leaves it lie without a word; so this is asked before.
+        """
+        new, own = [one for one in workers if one not in self._compared], software.versions()
+        problems = []
+        for address, there in zip(new, self._client.sync(self._versions, new), strict=True):
+            if there is None or isinstance(there, OSError):  # it cannot be asked now
+                continue
+            self._compared.add(address)
+            wrong = [f"no bayesdrill that can be loaded ({there})"]
+            if isinstance(there, dict):
+                wrong = software.unlike(there, own)
+            if wrong:
+                message = f"it has {', '.join(wrong)}; install the same there"
+                problems.append(Problem(f"worker {address}", message))
+        if problems:
+            raise InputError(problems)
+
+    async def _versions(self, workers: Collection[str]) -> list[Any]:
+        """Of each, or why not; None of one that does not answer."""
+
+        async def asked(address: str) -> Any:
+            run = self._client.run(software.versions, workers=[address], on_error="return")
+            with suppress(TimeoutError):
+                return (await asyncio.wait_for(run, PATIENCE)).get(address)
+
+        return await asyncio.gather(*map(asked, workers))
+
+    def watch(self, say: Callable[[str], None]) -> str:
+        """Why nothing will come any more; empty while something may.
+
+        What a worker had that is heard no more goes to the others. Raises as `compare` does.
+        """
+        now, client = time.monotonic(), self._client
+        if now - self._looked < WATCH:
+            return ""
+        self._looked = now
         try:
-            client.wait_for_workers(1, timeout=PATIENCE)
-        except TimeoutError:
-            start = f"dask worker {scheduler} --nthreads 1"
-            message = f"{scheduler} has no workers; start some with `{start}`"
-            raise InputError.one("--scheduler", message) from None
-        executor = client.get_executor(pure=False)
+            found = client.sync(client.scheduler.identity, n_workers=-1, callback_timeout=SILENT)
+            self.compare(workers := found["workers"])
+        except (OSError, AttributeError):  # AttributeError: the client has given it up
+            return "the scheduler does not answer"
+        for address in self._heard.keys() - workers.keys():
+            del self._heard[address]
+        for address, worker in workers.items():
+            if self._heard.get(address, (None,))[0] != worker["last_seen"]:
+                self._heard[address] = worker["last_seen"], now
+        self._last = max([self._last, *(since for _, since in self._heard.values())])
+        if now - self._last > SILENT:
+            return f"no worker has been heard of for {SILENT:g} s"
+        silent = {one for one, (_, since) in self._heard.items() if now - since > SILENT}
+        for address in silent - self._given_up:
+            self._given_up.add(address)
+            say(f"worker {address} is silent; what it had is done by the others")
+            leave = {"address": address, "stimulus_id": f"silent-{time.time()}"}
+            with suppress(
+                OSError
+            ):  # as it does itself when it leaves; else Dask's own patience ends
+                client.sync(client.scheduler.unregister, **leave, callback_timeout=PATIENCE)
+        return ""
+
+
+def results[T](
+    crew: Executor, futures: Collection[Future[T]], folder: Path, report: Reporter
+) -> Iterator[tuple[Future[T], T]]:
+    """Each future of `crew` with what it gave, as soon as it is done; `folder` keeps what is saved.
+
+    Raises `InputError` where workers cannot do it, or none is left, and what a task raised.
+    """
+    done: SimpleQueue[Future[T]] = SimpleQueue()
+    for future in futures:
+        future.add_done_callback(done.put)
+    for _ in futures:
+        future = _next(crew, done, folder, report)
         try:
-            yield executor
-        finally:
-            executor.shutdown(wait=False)
+            yield future, future.result()
+        except CancelledError:
+            raise _lost(folder, "the scheduler is gone") from None
+        except Exception as error:
+            # Of distributed, which may be missing here: a task whose workers died again and again.
+            if type(error).__name__ != "KilledWorker":
+                raise
+            raise _lost(folder, "workers were killed again and again (out of memory?)") from None
+
+
+def _next[T](
+    crew: Executor, done: SimpleQueue[Future[T]], folder: Path, report: Reporter
+) -> Future[T]:
+    while True:
+        if isinstance(crew, Cluster) and (reason := crew.watch(report.say)):
+            raise _lost(folder, reason)
+        with suppress(Empty):
+            return done.get(timeout=WATCH)
+
+
+def _lost(folder: Path, reason: str) -> InputError:
+    return InputError.one(str(folder), f"{reason}; continue with --resume")
 
 
 @contextmanager

@@ -194,9 +194,7 @@ _unpacked = functools.lru_cache(maxsize=1)(pickle.loads)
 
 def same_software(versions: Mapping[str, str]) -> None:
     """Raises `InputError` where this process has another."""
-    own = software.versions()
-    wrong = [f"{k} {own.get(k)} instead of {v}" for k, v in versions.items() if own.get(k) != v]
-    if wrong:
+    if wrong := software.unlike(software.versions(), versions):
         raise InputError.one("a worker", f"it has {', '.join(wrong)}; install the same there")
 
 

@@ -164,7 +164,7 @@ def _header_cells(header: str, dialect: Dialect, width: int) -> list[str]:
     if dialect.separator is not None:
         return names[:width] if len(names) == width + 1 and not names[-1] else names
     # `t [s]  w_1 [rpm]`: a blank inside a name is told from one between names by trial.
-    with_units = re.findall(r'"[^"]*"|[^\s\[(]+(?:\s*(?:\[[^\]]*\]|\([^)]*\)))?', header)
+    with_units = re.findall(r'"[^"]*"|[^\s\[(]+(?:\s*(?:\[[^\[\]]*\]|\([^()]*\)))?', header)
     apart = re.split(r"\s{2,}|\t", header.strip())
     for guess in (names, with_units, apart):
         if len(guess) == width:

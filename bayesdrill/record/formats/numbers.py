@@ -17,6 +17,7 @@ from bayesdrill.record.formats.text import Lines, short, split, to_number
 _CHUNK = 20_000
 """Rows parsed at once: bounds the memory of the cells, and the slow path to the chunk in fault."""
 _SHOWN = 5
+_LONG = 10_000  # letters of a line, from which on each cell is looked at before it is read
 
 
 class _Faults:
@@ -47,7 +48,8 @@ def parse(body: Lines, dialect: Dialect, names: Sequence[str]) -> Array:
     for start in range(0, len(body.texts), _CHUNK):
         texts = body.texts[start : start + _CHUNK]
         rows = [split(line, dialect.separator) for line in texts]
-        part = _parse_fast(rows, dialect, len(names))
+        usual = max(map(len, texts)) <= _LONG
+        part = _parse_fast(rows, dialect, len(names)) if usual else None
         parts.append(careful.parse(rows, start) if part is None else part)
     careful.raise_if_faulty()
     return np.concatenate(parts)

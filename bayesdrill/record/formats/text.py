@@ -23,6 +23,8 @@ _MAGIC = {
 }
 
 
+LONGEST_LINE = 200_000  # letters: ten thousand columns
+_LONGEST_NUMBER = 400  # letters; Python takes minutes for a million digits
 _LINES_OF_TEXT = 2  # after which a file is a text, whatever follows
 
 _MISSING = frozenset({"na", "n/a", "#n/a", "null", "none", "--", "#div/0!", "1.#qnan", "1.#ind"})
@@ -81,6 +83,13 @@ def _check_text(path: Path, text: str) -> None:
 def lines_of(path: Path, text: str, skip: int) -> Lines:
     # Not str.splitlines: it also breaks at form feeds and other characters a cell may hold.
     everything = text.replace("\r\n", "\n").replace("\r", "\n").rstrip("\x1a").split("\n")
+    for number, line in enumerate(everything, start=1):
+        if len(line) > LONGEST_LINE:
+            message = (
+                f"has {len(line)} letters; at most {LONGEST_LINE} are read: a table has a line for each "
+                "sample, so write it with line ends, or leave out columns"
+            )
+            raise InputError.one(f"{path} line {number}", message)
     kept = [
         (number, line)
         for number, line in enumerate(everything[skip:], start=skip + 1)
@@ -112,6 +121,8 @@ def split(line: str, separator: str | None) -> list[str]:
 def to_number(cell: str, decimal: str) -> float | None:
     """The number in a cell, NaN for an empty one or a word for that, None for anything else."""
     cell = cell.strip().replace("\u2212", "-")
+    if len(cell) > _LONGEST_NUMBER:
+        return None
     if not cell or cell.lower() in _MISSING:
         return float("nan")
     if _POWER.fullmatch(cell.replace(decimal, ".")):

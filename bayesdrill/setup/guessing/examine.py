@@ -45,6 +45,10 @@ def examine(path: Path, gear: float | None) -> Examined:
     columns, left_out = look(_read(path))
     if not columns:
         raise hopeless(path, left_out, f"no column has {LEAST} numbers or more")
+    try:
+        sizes.check_guessed(len(columns[0].values), len(columns))
+    except ValueError as error:
+        raise InputError.one(str(path), str(error)) from None
     time = timing.find(columns, sensors.rate(columns))
     others = [one for one in columns if one is not time.column]
     part = parts.part(time, [one for one in others if one.says.kind])
@@ -117,9 +121,6 @@ def hopeless(record: Path, left_out: dict[str, str], why: str) -> InputError:
 
 
 def _read(record: Path) -> Table:
-    try:
-        sizes.check_file(record)
-    except ValueError as error:
-        raise InputError.one(str(record), str(error)) from None
+    sizes.check_file(record, sizes.LARGEST_GUESSED)
     kind = FORMATS[format_of(record)]
     return kind.read(record, kind.options(), None)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 from bayesdrill.basics import units
 
+LONGEST = 200  # letters of a head, or of a unit
 ROTOR, GEARBOX, MOTOR, TWIST = "rotor 1", "gearbox", "motor", "twist"
 
 SI = {
@@ -111,7 +112,9 @@ _SYMBOLS = {
 
 
 def meaning(head: str, unit_below: str = "") -> Meaning:
-    """Of the head of a column, and of what a row of units below it has."""
+    """Of the head of a column, and of what a row of units below it has; a long one says nothing."""
+    if max(len(head), len(unit_below)) > LONGEST:
+        return Meaning()
     base, unit, strange = _apart(head)
     if unit_below and not unit:
         unit = unit_of(unit_below)

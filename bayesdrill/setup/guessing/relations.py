@@ -39,6 +39,21 @@ def explained(y: Array, *causes: Array) -> tuple[list[float], float]:
     return [float(one) for one in factors[:-1]], 1 - left / total if total > 0 else 0.0
 
 
+def centred(values: Array) -> Array:
+    return values - values.mean()
+
+
+def explained_by(y: Array, cause: Array) -> tuple[float, float]:
+    """As `explained`, of one cause alone and both `centred`: for many pairs."""
+    # Not `y @ cause`: BLAS shares vectors out to threads, which costs far more than the sum.
+    total, square, both = (
+        float(np.einsum("i,i", *pair)) for pair in ((y, y), (cause, cause), (y, cause))
+    )
+    if total == 0 or square == 0:
+        return 0.0, 0.0
+    return both / square, both / square * both / total
+
+
 def units_of(factor: float, angle: str, speed: str) -> list[tuple[str, str]]:
     """Units of angle and speed (empty: not known) that such a factor between them can mean."""
     if factor == 0:

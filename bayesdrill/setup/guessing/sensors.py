@@ -8,7 +8,7 @@ import numpy as np
 
 from bayesdrill.basics import units
 from bayesdrill.setup.guessing import drafts, relations
-from bayesdrill.setup.guessing.columns import Seen
+from bayesdrill.setup.guessing.columns import Array, Seen
 from bayesdrill.setup.guessing.drafts import TURNS, Raw, Sensor
 from bayesdrill.setup.guessing.names import GEARBOX, MOTOR, ROTOR, SI, TWIST
 from bayesdrill.setup.guessing.parts import Part
@@ -41,12 +41,11 @@ def rate(columns: Sequence[Seen]) -> float:
     """Of a record without times, by an angle and its speed in known units, Hz; 0: cannot be told."""
     whole = [c for c in columns if np.all(np.isfinite(c.values)) and drafts.believable(c.values)]
     raw = Raw(np.zeros(0), np.zeros(0))
-    for angle, speed in _pairs([Sensor(c, c.values, *_told(c), raw) for c in whole]):
-        if angle.unit and speed.unit:
-            cause = relations.integral(speed.si, 1.0)
-            (factor,), share = relations.explained(angle.si, cause)
-            if share > relations.EXPLAINED and factor > 0:
-                return float(f"{1 / factor:.3g}")
+    every = [Sensor(c, c.values, *_told(c), raw) for c in whole if c.says.kind in TURNS]
+    known = [one for one in every if one.unit]
+    for _, _, factor, share in _followed(known, [one.si for one in known], 1.0):
+        if share > relations.EXPLAINED and factor > 0:
+            return float(f"{1 / factor:.3g}")
     return 0.0
 
 
@@ -71,13 +70,24 @@ def _pairs(every: Sequence[Sensor]) -> Iterator[tuple[Sensor, Sensor]]:
     yield from sorted(possible, key=lambda pair: not (pair[0].place == pair[1].place != ""))
 
 
+def _followed(
+    every: Sequence[Sensor], values: Sequence[Array], dt: float
+) -> Iterator[tuple[Sensor, Sensor, float, float]]:
+    """Pairs with the factor by which the angle follows the speed's integral, and how much of it does."""
+    angles = {id(one): relations.centred(x) for one, x in zip(every, values, strict=True)}
+    turned = {
+        id(one): relations.centred(relations.integral(x, dt))
+        for one, x in zip(every, values, strict=True)
+    }
+    for angle, speed in _pairs(every):
+        yield angle, speed, *relations.explained_by(angles[id(angle)], turned[id(speed)])
+
+
 def _by_derivative(every: Sequence[Sensor], dt: float) -> list[Sensor]:
     """Where a speed is the derivative of an angle, the factor between them says both units."""
     found = {id(one): one for one in every}
     trials = []
-    for angle, speed in _pairs(every):
-        cause = relations.integral(speed.values, dt)
-        (factor,), share = relations.explained(angle.values, cause)
+    for angle, speed, factor, share in _followed(every, [one.values for one in every], dt):
         least = relations.EXPLAINED if angle.kind and speed.kind else NAMELESS
         if share > least:
             named = angle.place == speed.place != ""
