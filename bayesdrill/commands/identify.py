@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from bayesdrill.basics import own_files
 from bayesdrill.basics.errors import InputError, did_you_mean
-from bayesdrill.basics.own_files import FIGURES, IDENTIFY, what, whole
+from bayesdrill.basics.own_files import FIGURES, IDENTIFY, what
 from bayesdrill.basics.progress import Reporter
 from bayesdrill.basics.symbols import Symbol
 from bayesdrill.inference.priors import flat_in_logs
@@ -132,8 +132,7 @@ def publish(job: Job, findings: Findings, folder: Path, *, force: bool) -> str:
     own_files.take_away(folder, IDENTIFY)
     figures = folder / FIGURES
     figures.mkdir(parents=True, exist_ok=True)
-    with whole(folder / IDENTIFY.mark) as path:
-        path.write_text(_markdown(job, findings), encoding="utf-8")
+    own_files.write_text(folder / IDENTIFY.mark, _markdown(job, findings))
     symbols = {symbol.name: symbol for symbol in findings.symbols}
     latex = {name: symbol.latex for name, symbol in symbols.items()}
     output, priors = job.config.output, job.problem.posterior.space.priors

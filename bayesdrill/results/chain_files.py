@@ -51,16 +51,35 @@ def read_piece(path: Path) -> Piece:
             position, has_gauss, cached = file["random_rest"]
             kind, keys = str(file["random_kind"]), file["random_keys"]
             random = (kind, keys, int(position), int(has_gauss), cached)
-            return Piece(
-                z=file["z"],
-                log_p=file["log_p"],
-                accepted=file["accepted"],
-                failures=int(file["failures"]),
-                state=State(file["end_z"], file["end_log_p"], random),
-                seconds=float(file["seconds"]),
+            return _whole(
+                Piece(
+                    z=file["z"],
+                    log_p=file["log_p"],
+                    accepted=file["accepted"],
+                    failures=int(file["failures"]),
+                    state=State(file["end_z"], file["end_log_p"], random),
+                    seconds=float(file["seconds"]),
+                )
             )
     except DAMAGED:
         raise InputError.one(str(path), COMPUTED_AGAIN) from None
+
+
+def _whole(piece: Piece) -> Piece:
+    """Itself; raises `ValueError` or `TypeError` where what it holds is not of one ensemble."""
+    steps, walkers, unknowns = piece.z.shape
+    state = piece.state
+    np.random.RandomState().set_state(state.random)
+    for values, shape in (
+        (piece.z, (steps, walkers, unknowns)),
+        (piece.log_p, (steps, walkers)),
+        (piece.accepted, (walkers,)),
+        (state.z, (walkers, unknowns)),
+        (state.log_p, (walkers,)),
+    ):
+        if values.shape != shape or not np.isfinite(values).all() or piece.seconds <= 0:
+            raise ValueError("other numbers than a chain has")
+    return piece
 
 
 def chain_image(pieces: list[list[Piece]], attributes: Mapping[str, Any]) -> bytes:
@@ -133,13 +152,15 @@ def read_chain(path: Path, ensemble: int) -> Piece:
         kind, keys, position, has_gauss, cached = (found[f"random_state_{k}"] for k in range(5))
         random = (str(kind), keys, int(position), int(has_gauss), cached)
         z, log_p = found["chain"], found["log_prob"]
-        return Piece(
-            z=z,
-            log_p=log_p,
-            accepted=found["accepted"],
-            failures=int(found["failures"]),
-            state=State(z[-1], log_p[-1], random),
-            seconds=1.0,
+        return _whole(
+            Piece(
+                z=z,
+                log_p=log_p,
+                accepted=found["accepted"],
+                failures=int(found["failures"]),
+                state=State(z[-1], log_p[-1], random),
+                seconds=1.0,
+            )
         )
     except DAMAGED:
         raise InputError.one(str(path), COMPUTED_AGAIN) from None
