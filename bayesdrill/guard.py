@@ -31,6 +31,7 @@ KILLED = "a worker process was killed (out of memory?); fewer --processes need l
 def guarded() -> Iterator[None]:
     """Mistakes, a full disk, a killed worker and Ctrl-C end in a message and a status."""
     from bayesdrill.basics.errors import InputError, Interrupted, short_of_memory
+    from bayesdrill.basics.registry import blame
 
     try:
         _find_room()
@@ -54,12 +55,16 @@ def guarded() -> Iterator[None]:
     except BrokenExecutor:
         _tell(KILLED)
         raise typer.Exit(INPUT_WRONG) from None
-    except (OSError, MemoryError, ImportError) as error:
+    except typer.Exit:
+        raise
+    except (Exception, SystemExit) as error:
         if short_of_memory(error):
             _tell("out of memory; a shorter record, fewer walkers or fewer steps need less")
         elif isinstance(error, OSError):
             place = f"{error.filename}: " if error.filename else ""
             _tell(f"{place}{_reason(error)}")
+        elif said := blame(error):
+            _tell(said)
         else:
             raise
         raise typer.Exit(INPUT_WRONG) from None
@@ -94,6 +99,8 @@ def _interruptible() -> Iterator[None]:
     The process is to end then, and a second one would stop it from cleaning up.  A signal that was
     to be ignored (nohup, a job in the background) still is.
     """
+    from bayesdrill.basics.errors import Stopped
+
     numbers = [getattr(signal, name) for name in STOPPING if hasattr(signal, name)]
     before = {number: signal.getsignal(number) for number in numbers}
     heard = [n for n, handler in before.items() if handler not in (None, signal.SIG_IGN)]
@@ -101,7 +108,7 @@ def _interruptible() -> Iterator[None]:
     def interrupt(_number: int, _frame: object) -> None:
         for number in heard:
             signal.signal(number, signal.SIG_IGN)
-        raise KeyboardInterrupt
+        raise Stopped
 
     for number in heard:
         signal.signal(number, interrupt)

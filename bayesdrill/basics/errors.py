@@ -45,6 +45,10 @@ def of_each[T, S](do: Callable[[T], S], those: Iterable[T]) -> list[S]:
     return found
 
 
+class Stopped(KeyboardInterrupt):
+    """A signal asked to stop, and not the code of another package."""
+
+
 class Interrupted(Exception):
     """The user or the system asked to stop: what is saved, and how to go on. Exit status 130."""
 
