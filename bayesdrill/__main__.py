@@ -3,15 +3,24 @@
 from __future__ import annotations
 
 import signal
+import sys
+
+from bayesdrill.basics.errors import short_of_memory
 
 
 def main() -> None:
     # Before a command begins there is nothing to save or to say: Ctrl-C just ends the process.
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         signal.signal(signal.SIGINT, signal.SIG_DFL)
-    from bayesdrill.cli import main as run
+    try:
+        from bayesdrill.cli import main as run
 
-    run()
+        run()
+    except (MemoryError, ImportError) as error:  # of a command itself `guard` tells
+        if not short_of_memory(error):
+            raise
+        sys.stderr.write("out of memory before anything began; end other programs\n")
+        sys.exit(2)
 
 
 if __name__ == "__main__":

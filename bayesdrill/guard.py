@@ -6,6 +6,7 @@ could not be made, 3 finished but not converged or not calibrated, 130 interrupt
 
 from __future__ import annotations
 
+import mmap
 import os
 import signal
 import sys
@@ -21,6 +22,7 @@ INPUT_WRONG = 2
 NOT_CONVERGED = 3
 INTERRUPTED = 130
 LONGEST_LINE = 400
+LEAST_MEMORY = 512 * 1024**2  # bytes, which the libraries alone take up
 STOPPING = ("SIGINT", "SIGTERM", "SIGHUP")
 KILLED = "a worker process was killed (out of memory?); fewer --processes need less"
 
@@ -28,9 +30,11 @@ KILLED = "a worker process was killed (out of memory?); fewer --processes need l
 @contextmanager
 def guarded() -> Iterator[None]:
     """Mistakes, a full disk, a killed worker and Ctrl-C end in a message and a status."""
-    from bayesdrill.basics.errors import InputError, Interrupted
+    from bayesdrill.basics.errors import InputError, Interrupted, short_of_memory
+    from bayesdrill.basics.registry import blame
 
     try:
+        _find_room()
         if sys.flags.optimize > 1:
             message = "python -OO takes the docstrings away that ArviZ works on; leave -OO out"
             raise InputError.one("", message)
@@ -48,16 +52,27 @@ def guarded() -> Iterator[None]:
         # Nobody reads on.  Python would try once more at the end, and fail, so give it a place.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         raise typer.Exit(0) from None
-    except OSError as error:
-        place = f"{error.filename}: " if error.filename else ""
-        _tell(f"{place}{_reason(error)}")
-        raise typer.Exit(INPUT_WRONG) from None
     except BrokenExecutor:
         _tell(KILLED)
         raise typer.Exit(INPUT_WRONG) from None
-    except MemoryError:
-        _tell("out of memory; a shorter record, fewer walkers or fewer steps need less")
+    except typer.Exit:
+        raise
+    except (Exception, SystemExit) as error:
+        if short_of_memory(error):
+            _tell("out of memory; a shorter record, fewer walkers or fewer steps need less")
+        elif isinstance(error, OSError):
+            place = f"{error.filename}: " if error.filename else ""
+            _tell(f"{place}{_reason(error)}")
+        elif said := blame(error):
+            _tell(said)
+        else:
+            raise
         raise typer.Exit(INPUT_WRONG) from None
+
+
+def _find_room() -> None:
+    """Some libraries end the process, without a word of why, where they cannot be loaded."""
+    mmap.mmap(-1, LEAST_MEMORY).close()
 
 
 def finish(outcome: Any) -> None:
@@ -84,6 +99,8 @@ def _interruptible() -> Iterator[None]:
     The process is to end then, and a second one would stop it from cleaning up.  A signal that was
     to be ignored (nohup, a job in the background) still is.
     """
+    from bayesdrill.basics.errors import Stopped
+
     numbers = [getattr(signal, name) for name in STOPPING if hasattr(signal, name)]
     before = {number: signal.getsignal(number) for number in numbers}
     heard = [n for n, handler in before.items() if handler not in (None, signal.SIG_IGN)]
@@ -91,7 +108,7 @@ def _interruptible() -> Iterator[None]:
     def interrupt(_number: int, _frame: object) -> None:
         for number in heard:
             signal.signal(number, signal.SIG_IGN)
-        raise KeyboardInterrupt
+        raise Stopped
 
     for number in heard:
         signal.signal(number, interrupt)
@@ -106,13 +123,15 @@ def _interruptible() -> Iterator[None]:
 @contextmanager
 def saved_in(folder: Path, way_out: str = "go on with --resume") -> Iterator[None]:
     """A disk or a worker that fails during a run: where, and how the run goes on from there."""
-    from bayesdrill.basics.errors import InputError
+    from bayesdrill.basics.errors import InputError, short_of_memory
 
     try:
         yield
     except BrokenPipeError:
         raise
     except OSError as error:
+        if short_of_memory(error):
+            raise
         message = f"{_reason(error)}; mend this, then {way_out}"
         raise InputError.one(str(error.filename or folder), message) from None
     except BrokenExecutor:

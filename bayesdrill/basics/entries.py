@@ -45,6 +45,12 @@ def entries_of(kind: type) -> dict[str, Any]:
     return {name: hints[name] for name in names if _annotated(hints[name])}
 
 
+def check_entries(kind: type) -> None:
+    """Raises where the entries of what another package brings can stand in no config."""
+    fields: dict[str, Any] = {name: (hint, ...) for name, hint in entries_of(kind).items()}
+    create_model("Entries", __base__=Strict, **fields)
+
+
 def _annotated(hint: Any) -> bool:
     """Or, where it may be left out, without that."""
     return typing.get_origin(hint) is Annotated or any(map(_annotated, _choices(hint)))
@@ -69,6 +75,8 @@ def chosen[B: Strict](name: str, base: type[B], key: str, members: Mapping[str, 
     named = Field(own.default, description=own.description, json_schema_extra={"enum": [*members]})
     fields: dict[str, Any] = {key: (own.annotation, named)}
     for entry, having in who_has(members).items():
+        if entry in base.model_fields:  # of a package of others, and taken
+            continue
         kind = members[having[0]]
         hint, usual = entries_of(kind)[entry], _default(kind, entry)
         default_ = "" if usual is None else f"; default: {usual}"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import errno
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
@@ -58,8 +59,21 @@ def shown(value: object) -> str:
     return text if len(text) <= LONGEST else f"{text[: LONGEST - 3]}..."
 
 
+class Stopped(KeyboardInterrupt):
+    """A signal asked to stop, and not the code of another package."""
+
+
 class Interrupted(Exception):
     """The user or the system asked to stop: what is saved, and how to go on. Exit status 130."""
+
+
+def short_of_memory(error: BaseException | None) -> bool:
+    """Whether there was no room: for numbers, or for a library, of which the loader says it so."""
+    if error is None:
+        return False
+    unloaded = isinstance(error, ImportError | OSError) and "failed to map" in str(error)
+    full = isinstance(error, MemoryError) or getattr(error, "errno", None) == errno.ENOMEM
+    return full or unloaded or short_of_memory(error.__context__)
 
 
 def did_you_mean(word: str, known: Iterable[str]) -> str:

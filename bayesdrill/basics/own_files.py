@@ -268,8 +268,27 @@ def whole(path: Path) -> Iterator[Path]:
         if path.exists():
             shutil.copymode(path, aside)
         aside.replace(path)
+    except OSError as error:
+        error.filename = str(path)
+        raise
     finally:
         aside.unlink(missing_ok=True)
+
+
+def write(path: Path, content: bytes) -> None:
+    """A whole file, made in memory: libraries that write themselves fall over where a disk fills up."""
+    with whole(path) as aside:
+        aside.write_bytes(content)
+
+
+def write_text(path: Path, text: str) -> None:
+    """A whole file in UTF-8."""
+    write(path, encodable(text).encode())
+
+
+def encodable(text: str) -> str:
+    """As Python writes half a character, as it stands in the name of a file that is not UTF-8."""
+    return text.encode("utf-8", "backslashreplace").decode("utf-8")
 
 
 def refuse_other_than_file(path: Path) -> None:
@@ -314,7 +333,7 @@ def what(path: Path) -> str:
     """`a file`, `a folder`, ...; empty where there is nothing.  Links are not followed."""
     try:
         mode = path.lstat().st_mode
-    except (FileNotFoundError, NotADirectoryError):
+    except (FileNotFoundError, NotADirectoryError, ValueError):  # ValueError: a NUL in the name
         return ""
     if stat.S_ISREG(mode):
         return "a file"

@@ -3,12 +3,21 @@
 from __future__ import annotations
 
 import itertools
+import re
+import sys
+import traceback
 from collections.abc import Callable, Iterator, Mapping
 from functools import cache, cached_property
 from importlib.metadata import EntryPoint, EntryPoints, entry_points
 from typing import Any
 
-from bayesdrill.basics.errors import did_you_mean
+from bayesdrill.basics.errors import InputError, Stopped, did_you_mean
+
+
+def callable_one(_: str, member: Any) -> None:
+    """Raises `ValueError` where what another package brings cannot be called."""
+    if not callable(member):
+        raise ValueError(f"a function is wanted, not {type(member).__name__}")
 
 
 class Registry[T](Mapping[str, T]):
@@ -45,13 +54,12 @@ class Registry[T](Mapping[str, T]):
             member: T = one.load()
             if self._judge is not None:
                 self._judge(one.name, member)
-        except Exception as error:  # whatever the code of others does
-            package = one.dist.name if one.dist else "an installed package"
-            plain = isinstance(error, ValueError)
-            why = str(error) if plain else f"{type(error).__name__}: {error}"
+        except Stopped:
+            raise
+        except BaseException as error:  # whatever the code of others does
             raise ValueError(
-                f"{one.name} is brought by {package}, and cannot be used from {one.value} ({why}); "
-                "mend or remove that package"
+                f"{one.name} is brought by {_package(one)}, and cannot be used from {one.value} "
+                f"({_why(error)}); mend or remove that package"
             ) from None
         return member
 
@@ -77,8 +85,45 @@ class Registry[T](Mapping[str, T]):
 
 @cache
 def _every_entry_point() -> EntryPoints:
-    """Of all packages: to look for them takes some milliseconds."""
-    return entry_points()
+    """Of all packages: to look for them takes some milliseconds; raises `InputError`."""
+    try:
+        return entry_points()
+    except Exception as error:  # what any of them has written
+        message = (
+            f"what is installed cannot be listed ({_why(error)}); mend the package that is damaged"
+        )
+        raise InputError.one(str(sys.prefix), message) from None
+
+
+def blame(error: BaseException) -> str:
+    """Of what went wrong in the code of another package: which, and where; else empty."""
+    text = "".join(traceback.format_exception(error))  # of a worker's too
+    for one in _every_entry_point():
+        top = one.module.partition(".")[0]
+        file = getattr(sys.modules.get(top), "__file__", None)
+        if not one.group.startswith("bayesdrill.") or top == "bayesdrill" or file is None:
+            continue
+        place = re.escape(file.removesuffix("__init__.py"))
+        lines = re.findall(rf'File "({place}[^"]*)", line (\d+)', text)
+        if lines:
+            return (
+                f"{one.name} is brought by {_package(one)}, and failed in {':'.join(lines[-1])} "
+                f"({_why(error)}); mend or remove that package"
+            )
+    return ""
+
+
+def _package(one: EntryPoint) -> str:
+    return one.dist.name if one.dist else "an installed package"
+
+
+def _why(error: BaseException) -> str:
+    try:
+        said = str(error)
+    except Exception:  # that, too, is code of others
+        said = ""
+    kind = type(error).__name__
+    return said if said and isinstance(error, ValueError) else f"{kind}: {said}".removesuffix(": ")
 
 
 def lookup[T](members: Mapping[str, T], name: str, what: str) -> T:

@@ -27,6 +27,13 @@ def opened(content: bytes) -> dict[str, Any]:
     return dict(data)
 
 
+def opened_as[T](kind: type[T], content: bytes) -> T:
+    """The dataclass or typed dict that was sealed; raises `ValueError` where its types are not right."""
+    from pydantic import TypeAdapter  # late: few commands read such files
+
+    return TypeAdapter(kind).validate_json(json.dumps(opened(content)), strict=True)
+
+
 def _checksum(data: Mapping[str, Any]) -> str:
     # Over the text that reading and writing again gives: tuples have become lists by then.
     text = json.dumps(json.loads(json.dumps(data)), sort_keys=True)

@@ -17,9 +17,9 @@ import numpy as np
 
 from bayesdrill.basics import own_files, software
 from bayesdrill.basics.errors import InputError, Interrupted
-from bayesdrill.basics.own_files import CONFIG_FILE, FIGURES, REFITS, RESOLVED_FILE, whole
+from bayesdrill.basics.own_files import CONFIG_FILE, FIGURES, REFITS, RESOLVED_FILE
 from bayesdrill.basics.progress import Reporter
-from bayesdrill.basics.sealed import opened, sealed
+from bayesdrill.basics.sealed import opened_as, sealed
 from bayesdrill.commands import concluding
 from bayesdrill.engines.convergence import Targets
 from bayesdrill.engines.workers import ctrl_c_waits
@@ -119,7 +119,7 @@ def calibrate(
     begun = time.perf_counter()
     with Folder(output, how, marks, own_files.CALIBRATE) as folder:
         if how == "resume":
-            saved(folder.path / REFITS)  # what is damaged is found before anything is written
+            saved(folder.path / REFITS, study(job))  # what is damaged, before anything is written
         report.say(calibration_words.opening(job.problem, job.config))
         folder.begin(
             status="running",
@@ -133,7 +133,7 @@ def calibrate(
             refits = run(study(job), own.refits, folder.path / REFITS, crew, report)
         except KeyboardInterrupt:
             folder.write_run(status="interrupted")
-            done = len(saved(folder.path / REFITS))
+            done = len(saved(folder.path / REFITS, study(job)))
             message = f"stopped; {done} of {own.refits} refits are saved in {output}"
             raise Interrupted(f"{message}; continue with --resume") from None
         except (InputError, BrokenProcessPool):
@@ -155,7 +155,7 @@ def run(
 
     A task is named by its index alone, so that one that is computed twice is counted once.
     """
-    done = {refit.index: refit for refit in saved(folder) if refit.index < n}
+    done = {refit.index: refit for refit in saved(folder, study) if refit.index < n}
     missing = [index for index in range(n) if index not in done]
     folder.mkdir(exist_ok=True)
     report.update(0.0, f"{len(done)} of {n} refits")
@@ -185,23 +185,26 @@ def _collect(
 
 
 def save(folder: Path, refit: Refit) -> None:
-    with whole(folder / f"{refit.index:06d}.json") as path:
-        path.write_text(sealed(dataclasses.asdict(refit)), encoding="utf-8")
+    own_files.write_text(folder / f"{refit.index:06d}.json", sealed(dataclasses.asdict(refit)))
 
 
-def saved(folder: Path) -> list[Refit]:
-    """Raises `InputError` where a file is damaged."""
+def saved(folder: Path, study: Study) -> list[Refit]:
+    """Raises `InputError` where a file is damaged, or of another study."""
     found = sorted(folder.glob("*.json"))
-    return [_read(path) for path in found if own_files.CALIBRATE.made(f"{REFITS}/{path.name}")]
+    those = [path for path in found if own_files.CALIBRATE.made(f"{REFITS}/{path.name}")]
+    return [_read(path, study) for path in those]
 
 
-def _read(path: Path) -> Refit:
+def _read(path: Path, study: Study) -> Refit:
     try:
-        data = opened(path.read_bytes())
-        for name in ("truth", "ranks", "reasons"):
-            data[name] = tuple(data[name])
-        return Refit(**data)
-    except (ValueError, KeyError, TypeError):
+        found = opened_as(Refit, path.read_bytes())
+        ranked = {len(study.names), *([0] if found.reasons else [])}
+        right = len(found.truth) == len(study.names) and len(found.ranks) in ranked
+        right &= all(0 <= rank <= study.draws for rank in found.ranks)
+        if not right or found.index != int(path.stem) or not np.isfinite(found.truth).all():
+            raise ValueError("of another study")
+        return found
+    except ValueError:
         raise InputError.one(str(path), COMPUTED_AGAIN) from None
 
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from bayesdrill.basics import own_files
 from bayesdrill.basics.checked import checked
 from bayesdrill.basics.errors import InputError, did_you_mean
-from bayesdrill.basics.own_files import FIGURES, IDENTIFY, whole
+from bayesdrill.basics.own_files import FIGURES, IDENTIFY
 from bayesdrill.basics.progress import Reporter
 from bayesdrill.basics.symbols import Symbol
 from bayesdrill.basics.values import Value
@@ -145,8 +145,7 @@ def publish(job: Job, findings: Findings, folder: Path, *, force: bool) -> str:
     note = {"Title": job.config.name}
     with own_files.renewed(folder, IDENTIFY):
         figures.mkdir(parents=True, exist_ok=True)
-        with whole(folder / IDENTIFY.mark) as path:
-            path.write_text(_markdown(job, findings), encoding="utf-8")
+        own_files.write_text(folder / IDENTIFY.mark, _markdown(job, findings))
         for name, figure in drawn.items():
             style.save(figure, figures, name, note, formats=tuple(output.formats), dpi=output.dpi)
     return f"{folder}/ ({IDENTIFY.mark}, figures/)"

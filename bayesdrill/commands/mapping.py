@@ -52,7 +52,7 @@ def read(output: Path) -> tuple[Job, Mode]:
     job = pipeline.prepare(output / own_files.RESOLVED_FILE)
     marks = provenance.fingerprint(job.config, job.problem)
     with Folder(output, "read", marks, MAP) as folder:
-        found = pipeline.read_mode(folder)
+        found = pipeline.read_mode(folder, job.problem)
     if found is None:
         raise InputError.one(str(output / pipeline.MAP_FILE), "is not there; map it again")
     return job, found

@@ -60,9 +60,9 @@ def layer(name: str, job: Job, found: Mode, sampled: Sampled, own: OwnUnits) -> 
 
 
 def distinct(names: Sequence[str]) -> list[str]:
-    """As they are, with a number where one comes again."""
+    """As they are, if they are text, with a number where one comes again."""
     found: list[str] = []
-    for name in names:
+    for name in map(own_files.encodable, names):
         n, own = 1, name
         while own in found:
             n += 1

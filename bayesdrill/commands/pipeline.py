@@ -17,16 +17,17 @@ from bayesdrill.basics import own_files, software
 from bayesdrill.basics.errors import InputError, Interrupted
 from bayesdrill.basics.own_files import CONFIG_FILE, POSTERIOR, RESOLVED_FILE
 from bayesdrill.basics.progress import SILENT, Reporter
-from bayesdrill.basics.sealed import opened, sealed
+from bayesdrill.basics.sealed import opened, opened_as, sealed
 from bayesdrill.commands import searching
 from bayesdrill.commands.concluding import concluded, entries, held, plan
 from bayesdrill.commands.identify import preflight
 from bayesdrill.engines import mode
 from bayesdrill.engines.learning.learn import Nowhere
-from bayesdrill.engines.mode import Mode, Other, Search
+from bayesdrill.engines.mode import Mode
 from bayesdrill.engines.sampling import Sampled, loaded, sample, stored, weighed
 from bayesdrill.engines.shelf import Memory, Shelf
 from bayesdrill.engines.workers import Crew
+from bayesdrill.inference.problem import Problem
 from bayesdrill.insight.diagnostics import Row
 from bayesdrill.insight.identifiability.scenes import Scenery
 from bayesdrill.insight.opened_priors import not_kept, with_open_ends
@@ -104,8 +105,13 @@ def _kept(folder: Folder) -> str:
 
 def _taken_up(job: Job, folder: Folder) -> Mode | None:
     """What was done is read before anything is written: what cannot go on stays as it is."""
-    folder.read_ahead(job.config.sampler.ensembles)
-    return read_mode(folder)
+    _read_ahead(job, folder)
+    return read_mode(folder, job.problem)
+
+
+def _read_ahead(job: Job, folder: Folder) -> None:
+    sampler, names = job.config.sampler, job.problem.names
+    folder.read_ahead(sampler.ensembles, (sampler.walkers, len(names)))
 
 
 def _run(job: Job, folder: Folder, known: Mode | None, processes: int, report: Reporter) -> Outcome:
@@ -199,12 +205,13 @@ def _made(output: Path) -> tuple[Job, dict[str, str]]:
 
 def _finished(job: Job, folder: Folder) -> tuple[Job, Mode, Sampled]:
     path = folder.path
-    found = read_mode(folder)
+    found = read_mode(folder, job.problem)
     if found is None:
         message = "is not there; continue with --resume, which searches the MAP again"
         raise InputError.one(str(path / MAP_FILE), message)
     job = job.at(found)
     problem = job.problem
+    _read_ahead(job, folder)
     again = stored(problem.posterior, plan(job.config), folder.pieces, str(path))
     again = again.doubted(found.doubts)
     run = run_folder.read_run(path) or {}
@@ -290,7 +297,7 @@ def write_mode(folder: Folder, found: Mode) -> None:
     folder.write_text(MAP_FILE, sealed({"run": folder.run, **dataclasses.asdict(found)}))
 
 
-def read_mode(folder: Folder) -> Mode | None:
+def read_mode(folder: Folder, problem: Problem) -> Mode | None:
     """What `map.json` holds; None where no search has ended yet.
 
     Raises `InputError` where it is damaged, or of another run.
@@ -299,23 +306,27 @@ def read_mode(folder: Folder) -> Mode | None:
     if not path.exists():
         return None
     try:
-        data = opened(path.read_bytes())
-        folder.refuse_foreign(MAP_FILE, data.pop("run", None))
-        searches = tuple(Search(**search) for search in data.pop("searches"))
-        others = tuple(Other(**other) for other in data.pop("others"))
-        at_bound = tuple(data.pop("at_bound"))
-        pieces = {
-            label: (int(n), int(parts)) for label, (n, parts) in data.pop("pieces", {}).items()
-        }
-        found = Mode(**data, searches=searches, at_bound=at_bound, others=others, pieces=pieces)
-        places = [found.values, *(one.values for one in found.others), *(s.end for s in searches)]
-        numbers = [value for place in places for value in place.values()]
-        heights = [one.log_posterior for one in found.maxima]
-        if not np.isfinite([*numbers, *heights, *found.slope.values(), found.gain]).all():
-            raise ValueError
+        content = path.read_bytes()
+        folder.refuse_foreign(MAP_FILE, opened(content).get("run"))
+        found = opened_as(Mode, content)
+        if not _possible(found, problem):
+            raise ValueError("of other unknowns")
         return found
-    except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
+    except ValueError:
         raise InputError.one(str(path), COMPUTED_AGAIN) from None
+
+
+def _possible(found: Mode, problem: Problem) -> bool:
+    """Whether a mode may be one of this posterior."""
+    space, labels = problem.posterior.space, {one.label for one in problem.every}
+    maxima, ends = [one.values for one in found.maxima], [one.end for one in found.searches]
+    names = {*found.at_bound, *found.steps} <= {*space.free} and {*found.pieces} <= labels
+    if not names or any(set(one) != {*space.free} for one in (*maxima, *ends, found.slope)):
+        return False
+    numbers = [value for one in (*maxima, *ends, found.slope) for value in one.values()]
+    numbers += [found.gain, *(one.log_posterior for one in found.maxima)]
+    numbers += list(space.log_prior(np.array([*map(space.vector, maxima)])))
+    return bool(np.isfinite(numbers).all()) and min([1, *sum(found.pieces.values(), ())]) > 0
 
 
 def _publish(

@@ -131,7 +131,7 @@ class _Several:
 
     def problems(self, folder: Path, run: Mapping[str, Any]) -> Iterator[Problem]:
         """Of runs that were only in memory nothing can be computed again."""
-        found, told = [], run["runs"]
+        found, told = [], run.get("runs", [])
         for one in told:
             if one["folder"] is None:
                 continue
@@ -185,7 +185,10 @@ _LADDER = dataclasses.replace(_COMPARISON, kind=own_files.ladder(rungs.names()))
 def _of_ladder(folder: Path, run: Mapping[str, Any]) -> Iterator[Problem]:
     """Its rungs, each a run of its own, and what is said of them together."""
     yield from _configs(folder)
-    for one in run["runs"]:
+    for one in run.get("runs", []):
+        if one["folder"] not in _LADDER.kind.nested:
+            yield Problem(str(folder / own_files.RUN), f"{one['folder']} is no rung of a ladder")
+            continue
         try:
             yield from verify(folder / one["folder"]).problems
         except InputError as error:  # no finished run
@@ -257,13 +260,16 @@ def _settings(path: Path) -> dict[str, Any] | None:
 def _tables(folder: Path, texts: Mapping[str, str], source: str) -> Iterator[Problem]:
     for name, text in texts.items():
         path = folder / name
-        if path.exists() and not _same(path.read_text(encoding="utf-8"), text):
+        if path.exists() and not _same(path.read_text(encoding="utf-8", errors="replace"), text):
             yield Problem(str(path), f"does not follow from {source}")
 
 
 def _same(found: str, expected: str) -> bool:
     """To the digits that other versions of a library leave."""
-    one, other = (list(csv.reader(io.StringIO(text))) for text in (found, expected))
+    try:
+        one, other = (list(csv.reader(io.StringIO(text))) for text in (found, expected))
+    except csv.Error:
+        return False
     if [len(row) for row in one] != [len(row) for row in other]:
         return False
     pairs = ((a, b) for r, s in zip(one, other, strict=True) for a, b in zip(r, s, strict=True))

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from bayesdrill.basics.entries import SMALLEST
 from bayesdrill.basics.errors import InputError, Problem
 
 Array = NDArray[np.float64]
@@ -16,6 +17,7 @@ Array = NDArray[np.float64]
 EARLIEST_DAY, LATEST_DAY = 20_000, 800_000  # of the calendars of Excel and MATLAB, in our time
 COARSE = 0.1  # of all steps: more that are zero are no mistake of single rows
 DRIVES = ("v", "w_2", "t_m")  # inputs without which a rig would stand still
+FARTHEST = 1e40  # of a column; 9.91e37, which SCPI writes for NaN, may be masked as a glitch
 STEP_TOLERANCE = 1e-3  # how far a time step may be from the usual one, relative
 
 
@@ -156,7 +158,8 @@ def check_series(
     missing: bool = False,
     instead: str = "",
 ) -> list[Problem]:
-    """Numbers all present, unless some may be `missing`; not all the same where a model explains them.
+    """Numbers all present, unless some may be `missing`, and of a size whose fourth powers are numbers
+    too; not all the same where a model explains them.
 
     `instead`: a way out beside mending.
     """
@@ -169,7 +172,16 @@ def check_series(
     if varying and len(values) and not len(found):
         message = f"{what} has no number that is used; check missing samples, masks and windows"
         return [Problem(place, message)]
-    if varying and len(found) > 1 and np.all(found == found[0]):
+    beyond = np.flatnonzero(np.abs(values) > FARTHEST)
+    if len(beyond):
+        count, rows = _count(len(beyond), "number"), _rows(beyond, where)
+        message = f"{what} has {count} beyond {FARTHEST:g}, {rows}; mend or cut these rows"
+        return [Problem(place, message)]
+    width = float(np.ptp(found)) if len(found) else 0.0
+    if 0 < width < SMALLEST:
+        message = f"{what} varies by {width:.3g}, which nothing measures; check the column"
+        return [Problem(place, message)]
+    if varying and len(found) > 1 and width == 0:
         return [
             Problem(
                 place,
@@ -196,6 +208,9 @@ def check_time(place: str, t: Array, where: Callable[[int], str]) -> list[Proble
                 f"by {t[first]:.10g} s; {_why_back(t, steps)}",
             )
         ]
+    if steps.min() < SMALLEST:
+        message = f"time has steps of {steps.min():.3g} s; check the column and its unit"
+        return [Problem(place, message)]
     if not even(t) and calendar(t):
         return [Problem(place, f"time steps are not equal{calendar(t)}")]
     return []

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from bayesdrill.basics import seeds
 from bayesdrill.basics.own_files import ON_REQUEST, numbered
-from bayesdrill.basics.registry import Registry
+from bayesdrill.basics.registry import Registry, callable_one
 from bayesdrill.inference.priors import flat_in_logs
 from bayesdrill.inference.problem import Problem
 from bayesdrill.inference.residual_checks import Left
@@ -246,6 +246,7 @@ FIGURES: Registry[Recipe] = Registry(
         "autocorrelation": _autocorrelation,
         "predictive_check": _predictive_check,
     },
+    judge=callable_one,
 )
 
 

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from bayesdrill.basics import own_files, software
 from bayesdrill.basics.own_files import FIGURES as FOLDER
-from bayesdrill.basics.own_files import whole
 from bayesdrill.basics.progress import Reporter
 from bayesdrill.engines.workers import Crew
 from bayesdrill.inference.posterior import Posterior
@@ -123,10 +122,9 @@ def _pages(view: View, pictures: Sequence[Picture], folder: Folder) -> None:
 
 
 def _write_tree(tree: DataTree, path: Path) -> None:
-    image = io.BytesIO()  # in memory: see pieces.chain_image
+    image = io.BytesIO()
     tree.to_netcdf(image, engine="h5netcdf")
-    with whole(path) as aside:
-        aside.write_bytes(image.getvalue())
+    own_files.write(path, image.getvalue())
 
 
 def _place(folder: Folder, view: View) -> tuple[Path, dict[str, str]]:

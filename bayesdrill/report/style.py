@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import threading
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -17,7 +18,6 @@ from matplotlib.transforms import ScaledTranslation
 from numpy.typing import NDArray
 
 from bayesdrill.basics import own_files
-from bayesdrill.basics.own_files import whole
 from bayesdrill.report.scales import Labelled as Labelled
 from bayesdrill.report.scales import Scale as Scale
 from bayesdrill.report.scales import axis_label as axis_label
@@ -207,10 +207,10 @@ def save(
     written = []
     with styled():
         for kind in formats:
-            path = folder / f"{stem}.{kind}"
-            with whole(path) as aside:
-                figure.savefig(aside, format=kind, dpi=dpi, metadata=_entries(kind, metadata))
-            written.append(path)
+            image = io.BytesIO()
+            figure.savefig(image, format=kind, dpi=dpi, metadata=_entries(kind, metadata))
+            written.append(folder / f"{stem}.{kind}")
+            own_files.write(written[-1], image.getvalue())
     return written
 
 

@@ -55,13 +55,15 @@ def read_piece(path: Path) -> tuple[Piece, str | None]:
             position, has_gauss, cached = file["random_rest"]
             kind, keys = str(file["random_kind"]), file["random_keys"]
             random = (kind, keys, int(position), int(has_gauss), cached)
-            piece = Piece(
-                z=file["z"],
-                log_p=file["log_p"],
-                accepted=file["accepted"],
-                failures=int(file["failures"]),
-                state=State(file["end_z"], file["end_log_p"], random),
-                seconds=float(file["seconds"]),
+            piece = _whole(
+                Piece(
+                    z=file["z"],
+                    log_p=file["log_p"],
+                    accepted=file["accepted"],
+                    failures=int(file["failures"]),
+                    state=State(file["end_z"], file["end_log_p"], random),
+                    seconds=float(file["seconds"]),
+                )
             )
             return piece, str(file["run"]) if "run" in file else None
     except DAMAGED:
@@ -93,6 +95,23 @@ def _mark(pieces: Sequence[Sequence[Piece]]) -> str:
     for chain in pieces:
         digest.update(np.concatenate([piece.log_p for piece in chain]))
     return digest.hexdigest()
+
+
+def _whole(piece: Piece) -> Piece:
+    """Itself; raises `ValueError` or `TypeError` where what it holds is not of one ensemble."""
+    steps, walkers, unknowns = piece.z.shape
+    state = piece.state
+    np.random.RandomState().set_state(state.random)
+    for values, shape in (
+        (piece.z, (steps, walkers, unknowns)),
+        (piece.log_p, (steps, walkers)),
+        (piece.accepted, (walkers,)),
+        (state.z, (walkers, unknowns)),
+        (state.log_p, (walkers,)),
+    ):
+        if values.shape != shape or not np.isfinite(values).all() or piece.seconds <= 0:
+            raise ValueError("other numbers than a chain has")
+    return piece
 
 
 def chain_image(pieces: list[list[Piece]], attributes: Mapping[str, Any]) -> bytes:
@@ -167,13 +186,15 @@ def read_chain(path: Path, ensemble: int) -> tuple[Piece, str | None]:
         kind, keys, position, has_gauss, cached = (found[f"random_state_{k}"] for k in range(5))
         random = (str(kind), keys, int(position), int(has_gauss), cached)
         z, log_p = found["chain"], found["log_prob"]
-        piece = Piece(
-            z=z,
-            log_p=log_p,
-            accepted=found["accepted"],
-            failures=int(found["failures"]),
-            state=State(z[-1], log_p[-1], random),
-            seconds=1.0,
+        piece = _whole(
+            Piece(
+                z=z,
+                log_p=log_p,
+                accepted=found["accepted"],
+                failures=int(found["failures"]),
+                state=State(z[-1], log_p[-1], random),
+                seconds=1.0,
+            )
         )
         return piece, found.get("run")
     except DAMAGED:

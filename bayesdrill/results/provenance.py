@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import io
-import os
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -162,7 +161,7 @@ def resolved(config: Config, source: Source, folder: Path) -> str:
         for section, key in sources.named_in(sections):
             # Links are resolved first: `..` in a path goes up from where a link leads to.
             record = (source.path.parent / section[key]).resolve()
-            section[key] = Path(os.path.relpath(record, folder.resolve())).as_posix()
+            section[key] = sources.name_in(folder.resolve(), record)
     # Of several, those of the first are no defaults of the others.
     for key in experiments.SECTIONS if config.experiments else (experiments.EXPERIMENTS, *WHOSE):
         del data[key]

@@ -9,14 +9,14 @@ from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Literal, Self
+from typing import Any, Literal, Required, Self, TypedDict
 
 from filelock import FileLock, Timeout
 
 from bayesdrill.basics import own_files
 from bayesdrill.basics.errors import InputError, Problem
 from bayesdrill.basics.own_files import LOCK, OPENED, PIECES, RUN, Kind, whole
-from bayesdrill.basics.sealed import opened, sealed
+from bayesdrill.basics.sealed import opened, opened_as, sealed
 from bayesdrill.engines.samplers.ensemble import Piece
 from bayesdrill.engines.sampling import Opened
 from bayesdrill.results.chain_files import (
@@ -35,6 +35,26 @@ Mode = Literal["fresh", "resume", "force", "report", "read"]
 CHAIN = "chain.h5"
 VERSION_OF = "the version of "  # begins the names of fingerprints that a report may differ in
 LONGEST = 120  # letters of a value in a message
+
+
+class _Listed(TypedDict):
+    """One of several runs that were looked at together."""
+
+    name: str
+    run: str
+    folder: str | None
+
+
+class _Entries(TypedDict, total=False):
+    """What is read of `run.json` again; the rest is for others."""
+
+    job: Required[str]
+    fingerprint: Required[dict[str, str]]
+    status: str
+    versions: dict[str, str]
+    files: dict[str, str]
+    runs: list[_Listed]
+    seconds: dict[str, float] | float
 
 
 @dataclass(slots=True)
@@ -172,8 +192,7 @@ class Folder:
             self.place(name).unlink()
 
     def write_text(self, name: str, text: str) -> None:
-        with whole(self.place(name)) as path:
-            path.write_text(text, encoding="utf-8")
+        own_files.write_text(self.place(name), text)
 
     def take_over(self, name: str, other: Path) -> None:
         """The file of this name that another folder holds."""
@@ -206,9 +225,18 @@ class Folder:
         with whole(self.place(f"{PIECES}/ensemble_{ensemble}_{first_step:09d}.npz")) as path:
             write_piece(path, piece, self.run)
 
-    def read_ahead(self, ensembles: int) -> None:
-        """All chains, for what is damaged to be found now; `pieces` hands each out once."""
+    def read_ahead(self, ensembles: int, shape: tuple[int, int]) -> None:
+        """All chains, for what is damaged to be found now; `pieces` hands each out once.
+
+        `shape`: walkers and unknowns; raises `InputError` where a chain has others.
+        """
         self._chains = {ensemble: self._read(ensemble) for ensemble in range(ensembles)}
+        others = {p.z.shape[1:] for chain in self._chains.values() for p in chain} - {shape}
+        for walkers, unknowns in others:
+            found = f"a chain of {walkers} walkers in {unknowns} unknowns"
+            own = f"this run has {shape[0]} in {shape[1]}"
+            message = f"holds {found}, and {own}; put back its own, or start over with --force"
+            raise InputError.one(str(self.path), message)
 
     def pieces(self, ensemble: int) -> list[Piece]:
         """What was saved so far, in order: a finished chain first, then the pieces after it."""
@@ -236,8 +264,7 @@ class Folder:
         """`chain.h5` in emcee's layout; then the pieces go."""
         if not self._unfinished():
             return  # nothing is new
-        with whole(self.place(CHAIN)) as path:
-            path.write_bytes(chain_image(pieces, {"run": self.run, **attributes}))
+        own_files.write(self.place(CHAIN), chain_image(pieces, {"run": self.run, **attributes}))
         own_files.take_away(self.path, own_files.UNFINISHED)
 
     def keep_opened_ends(self, found: Opened | None, pieces: list[list[Piece]]) -> None:
@@ -269,8 +296,10 @@ def read_run(folder: Path) -> dict[str, Any] | None:
         return None
     own_files.refuse_endless(path)
     try:
-        return opened(path.read_bytes())
-    except (ValueError, RecursionError):
+        content = path.read_bytes()
+        opened_as(_Entries, content)
+        return opened(content)
+    except ValueError:
         message = "is damaged, or not of this bayesdrill; put back a copy, or give another folder"
         raise InputError.one(str(path), message) from None
 

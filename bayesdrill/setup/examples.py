@@ -29,8 +29,7 @@ def write(folder: Path) -> tuple[Path, ...]:
         raise InputError(obstacles)
     for path, content in contents.items():
         path.parent.mkdir(parents=True, exist_ok=True)
-        with path.open("xb") as file:
-            file.write(content)
+        own_files.write(path, content)
     return tuple(contents)
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import copy
 import io
-import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
@@ -18,7 +17,7 @@ from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.noise import NOISES
 from bayesdrill.inference.unknowns import ParameterSpace
 from bayesdrill.insight import candidates
-from bayesdrill.setup import loading
+from bayesdrill.setup import loading, sources
 from bayesdrill.setup import rung_entries as entries
 from bayesdrill.setup.config import Config
 from bayesdrill.setup.job import Job, assemble
@@ -271,7 +270,7 @@ def recommended(rung: Rung, name: str, folder: Path, opening: str) -> str:
         data.pop("output", None)
     for entry, key in _files(data):
         record = (given.path.parent / entry[key]).resolve()
-        entry[key] = Path(os.path.relpath(record, folder.resolve())).as_posix()
+        entry[key] = sources.name_in(folder.resolve(), record)
     lines = "".join(f"# {line}\n" for line in opening.splitlines())
     return f"{lines}{as_yaml(data)}"
 

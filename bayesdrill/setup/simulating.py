@@ -94,8 +94,7 @@ def one(view: View, seed: int, target: Path | None = None, index: int = 0) -> st
 def save(text: str, target: Path, record: Path, *, force: bool) -> None:
     """See `check_place`."""
     check_place(text, target, record, force=force)
-    with own_files.whole(target) as path:
-        path.write_text(text, encoding="utf-8")
+    own_files.write_text(target, text)
 
 
 def check_place(text: str, target: Path, record: Path, *, force: bool) -> None:

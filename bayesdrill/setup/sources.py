@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -9,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdrill.basics import sizes, units
+from bayesdrill.basics import own_files, sizes, units
 from bayesdrill.basics.entries import made
 from bayesdrill.basics.errors import InputError, Problem
 from bayesdrill.record.clocks import on_grid
@@ -57,6 +58,15 @@ def named_in(data: dict[str, Any]) -> list[tuple[dict[str, Any], str]]:
     sections = [data["record"], *data["record"]["channels"].values(), *inputs]
     having = [(section, section["file"]) for section in sections if "file" in section]
     return [(file, "path") if isinstance(file, dict) else (s, "file") for s, file in having]
+
+
+def name_in(folder: Path, file: Path) -> str:
+    """How a config in `folder` names `file`; raises `InputError` where YAML cannot."""
+    name = Path(os.path.relpath(file, folder)).as_posix()
+    if own_files.encodable(name) != name:
+        message = "is not UTF-8, and no config can name it; rename the file or the folder"
+        raise InputError.one(str(file), message)
+    return name
 
 
 def named(config: Config) -> str:

@@ -6,16 +6,28 @@
 from __future__ import annotations
 
 import csv
+import dataclasses
 import json
 import os
 import re
 import subprocess
 import sys
+import traceback
+from collections.abc import Iterator
+from importlib.metadata import EntryPoint
 from pathlib import Path
+from typing import Annotated
 
 import pytest
+import typer
+from pydantic import Field
 
+from bayesdrill.basics import registry
+from bayesdrill.basics.entries import Strict, chosen
+from bayesdrill.basics.errors import Stopped
 from bayesdrill.basics.registry import Registry, lookup
+from bayesdrill.engines.optimisers import OPTIMISERS
+from bayesdrill.guard import guarded
 from bayesdrill.rig.models import MODELS
 
 ROOT = Path(__file__).parents[2]
@@ -278,6 +290,120 @@ def test_what_is_none_is_named_and_takes_no_other_with_it(tmp_path: Path) -> Non
         start = f"{name} is brought by broken, and cannot be used from {value} ("
         assert told["said"][name].startswith(start)
         assert says in told["said"][name]
+
+
+HOSTILE = """
+import dataclasses, sys
+from typing import Annotated
+from pydantic import Field
+
+class Rude(BaseException):
+    def __str__(self):
+        raise RuntimeError("no word of why")
+
+def fails(what):
+    raise {"exit": SystemExit(0), "stop": KeyboardInterrupt(), "rude": Rude()}.get(what, TypeError(what))
+
+@dataclasses.dataclass(frozen=True)
+class Odd:
+    polished = True
+    def check(self, unknown): fails("check")
+    def __call__(self, task, start, evaluations): fails("call")
+    model_config: Annotated[float, Field(ge=0)] = 1.0
+"""
+IMPORTS = {
+    "leaves": ("import sys; sys.exit(0)", "SystemExit: 0"),
+    "stops": ("raise KeyboardInterrupt", "KeyboardInterrupt"),
+    "rude": ("import hostile; hostile.fails('rude')", "Rude"),
+    "deep": ("def f(): f()\nf()", "RecursionError"),
+    "syntax": ("def", "SyntaxError"),
+    "nul": ("\0", "SyntaxError"),
+}
+
+
+@pytest.fixture
+def hostile(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """A package that does what none should, as if it were installed."""
+    info = tmp_path / "hostile-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: hostile\nVersion: 1.0\n")
+    lines = [f"{name} = hostile_{name}:member" for name in IMPORTS]
+    lines += ["odd = hostile:Odd", "no_name = ::", "not_there = hostile:nothing"]
+    (info / "entry_points.txt").write_text("\n".join(["[bayesdrill.optimiser]", *lines]))
+    (tmp_path / "hostile.py").write_text(HOSTILE)
+    for name, (text, _) in IMPORTS.items():
+        (tmp_path / f"hostile_{name}.py").write_text(text)
+    monkeypatch.syspath_prepend(tmp_path)
+    registry._every_entry_point.cache_clear()
+    yield tmp_path
+    registry._every_entry_point.cache_clear()
+    for name in [name for name in sys.modules if name.startswith("hostile")]:
+        del sys.modules[name]
+
+
+@pytest.mark.usefixtures("hostile")
+def test_whatever_is_raised_as_a_package_is_loaded_names_it() -> None:
+    found = Registry("optimiser", {}, judge=OPTIMISERS._judge)
+    assert {*found} >= {*IMPORTS, "odd", "no_name", "not_there"}
+    assert not {*found.usable()} & {*IMPORTS, "odd", "no_name", "not_there"}
+    for name, (_, why) in IMPORTS.items():
+        with pytest.raises(ValueError, match=f"^{name} is brought by hostile, .*{why}"):
+            found[name]
+
+
+@pytest.mark.usefixtures("hostile")
+def test_a_signal_while_a_package_is_loaded_is_no_fault_of_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(EntryPoint, "load", lambda _: (_ for _ in ()).throw(Stopped()))
+    with pytest.raises(Stopped):
+        Registry("optimiser", {})["odd"]
+
+
+@pytest.mark.usefixtures("hostile")
+@pytest.mark.parametrize(("what", "why"), [("call", "TypeError: call"), ("exit", "SystemExit: 0")])
+@pytest.mark.parametrize("elsewhere", [False, True])
+def test_whatever_is_raised_as_it_works_names_it(
+    what: str, why: str, elsewhere: bool, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """In this process, or in a worker, which hands on nothing but the text of a traceback."""
+    import hostile
+
+    def task() -> None:
+        try:
+            hostile.fails(what)
+        except BaseException as error:
+            if elsewhere:
+                raise type(error)(*error.args) from RuntimeError(traceback.format_exc())
+            raise
+
+    with pytest.raises(typer.Exit) as ended, guarded():
+        task()
+    assert ended.value.exit_code == 2
+    said = capsys.readouterr().err
+    assert "is brought by hostile, and failed in" in said
+    assert f"hostile.py:11 ({why}); mend or remove that package" in said
+
+
+def test_a_mistake_of_the_house_is_blamed_on_nobody() -> None:
+    with pytest.raises(ZeroDivisionError), guarded():
+        raise ZeroDivisionError
+
+
+def test_an_entry_that_has_its_meaning_keeps_it() -> None:
+    """What another package calls as the house does an entry of its own."""
+
+    class Base(Strict):
+        kind: str = "a"
+        file: str = "x"
+
+    @dataclasses.dataclass(frozen=True)
+    class Theirs:
+        file: Annotated[int, Field(ge=3)] = 3
+        more: Annotated[int, Field(ge=3)] = 3
+
+    made = chosen("Made", Base, "kind", {"a": Theirs})
+    assert made.model_validate({"file": "y", "more": 4}).model_dump()["file"] == "y"
 
 
 def test_own_members_come_first() -> None:

@@ -15,6 +15,7 @@ import pyarrow
 import pytest
 from pyarrow import parquet
 
+import bayesdrill as bd
 from bayesdrill.basics.errors import InputError
 from bayesdrill.record.formats import FORMATS, Table, Wanted, format_of
 
@@ -274,6 +275,17 @@ def test_columns_of_parquet_with_one_name(tmp_path: Path) -> None:
     parquet.write_table(table, tmp_path / "run.parquet")
     np.testing.assert_array_equal(load(tmp_path / "run.parquet").pick(2), W)
     assert "stands 2 times" in refusal(tmp_path / "run.parquet", "w")
+
+
+@pytest.mark.parametrize("columns", [{"t": T[:0], "w": W[:0]}, {}])
+def test_parquet_without_rows(columns: dict[str, np.ndarray], tmp_path: Path) -> None:
+    path = tmp_path / "run.parquet"
+    parquet.write_table(pyarrow.table(columns), path)
+    assert ("column 'w' of run.parquet is empty" if columns else "no column 'w'") in refusal(
+        path, "w"
+    )
+    with pytest.raises(InputError, match="no column has 20 numbers or more"):
+        bd.init(path)
 
 
 def test_without_its_library_parquet_says_what_to_install(

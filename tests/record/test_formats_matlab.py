@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import struct
+import zlib
 from pathlib import Path
 
 import h5py
@@ -13,6 +15,7 @@ import scipy.io.matlab
 from bayesdrill.basics.entries import NoEntries
 from bayesdrill.basics.errors import InputError
 from bayesdrill.record.formats import FORMATS, Table
+from bayesdrill.record.formats.mat_nesting import DEEPEST, too_deep
 from bayesdrill.record.formats.matlab import read
 
 T = np.array([10.0, 10.5, 11.25, 12.0])
@@ -321,3 +324,56 @@ def test_a_huge_variable_that_is_not_wanted_is_not_read(tmp_path: Path) -> None:
         file["t"] = T
         file.create_dataset("bomb", (10**12,), "f8", chunks=(10**6,))
     np.testing.assert_array_equal(read(path, {"t"}).pick("t"), T)
+
+
+def nested(depth: int, *, packed: bool, lies: bool = False) -> bytes:
+    """A number in cells in cells; what `lies` says in each tag that nothing follows its head."""
+    number = element(14, element(6, struct.pack("<II", 6, 0)) + ONE + element(1, b"") + SEVEN)
+    heads, size = [], len(number)
+    for k in reversed(range(depth)):
+        flags, name = element(6, struct.pack("<II", 1, 0)), element(1, b"" if k else b"deep")
+        head = flags + ONE + name
+        size += len(head)
+        heads.append(struct.pack("<II", 14, len(head) if lies else size) + head)
+        size += 8
+    content = b"".join(reversed(heads)) + number
+    if packed:
+        content = struct.pack("<II", 15, len(zlib.compress(content))) + zlib.compress(content)
+    return b"MATLAB 5.0 MAT-file".ljust(124) + b"\x00\x01IM" + content
+
+
+def element(kind: int, content: bytes) -> bytes:
+    return struct.pack("<II", kind, len(content)) + content.ljust(-(-len(content) // 8) * 8, b"\0")
+
+
+ONE = element(5, struct.pack("<ii", 1, 1))  # by one
+SEVEN = element(9, struct.pack("<d", 7.0))
+
+
+@pytest.mark.parametrize("packed", [False, True])
+@pytest.mark.parametrize("wanted", [None, {"deep"}, {"missing"}])
+def test_cells_in_cells_end_no_process(packed: bool, wanted, tmp_path: Path) -> None:
+    """SciPy reads each inside the last, until its stack is full."""
+    path = tmp_path / "run.mat"
+    path.write_bytes(nested(20_000, packed=packed))
+    with pytest.raises(InputError, match=f"more than {DEEPEST} deep; save plain arrays"):
+        read(path, wanted)
+
+
+def test_how_deep_is_counted_as_scipy_counts(tmp_path: Path) -> None:
+    """By what a cell holds, whatever stands in its tag; fields and empty cells are no depth."""
+    for packed in (False, True):
+        assert not too_deep(nested(DEEPEST, packed=packed))
+        assert too_deep(nested(DEEPEST + 1, packed=packed))
+    path = tmp_path / "run.mat"
+    path.write_bytes(nested(5, packed=False, lies=True))
+    assert "deep" in scipy.io.loadmat(path)
+    assert too_deep(nested(DEEPEST + 1, packed=False, lies=True))
+    deep: object = T
+    for k in range(DEEPEST // 2):
+        cell = np.empty((1, 3), dtype=object)
+        cell[:] = [["text", {f"field_{k}": deep, "other": W}, np.zeros((0, 0))]]
+        deep = cell
+    for content, expected in ((deep, False), ({"last": deep}, True)):
+        scipy.io.savemat(path, {"a": T, "deep": content, "z": W}, do_compression=True)
+        assert too_deep(path.read_bytes()) is expected

@@ -628,6 +628,12 @@ PRIORS = [
 
 NAMES = [
     case(
+        "own of one experiment, and no name of a parameter",
+        ("inputs:\n", "own: [zz]\ninputs:\n"),
+        at="own: [zz]",
+        says=("own: there is one experiment alone", "remove this entry"),
+    ),
+    case(
         "unknown table",
         before_map("nominal: tables_23"),
         at="nominal: tables_23",
@@ -895,6 +901,41 @@ NAMES = [
 ]
 
 RECORDS = [
+    case(
+        "a column smaller than anything that is measured",
+        rows(
+            lambda lines: [
+                lines[0],
+                *(f"{line.rpartition(',')[0]},{n % 7}e-320" for n, line in enumerate(lines[1:])),
+            ]
+        ),
+        at="    w_1",
+        says=("column 'w_1' varies by 6e-320", "which nothing measures"),
+    ),
+    case(
+        "times smaller than anything that is measured",
+        rows(
+            lambda lines: [
+                lines[0],
+                *(f"{n}e-310,{line.partition(',')[2]}" for n, line in enumerate(lines[1:])),
+            ]
+        ),
+        at="  time:",
+        says=("time varies by 1e-308", "check the column"),
+    ),
+    case(
+        "steps of time smaller than any",
+        rows(lambda lines: [*lines[:2], f"1e-40,{lines[2].partition(',')[2]}", *lines[3:]]),
+        at="  time:",
+        says=("time has steps of 1e-40 s", "check the column and its unit"),
+    ),
+    case(
+        "numbers whose squares are none",
+        cell(9, 1, "1e200"),
+        cell(12, 1, "-1e300"),
+        at="    theta_1",
+        says=("column 'theta_1' has 2 numbers beyond 1e+40, at line 9, line 12", "mend or cut"),
+    ),
     case(
         "record missing",
         no_record,

@@ -121,7 +121,7 @@ def study(done: Done) -> Study:
 def test_a_refit_depends_on_the_study_and_its_index_alone(done: Done, study: Study) -> None:
     """Computed again, in another order; kills a random stream that is shared by refits."""
     again = [refit(study, index) for index in (3, 1)]
-    kept = {each.index: each for each in calibrate.saved(done.folder / ".refits")}
+    kept = {each.index: each for each in calibrate.saved(done.folder / ".refits", study)}
     assert again == [kept[3], kept[1]]
     assert len({each.truth for each in kept.values()}) == 10
 
@@ -169,14 +169,14 @@ def test_a_calibration_leaves_a_complete_folder_and_nothing_else(done: Done) -> 
     assert "at most 1 %" in summary
 
 
-def test_ctrl_c_keeps_the_refits_that_are_done(done: Done, tmp_path: Path) -> None:
+def test_ctrl_c_keeps_the_refits_that_are_done(done: Done, study: Study, tmp_path: Path) -> None:
     folder = tmp_path / "out"
     with pytest.raises(Interrupted, match="saved"):
         here(done.config, folder, report=Stopping(0.05))
     assert run_of(folder)["status"] == "interrupted"
-    kept = calibrate.saved(folder / ".refits")
+    kept = calibrate.saved(folder / ".refits", study)
     assert 1 <= len(kept) < 10
-    assert set(kept) <= set(calibrate.saved(done.folder / ".refits"))
+    assert set(kept) <= set(calibrate.saved(done.folder / ".refits", study))
     assert not (folder / "ranks.csv").exists()
 
 
@@ -309,7 +309,7 @@ def test_a_worker_of_a_cluster_that_is_killed_costs_nothing(done: Done, tmp_path
     assert killed.is_set()
     assert [each.index for each in found.refits] == list(range(10))
     assert (folder / "ranks.csv").read_bytes() == done.ranks
-    assert list(found.refits) == calibrate.saved(done.folder / ".refits")
+    assert list(found.refits) == calibrate.saved(done.folder / ".refits", calibrate.study(job))
 
 
 @pytest.mark.slow

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from bayesdrill.basics.entries import entries_of
+from bayesdrill.basics.entries import check_entries
 from bayesdrill.basics.registry import Registry
 from bayesdrill.engines.optimisers.contract import Optimiser
 from bayesdrill.engines.optimisers.nelder_mead import NelderMead
@@ -14,7 +14,7 @@ def _is_optimiser(_: str, member: Any) -> None:
     missing = [one for one in ("polished", "check", "__call__") if not hasattr(member, one)]
     if not isinstance(member, type) or missing:
         raise ValueError(f"an optimiser is a dataclass with {', '.join(missing) or 'entries'}")
-    entries_of(member)
+    check_entries(member)
 
 
 OPTIMISERS: Registry[type[Optimiser]] = Registry(

@@ -15,7 +15,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdrill.basics.registry import Registry
+from bayesdrill.basics.registry import Registry, callable_one
 from bayesdrill.engines.samplers import local
 from bayesdrill.engines.samplers.independence import Proposal, Remembered
 from bayesdrill.engines.samplers.mixture import Inside
@@ -163,6 +163,7 @@ MOVES: Registry[Make] = Registry(
         "stretch": halves(stretch),
         "independence": _independent,
     },
+    judge=callable_one,
 )
 
 

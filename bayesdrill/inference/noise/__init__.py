@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from bayesdrill.basics.entries import entries_of
+from bayesdrill.basics.entries import check_entries
 from bayesdrill.basics.registry import Registry
 from bayesdrill.inference.noise.ar1 import AR1
 from bayesdrill.inference.noise.contract import NoiseKind
@@ -19,7 +19,7 @@ def _is_noise(_: str, member: Any) -> None:
         raise ValueError(
             f"it has no {', '.join(missing)}; see `bayesdrill.inference.noise.contract`"
         )
-    entries_of(member.Entries)
+    check_entries(member.Entries)
 
 
 NOISES: Registry[NoiseKind] = Registry(

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from bayesdrill.basics.entries import NoEntries, entries_of
+from bayesdrill.basics.entries import NoEntries, check_entries
 from bayesdrill.basics.errors import InputError, did_you_mean
 from bayesdrill.basics.registry import Registry
 from bayesdrill.record.formats import csv, hdf5, matlab, npz, parquet
@@ -65,7 +65,7 @@ def _read_parquet(path: Path, _: NoEntries, wanted: Wanted) -> Table:
 def _is_format(_: str, member: Any) -> None:
     if not isinstance(member, Format):
         raise ValueError(f"a format is a `Format`, not {type(member).__name__}")
-    entries_of(member.options)
+    check_entries(member.options)
 
 
 FORMATS: Registry[Format] = Registry(

@@ -11,6 +11,7 @@ import numpy as np
 
 from bayesdrill.basics.errors import InputError
 from bayesdrill.record.formats.arrays import ITSELF, Damaged, Found
+from bayesdrill.record.formats.mat_nesting import DEEPEST, too_deep
 from bayesdrill.record.formats.table import Table, read_bytes
 
 
@@ -48,9 +49,14 @@ def _read_v5(path: Path, wanted: Collection[str] | None) -> Found:
         # scipy warns of objects it cannot name; they are reported below when asked for.
         warnings.simplefilter("ignore")
         try:
+            if too_deep(path.read_bytes()):
+                message = f"holds cells or structs more than {DEEPEST} deep; save plain arrays"
+                raise InputError.one(str(path), message)
             content: Mapping[str, Any] = loadmat(path, mat_dtype=False, variable_names=used)
             if used is not None and not used <= content.keys():  # for what is said of the mistake
                 content = loadmat(path, mat_dtype=False)
+        except InputError:
+            raise
         except Exception as error:
             # scipy meets damaged bytes with a dozen kinds of exception; all mean the same here.
             raise Damaged(error) from error

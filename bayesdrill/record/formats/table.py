@@ -103,8 +103,10 @@ class Table:
         )
 
     def _named(self, name: str, kind: str) -> Array:
-        if name in self.variables:
+        if name in self.variables and self.variables[name].size:
             return self.variables[name]
+        if name in self.variables:
+            raise LookupError(f"{kind} {name!r} of {self.path.name} is empty; record again")
         if name in self.ignored:
             raise LookupError(f"{kind} {name!r} of {self.path.name} {self.ignored[name]}")
         for mark, what in ((".", "a struct; name one of its fields"), ("/", "a group; name one")):

@@ -9,7 +9,7 @@ import numpy as np
 
 from bayesdrill.basics import symbols
 from bayesdrill.basics.duals import Dual
-from bayesdrill.basics.entries import entries_of
+from bayesdrill.basics.entries import check_entries
 from bayesdrill.rig.models.composed import offers, with_all
 from bayesdrill.rig.models.friction import frictions_of
 
@@ -26,7 +26,7 @@ def tried(name: str, rig: Any) -> None:
     named: Any = rig
     if named.name != name:
         raise ValueError(f"its name is '{named.name}', and its entry point's '{name}'")
-    entries_of(rig)
+    check_entries(rig)
     plain = _made(rig)
     for one in (plain, with_all(plain)) if offers(plain) else (plain,):
         _known(one)

@@ -185,7 +185,9 @@ def _check_values(
 def free_parameters(config: Config, names: Iterable[str]) -> list[str]:
     """Those of `names` that have a prior."""
     given = config.parameters
-    return [name for name in names if isinstance(getattr(given, name), number_entries.PriorBase)]
+    return [
+        name for name in names if isinstance(getattr(given, name, None), number_entries.PriorBase)
+    ]
 
 
 def free_quantities(config: Config) -> list[str]:

@@ -17,6 +17,7 @@ from bayesdrill.setup.guessing.names import Meaning, meaning
 Array = NDArray[np.float64]
 
 LEAST = 20  # samples, below which nothing is guessed
+LARGEST = 1e12  # number that is believed
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,6 +56,12 @@ def look(table: Table) -> tuple[list[Seen], dict[str, str]]:
     return [one for one in seen if len(one.values) == usual], left_out
 
 
+def believable(values: Array) -> bool:
+    """Squares of it can be computed with."""
+    largest = float(np.abs(values).max())
+    return largest == 0 or 1 / LARGEST < largest < LARGEST
+
+
 def _says(name: str, unit_below: str) -> Meaning:
     """Of `rig.rotor.w`, the last part first; what that leaves open the whole may say."""
     last = re.split(r"\.(?=[^\W\d])", name)[-1]
@@ -84,7 +91,7 @@ def _values(count: int) -> str:
 
 def _units_below(table: Table) -> dict[str, str]:
     """By name, what stands in a row of units between the head of a text and its first row."""
-    if table.lines is None or table.lines[0] < 3:
+    if table.lines is None or not len(table.lines) or table.lines[0] < 3:
         return {}
     with table.path.open(encoding="utf-8", errors="replace") as file:
         lines = [file.readline().strip() for _ in range(int(table.lines[0]) - 1)]

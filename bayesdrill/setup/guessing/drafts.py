@@ -14,12 +14,11 @@ from numpy.typing import NDArray
 from bayesdrill.basics import units
 from bayesdrill.record import angles, glitches
 from bayesdrill.setup.guessing import relations
-from bayesdrill.setup.guessing.columns import LEAST, Array, Seen
+from bayesdrill.setup.guessing.columns import LEAST, Array, Seen, believable
 from bayesdrill.setup.guessing.names import SI, TWIST
 from bayesdrill.setup.guessing.parts import Part
 
 TURNS = ("angle", "speed")
-LARGEST = 1e12
 TURN = {"deg": 360.0, "rad": 2 * math.pi, "revolution": 1.0}
 BITS = (12, 14, 16, 24, 32)  # of counters
 FULL = 0.9  # of a turn, that an angle which begins again has to cover
@@ -177,9 +176,3 @@ def _useless(one: Seen, rows: slice) -> str:
     if np.ptp(numbers) == 0 and says.kind != "voltage":
         return f"is {numbers[0]:g} in every row"
     return ""
-
-
-def believable(values: Array) -> bool:
-    """Squares of it can be computed with."""
-    largest = float(np.abs(values).max())
-    return largest == 0 or 1 / LARGEST < largest < LARGEST

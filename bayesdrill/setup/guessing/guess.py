@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,7 +9,7 @@ from pathlib import Path
 
 from bayesdrill.basics import own_files
 from bayesdrill.basics.errors import InputError, Problem
-from bayesdrill.setup import loading
+from bayesdrill.setup import loading, sources
 from bayesdrill.setup.guessing import inputs, lags, page, several, start
 from bayesdrill.setup.guessing.comments import REVIEW
 from bayesdrill.setup.guessing.entries import Found
@@ -64,7 +63,7 @@ def guess(
         starts={one.label: _start(one, voltage) for one in those.every},
         lag=_lag(those),
         voltage=voltage,
-        name=lambda path: Path(os.path.relpath(path, target.parent)).as_posix(),
+        name=lambda path: sources.name_in(target.parent, path),
     )
     name = re.sub(r"[^A-Za-z0-9_.-]+", "_", target.stem).lstrip("_.-")[:100] or "my_rig"
     text = page.page(found, name)
@@ -76,8 +75,7 @@ def guess(
 def save(made_: Guess, records: Sequence[Path], *, force: bool) -> None:
     """See `check_place`."""
     check_place(made_.path, records, force=force)
-    with own_files.whole(made_.path) as aside:
-        aside.write_text(made_.text, encoding="utf-8")
+    own_files.write_text(made_.path, made_.text)
 
 
 def check_place(path: Path, records: Sequence[Path], *, force: bool) -> None:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bayesdrill.setup.guessing.columns import LEAST, Array, Seen
-from bayesdrill.setup.guessing.timing import Timing
+from bayesdrill.setup.guessing.timing import Timing, possible
 
 LONG = 10.0  # usual steps: over a longer gap nothing is told
 EVEN = 0.01  # of a step
@@ -35,7 +35,7 @@ def part(time: Timing, used: Sequence[Seen]) -> Part | None:
     for one in used:
         sound &= ~np.isinf(one.values)
     steps = np.diff(time.t)
-    rows = _alone(time.t, _longest(sound[1:] & sound[:-1] & (steps > 0)))
+    rows = _alone(time.t, _longest(sound[1:] & sound[:-1] & possible(steps)))
     if rows.stop - rows.start < LEAST:
         return None
     t = time.t[rows]

@@ -8,7 +8,7 @@ import numpy as np
 
 from bayesdrill.basics import units
 from bayesdrill.setup.guessing import drafts, relations
-from bayesdrill.setup.guessing.columns import Array, Seen
+from bayesdrill.setup.guessing.columns import Array, Seen, believable
 from bayesdrill.setup.guessing.drafts import TURNS, Raw, Sensor
 from bayesdrill.setup.guessing.names import GEARBOX, MOTOR, ROTOR, SI, TWIST
 from bayesdrill.setup.guessing.parts import Part
@@ -39,7 +39,7 @@ def sensors(columns: Sequence[Seen], part: Part) -> tuple[list[Sensor], dict[str
 
 def rate(columns: Sequence[Seen]) -> float:
     """Of a record without times, by an angle and its speed in known units, Hz; 0: cannot be told."""
-    whole = [c for c in columns if np.all(np.isfinite(c.values)) and drafts.believable(c.values)]
+    whole = [c for c in columns if np.all(np.isfinite(c.values)) and believable(c.values)]
     raw = Raw(np.zeros(0), np.zeros(0))
     every = [Sensor(c, c.values, *_told(c), raw) for c in whole if c.says.kind in TURNS]
     known = [one for one in every if one.unit]

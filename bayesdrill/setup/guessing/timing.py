@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from bayesdrill.basics import units
 from bayesdrill.record.experiment import STEP_TOLERANCE
-from bayesdrill.setup.guessing.columns import Seen
+from bayesdrill.setup.guessing.columns import LARGEST, Seen
 
 Array = NDArray[np.float64]
 
@@ -85,12 +85,18 @@ def _unusual(dt: float) -> float:
 def _steps(values: Array) -> bool:
     """Whether most of it increases; what breaks off is cut later."""
     steps = np.diff(values[np.isfinite(values)])
-    return len(steps) > 0 and float(np.mean(steps > 0)) > 0.9
+    return len(steps) > 0 and float(np.mean(possible(steps))) > 0.9
+
+
+def possible(steps: Array) -> NDArray[np.bool_]:
+    """Of a time, in any unit."""
+    return np.asarray((steps > 1 / LARGEST) & (steps < LARGEST))
 
 
 def _even(values: Array) -> bool:
     if not np.all(np.isfinite(values)):
         return False
     steps = np.diff(values)
-    usual = float(np.median(steps))
-    return usual > 0 and bool(np.all(np.abs(steps - usual) <= max(STEP_TOLERANCE, 0.01) * usual))
+    usual = np.asarray(np.median(steps))
+    near = np.abs(steps - usual) <= max(STEP_TOLERANCE, 0.01) * usual
+    return bool(possible(usual) and np.all(near))
