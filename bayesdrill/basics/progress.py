@@ -10,6 +10,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any, Protocol, TextIO
 
+from bayesdrill.basics.typesetting import printable
+
 
 class Reporter(Protocol):
     """`say` prints a line; `update` tells how far the work is (0 to 1) and what it knows."""
@@ -39,7 +41,7 @@ class Lines:
 
     def say(self, text: str) -> None:
         try:
-            print(text, file=self.stream, flush=True)
+            print(printable(text), file=self.stream, flush=True)
         except OSError:  # nobody reads on, or a full disk; the work is worth finishing all the same
             os.dup2(os.open(os.devnull, os.O_WRONLY), self.stream.fileno())
 
@@ -62,7 +64,7 @@ class Bar:
         self._begun = time.monotonic()
 
     def say(self, text: str) -> None:
-        self._console.print(text, highlight=False, markup=False, soft_wrap=True)
+        self._console.print(printable(text), highlight=False, markup=False, soft_wrap=True)
 
     def update(self, fraction: float, text: str) -> None:
         if self._task is None:
@@ -97,6 +99,7 @@ def reporter() -> Iterator[Reporter]:
     from rich.progress import BarColumn, Progress, TextColumn
 
     console = Console(stderr=True)
-    columns = (BarColumn(bar_width=24), TextColumn("{task.percentage:3.0f} % {task.description}"))
+    done = TextColumn("{task.percentage:3.0f} % {task.description}", markup=False)
+    columns = (BarColumn(bar_width=24), done)
     with Progress(*columns, console=console, transient=True) as progress:
         yield Bar(console, progress)
