@@ -75,17 +75,22 @@ def _find_room() -> None:
     mmap.mmap(-1, LEAST_MEMORY).close()
 
 
+def say(text: str, *, err: bool = False) -> None:
+    """Lines on stdout, or on stderr: names of files and columns among them are those of others."""
+    from bayesdrill.basics.typesetting import printable
+
+    typer.echo(printable(text), err=err)
+
+
 def finish(outcome: Any) -> None:
     """Of a run: what it says, where it is, and the status; `outcome` as `commands.pipeline` has it."""
-    typer.echo(outcome.said)
-    typer.echo(
-        f"results: {outcome.folder}/ (report.html, summary.md, figures/, posterior.nc, chain.h5)"
-    )
+    say(outcome.said)
+    say(f"results: {outcome.folder}/ (report.html, summary.md, figures/, posterior.nc, chain.h5)")
     for what in outcome.missing:
-        typer.echo(f"could not be made: {what}", err=True)
+        say(f"could not be made: {what}", err=True)
     if outcome.missing:
         again = f"`bayesdrill report {outcome.folder}`"
-        typer.echo(f"all else is written; once this is mended, {again} makes it", err=True)
+        say(f"all else is written; once this is mended, {again} makes it", err=True)
     if outcome.reasons:
         raise typer.Exit(NOT_CONVERGED)
     if outcome.missing:
@@ -155,10 +160,10 @@ def _fail(problems: tuple[Any, ...]) -> None:
 def _tell(text: str) -> None:
     """On stderr, which may be full or closed: the status tells as much as is left to tell."""
     with suppress(OSError):
-        typer.echo(_line(text), err=True)
+        say(_line(text), err=True)
 
 
 def _line(text: str) -> str:
     """One line that a terminal can show, however long the names in a file are."""
-    text = "".join(letter if letter.isprintable() else " " for letter in text)
+    text = text.replace("\n", " ")
     return text if len(text) <= LONGEST_LINE else f"{text[: LONGEST_LINE - 3]}..."

@@ -10,6 +10,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any, Protocol, TextIO, runtime_checkable
 
+from bayesdrill.basics.typesetting import printable
+
 
 @runtime_checkable
 class Reporter(Protocol):
@@ -43,7 +45,7 @@ class Lines:
 
     def say(self, text: str) -> None:
         try:
-            print(text, file=self.stream, flush=True)
+            print(printable(text), file=self.stream, flush=True)
         except OSError:  # nobody reads on, or a full disk; the work is worth finishing all the same
             os.dup2(os.open(os.devnull, os.O_WRONLY), self.stream.fileno())
 
@@ -67,7 +69,7 @@ class Bar:
         self._begun = time.monotonic()
 
     def say(self, text: str) -> None:
-        self._console.print(text, highlight=False, markup=False, soft_wrap=True)
+        self._console.print(printable(text), highlight=False, markup=False, soft_wrap=True)
 
     def update(self, fraction: float, text: str) -> None:
         if fraction <= 0:
@@ -108,7 +110,7 @@ def reporter() -> Iterator[Reporter]:
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
     console = Console(stderr=True)
-    text = TextColumn("{task.percentage:3.0f} % {task.description}")
+    text = TextColumn("{task.percentage:3.0f} % {task.description}", markup=False)
     columns = (BarColumn(bar_width=24), TimeElapsedColumn(), text)
     with Progress(*columns, console=console, transient=True) as progress:
         yield Bar(console, progress)

@@ -63,13 +63,18 @@ def product_latex(exponents: Sequence[int], symbols: Sequence[Symbol]) -> str:
     r"""`k_T/(r_m\,k_s)`, without dollars; the first symbols belong to the exponents."""
     above, below = (
         [
-            symbol.latex + (f"^{{{sign * e}}}" if sign * e > 1 else "")
+            raised(symbol.latex, str(sign * e)) if sign * e > 1 else symbol.latex
             for symbol, e in zip(symbols, exponents, strict=False)
             if sign * e > 0
         ]
         for sign in (1, -1)
     )
     return fraction(above, below, r"\,")
+
+
+def raised(latex: str, index: str) -> str:
+    """`latex` with `index` above it; TeX keeps braces around a single accent for the `{}` in them."""
+    return (f"{{{{}}{latex}}}" if {"^", "'"} & {*latex} else latex) + f"^{{{index}}}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -301,7 +306,7 @@ _SIGNS = {  # that units are written with, and what they are in formulas
     **dict.fromkeys("\u00b7\u22c5", "*"),
     **dict.fromkeys("\u00b5\u03bc", r"{\mu}"),
     **dict.fromkeys("\u03a9", r"{\Omega}"),
-    "\u00b0": r"{}^{\circ}",
+    "\u00b0": r"{{}^{\circ}}",
     **{chr(raised): f"**{digit}" for digit, raised in zip("23", (0xB2, 0xB3), strict=True)},
 }
 

@@ -119,17 +119,24 @@ LONGEST = 60  # letters
 LARGEST = 1e30  # of one unit in another
 _COUNT = re.compile(r"counts?\s*/\s*(\d{1,9})")  # of an encoder: so many in a turn
 _POWER = re.compile(
-    r"(\*\*|\^)\s*\(?\s*[-+]?\s*\d{1,2}(\.\d{1,3})?\s*\)?|[\u00b2\u00b3\u2070-\u207e]+|\s(squared|cubed)\b"
+    r"(\*\*|\^)\s*\(?\s*[-+]?\s*\d{1,2}(\.\d{1,3})?\s*\)?"
+    r"|[\u207a\u207b]?[\u00b2\u00b3\u2070\u2074-\u2079]|\s(squared|cubed)\b"
 )
+_SIGNS = re.compile(r"[\w */^().+%\u00b0\u00b7\u22c5\u2070-\u207e-]*")
 _COMPUTED = re.compile(r"#\s*#|\*\*|\^|(?<![^\W\d])(\d\d|[02-9])|1\s*#")
 
 
 def _written_as_a_unit(unit: str) -> bool:
     """Names, with one small power each, and no number but 1.
 
-    pint computes what it reads: `9**9**9` would take for ever.
+    pint computes what it reads: `9**9**9` would take for ever; and reads past comments and quotes, in
+    which anything may stand.
     """
-    return len(unit) <= LONGEST and not _COMPUTED.search(_POWER.sub("#", unit))
+    return (
+        len(unit) <= LONGEST
+        and bool(_SIGNS.fullmatch(unit))
+        and not _COMPUTED.search(_POWER.sub("#", unit))
+    )
 
 
 def _believable(factor: float) -> float:

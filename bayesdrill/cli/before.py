@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from bayesdrill.cli.app import ConfigPath, Force, Processes, app, output_option
-from bayesdrill.guard import guarded
+from bayesdrill.guard import guarded, say
 
 
 @app.command(epilog="Example: bayesdrill example my_rig")
@@ -21,7 +21,7 @@ def example(
     with guarded():
         from bayesdrill.api.example import example as write
 
-        typer.echo(write(folder))
+        say(str(write(folder)))
 
 
 @app.command(epilog="Example: bayesdrill init configs/records/example_rig.csv --output my_rig.yaml")
@@ -41,7 +41,7 @@ def init(
     with guarded():
         from bayesdrill.api.init import init as write
 
-        typer.echo(write(records, output, voltage=voltage, gear=gear, force=force))
+        say(str(write(records, output, voltage=voltage, gear=gear, force=force)))
 
 
 @app.command(epilog="Example: bayesdrill check configs/nominal_step.yaml")
@@ -50,7 +50,7 @@ def check(config: ConfigPath) -> None:
     with guarded():
         from bayesdrill.api.case import load
 
-        typer.echo(load(config).preview())
+        say(load(config).preview())
 
 
 @app.command(epilog="Example: bayesdrill identify configs/nominal_step.yaml --profile k_s")
@@ -85,9 +85,9 @@ def identify(
         with reporter() as report:
             at = case.find_map(processes=processes, report=report) if at_map else None
             findings = case.identify(profile or [], at=at, report=report)
-        typer.echo(findings.text)
+        say(findings.text)
         if output is not None:
-            typer.echo("\nwritten: " + findings.save(output, force=force))
+            say("\nwritten: " + findings.save(output, force=force))
 
 
 @app.command("map", epilog="Example: bayesdrill map configs/nominal_step.yaml")
@@ -110,7 +110,7 @@ def map_(
             Best.check_place(output, force=force)
         with reporter() as report:
             best = case.find_map(processes=processes, report=report)
-        typer.echo(best.table)
+        say(best.table)
         if output is not None:
             place = best.save(output, force=force)
-            typer.echo(f"results: {place}/ (report.html, map.md, prediction*.csv, figures/)")
+            say(f"results: {place}/ (report.html, map.md, prediction*.csv, figures/)")

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from bayesdrill.cli.app import ConfigPath, Force, Processes, Scheduler, app, output_option
-from bayesdrill.guard import INPUT_WRONG, NOT_CONVERGED, finish, guarded, saved_in
+from bayesdrill.guard import INPUT_WRONG, NOT_CONVERGED, finish, guarded, saved_in, say
 
 
 @app.command(epilog="Example: bayesdrill posterior configs/nominal_step.yaml --output results/mine")
@@ -65,8 +65,8 @@ def calibrate(
                 scheduler=scheduler,
                 report=report,
             )
-        typer.echo(outcome.said)
-        typer.echo(f"results: {outcome.folder}/ (report.html, summary.md, figures/, ranks.csv)")
+        say(outcome.said)
+        say(f"results: {outcome.folder}/ (report.html, summary.md, figures/, ranks.csv)")
         if not outcome.verdict.calibrated:
             raise typer.Exit(NOT_CONVERGED)
 
@@ -103,8 +103,8 @@ def _lay_over(folders: list[Path], output: Path | None, *, force: bool) -> None:
     place = check_place(folders, output, force=force)
     found = overlay(folders)
     found.save(place, force=force)
-    typer.echo(found.text)
-    typer.echo(f"results: {place}/ (report.html, overlay.md, overlay.csv, figures/)")
+    say(found.text)
+    say(f"results: {place}/ (report.html, overlay.md, overlay.csv, figures/)")
     if found.reasons:
         raise typer.Exit(NOT_CONVERGED)
 
@@ -126,8 +126,8 @@ def compare(
         place = check_place(folders, output, force=force)
         found = compared(folders)
         found.save(place, force=force)
-        typer.echo(found.text)
-        typer.echo(f"results: {place}/ (report.html, comparison.md, comparison.csv, figures/)")
+        say(found.text)
+        say(f"results: {place}/ (report.html, comparison.md, comparison.csv, figures/)")
         if found.reasons:
             raise typer.Exit(NOT_CONVERGED)
 
@@ -160,10 +160,8 @@ def ladder(
                 scheduler=scheduler,
                 report=report,
             )
-        typer.echo(outcome.said)
-        typer.echo(
-            f"results: {outcome.folder}/ (report.html, comparison.md, recommended.yaml, ...)"
-        )
+        say(outcome.said)
+        say(f"results: {outcome.folder}/ (report.html, comparison.md, recommended.yaml, ...)")
         if outcome.report.reasons:
             raise typer.Exit(NOT_CONVERGED)
 
@@ -177,6 +175,6 @@ def verify(
         from bayesdrill.api import files
 
         found = files.verify(folder)
-        typer.echo(found.said, err=not found.together)
+        say(found.said, err=not found.together)
         if not found.together:
             raise typer.Exit(INPUT_WRONG)

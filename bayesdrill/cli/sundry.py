@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from bayesdrill.cli.app import ConfigPath, Force, Processes, app, output_option
-from bayesdrill.guard import NOT_CONVERGED, guarded, saved_in
+from bayesdrill.guard import NOT_CONVERGED, guarded, saved_in, say
 
 
 class CitationForm(StrEnum):
@@ -31,7 +31,7 @@ def simulate(
 
         made = files.simulate(config, output, seed=seed, force=force)
         for path, samples in made.files.items():
-            typer.echo(f"{path}: {samples} samples")
+            say(f"{path}: {samples} samples")
 
 
 @app.command(epilog="Example: bayesdrill paper --output results/paper")
@@ -53,10 +53,8 @@ def paper(
 
         with saved_in(output, "start over with --force"), reporter() as report:
             done = reproduce(configs, output, workers(processes), report, force=force)
-        typer.echo("\n".join(done.said))
-        typer.echo(
-            f"results: {done.folder}/ (report.html, report.md, tables, figures/, two posteriors)"
-        )
+        say("\n".join(done.said))
+        say(f"results: {done.folder}/ (report.html, report.md, tables, figures/, two posteriors)")
         if not done.converged:
             raise typer.Exit(NOT_CONVERGED)
 
@@ -84,4 +82,4 @@ def cite(
     with guarded():
         from bayesdrill.api.citation import citation
 
-        typer.echo(getattr(citation(folder), form.value).rstrip("\n"))
+        say(getattr(citation(folder), form.value).rstrip("\n"))

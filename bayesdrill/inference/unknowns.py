@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from bayesdrill.basics.duals import Dual
 from bayesdrill.basics.formulas import Expression
-from bayesdrill.basics.symbols import Symbol
+from bayesdrill.basics.symbols import Symbol, raised
 from bayesdrill.inference.coordinates import Coordinates
 from bayesdrill.inference.priors import Prior, Uniform, draw, signed, spread
 
@@ -85,7 +85,7 @@ def labelled(symbol: Symbol, label: str, name: str | None = None) -> Symbol:
     return dataclasses.replace(
         symbol,
         name=of_label(symbol.name, label) if name is None else name,
-        latex=rf"{symbol.latex}^{{\mathrm{{{shown}}}}}",
+        latex=raised(symbol.latex, rf"\mathrm{{{shown}}}"),
         meaning=f"{symbol.meaning}, of the experiment {label}",
     )
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import hashlib
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -10,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import jinja2
+from markupsafe import Markup
 
 import bayesdrill
 from bayesdrill.basics.symbols import Symbol
@@ -69,7 +71,23 @@ def as_html(
         version=bayesdrill.__version__,
         shown={stem: one for stem, one in shown.items() if one is not None},
         words=_WORDS,
+        style=_own(environment, "style.css"),
+        script=_own(environment, "zoom.js"),
     )
+
+
+@dataclass(frozen=True, slots=True)
+class _Own:
+    """A style or a script of the house: what stands in the page, and by what a browser knows it."""
+
+    text: Markup
+    digest: str
+
+
+def _own(environment: jinja2.Environment, name: str) -> _Own:
+    text = environment.get_template(name).render()
+    digest = base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
+    return _Own(Markup(text), f"'sha256-{digest}'")
 
 
 def _pictures(sections: Sequence[Section]) -> Iterator[Picture]:

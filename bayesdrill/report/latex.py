@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator, Sequence
 
 from bayesdrill.basics.symbols import Symbol
@@ -15,6 +16,8 @@ _HEADS = (
     "the record says",
 )
 _USUAL = range(-1, 3)  # powers of ten that are written out
+
+_BEYOND = re.compile(r"[^\x00-\x7f]+")  # ASCII; in names, and in LaTeX outside of formulas alone
 
 
 def table(rows: Sequence[Row], symbols: Sequence[Symbol]) -> str:
@@ -44,7 +47,7 @@ def _line(row: Row, symbol: Symbol) -> str:
         return f"{x / 10.0**power:.{places}f}"
 
     cells = (
-        f"${symbol.latex}$",
+        f"${_BEYOND.sub(lambda beyond: rf'\text{{{beyond[0]}}}', symbol.latex)}$",
         unit_of(power, symbol.latex_unit),
         "--" if row.nominal is None else rf"\num{{{number(row.nominal)}}}",
         rf"\num{{{number(row.map)}}}",

@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
+
+from bayesdrill.basics.typesetting import printable
+
+_TAG = re.compile(r"<(?=[A-Za-z/!?])")
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,7 +118,7 @@ class Section:
 def as_text(sections: Sequence[Section]) -> tuple[str, ...]:
     """Paragraphs for a terminal: what a page begins with stands last, where it is read."""
     shown = [section for section in reversed(sections) if section.brief]
-    return tuple(text for section in shown for text in _paragraphs(section))
+    return tuple(printable(text) for section in shown for text in _paragraphs(section))
 
 
 def _paragraphs(section: Section) -> Iterator[str]:
@@ -127,21 +132,31 @@ def _paragraphs(section: Section) -> Iterator[str]:
 
 def as_markdown(title: str, sections: Sequence[Section]) -> str:
     """A page."""
-    parts = [f"# {title}"]
+    parts = [_no_html(f"# {title}")]
     for section in sections:
-        parts += [f"## {section.title}"] * bool(section.title)
+        parts += [_no_html(f"## {section.title}")] * bool(section.title)
         parts += [_in_markdown(block) for block in section.blocks]
-    return "\n\n".join(parts) + "\n"
+    return printable("\n\n".join(parts) + "\n")
+
+
+def _no_html(text: str) -> str:
+    """As it was written what a page of Markdown would take for a tag, which no text here means."""
+    return _TAG.sub("&lt;", text)
 
 
 def _in_markdown(block: Block) -> str:
+    if isinstance(block, Plain):
+        fence = max(["``", *re.findall("`+", block.text)], key=len) + "`"
+        return f"{fence}text\n{block.text}\n{fence}"
+    return _no_html(_text_in_markdown(block))
+
+
+def _text_in_markdown(block: Sentences | Note | Marks | Picture | Table) -> str:
     match block:
         case Sentences(text):
             return "\n".join(_bullets(items(text)))
         case Table():
             return markdown(block).rstrip()
-        case Plain(text):
-            return f"```text\n{text}\n```"
         case Note(text):
             return text
         case Marks(every):
@@ -176,7 +191,12 @@ def markdown(table: Table) -> str:
 
 
 def _line(cells: Sequence[str]) -> str:
-    return "| " + " | ".join(cells) + " |"
+    return "| " + " | ".join(map(_cell, cells)) + " |"
+
+
+def _cell(text: str) -> str:
+    """In one line, and in one column."""
+    return text.replace("|", r"\|").replace("\n", " ")
 
 
 def aligned(table: Sequence[tuple[str, ...]], left: set[int]) -> str:

@@ -3,46 +3,63 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from html.entities import name2codepoint
 
-from markupsafe import Markup, escape
+from markupsafe import Markup
 
 from bayesdrill.basics.symbols import INPUTS, PARAMETERS, STATES, Symbol
 
-_DOT, _ABOVE = r"\dot", "&#775;"
+_DOT, _ABOVE = r"\dot", Markup("&#775;")
 _INDEXED = re.compile(r"\\?(?P<letter>[A-Za-z]+)(_(\{(?P<inside>.+)\}|(?P<index>[A-Za-z0-9])))?")
 
-_WORD = r"(?<![\w\\.])(?:{})(?![\w(])(?!\.\w)"
+_WORD = r"(?<![\w\\.])({})(?![\w(])(?!\.\w)"
 _POWER = re.compile(r"\^(-?\d+)")
 _CODE = re.compile(r"`([^`]+)`")
 _STRONG = re.compile(r"\*\*([^*]+)\*\*")
-_EMPHASIS = re.compile(r"(?<![\w*])\*([A-Za-z][^*]*)\*(?!\w)")
+_EMPHASIS = re.compile(r"(?<![\w*)])\*([A-Za-z][^*]*)\*(?!\w)")
 
 
 def printed(symbols: Iterable[Symbol] = ()) -> Mapping[str, Markup]:
     """Of the rig's symbols and of these, by name; without those that have no simple form."""
     known = (*PARAMETERS.values(), *STATES.values(), *INPUTS.values(), *symbols)
     found = {symbol.name: _letter(symbol.latex) for symbol in known}
-    return {name: Markup(f"<var>{html}</var>") for name, html in found.items() if html}
+    return {name: Markup("<var>{}</var>").format(html) for name, html in found.items() if html}
 
 
-def _letter(latex: str) -> str:
+def _letter(latex: str) -> Markup:
     """Empty where it is more than a letter with an index."""
     dotted = latex.startswith(_DOT)
     found = _INDEXED.fullmatch(latex.removeprefix(_DOT).replace(r"\mathrm", ""))
     if found is None:
-        return ""
+        return Markup()
     letter = found["letter"]
     greek = letter in name2codepoint
     if len(letter) > 1 and not greek:
-        return ""
+        return Markup()
     inside = (found["inside"] or "").strip("{}")
     index = found["index"] or _letter(inside) or inside
     if index and "\\" in index:
-        return ""
-    base = (f"&{letter};" if greek else letter) + (_ABOVE if dotted else "")
-    return base + (f"<sub>{index}</sub>" if index else "")
+        return Markup()
+    base = Markup(f"&{letter};") if greek else letter
+    low = Markup("<sub>{}</sub>").format(index) if index else ""
+    return _joined((base, _ABOVE if dotted else "", low))
+
+
+def _joined(parts: Iterable[str]) -> Markup:
+    """The one place where text becomes HTML: what is not `Markup` is escaped."""
+    return Markup().join(parts)
+
+
+def _within(
+    pattern: re.Pattern[str],
+    text: str,
+    inside: Callable[[str], str],
+    outside: Callable[[str], str],
+) -> Markup:
+    """Of `text`, no HTML yet: `inside` of what the group of `pattern` finds, `outside` of the rest."""
+    parts = enumerate(pattern.split(text))
+    return _joined(inside(part) if k % 2 else outside(part) for k, part in parts)
 
 
 class Typesetter:
@@ -55,18 +72,24 @@ class Typesetter:
 
     def plain(self, text: str) -> Markup:
         """Names and powers alone."""
-        named = self._pattern.sub(lambda m: self._names[m[0]], str(escape(text)))
-        return Markup(_POWER.sub(r"<sup>\1</sup>", named))
+        return _within(self._pattern, text, self._names.__getitem__, _powers)
 
     def prose(self, text: str) -> Markup:
         """Backticks keep what is inside as it is."""
-        parts = _CODE.split(text)
-        html = [
-            Markup("<code>{}</code>").format(part) if k % 2 else self._stressed(part)
-            for k, part in enumerate(parts)
-        ]
-        return Markup("").join(html)
+        return _within(_CODE, text, Markup("<code>{}</code>").format, self._strong)
 
-    def _stressed(self, text: str) -> Markup:
-        html = _STRONG.sub(r"<strong>\1</strong>", str(self.plain(text)))
-        return Markup(_EMPHASIS.sub(r"<em>\1</em>", html))
+    def _strong(self, text: str) -> Markup:
+        def strong(part: str) -> Markup:
+            return Markup("<strong>{}</strong>").format(self._emphasis(part))
+
+        return _within(_STRONG, text, strong, self._emphasis)
+
+    def _emphasis(self, text: str) -> Markup:
+        def slanted(part: str) -> Markup:
+            return Markup("<em>{}</em>").format(self.plain(part))
+
+        return _within(_EMPHASIS, text, slanted, self.plain)
+
+
+def _powers(text: str) -> Markup:
+    return _within(_POWER, text, Markup("<sup>{}</sup>").format, str)

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import hostile
 import pytest
 import systems
 
@@ -150,6 +151,50 @@ def test_a_figure_opens_at_its_full_size_and_closes_by_keyboard(
     page.keyboard.press("Escape")
     assert not dialog.is_visible()
     assert not heard.messages
+
+
+@pytest.fixture(scope="module")
+def hostile_pages(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+    """Of every kind that shows texts of users: a run, a maximum, a calibration, runs side by side."""
+    place = tmp_path_factory.mktemp("hostile") / hostile.RUNS
+    config = hostile.small(place)
+    config.write_text(config.read_text().replace("output: {", TINY[1]))
+    runs = [place / f"{name} {hostile.FILE}" for name in ("one", "two")]
+    for run in runs:
+        systems.cli("posterior", config, "-o", run, "--processes", "1")
+    for command in ("map", "calibrate"):
+        systems.cli(command, config, "-o", place / command, "--processes", "1")
+    for command in ("report", "compare"):
+        systems.cli(command, *runs, "-o", place / command)
+    folders = [*runs, *(place / name for name in ("map", "calibrate", "report", "compare"))]
+    return [folder / "report.html" for folder in folders]
+
+
+def test_no_text_of_a_user_runs(browser: Browser, hostile_pages: list[Path]) -> None:
+    """And the script of the page does.  Mutants killed: `latex:` as HTML, scripts that are not known."""
+    for path in hostile_pages:
+        page, heard = opened(browser, path, "desktop")
+        assert page.evaluate("window.owned") is None, path
+        assert page.title().split(" · ")[0] == page.locator("h1").inner_text()
+        assert page.evaluate("document.querySelectorAll('img[src=x], [onerror]').length") == 0
+        page.locator("button.zoom").first.click()
+        assert page.locator("dialog").is_visible()
+        page.locator("dialog form button").click()
+        assert not page.locator("dialog").is_visible()
+        assert not heard.messages, (path, heard.messages)
+
+
+def test_a_page_runs_no_script_but_its_own(browser: Browser, pages: dict[str, Path]) -> None:
+    """Were text taken for HTML after all, by what the page itself forbids."""
+    html = pages["sound"].read_text(encoding="utf-8")
+    bad = "<img src=x onerror='window.owned=1'><script>window.owned=1</script><p style='color:red'>"
+    path = pages["sound"].with_name("bad.html")
+    path.write_text(html.replace("<main>", f"<main>{bad}"), encoding="utf-8")
+    page, heard = opened(browser, path, "desktop")
+    assert page.evaluate("window.owned") is None
+    assert len([message for message in heard.messages if "Content Security Policy" in message]) >= 3
+    page.locator("button.zoom").first.click()
+    assert page.locator("dialog").is_visible()
 
 
 def test_it_prints_on_paper_with_nothing_beyond_its_edge(browser: Browser, path: Path) -> None:

@@ -377,7 +377,7 @@ WRITTEN = {
     "rpm": ("rpm", math.pi / 30),
     "revolution/s": ("revolution/s", 2 * math.pi),
     "deg / ms": ("deg/ms", math.radians(1e3)),
-    "\u00b0/s": (r"{}^{\circ}/s", math.radians(1.0)),
+    "\u00b0/s": (r"{{}^{\circ}}/s", math.radians(1.0)),
 }
 
 

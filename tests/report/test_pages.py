@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import dataclasses
+import hashlib
 import re
 from functools import cache
 from html.parser import HTMLParser
@@ -120,6 +121,10 @@ def test_a_run_leaves_a_page_that_needs_nothing_beside_it(saved: Path) -> None:
     )
     (policy,) = (m["content"] for m in found.all("meta") if "http-equiv" in m)
     assert policy.startswith("default-src 'none'")
+    for what in ("script", "style"):  # the one that is there, and no other
+        (own,) = re.findall(f"<{what}>(.*?)</{what}>", html, re.DOTALL)
+        digest = base64.b64encode(hashlib.sha256(own.encode()).digest()).decode()
+        assert f"{what}-src 'sha256-{digest}'" in policy
     places = [attributes["id"] for _, attributes in found.found if "id" in attributes]
     assert len(places) == len(set(places))
     links = [a["href"] for a in found.all("a")]
@@ -201,6 +206,63 @@ def test_texts_of_users_stay_texts() -> None:
     assert len(html.all("script")) == 1
     assert not html.all("b")
     assert html.text.count('alert("x")') >= 8
+
+
+def written(text: str, folder: Path) -> tuple[str, str]:
+    """A page of HTML and one of Markdown, with `text` in every field that shows one."""
+    style.save(Figure(figsize=(3.4, 1.7)), folder, "fit", {}, formats=("png",))
+    own = (Symbol("q", "1", f"x_{{{text}}}", "", text), Symbol("lt", "1", r"\lambda", "", ""))
+    table = Table(
+        ("", text, "verdict"), ((text, text, text), ("q", "lt", "k_s^2")), frozenset((text,))
+    )
+    blocks = (
+        *(
+            Sentences(f"{text}\n  - {text}"),
+            Note(text),
+            Plain(text),
+            Plain(text, folded=text),
+            table,
+        ),
+        *(Marks((Mark(text, "bad"),)), Picture("fit", text)),
+    )
+    said = (Section("the first", blocks), Section(text, (Note("q, lt"),)))
+    return as_html(text, text, said, folder, own), as_markdown(text, said)
+
+
+def test_no_field_makes_an_element(tmp_path: Path) -> None:
+    """Law: whatever stands in the fields of a page, it has the same elements, with the same attributes.
+
+    Mutants killed: the index of a symbol's `latex:` taken as HTML; names of unknowns (`lt`, `amp`)
+    looked for in what is escaped already.
+    """
+    evil = """'"><svg onload=owned=1><script>owned=1</script> & ${7*7} {{ 7*7 }} -->"""
+    found, usual = (Page(written(text, tmp_path)[0]) for text in (evil, "said"))
+
+    def elements(html: Page) -> list[tuple[str, list[str]]]:
+        return [(tag, sorted(attributes)) for tag, attributes in html.found]
+
+    assert elements(found) == elements(usual)
+    assert found.text.count("owned=1") == 2 * (usual.text.count("said"))
+    assert "&" not in found.text.replace(" & ", "")
+
+
+@pytest.mark.parametrize("before", ["", "`", "``", "\\\\", "\\\\`", "`a``b` "])
+def test_markdown_of_users_stays_text(before: str, tmp_path: Path) -> None:
+    """Nothing begins an element, a column or a line, whatever code and backslashes stand before it."""
+    text = written(f"{before}<svg onload=owned=1>` | ```\n<!-- R-hat <= 1 < 2", tmp_path)[1]
+    shown = re.sub(r"^(`{4,})text\n.*?\n\1$", "", text, flags=re.DOTALL | re.MULTILINE)
+    assert shown.count("````") == 0
+    assert not re.search(r"<[A-Za-z/!?]", shown)
+    assert "R-hat <= 1 < 2" in shown
+    rows = [line for line in shown.splitlines() if line.startswith("| ")]
+    assert [len(re.findall(r"(?<!\\)\|", row)) for row in rows] == [4] * 4
+
+
+def test_a_terminal_is_told_nothing_that_it_obeys(tmp_path: Path) -> None:
+    table = Table(("", "a\x1b[2J"), (("\x9b31m", "[red]b"),), frozenset())
+    said = [Section("", (table, Sentences("x\x1b]0;owned\x07\u202ey")))]
+    assert as_text(said) == ("       a [2J\n 31m  [red]b", "x ]0;owned  y")
+    assert as_markdown("t", said).replace("\n", "").isprintable()
 
 
 def test_names_are_printed_with_their_index_and_kept_in_code() -> None:

@@ -62,11 +62,24 @@ REFUSED: dict[str, tuple[tuple[Change, ...], str]] = {
     ),
     "latex that is none": (
         (derived(r"a: {formula: 2*k_s, latex: '\frac'}"),),
-        r"derived.a.latex: figures cannot write '\frac' (Expected \frac{num}{den}",
+        r"derived.a.latex: figures and tables cannot write '\frac' (Expected \frac{num}{den}",
     ),
     "latex of a quantity": (
         quantity("q: {prior: uniform, low: 0.5, high: 1.5, unit: '1', latex: 'x_{'}"),
-        "quantities.q.latex: figures cannot write 'x_{'",
+        "quantities.q.latex: figures and tables cannot write 'x_{'",
+    ),
+    "latex of two cells": (
+        (derived(r"a: {formula: 2*k_s, latex: 'a&b'}"),),
+        "small.yaml:21: derived.a.latex: figures and tables cannot write 'a&b' (& cannot stand there); "
+        r"use what LaTeX and matplotlib's mathtext both know, such as \omega_1",
+    ),
+    "latex that would read a file": (
+        (derived(r"a: {formula: 2*k_s, latex: 'x$ \input{/etc/passwd} $y'}"),),
+        r"(\input is none of the commands that may stand there)",
+    ),
+    "unit that would read a file": (
+        (derived(r"""a: {formula: 2*k_s, unit: 'N*m #\input{x}'}"""),),
+        r"derived.a: unit 'N*m #\input{x}' is not known",
     ),
     "latex of two lines": (
         (derived(r'a: {formula: 2*k_s, latex: "x\ny"}'),),

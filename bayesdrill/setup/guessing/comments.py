@@ -7,6 +7,8 @@ import re
 import textwrap
 from collections.abc import Iterable
 
+from bayesdrill.basics.typesetting import printable
+
 REVIEW = "REVIEW: "
 WIDTH = 110
 _PLAIN = re.compile(r"(?![-\d%/]|\.(?!\.?/))[\w./%°-]+(?: [\w./%°-]+)*", re.ASCII)
@@ -23,8 +25,7 @@ def scalar(value: str | int | float) -> str:
 
 
 def comment(text: str, indent: int = 0) -> list[str]:
-    text = "".join(letter if letter.isprintable() else " " for letter in text)
-    whole = re.sub("`[^`]*`", lambda code: code[0].replace(" ", _KEPT), text)
+    whole = re.sub("`[^`]*`", lambda code: code[0].replace(" ", _KEPT), printable(text))
     lead = " " * indent + "# "
     lines = textwrap.wrap(
         whole, WIDTH, initial_indent=lead, subsequent_indent=lead, break_on_hyphens=False
