@@ -31,6 +31,27 @@ class Mutant:
 
 MUTANTS = [
     Mutant(
+        "shares of walkers that do not pass between maxima, believed by the evidence",
+        "engines/evidence.py",
+        "return far if far > CHANCE * chance else 0.0",
+        "return 0.0",
+        "tests/engines/test_evidence.py::test_walkers_that_do_not_pass_between_humps_are_in_the_error",
+    ),
+    Mutant(
+        "the step between samples instead of the gap",
+        "engines/aliases.py",
+        "delta = 2.0 * np.pi * np.arange(len(height)) / size * (cells - 1) / span",
+        "delta = 2.0 * np.pi * np.arange(len(height)) / size / np.diff(t).min()",
+        "tests/engines/test_aliases.py::test_the_window_of_two_bursts_peaks_at_swings_over_the_gap",
+    ),
+    Mutant(
+        "every ripple of a line is a maximum",
+        "engines/aliases.py",
+        "if rising and x < value[top] - valley:",
+        "if rising and x < value[top]:",
+        "tests/engines/test_aliases.py::test_maxima_along_a_line_are_those_with_valleys_between",
+    ),
+    Mutant(
         "figures of two threads in one style",
         "report/style.py",
         "with _ONE_AT_A_TIME, matplotlib.rc_context(rc):",
@@ -1520,8 +1541,8 @@ MUTANTS = [
     Mutant(
         "aliases on one side only",
         "engines/aliases.py",
-        "ROUNDS = (-2, -1, 1, 2)",
-        "ROUNDS = (1, 2)",
+        "np.concatenate([omega - delta, omega + delta])",
+        "np.concatenate([omega + delta, omega + delta])",
         "tests/engines/test_aliases.py::test_the_other_stiffness_of_a_torsion_near_half_the_sampling_rate",
     ),
     Mutant(
