@@ -320,10 +320,7 @@ def refuse_endless(path: Path) -> None:
     """Raises `InputError` for devices and pipes, also behind links: opening may never end."""
     try:
         mode = path.stat().st_mode
-    except (
-        OSError,
-        ValueError,
-    ):  # what is not there is for its reader; ValueError: a NUL in the path
+    except (OSError, ValueError):  # it is not there, or has a NUL in its path, as its reader says
         return
     if not stat.S_ISREG(mode) and not stat.S_ISDIR(mode):
         raise InputError.one(str(path), "is a device or a pipe, which may have no end; give a file")
