@@ -210,6 +210,7 @@ def of(job: Job, y: Array) -> Job:
 
 def task(job: Job, seed: int) -> elsewhere.Task:
     return elsewhere.Task(
+        nominal=job.problem.nominal,
         posterior=job.problem.posterior,
         optimiser=build.optimiser(job.config),
         starts=job.config.map.starts,

@@ -111,7 +111,7 @@ MUTANTS = [
     Mutant(
         "a record that is looked for beside a recommended config",
         "setup/rungs.py",
-        "entry[key] = Path(os.path.relpath(record, folder.resolve())).as_posix()",
+        "entry[key] = sources.name_in(folder.resolve(), record)",
         "pass",
         "tests/setup/test_rungs.py::test_what_is_recommended_is_a_config_from_anywhere",
     ),
@@ -1744,8 +1744,8 @@ MUTANTS = [
     Mutant(
         "a proposal that looks only where it goes",
         "engines/learning/learn.py",
-        "_inside(wide, WIDER_DRAWS, surface, seed)",
-        "_inside(found, WIDER_DRAWS, surface, seed)",
+        "_inside(wide, times * WIDER_DRAWS, surface, seed)",
+        "_inside(found, times * WIDER_DRAWS, surface, seed)",
         "tests/engines/test_learning.py",
     ),
     Mutant(

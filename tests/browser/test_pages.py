@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import hostile
+import payloads
 import pytest
 import systems
 
@@ -156,10 +156,10 @@ def test_a_figure_opens_at_its_full_size_and_closes_by_keyboard(
 @pytest.fixture(scope="module")
 def hostile_pages(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     """Of every kind that shows texts of users: a run, a maximum, a calibration, runs side by side."""
-    place = tmp_path_factory.mktemp("hostile") / hostile.RUNS
-    config = hostile.small(place)
+    place = tmp_path_factory.mktemp("hostile") / payloads.RUNS
+    config = payloads.small(place)
     config.write_text(config.read_text().replace("output: {", TINY[1]))
-    runs = [place / f"{name} {hostile.FILE}" for name in ("one", "two")]
+    runs = [place / f"{name} {payloads.FILE}" for name in ("one", "two")]
     for run in runs:
         systems.cli("posterior", config, "-o", run, "--processes", "1")
     for command in ("map", "calibrate"):

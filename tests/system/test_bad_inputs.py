@@ -1156,8 +1156,8 @@ RECORDS = [
     case(
         "absurd values",
         cell(6, 2, "1e300"),
-        at="parameters:",
-        says=("no finite response", "check values and units"),
+        at="    w_1",
+        says=("1 number beyond 1e+40", "line 6"),
     ),
     case(
         "variable missing",

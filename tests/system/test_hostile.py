@@ -6,7 +6,7 @@ import re
 from html.parser import HTMLParser
 from pathlib import Path
 
-import hostile
+import payloads
 import pytest
 import systems
 
@@ -26,8 +26,8 @@ class Elements(HTMLParser):
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """With a maximum in `out`, whose places are hostile too."""
-    place = tmp_path_factory.mktemp("hostile") / hostile.RUNS
-    done = systems.cli("map", hostile.small(place), "-o", place / "out", "--processes", "1")
+    place = tmp_path_factory.mktemp("hostile") / payloads.RUNS
+    done = systems.cli("map", payloads.small(place), "-o", place / "out", "--processes", "1")
     assert done.status == 0, done.text
     return place
 
@@ -46,7 +46,7 @@ def test_a_page_has_none_but_its_own_elements(folder: Path) -> None:
 def test_a_terminal_shows_columns_and_obeys_nothing(folder: Path) -> None:
     ran = systems.cli("check", folder / "small.yaml")
     assert ran.status == 0, ran.text
-    assert hostile.COLUMNS["theta_1"] in ran.out
-    missing = systems.cli("map", folder / "small.yaml", "-o", folder / f"{hostile.OBEYED}/none")
+    assert payloads.COLUMNS["theta_1"] in ran.out
+    missing = systems.cli("map", folder / "small.yaml", "-o", folder / f"{payloads.OBEYED}/none")
     for text in (ran.text, missing.text):
         assert text.replace("\n", "").isprintable()

@@ -63,7 +63,7 @@ def test_results_are_not_overwritten_unasked(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(ROOT)
-    (tmp_path / "run.json").write_text(sealed({"job": "paper"}))
+    (tmp_path / "run.json").write_text(sealed({"job": "paper", "fingerprint": {}}))
     ran = systems.cli("paper", "--output", str(tmp_path))
     assert ran.status == 2
     assert "exist already" in ran.err
@@ -146,7 +146,9 @@ def test_what_is_no_folder_of_studies_is_told(given: str, monkeypatch: pytest.Mo
 
 
 def test_a_report_of_these_results_says_what_makes_it(tmp_path: Path) -> None:
-    (tmp_path / "run.json").write_text(sealed({"status": "running", "job": "paper"}))
+    (tmp_path / "run.json").write_text(
+        sealed({"status": "running", "job": "paper", "fingerprint": {}})
+    )
     ran = systems.cli("report", str(tmp_path))
     assert ran.status == 2
     assert "results of `bayesdrill paper`" in ran.err
