@@ -255,6 +255,18 @@ def test_what_is_replaced_hands_its_mode_bits_on(tmp_path: Path) -> None:
         assert found == [0o640, 0o600]
 
 
+def test_findings_are_written_into_any_folder_and_again(tmp_path: Path) -> None:
+    """Mutant killed: figures whose empty folder was just taken away."""
+    config, out = small(tmp_path), tmp_path / "out"
+    for again in ((), ("--force",)):
+        ran = cli("identify", config, "-o", out, *again)
+        assert ran.status == 0, ran.err
+        figure = out / "figures" / "spectrum.png"
+        if again:
+            assert stat.S_IMODE(figure.stat().st_mode) == 0o600
+        figure.chmod(0o600)
+
+
 COMMANDS = (
     *("posterior", "calibrate", "ladder", "map", "identify", "simulate"),
     *("init", "report", "compare"),

@@ -50,8 +50,9 @@ def moments(folder: Path) -> list[tuple[str, Callable[[], bool]]]:
     ]
 
 
-# The first kills while the chain is short, the last when it is whole: each moment can be reached.
-ORDER = (0, 0, 1, 1, 2, 2, 0, 3, 3, 2, 4, 3, 4, 0, 5, 5, 6, 7, 8, 8)
+# The first kills while the chain is short, the last when it is whole, and written no more: each moment
+# can be reached.
+ORDER = (0, 0, 1, 1, 2, 2, 0, 3, 3, 2, 4, 3, 4, 0, 5, 6, 6, 7, 8, 8)
 
 
 def ended(process: subprocess.Popen[str], *, whole_group: bool) -> None:
