@@ -126,6 +126,9 @@ class _Several:
     def problems(self, folder: Path, run: Mapping[str, Any]) -> Iterator[Problem]:
         """Of runs that were only in memory nothing can be computed again."""
         found, told = [], run.get("runs", [])
+        if len(told) < 2:
+            yield Problem(str(folder / own_files.RUN), "names no two runs")
+            return
         for one in told:
             if one["folder"] is None:
                 continue

@@ -49,10 +49,10 @@ def look(table: Table) -> tuple[list[Seen], dict[str, str]]:
                 for k, one in enumerate(values.T)
             ]
     lengths = Counter(len(one.values) for one in seen if len(one.values) >= LEAST)
-    usual = max(lengths, key=lambda length: (lengths[length], length), default=0)
+    usual = max(lengths, key=lambda length: (lengths[length], length), default=LEAST)
     for one in seen:
         if len(one.values) != usual:
-            left_out[one.name] = f"has {_values(len(one.values))}, not {usual or LEAST}"
+            left_out[one.name] = f"has {_values(len(one.values))}, not {usual}"
     return [one for one in seen if len(one.values) == usual], left_out
 
 
