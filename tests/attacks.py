@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import copy
 import io
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,11 @@ import pyarrow
 import systems
 from hypothesis import strategies as st
 from pyarrow import parquet
+from ruamel.yaml import YAML
 from scipy.io import savemat
+
+from bayesdrill.basics import sealed
+from bayesdrill.results import chain_files
 
 NUMBERS = (
     "0", "-0.0", "1e-320", "1e-150", "1e-18", "-1", "1e18", "1e150", "1.7e308", "1e400", ".nan", ".inf",
@@ -230,3 +235,230 @@ def damaged(folder: Path) -> st.SearchStrategy[tuple[str, bytes]]:
             st.just(path.relative_to(folder).as_posix()), bytes_changed(path.read_bytes())
         )
     )
+
+
+VALUES: tuple[Any, ...] = (
+    None, True, False, 0, 1, -1, 3, 10**20, 10**400, -0.5, 0.1, 1e-320, 1e300, float("nan"),
+    float("inf"), -float("inf"), "", "x", "finished", "posterior", "k_e", "1", "nan", "../..", ".",
+    "/", "a\0b", "\udcff", "y" * 3000, [], [1], ["x"], [[]], [None], {}, {"x": 1}, {"": None},
+    {"k_e": "1"}, [{"name": 1}],
+)  # fmt: skip
+
+
+def places(tree: Any, at: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
+    """Of all that stands in plain data, but the whole."""
+    inner = tree.items() if isinstance(tree, dict) else ()
+    for key, value in enumerate(tree) if isinstance(tree, list) else inner:
+        yield (*at, key)
+        yield from places(value, (*at, key))
+
+
+@st.composite
+def retyped(draw: st.DrawFn, tree: Any) -> Any:
+    """Plain data with values of other types, left out, under other names, or at another's place."""
+    made = copy.deepcopy(tree)
+    for _ in range(draw(st.integers(1, 3))):
+        every = list(places(made))
+        if not every:
+            break
+        *way, last = draw(st.sampled_from(every))
+        parent = made
+        for key in way:
+            parent = parent[key]
+        how = draw(st.integers(0, 7))
+        if how <= 4:
+            parent[last] = copy.deepcopy(draw(st.sampled_from(VALUES)))
+        elif how == 5:
+            del parent[last]
+        elif how == 6 and isinstance(parent, dict):
+            parent[draw(st.sampled_from(["zz", "", "k_e", "a.b", "x" * 300]))] = parent.pop(last)
+        else:
+            other = draw(st.sampled_from(every))
+            found = tree
+            for key in other:
+                found = found[key] if isinstance(found, dict) and key in found else None
+            parent[last] = copy.deepcopy(found)
+    return made
+
+
+def as_yaml(tree: Any) -> str:
+    out = io.StringIO()
+    YAML(typ="safe", pure=True).dump(tree, out)
+    return out.getvalue()
+
+
+def config_retyped(text: str) -> st.SearchStrategy[bytes]:
+    """A config that is YAML, with wrong types in its entries."""
+    yaml = YAML(typ="safe", pure=True)
+    yaml.allow_duplicate_keys = True
+    tree = yaml.load(text)
+
+    def written(made: Any) -> bytes:
+        try:
+            return as_yaml(made).encode("utf-8", "surrogatepass")
+        except Exception:  # not all that JSON has can be written
+            return b"{}"
+
+    return retyped(tree).map(written)
+
+
+@st.composite
+def array(draw: st.DrawFn, was: Any) -> Any:
+    """Another array than one that `was` there."""
+    was = np.asarray(was)
+    how = draw(st.integers(0, 8))
+    if how == 0:
+        return np.array(draw(st.sampled_from(["", "x", "MT19937"])))
+    if how == 1:
+        return was[..., :-1] if was.ndim and was.shape[-1] else was
+    if how == 2:
+        return np.concatenate([np.atleast_1d(was)] * 2)
+    if how == 3:
+        return np.zeros(draw(st.sampled_from([(), (0,), (1, 1), (3, 0, 2), (2, 2, 2, 2)])))
+    if how == 4 and was.dtype.kind == "f":
+        return np.full_like(was, draw(st.sampled_from([np.nan, np.inf, -1.0, 0.0, 1e300, -1e300])))
+    if how == 5 and was.dtype.kind in "fiu":
+        return was.astype(draw(st.sampled_from(["<i1", ">f8", "f4", "c16", "S3", "?"])))
+    if how == 6:
+        return was.T
+    if how == 7:
+        return was * 0 if was.dtype.kind in "fiu" else was
+    return draw(st.sampled_from([np.array(10**18), np.array(-1), np.array([b"x"])]))
+
+
+@st.composite
+def chain_forged(draw: st.DrawFn, content: bytes) -> bytes:
+    """A chain with another array or attribute, and a checksum that fits."""
+    held = io.BytesIO(content)
+    with h5py.File(held, "r+") as file:
+        name = draw(st.sampled_from([*file]))
+        group = file[name]
+        which = draw(st.sampled_from([*group, *group.attrs]))
+        if draw(st.integers(0, 5)) == 0:
+            del file[name]
+        elif which in group:
+            other = draw(array(group[which][:]))
+            del group[which]
+            group[which] = np.atleast_1d(other.astype("S") if other.dtype.kind == "U" else other)
+            chain_files.seal(group)
+        else:
+            group.attrs[which] = draw(st.sampled_from([-1, 0, 3.5, "x", 10**18, np.zeros(3)]))
+            chain_files.seal(group)
+    return held.getvalue()
+
+
+@st.composite
+def piece_forged(draw: st.DrawFn, content: bytes) -> bytes:
+    with np.load(io.BytesIO(content)) as file:
+        arrays = dict(file)
+    for name in draw(st.sets(st.sampled_from([*arrays]), min_size=1, max_size=2)):
+        if draw(st.booleans()):
+            arrays[name] = draw(array(arrays[name]))
+        else:
+            del arrays[name]
+    out = io.BytesIO()
+    np.savez(out, **arrays)
+    return out.getvalue()
+
+
+def forged(folder: Path) -> st.SearchStrategy[tuple[str, bytes]]:
+    """A file of a results folder, and what somebody has made of it who knows about checksums."""
+    kept = [path for path in sorted(folder.rglob("*")) if path.is_file() and path.name != ".lock"]
+    weighed = [p for p in kept for _ in range(6 if p.suffix in {".json", ".h5", ".npz"} else 1)]
+
+    def of(path: Path) -> st.SearchStrategy[tuple[str, bytes]]:
+        return st.tuples(st.just(path.relative_to(folder).as_posix()), _forged(path))
+
+    return st.sampled_from(weighed).flatmap(of)
+
+
+def _forged(path: Path) -> st.SearchStrategy[bytes]:
+    content = path.read_bytes()
+    if path.suffix == ".json":
+        return retyped(sealed.opened(content)).map(lambda data: sealed.sealed(data).encode())
+    if path.suffix == ".h5":
+        return chain_forged(content)
+    if path.suffix == ".npz":
+        return piece_forged(content)
+    if path.suffix == ".yaml":
+        return config_retyped(content.decode())
+    return bytes_changed(content) | st.binary(max_size=30)
+
+
+CELLS = (
+    "", "nan", "inf", "-inf", "1e-320", "5e-324", "1e-40", "1e39", "1e200", "1.7e308", "-1e308",
+    "0", "-0.0", "1", "x", "1e400", "9" * 400, '"', "1,5", "0x1F", "1_000", "12:30", "\0", "\udcff",
+    "True",
+)  # fmt: skip
+HEADS = (
+    "t", "t [s]", "time_us", "theta_1", "theta_1 [rad]", "phi [deg]", "w_1", "n_motor [rpm]", "v",
+    "U [V]", "i [A]", "t_1 [N*m]", "", "1", "x", "theta_1", "a" * 500, "\u0301", "w_1 [", "]",
+    "$x_{$", "t,t", "w_1 [1e300 rad]",
+)  # fmt: skip
+
+
+@st.composite
+def table(draw: st.DrawFn) -> tuple[str, bytes]:
+    """A record of strange columns, in any format: the ending, and the bytes."""
+    count, width = draw(st.sampled_from([0, 1, 2, 19, 21, 60, 300])), draw(st.integers(0, 6))
+    rng = np.random.default_rng(draw(st.integers(0, 99)))
+    t = np.arange(count) * draw(
+        st.sampled_from([0.0, 1e-310, 1e-20, 0.001, 0.05, 1.0, 1e10, 1e300])
+    )
+    every = []
+    for k in range(width):
+        how = draw(st.integers(0, 8))
+        size = draw(st.sampled_from([1.0, 1e-320, 1e-200, 1e-20, 1e6, 1e39, 1e150, 1e307]))
+        with np.errstate(all="ignore"):
+            values = [t, size * np.sin(7 * t), size * rng.standard_normal(count), np.full(count, size),
+                size * np.round(np.sin(t), 2), np.cumsum(size * rng.standard_normal(count)), t[::-1],
+                size * np.mod(30 * t, 2 * np.pi), np.full(count, np.nan)][how if k else 0]  # fmt: skip
+        values = np.asarray(values, dtype=float).copy()
+        for _ in range(draw(st.integers(0, 2)) if count else 0):
+            values[draw(st.integers(0, count - 1))] = draw(
+                st.sampled_from([np.nan, np.inf, 1e308, 1e-320, 0.0])
+            )
+        every.append(values)
+    heads = [draw(st.sampled_from(HEADS)) for _ in every]
+    ending = draw(st.sampled_from(["csv", "csv", "csv", "npz", "h5", "parquet", "mat"]))
+    return ending, _written(ending, heads, every, draw)
+
+
+def _written(ending: str, heads: list[str], every: list[Any], draw: st.DrawFn) -> bytes:
+    out = io.BytesIO()
+    if ending == "csv":
+        mark = draw(st.sampled_from([",", ";", "\t", " ", "|"]))
+        rows = [[repr(float(x)) for x in row] for row in zip(*every, strict=True)]
+        for _ in range(draw(st.integers(0, 2)) if rows else 0):
+            row = rows[draw(st.integers(0, len(rows) - 1))]
+            row[draw(st.integers(0, len(row) - 1))] = draw(st.sampled_from(CELLS))
+        lines = [heads, *rows] if draw(st.booleans()) else rows
+        text = draw(st.sampled_from(["\n", "\r\n", "\r"])).join(mark.join(line) for line in lines)
+        return text.encode("utf-8", "surrogatepass")
+    named = {f"{head or 'x'}_{k}" if draw(st.booleans()) else head or "x": x
+             for k, (head, x) in enumerate(zip(heads, every, strict=True))}  # fmt: skip
+    kinds = ["f8", "f4", ">f8", "f2", "i8", "u1", "c16", "?", "U3"]
+    with np.errstate(all="ignore"):
+        named = {n: x.astype(draw(st.sampled_from(kinds))) if draw(st.integers(0, 3)) == 0 else x
+                 for n, x in named.items()}  # fmt: skip
+    plain = {n.replace("/", "_").replace("\0", "_"): x for n, x in named.items()}
+    try:
+        if ending == "npz":
+            np.savez(out, **plain)
+        elif ending == "h5":
+            with h5py.File(out, "w") as file:
+                for name, values in plain.items():
+                    file[name] = values
+        elif ending == "parquet":
+            parquet.write_table(pyarrow.table(plain), out)
+        else:
+            savemat(
+                out,
+                {
+                    f"v_{k}": {"f": x} if draw(st.booleans()) else x
+                    for k, x in enumerate(plain.values())
+                },
+            )
+    except Exception:  # not every format holds every kind
+        return b"x"
+    return out.getvalue()

@@ -11,7 +11,7 @@ from functools import cache, cached_property
 from importlib.metadata import EntryPoint, EntryPoints, entry_points
 from typing import Any
 
-from bayesdrill.basics.errors import InputError, Stopped, did_you_mean
+from bayesdrill.basics.errors import Stopped, did_you_mean
 
 
 def callable_one(_: str, member: Any) -> None:
@@ -85,14 +85,8 @@ class Registry[T](Mapping[str, T]):
 
 @cache
 def _every_entry_point() -> EntryPoints:
-    """Of all packages: to look for them takes some milliseconds; raises `InputError`."""
-    try:
-        return entry_points()
-    except Exception as error:  # what any of them has written
-        message = (
-            f"what is installed cannot be listed ({_why(error)}); mend the package that is damaged"
-        )
-        raise InputError.one(str(sys.prefix), message) from None
+    """Of all packages: to look for them takes some milliseconds."""
+    return entry_points()
 
 
 def blame(error: BaseException) -> str:

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import errno
 import os
+import resource
 import signal
+import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import pytest
+import systems
 import typer
 from systems import STOPPING
 
@@ -122,3 +125,36 @@ def test_a_message_that_nobody_can_read_leaves_the_status(monkeypatch: pytest.Mo
         with suppress(OSError):
             full.close()
     assert ended.value.exit_code == INPUT_WRONG
+
+
+@pytest.mark.parametrize("size", [25, 40, 300])  # MB, of which the libraries take up about 400
+def test_memory_that_ends_as_libraries_are_loaded(size: int, tmp_path: Path) -> None:
+    """Of a process of its own, as a batch system bounds it."""
+    systems.small(tmp_path)
+    limit = size * 1024**2
+    ended = subprocess.run(
+        [sys.executable, "-m", "bayesdrill", "check", "small.yaml"],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": str(systems.ROOT)},
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_AS, (limit, limit)),
+        capture_output=True,
+        text=True,
+    )
+    assert ended.returncode == INPUT_WRONG, ended.stderr
+    assert ended.stderr.startswith("out of memory")
+    assert "Traceback" not in ended.stderr
+
+
+@pytest.mark.parametrize("room", [100, 4_000, 10_000])  # bytes
+def test_a_disk_that_is_full_names_the_file(room: int, tmp_path: Path) -> None:
+    """A limit of files ends writing as a full disk does; what was begun is taken away."""
+    systems.small(tmp_path)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (room, resource.RLIM_INFINITY))
+    try:
+        ran = systems.cli("identify", tmp_path / "small.yaml", "-o", tmp_path / "out")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (resource.RLIM_INFINITY,) * 2)
+    assert ran.status == INPUT_WRONG
+    assert f"{tmp_path / 'out'}/" in ran.err
+    assert "cannot be written or read: File too large" in ran.err
+    assert not [*tmp_path.rglob("*aside*")]

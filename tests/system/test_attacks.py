@@ -18,6 +18,7 @@ import attacks
 import forked
 import pytest
 import systems
+from attacks import EXTRAS
 from hypothesis import HealthCheck, Phase, given, seed, settings
 from hypothesis import strategies as st
 
@@ -143,3 +144,83 @@ def test_damaged_results(home: Path, command: tuple[str, ...]) -> None:
         stands(home, *command)
 
     attack(f"damaged results, {command[0]}", falls, change=attacks.damaged(sound))
+
+
+EXPERIMENTS = (
+    "own: [k_e]\nshared: [w_1_0]\nexperiments:\n  one: {}\n  two: {initial: {theta_1: 1}}\n"
+)
+
+
+def test_retyped_configs(home: Path) -> None:
+    """Wrong types in every entry, those of further sections among them."""
+    every = [systems.SMALL, "\n".join([systems.SMALL, *EXTRAS]), f"{systems.SMALL}{EXPERIMENTS}"]
+    every.append((systems.ROOT / "configs" / "example_rig.yaml").read_text())
+    shutil.copytree(systems.ROOT / "configs" / "records", home / "records")
+
+    def falls(text: bytes, command: tuple[str, ...]) -> None:
+        (home / "small.yaml").write_bytes(text)
+        stands(home, *command)
+
+    text = st.sampled_from(every).flatmap(attacks.config_retyped)
+    attack("retyped configs", falls, text=text, command=st.just(("check", "small.yaml")))
+
+
+def test_odd_tables(home: Path) -> None:
+    """What `init` makes of records that nobody would call one, and `check` of what it wrote."""
+
+    def falls(table: tuple[str, bytes]) -> None:
+        name = f"odd.{table[0]}"
+        (home / name).write_bytes(table[1])
+        (home / "odd.yaml").unlink(missing_ok=True)
+        stands(home, "init", name)
+        if (home / "odd.yaml").exists():
+            stands(home, "check", "odd.yaml")
+
+    attack("odd tables", falls, table=attacks.table())
+
+
+FORGED = {
+    "posterior": ("report", "verify", "cite", "resume"),
+    "map": ("verify", "cite"),
+    "compare": ("verify", "cite"),
+    "report": ("verify",),
+    "calibrate": ("resume", "cite"),
+    "ladder": ("verify", "resume"),
+}
+
+
+@pytest.mark.parametrize("job", FORGED)
+def test_forged_results(home: Path, job: str) -> None:
+    """One file of a folder made anew, with a checksum that fits."""
+    begun = {
+        "posterior": ("posterior", "small.yaml"),
+        "map": ("map", "small.yaml"),
+        "calibrate": ("calibrate", "small.yaml"),
+        "ladder": ("ladder", "small.yaml"),
+    }
+    if job in ("compare", "report"):
+        assert systems.run("posterior", "small.yaml", cwd=home).status in SOUND
+        shutil.copytree(home / "results" / "small", home / "results" / "other")
+        begun[job] = (job, "results/small", "results/other")
+    elif job == "calibrate":
+        (home / "small.yaml").write_text(f"{systems.SMALL}calibration: {{refits: 10}}\n")
+    made = systems.run(*begun[job], "-o", "out", cwd=home, seconds=300)
+    assert made.status in SOUND, made.text
+    out, sound = home / "out", home / "sound"
+    shutil.copytree(out, sound)
+    resume = (*begun[job][:2], "-o", "out", "--resume", "--processes", "1")
+    commands = {
+        "report": ("report", "out", "--processes", "1"),
+        "verify": ("verify", "out"),
+        "cite": ("cite", "out"),
+        "resume": resume,
+    }
+
+    def falls(change: tuple[str, bytes], command: str) -> None:
+        shutil.rmtree(out)
+        shutil.copytree(sound, out)
+        (out / change[0]).write_bytes(change[1])
+        stands(home, *commands[command])
+
+    which = st.sampled_from(FORGED[job])
+    attack(f"forged {job}", falls, change=attacks.forged(sound), command=which)

@@ -22,7 +22,7 @@ import systems
 from calibrations import with_misfit
 
 from bayesdrill.basics import own_files
-from bayesdrill.basics.errors import Interrupted
+from bayesdrill.basics.errors import InputError, Interrupted
 from bayesdrill.basics.progress import Silent
 from bayesdrill.basics.sealed import opened, sealed
 from bayesdrill.commands import calibrate
@@ -167,6 +167,36 @@ def test_a_calibration_leaves_a_complete_folder_and_nothing_else(done: Done) -> 
     summary = (done.folder / "summary.md").read_text()
     assert str(run["verdict"])[1:] in summary
     assert "at most 1 %" in summary
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"ranks": [0, 0, 20]},  # of 19 draws
+        {"ranks": [0, 0, -1]},
+        {"ranks": [0, 0]},
+        {"ranks": []},  # and converged
+        {"ranks": ["0", "0", "0"]},
+        {"truth": [1.0]},
+        {"truth": [1.0, float("nan"), 0.0]},
+        {"truth": "abc"},
+        {"index": 2},
+        {"steps": 10**400},
+        {"reasons": 0},
+        {"seconds": None},
+    ],
+    ids=str,
+)
+def test_a_refit_of_another_study_is_not_believed(
+    change: dict[str, object], done: Done, study: Study, tmp_path: Path
+) -> None:
+    """Sealed as the house does it, with other types, or ranks that cannot be."""
+    data = opened((done.folder / ".refits" / "000001.json").read_bytes())
+    (tmp_path / "000001.json").write_text(sealed(data))
+    assert [each.index for each in calibrate.saved(tmp_path, study)] == [1]
+    (tmp_path / "000001.json").write_text(sealed({**data, **change}))
+    with pytest.raises(InputError, match=r"000001.json: is damaged; delete it"):
+        calibrate.saved(tmp_path, study)
 
 
 def test_ctrl_c_keeps_the_refits_that_are_done(done: Done, study: Study, tmp_path: Path) -> None:

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import csv
+import os
 import shutil
 from pathlib import Path
 
+import forked
 import pytest
 import systems
 
@@ -147,3 +149,26 @@ def test_what_does_not_belong_to_an_overlay_is_named(runs: Path) -> None:
     shutil.rmtree(runs / "seeded")
     shutil.copytree(runs / "held", runs / "seeded")
     assert "seeded: is another run than" in systems.cli("verify", out).err
+
+
+def test_names_of_folders_that_are_no_text(runs: Path, tmp_path: Path) -> None:
+    """Bytes that are not UTF-8 come as half characters, which no file and no figure takes."""
+    odd = runs / os.fsdecode(b"dir_\xff") / "out"
+    odd.parent.mkdir()
+    (runs / "one").rename(odd)
+    named = runs / os.fsdecode(b"seeded_\xfe")
+    (runs / "seeded").rename(named)
+    shutil.copy(runs / "small.csv", odd.parent)
+    place = odd.parent / "laid"
+    for command in (("report", runs / "held", named, "-o", place), ("verify", place)):
+        ended = forked.ran(command, runs)
+        assert ended.status == 0, ended.text
+        assert r"dir_\udcff/laid" in ended.text
+    assert r"seeded_\udcfe" in (place / "overlay.md").read_text(encoding="utf-8")
+    shutil.copy(runs / "one.yaml", odd.parent)
+    refused = systems.cli("map", odd.parent / "one.yaml", "-o", tmp_path / "map")
+    assert refused.status == 2
+    assert "is not UTF-8, and no config can name it; rename the file or the folder" in refused.err
+    refused = systems.cli("init", odd.parent / "small.csv", "-o", tmp_path / "made.yaml")
+    assert "is not UTF-8, and no config can name it" in refused.err
+    assert not (tmp_path / "made.yaml").exists()

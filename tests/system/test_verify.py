@@ -8,6 +8,7 @@ import shutil
 import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import forked
 import h5py
@@ -357,3 +358,70 @@ def test_results_never_stand_beside_a_file_of_their_record(tmp_path: Path) -> No
     for folder in (tmp_path, tmp_path / "more"):
         with pytest.raises(bd.InputError, match="holds the record of this run"):
             check_record(job, folder, None)
+
+
+def resealed(path: Path, change: Callable[[dict[str, Any]], object]) -> None:
+    """Of other content, with a checksum that fits."""
+    data = opened(path.read_bytes())
+    change(data)
+    path.write_text(sealed(data))
+
+
+DAMAGED = "map.json: is damaged; delete it"
+NOT_OURS = "run.json: is damaged, or not of this bayesdrill"
+WRONG_TYPES: list[tuple[str, Callable[[dict[str, Any]], object], str]] = [
+    ("run.json", lambda d: d.update(files=["summary.csv"]), NOT_OURS),
+    ("run.json", lambda d: d.update(fingerprint=3), NOT_OURS),
+    ("run.json", lambda d: d.update(job={"posterior": 1}), NOT_OURS),
+    ("run.json", lambda d: d.update(versions={"emcee": 3}), NOT_OURS),
+    ("run.json", lambda d: d.pop("fingerprint"), NOT_OURS),
+    ("run.json", lambda d: d["files"].update({"a\0b": "x"}), "is missing"),
+    ("map.json", lambda d: d.update(values=[0.1]), DAMAGED),
+    ("map.json", lambda d: d.update(gain="1.0"), DAMAGED),
+    ("map.json", lambda d: d.update(log_posterior=10**400), DAMAGED),
+    ("map.json", lambda d: d["values"].update(k_e=float("nan")), DAMAGED),
+    ("map.json", lambda d: d["values"].update(k_e=-1.0), DAMAGED),
+    ("map.json", lambda d: d.update(values={"k_s": 0.1}), DAMAGED),
+    ("map.json", lambda d: d["searches"][0].pop("end"), DAMAGED),
+    ("map.json", lambda d: d.update(pieces={"": [0, 1]}), DAMAGED),
+]
+
+
+@pytest.mark.parametrize(("name", "change", "said"), WRONG_TYPES)
+def test_types_are_looked_at_before_anything_is_believed(
+    name: str, change: Callable[[dict[str, Any]], object], said: str, rig: Path
+) -> None:
+    resealed(rig / "out" / name, change)
+    told = systems.cli("verify", rig / "out")
+    assert told.status == 2
+    assert said in told.err
+
+
+def test_tables_that_are_no_text_do_not_follow(rig: Path) -> None:
+    for name, content in (("summary.csv", b"\xff\xfe\0"), ("derived.csv", b"x" * 200_000)):
+        (rig / "out" / name).write_bytes(content)
+        assert f"{name}: does not follow from the chain" in systems.cli("verify", rig / "out").err
+
+
+@pytest.mark.parametrize(
+    ("dataset", "shape"), [("chain", (-1, 8, 1)), ("chain", (-1, 4, 2)), ("log_prob", (-1, 4))]
+)
+def test_a_chain_of_other_walkers_or_unknowns(
+    dataset: str, shape: tuple[int, ...], rig: Path
+) -> None:
+    with h5py.File(rig / "out" / "chain.h5", "r+") as file:
+        for group in file.values():
+            values = group[dataset][:].reshape(shape)
+            del group[dataset]
+            group[dataset] = values
+            if dataset == "chain" and shape[1:] == (4, 2):  # in itself it is one
+                for name in ("log_prob", "accepted"):
+                    own = group[name][:]
+                    del group[name]
+                    group[name] = own.reshape(-1, 4) if own.ndim == 2 else own[:4]
+            seal(group)
+    ran = systems.cli("verify", rig / "out")
+    assert ran.status == 2
+    whole = dataset == "chain" and shape[1:] == (4, 2)
+    assert ("a chain of 4 walkers in 2 unknowns" if whole else "is damaged") in ran.err
+    assert systems.cli("report", rig / "out").status == 2
