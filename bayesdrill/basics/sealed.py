@@ -31,7 +31,9 @@ def opened_as[T](kind: type[T], content: bytes) -> T:
     """The dataclass or typed dict that was sealed; raises `ValueError` where its types are not right."""
     from pydantic import TypeAdapter  # late: few commands read such files
 
-    return TypeAdapter(kind).validate_json(json.dumps(opened(content)), strict=True)
+    # Half a character, of the name of a file, is none in the text that is validated.
+    text = json.dumps(opened(content), ensure_ascii=False).encode("utf-8", "replace")
+    return TypeAdapter(kind).validate_json(text, strict=True)
 
 
 def _checksum(data: Mapping[str, Any]) -> str:

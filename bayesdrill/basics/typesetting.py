@@ -31,8 +31,11 @@ _BARE = re.compile(  # an index or an accent, and what LaTeX takes for its lette
 
 
 def printable(text: str) -> str:
-    """Lines of `text` with a blank for each letter that is not printed, but that a terminal may obey."""
-    return "".join(one if one.isprintable() or one == "\n" else " " for one in text)
+    """Lines of `text` with a blank for each letter that is not printed, but that a terminal may obey;
+    half characters, of names that are not UTF-8, are written out.
+    """
+    whole = text.encode("utf-8", "backslashreplace").decode()
+    return "".join(one if one.isprintable() or one == "\n" else " " for one in whole)
 
 
 def check(symbol: Symbol) -> None:

@@ -200,6 +200,7 @@ def _read(path: Path, study: Study) -> Refit:
         found = opened_as(Refit, path.read_bytes())
         ranked = {len(study.names), *([0] if found.reasons else [])}
         right = len(found.truth) == len(study.names) and len(found.ranks) in ranked
+        right &= 0 <= found.steps <= study.plan.max_steps
         right &= all(0 <= rank <= study.draws for rank in found.ranks)
         if not right or found.index != int(path.stem) or not np.isfinite(found.truth).all():
             raise ValueError("of another study")
