@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from bayesdrill.api import arguments
 from bayesdrill.basics.checked import checked
 from bayesdrill.basics.errors import InputError, Problem
-from bayesdrill.basics.progress import Reporter, Silent
+from bayesdrill.basics.progress import SILENT, Reporter
 from bayesdrill.basics.values import Value, alike
 from bayesdrill.commands import identify
 from bayesdrill.insight.identifiability.scenes import Scenery
@@ -114,7 +114,7 @@ class Case(Value):
             found = self._mode(at)
             job, values, where = job.at(found), found.values, "the MAP"
         names = [profiles] if isinstance(profiles, str) else profiles
-        told = report or Silent()
+        told = report or SILENT
         return identify.identify(job, space.vector(values), where, names, told)
 
     @staticmethod
@@ -131,7 +131,7 @@ class Case(Value):
         from bayesdrill.commands import searching
 
         workers = arguments.workers(processes)
-        found = searching.find_mode(self.job, workers, report or Silent())
+        found = searching.find_mode(self.job, workers, report or SILENT)
         return Best(self.job, found, self.columns)
 
     def run(
@@ -159,7 +159,7 @@ class Case(Value):
             raise InputError.one("run", message)
         how = arguments.mode(resume=resume, force=force)
         place, workers = self.place(folder), arguments.workers(processes)
-        return pipeline.posterior(self.job, place, how, workers, report or Silent())
+        return pipeline.posterior(self.job, place, how, workers, report or SILENT)
 
     def place(self, folder: str | Path | None = None) -> Path:
         """Where `run` leaves its results."""
@@ -189,7 +189,7 @@ class Case(Value):
         if seed is not None:
             own = {"seed": arguments.whole("seed", seed, 0)}
             job = dataclasses.replace(job, config=job.config.model_copy(update=own))
-        told = report or Silent()
+        told = report or SILENT
         found = searching.find_mode(job, workers, told) if best is None else self._mode(best)
         job = job.at(found)
         sampled = pipeline.sample_in_memory(job, found, workers, told)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from bayesdrill.api import arguments
 from bayesdrill.api.case import load
 from bayesdrill.basics.checked import checked
-from bayesdrill.basics.progress import Reporter, Silent
+from bayesdrill.basics.progress import SILENT, Reporter
 from bayesdrill.basics.values import Value
 from bayesdrill.setup.job import Job
 
@@ -48,7 +48,7 @@ class Ladder(Value):
 
         how, place = arguments.mode(resume=resume, force=force), self.place(folder)
         with arguments.crew(processes, scheduler) as crew:
-            return laddering.ladder(self.job, place, how, crew, report or Silent())
+            return laddering.ladder(self.job, place, how, crew, report or SILENT)
 
 
 @checked

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Hashable, Mapping
+from functools import cache
+from typing import Any, cast
 
 SEAL = "checksum"
 
@@ -27,13 +28,19 @@ def opened(content: bytes) -> dict[str, Any]:
     return dict(data)
 
 
-def opened_as[T](kind: type[T], content: bytes) -> T:
-    """The dataclass or typed dict that was sealed; raises `ValueError` where its types are not right."""
+def typed[T](kind: type[T], entries: Mapping[str, Any]) -> T:
+    """The dataclass or typed dict of `opened` entries; raises `ValueError` where types are not right."""
+    # Half a character, of the name of a file, is none in the text that is validated.
+    text = json.dumps(entries, ensure_ascii=False).encode("utf-8", "replace")
+    found: T = _adapter(cast("Hashable", kind)).validate_json(text, strict=True)
+    return found
+
+
+@cache
+def _adapter(kind: Hashable) -> Any:
     from pydantic import TypeAdapter  # late: few commands read such files
 
-    # Half a character, of the name of a file, is none in the text that is validated.
-    text = json.dumps(opened(content), ensure_ascii=False).encode("utf-8", "replace")
-    return TypeAdapter(kind).validate_json(text, strict=True)
+    return TypeAdapter(cast("type", kind))
 
 
 def _checksum(data: Mapping[str, Any]) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 
+from bayesdrill.basics.own_files import encodable
 from bayesdrill.basics.symbols import Symbol, raised
 
 DEEPEST = 8  # braces inside each other
@@ -34,8 +35,7 @@ def printable(text: str) -> str:
     """Lines of `text` with a blank for each letter that is not printed, but that a terminal may obey;
     half characters, of names that are not UTF-8, are written out.
     """
-    whole = text.encode("utf-8", "backslashreplace").decode()
-    return "".join(one if one.isprintable() or one == "\n" else " " for one in whole)
+    return "".join(one if one.isprintable() or one == "\n" else " " for one in encodable(text))
 
 
 def check(symbol: Symbol) -> None:

@@ -19,7 +19,7 @@ from bayesdrill.basics import own_files, software
 from bayesdrill.basics.errors import InputError, Interrupted
 from bayesdrill.basics.own_files import CONFIG_FILE, FIGURES, REFITS, RESOLVED_FILE
 from bayesdrill.basics.progress import Reporter
-from bayesdrill.basics.sealed import opened_as, sealed
+from bayesdrill.basics.sealed import opened, sealed, typed
 from bayesdrill.commands import concluding
 from bayesdrill.engines.convergence import Targets
 from bayesdrill.engines.workers import ctrl_c_waits
@@ -197,7 +197,7 @@ def saved(folder: Path, study: Study) -> list[Refit]:
 
 def _read(path: Path, study: Study) -> Refit:
     try:
-        found = opened_as(Refit, path.read_bytes())
+        found = typed(Refit, opened(path.read_bytes()))
         ranked = {len(study.names), *([0] if found.reasons else [])}
         right = len(found.truth) == len(study.names) and len(found.ranks) in ranked
         right &= 0 <= found.steps <= study.plan.max_steps

@@ -11,7 +11,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from bayesdrill.basics import seeds
-from bayesdrill.basics.progress import Silent
+from bayesdrill.basics.progress import SILENT
 from bayesdrill.commands.concluding import plan
 from bayesdrill.engines import maxima, mode
 from bayesdrill.engines.learning.learn import Nowhere
@@ -88,6 +88,6 @@ def computed(task: Task) -> tuple[Mode, Sampled]:
     posterior = pieces.taking(posterior, found.pieces)
     with Crew(posterior, 1) as crew:
         tops = mode.tops(posterior, found)
-        sampled = sample(crew, posterior, tops, task.plan, Memory(), Silent()).doubted(found.doubts)
+        sampled = sample(crew, posterior, tops, task.plan, Memory(), SILENT).doubted(found.doubts)
     sampled = weighed(posterior, sampled, seed)
-    return found, with_open_ends(sampled, posterior, task.nominal, tops, task.plan, Silent())
+    return found, with_open_ends(sampled, posterior, task.nominal, tops, task.plan, SILENT)

@@ -17,7 +17,7 @@ from bayesdrill.basics import own_files, software
 from bayesdrill.basics.errors import InputError, Interrupted
 from bayesdrill.basics.own_files import CONFIG_FILE, POSTERIOR, RESOLVED_FILE
 from bayesdrill.basics.progress import SILENT, Reporter
-from bayesdrill.basics.sealed import opened, opened_as, sealed
+from bayesdrill.basics.sealed import opened, sealed, typed
 from bayesdrill.commands import searching
 from bayesdrill.commands.concluding import concluded, entries, held, plan
 from bayesdrill.commands.identify import preflight
@@ -306,9 +306,9 @@ def read_mode(folder: Folder, problem: Problem) -> Mode | None:
     if not path.exists():
         return None
     try:
-        content = path.read_bytes()
-        folder.refuse_foreign(MAP_FILE, opened(content).get("run"))
-        found = opened_as(Mode, content)
+        data = opened(path.read_bytes())
+        folder.refuse_foreign(MAP_FILE, data.get("run"))
+        found = typed(Mode, data)
         if not _possible(found, problem):
             raise ValueError("of other unknowns")
         return found

@@ -26,7 +26,7 @@ DRAWS = 40_000  # of the chain at most, and as many of the proposal inside the p
 SETTLED_DRAWS = 4000  # of each, where a draw costs some hundred responses
 MOST_TRIED = 50  # times as many at most, where hardly any is inside the prior
 AT_ONCE = 4000  # draws
-CHANCE = 3.0  # standard errors
+CHANCE = 3.0  # standard errors that two estimates of the evidence may be apart
 MOST = 500.0  # of a log of p over q, over the usual: the rest makes no difference
 ROUNDS, CLOSE = 1000, 1e-10  # of the equation whose solution the evidence is
 

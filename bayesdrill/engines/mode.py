@@ -272,6 +272,8 @@ def _looked_around(
 
 def _held(surface: PosteriorSurface, ends: Array) -> Array:
     """How much of the posterior each of the maxima `ends (M, D)` holds, by Laplace: `(M,)`, sum 1."""
+    if len(ends) == 1:
+        return np.ones(1)
     over = PosteriorSurface(surface.posterior)
     here = over.expand(ends, np.eye(ends.shape[1]))
     scaled = here.curvature * np.outer(over.spread, over.spread) + np.eye(ends.shape[1])

@@ -109,7 +109,7 @@ def resting(study: Study) -> str:
     for one in study.resting:
         on = f"{listed(one.through)}, {'which is' if len(one.through) == 1 else 'which are'} held"
         known = "known only as far as that is right"
-        if priors := one.priors((one.told,), (1,)):
+        if priors := one.priors((one.narrowest,), (1,)):
             on = priors_of(priors)
             known = (
                 f"told by these rather than by the record, which hardly shows {listed(one.through)}"

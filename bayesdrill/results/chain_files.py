@@ -55,7 +55,7 @@ def read_piece(path: Path) -> tuple[Piece, str | None]:
             position, has_gauss, cached = file["random_rest"]
             kind, keys = str(file["random_kind"]), file["random_keys"]
             random = (kind, keys, int(position), int(has_gauss), cached)
-            piece = _whole(
+            piece = _consistent(
                 Piece(
                     z=file["z"],
                     log_p=file["log_p"],
@@ -97,7 +97,7 @@ def _mark(pieces: Sequence[Sequence[Piece]]) -> str:
     return digest.hexdigest()
 
 
-def _whole(piece: Piece) -> Piece:
+def _consistent(piece: Piece) -> Piece:
     """Itself; raises `ValueError` or `TypeError` where what it holds is not of one ensemble."""
     steps, walkers, unknowns = piece.z.shape
     state = piece.state
@@ -186,7 +186,7 @@ def read_chain(path: Path, ensemble: int) -> tuple[Piece, str | None]:
         kind, keys, position, has_gauss, cached = (found[f"random_state_{k}"] for k in range(5))
         random = (str(kind), keys, int(position), int(has_gauss), cached)
         z, log_p = found["chain"], found["log_prob"]
-        piece = _whole(
+        piece = _consistent(
             Piece(
                 z=z,
                 log_p=log_p,

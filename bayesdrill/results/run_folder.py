@@ -16,7 +16,7 @@ from filelock import FileLock, Timeout
 from bayesdrill.basics import own_files
 from bayesdrill.basics.errors import InputError, Problem
 from bayesdrill.basics.own_files import LOCK, OPENED, PIECES, RUN, Kind, whole
-from bayesdrill.basics.sealed import opened, opened_as, sealed
+from bayesdrill.basics.sealed import opened, sealed, typed
 from bayesdrill.engines.samplers.ensemble import Piece
 from bayesdrill.engines.sampling import Opened
 from bayesdrill.results.chain_files import (
@@ -94,6 +94,11 @@ class Folder:
                 raise
         else:
             self._open.callback(lock.release)
+            try:
+                self.check()  # once more: another run may have ended here since
+            except InputError:
+                self._open.close()
+                raise
         return self
 
     def __exit__(
@@ -130,7 +135,9 @@ class Folder:
         items = sorted(self.path.iterdir()) if self.path.is_dir() else []
         others = [item.name for item in items if not item.name.startswith(".")]
         others += own_files.present(self.path, self.kind)
-        if others:
+        if RUN in others:  # another run has begun since it was looked for
+            self.check()
+        elif others:
             message = f"this folder holds other files ({others[0]}); give another --output"
             raise InputError.one(str(self.path), message)
 
@@ -296,9 +303,9 @@ def read_run(folder: Path) -> dict[str, Any] | None:
         return None
     own_files.refuse_endless(path)
     try:
-        content = path.read_bytes()
-        opened_as(_Entries, content)
-        return opened(content)
+        entries = opened(path.read_bytes())
+        typed(_Entries, entries)
+        return entries
     except ValueError:
         message = "is damaged, or not of this bayesdrill; put back a copy, or give another folder"
         raise InputError.one(str(path), message) from None

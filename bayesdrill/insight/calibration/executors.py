@@ -19,12 +19,10 @@ from bayesdrill.basics.progress import Reporter
 from bayesdrill.engines.workers import closed, workers
 
 ADDRESS = re.compile(r"((tcp|tls|ws|wss)://)?(\[[0-9a-fA-F:]+\]|[^/:\s\[\]]+):\d{1,5}")
-PATIENCE = (
-    5.0  # seconds for a scheduler to answer, for a first worker, and for what a worker is asked
-)
+PATIENCE = 5.0  # seconds for a scheduler to answer, a first worker, and what a worker is asked
 WATCH = 2.0  # seconds between two looks at a cluster
 SILENT = (
-    20.0  # seconds after which who has said nothing is given up; a heartbeat comes twice a second
+    20.0  # seconds after which who has said nothing is given up; heartbeats come twice a second
 )
 
 
@@ -182,9 +180,8 @@ class Cluster(Executor):
             self._given_up.add(address)
             say(f"worker {address} is silent; what it had is done by the others")
             leave = {"address": address, "stimulus_id": f"silent-{time.time()}"}
-            with suppress(
-                OSError
-            ):  # as it does itself when it leaves; else Dask's own patience ends
+            # As it does itself when it leaves; else Dask's own patience ends.
+            with suppress(OSError):
                 client.sync(client.scheduler.unregister, **leave, callback_timeout=PATIENCE)
         return ""
 

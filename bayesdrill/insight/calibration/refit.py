@@ -19,7 +19,7 @@ from threadpoolctl import threadpool_limits
 
 from bayesdrill.basics import seeds, software
 from bayesdrill.basics.errors import InputError
-from bayesdrill.basics.progress import Silent
+from bayesdrill.basics.progress import SILENT
 from bayesdrill.engines import mode
 from bayesdrill.engines.optimisers.contract import Optimiser
 from bayesdrill.engines.sampling import Plan, Sampled, sample
@@ -139,7 +139,7 @@ def fitted(study: Study, posterior: Posterior, seed: int) -> tuple[mode.Mode, Sa
     posterior = pieces.taking(posterior, found.pieces)
     plan = dataclasses.replace(study.plan, seed=seed)
     with Crew(posterior, 1) as crew:
-        sampled = sample(crew, posterior, tops, plan, Memory(), Silent())
+        sampled = sample(crew, posterior, tops, plan, Memory(), SILENT)
         return found, sampled.doubted(found.doubts)
 
 

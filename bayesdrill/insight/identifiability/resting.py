@@ -55,8 +55,8 @@ class Resting:
         return tuple(name for name, e in named if e and name in self.held)
 
     @property
-    def told(self) -> str:
-        """Of the unknown ones that which is narrowed most."""
+    def narrowest(self) -> str:
+        """The unknown that the record narrows most."""
         left = dict(zip(self.names, np.diag(self.following), strict=False))
         return min(self.unknown, key=left.__getitem__)
 

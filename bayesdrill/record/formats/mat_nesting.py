@@ -17,13 +17,8 @@ from bayesdrill.basics.sizes import LARGEST_FILE
 DEEPEST = 100  # ten times what anyone nests, and a tenth of what SciPy stands
 
 _MATRIX, _COMPRESSED = 14, 15  # kinds of elements
-_CELL, _STRUCT, _OBJECT, _FUNCTION, _OPAQUE = (
-    1,
-    2,
-    3,
-    16,
-    17,
-)  # classes of matrices that hold others
+# Classes of matrices that hold others.
+_CELL, _STRUCT, _OBJECT, _FUNCTION, _OPAQUE = 1, 2, 3, 16, 17
 _HOLDING = {_CELL, _STRUCT, _OBJECT, _FUNCTION, _OPAQUE}
 _CLASS = 16  # bytes from the tag of a matrix to its class
 _DIMENSIONS = 32  # at most
