@@ -77,7 +77,7 @@ def _find_room() -> None:
 
 def say(text: str, *, err: bool = False) -> None:
     """Lines on stdout, or on stderr: names of files and columns among them are those of others."""
-    from bayesdrill.basics.typesetting import printable
+    from bayesdrill.basics.errors import printable
 
     typer.echo(printable(text), err=err)
 

@@ -1786,7 +1786,7 @@ MUTANTS = [
     ),
     Mutant(
         "an interval with equal tails under the HDI header",
-        "insight/diagnostics.py",
+        "insight/derived.py",
         "low, high = array_stats.hdi(x, prob=probability, axis=0)",
         "low, high = np.quantile(x, [0.03, 0.97])",
         "tests/engines/test_convergence.py::"

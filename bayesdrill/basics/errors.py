@@ -84,3 +84,15 @@ def did_you_mean(word: str, known: Iterable[str]) -> str:
     if near:
         return f"; did you mean {folded[near[0]]}?"
     return f"; known: {', '.join(names)}" if names else ""
+
+
+def printable(text: str) -> str:
+    """Lines of `text` with a blank for each letter that is not printed, but that a terminal may obey;
+    half characters, of names that are not UTF-8, are written out.
+    """
+    return "".join(one if one.isprintable() or one == "\n" else " " for one in encodable(text))
+
+
+def encodable(text: str) -> str:
+    """As Python writes half a character, as it stands in the name of a file that is not UTF-8."""
+    return text.encode("utf-8", "backslashreplace").decode("utf-8")

@@ -18,7 +18,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from bayesdrill.basics.errors import InputError, Problem
+from bayesdrill.basics.errors import InputError, Problem, encodable
 from bayesdrill.basics.registry import Registry
 
 RUN = "run.json"  # says whose a folder is
@@ -284,11 +284,6 @@ def write(path: Path, content: bytes) -> None:
 def write_text(path: Path, text: str) -> None:
     """A whole file in UTF-8."""
     write(path, encodable(text).encode())
-
-
-def encodable(text: str) -> str:
-    """As Python writes half a character, as it stands in the name of a file that is not UTF-8."""
-    return text.encode("utf-8", "backslashreplace").decode("utf-8")
 
 
 def refuse_other_than_file(path: Path) -> None:

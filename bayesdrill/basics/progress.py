@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any, Protocol, TextIO, runtime_checkable
 
-from bayesdrill.basics.typesetting import printable
+from bayesdrill.basics.errors import printable
 
 
 @runtime_checkable

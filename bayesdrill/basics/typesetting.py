@@ -1,10 +1,9 @@
-"""What texts of users may do where they are shown: in formulas of LaTeX, and on a terminal."""
+"""What LaTeX of users may hold: formulas that matplotlib and LaTeX both know."""
 
 from __future__ import annotations
 
 import re
 
-from bayesdrill.basics.own_files import encodable
 from bayesdrill.basics.symbols import Symbol, raised
 
 DEEPEST = 8  # braces inside each other
@@ -29,13 +28,6 @@ _BARE = re.compile(  # an index or an accent, and what LaTeX takes for its lette
     rf"(?:[_^]|\\(?:{_ACCENTS})(?![A-Za-z]))"
     rf"(?! *(?:[{{A-Za-z0-9*+-]|\\(?:{_LETTERS})(?![A-Za-z])))"
 )
-
-
-def printable(text: str) -> str:
-    """Lines of `text` with a blank for each letter that is not printed, but that a terminal may obey;
-    half characters, of names that are not UTF-8, are written out.
-    """
-    return "".join(one if one.isprintable() or one == "\n" else " " for one in encodable(text))
 
 
 def check(symbol: Symbol) -> None:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from bayesdrill.basics import own_files, software
-from bayesdrill.basics.errors import InputError
+from bayesdrill.basics.errors import InputError, encodable
 from bayesdrill.basics.own_files import OVERLAY
 from bayesdrill.engines.mode import Mode
 from bayesdrill.engines.sampling import Sampled
@@ -62,7 +62,7 @@ def layer(name: str, job: Job, found: Mode, sampled: Sampled, own: OwnUnits) -> 
 def distinct(names: Sequence[str]) -> list[str]:
     """As they are, if they are text, with a number where one comes again."""
     found: list[str] = []
-    for name in map(own_files.encodable, names):
+    for name in map(encodable, names):
         n, own = 1, name
         while own in found:
             n += 1

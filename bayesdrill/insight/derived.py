@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from bayesdrill.basics import symbols
 from bayesdrill.basics.symbols import Symbol, product_latex, unit_product
 from bayesdrill.inference.problem import Problem
-from bayesdrill.insight.diagnostics import hdi
 from bayesdrill.record.experiment import usual_inputs
 from bayesdrill.rig import vocabulary
 from bayesdrill.rig.models.linear import Linear, Model, Named, driven, dynamics
@@ -23,6 +22,7 @@ from bayesdrill.rig.steady import angles_of, ends, turning, turns
 
 Array = NDArray[np.float64]
 
+HDI_PROBABILITY = 0.94
 CURRENT = "i"
 _TRIED = 1000  # draws from the priors, at which formulas are tried
 _LARGEST = 1e150  # whose square is still a number
@@ -261,3 +261,11 @@ def summarise(derived: Derived) -> tuple[Row, ...]:
             )
         )
     return tuple(rows)
+
+
+def hdi(x: Array, probability: float = HDI_PROBABILITY) -> tuple[float, float]:
+    """The narrowest interval that holds this share of the draws `(N,)`."""
+    from arviz_stats.base import array_stats  # late: it takes half a second to load
+
+    low, high = array_stats.hdi(x, prob=probability, axis=0)  # type: ignore[no-untyped-call]
+    return float(low), float(high)

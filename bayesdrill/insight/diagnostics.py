@@ -14,10 +14,11 @@ from bayesdrill.engines.convergence import Convergence
 from bayesdrill.engines.mode import Mode
 from bayesdrill.inference.priors import LogNormal, Prior, spread
 from bayesdrill.inference.problem import Problem
+from bayesdrill.insight.derived import HDI_PROBABILITY as HDI_PROBABILITY
+from bayesdrill.insight.derived import hdi
 
 Array = NDArray[np.float64]
 
-HDI_PROBABILITY = 0.94
 
 Word = Literal["determined", "weak", "through others", "prior only"]
 
@@ -93,14 +94,6 @@ def summarise(
             )
         )
     return tuple(rows)
-
-
-def hdi(x: Array, probability: float = HDI_PROBABILITY) -> tuple[float, float]:
-    """The narrowest interval that holds this share of the draws `(N,)`."""
-    from arviz_stats.base import array_stats  # late: it takes half a second to load
-
-    low, high = array_stats.hdi(x, prob=probability, axis=0)  # type: ignore[no-untyped-call]
-    return float(low), float(high)
 
 
 def distance_to_prior(x: Array, prior: Prior) -> float:

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from bayesdrill.basics.typesetting import printable
+from bayesdrill.basics.errors import printable
 
 _TAG = re.compile(r"<(?=[A-Za-z/!?])")
 

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdrill.basics import own_files, sizes, units
+from bayesdrill.basics import sizes, units
 from bayesdrill.basics.entries import made
-from bayesdrill.basics.errors import InputError, Problem
+from bayesdrill.basics.errors import InputError, Problem, encodable
 from bayesdrill.record.clocks import on_grid
 from bayesdrill.record.experiment import check_time
 from bayesdrill.record.formats import FORMATS, Table, format_of, variable_name
@@ -63,7 +63,7 @@ def named_in(data: dict[str, Any]) -> list[tuple[dict[str, Any], str]]:
 def name_in(folder: Path, file: Path) -> str:
     """How a config in `folder` names `file`; raises `InputError` where YAML cannot."""
     name = Path(os.path.relpath(file, folder)).as_posix()
-    if own_files.encodable(name) != name:
+    if encodable(name) != name:
         message = "is not UTF-8, and no config can name it; rename the file or the folder"
         raise InputError.one(str(file), message)
     return name

@@ -7,7 +7,7 @@ import re
 import textwrap
 from collections.abc import Iterable
 
-from bayesdrill.basics.typesetting import printable
+from bayesdrill.basics.errors import printable
 
 REVIEW = "REVIEW: "
 WIDTH = 110
