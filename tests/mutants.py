@@ -2433,6 +2433,13 @@ MUTANTS = [
         "True",
         "tests/report/test_pages.py::test_a_rig_without_nominal_values_has_no_columns_of_them",
     ),
+    Mutant(
+        "status 0 of a maximum that must not be believed",
+        "cli/before.py",
+        "if best.reasons:",
+        "if False:",
+        "tests/system/test_map.py::test_a_fit_that_must_not_be_believed_ends_as_its_posterior_does",
+    ),
 ]
 
 
