@@ -2440,6 +2440,14 @@ MUTANTS = [
         "if False:",
         "tests/system/test_map.py::test_a_fit_that_must_not_be_believed_ends_as_its_posterior_does",
     ),
+    Mutant(
+        "reasons of the most probable model alone",
+        "report/comparison_words.py",
+        "if one.layer.reasons:",
+        "if one is best and one.layer.reasons:",
+        "tests/insight/test_comparison.py"
+        "::test_a_comparison_names_why_a_model_must_not_be_believed",
+    ),
 ]
 
 
