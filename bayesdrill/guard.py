@@ -1,7 +1,7 @@
 """Where mistakes end: in a message and a status, whatever command they happen in.
 
 Exit status: 0 done (and converged), 2 the input is wrong, disk or memory ran out or a table or figure
-could not be made, 3 finished but not converged or not calibrated, 130 interrupted.
+could not be made, 3 finished but not to be believed or not calibrated, 130 interrupted.
 """
 
 from __future__ import annotations

@@ -2381,6 +2381,73 @@ MUTANTS = [
         "PER_UNKNOWN = 2000 ",
         "tests/paper/test_studies.py::test_fminsearch_gives_up_where_matlab_documents_it",
     ),
+    Mutant(
+        "a green badge of a run that must not be believed",
+        "report/marks.py",
+        "if run.reasons:",
+        "if not converged:",
+        "tests/report/test_pages.py"
+        "::test_nothing_is_good_about_a_run_that_must_not_be_believed[unfit-shown0]",
+    ),
+    Mutant(
+        "a run that must not be believed determines",
+        "report/run_report.py",
+        "[head for head in table.heads if not (run.reasons and head in WORDS)]",
+        "table.heads",
+        "tests/report/test_pages.py"
+        "::test_nothing_is_good_about_a_run_that_must_not_be_believed[unfit-shown0]",
+    ),
+    Mutant(
+        "believed, whatever the fit leaves",
+        "report/words.py",
+        "return (*sampled.convergence.reasons, *residual_words.reasons(left))",
+        "return sampled.convergence.reasons",
+        "tests/report/test_pages.py"
+        "::test_nothing_is_good_about_a_run_that_must_not_be_believed[unfit-shown0]",
+    ),
+    Mutant(
+        "a mark that agrees where the fit is no noise",
+        "report/marks.py",
+        "if not found.fits:",
+        "if False:",
+        "tests/report/test_pages.py::test_a_table_is_in_doubt_where_the_fit_is_no_noise",
+    ),
+    Mutant(
+        "all agree where the fit is no noise",
+        "report/verdict_words.py",
+        'if not found.fits:\n        every = "it" if',
+        'if False:\n        every = "it" if',
+        "tests/insight/test_verdict.py::test_a_table_agrees_only_with_a_fit_that_is_noise",
+    ),
+    Mutant(
+        "columns that are empty in every line",
+        "report/tables.py",
+        "left, bars=bars).filled()",
+        "left, bars=bars)",
+        "tests/report/test_pages.py::test_a_rig_without_nominal_values_has_no_columns_of_them",
+    ),
+    Mutant(
+        "a column of dashes in the table for papers",
+        "report/latex.py",
+        "any(row.nominal is not None for row in rows)",
+        "True",
+        "tests/report/test_pages.py::test_a_rig_without_nominal_values_has_no_columns_of_them",
+    ),
+    Mutant(
+        "status 0 of a maximum that must not be believed",
+        "cli/before.py",
+        "if best.reasons:",
+        "if False:",
+        "tests/system/test_map.py::test_a_fit_that_must_not_be_believed_ends_as_its_posterior_does",
+    ),
+    Mutant(
+        "reasons of the most probable model alone",
+        "report/comparison_words.py",
+        "if one.layer.reasons:",
+        "if one is best and one.layer.reasons:",
+        "tests/insight/test_comparison.py"
+        "::test_a_comparison_names_why_a_model_must_not_be_believed",
+    ),
 ]
 
 

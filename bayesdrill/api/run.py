@@ -24,6 +24,7 @@ from bayesdrill.engines.sampling import Sampled
 from bayesdrill.insight.verdict import Verdict
 from bayesdrill.report import tables, words
 from bayesdrill.report.figures import FIGURES, drawings
+from bayesdrill.report.map_report import MapReport
 from bayesdrill.report.run_report import sections
 from bayesdrill.report.sections import as_markdown, as_text
 from bayesdrill.report.view import View
@@ -57,13 +58,22 @@ class Best(Value):
     @property
     def table(self) -> str:
         """Beside the nominal values, and what the fit leaves."""
-        return mapping.report(self.job, self.mode).text
+        return self._report.text
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """Why it must not be believed: it does not fit; empty where it may be."""
+        return self._report.reasons
+
+    @cached_property
+    def _report(self) -> MapReport:
+        return mapping.report(self.job, self.mode)
 
     def plot(self, part: int = 1) -> Figure:
         """The record, the model at the maximum, and what is left; `part`: of which experiment."""
         from bayesdrill.report.warning_strip import warned  # late: matplotlib takes a second
 
-        found = mapping.report(self.job, self.mode)
+        found = self._report
         every = list(found.figures.values())
         if not 1 <= part <= len(every):
             raise InputError.one(
@@ -190,6 +200,11 @@ class Judged(Value):
     def rows(self) -> list[dict[str, Any]]:
         """A record for each unknown, for a table of any kind."""
         return [tables.as_record(row) for row in self.view.rows]
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """Why nothing of it must be believed: no convergence, or no fit; empty where it may be."""
+        return self.view.reasons
 
     @property
     def text(self) -> str:

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from bayesdrill.cli.app import ConfigPath, Force, Processes, app, output_option
-from bayesdrill.guard import guarded, say
+from bayesdrill.guard import NOT_CONVERGED, guarded, say
 
 
 @app.command(epilog="Example: bayesdrill example my_rig")
@@ -114,3 +114,5 @@ def map_(
         if output is not None:
             place = best.save(output, force=force)
             say(f"results: {place}/ (report.html, map.md, prediction*.csv, figures/)")
+        if best.reasons:
+            raise typer.Exit(NOT_CONVERGED)

@@ -101,7 +101,9 @@ def entries(found: View) -> dict[str, Any]:
         **({"energy": energy_words.as_data(found.accounts)} if found.accounts else {}),
         "verdict": None
         if found.judged is None
-        else verdict_words.as_data(found.judged.verdict, table, converged=c.converged),
+        else verdict_words.as_data(
+            found.judged.verdict, table, converged=c.converged, believed=not found.reasons
+        ),
         "steps": c.steps,
         "burn_in": c.burn_in,
         "burn_in_rule": c.burn_in_rule,

@@ -44,7 +44,7 @@ def save(job: Job, found: Mode, output: Path, record: str | None, *, force: bool
         folder.write_text("report.html", said.page(output))
         files = {name: own_files.digest(output / name) for name in folder.made()}
         fit = residual_words.as_data(said.left)
-        folder.write_run(status="finished", fit=fit, files=files)
+        folder.write_run(status="finished", reasons=list(said.reasons), fit=fit, files=files)
 
 
 def read(output: Path) -> tuple[Job, Mode]:

@@ -13,7 +13,7 @@ from bayesdrill.engines.mode import Mode
 from bayesdrill.engines.sampling import Sampled
 from bayesdrill.inference import residual_checks
 from bayesdrill.insight.overlay import Layer
-from bayesdrill.report import residual_words, words
+from bayesdrill.report import words
 from bayesdrill.report.overlay_looks import LOOKS
 from bayesdrill.report.overlay_report import OverlayReport
 from bayesdrill.results import provenance
@@ -55,7 +55,7 @@ def layer(name: str, job: Job, found: Mode, sampled: Sampled, own: OwnUnits) -> 
         draws=sampled.draws.reshape(-1, sampled.draws.shape[-1]),
         settings=provenance.settings(job.config, job.problem, own),
         warning=words.warning(sampled, left),
-        reasons=(*sampled.convergence.reasons, *residual_words.reasons(left)),
+        reasons=words.reasons(sampled, left),
     )
 
 

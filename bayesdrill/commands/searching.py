@@ -70,7 +70,7 @@ def end(crew: Crew, hunt: Hunt, job: Job, report: Reporter) -> Mode:
     posterior = job.at(found).problem.posterior
     report.update(0.0, "looking at what the best fit leaves")
     left = residual_checks.left(posterior.likelihood, posterior.space.vector(found.values))
-    if any(one.unbelievable for one in left):
+    if residual_words.reasons(left):
         said = nuisance_words.explained(
             causes(posterior, posterior.space.vector(found.values)), job.config
         )

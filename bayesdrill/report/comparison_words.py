@@ -64,6 +64,9 @@ def verdict(models: Sequence[Contender]) -> Iterator[str]:
         yield f"  what {best.name} leaves looks like the noise"
     else:
         yield f"  what {best.name} leaves is more than noise: none of these models is the whole story"
+    for one in models:
+        if one.layer.reasons:
+            yield f"  DO NOT BELIEVE {overlay_words.doubt(one.layer)}".replace("\n", "\n  ")
     if found.vague:
         yield (
             f"  VAGUE PRIORS: {', '.join(found.vague)}: so wide that a model may have lost by that "

@@ -56,7 +56,8 @@ def table(rows: Sequence[Row], derived: Derived) -> Table:
             meanings[row.name] + part,
         )
         lines.append(cells)
-    return Table(_HEADERS, tuple(lines), frozenset((_HEADERS[0], _HEADERS[1], _HEADERS[-1])))
+    left = frozenset((_HEADERS[0], _HEADERS[1], _HEADERS[-1]))
+    return Table(_HEADERS, tuple(lines), left).filled()
 
 
 def shown(

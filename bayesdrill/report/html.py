@@ -15,13 +15,12 @@ from markupsafe import Markup
 
 import bayesdrill
 from bayesdrill.basics.symbols import Symbol
-from bayesdrill.report.sections import Picture, Section, items
+from bayesdrill.report.sections import WORDS, Picture, Section, items
 from bayesdrill.report.typeset import Typesetter, printed
 from bayesdrill.report.widths import DPI
 
 _PNG_SIZE = slice(16, 24)  # of a file: width and height, big endian
 _SVG_SIZE = re.compile(rb'<svg[^>]*\bwidth="([\d.]+)pt" height="([\d.]+)pt"')
-_WORDS = frozenset(("verdict", "the record says"))  # heads of columns whose cells are coloured
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,7 +69,7 @@ def as_html(
         sections=sections,
         version=bayesdrill.__version__,
         shown={stem: one for stem, one in shown.items() if one is not None},
-        words=_WORDS,
+        words=WORDS,
         style=_own(environment, "style.css"),
         script=_own(environment, "zoom.js"),
     )

@@ -59,9 +59,14 @@ class MapReport:
         return words.misfit(self.left)
 
     @property
+    def reasons(self) -> tuple[str, ...]:
+        """Why it must not be believed: it does not fit; empty where it may be."""
+        return residual_words.reasons(self.left)
+
+    @property
     def sections(self) -> tuple[Section, ...]:
         table = build.compared_with(self.config)
-        read = f"`dev. %` is the deviation of the MAP from the nominal value ({table})."
+        read = Note(f"`dev. %` is the deviation of the MAP from the nominal value ({table}).")
         own = OwnUnits.of(self.config, self.problem)
         clock = own_units.clock(self.config, self.problem)
         steps = step_words.sentences(step_errors(self.problem.posterior.likelihood, self.best))
@@ -69,11 +74,14 @@ class MapReport:
         fit = Sentences("\n".join(filter(None, [said, steps])))
         searches = Sentences(words.mode(self.mode, own))
         shown = tables.of_mode(own.rows(tables.mode_rows(self.problem, self.mode)))
+        beside = (shown, read) if "nominal" in shown.heads else (shown,)
+        doubts = words.unbelievable(self.reasons, converged=False)
         shape = own_files.shown(self.config.output.formats)
         captions = figures.alone_captions(self.problem)
         pictures = tuple(Picture(stem, says, shape) for stem, says in captions.items())
         return (
-            Section("", (shown, Note(read), fit)),
+            *((Section("", (Sentences(doubts),)),) if doubts else ()),
+            Section("", (*beside, fit)),
             Section("Figures", pictures, brief=False),
             Section("Maximum of the posterior (MAP)", (searches,), brief=False),
         )

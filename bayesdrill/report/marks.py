@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from dataclasses import replace
 
 from bayesdrill.inference.residual_checks import like_noise
 from bayesdrill.report.sections import Mark
@@ -10,12 +10,15 @@ from bayesdrill.report.view import View
 from bayesdrill.setup.build import compared_with
 
 
-def of_run(run: View) -> Iterator[Mark]:
+def of_run(run: View) -> tuple[Mark, ...]:
+    """Nothing is good about a run that must not be believed; what is bad about it comes first."""
     converged = run.sampled.convergence.converged
-    yield Mark("converged", "good") if converged else Mark("not converged", "bad")
-    yield _fit(run)
-    if converged and run.judged is not None:
-        yield _table(run)
+    first = Mark("converged", "good") if converged else Mark("not converged", "bad")
+    fit = _fit(run)
+    if run.reasons:
+        plain = [replace(one, tone="plain") if one.tone == "good" else one for one in (fit, first)]
+        return tuple(sorted(plain, key=lambda one: one.tone != "bad"))
+    return (first, fit) if run.judged is None else (first, fit, _table(run))
 
 
 def _fit(run: View) -> Mark:
@@ -31,6 +34,10 @@ def _table(run: View) -> Mark:
     found, table = run.judged.verdict, compared_with(run.config)
     if all(quantity.says == "not determined" for quantity in found.products):
         return Mark(f"says nothing of {table}", "doubt")
-    if found.agrees:
-        return Mark(f"agrees with {table}", "good")
-    return Mark(f"disagrees with {table}" if found.fits else "verdict in doubt", "doubt")
+    if not found.fits:
+        return Mark("verdict in doubt", "doubt")
+    return (
+        Mark(f"agrees with {table}", "good")
+        if found.agrees
+        else Mark(f"disagrees with {table}", "doubt")
+    )

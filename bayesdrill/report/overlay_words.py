@@ -38,7 +38,7 @@ def sections(
     """In the order in which they are read; `rows` in SI."""
     drawn = (Section("Figures", tuple(pictures), brief=False),) if pictures else ()
     differs = differing(layers)
-    doubts = [_doubt(layer) for layer in layers if layer.warning]
+    doubts = [doubt(layer) for layer in layers if layer.warning]
     first = Sentences("\n".join([f"{len(layers)} runs: {_names(layers)}", *doubts]))
     said = Sentences("\n".join([*farthest(layers, rows), _what_differs(layers, differs)]))
     return (
@@ -69,7 +69,8 @@ def _names(layers: Sequence[Layer]) -> str:
     return ", ".join(layer.name for layer in layers)
 
 
-def _doubt(layer: Layer) -> str:
+def doubt(layer: Layer) -> str:
+    """What its figures carry, and why it must not be believed."""
     because = "".join(f"\n  - {reason}" for reason in layer.reasons)
     return f"{layer.name}: {layer.warning}{because}"
 
@@ -85,7 +86,7 @@ def table(layers: Sequence[Layer], rows: Sequence[Row]) -> Table:
             apart += f" ({', '.join(layers[k].name for k in row.pair)})"
         cells = map(_cell, row.places)
         lines.append((row.symbol.name, row.symbol.plain_unit, nominal, *cells, apart))
-    return Table(heads, tuple(lines), frozenset(heads[:2]))
+    return Table(heads, tuple(lines), frozenset(heads[:2])).filled("nominal", APART)
 
 
 def _cell(place: Place | None) -> str:

@@ -55,7 +55,9 @@ TABLES: Mapping[str, Callable[[View], str | None]] = MappingProxyType(
         "verdict.csv": _verdict,
         "torque.csv": lambda view: torque_words.as_csv(view.shaking),
         "table.tex": lambda view: latex.table(
-            view.units.rows(view.rows), view.units.symbols(view.problem.symbols)
+            view.units.rows(view.rows),
+            view.units.symbols(view.problem.symbols),
+            believed=not view.reasons,
         ),
     }
 )

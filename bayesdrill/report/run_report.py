@@ -24,6 +24,7 @@ from bayesdrill.report import (
 )
 from bayesdrill.report.bars import bars
 from bayesdrill.report.sections import (
+    WORDS,
     Block,
     Marks,
     Note,
@@ -48,13 +49,13 @@ def sections(run: View, pictures: Sequence[Picture] = ()) -> tuple[Section, ...]
         Section("Verdict", tuple(_verdict(run))),
         Section("Fit", tuple(_fit(run))),
         Section("Parameters", _parameters(run)),
-        *((_against(judged.verdict),) if judged is not None else ()),
+        *((_against(run, judged.verdict),) if judged is not None else ()),
         *_repeats(run),
         *_torque(run),
         *_energy(run),
         *shown,
         *_evidence(run),
-        *(_shown(judged, len(run.problem.observations)) if judged is not None else ()),
+        *(_shown(run, judged) if judged is not None else ()),
         Section("What follows from these", (_following(run),), brief=False),
         Section(
             "Maximum of the posterior (MAP)",
@@ -72,8 +73,8 @@ def sections(run: View, pictures: Sequence[Picture] = ()) -> tuple[Section, ...]
 def _verdict(run: View) -> Iterator[Block]:
     """The whole in a line, then whether it may be believed."""
     c, table = run.sampled.convergence, compared_with(run.config)
-    yield Marks(tuple(marks.of_run(run)))
-    if doubts := words.unbelievable(residual_words.reasons(run.left), converged=c.converged):
+    yield Marks(marks.of_run(run))
+    if doubts := words.unbelievable(run.reasons, converged=c.converged):
         yield Sentences(doubts)
     if run.judged is not None:
         n, verdict = len(run.problem.observations), run.judged.verdict
@@ -82,6 +83,7 @@ def _verdict(run: View) -> Iterator[Block]:
             verdict,
             table,
             converged=c.converged,
+            believed=not run.reasons,
             records=n,
             lacking=lacking,
             rests=run.judged.study.resting,
@@ -142,14 +144,20 @@ def _energy(run: View) -> Iterator[Section]:
 
 def _parameters(run: View) -> tuple[Block, ...]:
     read = (
-        "`dev. %` is the deviation of the posterior mean from the nominal value "
-        f"({compared_with(run.config)}); `shrinkage` is one minus the ratio of the posterior's to the "
-        "prior's standard deviation."
+        "`shrinkage` is one minus the ratio of the posterior's to the prior's standard deviation."
     )
+    if any(row.nominal is not None for row in run.rows):
+        nominal = f"the nominal value ({compared_with(run.config)})"
+        read = f"`dev. %` is the deviation of the posterior mean from {nominal}; {read}"
     drawn = bars(run.rows, run.problem.posterior.space.priors)
-    leaning = words.leaning(run.leaning).splitlines()
-    said = Sentences(tables.in_words(run.rows, [*leaning, *run.notes]))
-    return tables.of_rows(run.units.rows(run.rows), drawn), Note(read), said
+    known = [*tables.in_words(run.rows), *words.leaning(run.leaning).splitlines()]
+    said = Sentences("\n".join([*([] if run.reasons else known), *run.notes]))
+    return _told(run, tables.of_rows(run.units.rows(run.rows), drawn)), Note(read), said
+
+
+def _told(run: View, table: Table) -> Table:
+    """Without words for what is known, where it must not be believed."""
+    return table.only([head for head in table.heads if not (run.reasons and head in WORDS)])
 
 
 def _following(run: View) -> Table | Note:
@@ -157,14 +165,16 @@ def _following(run: View) -> Table | Note:
     return derived_words.table(run.units.rows(rows), run.derived) if rows else Note("none")
 
 
-def _against(verdict: Verdict) -> Section:
-    rule, read = Note(verdict_words.rule(verdict)), Note(verdict_words.EXPLAINED)
-    return Section("Against the nominal table", (verdict_words.table(verdict), rule, read))
+def _against(run: View, verdict: Verdict) -> Section:
+    rule = () if run.reasons else (Note(verdict_words.rule(verdict)),)
+    shown = _told(run, verdict_words.table(verdict))
+    return Section("Against the nominal table", (shown, *rule, Note(verdict_words.EXPLAINED)))
 
 
-def _shown(judged: Judgement, records: int) -> Iterator[Section]:
-    study = judged.study
-    parts = (identify_words.structure, identify_words.resting, identify_words.knowledge)
+def _shown(run: View, judged: Judgement) -> Iterator[Section]:
+    study, records = judged.study, len(run.problem.observations)
+    known = () if run.reasons else (identify_words.knowledge,)
+    parts = (identify_words.structure, identify_words.resting, *known)
     shown = "\n\n".join(filter(None, (words_of(study) for words_of in parts)))
     whose = "this record" if records == 1 else "these records"
     rubs = friction_words.sentences(study.frictions)

@@ -45,7 +45,10 @@ class Plain:
     folded: str = ""
 
 
-Tone = Literal["good", "doubt", "bad"]
+# Heads of columns that say in a word what is known, which a page colours.
+WORDS = frozenset(("verdict", "the record says"))
+
+Tone = Literal["good", "plain", "doubt", "bad"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,6 +98,18 @@ class Table:
     left: frozenset[str]
     brief: tuple[str, ...] | None = None
     bars: tuple[Bar, ...] = ()
+
+    def filled(self, *heads: str) -> Table:
+        """Without those of these columns, or of all, that are empty in every line."""
+        kept = [
+            k
+            for k, head in enumerate(self.heads)
+            if not self.lines
+            or any(line[k] for line in self.lines)
+            or (heads and head not in heads)
+        ]
+        lines = tuple(tuple(line[k] for k in kept) for line in self.lines)
+        return replace(self, heads=tuple(self.heads[k] for k in kept), lines=lines)
 
     def only(self, heads: Sequence[str]) -> Table:
         """Those columns that there are, in this order."""

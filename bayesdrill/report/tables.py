@@ -76,7 +76,7 @@ def as_record(row: Row) -> dict[str, Any]:
 
 def of_rows(rows: Sequence[Row], bars: tuple[Bar, ...] = ()) -> Table:
     left = frozenset((HEADERS[0], HEADERS[1], HEADERS[-1]))
-    return Table(HEADERS, tuple(map(cells, rows)), left, bars=bars)
+    return Table(HEADERS, tuple(map(cells, rows)), left, bars=bars).filled()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -112,7 +112,7 @@ def of_mode(rows: Sequence[ModeRow]) -> Table:
             else (f"{row.nominal:.4g}", f"{100 * (row.map / row.nominal - 1):+.2f}")
         )
         lines.append((row.name, plain(row.unit), shown[0], f"{row.map:.6g}", shown[1]))
-    return Table(heads, tuple(lines), frozenset(heads[:2]))
+    return Table(heads, tuple(lines), frozenset(heads[:2])).filled()
 
 
 def mode_as_csv(rows: Sequence[ModeRow]) -> str:
@@ -120,14 +120,14 @@ def mode_as_csv(rows: Sequence[ModeRow]) -> str:
     return records_as_csv(ModeRow, rows, {})
 
 
-def in_words(rows: Sequence[Row], said: Sequence[str]) -> str:
-    """Which unknowns the record determines, which it cannot, and what else is to be `said`."""
+def in_words(rows: Sequence[Row]) -> list[str]:
+    """Which unknowns the record determines, and which it cannot."""
     sentences = []
     for word, meaning in MEANING.items():
         names = [row.name for row in rows if row.word == word]
         if names:
             sentences.append(f"{word}: {', '.join(names)} ({meaning})")
-    return "\n".join([*sentences, *said])
+    return sentences
 
 
 def notes(rows: Sequence[Row], own: OwnUnits) -> list[str]:

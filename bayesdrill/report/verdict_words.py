@@ -40,7 +40,7 @@ _HOLDS = (
 )
 _LEANS = "the record by itself tells little but ratios"
 
-NONE = "verdict: none, because the run did not converge; the numbers may be wrong"
+_NONE = "verdict: none, because {}; the numbers may be wrong"
 
 
 def sentences(
@@ -48,19 +48,26 @@ def sentences(
     table: str,
     *,
     converged: bool = True,
+    believed: bool = True,
     records: int = 1,
     lacking: str = "",
     rests: Sequence[Resting] = (),
 ) -> str:
     """The whole in a sentence, then what it rests on, what is not determined and what is pressed.
 
-    `records`: of how many experiments it is; `lacking`: what the model may miss.
+    `believed`: whether the run may be; `records`: of how many experiments it is; `lacking`: what the
+    model may miss.
     """
-    if not converged:
-        return NONE
+    if not believed:
+        return _none(converged=converged)
     whole = [_whole(found, table, records), *([] if found.fits else [_doubt(lacking)])]
     more = (_resting(found, rests), _opened(found), _not_determined(found), _pressed(found))
     return "\n".join([*whole, *itertools.chain(*more)])
+
+
+def _none(*, converged: bool) -> str:
+    """Of a run that must not be believed."""
+    return _NONE.format("the model does not fit" if converged else "the run did not converge")
 
 
 def rule(found: Verdict) -> str:
@@ -106,6 +113,9 @@ def _whole(found: Verdict, table: str, records: int = 1) -> str:
             f"{opening}; each by itself agrees with {table}, but {together[2:]}, too far for chance: "
             "the table does not describe this rig"
         )
+    if not found.fits:
+        every = "it" if k == 1 else f"all {k}"
+        return f"{opening}; were the model right, {every} would agree with {table}{together}"
     every = "it agrees" if k == 1 else f"all {k} agree"
     return f"{opening}; {every} with {table}{together}"
 
@@ -211,14 +221,16 @@ def as_csv(found: Verdict, symbols: Sequence[Symbol]) -> str:
     return out.getvalue()
 
 
-def as_data(found: Verdict, table: str, *, converged: bool = True) -> dict[str, Any]:
+def as_data(
+    found: Verdict, table: str, *, converged: bool = True, believed: bool = True
+) -> dict[str, Any]:
     """For `run.json`; `agrees` is None where the run must not be believed, or the fit is not noise."""
     names = {q.exponents: _name(found, q) for q in rows(found)}
     return {
         "table": table,
-        "agrees": found.agrees if converged and found.fits else None,
+        "agrees": found.agrees if believed and found.fits else None,
         "fits": found.fits,
-        "sentence": _whole(found, table) if converged else NONE,
+        "sentence": _whole(found, table) if believed else _none(converged=converged),
         "joint_sigma": None if found.joint is None else round(found.joint, 3),
         "limit_sigma": round(found.limit, 3),
         "opened": list(found.opened),

@@ -32,7 +32,7 @@ from bayesdrill.insight.rubbing import Rubbing, rubbings
 from bayesdrill.insight.shaking import Shaking, shakings
 from bayesdrill.insight.vagueness import Vague, vague
 from bayesdrill.insight.verdict import Judgement
-from bayesdrill.report import residual_words, words
+from bayesdrill.report import words
 from bayesdrill.report.sparing import Sparing
 from bayesdrill.report.widths import WIDTHS
 from bayesdrill.results import provenance
@@ -95,7 +95,7 @@ class View(Value):
     @property
     def reasons(self) -> tuple[str, ...]:
         """Why the result must not be believed: it did not converge, or does not fit."""
-        return (*self.sampled.convergence.reasons, *residual_words.reasons(self.left))
+        return words.reasons(self.sampled, self.left)
 
     @cached_property
     def marks(self) -> Mapping[str, str]:

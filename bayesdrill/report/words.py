@@ -16,7 +16,7 @@ from bayesdrill.engines.sampling import Sampled
 from bayesdrill.inference.problem import Problem
 from bayesdrill.inference.residual_checks import Left, like_noise
 from bayesdrill.insight import plausibility
-from bayesdrill.report import record_words
+from bayesdrill.report import record_words, residual_words
 from bayesdrill.rig.models.composed import constants
 from bayesdrill.setup.config import Config
 from bayesdrill.setup.own_units import OwnUnits
@@ -160,6 +160,11 @@ def maxima(found: Mode, weights: NDArray[np.float64] | None, own: OwnUnits) -> s
     if len(rest := order[MOST_LISTED:]):
         lines.append(f"  {weights[rest].sum():.1%} of the draws belong to the other {len(rest)}")
     return "\n".join(lines)
+
+
+def reasons(sampled: Sampled, left: Sequence[Left]) -> tuple[str, ...]:
+    """Why a run must not be believed: it did not converge, or does not fit; empty where it may be."""
+    return (*sampled.convergence.reasons, *residual_words.reasons(left))
 
 
 def warning(sampled: Sampled, left: Sequence[Left]) -> str:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import pytest
-from comparisons import model
+from comparisons import model, problem
 
+from bayesdrill.insight import overlay
 from bayesdrill.insight.comparison import Contender, Word, decide, probabilities
-from bayesdrill.report import comparison_words
+from bayesdrill.report import comparison_words, overlay_words
 
 GIVEN = model("given", 0.0)
 FRICTION = {"rig": "rubbing"}
@@ -77,3 +79,26 @@ def test_what_must_not_be_believed_is_said() -> None:
     assert "stopped did not converge" in said
     table = comparison_words.table(models)
     assert [line[0] for line in table.lines] == ["stopped (NOT CONVERGED)", "given"]
+
+
+def test_a_comparison_names_why_a_model_must_not_be_believed() -> None:
+    """Mutants killed: the reasons of the best alone; a warning without its reasons."""
+    layer = replace(
+        GIVEN.layer, warning="DOES NOT FIT: much", reasons=("w_1 is off", "and coloured")
+    )
+    said = "\n".join(
+        comparison_words.verdict([replace(GIVEN, layer=layer), model("best", 30.0, **FRICTION)])
+    )
+    assert (
+        "  DO NOT BELIEVE given: DOES NOT FIT: much\n    - w_1 is off\n    - and coloured" in said
+    )
+    assert "BELIEVE best" not in said
+
+
+def test_a_table_of_models_without_nominal_values_has_no_column_of_them() -> None:
+    """Nor one for how far apart unknowns are that no two of them share."""
+    some = problem().symbols
+    bare = [replace(problem(), nominal={}, symbols=own) for own in (some[:3], some[3:6])]
+    layers = [replace(GIVEN.layer, name=n, problem=p) for n, p in zip("ab", bare, strict=True)]
+    heads = overlay_words.table(layers, overlay.rows(layers)).heads
+    assert heads == ("", "unit", "a", "b")

@@ -139,6 +139,21 @@ def test_a_fit_that_is_not_noise_leaves_the_table_in_doubt() -> None:
     assert verdict_words.as_data(sure, "table")["agrees"] is False
 
 
+def test_a_table_agrees_only_with_a_fit_that_is_noise() -> None:
+    """Mutant killed: *all agree*, by a model that the fit speaks against."""
+    draws = gaussian(TABLE, np.random.default_rng(3))
+    assert "all 2 agree with table" in verdict_words.sentences(verdict(draws), "table")
+    found = verdict(draws, fits=False)
+    text = verdict_words.sentences(found, "table")
+    assert "were the model right, all 2 would agree with table" in text
+    assert "IN DOUBT" in text
+    for converged, why in ((True, "the model does not fit"), (False, "the run did not converge")):
+        text = verdict_words.sentences(found, "table", converged=converged, believed=False)
+        assert text == f"verdict: none, because {why}; the numbers may be wrong"
+        data = verdict_words.as_data(found, "table", converged=converged, believed=False)
+        assert (data["sentence"], data["agrees"]) == (text, None)
+
+
 def test_the_corners_of_a_prior_determine_nothing() -> None:
     """Draws along a symmetry however narrow are not the record's doing.
 

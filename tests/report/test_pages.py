@@ -6,6 +6,7 @@ import base64
 import dataclasses
 import hashlib
 import re
+from collections.abc import Callable
 from functools import cache
 from html.parser import HTMLParser
 from pathlib import Path
@@ -17,13 +18,15 @@ from oracles import NOMINAL
 from PIL import Image
 
 import bayesdrill as bd
+from bayesdrill.api.run import Judged
 from bayesdrill.basics import own_files
 from bayesdrill.basics.symbols import PARAMETERS, Symbol
 from bayesdrill.inference.priors import LogUniform, Uniform
 from bayesdrill.insight.diagnostics import Row
-from bayesdrill.report import latex, provenance_words, style
+from bayesdrill.report import latex, marks, provenance_words, publish, style
 from bayesdrill.report.bars import bars
 from bayesdrill.report.html import as_html
+from bayesdrill.report.map_report import MapReport
 from bayesdrill.report.run_report import sections
 from bayesdrill.report.sections import (
     Bar,
@@ -39,6 +42,7 @@ from bayesdrill.report.sections import (
     as_text,
 )
 from bayesdrill.report.typeset import Typesetter, printed
+from bayesdrill.report.view import View
 
 ALONE = frozenset(("meta", "img", "rect", "line", "br"))  # elements without an end
 
@@ -181,17 +185,95 @@ def test_terminal_markdown_and_page_show_the_same_list(saved: Path) -> None:
 def test_the_marks_say_what_the_verdict_says() -> None:
     view = run()._view
     blocks = [block for section in sections(view) for block in section.blocks]
-    (marks,) = (block for block in blocks if isinstance(block, Marks))
-    assert {mark.text: mark.tone for mark in marks.items} == {
+    (shown,) = (block for block in blocks if isinstance(block, Marks))
+    assert {mark.text: mark.tone for mark in shown.items} == {
         "converged": "good",
         "fits: noise is left": "good",
         "disagrees with tables_2_3": "doubt",
     }
-    convergence = dataclasses.replace(view.sampled.convergence, reasons=("too short",))
-    sampled = dataclasses.replace(view.sampled, convergence=convergence)
-    html = page(*sections(dataclasses.replace(view, sampled=sampled)))
+    html = page(*sections(stopped()))
     assert "not converged" in html.text
     assert "disagrees with" not in html.text
+
+
+def test_a_table_is_in_doubt_where_the_fit_is_no_noise() -> None:
+    """Mutant killed: a table that agrees, by a model that the fit speaks against."""
+    view = run()._view
+    assert view.judged is not None
+    found = view.judged.verdict
+    products = tuple(dataclasses.replace(one, says="agrees") for one in found.products)
+    agreeing = dataclasses.replace(found, products=products, parameters=(), joint=0.0)
+    said = {}
+    for fits in (True, False):
+        verdict = dataclasses.replace(agreeing, fits=fits)
+        judged = dataclasses.replace(view.judged, verdict=verdict)
+        mark = marks.of_run(dataclasses.replace(view, judged=judged))[-1]
+        said[fits] = (mark.text, mark.tone)
+    assert said == {True: ("agrees with tables_2_3", "good"), False: ("verdict in doubt", "doubt")}
+
+
+def unfit() -> View:
+    """Of a run that converged to what does not fit."""
+    view = run()._view
+    return dataclasses.replace(
+        view, left=tuple(dataclasses.replace(one, rms=9.0) for one in view.left)
+    )
+
+
+def stopped() -> View:
+    view = run()._view
+    convergence = dataclasses.replace(view.sampled.convergence, reasons=("too short",))
+    return dataclasses.replace(
+        view, sampled=dataclasses.replace(view.sampled, convergence=convergence)
+    )
+
+
+@pytest.mark.parametrize(
+    ("made", "shown"),
+    [
+        (unfit, ["does not fit", "converged"]),
+        (stopped, ["not converged", "fits: noise is left"]),
+    ],
+)
+def test_nothing_is_good_about_a_run_that_must_not_be_believed(
+    made: Callable[[], View], shown: list[str]
+) -> None:
+    """Mutants killed: a green `converged` beside `does not fit`; what the draws *determine*; reasons of
+    the fit alone, or of the sampler.
+    """
+    view = made()
+    assert [(one.text, one.tone) for one in marks.of_run(view)] == [
+        (shown[0], "bad"),
+        (shown[1], "plain"),
+    ]
+    every, latex_table = sections(view), publish.TABLES["table.tex"](view)
+    html = page(*every)
+    classes = {c for _, attributes in html.found for c in attributes.get("class", "").split()}
+    assert not classes & {"good", "word"}
+    terminal = as_text(every)
+    for text in (html.text, as_markdown("t", every), "\n".join(terminal), str(latex_table)):
+        assert not re.search(r"\bdetermine|\bagrees?\b|the record says", text)
+    assert terminal[-1].startswith("verdict: none, because ")
+    assert terminal[-2].startswith("DO NOT BELIEVE these numbers")
+    assert all(f"  - {reason}" in terminal[-2] for reason in view.reasons)
+    assert Judged(view).reasons == view.reasons
+    assert run().judge().reasons == ()
+
+
+def test_a_rig_without_nominal_values_has_no_columns_of_them() -> None:
+    """Mutants killed: columns that are empty in every line, on each way to a reader."""
+    view = run()._view
+    rows = tuple(dataclasses.replace(row, nominal=None, deviation=None) for row in view.rows)
+    problem = dataclasses.replace(view.problem, nominal={}, tolerance={})
+    view = dataclasses.replace(view, rows=rows, problem=problem, judged=None)
+    every, alone = sections(view), MapReport(problem, view.config, view.mode)
+    latex_table, machine = (str(publish.TABLES[n](view)) for n in ("table.tex", "summary.csv"))
+    shown = (as_markdown("t", every), as_markdown("t", alone.sections), "\n".join(as_text(every)))
+    for text in (*shown, page(*every).text, latex_table):
+        assert not re.search(r"nominal|dev\. %", text)
+    assert "{@{}llrrrl@{}}" in latex_table
+    assert {x.count("&") for x in latex_table.splitlines() if x.endswith(r"\\")} == {5}
+    assert machine.startswith("name,unit,nominal,map,")
 
 
 def test_texts_of_users_stay_texts() -> None:

@@ -23,6 +23,10 @@ Array = NDArray[np.float64]
 
 T = np.linspace(0.0, 4.0, 161)
 BOX = {"prior": "uniform", "low": 0.5, "high": 1.5, "relative": True}
+WRONG = (
+    "w_1: {column: w_1, unit: rad/s, sigma: 0.05}",
+    "w_1: {column: w_1, unit: rpm, sigma: 0.05}",
+)
 FILES = {
     *("config.yaml", "config.resolved.yaml", "map.json", "map.csv", "map.md", "prediction.csv"),
     "report.html",
@@ -151,16 +155,27 @@ def test_what_does_not_belong_to_a_maximum_is_named(config: Path) -> None:
     assert "the record was 101 samples" in systems.cli("verify", out).err
 
 
+def test_a_fit_that_must_not_be_believed_ends_as_its_posterior_does(tmp_path: Path) -> None:
+    """Mutant killed: status 0 of a fit that leaves far more than the noise."""
+    config, out = systems.small(tmp_path, WRONG), tmp_path / "out"
+    ran = systems.cli("map", config, "--output", out, "--processes", "1")
+    assert ran.status == 3
+    assert ran.out.index("DO NOT BELIEVE these numbers:") > ran.out.index("fit: ")
+    page = (out / "map.md").read_text()
+    assert page.index("DO NOT BELIEVE these numbers:") < page.index("fit: ")
+    found = bd.load(config).find_map()
+    assert found.reasons[0].startswith("the fit leaves more than the noise, in sigmas: w_1 ")
+    assert opened((out / "run.json").read_bytes())["reasons"] == list(found.reasons)
+    assert best().reasons == ()
+    assert "BELIEVE" not in best().table
+
+
 @pytest.mark.slow
 def test_a_fit_that_no_posterior_can_mend_is_said_before_anything_is_sampled(
     tmp_path: Path,
 ) -> None:
     """Mutant killed: the MAP is said, and what it leaves only after sampling."""
-    wrong = (
-        "w_1: {column: w_1, unit: rad/s, sigma: 0.05}",
-        "w_1: {column: w_1, unit: rpm, sigma: 0.05}",
-    )
-    for name, changes, said in (("sound", (), False), ("wrong", (wrong,), True)):
+    for name, changes, said in (("sound", (), False), ("wrong", (WRONG,), True)):
         config = systems.small(tmp_path / name, *changes)
         ran = systems.cli("map", config)
         assert ("no posterior of such a fit can be believed" in ran.text) is said
