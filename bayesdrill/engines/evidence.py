@@ -140,7 +140,9 @@ def _apart(w: Array, tried: int, z: float) -> float:
     """How far the log of `z` is from what draws of q say by themselves, by their weights `w`; 0 where
     that is chance.  Walkers that do not pass between maxima hold shares that are not the posterior's.
     """
-    alone = float(w.sum()) / tried
-    chance = math.sqrt(max(0.0, float((w**2).sum()) / float(w.sum()) ** 2 - 1.0 / tried))
-    far = abs(math.log(z / alone))
+    largest = float(w.max())  # squares of weights far from the chain's are too small for numbers
+    shares = w / largest
+    alone = math.log(largest) + math.log(float(shares.sum()) / tried)
+    chance = math.sqrt(max(0.0, float((shares**2).sum() / shares.sum() ** 2) - 1.0 / tried))
+    far = abs(math.log(z) - alone)
     return far if far > CHANCE * chance else 0.0

@@ -14,7 +14,7 @@ from proposals import rough
 from targets import TARGETS, Bent, Boxed, Humps, Skewed, Target, loose
 
 import bayesdrill as bd
-from bayesdrill.engines.evidence import Evidence, evidence
+from bayesdrill.engines.evidence import Evidence, bridge, evidence
 from bayesdrill.engines.samplers.independence import Proposal
 
 WALKERS, STEPS = 400, 10
@@ -105,6 +105,13 @@ def test_the_standard_error_is_that_of_repetitions() -> None:
     assert told is not None
     assert once is not None
     assert told.error > 0.4 * once.error
+
+
+def test_a_proposal_far_below_the_chain_has_a_large_error_and_ends_nothing() -> None:
+    """Weights of 1e-200 and less, whose squares are no numbers: a record that no rig fits at all."""
+    result = bridge(np.zeros((2, 5, 40)), np.full(100, -600.0), 120)
+    assert result is not None
+    assert result.error > 100.0
 
 
 def test_nothing_in_common_is_no_evidence() -> None:
