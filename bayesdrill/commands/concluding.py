@@ -12,6 +12,7 @@ from bayesdrill.engines.convergence import Targets
 from bayesdrill.engines.mode import Mode
 from bayesdrill.engines.sampling import Plan, Sampled
 from bayesdrill.inference.problem import Problem
+from bayesdrill.inference.residual_checks import like_noise
 from bayesdrill.insight import plausibility, verdict
 from bayesdrill.insight.conclusions import conclude
 from bayesdrill.insight.identifiability.scenes import Scenery
@@ -49,7 +50,9 @@ def concluded(
     scenery = scenery or Scenery(problem.posterior.likelihood)
     rows, left, judged = conclude(problem, job.asked, found, sampled, scenery)
     at = problem.posterior.space.vector(found.values)
-    late = (f"note: {one}" for one in nuisance_words.moment(half_a_sample(scenery, at)))
+    # What another moment would leave looks like noise only where this fit does.
+    moment = half_a_sample(scenery, at) if like_noise(left) else None
+    late = (f"note: {one}" for one in nuisance_words.moment(moment))
     course = (f"note: {one}" for one in plausibility.of_course(scenery, at))
     geared = (f"note: {one}" for one in plausibility.of_gear(problem))
     made = (f"note: record: {one}" for one in record_words.made(problem))

@@ -9,12 +9,15 @@ import pytest
 from oracles import NOMINAL
 from rigs import experiment, unknown, vector
 
+import bayesdrill as bd
+from bayesdrill.commands.concluding import concluded
 from bayesdrill.engines.climb import climb
 from bayesdrill.inference.likelihood import Likelihood
 from bayesdrill.inference.noise.contract import Noisy
 from bayesdrill.inference.noise.white import White
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.priors import Uniform
+from bayesdrill.inference.residual_checks import like_noise
 from bayesdrill.inference.surface import PosteriorSurface
 from bayesdrill.inference.unknowns import ParameterSpace
 from bayesdrill.insight.causes import Causes, causes
@@ -172,3 +175,27 @@ def test_a_moment_that_is_unknown_is_no_matter_of_doubt() -> None:
     )
     likelihood = Likelihood((one,), space)
     assert half_a_sample(Scenery(likelihood), best(posterior)) is None
+
+
+def test_half_a_sample_is_told_only_where_the_fit_is_noise() -> None:
+    """Mutant killed: that it would leave what looks like noise, said of a fit that is far from it."""
+    t = np.linspace(0.0, 2.0, 81)
+    exact = bd.respond("motor_shaft", NOMINAL, t, {"v": 8.0}, "w_1")["w_1"]
+    noise = 0.05 * np.random.default_rng(6).standard_normal(len(t))
+    box = {"prior": "uniform", "low": 0.5, "high": 1.5, "relative": True}
+    case = bd.case(
+        t,
+        channels={"w_1": bd.Channel(exact + noise, "rad/s", 0.05)},
+        inputs={"v": 8.0},
+        parameters=dict.fromkeys(NOMINAL, "nominal") | {"l_m": box},
+        sampler={"ensembles": 4, "walkers": 16, "r_hat": 1.1, "n_tau": 5, "ess": 100},
+    )
+    run = case.sample(seed=3)
+    assert [note for note in run._view.notes if "moment: inputs half a sample" in note]
+    posterior = run.job.problem.posterior
+    response = posterior.likelihood.response.with_record((exact + 9.0 * noise)[:, None])
+    off = replace(posterior, likelihood=posterior.likelihood.with_alone(response=response))
+    job = replace(run.job, problem=replace(run.job.problem, posterior=off))
+    view = concluded(job, run.mode, run.sampled)
+    assert not like_noise(view.left)
+    assert not [note for note in view.notes if "moment" in note]
