@@ -38,10 +38,7 @@ def test_every_mode_is_found_with_its_mass(puzzle: Puzzle, tmp_path: Path) -> No
 @pytest.mark.parametrize("puzzle", params(EVERY))
 def test_a_grid_twice_as_fine_finds_the_same_masses(puzzle: Puzzle, tmp_path: Path) -> None:
     posterior = puzzle.load(tmp_path).job.problem.posterior
-    here, finer = (
-        grid.modes(posterior, tuple(n * cells for cells in puzzle.cells), puzzle.split)
-        for n in (1, 2)
-    )
+    here, finer = (puzzle.modes(posterior, n) for n in (1, 2))
     shown = here.above(judge.SHOWN)
     assert len(shown) > 1
     assert finer.masses[shown] == pytest.approx(here.masses[shown], rel=0.01)
