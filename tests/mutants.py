@@ -1210,6 +1210,13 @@ MUTANTS = [
         "tests/contracts/test_independence.py::test_target_is_kept_exactly_over_two_ridges",
     ),
     Mutant(
+        "a component as wide as a hundredth of what parts the ridges",
+        "engines/samplers/mixture.py",
+        "return [weights * shares[found.sheet == s].sum(axis=0)",
+        "return [weights",
+        "tests/engines/test_learning.py::test_humps_thousands_of_their_widths_apart_are_met",
+    ),
+    Mutant(
         "the weights of ridges left out of the importance weights",
         "engines/samplers/mixture.py",
         "constants = np.log(weights) - log_det",

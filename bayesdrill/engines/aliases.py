@@ -15,6 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
+from bayesdrill.engines import maxima
+from bayesdrill.engines.climb import climb
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.surface import PosteriorSurface
 from bayesdrill.rig.models.linear import dynamics
@@ -23,7 +25,11 @@ Array = NDArray[np.float64]
 
 PAIRS = 2  # of poles that are looked at, the fastest
 ALIKE = 0.3  # of the window's height: lower peaks are no aliases
-MOST_ALIASES = 96  # of a pair of poles, the most alike first
+MOST_TRIED = 384  # aliases of a pair of poles, the most alike first, of which ...
+MOST_ALIASES, CLIMBED = (
+    96,
+    8,
+)  # ... so many are starts: where they are more, what they lead to in so many steps
 PER_RADIAN, MOST_CELLS = 3, 2**19  # cells of time for each radian of the fastest swing, at most
 FINER = 4  # times that the window is drawn finer than its peaks are wide
 ITERATIONS = 12
@@ -56,9 +62,21 @@ def swings(surface: PosteriorSurface, u: Array) -> Around:
     found, left_out = [np.empty((0, len(u)))], 0.0
     for pair in np.flatnonzero(here > 0):
         wanted = _aliases(posterior, here[pair], slowest[pair], fastest[pair])
-        found.append(_moved(surface, u, int(pair), np.unique(wanted[:MOST_ALIASES])))
-        left_out = max(left_out, 1.0 - MOST_ALIASES / max(len(wanted), MOST_ALIASES))
+        at = _moved(surface, u, int(pair), np.unique(wanted[:MOST_TRIED]))
+        kept, share = _heaviest(surface, at)
+        found.append(kept)
+        left_out = max(left_out, 1.0 - share * MOST_TRIED / max(len(wanted), MOST_TRIED))
     return Around(np.concatenate(found), left_out)
+
+
+def _heaviest(surface: PosteriorSurface, at: Array) -> tuple[Array, float]:
+    """The `MOST_ALIASES` near `at (n, D)` that hold most, and their share of what all of them hold."""
+    if len(at) <= MOST_ALIASES:
+        return at, 1.0
+    u = climb(surface, at, CLIMBED).u
+    held = maxima.held(surface.posterior, u)
+    most = np.argsort(-held, kind="stable")[:MOST_ALIASES]
+    return u[most], float(held[most].sum())
 
 
 def _returns(surface: PosteriorSurface, u: Array) -> Array:

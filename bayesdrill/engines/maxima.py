@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from bayesdrill.engines.climb import climb
 from bayesdrill.engines.learning import directions, ridges
-from bayesdrill.inference.surface import Surface
+from bayesdrill.inference.posterior import Posterior
+from bayesdrill.inference.surface import PosteriorSurface, Surface
 
 Array = NDArray[np.float64]
 
@@ -98,6 +99,19 @@ def joined(surface: Surface, start: Array, others: Array) -> NDArray[np.bool_]:
     roots[~arrived] = np.eye(tau.shape[1])  # of no use, where there is no density
     off = np.linalg.solve(roots, (tau - at)[..., None])[..., 0]
     return np.asarray(arrived & (np.linalg.norm(off, axis=1) < SAME))
+
+
+def held(posterior: Posterior, ends: Array) -> Array:
+    """How much of the posterior each of the maxima `ends (M, D)` holds, by Laplace: `(M,)`, sum 1."""
+    if len(ends) == 1:
+        return np.ones(1)
+    over = PosteriorSurface(posterior)
+    here = over.expand(ends, np.eye(ends.shape[1]))
+    scaled = here.curvature * np.outer(over.spread, over.spread) + np.eye(ends.shape[1])
+    log_mass = here.value - 0.5 * np.linalg.slogdet(scaled)[1]
+    log_mass = np.where(np.isfinite(log_mass), log_mass, -np.inf)
+    mass = np.exp(log_mass - log_mass.max()) if np.isfinite(log_mass).any() else np.ones(len(ends))
+    return np.asarray(mass / mass.sum())
 
 
 def together(parts: Sequence[tuple[Array, Array]]) -> tuple[Array, Array]:

@@ -262,25 +262,12 @@ def _looked_around(
         more, values = maxima.scout(surface, starts, maxima.AROUND)
         every = np.concatenate([ends, more]), np.concatenate([heights, values])
         ends, heights = _tops(surface, *every, known=len(ends))
-    held = _held(surface, ends)
+    held = maxima.held(surface.posterior, ends)
     order = np.argsort(-held, kind="stable")
     enough = int(np.searchsorted(np.cumsum(held[order]), 1.0 - NOTHING)) + 1
     kept = np.union1d(order[: min(enough, MOST)], 0)  # the highest stays
     left_out = 1.0 - (1.0 - left_out) * float(held[kept].sum())
     return ends[kept], heights[kept], left_out
-
-
-def _held(surface: PosteriorSurface, ends: Array) -> Array:
-    """How much of the posterior each of the maxima `ends (M, D)` holds, by Laplace: `(M,)`, sum 1."""
-    if len(ends) == 1:
-        return np.ones(1)
-    over = PosteriorSurface(surface.posterior)
-    here = over.expand(ends, np.eye(ends.shape[1]))
-    scaled = here.curvature * np.outer(over.spread, over.spread) + np.eye(ends.shape[1])
-    log_mass = here.value - 0.5 * np.linalg.slogdet(scaled)[1]
-    log_mass = np.where(np.isfinite(log_mass), log_mass, -np.inf)
-    mass = np.exp(log_mass - log_mass.max()) if np.isfinite(log_mass).any() else np.ones(len(ends))
-    return np.asarray(mass / mass.sum())
 
 
 def _polished(surface: Surface, u: Array) -> Climbed:

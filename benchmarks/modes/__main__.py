@@ -8,7 +8,7 @@ import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
-from benchmarks.modes import collection, grid, judge, report
+from benchmarks.modes import collection, judge, report
 
 
 def arguments(given: Sequence[str] | None = None) -> argparse.Namespace:
@@ -32,8 +32,7 @@ def main(given: Sequence[str] | None = None) -> int:
         with tempfile.TemporaryDirectory() as folder:
             if options.grid:
                 posterior = puzzle.load(Path(folder)).job.problem.posterior
-                cells = tuple(options.finer * n for n in puzzle.cells)
-                known = grid.modes(posterior, cells, puzzle.split)
+                known = puzzle.modes(posterior, options.finer)
                 print(report.of_grid(puzzle, posterior.space.free, known), flush=True)
                 continue
             outcome = judge.run(puzzle, Path(folder), options.finer)

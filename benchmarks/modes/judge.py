@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.modes import grid
 from benchmarks.modes.grid import Modes
 from benchmarks.modes.puzzle import Puzzle
 
@@ -61,10 +60,10 @@ class Outcome:
 
 
 def run(puzzle: Puzzle, folder: Path, finer: int = 1) -> Outcome:
-    """`finer`: so many times as many cells of the coarsest grid, for each unknown."""
+    """`finer`: see `Puzzle.modes`."""
     case = puzzle.load(folder)
     posterior = case.job.problem.posterior
-    known = grid.modes(posterior, tuple(finer * n for n in puzzle.cells), puzzle.split)
+    known = puzzle.modes(posterior, finer)
     begun = time.process_time()
     ran = case.sample()
     reasons = ran.judge().view.reasons

@@ -12,11 +12,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 import bayesdrill as bd
+from bayesdrill.inference.posterior import Posterior
 from bayesdrill.setup import simulating
+from benchmarks.modes import grid
+from benchmarks.modes.grid import Modes
 from benchmarks.zoo.row import Entry
 from benchmarks.zoo.texts import as_csv, as_yaml, changed, parsed
 
 Array = NDArray[np.float64]
+TIME = {"column": "t", "unit": "s"}
 Kind = Literal["gap", "delay", "aliases", "friction", "signs", "mixed"]
 
 
@@ -50,21 +54,38 @@ class Puzzle:
         """By the name unless given, so that no two records share their noise."""
         return zlib.crc32(self.name.encode()) % 100_000 if self.own_seed is None else self.own_seed
 
+    @property
+    def entries(self) -> Entry:
+        """The config that reads the record, without name, seed and `record.file`."""
+        return changed(self._making, self.read)
+
+    @property
+    def _making(self) -> Entry:
+        return {**self.config, "record": {"time": TIME, **self.config["record"]}}
+
+    def record(self, path: Path) -> str:
+        """The text of the record, which will stand at `path`."""
+        config, source = parsed(path.with_suffix(".yaml"), self._text(self._making, path))
+        empty = {spec.column: np.arange(len(self.t)) for spec in config.record.channels.values()}
+        path.write_text(as_csv({"t": self.t, **empty, **self.series}), encoding="utf-8")
+        return self._with_blanks(simulating.simulate(config, source, self.seed))
+
     def load(self, folder: Path) -> bd.Case:
         """Writes record and config to `folder`, and reads them as a user would."""
         record, path = folder / f"{self.name}.csv", folder / f"{self.name}.yaml"
-        time = {"column": "t", "unit": "s"}
-        entries = {"name": self.name, "seed": self.seed, **self.config}
-        entries["record"] = {"file": record.name, "time": time, **self.config["record"]}
-        config, source = parsed(path, as_yaml(entries))
-        empty = {spec.column: np.arange(len(self.t)) for spec in config.record.channels.values()}
-        record.write_text(as_csv({"t": self.t, **empty, **self.series}), encoding="utf-8")
-        text = simulating.simulate(config, source, self.seed)
-        record.write_text(self._with_blanks(text, len(empty)), encoding="utf-8")
-        path.write_text(as_yaml(changed(entries, self.read)), encoding="utf-8")
+        record.write_text(self.record(record), encoding="utf-8")
+        path.write_text(self._text(self.entries, record), encoding="utf-8")
         return bd.load(path)
 
-    def _with_blanks(self, text: str, channels: int) -> str:
+    def modes(self, posterior: Posterior, finer: int = 1) -> Modes:
+        """By a grid; `finer`: so many times as many cells to begin with, for each unknown."""
+        return grid.modes(posterior, tuple(finer * n for n in self.cells), self.split)
+
+    def _text(self, entries: Entry, record: Path) -> str:
+        own = {"name": self.name, "seed": self.seed}
+        return as_yaml({**own, **entries, "record": {"file": record.name, **entries["record"]}})
+
+    def _with_blanks(self, text: str) -> str:
         if self.dropped is None:
             return text
         head, *rows = text.splitlines()

@@ -37,12 +37,13 @@ def arguments(given: Sequence[str] | None = None) -> argparse.Namespace:
 
 def run(row: Row, seconds: float, place: Path = folder.FOLDER) -> Outcome:
     """Both seeds of a row."""
-    found, shares = [], []
+    found, shares = [], list[tuple[float, ...]]()
     for number, config in enumerate(folder.write(row, place), start=1):
         output = place / "runs" / f"{row.name}-{number}"
         found.append(runs.start(config, output, max(PATIENCE, 2 * seconds)))
         if row.humps is not None:
-            shares.append(runs.share_below(output, row.humps.name, row.humps.split))
+            draws = runs.draws(output, found[-1].mean)
+            shares.append(row.humps.shares(draws) if draws else ())
     samples = len((place / "records" / f"{row.name}.csv").read_text(encoding="utf-8").splitlines())
     outcome = judged(row, tuple(found), samples - 1, seconds, tuple(shares))
     if outcome.passed:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from benchmarks.zoo import entries as e
 from benchmarks.zoo.makers import Steady
-from benchmarks.zoo.row import Entry, Humps, Row
+from benchmarks.zoo.row import Entry, Row, Two
 
 TEN = {"duration": 10, "rate": 100}
 
@@ -127,5 +127,5 @@ def _aliased(n: int) -> Row:
         made=Steady(),
         quick=n == 1,
         own_seed=7 if n == 1 else None,
-        humps=Humps(name="k_s", split=0.28, below=BELOW[n]),
+        humps=Two(name="k_s", split=0.28, below=BELOW[n]),
     )

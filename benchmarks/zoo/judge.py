@@ -12,7 +12,8 @@ from benchmarks.zoo.row import Row
 from benchmarks.zoo.runs import Run
 
 LEVEL = 1e-3  # of rows without any error, so many disagree
-SHARE = 0.03  # how far the share of a hump may be off
+SHARE = 0.03  # how far the share of a hump may be off, ...
+WITHIN, LEAST = 0.2, 0.01  # ... or so much of itself, but for so much
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,7 +36,7 @@ class Agreement:
 class Outcome:
     """A row, its two runs, and what is wrong with them; agreements are None where nothing is asked.
 
-    `shares`: of the draws of each run in the lower of two humps.
+    `shares`: of the draws of each run in each hump.
     """
 
     row: Row
@@ -43,7 +44,7 @@ class Outcome:
     samples: int
     seeds: Agreement | None
     importance: Agreement | None
-    shares: tuple[float, ...]
+    shares: tuple[tuple[float, ...], ...]
     complaints: tuple[str, ...]
 
     @property
@@ -64,7 +65,11 @@ class Outcome:
 
 
 def judged(
-    row: Row, runs: tuple[Run, ...], samples: int, most: float, shares: tuple[float, ...] = ()
+    row: Row,
+    runs: tuple[Run, ...],
+    samples: int,
+    most: float,
+    shares: tuple[tuple[float, ...], ...] = (),
 ) -> Outcome:
     """`most`: seconds that a run may take."""
     seeds = between(*runs) if row.sound else None
@@ -170,10 +175,19 @@ def _of_means(seeds: Agreement, importance: Agreement | None) -> list[str]:
     return found
 
 
-def _of_humps(row: Row, shares: Sequence[float]) -> list[str]:
+def _of_humps(row: Row, shares: Sequence[tuple[float, ...]]) -> list[str]:
     if row.humps is None:
         return []
-    if len(shares) and all(abs(share - row.humps.below) <= SHARE for share in shares):
+    exact = row.humps.exact
+    if shares and all(len(of) == len(exact) and all(map(_near, of, exact)) for of in shares):
         return []
-    said = ", ".join(f"{share:.3f}" for share in shares)
-    return [f"share of the lower hump {said}, exactly {row.humps.below:.3f}"]
+    said = ", ".join(_written(of) for of in shares)
+    return [f"shares of the humps {said}, exactly {_written(exact)}"]
+
+
+def _near(share: float, exact: float) -> bool:
+    return abs(share - exact) <= min(SHARE, max(WITHIN * exact, LEAST))
+
+
+def _written(shares: Sequence[float]) -> str:
+    return " ".join(f"{share:.3f}" for share in shares)

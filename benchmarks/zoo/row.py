@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 import zlib
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
+import numpy as np
+from numpy.typing import NDArray
+
 from bayesdrill.setup.config import Config
 from bayesdrill.setup.yaml_source import Source
 
+Array = NDArray[np.float64]
 Entry = dict[str, Any]  # a part of a config, as YAML has it
 
 MORE_THAN_NOISE = "more than the noise"
@@ -28,13 +33,34 @@ class Maker(Protocol):
         ...
 
 
+class Humps(Protocol):
+    """Places that fit."""
+
+    @property
+    def exact(self) -> tuple[float, ...]:
+        """Shares of the posterior, on a grid."""
+        ...
+
+    def shares(self, draws: Mapping[str, Array]) -> tuple[float, ...]:
+        """Of draws `(N,)` of each unknown, SI."""
+        ...
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Humps:
-    """Two places that fit: the exact share of the posterior with `name` below `split`, on a grid."""
+class Two:
+    """Parted at `split` of one unknown, `below` of the posterior in the lower one."""
 
     name: str
     split: float
     below: float
+
+    @property
+    def exact(self) -> tuple[float, ...]:
+        return self.below, 1.0 - self.below
+
+    def shares(self, draws: Mapping[str, Array]) -> tuple[float, ...]:
+        below = float(np.mean(draws[self.name] < self.split))
+        return below, 1.0 - below
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from benchmarks.zoo import beliefs, driven, noises, rubs, sensors, steps, unsound
+from benchmarks.zoo import beliefs, driven, many, noises, rubs, sensors, steps, unsound
 from benchmarks.zoo.row import Row
 
 
 def every() -> tuple[Row, ...]:
     moved = (*steps.rows(), *driven.rows(), *rubs.rows())
-    seen = (*sensors.rows(), *noises.rows(), *beliefs.rows())
+    seen = (*sensors.rows(), *noises.rows(), *beliefs.rows(), *many.rows())
     return (*moved, *seen, *unsound.rows())
 
 

@@ -8,15 +8,18 @@ import json
 import subprocess
 import sys
 import time
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import h5py
 import numpy as np
+from numpy.typing import NDArray
 
 from benchmarks.zoo.makers import ROOT
+
+Array = NDArray[np.float64]
 
 LAST = 10.0  # seconds that a run has to end in when it is told to
 LARGE = ("chain.h5", "posterior.nc")
@@ -127,13 +130,13 @@ def _importance(found: Mapping[str, Any]) -> Importance:
     return Importance(**{name: found[name] for name in names})
 
 
-def share_below(folder: Path, name: str, split: float) -> float:
-    """Of the draws of one unknown; NaN where there are none."""
+def draws(folder: Path, names: Iterable[str]) -> dict[str, Array]:
+    """Of each unknown, `(N,)`; none where the run has left none."""
     path = folder / "posterior.nc"
     if not path.exists():
-        return float("nan")
+        return {}
     with h5py.File(path, "r") as file:
-        return float(np.mean(file[f"posterior/{name}"][:] < split))
+        return {name: np.ravel(file[f"posterior/{name}"][:]) for name in names}
 
 
 def lighten(folder: Path) -> None:

@@ -15,7 +15,7 @@ HEAD = (
     "map_s", "sampling_s", "report_s", "converged", "steps", "tau", "tau_of", "acceptance_least",
     "acceptance_most", "ess_bulk", "ess_per_s", "seeds_distance", "seeds_of", "seeds_limit",
     "weights_draws", "weights_share", "weights_distance", "weights_of", "weights_limit", "maxima",
-    "maxima_weights", "share_below", "fit_worst_rms", "reasons",
+    "maxima_weights", "shares", "fit_worst_rms", "reasons",
 )  # fmt: skip
 SOUND = "sound"
 
@@ -95,7 +95,7 @@ def _values(outcome: Outcome, number: int) -> list[object]:
         "" if own is None else own.draws, "" if own is None else own.share,
         *_parts(outcome.importance),
         len(run.maxima), " ".join(f"{one['weight']:.4f}" for one in run.maxima),
-        f"{outcome.shares[number]:.4f}" if outcome.shares else "",
+        " ".join(f"{share:.4f}" for share in outcome.shares[number]) if outcome.shares else "",
         max((one["rms_over_sigma"] for one in run.fit), default=""), "; ".join(run.reasons),
     ]  # fmt: skip
 

@@ -41,6 +41,16 @@ def test_weights_of_two_maxima_without_a_chain(kind: str, d: int) -> None:
     assert learnt.acceptance > 0.8
 
 
+@pytest.mark.parametrize("d", [1, 2])
+def test_humps_thousands_of_their_widths_apart_are_met(d: int) -> None:
+    """As aliases are.  Mutant killed: a component is no narrower than a hundredth of what parts them."""
+    surface = humps(d, (0.7, 0.3), (0.01, 0.005), 2000.0)
+    seed, rng = np.random.RandomState(1), np.random.default_rng(2)
+    learnt = learn(surface, surface.expand, list(surface.means), seed, rng)
+    assert learnt.share > 0.9
+    assert learnt.acceptance > 0.9
+
+
 @pytest.mark.parametrize(("kind", "d"), HUMPS)
 def test_weights_of_two_maxima_from_walkers_that_start_on_both_alike(kind: str, d: int) -> None:
     """The same mutant killed: walkers would come to be shared as the proposal's draws are not."""

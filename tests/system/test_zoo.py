@@ -17,7 +17,8 @@ from bayesdrill.setup.job import Job, prepare
 from benchmarks.zoo import folder, judge, rows, runs
 from benchmarks.zoo.__main__ import arguments
 from benchmarks.zoo.makers import ROOT, Driven, Otherwise, Rubbing
-from benchmarks.zoo.row import Row
+from benchmarks.zoo.many import Posed
+from benchmarks.zoo.row import Row, Two
 from benchmarks.zoo.signals import Chirp, Loop, RandomSteps, Square
 from benchmarks.zoo.texts import changed
 
@@ -70,7 +71,7 @@ def duration(row: Row) -> float:
 
 
 def voltage(row: Row) -> Any:
-    return row.config["inputs"]["v"]
+    return row.config["inputs"].get("v")
 
 
 def drives(row: Row, kind: type) -> bool:
@@ -104,6 +105,11 @@ def formulas(row: Row) -> str:
     return " ".join(p for p in given if isinstance(p, str) and p != "nominal")
 
 
+def posed(row: Row) -> str:
+    return row.made.puzzle.kind if isinstance(row.made, Posed) else ""
+
+
+KINDS = ("gap", "delay", "aliases", "friction", "signs", "mixed")
 COVERED: dict[str, Callable[[Row], bool]] = {
     "step up": lambda row: constant(row, 1),
     "step down": lambda row: constant(row, -1),
@@ -131,6 +137,7 @@ COVERED: dict[str, Callable[[Row], bool]] = {
     "tie": lambda row: any("tie" in p for p in row.config["parameters"].values() if isinstance(p, dict)),
     "sum in a formula": lambda row: "+" in formulas(row),
     "humps": lambda row: row.humps is not None,
+    **{f"modes: {kind}": lambda row, kind=kind: posed(row) == kind for kind in KINDS},
     "bundled": lambda row: row.name == "bundled",
     **{f"noise {s}": lambda row, s=s: s in sigmas(row) for s in (1e-5, 1e-3, 0.01, 0.1, 0.3, 1.0)},
     **{f"{n} samples": lambda row, n=n: samples(row) == n for n in (12, 30, 300, 2500, 3000, 100_000)},
@@ -206,6 +213,7 @@ def residuals_at_truth(job: Job) -> tuple[residual_checks.Left, ...]:
     if made is not None:
         factors = {e.channel.name: e.factor for e in build.channels(config, rig)}
         values |= {f"sigma_{name}": s * factors[name] for name, s in made.sigma.items()}
+        values |= made.truth
         for name, value in made.quantities.items():
             values[name] = value * number_objects.quantity(name, config.quantities[name]).factor
     return residual_checks.left(job.problem.posterior.likelihood, space.vector(values))
@@ -235,7 +243,7 @@ GRIDS = {1: (20_001,), 2: (201, 1501), 3: (121, 601, 31)}  # k_e, k_s, j_1
 @pytest.mark.parametrize("n", [1, 2, 3])
 def test_the_humps_of_an_aliased_record_have_these_shares(n: int, tmp_path: Path) -> None:
     row = rows.chosen([f"aliased_{n}"])[0]
-    assert row.humps is not None
+    assert isinstance(row.humps, Two)
     posterior = prepare(folder.write(row, tmp_path)[0]).problem.posterior
     names = posterior.space.free
     ends = [posterior.space.priors[name].quantile(np.array([0.0, 1.0])) for name in names]
@@ -267,7 +275,7 @@ def test_a_quick_row_does_what_it_should(row: Row, tmp_path: Path) -> None:
     output = tmp_path / "run"
     ran = systems.cli("posterior", config, "--output", output, "--processes", "1")
     found = runs.read(output, ran.status, 1.0, ran.text)
-    share = () if row.humps is None else (runs.share_below(output, "k_s", row.humps.split),) * 2
+    share = () if row.humps is None else (row.humps.shares(runs.draws(output, found.mean)),) * 2
     outcome = judge.judged(row, (found, found), 0, 60.0, share)
     assert outcome.passed, (outcome.complaints, ran.text)
     if row.humps is not None:  # a report has no proposal to count with

@@ -150,7 +150,7 @@ def fitted(
     """
     found = start
     y, jacobian = start.straightened(u)
-    floors = [_floor(y[s], weights) for s in range(len(start.sheets))]
+    floors = [_floor(*own) for own in zip(y, _of_sheets(start, y, jacobian, weights), strict=True)]
     for _ in range(rounds):
         drawn = found.draw(len(u), random).u
         out = ~inside(drawn)
@@ -185,9 +185,18 @@ def _step(
     return mixture(found.sheets, found.sheet, np.maximum(totals, 1e-12), means, roots)
 
 
+def _of_sheets(found: Mixture, y: Array, jacobian: Array, weights: Array) -> list[Array]:
+    """How much of each weight every sheet stands for: `(N,)` each."""
+    if len(found.sheets) == 1:
+        return [weights]
+    shares, _ = found.shares(y, jacobian)
+    return [weights * shares[found.sheet == s].sum(axis=0) for s in range(len(found.sheets))]
+
+
 def _floor(y: Array, weights: Array) -> Array:
-    mean = weights @ y / weights.sum()
-    spread = weights @ (y - mean) ** 2 / weights.sum()
+    total = max(float(weights.sum()), 1e-300)
+    mean = weights @ y / total
+    spread = weights @ (y - mean) ** 2 / total
     return np.diag(FLOOR * spread + 1e-12)
 
 
