@@ -95,7 +95,7 @@ def test_a_rig_that_runs_away_and_one_that_turns_too_fast_are_named() -> None:
             return Linear(A=pairs | {(x, x): 0.01 * n for x in ("theta_1", "w_1")}, B={}, c={})
 
     found = plausibility.poles(Unstable(), {"k_s": np.ones(3)})
-    told = plausibility._poles(found, 0.01)
+    told = plausibility._poles(found, 0.01, Unstable())
     assert [finding.split(":")[0] for finding in told] == ["stability", "sampling"]
     assert "0.01 1/s" in told[0]
     assert "100 Hz" in told[1]
