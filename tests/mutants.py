@@ -712,8 +712,8 @@ MUTANTS = [
     Mutant(
         "a derived channel that counts",
         "setup/build.py",
-        " for name, spec in every if spec.derived_from is None\n    ]",
-        " for name, spec in every\n    ]",
+        " for name, spec in every if spec.derived_from is None]",
+        " for name, spec in every]",
         "tests/setup/test_records_as_they_come.py::"
         "test_a_derived_channel_is_compared_and_not_counted",
     ),

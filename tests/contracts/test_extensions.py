@@ -88,6 +88,7 @@ def test_the_toys_pass_the_contracts() -> None:
     assert passed == {
         "toy_braked",
         "toy_damped",
+        "toy_renamed",
         "toy_memory",
         "toy_walk",
         "toy_json",
