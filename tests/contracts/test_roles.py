@@ -1,4 +1,4 @@
-"""A rig in words of its own has every analysis that the house's has, number for number and word for word.
+"""A rig in words of its own has every analysis that the house's has, to the number and to the word.
 
 Mutants killed: a symbol that is known by its spelling; an analysis that a rig of a package goes without.
 """
@@ -52,10 +52,14 @@ TORQUE = {
 }
 
 
-def case(rig: Model, own: dict[str, str], free: dict[str, float], **entries: Any) -> bd.Case:
-    """`own`: its names of the usual ones; `free`: what is unknown, and where the search begins."""
+def case(
+    rig: Model, own: dict[str, str], free: dict[str, float], turns: float = 1.0, **entries: Any
+) -> bd.Case:
+    """`own`: its names of the usual ones; `free`: what is unknown, and where the search begins; `turns`:
+    what is wrong with the unit of an angle.
+    """
     rng = np.random.default_rng(5)
-    angle = np.cumsum(V) * 0.05 * 1.1
+    angle = turns * np.cumsum(V) * 0.05 * 1.1
     columns = {
         "alpha": (own["theta_1"], angle, "rad", 0.05),
         "omega": (own["w_1"], 1.1 * V, "rad/s", 0.1),
@@ -101,7 +105,8 @@ def of_friction(of: bd.Case) -> Iterator[Any]:
     model, full = problem.model, posterior.space.full(theta[None])
     scenery = Scenery(posterior.likelihood)
     yield plausibility.of_course(scenery, theta)
-    yield str(of.identify())
+    found = of.identify()
+    yield [str(found), repr(found.study.remedies)]
     (one,), (rubs,) = posterior.likelihood.observations, rubbings(posterior, theta, none)
     for each in rubs:
         law = each.friction
@@ -127,7 +132,7 @@ def of_torque(of: bd.Case) -> Iterator[Any]:
 def analyses(rig: Model, own: dict[str, str]) -> dict[str, Any]:
     wild = {name: NOMINAL[name] for name in ("k_e", "k_T", "j_1", "k_s")}
     return {
-        "record": [*of_record(case(rig, own, wild))],
+        "record": [*of_record(case(rig, own, wild, 180 / np.pi))],
         "friction": [
             *of_friction(case(rig, own, {**TRUTH, "k_e": 0.06, "k_T": 0.06, "t_f": 0.02}))
         ],
@@ -184,7 +189,7 @@ def unpadded(value: Any) -> Any:
     return json.loads(re.sub(r"(?:(?<= ) +)", "", json.dumps(value)))
 
 
-# Where names are those of inputs, or of a picture of the paper's rig, or stand in for what a config lacks.
+# Where names are those of inputs, of a picture of the paper's rig, or stand in for what a config lacks.
 ELSEWHERE = {"record/experiment.py", "setup/given_inputs.py", "setup/experiment_entries.py"} | {
     "insight/identifiability/remedies.py",
     "report/schematics.py",
