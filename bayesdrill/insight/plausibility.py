@@ -16,7 +16,7 @@ from bayesdrill.insight.identifiability.information import Information
 from bayesdrill.insight.identifiability.scenes import Scenery
 from bayesdrill.rig import vocabulary
 from bayesdrill.rig.models.linear import Model, dynamics
-from bayesdrill.rig.models.roles import MotorRoles, Roles
+from bayesdrill.rig.models.roles import STATES, MotorRoles, Roles
 
 Array = NDArray[np.float64]
 
@@ -52,6 +52,17 @@ def of_priors(problem: Problem) -> Iterator[str]:
                 f"{100 * 2 * UNHEARD_OF:g} % of it, and the nominal value {value:.4g} is far outside: "
                 "one of the two, or its unit, is wrong"
             )
+
+
+def of_roles(problem: Problem) -> Iterator[str]:
+    """States that have none, which whatever asks for speeds and currents does not see."""
+    model = problem.model
+    known = {model.roles[role] for role in STATES}
+    if others := [name for name in model.outer if name not in known]:
+        yield (
+            f"roles: {model.name} does not say what {', '.join(others)} is to it, so that friction, "
+            "energy and missing torques are not looked at there; name it in the rig's `roles`"
+        )
 
 
 def of_gear(problem: Problem) -> Iterator[str]:

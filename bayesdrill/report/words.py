@@ -126,6 +126,7 @@ def _findings(problem: Problem, config: Config) -> str:
     said = (
         *(f"{kind} values, {one}" for one in found),
         *plausibility.of_priors(problem),
+        *plausibility.of_roles(problem),
         *plausibility.of_gear(problem),
         *(f"record: {one}" for one in record_words.made(problem)),
         *(f"record, {one}" for one in record_words.suspicions(problem, config, record_words.ALL)),

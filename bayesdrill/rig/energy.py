@@ -20,13 +20,13 @@ from numpy.typing import NDArray
 from scipy.linalg import expm
 
 from bayesdrill.rig.models.linear import Model, dynamics
+from bayesdrill.rig.models.roles import STATES
 from bayesdrill.rig.stepped import Stepped, Steps
 
 Array = NDArray[np.float64]
 Whole = NDArray[np.intp]
 
-# States whose rows can be weighed, and parameters that take power, where they are named.
-STATES = ("rotor.angle", "rotor.speed", "motor.angle", "motor.speed", "motor.current")
+# Roles of parameters that take power, where they are named.
 LOSSES = (
     *("motor.resistance", "motor.series", "motor.damping"),
     *("shaft.damping", "rotor.damping", "motor.friction"),

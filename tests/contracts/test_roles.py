@@ -13,6 +13,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -23,7 +24,7 @@ from bayesdrill.basics import symbols
 from bayesdrill.insight import candidates, derived, plausibility
 from bayesdrill.insight.energy import accounts
 from bayesdrill.insight.following import follows
-from bayesdrill.insight.identifiability.frictions import stops_below
+from bayesdrill.insight.identifiability.frictions import RIVALS, stops_below
 from bayesdrill.insight.identifiability.scenes import Scenery
 from bayesdrill.insight.instead import Instead
 from bayesdrill.insight.rubbing import curve, rubbings
@@ -31,10 +32,10 @@ from bayesdrill.insight.shaking import shakings
 from bayesdrill.report import energy_words, nuisance_words, record_words, torque_words, words
 from bayesdrill.report.rubbed import effort_symbol, speed_symbol
 from bayesdrill.report.torque_shown import shown
-from bayesdrill.rig import energy
+from bayesdrill.rig import MotorShaft, energy
 from bayesdrill.rig.models import MODELS
 from bayesdrill.rig.models.linear import Model
-from bayesdrill.rig.models.roles import USUAL
+from bayesdrill.rig.models.roles import STATES, USUAL, Roles, RotorRoles
 from bayesdrill.setup.rungs import Ladder
 
 ROOT = Path(__file__).parents[2]
@@ -214,9 +215,19 @@ def test_no_module_outside_rigs_knows_a_symbol_by_its_spelling() -> None:
 
 
 def test_roles_have_names_and_no_rig_is_asked_whether_it_has_a_member() -> None:
-    for role in (*candidates.LACKS, *energy.STATES, *energy.LOSSES, *plausibility.GEOMETRY):
+    for role in (*candidates.LACKS, *STATES, *energy.LOSSES, *plausibility.GEOMETRY, *RIVALS):
         assert USUAL[role] in {*symbols.PARAMETERS, *symbols.STATES}
     assert {USUAL[role] for role in energy_words.NAMES} <= {*symbols.PARAMETERS, *symbols.INPUTS}
     asked = re.compile(r"(?:get|has)attr\((?:model|rig|[a-z_.]+\.model|[a-z_.]+\.rig), [\"'](\w+)")
     for path in (ROOT / "bayesdrill").rglob("*.py"):
         assert not asked.findall(path.read_text()), path
+
+
+def test_states_of_no_role_are_named() -> None:
+    class Dumb(MotorShaft):
+        roles = Roles(rotor=RotorRoles(speed="of_the_bit"))
+
+    (said,) = plausibility.of_roles(SimpleNamespace(model=Dumb()))  # type: ignore[arg-type]
+    assert "motor_shaft does not say what w_1 is" in said
+    for rig in MODELS.usable().values():
+        assert [*plausibility.of_roles(SimpleNamespace(model=rig()))] == []  # type: ignore[arg-type]

@@ -32,19 +32,23 @@ LOST = 0.9  # of a prior's spread: nothing is learnt
 ONE = 0.25  # of the mean speed: a record goes at one
 BELOW = 0.8  # of the voltage at which it stands still
 
-
-def _rivals(roles: Roles) -> Mapping[str, tuple[str, ...]]:
-    """What each is like, if both are unknown; also the offset of the supply."""
-    m, shaft, rotor, supply = roles.motor, roles.shaft, roles.rotor, f"offset_{roles.motor.voltage}"
-    steady = (m.friction, m.damping, m.back_emf)
-    others = (rotor.sliding, rotor.damping, m.efficiency, m.drop, supply)
-    return {
-        m.sliding: (*steady, *others),
-        rotor.sliding: (m.sliding, m.friction, rotor.damping, m.damping, m.back_emf),
-        m.drop: (m.back_emf, m.sliding, m.friction, m.damping, m.resistance, supply),
-        shaft.damping: (rotor.damping, m.damping),
-        m.efficiency: (m.sliding, m.friction, m.damping),
-    }
+SUPPLY = "motor.voltage"  # stands for its offset
+# What each is like, if both are unknown; by roles.
+RIVALS: Mapping[str, tuple[str, ...]] = {
+    "motor.sliding": (
+        *("motor.friction", "motor.damping", "motor.back_emf", "rotor.sliding", "rotor.damping"),
+        *("motor.efficiency", "motor.drop", SUPPLY),
+    ),
+    "rotor.sliding": (
+        *("motor.sliding", "motor.friction", "rotor.damping", "motor.damping", "motor.back_emf"),
+    ),
+    "motor.drop": (
+        *("motor.back_emf", "motor.sliding", "motor.friction", "motor.damping"),
+        *("motor.resistance", SUPPLY),
+    ),
+    "shaft.damping": ("rotor.damping", "motor.damping"),
+    "motor.efficiency": ("motor.sliding", "motor.friction", "motor.damping"),
+}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -117,7 +121,7 @@ def told_apart(scenery: Scenery, posterior: Posterior, theta: Array) -> Told:
     names = (*scenery.unknowns, *scenery.nuisances)
     roles = scenery.likelihood.observations[0].response.model.roles
     static = [name for at in (roles.motor, roles.rotor) for name in (at.static, at.fading)]
-    wanted = {*_rivals(roles), *static}
+    wanted = {*(roles[role] for role in RIVALS), *static}
     if not wanted & {*names}:
         return NOTHING
     rows = scenery.every(theta)
@@ -163,7 +167,9 @@ class _Scene:
 
     def alike(self) -> Iterator[Alike]:
         said: set[frozenset[str]] = set()
-        for name, every in _rivals(self.model.roles).items():
+        roles = self.model.roles
+        for role, others in RIVALS.items():
+            name, every = roles[role], [f"{'offset_' * (r == SUPPLY)}{roles[r]}" for r in others]
             rivals = [one for one in every if one in self.names]
             if name not in self.names or not rivals:
                 continue

@@ -82,3 +82,4 @@ class Roles:
 
 
 USUAL = Roles()
+STATES = ("rotor.angle", "rotor.speed", "motor.angle", "motor.speed", "motor.current")
