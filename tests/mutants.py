@@ -275,9 +275,9 @@ MUTANTS = [
     ),
     Mutant(
         "the speed behind the gear for that of the motor, in what a torque follows",
-        "insight/following.py",
-        'speed = found.states[name] * (found.gear if name == "w_2" else 1.0)',
-        "speed = found.states[name] * 1.0",
+        "insight/shaking.py",
+        "self.states[n] * gears.get(n, 1.0)",
+        "self.states[n] * 1.0",
         "tests/insight/test_following.py::test_each_law_is_found_with_its_size",
     ),
     Mutant(
@@ -290,8 +290,8 @@ MUTANTS = [
     Mutant(
         "a missing torque on the wrong side of the gear",
         "rig/missing_torque.py",
-        'return linear.A[row, "i"] / p["k_T"]',
-        'return 8 * linear.A[row, "i"] / p["k_T"]',
+        "return linear.A[row, motor.current] / p[motor.torque_constant]",
+        "return 8 * linear.A[row, motor.current] / p[motor.torque_constant]",
         "tests/rig/test_missing_torque.py::test_the_likelihood_is_that_of_all_samples_together",
     ),
     Mutant(
@@ -506,8 +506,8 @@ MUTANTS = [
     Mutant(
         "the motor weighed as rotor 1",
         "rig/energy.py",
-        '"w_2": j_1 * linear.A["w_1", "theta_2"] / linear.A["w_2", "theta_1"],',
-        '"w_2": j_1,',
+        "motor.speed: stiffness / linear.A[motor.speed, rotor.angle],",
+        "motor.speed: inertia,",
         "tests/rig/test_energy.py::test_each_part_is_the_integral_of_its_power",
     ),
     Mutant(
@@ -712,8 +712,8 @@ MUTANTS = [
     Mutant(
         "a derived channel that counts",
         "setup/build.py",
-        " for name, spec in every if spec.derived_from is None\n    ]",
-        " for name, spec in every\n    ]",
+        " for name, spec in every if spec.derived_from is None]",
+        " for name, spec in every]",
         "tests/setup/test_records_as_they_come.py::"
         "test_a_derived_channel_is_compared_and_not_counted",
     ),
@@ -780,8 +780,8 @@ MUTANTS = [
     Mutant(
         "a gear taken for its inverse",
         "insight/plausibility.py",
-        "for own in (1.0, i_m))",
-        "for own in (1.0, 1 / i_m))",
+        "for own in (1.0, gear))",
+        "for own in (1.0, 1 / gear))",
         "tests/insight/test_plausibility.py::"
         "test_a_channel_of_another_gear_than_the_model_is_named",
     ),
@@ -2087,8 +2087,8 @@ MUTANTS = [
     ),
     Mutant(
         "frictions lost behind the sensors of inputs",
-        "rig/sensing.py",
-        "return frictions_of(self.rig)",
+        "rig/models/linear.py",
+        "return self.rig.frictions",
         "return ()",
         "tests/rig/test_composed.py::"
         "test_frictions_pass_through_the_sensors_of_inputs_and_not_through_slopes",

@@ -16,7 +16,6 @@ from bayesdrill.basics.registry import lookup
 from bayesdrill.engines.workers import available
 from bayesdrill.record.experiment import check_time, raise_if_any
 from bayesdrill.rig.models import MODELS
-from bayesdrill.rig.models.composed import offers
 from bayesdrill.rig.models.linear import Model
 
 if TYPE_CHECKING:
@@ -83,12 +82,12 @@ def _check_constants(rig: Model) -> None:
 
 
 def _check_added(rig: Model) -> None:
-    added = getattr(rig, "added", ())
+    added = rig.added
     if not isinstance(added, tuple):
         raise InputError.one("rig.added", f"give a tuple of names, not {type(added).__name__}")
     for name in added:
-        if name not in tuple(offers(rig)):
-            hint = did_you_mean(str(name), offers(rig))
+        if name not in tuple(rig.offers):
+            hint = did_you_mean(str(name), rig.offers)
             raise InputError.one("rig.added", f"{rig.name} has no {name!r} to add{hint}")
 
 

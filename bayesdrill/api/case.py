@@ -249,7 +249,7 @@ def case(
         raise InputError.one(said[0], "arrays and `rig` say this already; leave it out")
     model = arguments.rig(rig)
     believed = dict(parameters)
-    unsaid = [name for name in getattr(model, "added", ()) if name not in believed]
+    unsaid = [name for name in model.added if name not in believed]
     raise_if_any([Problem(f"parameters.{n}", f"the rig has it; give {PRIORS}") for n in unsaid])
     given = {
         "name": name,

@@ -54,7 +54,8 @@ def concluded(
     moment = half_a_sample(scenery, at) if like_noise(left) else None
     late = (f"note: {one}" for one in nuisance_words.moment(moment))
     course = (f"note: {one}" for one in plausibility.of_course(scenery, at))
-    geared = (f"note: {one}" for one in plausibility.of_gear(problem))
+    rig = (*plausibility.of_roles(problem), *plausibility.of_gear(problem))
+    geared = (f"note: {one}" for one in rig)
     made = (f"note: record: {one}" for one in record_words.made(problem))
     read = (f"note: record, {one}" for one in record_words.suspicions(problem, job.config))
     ends = (f"note: {one}" for one in verdict_words.not_kept(sampled.beyond))

@@ -18,7 +18,6 @@ from bayesdrill.engines.workers import Crew
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.residual_checks import FAR_TOO_LARGE
 from bayesdrill.inference.surface import Expansion, PosteriorSurface, joined
-from bayesdrill.rig.models.friction import frictions_of
 from bayesdrill.rig.response import Response
 
 Array = NDArray[np.float64]
@@ -76,7 +75,7 @@ def fits(posterior: Posterior, maxima: Array) -> bool:
 
 def rubs(posterior: Posterior) -> bool:
     """Whether slopes jump where friction lets go: no way home along them."""
-    return any(frictions_of(one.response.model) for one in posterior.likelihood.observations)
+    return any(one.response.model.frictions for one in posterior.likelihood.observations)
 
 
 def dear(posterior: Posterior) -> bool:

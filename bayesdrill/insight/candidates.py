@@ -20,9 +20,8 @@ from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.priors import Prior, TruncatedNormal, Uniform
 from bayesdrill.inference.unknowns import ParameterSpace, Unknown, of_label
 from bayesdrill.record.experiment import DRIVES, of_states, usual_inputs
-from bayesdrill.rig.models.composed import offers, with_named
-from bayesdrill.rig.models.friction import frictions_of
-from bayesdrill.rig.models.linear import Linear, Model, inner_of
+from bayesdrill.rig.models.composed import with_named
+from bayesdrill.rig.models.linear import Linear, Model
 
 Array = NDArray[np.float64]
 
@@ -33,8 +32,8 @@ SLOW, SHARE = 0.1, 0.05  # s, of the record: how far that of an input is, where 
 APART = 6  # steps from none to the largest lag of an input
 ZERO = np.zeros(1)
 
-# What a rig may be without, each by the parameter that switches it on.
-LACKS = ("t_cm", "t_c1", "v_d", "c_1", "c_s")
+# What a rig may be without, each by the role of the parameter that switches it on.
+LACKS = ("motor.sliding", "rotor.sliding", "motor.drop", "rotor.damping", "shaft.damping")
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,10 +86,11 @@ def of_sensors(one: Observation) -> Iterator[Candidate]:
         if channel.name not in sensing.lags and sensing.delay is None:
             late = Uniform(-latest, latest)
             yield Candidate("lag", channel.name, one.label, 0.0, late, experiment.dt)
-    if "v" in experiment.series and "v" not in sensing.input_offsets:
-        size = usual_inputs(experiment)["v"]
+    supply = one.response.model.roles.motor.voltage
+    if supply in experiment.series and supply not in sensing.input_offsets:
+        size = usual_inputs(experiment)[supply]
         prior = TruncatedNormal(0.0, 0.3 * size, -math.inf, math.inf)
-        yield Candidate("input offset", "v", one.label, 0.0, prior)
+        yield Candidate("input offset", supply, one.label, 0.0, prior)
     yield from _of_late_inputs(one)
 
 
@@ -118,7 +118,7 @@ def of_start(one: Observation, space: ParameterSpace, theta: Array) -> list[Cand
     return [
         Candidate("start", name, one.label, held, TruncatedNormal(held, far, -math.inf, math.inf))
         for name, far in zip(model.states, reach, strict=True)
-        if name not in (*sensing.states, *inner_of(model)) and far > 0
+        if name not in (*sensing.states, *model.inner) and far > 0
         for held in [float(experiment.start.get(name, 0.0))]
     ]
 
@@ -128,7 +128,8 @@ def of_rig(
 ) -> Iterator[Candidate]:
     """What the rig offers and has not, as far as it can have it; `theta (D,)`: where it moves."""
     model = every[0].response.model
-    names = [name for name in LACKS if name in offers(model) and name not in model.parameters]
+    lacks = [model.roles[role] for role in LACKS]
+    names = [name for name in lacks if name in model.offers and name not in model.parameters]
     moved = (
         [(rig_at(one, space, theta), motion(one, space, theta)) for one in every] if names else []
     )
@@ -165,7 +166,7 @@ def _size(model: Model, name: str, p: Mapping[str, float], states: Array) -> flo
         acting = _rates(without, row, named)
         changed = [(k, x) for k, x in alone.A.items() if k[0] == row and x != without.A.get(k, 0.0)]
         own = sum((np.asarray(x - without.A.get(k, 0.0)) * named[k[1]] for k, x in changed), ZERO)
-        for one in frictions_of(model):
+        for one in model.frictions:
             if name in one.law.parameters and (row, one.name) in alone.B:
                 own = own + np.asarray(alone.B[row, one.name]) * np.sign(named[one.against])
         if (size := float(np.sqrt(np.mean(own**2)))) > 0:

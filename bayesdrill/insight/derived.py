@@ -23,7 +23,6 @@ from bayesdrill.rig.steady import angles_of, ends, turning, turns
 Array = NDArray[np.float64]
 
 HDI_PROBABILITY = 0.94
-CURRENT = "i"
 _TRIED = 1000  # draws from the priors, at which formulas are tried
 _LARGEST = 1e150  # whose square is still a number
 _FAST = 100.0  # times the slowest pair: what swings so fast is within a part, and nobody sees it
@@ -203,7 +202,7 @@ def poles(model: Model, linear: Linear, n: int) -> dict[str, Array]:
         times = np.where(swings, np.nan, -1.0 / found.real)
     none = ~swings.any(axis=1)
     fastest = np.argmax(np.where(swings & ~seen, 0.0, size), axis=1)[:, None]
-    current = CURRENT in model.states
+    current = model.roles.motor.current in model.states
     slow = (~swings).sum(axis=1) == (2 if current else 1)  # of the current, and of the motor
     values = {
         "omega_n": np.where(none, np.nan, np.take_along_axis(size, least, axis=1)[:, 0]),
@@ -226,8 +225,8 @@ def steady(model: Model, linear: Linear, n: int, inputs: Mapping[str, float]) ->
     turned = turns(matrix, angles)
     found = ends(turning(matrix, angles) if turned else matrix, pushed)
     speed = found[:, angles[0]] if turned else 0.0 * found[:, angles[0]]
-    current = CURRENT in model.states
-    at_end = found[:, model.states.index(CURRENT)] if current else _none(n)
+    current = model.roles.motor.current in model.states
+    at_end = found[:, model.states.index(model.roles.motor.current)] if current else _none(n)
     return {"w_end": speed, "i_end": at_end}
 
 

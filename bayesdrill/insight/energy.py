@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.rig.energy import Energies, can_tell, energies
-from bayesdrill.rig.models.friction import frictions_of
 from bayesdrill.rig.stepped import Stepped
 
 Array = NDArray[np.float64]
@@ -55,7 +54,7 @@ def accounts(posterior: Posterior, theta: Array, draws: Array) -> tuple[Account,
     found = []
     for one in posterior.likelihood.observations:
         rig = one.response
-        if isinstance(rig, Stepped) and frictions_of(rig.model) and can_tell(rig.model):
+        if isinstance(rig, Stepped) and rig.model.frictions and can_tell(rig.model):
             found.append(_account(one, posterior, rig, theta, draws))
     return tuple(found)
 

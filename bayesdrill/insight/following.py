@@ -90,14 +90,12 @@ def _told(
 
 
 def _candidates(found: Shaking) -> Iterator[tuple[str, str, Array]]:
-    own, other = ("w_2", "w_1") if found.at == "motor" else ("w_1", "w_2")
-    for name in (n for n in (own, other) if n in found.states):
-        speed = found.states[name] * (found.gear if name == "w_2" else 1.0)
+    for name, speed in found.speeds:
         yield "sign", name, np.sign(speed)[:, None]
         yield "speed", name, speed[:, None]
         yield "square", name, (speed * np.abs(speed))[:, None]
     turn = found.angle[:, None]
-    yield "turn", own.replace("w", "theta"), np.column_stack([np.cos(turn), np.sin(turn)])
+    yield "turn", found.roles.at(found.at).angle, np.column_stack([np.cos(turn), np.sin(turn)])
     for name, values in found.inputs.items():
         if name not in found.states:
             yield "input", name, values[:, None]

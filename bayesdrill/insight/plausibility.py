@@ -16,6 +16,7 @@ from bayesdrill.insight.identifiability.information import Information
 from bayesdrill.insight.identifiability.scenes import Scenery
 from bayesdrill.rig import vocabulary
 from bayesdrill.rig.models.linear import Model, dynamics
+from bayesdrill.rig.models.roles import STATES, MotorRoles, Roles
 
 Array = NDArray[np.float64]
 
@@ -30,18 +31,13 @@ SAME_GEAR = 0.02  # relative: data sheets round
 # the inertia printed beside it.  The modulus is that of steel; the paper gives none.
 SHAFT_LENGTH, SHAFT_DIAMETER, STEEL = 2.4, 3e-3, 79.3e9  # m, m, Pa
 ROTOR_MASS, ROTOR_DIAMETER = 6.4, 0.188  # kg, m
-GEOMETRY: Mapping[str, tuple[float, str]] = {
-    "k_s": (
+GEOMETRY: Mapping[str, tuple[float, str]] = {  # by roles
+    "shaft.stiffness": (
         STEEL * math.pi * SHAFT_DIAMETER**4 / (32 * SHAFT_LENGTH),
         "a steel shaft of 2.4 m and 3 mm has",
     ),
-    "j_1": (ROTOR_MASS * ROTOR_DIAMETER**2 / 8, "a disc of 6.4 kg and 188 mm across has"),
+    "rotor.inertia": (ROTOR_MASS * ROTOR_DIAMETER**2 / 8, "a disc of 6.4 kg and 188 mm across has"),
 }
-
-IDEAL = (
-    "in SI units the two are equal in an ideal motor, and losses make k_T the smaller one; k_T, k_e, "
-    "the supply or the gear reduction is not what it is taken to be"
-)
 
 
 def of_priors(problem: Problem) -> Iterator[str]:
@@ -58,22 +54,33 @@ def of_priors(problem: Problem) -> Iterator[str]:
             )
 
 
+def of_roles(problem: Problem) -> Iterator[str]:
+    """States that have none, which whatever asks for speeds and currents does not see."""
+    model = problem.model
+    known = {model.roles[role] for role in STATES}
+    if others := [name for name in model.outer if name not in known]:
+        yield (
+            f"roles: {model.name} does not say what {', '.join(others)} is to it, so that friction, "
+            "energy and missing torques are not looked at there; name it in the rig's `roles`"
+        )
+
+
 def of_gear(problem: Problem) -> Iterator[str]:
     """Channels that turn neither with the shaft nor, by the gear of the model, with the motor."""
-    i_m = getattr(problem.model, "i_m", None)
-    if i_m is None:
+    model = problem.model
+    motor, gear = model.roles.motor, model.gear_ratio
+    if not model.geared:
         return
     every = [c for one in problem.observations for c in one.experiment.channels]
     for channel in {c.name: c for c in every}.values():
-        match dict(channel.weights):
-            case {"w_2": float(times)} | {"theta_2": float(times)} if len(channel.weights) == 1:
-                apart = min(abs(abs(times) * own - 1) for own in (1.0, i_m))
+        match list(channel.weights.items()):
+            case [(motor.speed | motor.angle as state, float(times))]:
+                apart = min(abs(abs(times) * own - 1) for own in (1.0, gear))
                 if apart > SAME_GEAR:
-                    (state,) = channel.weights
                     yield (
                         f"{channel.name} measures {times:g} * {state}, but the motor turns "
-                        f"{1 / i_m:.4g} times as fast as the shaft (model.i_m: {i_m:.4g}); one of the "
-                        "two is not that of this rig"
+                        f"{1 / gear:.4g} times as fast as the shaft (model.{model.roles.gear}: "
+                        f"{gear:.4g}); one of the two is not that of this rig"
                     )
 
 
@@ -89,9 +96,11 @@ def of_nominal(problem: Problem) -> tuple[str, ...]:
     model = problem.model
     found = poles(model, {name: np.array([values[name]]) for name in model.parameters})[0]
     return (
-        *_energy_of_nominal({n: x for n, x in values.items() if n in model.parameters}),
-        *_geometry({name: values[name] for name in GEOMETRY if name in table}),
-        *_poles(found[None], _step(problem)),
+        *_energy_of_nominal(
+            {n: x for n, x in values.items() if n in model.parameters}, model.roles
+        ),
+        *_geometry({name: x for name, x in values.items() if name in table}, model.roles),
+        *_poles(found[None], _step(problem), model),
     )
 
 
@@ -100,26 +109,28 @@ def of_draws(problem: Problem, draws: Array, known: Information) -> tuple[str, .
     model = problem.model
     rig = problem.posterior.likelihood.rig(draws[:: max(1, len(draws) // MOST_DRAWS)])
     values = dict(zip(model.parameters, rig.T, strict=True))
-    return (*_energy_of_draws(values, known), *_poles(poles(model, values), _step(problem)))
+    energy = _energy_of_draws(values, known, model.roles)
+    return (*energy, *_poles(poles(model, values), _step(problem), model))
 
 
 def of_course(scenery: Scenery, theta: Array) -> tuple[str, ...]:
     """Of the motion at unknowns `theta (D,)`: whether friction brakes all the time."""
     likelihood = scenery.likelihood
     rig = likelihood.observations[0].response.model
-    if "t_f" not in rig.parameters:
+    motor = rig.roles.motor
+    if motor.friction not in rig.parameters or motor.speed not in scenery.states:
         return ()
-    t_f = float(likelihood.rig(theta[None])[0, rig.parameters.index("t_f")])
-    speeds = [motion[:, scenery.states.index("w_2")] for motion in scenery.motions(theta)]
-    other_way = [np.sign(t_f) * w < -APPRECIABLE * np.abs(w).max() for w in speeds]
+    friction = float(likelihood.rig(theta[None])[0, rig.parameters.index(motor.friction)])
+    speeds = [motion[:, scenery.states.index(motor.speed)] for motion in scenery.motions(theta)]
+    other_way = [np.sign(friction) * w < -APPRECIABLE * np.abs(w).max() for w in speeds]
     share = float(np.mean(np.concatenate(other_way)))
     if share <= FEW:
         return ()
     return (
-        f"friction: in {_percent(share)} of the record the motor turns the other way, and t_f, which "
-        "keeps its sign, drives instead of braking; cut these samples off (record.window), turn the "
-        "signs of v and of all channels if it always turns so, or hold t_f at 0 and name t_cm, friction "
-        "that changes its sign",
+        f"friction: in {_percent(share)} of the record the motor turns the other way, and "
+        f"{motor.friction}, which keeps its sign, drives instead of braking; cut these samples off "
+        f"(record.window), turn the signs of {motor.voltage} and of all channels if it always turns so, "
+        f"or hold {motor.friction} at 0 and name {motor.sliding}, friction that changes its sign",
     )
 
 
@@ -135,43 +146,55 @@ def poles(model: Model, values: Mapping[str, Array]) -> NDArray[np.complex128]:
     return np.asarray(np.linalg.eigvals(matrix), dtype=np.complex128)
 
 
-def _energy_of_nominal(values: Mapping[str, float]) -> list[str]:
-    if not {"k_T", "k_e"} <= {*values}:
+def _ideal(motor: MotorRoles) -> str:
+    given, taken = motor.torque_constant, motor.back_emf
+    return (
+        f"in SI units the two are equal in an ideal motor, and losses make {given} the smaller one; "
+        f"{given}, {taken}, the supply or the gear reduction is not what it is taken to be"
+    )
+
+
+def _energy_of_nominal(values: Mapping[str, float], roles: Roles) -> list[str]:
+    given, taken = roles.motor.torque_constant, roles.motor.back_emf
+    if not {given, taken} <= {*values}:
         return []
-    ratio = values["k_T"] / values["k_e"]
+    ratio = values[given] / values[taken]
     if ratio <= 1 + APPRECIABLE:
         return []
     return [
-        f"energy: k_T = {values['k_T']:.4g} N m/A is {ratio:.3g} times k_e = {values['k_e']:.4g} "
-        f"V s/rad, so the motor would give {ratio:.3g} times the power that it takes up; {IDEAL}"
+        f"energy: {given} = {values[given]:.4g} N m/A is {ratio:.3g} times {taken} = "
+        f"{values[taken]:.4g} V s/rad, so the motor would give {ratio:.3g} times the power that it "
+        f"takes up; {_ideal(roles.motor)}"
     ]
 
 
-def _energy_of_draws(values: Mapping[str, Array], known: Information) -> list[str]:
-    if not {"k_T", "k_e"} <= {*values}:
+def _energy_of_draws(values: Mapping[str, Array], known: Information, roles: Roles) -> list[str]:
+    given, taken = roles.motor.torque_constant, roles.motor.back_emf
+    if not {given, taken} <= {*values}:
         return []
-    ratio = values["k_T"] / values["k_e"]
+    ratio = values[given] / values[taken]
     share = float(np.mean(ratio > 1 + APPRECIABLE))
     if share <= FEW:
         return []
-    powers = np.array([{"k_T": 1.0, "k_e": -1.0}.get(name, 0.0) for name in known.names])
+    powers = np.array([{given: 1.0, taken: -1.0}.get(name, 0.0) for name in known.names])
     blind = bool(powers.any()) and not math.isfinite(known.bound(powers))
     whence = (
         "; the record cannot show this ratio, so it is what the priors and what is held allow"
         if blind
-        else f"; {IDEAL}"
+        else f"; {_ideal(roles.motor)}"
     )
     return [
-        f"energy: k_T is more than {100 * APPRECIABLE:g} % above k_e in {_percent(share)} of the draws "
-        f"(median ratio {np.median(ratio):.3g}), where the motor would give more power than it takes "
-        f"up{whence}"
+        f"energy: {given} is more than {100 * APPRECIABLE:g} % above {taken} in {_percent(share)} of "
+        f"the draws (median ratio {np.median(ratio):.3g}), where the motor would give more power than "
+        f"it takes up{whence}"
     ]
 
 
-def _geometry(values: Mapping[str, float]) -> list[str]:
+def _geometry(values: Mapping[str, float], roles: Roles) -> list[str]:
     found = []
-    for name, value in values.items():
-        expected, what = GEOMETRY[name]
+    for role, (expected, what) in GEOMETRY.items():
+        name = roles[role]
+        value = values.get(name, expected)
         if abs(value / expected - 1) > APPRECIABLE:
             unit = vocabulary.PARAMETERS[name].plain_unit
             found.append(
@@ -181,7 +204,7 @@ def _geometry(values: Mapping[str, float]) -> list[str]:
     return found
 
 
-def _poles(every: NDArray[np.complex128], step: float) -> list[str]:
+def _poles(every: NDArray[np.complex128], step: float, model: Model) -> list[str]:
     """`every (W, X)`; one row for nominal values, draws otherwise."""
     found = []
     size = np.abs(every).max(axis=1)
@@ -195,11 +218,12 @@ def _poles(every: NDArray[np.complex128], step: float) -> list[str]:
     decay = np.abs(every.real).max(axis=1)
     share = float(np.mean(decay * step > 1))
     if share > FEW:
-        middle = float(np.median(decay))
+        middle, motor = float(np.median(decay)), model.roles.motor
         found.append(
             f"sampling: the fastest motion dies out within {1e3 / middle:.3g} ms (pole at "
             f"{-middle:.3g} 1/s), the record has a sample every {1e3 * step:.3g} ms{_in(every, share)}: "
-            "what sets it, mostly l_m/r_m, is seen only through slower motions"
+            f"what sets it, mostly {motor.inductance}/{motor.resistance}, is seen only through slower "
+            "motions"
         )
     turns = np.abs(every.imag).max(axis=1) / (2 * math.pi)
     share = float(np.mean(2 * turns * step > 1))

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.posterior import Posterior
-from bayesdrill.rig.models.friction import Friction, frictions_of
+from bayesdrill.rig.models.friction import Friction
 from bayesdrill.rig.stepped import Stepped
 
 Array = NDArray[np.float64]
@@ -90,7 +90,7 @@ def _of(one: Observation, posterior: Posterior, theta: Array, draws: Array) -> I
         return
     told = one.told(posterior.space.full(np.vstack([theta[None], draws])))
     motion = rig.motion(told)
-    for e, friction in enumerate(frictions_of(rig.model)):
+    for e, friction in enumerate(rig.model.frictions):
         speed = motion.states[0, :, rig.model.states.index(friction.against)]
         still = speed == 0.0
         yield Rubbing(
@@ -101,13 +101,14 @@ def _of(one: Observation, posterior: Posterior, theta: Array, draws: Array) -> I
             effort=motion.efforts[0, :, e],
             sticks=np.append(still[:-1] & still[1:], False),
             efforts=motion.efforts[1:, :, e],
-            gear=geared(rig, friction),
+            gear=_gear(rig, friction),
         )
 
 
-def geared(rig: Stepped, friction: Friction) -> float:
+def _gear(rig: Stepped, friction: Friction) -> float:
     """How many times as fast the motor turns as what its friction is said to be against."""
-    return 1.0 / float(getattr(rig.model, "i_m", 1.0)) if friction.against == "w_2" else 1.0
+    model = rig.model
+    return 1.0 / model.gear_ratio if friction.against == model.roles.motor.speed else 1.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -20,7 +20,7 @@ from bayesdrill.inference.posterior import Posterior
 from bayesdrill.insight.diagnostics import HDI_PROBABILITY
 from bayesdrill.record.experiment import of_states
 from bayesdrill.rig.missing_torque import TORQUE, At, Loaded, angles
-from bayesdrill.rig.models.friction import frictions_of
+from bayesdrill.rig.models.roles import USUAL, Roles
 from bayesdrill.rig.stepped import Stepped
 
 Array = NDArray[np.float64]
@@ -69,6 +69,7 @@ class Shaking:
     inputs: Mapping[str, Array]
     courses: tuple[Course, ...]
     gear: float
+    roles: Roles = USUAL
 
     @property
     def band(self) -> Array:
@@ -78,7 +79,7 @@ class Shaking:
     @property
     def speed(self) -> Array:
         """Of the inertia on which it acts, of the motor by itself."""
-        return self.states["w_2"] * self.gear if self.at == "motor" else self.states["w_1"]
+        return self.speeds[0][1]
 
     @property
     def turning(self) -> NDArray[np.bool_]:
@@ -91,8 +92,16 @@ class Shaking:
     @property
     def angle(self) -> Array:
         """Of the same."""
-        own = self.states["theta_2"] * self.gear if self.at == "motor" else self.states["theta_1"]
-        return np.asarray(own)
+        own = self.states[self.roles.at(self.at).angle]
+        return own * self.gear if self.at == "motor" else own
+
+    @property
+    def speeds(self) -> list[tuple[str, Array]]:
+        """By name, its own first; of the motor by itself."""
+        motor, rotor = self.roles.motor.speed, self.roles.rotor.speed
+        names = (motor, rotor) if self.at == "motor" else (rotor, motor)
+        gears = {motor: self.gear}
+        return [(n, self.states[n] * gears.get(n, 1.0)) for n in names if n in self.states]
 
 
 def shakings(posterior: Posterior, draws: Array, rng: np.random.Generator) -> tuple[Shaking, ...]:
@@ -112,7 +121,7 @@ def rubs_besides(posterior: Posterior) -> bool:
 
 
 def _rubs(one: Observation) -> bool:
-    return bool(frictions_of(one.response.model))
+    return bool(one.response.model.frictions)
 
 
 def _of(
@@ -148,7 +157,8 @@ def _of(
                 sizes[0] * smooth[0, :, place],
             ),
         ),
-        gear=1.0 / float(getattr(made.rig, "i_m", 1.0)),
+        gear=1.0 / made.gear_ratio,
+        roles=made.roles,
     )
 
 
@@ -173,13 +183,13 @@ def _states(one: Observation, noise: Shaken, motion: Array, more: Array) -> dict
         found[name] = found[name] + moved
     if not made.tells:
         for name in angles(made.rig):
-            speed = name.replace("theta", "w")
+            speed = made.roles.speeds.get(name)
             if speed in made.states:
                 change = more[:, made.states.index(speed)]
                 steps = 0.5 * (change[1:] + change[:-1]) * np.diff(t)
                 found[name] = found[name] + np.concatenate([[0.0], np.cumsum(steps)])
-    series = one.experiment.series
-    return found | {name: np.asarray(u) for name, u in series.items() if name == "w_2"}
+    series, driven = one.experiment.series, made.roles.motor.speed
+    return found | {name: np.asarray(u) for name, u in series.items() if name == driven}
 
 
 def _strayed(

@@ -6,7 +6,7 @@ Findings are sentences; none is an error, and none is said of what may as well b
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,7 @@ from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.problem import Problem
 from bayesdrill.record import angles
 from bayesdrill.record.experiment import Channel, Experiment
+from bayesdrill.rig.models.linear import Model
 
 Array = NDArray[np.float64]
 
@@ -32,18 +33,13 @@ NEAR = 0.05  # of a factor between two columns, logarithmic
 NEAR_OF_START = 0.2  # which may itself be off
 
 
-def of_record(
-    experiment: Experiment, factors: Sequence[float], gear: float = 1.0
-) -> tuple[str, ...]:
-    """Of the columns alone; `factors (K,)`: SI units in one unit of each channel's column.
-
-    `gear`: how many times as fast the motor turns, or the other way round.
-    """
+def of_record(experiment: Experiment, factors: Sequence[float], model: Model) -> tuple[str, ...]:
+    """Of the columns alone; `factors (K,)`: SI units in one unit of each channel's column."""
     found = []
     for channel, values, factor in zip(experiment.channels, experiment.y.T, factors, strict=True):
         seen = ~np.isnan(values)
         found += _overrun(channel, experiment.t[seen], values[seen], factor)
-    return (*found, *_pairs(experiment, gear))
+    return (*found, *_pairs(experiment, model))
 
 
 def of_start(problem: Problem) -> tuple[str, ...]:
@@ -52,7 +48,7 @@ def of_start(problem: Problem) -> tuple[str, ...]:
     full = space.full(space.vector(space.start)[None])
     found = []
     for one in problem.observations:
-        found += _of_start(one, one.signals(full)[0], gear_of(problem))
+        found += _of_start(one, one.signals(full)[0], problem.model.gear_ratio)
     return tuple(found)
 
 
@@ -73,11 +69,6 @@ def _of_start(one: Observation, predicted: Array, gear: float) -> list[str]:
                 f"{named}? See its unit, its column and `measures`"
             )
     return found
-
-
-def gear_of(problem: Problem) -> float:
-    """1 for a rig without one."""
-    return float(getattr(problem.model, "i_m", 1.0))
 
 
 def _named(times: float, near: float, gear: float) -> str:
@@ -120,17 +111,18 @@ def _goes_on(y: Array, jumps: NDArray[np.bool_]) -> bool:
     return not np.any(spikes) and bool(np.mean(np.sign(steps[at]) * np.sign(before)) <= 0)
 
 
-def _pairs(experiment: Experiment, gear: float) -> list[str]:
+def _pairs(experiment: Experiment, model: Model) -> list[str]:
     """An angle and a speed of the same thing: the angle has to grow as the speed says."""
     found = []
     of = list(zip(experiment.channels, experiment.y.T, strict=True))
     for angle, a in of:
         for speed, w in of:
-            ratio = _ratio(angle, speed)
+            ratio = _ratio(angle, speed, model.roles.speeds)
             both = ~np.isnan(a) & ~np.isnan(w)
             if ratio is not None and np.sum(both) > 2:
                 t = experiment.t[both]
-                found += _pair(angle.name, a[both], speed.name, w[both] * ratio, t, gear)
+                turned = w[both] * ratio
+                found += _pair(angle.name, a[both], speed.name, turned, t, model.gear_ratio)
             if ratio is not None and both.all() and experiment.uniform:
                 found += _differenced(angle.name, a, speed.name, w, experiment.dt)
     return found
@@ -145,11 +137,11 @@ def _differenced(angle: str, a: Array, speed: str, w: Array, dt: float) -> list[
     ]
 
 
-def _ratio(angle: Channel, speed: Channel) -> float | None:
+def _ratio(angle: Channel, speed: Channel, speeds: Mapping[str, str]) -> float | None:
     """How many times the speed's motion the angle's is, if it is the same one."""
-    turned = {name.replace("theta_", "w_"): x for name, x in angle.weights.items() if x}
+    turned = {speeds.get(name, name): x for name, x in angle.weights.items() if x}
     moved = {name: x for name, x in speed.weights.items() if x}
-    if not all(name.startswith("theta_") for name, x in angle.weights.items() if x):
+    if not all(name in speeds for name, x in angle.weights.items() if x):
         return None
     if not turned or turned.keys() != moved.keys():
         return None

@@ -31,11 +31,11 @@ from typing import Annotated, ClassVar, Literal
 from pydantic import Field
 
 from bayesdrill.basics import Positive, Symbol
-from bayesdrill.rig import Gear, Linear, MotorShaft, Named
+from bayesdrill.rig import Gear, Linear, Model, MotorShaft, Named
 
 
 @dataclass(frozen=True, slots=True)
-class AsPrinted:
+class AsPrinted(Model):
     """`i_n` None: read as `i_m`; 1/i_m is right.  `a_51`: what A(5,1) stands over; j_m is right."""
 
     i_m: Gear = 1 / 8

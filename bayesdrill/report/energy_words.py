@@ -13,27 +13,19 @@ from bayesdrill.basics.symbols import Symbol
 from bayesdrill.basics.units import Unit
 from bayesdrill.insight.energy import AT_START, CONVERTED, STORED, Account, Part
 from bayesdrill.report.sections import Table
-from bayesdrill.rig.models.friction import Friction
+from bayesdrill.rig.models.linear import Model
 
 Array = NDArray[np.float64]
 
-NAMES: Mapping[str, str] = {
-    "v": "supply",
-    "t_1": "load",
-    "r_m": "resistance of the motor",
-    "r_s": "resistance in series",
-    "c_m": "viscous, at the motor",
-    "c_s": "viscous, in the shaft",
-    "c_1": "viscous, at rotor 1",
-    "t_f": "friction t_f",
-    CONVERTED: "k_T is not k_e",
-    AT_START: "stored at the start",
-    STORED: "stored",
+NAMES: Mapping[str, str] = {  # of roles
+    "motor.voltage": "supply",
+    "rotor.load": "load",
+    "motor.resistance": "resistance of the motor",
+    "motor.series": "resistance in series",
+    "motor.damping": "viscous, at the motor",
+    "shaft.damping": "viscous, in the shaft",
+    "rotor.damping": "viscous, at rotor 1",
 }
-UNEQUAL = (
-    "*k_T is not k_e*: what a motor gives beyond what it takes, (k_T - k_e) times current and speed; in "
-    "an ideal one the two are equal."
-)
 OPEN = 1e-3  # of all, from which on what does not close is said
 
 READ = (
@@ -43,15 +35,22 @@ READ = (
 )
 
 
-def named(part: str, frictions: Sequence[Friction]) -> str:
+def named(part: str, model: Model) -> str:
     """What a table or a legend calls it."""
-    where = {one.name: one.where for one in frictions}
-    if part in where:
-        return f"friction {where[part]}" if part != "drop" else "voltage drop"
-    return NAMES.get(part, part)
+    motor, names = model.roles.motor, {model.roles[role]: said for role, said in NAMES.items()}
+    names |= {
+        motor.friction: f"friction {motor.friction}",
+        CONVERTED: f"{motor.torque_constant} is not {motor.back_emf}",
+        AT_START: "stored at the start",
+        STORED: "stored",
+    }
+    for one in model.frictions:
+        drop = one.against == motor.current
+        names[one.name] = "voltage drop" if drop else f"friction {one.where}"
+    return names.get(part, part)
 
 
-def table(found: Account, frictions: Sequence[Friction]) -> Table:
+def table(found: Account, model: Model) -> Table:
     """In the order: what came in, the largest first; what it went to; what is stored."""
     surely = any(part.sd is not None for part in found.parts)
     heads = ("", "", "J", "share", *(("sd",) if surely else ()))
@@ -60,7 +59,7 @@ def table(found: Account, frictions: Sequence[Friction]) -> Table:
         for part in ordered(found, names):
             sure = (f"{100 * part.sd:.2g} %",) if part.sd is not None else ("",) * surely
             share = f"{100 * part.share:.3g} %"
-            lines.append((side, named(part.name, frictions), f"{part.joules:.4g}", share, *sure))
+            lines.append((side, named(part.name, model), f"{part.joules:.4g}", share, *sure))
     return Table(heads, tuple(lines), frozenset(heads[:1]))
 
 
@@ -70,11 +69,16 @@ def ordered(found: Account, names: Mapping[str, Any]) -> list[Part]:
     return sorted(parts, key=lambda part: (part.name == STORED, -part.joules))
 
 
-KINDS: Mapping[str, str] = {
-    **dict.fromkeys(("r_m", "r_s", "drop"), "electrical"),
-    **dict.fromkeys(("c_m", "c_s", "c_1"), "viscous"),
-    STORED: "stored",
-}
+def _kinds(model: Model) -> Mapping[str, str]:
+    motor, rubs = model.roles.motor, {one.name: one.against for one in model.frictions}
+    viscous = (motor.damping, model.roles.shaft.damping, model.roles.rotor.damping)
+    return {
+        **dict.fromkeys((motor.resistance, motor.series), "electrical"),
+        **dict.fromkeys(viscous, "viscous"),
+        **{n: "electrical" if s == motor.current else "friction" for n, s in rubs.items()},
+        motor.friction: "friction",
+        STORED: "stored",
+    }
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -97,31 +101,36 @@ class Balance:
     parts: tuple[Stacked, ...]
 
 
-def balance(found: Account, frictions: Sequence[Friction], clock: Unit) -> Balance:
+def balance(found: Account, model: Model, clock: Unit) -> Balance:
     """For a figure."""
-    rubs = {one.name for one in frictions} | {"t_f"}
+    kinds = _kinds(model)
     parts = ordered(found, found.went)
     order = ("electrical", "viscous", "friction", "other", "stored")
-    kinds = {p.name: KINDS.get(p.name, "friction" if p.name in rubs else "other") for p in parts}
+    kinds = {p.name: kinds.get(p.name, "other") for p in parts}
     return Balance(
         t=found.t / clock.factor,
         time=Symbol("t", clock.name, "t", clock.latex, "time"),
         total=found.total,
-        sources=", ".join(named(p.name, frictions) for p in ordered(found, found.came)),
+        sources=", ".join(named(p.name, model) for p in ordered(found, found.came)),
         parts=tuple(
-            Stacked(kind=kinds[p.name], name=named(p.name, frictions), joules=found.went[p.name])
+            Stacked(kind=kinds[p.name], name=named(p.name, model), joules=found.went[p.name])
             for p in sorted(parts, key=lambda part: order.index(kinds[part.name]))
         ),
     )
 
 
-def note(found: Account) -> str:
+def note(found: Account, model: Model) -> str:
     left = (
         f", but {100 * found.left:.2g} % of it is in neither, because of steps in which a speed "
         "changes its sign: finer steps are `model: {pieces: ...}`"
     )
     said = READ + (left if found.left > OPEN else "") + "."
-    return f"{said} {UNEQUAL}" if CONVERTED in (*found.came, *found.went) else said
+    given, taken = model.roles.motor.torque_constant, model.roles.motor.back_emf
+    unequal = (
+        f"*{given} is not {taken}*: what a motor gives beyond what it takes, ({given} - {taken}) times "
+        "current and speed; in an ideal one the two are equal."
+    )
+    return f"{said} {unequal}" if CONVERTED in (*found.came, *found.went) else said
 
 
 def as_data(found: Sequence[Account]) -> list[dict[str, Any]]:

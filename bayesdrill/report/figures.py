@@ -21,7 +21,6 @@ from bayesdrill.inference.residual_checks import Left
 from bayesdrill.report import derived_words, words
 from bayesdrill.report.view import BANDS, Drawing, View
 from bayesdrill.report.widths import WIDTHS
-from bayesdrill.rig.models.friction import frictions_of
 from bayesdrill.setup.config import Config
 
 if TYPE_CHECKING:
@@ -148,11 +147,11 @@ def _energy(run: View) -> tuple[Drawing, ...]:
     from bayesdrill.report.energy_plot import energy_figure
     from bayesdrill.report.energy_words import balance
 
-    frictions = frictions_of(run.problem.model)
+    model = run.problem.model
     return tuple(
         Drawing(
             energy_figure,
-            (balance(one, frictions, run.clock), run.width),
+            (balance(one, model, run.clock), run.width),
             says=_captioned(one.label, ENERGY),
         )
         for one in run.accounts

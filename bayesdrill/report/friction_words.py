@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 
 from bayesdrill.insight.identifiability.frictions import Alike, Deeds, Proposal, Told, Unseen
+from bayesdrill.rig.models.roles import Roles
 
 EXPERIMENTS: Mapping[str, str] = {
     "turned": "another experiment with the voltage turned round",
@@ -13,26 +14,31 @@ EXPERIMENTS: Mapping[str, str] = {
     "stops half-way": "so low a voltage half-way that it stops ({volts:.2g} V)",
     "half": "another experiment at half the voltage ({volts:.3g} V)",
 }
-OF: Mapping[str, str] = {"at the motor": "the motor turns", "at rotor 1": "rotor 1 turns"}
 
-# Why two are alike, where it is not by what the rig did.
-REASONS: Mapping[frozenset[str], str] = {
-    frozenset(("c_s", "c_1")): "both take from each swing, and only c_1 from steady turning",
-    frozenset(
-        ("eta", "t_cm")
-    ): "what a gear loses grows with the torque that it passes on, and t_cm does not",
-}
+
+def _reasons(roles: Roles) -> Mapping[frozenset[str], str]:
+    """Why two are alike, where it is not by what the rig did."""
+    motor, shaft, rotor = roles.motor, roles.shaft, roles.rotor
+    swings = f"both take from each swing, and only {rotor.damping} from steady turning"
+    loses = (
+        f"what a gear loses grows with the torque that it passes on, and {motor.sliding} does not"
+    )
+    return {
+        frozenset((shaft.damping, rotor.damping)): swings,
+        frozenset((motor.efficiency, motor.sliding)): loses,
+    }
 
 
 def sentences(found: Told) -> str:
     """A line for each; empty where there is nothing."""
-    return "\n".join([*map(_alike, found.alike), *map(_unseen, found.unseen)])
+    alike = (_alike(one, found.roles) for one in found.alike)
+    return "\n".join([*alike, *map(_unseen, found.unseen)])
 
 
-def _alike(one: Alike) -> str:
-    known = "it were" if len(one.rivals) == 1 else "these were"
-    why = [REASONS[pair] for r in one.rivals if (pair := frozenset((one.name, r))) in REASONS]
-    if one.deeds is not None and (did := _did(one.deeds)):
+def _alike(one: Alike, roles: Roles) -> str:
+    known, reasons = "it were" if len(one.rivals) == 1 else "these were", _reasons(roles)
+    why = [reasons[pair] for r in one.rivals if (pair := frozenset((one.name, r))) in reasons]
+    if one.deeds is not None and (did := _did(one.deeds, roles)):
         why.append(f"in these records {did}")
     because = f" ({'; '.join(why)})" if why else ""
     return (
@@ -51,11 +57,12 @@ def _unseen(one: Unseen) -> str:
     )
 
 
-def _did(deeds: Deeds) -> str:
+def _did(deeds: Deeds, roles: Roles) -> str:
     """What the rig did not do."""
-    turns = OF.get(deeds.where)
-    unit = "A" if turns is None else "rad/s"
-    what = "the current flows" if turns is None else turns
+    what, unit = {
+        roles.motor.speed: ("the motor turns", "rad/s"),
+        roles.rotor.speed: ("rotor 1 turns", "rad/s"),
+    }.get(deeds.against, ("the current flows", "A"))
     speeds = f"{deeds.slowest:.3g} to {deeds.fastest:.3g} {unit}"
     if deeds.one_way:
         return f"{what} one way only, at {speeds}"

@@ -12,19 +12,20 @@ from bayesdrill.insight.causes import NOISE, Cause, Causes
 from bayesdrill.insight.instead import Instead
 from bayesdrill.insight.moments import Moment
 from bayesdrill.rig import vocabulary
-from bayesdrill.setup import experiments, own_units
+from bayesdrill.rig.models.roles import Roles
+from bayesdrill.setup import build, experiments, own_units
 from bayesdrill.setup.config import Config
 
 LAGS = ("lag", "input lag")
 WIDER = 2.0  # times what was found, of a prior that is proposed
 
-# Parameters that a rig may lack.
+# Roles of parameters that a rig may lack.
 LACKED: Mapping[str, str] = {
-    "t_cm": "dry friction at the motor",
-    "t_c1": "dry friction at rotor 1",
-    "v_d": "a voltage drop of driver and brushes",
-    "c_1": "viscous damping at rotor 1",
-    "c_s": "damping of the shaft",
+    "motor.sliding": "dry friction at the motor",
+    "rotor.sliding": "dry friction at rotor 1",
+    "motor.drop": "a voltage drop of driver and brushes",
+    "rotor.damping": "viscous damping at rotor 1",
+    "shaft.damping": "damping of the shaft",
 }
 
 
@@ -58,28 +59,33 @@ def _percent(share: float) -> str:
     return f"{math.floor(1000 * share) / 10:.3g} %"
 
 
-def lacking(found: Causes | None) -> str:
+def lacking(found: Causes | None, roles: Roles) -> str:
     """What the model misses, for a verdict that stands on it; empty where nothing is known."""
     if found is None or not found.explains:
         return ""
     names = found.lacking or (found.other.lacking if found.other is not None else ())
-    return " and ".join(f"{LACKED[name]} ({name})" for name in names)
+    return " and ".join(f"{_lacked(name, roles)} ({name})" for name in names)
 
 
-def instead(found: Instead | None) -> Iterable[str]:
+def instead(found: Instead | None, roles: Roles) -> Iterable[str]:
     """A table that may be right after all."""
     if found is None:
         return
     how = "better than" if found.lost < 0 else "about as well as"
+    missing = _missing(found.parameter, found.value, roles)
     yield (
-        f"before the table is blamed: its values with {_missing(found.parameter, found.value)} explain "
-        f"the record {how} any without; {_named(found.parameter, found.value)}, and ask again"
+        f"before the table is blamed: its values with {missing} explain the "
+        f"record {how} any without; {_named(found.parameter, found.value)}, and ask again"
     )
 
 
-def _missing(name: str, value: float) -> str:
+def _lacked(name: str, roles: Roles) -> str:
+    return next(said for role, said in LACKED.items() if roles[role] == name)
+
+
+def _missing(name: str, value: float, roles: Roles) -> str:
     unit = vocabulary.PARAMETERS[name].plain_unit
-    return f"{LACKED[name]} of {value:.3g} {unit}"
+    return f"{_lacked(name, roles)} of {value:.3g} {unit}"
 
 
 def _named(name: str, value: float) -> str:
@@ -143,7 +149,9 @@ def _said(kind: str, of: str, group: Sequence[Cause], config: Config) -> str:
         return f"another state at the start{where}: say `initial: free`"
     if kind == "rig":
         (one,) = group
-        return f"{_missing(one.of, one.value)}: {_named(one.of, one.value)}"
+        return (
+            f"{_missing(one.of, one.value, build.model(config).roles)}: {_named(one.of, one.value)}"
+        )
     each = ", ".join(
         f"{_number(one, config)}{f' in {one.experiment}' if one.experiment else ''}"
         for one in group

@@ -89,7 +89,7 @@ def suspicions(problem: Problem, config: Config, most: int = FEW) -> tuple[str, 
         odd = [each.in_words(most) for each in one.experiment.odd]
         measured = build.channels(experiments.of(config, one.label), problem.model)
         factors = [entry.factor for entry in measured]
-        said = suspected.of_record(one.experiment, factors, suspected.gear_of(problem))
+        said = suspected.of_record(one.experiment, factors, problem.model)
         found += [f"{one.label}, {each}" if one.label else each for each in (*odd, *said)]
     return (*found, *suspected.of_start(problem))
 

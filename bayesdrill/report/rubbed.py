@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,33 +14,26 @@ from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.problem import Problem
 from bayesdrill.insight.diagnostics import HDI_PROBABILITY
 from bayesdrill.insight.rubbing import Rubbing, curve
+from bayesdrill.rig import vocabulary
 from bayesdrill.rig.models.friction import Friction
+from bayesdrill.rig.models.roles import Roles
 
 Array = NDArray[np.float64]
 
 TAILS = (0.5 - HDI_PROBABILITY / 2, 0.5 + HDI_PROBABILITY / 2)
 MOTOR = Symbol("w_3", "rad/s", r"\dot\theta_3", "rad/s", "speed of the motor")
-SPEEDS: Mapping[str, Symbol] = {
-    "w_1": Symbol("w_1", "rad/s", r"\dot\theta_1", "rad/s", "speed of rotor 1"),
-    "w_2": MOTOR,
-    "i": Symbol("i", "A", r"\dot q", "A", "motor current"),
-}
-EFFORTS: Mapping[str, Symbol] = {
-    "friction_m": Symbol("friction_m", "N*m", "T_m", r"N\,m", "friction at the motor"),
-    "friction_1": Symbol("friction_1", "N*m", "T_1", r"N\,m", "friction at rotor 1"),
-    "drop": Symbol("drop", "V", r"v_d", "V", "voltage drop"),
-}
 
 
 def effort_symbol(friction: Friction) -> Symbol:
-    """A rig of another package names its own."""
-    known = EFFORTS.get(friction.name)
-    return known or own_symbol(friction.name, "N*m", None, friction.where or friction.name)
+    """Its own, or one that is made of its name."""
+    return friction.symbol or own_symbol(
+        friction.name, "N*m", None, friction.where or friction.name
+    )
 
 
-def speed_symbol(friction: Friction) -> Symbol:
-    known = SPEEDS.get(friction.against)
-    return known or own_symbol(friction.against, "rad/s", None, friction.against)
+def speed_symbol(state: str, roles: Roles) -> Symbol:
+    """Of the motor before the gear."""
+    return MOTOR if state == roles.motor.speed else vocabulary.STATES[state]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -94,7 +87,7 @@ def laws(
         shown = curve(one, rubbing, space.full(points))
         every.append(
             Law(
-                speed=speed_symbol(rubbing.friction),
+                speed=speed_symbol(rubbing.friction.against, one.response.model.roles),
                 effort=effort_symbol(rubbing.friction),
                 where=rubbing.friction.where,
                 speeds=shown.speeds,

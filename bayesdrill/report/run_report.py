@@ -35,7 +35,6 @@ from bayesdrill.report.sections import (
     Table,
 )
 from bayesdrill.report.view import View
-from bayesdrill.rig.models.friction import frictions_of
 from bayesdrill.setup.build import compared_with
 
 FOUND = "nothing found: energy, poles and sampling are as in a real rig"
@@ -78,7 +77,8 @@ def _verdict(run: View) -> Iterator[Block]:
         yield Sentences(doubts)
     if run.judged is not None:
         n, verdict = len(run.problem.observations), run.judged.verdict
-        lacking = nuisance_words.lacking(run.causes)
+        roles = run.problem.model.roles
+        lacking = nuisance_words.lacking(run.causes, roles)
         said = verdict_words.sentences(
             verdict,
             table,
@@ -88,7 +88,7 @@ def _verdict(run: View) -> Iterator[Block]:
             lacking=lacking,
             rests=run.judged.study.resting,
         )
-        more = nuisance_words.instead(run.instead) if c.converged else ()
+        more = nuisance_words.instead(run.instead, roles) if c.converged else ()
         yield Sentences("\n".join([said, *more]))
 
 
@@ -134,11 +134,11 @@ def _torque(run: View) -> Iterator[Section]:
 
 def _energy(run: View) -> Iterator[Section]:
     """Of a rig that rubs."""
-    frictions = frictions_of(run.problem.model)
+    model = run.problem.model
     for one in run.accounts:
         where = f" in {one.label}" if one.label else ""
-        shown = energy_words.table(one, frictions)
-        read = Note(energy_words.note(one))
+        shown = energy_words.table(one, model)
+        read = Note(energy_words.note(one, model))
         yield Section(f"Where the energy goes{where}", (shown, read), brief=False)
 
 

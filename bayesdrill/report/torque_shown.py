@@ -13,7 +13,8 @@ from bayesdrill.basics import symbols
 from bayesdrill.basics.symbols import Symbol
 from bayesdrill.basics.units import Unit
 from bayesdrill.insight.shaking import TAILS, Shaking
-from bayesdrill.report.rubbed import SPEEDS
+from bayesdrill.report.rubbed import speed_symbol
+from bayesdrill.rig import vocabulary
 
 Array = NDArray[np.float64]
 
@@ -69,12 +70,9 @@ def shown(found: Shaking, clock: Unit) -> Shown:
 
 def _against(found: Shaking) -> Iterator[Against]:
     """Its own speed first, the other one, the angle within a turn, the inputs that were measured."""
-    own, other = ("w_2", "w_1") if found.at == "motor" else ("w_1", "w_2")
-    for name in (n for n in (own, other) if n in found.states):
-        speed = found.states[name] * (found.gear if name == "w_2" else 1.0)
-        label = SPEEDS[name]
-        if name == "w_2" and found.gear == 1.0:
-            label = symbols.STATES["w_2"]
+    for name, speed in found.speeds:
+        geared = found.gear != 1.0
+        label = speed_symbol(name, found.roles) if geared else vocabulary.STATES[name]
         yield _binned(found, label, speed)
     turns = found.angle / (2 * np.pi)
     if np.ptp(turns) > 1.0:

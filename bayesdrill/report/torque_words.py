@@ -18,13 +18,6 @@ from bayesdrill.report.friction_words import listed
 from bayesdrill.report.sections import Table
 
 WHERE = {"motor": "at the motor (on its own side of the gear)", "rotor_1": "at rotor 1"}
-SPEEDS = {"w_1": "the speed of rotor 1", "w_2": "the speed of the motor"}
-SWITCHES = {  # what a config names in the place of the torque, by what that follows and where
-    ("sign", "w_1", "rotor_1"): "t_c1",
-    ("sign", "w_2", "motor"): "t_cm",
-    ("speed", "w_1", "rotor_1"): "c_1",
-    ("speed", "w_2", "motor"): "c_m",
-}
 HARMLESS = 0.5  # of the noise: how far a rig that rubs may stray from what is shown of it
 FULL = 0.95  # of the samples: no word of the rest
 WIDE = 3.0  # times either way: the prior that is proposed
@@ -81,9 +74,9 @@ def followed(found: Shaking, every: Sequence[Follows]) -> str:
     """What the torque follows, a line for each; what it would be in the equations."""
     taken = [one for one in every if one.taken]
     if not taken:
-        best = f" (at most {100 * every[0].share:.0f} %: {_what(every[0])})" if every else ""
+        most = f" (at most {100 * every[0].share:.0f} %: {_what(found, every[0])})" if every else ""
         return (
-            f"missing torque: it follows no speed, angle, input or time by a law known here{best}"
+            f"missing torque: it follows no speed, angle, input or time by a law known here{most}"
         )
     return "\n".join(_line(found, one) for one in taken)
 
@@ -94,7 +87,7 @@ def _line(found: Shaking, one: Follows) -> str:
     turning = found.turning.mean()
     still = f" where it turns, in {100 * turning:.0f} % of the samples," if turning < FULL else ""
     share = f"which{still} explains {100 * one.share:.0f} % of it by itself"
-    said = f"missing torque: it follows {_what(one)}, {share}"
+    said = f"missing torque: it follows {_what(found, one)}, {share}"
     where = {"motor": "at the motor", "rotor_1": "at rotor 1"}[found.at]
     if one.kind == "sign" and against:
         said += f": dry friction {where} of {size:.3g} N m (sd {sd})"
@@ -102,8 +95,9 @@ def _line(found: Shaking, one: Follows) -> str:
         said += f": viscous damping {where} of {size:.3g} N m s/rad (sd {sd})"
     else:
         said += f": {one.size:.3g} {UNITS[one.kind]} (sd {sd})"
-    name = SWITCHES.get((one.kind, one.of, found.at))
-    if name is None or not against:
+    here = found.roles.at(found.at)  # what a config names in the place of the torque
+    name = {"sign": here.sliding, "speed": here.damping}.get(one.kind)
+    if name is None or one.of != here.speed or not against:
         return said
     prior = f"{{prior: log_uniform, low: {size / WIDE:.2g}, high: {size * WIDE:.2g}}}"
     return f"{said}; to have it in the equations, write `parameters: {{{name}: {prior}}}`"
@@ -120,11 +114,13 @@ UNITS = {
 }
 
 
-def _what(one: Follows) -> str:
+def _what(found: Shaking, one: Follows) -> str:
+    motor = one.of == found.roles.motor.speed
+    speed = f"the speed of {'the motor' if motor else 'rotor 1'}"
     return {
-        "sign": f"the sign of {SPEEDS.get(one.of, one.of)}",
-        "speed": SPEEDS.get(one.of, one.of),
-        "square": f"the square of {SPEEDS.get(one.of, one.of)}",
+        "sign": f"the sign of {speed}",
+        "speed": speed,
+        "square": f"the square of {speed}",
         "turn": "the angle within a turn",
         "input": f"the input {one.of}",
         "constant": "nothing, and is constant",

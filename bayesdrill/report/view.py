@@ -36,7 +36,6 @@ from bayesdrill.report import words
 from bayesdrill.report.sparing import Sparing
 from bayesdrill.report.widths import WIDTHS
 from bayesdrill.results import provenance
-from bayesdrill.rig.models.friction import frictions_of
 from bayesdrill.setup import own_units
 from bayesdrill.setup.config import Config
 from bayesdrill.setup.own_units import OwnUnits, Shown
@@ -135,7 +134,7 @@ class View(Value):
     @cached_property
     def rubbing(self) -> tuple[tuple[Rubbing, ...], ...]:
         """Of each experiment; nothing where the rig does not rub."""
-        if not frictions_of(self.problem.model):
+        if not self.problem.model.frictions:
             return ()
         return rubbings(self.problem.posterior, self.best, self.some(BANDS))
 
@@ -147,7 +146,7 @@ class View(Value):
     @cached_property
     def accounts(self) -> tuple[energy.Account, ...]:
         """Where the energy goes, of a rig that rubs."""
-        if not frictions_of(self.problem.model):
+        if not self.problem.model.frictions:
             return ()
         return energy.accounts(self.problem.posterior, self.best, self.some(ACCOUNTS))
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,12 +47,12 @@ def records(problem: Problem) -> str:
 
 def model(problem: Problem) -> str:
     """Its name, what was added to it, and what it holds beside parameters: the gear."""
-    rig: Any = problem.model
+    rig = problem.model
     held = constants(rig)
     added = held.pop("added", ())
     name = f"{rig.name} with {', '.join(added)}" if added else rig.name
     said = [f"{n} = {x:.6g}" if isinstance(x, float) else f"{n} = {x}" for n, x in held.items()]
-    gear = f"; the motor turns {1 / rig.i_m:.4g} times as fast" if hasattr(rig, "i_m") else ""
+    gear = f"; the motor turns {1 / rig.gear_ratio:.4g} times as fast" if rig.geared else ""
     return f"{name} ({', '.join(said)}{gear})" if said else name
 
 
@@ -127,6 +126,7 @@ def _findings(problem: Problem, config: Config) -> str:
     said = (
         *(f"{kind} values, {one}" for one in found),
         *plausibility.of_priors(problem),
+        *plausibility.of_roles(problem),
         *plausibility.of_gear(problem),
         *(f"record: {one}" for one in record_words.made(problem)),
         *(f"record, {one}" for one in record_words.suspicions(problem, config, record_words.ALL)),

@@ -20,6 +20,10 @@ if TYPE_CHECKING:
     from bayesdrill.rig.models.motor import Motor as Motor
     from bayesdrill.rig.models.motor_shaft import Gear as Gear
     from bayesdrill.rig.models.motor_shaft import MotorShaft as MotorShaft
+    from bayesdrill.rig.models.roles import MotorRoles as MotorRoles
+    from bayesdrill.rig.models.roles import Roles as Roles
+    from bayesdrill.rig.models.roles import RotorRoles as RotorRoles
+    from bayesdrill.rig.models.roles import ShaftRoles as ShaftRoles
     from bayesdrill.rig.models.two_rotors import TwoRotors as TwoRotors
     from bayesdrill.rig.response import Response as Response
 
@@ -36,9 +40,13 @@ __getattr__ = late(
         "LongShaft": "models.long_shaft",
         "Model": "models.linear",
         "Motor": "models.motor",
+        "MotorRoles": "models.roles",
         "MotorShaft": "models.motor_shaft",
         "Named": "models.linear",
         "Response": "response",
+        "Roles": "models.roles",
+        "RotorRoles": "models.roles",
+        "ShaftRoles": "models.roles",
         "Stribeck": "models.friction",
         "TwoRotors": "models.two_rotors",
     },

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from bayesdrill.record.experiment import Experiment
 from bayesdrill.rig.measured import Measured
-from bayesdrill.rig.models.friction import frictions_of
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.response import Response
 from bayesdrill.rig.sensing import Sensing
@@ -15,7 +14,7 @@ def simulator(
     model: Model, experiment: Experiment, sensing: Sensing, pieces: int = 1
 ) -> Response | Measured | Stepped:
     """`pieces`: steps to a sample of what has to be stepped."""
-    if frictions_of(model) or sensing.input_lags:
+    if model.frictions or sensing.input_lags:
         return Stepped(model, experiment, sensing, pieces)
     plain = sensing.nothing and experiment.uniform and bool(experiment.seen.all())
     return Response(model, experiment) if plain else Measured(model, experiment, sensing)

@@ -19,22 +19,18 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import expm
 
-from bayesdrill.rig.models.friction import frictions_of
 from bayesdrill.rig.models.linear import Model, dynamics
+from bayesdrill.rig.models.roles import STATES
 from bayesdrill.rig.stepped import Stepped, Steps
 
 Array = NDArray[np.float64]
 Whole = NDArray[np.intp]
 
-STATES = frozenset(("theta_1", "theta_2", "w_1", "w_2", "i"))  # whose rows can be weighed
+# Roles of parameters that take power, where they are named.
 LOSSES = (
-    "r_m",
-    "r_s",
-    "c_m",
-    "c_s",
-    "c_1",
-    "t_f",
-)  # parameters that take power, where they are named
+    *("motor.resistance", "motor.series", "motor.damping"),
+    *("shaft.damping", "rotor.damping", "motor.friction"),
+)
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(8)
 SHORT = 0.25  # of the fastest motion: a span over which quadrature is exact to rounding
 
@@ -62,7 +58,7 @@ class Energies:
 def can_tell(model: Model) -> bool:
     """Whether rows of the rig can be weighed."""
     p = dict.fromkeys(model.parameters, 1.0)
-    if not {*model.states} <= STATES:
+    if not {*model.states} <= {model.roles[role] for role in STATES}:
         return False
     try:
         _weights(model, p)
@@ -100,11 +96,13 @@ def energies(rig: Stepped, full: Array) -> Energies:
 def _weights(model: Model, p: Mapping[str, float]) -> dict[str, float]:
     """Of rows: the inertias as the shaft has them, and the inductance."""
     linear: Any = model.linear(p)
-    j_1 = -1.0 / linear.B["w_1", "t_1"]
+    motor, rotor = model.roles.motor, model.roles.rotor
+    inertia = -1.0 / linear.B[rotor.speed, rotor.load]
+    stiffness = inertia * linear.A[rotor.speed, motor.angle]
     return {
-        "w_1": j_1,
-        "w_2": j_1 * linear.A["w_1", "theta_2"] / linear.A["w_2", "theta_1"],
-        "i": 1.0 / linear.B["i", "v"],
+        rotor.speed: inertia,
+        motor.speed: stiffness / linear.A[motor.speed, rotor.angle],
+        motor.current: 1.0 / linear.B[motor.current, motor.voltage],
     }
 
 
@@ -113,18 +111,19 @@ def _forms(model: Model, p: Mapping[str, float]) -> tuple[dict[str, Array], Arra
     frictions, and, named by nothing, of the rest; and twice the stored energy as a form of states.
     """
     linear, places, weights = model.linear(p), _places(model), _weights(model, p)
-    n = len(model.states) + 1 + 2 * len(model.inputs) + len(frictions_of(model))
+    n = len(model.states) + 1 + 2 * len(model.inputs) + len(model.frictions)
     stored = np.diag([weights.get(name, 0.0) for name in model.states])
-    first, second = model.states.index("theta_1"), model.states.index("theta_2")
-    k_s = weights["w_1"] * float(np.asarray(linear.A["w_1", "theta_2"]))
-    stored[np.ix_([first, second], [first, second])] += k_s * np.array([[1.0, -1.0], [-1.0, 1.0]])
+    motor, rotor = model.roles.motor, model.roles.rotor
+    ends = [model.states.index(name) for name in (rotor.angle, motor.angle)]
+    spring = weights[rotor.speed] * float(np.asarray(linear.A[rotor.speed, motor.angle]))
+    stored[np.ix_(ends, ends)] += spring * np.array([[1.0, -1.0], [-1.0, 1.0]])
     forms: dict[str, Array] = {}
     for (row, name), value in linear.B.items():
         form = forms.setdefault(name, np.zeros((n, n)))
         form[model.states.index(row), places[name]] += weights[row] * float(np.asarray(value))
     whole = _autonomous(model, p, stored, n)
     rest = whole.copy()
-    for name in LOSSES:
+    for name in (model.roles[role] for role in LOSSES):
         if name in model.parameters:
             forms[name] = whole - _autonomous(model, {**p, name: 0.0}, stored, n)
             rest -= forms[name]
@@ -153,7 +152,7 @@ def _extended(model: Model, steps: Steps) -> Array:
 
 def _places(model: Model) -> dict[str, int]:
     """Of inputs and efforts in that."""
-    x, frictions = len(model.states), frictions_of(model)
+    x, frictions = len(model.states), model.frictions
     first = x + 1 + 2 * len(model.inputs)
     places = {name: x + 1 + k for k, name in enumerate(model.inputs)}
     return places | {one.name: first + k for k, one in enumerate(frictions)}
@@ -163,7 +162,7 @@ def _generator(model: Model, p: Mapping[str, float], held: Sequence[str]) -> Arr
     """How what `_extended` has changes with time, where the states `held` do not."""
     linear, x, places = model.linear(p), len(model.states), _places(model)
     u = len(model.inputs)
-    n = x + 1 + 2 * u + len(frictions_of(model))
+    n = x + 1 + 2 * u + len(model.frictions)
     made = np.zeros((n, n))
     made[:x, :x] = dynamics(linear, model.states, 1)[0]
     for row, value in linear.c.items():
@@ -177,7 +176,7 @@ def _generator(model: Model, p: Mapping[str, float], held: Sequence[str]) -> Arr
 
 def _patterns(model: Model, states: Array) -> Iterator[tuple[Whole, tuple[str, ...]]]:
     """Which steps `(N,)` have the same states held, by frictions that stick through all of them."""
-    frictions = frictions_of(model)
+    frictions = model.frictions
     still = np.zeros((len(states), len(frictions)), dtype=bool)
     for e, one in enumerate(frictions):
         zero = states[:, model.states.index(one.against)] == 0.0

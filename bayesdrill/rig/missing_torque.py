@@ -18,10 +18,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdrill.basics.symbols import Symbol
 from bayesdrill.rig import steady, vocabulary
-from bayesdrill.rig.models.friction import Friction, frictions_of
-from bayesdrill.rig.models.linear import Linear, Model, Named, dynamics
+from bayesdrill.rig.models.linear import Around, Linear, Model, Named, dynamics
 
 Array = NDArray[np.float64]
 At = Literal["motor", "rotor_1"]
@@ -41,11 +39,6 @@ class MissingTorque:
     @property
     def states(self) -> tuple[str, ...]:
         return (TORQUE,) if self.smoothness == "1/2" else (TORQUE, RATE)
-
-    @property
-    def speed(self) -> str:
-        """That of the inertia on which it acts."""
-        return {"motor": "w_2", "rotor_1": "w_1"}[self.at]
 
     def rate(self, time: Any) -> Any:
         """At which it is forgotten."""
@@ -68,15 +61,15 @@ def pushes(model: Model, torque: MissingTorque, p: Named, linear: Linear) -> Any
 
     Raises `ValueError` where the rig has no such inertia.
     """
-    row = torque.speed
+    row, motor = model.roles.at(torque.at).speed, model.roles.motor
     if torque.at == "rotor_1":
-        found = linear.B.get((row, "t_1"))
+        found = linear.B.get((row, model.roles.rotor.load))
         if found is not None:
             return -found
-    elif (row, "t_m") in linear.B:
-        return linear.B[row, "t_m"]
-    elif (row, "i") in linear.A and "k_T" in p:
-        return linear.A[row, "i"] / p["k_T"]
+    elif (row, motor.torque) in linear.B:
+        return linear.B[row, motor.torque]
+    elif (row, motor.current) in linear.A and motor.torque_constant in p:
+        return linear.A[row, motor.current] / p[motor.torque_constant]
     raise ValueError(
         f"the model {model.name} has no inertia at {torque.at.replace('_', ' ')} that a torque could "
         "act on"
@@ -84,25 +77,21 @@ def pushes(model: Model, torque: MissingTorque, p: Named, linear: Linear) -> Any
 
 
 @dataclass(frozen=True, slots=True)
-class Pushed:
+class Pushed(Around):
     """`rig` with the states of its missing torque behind its own, and its size and time as parameters.
 
     `free`: to turn, so that nothing depends on how far; its angles are those relative to the last of
     them, which is left out where nothing `tells` of it.
     """
 
-    rig: Model
     torque: MissingTorque
     free: bool = False
     tells: bool = True
 
     @property
-    def name(self) -> str:
-        return self.rig.name
-
-    @property
-    def declares(self) -> tuple[Symbol, ...]:
-        return self.rig.declares
+    def frictions(self) -> tuple[()]:
+        """None: it moves as if no friction changed its sign."""
+        return ()
 
     @property
     def parameters(self) -> tuple[str, ...]:
@@ -119,10 +108,6 @@ class Pushed:
         return tuple(name for name in self.rig.states if name != left_out)
 
     @property
-    def inputs(self) -> tuple[str, ...]:
-        return self.rig.inputs
-
-    @property
     def _last(self) -> str:
         return angles(self.rig)[-1]
 
@@ -133,7 +118,7 @@ class Pushed:
             a, b, c = (self._relative(each) for each in (a, b, c))
         push = pushes(self.rig, self.torque, p, found)
         a |= self.torque.linear(p[TIME])
-        a[self.torque.speed, TORQUE] = push * p[SIZE]
+        a[self.roles.at(self.torque.at).speed, TORQUE] = push * p[SIZE]
         return Linear(A=a, B=b, c=c)
 
     def _relative(self, entries: Mapping[Any, Any]) -> dict[Any, Any]:
@@ -179,40 +164,19 @@ class Pushed:
 
 
 @dataclass(frozen=True, slots=True)
-class Loaded:
+class Loaded(Around):
     """`rig` with the torque as one more input, `TORQUE`: as if it had been measured."""
 
-    rig: Model
     torque: MissingTorque
-
-    @property
-    def name(self) -> str:
-        return self.rig.name
-
-    @property
-    def declares(self) -> tuple[Symbol, ...]:
-        return self.rig.declares
-
-    @property
-    def parameters(self) -> tuple[str, ...]:
-        return self.rig.parameters
-
-    @property
-    def states(self) -> tuple[str, ...]:
-        return self.rig.states
 
     @property
     def inputs(self) -> tuple[str, ...]:
         return (*self.rig.inputs, TORQUE)
 
-    @property
-    def frictions(self) -> tuple[Friction, ...]:
-        return frictions_of(self.rig)
-
     def linear(self, p: Named) -> Linear:
         found = self.rig.linear(p)
         push = pushes(self.rig, self.torque, p, found)
-        b = {**found.B, (self.torque.speed, TORQUE): push}
+        b = {**found.B, (self.roles.at(self.torque.at).speed, TORQUE): push}
         return Linear(A=found.A, B=b, c=found.c)
 
 

@@ -10,10 +10,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
-from bayesdrill.basics.symbols import Symbol
 from bayesdrill.rig import vocabulary
-from bayesdrill.rig.models.friction import Friction, frictions_of
-from bayesdrill.rig.models.linear import Linear, Model, Named
+from bayesdrill.rig.models.linear import Around, Linear, Model, Named
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -85,37 +83,16 @@ class Sensing:
 
 
 @dataclass(frozen=True, slots=True)
-class Wired:
+class Wired(Around):
     """`rig` behind the sensors of its inputs: their gains and offsets are parameters of it."""
 
-    rig: Model
     input_gains: tuple[tuple[str, str], ...]
     input_offsets: tuple[tuple[str, str], ...]
-
-    @property
-    def name(self) -> str:
-        return self.rig.name
-
-    @property
-    def declares(self) -> tuple[Symbol, ...]:
-        return self.rig.declares
 
     @property
     def parameters(self) -> tuple[str, ...]:
         own = [name for _, name in (*self.input_gains, *self.input_offsets)]
         return (*self.rig.parameters, *dict.fromkeys(own))
-
-    @property
-    def states(self) -> tuple[str, ...]:
-        return self.rig.states
-
-    @property
-    def inputs(self) -> tuple[str, ...]:
-        return self.rig.inputs
-
-    @property
-    def frictions(self) -> tuple[Friction, ...]:
-        return frictions_of(self.rig)
 
     def linear(self, p: Named) -> Linear:
         found, gains, offsets = self.rig.linear(p), dict(self.input_gains), dict(self.input_offsets)

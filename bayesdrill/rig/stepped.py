@@ -21,7 +21,6 @@ from bayesdrill.rig.ahead import Ahead
 from bayesdrill.rig.kernels import Tally
 from bayesdrill.rig.kernels.stepping import Shape, compile_stepping
 from bayesdrill.rig.kernels.tally import INTERVALS, LOGS, NEIGHBOURS, SQUARES
-from bayesdrill.rig.models.friction import frictions_of
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.sensing import Sensing
 from bayesdrill.rig.sums import interval_sums, log_sums, normal
@@ -135,7 +134,7 @@ class Stepped:
     def motion(self, full: Array) -> Motion:
         """As the rig moves, whatever sensors make of it."""
         nodes = self._nodes
-        x, e = len(self.model.states), len(frictions_of(self.model))
+        x, e = len(self.model.states), len(self.model.frictions)
         with np.errstate(all="ignore"):
             every = self._run(nodes, full, efforts=True)
         last, share = self._ahead.between(self.experiment.t)
@@ -146,7 +145,7 @@ class Stepped:
     def steps(self, full: Array) -> Steps:
         """Of all steps to the last sample, which is where the last one begins."""
         nodes = self._nodes
-        x, e, n = len(self.model.states), len(frictions_of(self.model)), self._ahead.nodes
+        x, e, n = len(self.model.states), len(self.model.frictions), self._ahead.nodes
         with np.errstate(all="ignore"):
             every = self._run(nodes, full, efforts=True)[:, :n]
         felt, slopes = self._felt(full)
@@ -223,7 +222,7 @@ class Stepped:
                 pattern=tuple(map(tuple, (rows != 0).tolist())),
                 gaps=self._gaps,
                 tally=tally,
-                turns=self.turns if frictions_of(self.model) else 1,
+                turns=self.turns if self.model.frictions else 1,
                 **kind,
             )
             self._tellings[wanted] = Told(compile_stepping(shape), shape, ahead, w.padded)
@@ -315,7 +314,7 @@ def _rows(gains: Array, offsets: Array, weights: Array) -> Array:
 
 def _unit_rows(model: Model) -> Array:
     """Each state, and each effort, for a channel: `(1, X + E, X + 1 + E)`."""
-    x, e = len(model.states), len(frictions_of(model))
+    x, e = len(model.states), len(model.frictions)
     rows = np.zeros((1, x + e, x + 1 + e))
     rows[:, range(x), range(x)] = 1.0
     rows[:, range(x, x + e), range(x + 1, x + 1 + e)] = 1.0

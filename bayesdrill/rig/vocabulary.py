@@ -9,7 +9,7 @@ from bayesdrill.basics import symbols
 from bayesdrill.basics.symbols import Symbol
 from bayesdrill.rig.models import MODELS
 from bayesdrill.rig.models.composed import with_all
-from bayesdrill.rig.models.linear import Model, inner_of
+from bayesdrill.rig.models.linear import Model
 
 
 def _rigs() -> list[Model]:
@@ -30,4 +30,4 @@ def _all(of: str, known: Mapping[str, Symbol]) -> Mapping[str, Symbol]:
 
 PARAMETERS = _all("parameters", symbols.PARAMETERS)
 STATES = _all("states", symbols.STATES)
-INNER = frozenset(name for rig in _rigs() for name in inner_of(rig))  # of no start
+INNER = frozenset(name for rig in _rigs() for name in rig.inner)  # of no start

@@ -28,8 +28,7 @@ from bayesdrill.record.experiment import Channel
 from bayesdrill.rig import vocabulary
 from bayesdrill.rig.models import MODELS
 from bayesdrill.rig.models.composed import with_named
-from bayesdrill.rig.models.friction import frictions_of
-from bayesdrill.rig.models.linear import Model, outer_of
+from bayesdrill.rig.models.linear import Model
 from bayesdrill.setup import missing_torque, number_entries, number_objects
 from bayesdrill.setup.config import Config
 from bayesdrill.setup.experiment_entries import ChannelSpec
@@ -68,7 +67,7 @@ def with_walkers(config: Config) -> Config:
     far more than is asked.
     """
     sampler = config.sampler
-    if "walkers" in sampler.model_fields_set or not frictions_of(model(config)):
+    if "walkers" in sampler.model_fields_set or not model(config).frictions:
         return config
     walkers = min(
         sampler.walkers, RUBBING_WALKERS + WALKERS_OF_EXPERIMENT * len(config.experiments)
@@ -144,7 +143,7 @@ def optimiser(config: Config) -> Optimiser:
 def initial_state(config: Config, model: Model) -> dict[str, float]:
     """What is held of it, SI; of a steady start only what is named."""
     initial = config.initial
-    given = {name: getattr(initial, name) for name in outer_of(model)}
+    given = {name: getattr(initial, name) for name in model.outer}
     return {
         name: number_objects.si(value, vocabulary.STATES[name].unit)
         for name, value in given.items()
@@ -275,6 +274,4 @@ def scatter(config: Config, channels: Sequence[Measured], n_samples: int) -> tup
 def channels(config: Config, model: Model) -> list[Measured]:
     """Those that are evidence: what is only derived from another is not."""
     every = config.record.channels.items()
-    return [
-        measured(name, spec, outer_of(model)) for name, spec in every if spec.derived_from is None
-    ]
+    return [measured(name, spec, model.outer) for name, spec in every if spec.derived_from is None]

@@ -17,6 +17,7 @@ from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.noise import NOISES
 from bayesdrill.inference.unknowns import ParameterSpace
 from bayesdrill.insight import candidates
+from bayesdrill.rig.models.roles import MotorRoles, Roles, RotorRoles
 from bayesdrill.setup import loading, sources
 from bayesdrill.setup import rung_entries as entries
 from bayesdrill.setup.config import Config
@@ -29,23 +30,23 @@ Array = NDArray[np.float64]
 GIVEN = "as_given"
 UNKNOWN = "unknown_noise"
 NOISE = (UNKNOWN, RED)
-# What the rig may be without: the parameters that each rung switches on.
+# What the rig may be without: the roles of the parameters that each rung switches on.
 PHYSICS: Mapping[str, tuple[str, ...]] = {
-    "friction_motor": ("t_cm",),
-    "friction_rotor_1": ("t_c1",),
-    "friction_both": ("t_cm", "t_c1"),
-    "damping_rotor_1": ("c_1",),
-    "damping_shaft": ("c_s",),
-    "voltage_drop": ("v_d",),
+    "friction_motor": ("motor.sliding",),
+    "friction_rotor_1": ("rotor.sliding",),
+    "friction_both": ("motor.sliding", "rotor.sliding"),
+    "damping_rotor_1": ("rotor.damping",),
+    "damping_shaft": ("shaft.damping",),
+    "voltage_drop": ("motor.drop",),
 }
-# Friction at rest, where there is friction: what it slides with, its size and speed, and what moves.
-STATIC: Mapping[str, tuple[str, str, str, str]] = {
-    "static_motor": ("t_cm", "t_sm", "w_sm", "w_2"),
-    "static_rotor_1": ("t_c1", "t_s1", "w_s1", "w_1"),
+# Friction at rest, where there is friction: what it slides with, and where.
+STATIC: Mapping[str, tuple[str, str]] = {
+    "static_motor": ("motor.sliding", "motor"),
+    "static_rotor_1": ("rotor.sliding", "rotor_1"),
 }
-TORQUES: Mapping[str, tuple[str, str]] = {  # where it acts, and the friction there
-    "missing_torque_motor": ("motor", "t_cm"),
-    "missing_torque_rotor_1": ("rotor_1", "t_c1"),
+TORQUES: Mapping[str, str] = {  # where it acts
+    "missing_torque_motor": "motor",
+    "missing_torque_rotor_1": "rotor_1",
 }
 MISSING = "missing_torque"
 FIRST = (GIVEN, *NOISE, *PHYSICS, *TORQUES)
@@ -143,6 +144,10 @@ class Ladder:
         sizes = {one.of: float(one.prior.high) for one in found}
         return cls(job, sizes, _speeds(every, space, theta))
 
+    @property
+    def roles(self) -> Roles:
+        return self.job.problem.model.roles
+
     def first(self) -> list[Rung]:
         """Those that need nothing of others, each with one thing; the config as given first."""
         found = [self._rung(()), *(self._rung((name,)) for name in FIRST[1:])]
@@ -193,7 +198,7 @@ class Ladder:
             changed = [entries.changed(data, change, *one) for one in every]
             return part in (UNKNOWN, *NOISES) and any(changed)
         if part in PHYSICS:
-            wanted = PHYSICS[part]
+            wanted = [self.roles[role] for role in PHYSICS[part]]
             if not all(name in self.sizes for name in wanted):
                 return False
             for name in wanted:
@@ -201,8 +206,9 @@ class Ladder:
                 data["parameters"][name] = {"prior": "uniform", "low": 0.0, "high": high}
             return True
         if part in STATIC:
-            return self._rests(data, *STATIC[part])
-        at, friction = TORQUES[part]
+            return self._rests(data, self.roles.at(STATIC[part][1]))
+        at = TORQUES[part]
+        friction = self.roles.at(at).sliding
         if MISSING not in Config.model_fields or MISSING in data or friction not in self.sizes:
             return False
         data[MISSING] = {
@@ -217,14 +223,18 @@ class Ladder:
         entries.share(data, "s_d", "tau_d")  # one rig: the same lacks in each experiment
         return True
 
-    def _rests(self, data: dict[str, Any], slides: str, size: str, speed: str, of: str) -> bool:
+    def _rests(self, data: dict[str, Any], at: MotorRoles | RotorRoles) -> bool:
         """With friction that is larger at rest, where it slides by now."""
-        added, largest = data["parameters"], self.speeds.get(of, 0.0)
+        added, largest, slides = data["parameters"], self.speeds.get(at.speed, 0.0), at.sliding
         if slides not in self.sizes or slides not in added or not largest > 0:
             return False
-        added[size] = {"prior": "uniform", "low": 0.0, "high": entries.rounded(self.sizes[slides])}
+        added[at.static] = {
+            "prior": "uniform",
+            "low": 0.0,
+            "high": entries.rounded(self.sizes[slides]),
+        }
         low, high = entries.rounded(SLOWEST * largest), entries.rounded(largest)
-        added[speed] = {"prior": "log_uniform", "low": low, "high": high}
+        added[at.fading] = {"prior": "log_uniform", "low": low, "high": high}
         return True
 
     def _with_walkers(self, data: dict[str, Any]) -> None:
@@ -252,7 +262,8 @@ def _speeds(every: Sequence[Observation], space: ParameterSpace, theta: Array) -
     found: dict[str, float] = {}
     for one in every:
         model, moved = one.response.model, candidates.motion(one, space, theta)
-        for name, gear in (("w_1", 1.0), ("w_2", getattr(model, "i_m", 1.0))):
+        roles = model.roles
+        for name, gear in ((roles.rotor.speed, 1.0), (roles.motor.speed, model.gear_ratio)):
             if name in model.states:
                 largest = float(np.abs(moved[:, model.states.index(name)]).max()) / gear
                 found[name] = max(found.get(name, 0.0), largest)

@@ -18,7 +18,7 @@ from bayesdrill.basics.symbols import Symbol
 from bayesdrill.inference.priors import LogNormal, Prior, TruncatedNormal, Uniform
 from bayesdrill.inference.unknowns import Role, labelled
 from bayesdrill.rig import vocabulary
-from bayesdrill.rig.models.linear import Model, outer_of
+from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.sensing import Sensing
 from bayesdrill.setup import given_inputs
 from bayesdrill.setup.config import Config
@@ -135,7 +135,7 @@ def _of_column(
 
 def _of_states(config: Config, model: Model) -> Iterator[Entry]:
     """Those with a prior; what is held or `free` is said elsewhere."""
-    for name in outer_of(model):
+    for name in model.outer:
         given, symbol = getattr(config.initial, name), symbol_of_state(name)
         if isinstance(given, SignedPrior):
             yield Entry(
@@ -157,7 +157,7 @@ def state_name(state: str) -> str:
 def free_states(config: Config, model: Model) -> tuple[str, ...]:
     """States of the start whose priors the record has to give; an angle that is imposed has none."""
     initial = config.initial
-    own = [name for name in outer_of(model) if name not in given_inputs.imposed(config)]
+    own = [name for name in model.outer if name not in given_inputs.imposed(config)]
     words = [name for name in own if getattr(initial, name) == "free"]
     if initial.state == "free":
         words += [name for name in own if name not in initial.model_fields_set]

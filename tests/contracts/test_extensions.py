@@ -88,6 +88,7 @@ def test_the_toys_pass_the_contracts() -> None:
     assert passed == {
         "toy_braked",
         "toy_damped",
+        "toy_renamed",
         "toy_memory",
         "toy_walk",
         "toy_json",
@@ -140,14 +141,14 @@ BROKEN = """
 import dataclasses, math
 from typing import ClassVar
 from bayesdrill.basics.symbols import Symbol
-from bayesdrill.rig import Coulomb, Friction
+from bayesdrill.rig import Coulomb, Friction, Model
 from bayesdrill.rig.models.motor_shaft import PARAMETERS, MotorShaft
 
 class NoDataclass:
     name = "odd"
 
 @dataclasses.dataclass(frozen=True)
-class Base:
+class Base(Model):
     name: ClassVar[str] = "odd"
     declares: ClassVar[tuple] = ()
     parameters: ClassVar[tuple] = PARAMETERS
@@ -155,6 +156,14 @@ class Base:
     inputs: ClassVar[tuple] = MotorShaft.inputs
     def linear(self, p):
         return MotorShaft().linear(p)
+
+@dataclasses.dataclass(frozen=True)
+class Stranger:
+    name = "stranger"
+
+@dataclasses.dataclass(frozen=True)
+class Nameless(Model):
+    name = "nameless"
 
 class OtherName(Base):
     name = "even"
@@ -228,6 +237,8 @@ class OtherState(Base):
 RIGS = {
     "nowhere": ("nowhere.at_all:Rig", "ModuleNotFoundError: No module named 'nowhere'"),
     "no_dataclass": ("broken_rigs:NoDataclass", "a rig is a frozen dataclass"),
+    "stranger": ("broken_rigs:Stranger", "it is no bayesdrill.rig.Model; derive it from that"),
+    "nameless": ("broken_rigs:Nameless", "it has no parameters, states, inputs, declares, linear"),
     "other_name": (
         "broken_rigs:OtherName",
         "its name is 'even', and its entry point's 'other_name'",

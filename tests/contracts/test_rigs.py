@@ -20,9 +20,8 @@ from bayesdrill.basics import symbols
 from bayesdrill.basics.entries import entries_of, made
 from bayesdrill.rig import vocabulary
 from bayesdrill.rig.models import MODELS
-from bayesdrill.rig.models.composed import offers, with_all
-from bayesdrill.rig.models.friction import frictions_of
-from bayesdrill.rig.models.linear import Model, dynamics, inner_of
+from bayesdrill.rig.models.composed import with_all
+from bayesdrill.rig.models.linear import Model, dynamics
 from bayesdrill.rig.response import Response
 from bayesdrill.setup.config import ModelSpec, Parameters
 
@@ -30,7 +29,7 @@ N, DT = 40, 0.004
 POINT = np.exp(np.random.default_rng(7).uniform(-0.2, 0.2, 50))
 
 PLAIN = {name: kind() for name, kind in MODELS.items()}
-WHOLE = {f"{name} with all": with_all(rig) for name, rig in PLAIN.items() if offers(rig)}
+WHOLE = {f"{name} with all": with_all(rig) for name, rig in PLAIN.items() if rig.offers}
 RIGS: dict[str, Model] = PLAIN | WHOLE
 
 
@@ -67,9 +66,9 @@ def test_its_names_have_symbols_and_places_in_a_config(name: str) -> None:
     fields = {field.name for field in dataclasses.fields(kind)} - {"added"}
     assert fields == {*entries_of(kind)} <= {*ModelSpec.model_fields}
     assert made(kind, ModelSpec(name=rig.name)) == kind() == PLAIN[rig.name]
-    assert rig.parameters == (*kind.parameters, *getattr(rig, "added", ()))
-    assert {*offers(kind)} == {*rig.parameters} - {*kind.parameters} or rig == kind()
-    assert {name for needs in offers(kind).values() for name in needs} <= {*offers(kind)}
+    assert rig.parameters == (*kind.parameters, *rig.added)
+    assert {*rig.offers} == {*rig.parameters} - {*kind.parameters} or rig == kind()
+    assert {name for needs in rig.offers.values() for name in needs} <= {*rig.offers}
     hash(rig)
 
 
@@ -77,14 +76,14 @@ def test_its_names_have_symbols_and_places_in_a_config(name: str) -> None:
 def test_its_frictions_brake_and_are_told_apart(name: str) -> None:
     rig, p = RIGS[name], values(RIGS[name])[0]
     named = dict(zip(rig.parameters, p, strict=True))
-    frictions, columns = frictions_of(rig), rig.linear(named).B
+    frictions, columns = rig.frictions, rig.linear(named).B
     names = [one.name for one in frictions]
     taken = [*names, *rig.parameters, *dict.fromkeys([*rig.states, *symbols.INPUTS])]
     assert len({*taken}) == len(taken)
     assert {name for _, name in columns} <= {*rig.inputs, *names}
     for one in frictions:
         rows = {row for row, column in columns if column == one.name}
-        assert one.against in rows <= {one.against, *inner_of(rig)}
+        assert one.against in rows <= {one.against, *rig.inner}
         assert columns[one.against, one.name] < 0
         assert one.holds is None or vocabulary.STATES[one.holds].unit == "rad"
         assert {*one.law.parameters} <= {*rig.parameters}

@@ -13,6 +13,7 @@ from bayesdrill.insight.causes import Cause, Causes, causes
 from bayesdrill.insight.instead import Instead, instead
 from bayesdrill.report import nuisance_words, verdict_words
 from bayesdrill.rig.models.motor_shaft import MotorShaft
+from bayesdrill.rig.models.roles import USUAL
 
 CONFIG = bd.load("configs/example_rig.yaml").job.config
 PHYSICS = {"t_c1": 0.25, "v_d": 0.8, "c_1": 0.02, "c_s": 5e-3}
@@ -78,7 +79,7 @@ def test_what_sensors_explain_is_not_blamed_on_the_rig() -> None:
     assert [(one.kind, one.of) for one in named.found] == [("lag", "alpha")]
     assert named.lacking == ()
     assert named.other is None
-    assert nuisance_words.lacking(named) == ""
+    assert nuisance_words.lacking(named, USUAL) == ""
 
 
 def test_where_both_would_do_both_are_said() -> None:
@@ -94,7 +95,7 @@ def test_where_both_would_do_both_are_said() -> None:
     data = nuisance_words.as_data(named)
     assert data is not None
     assert data["or"]["by"][0]["of"] == "t_cm"
-    assert nuisance_words.lacking(named) == "dry friction at the motor (t_cm)"
+    assert nuisance_words.lacking(named, USUAL) == "dry friction at the motor (t_cm)"
 
 
 @pytest.mark.slow
@@ -131,8 +132,8 @@ def test_a_table_is_right_with_what_is_missing(name: str, truth: float, steady: 
     assert alternative is not None
     assert alternative.parameter == name
     assert alternative.value == pytest.approx(share * truth, rel=0.05)
-    (said,) = nuisance_words.instead(alternative)
-    assert nuisance_words.LACKED[name] in said
+    (said,) = nuisance_words.instead(alternative, USUAL)
+    assert nuisance_words.LACKED[next(role for role in LACKS if USUAL[role] == name)] in said
 
 
 @pytest.mark.parametrize("steady", [False, True])
@@ -184,11 +185,11 @@ def test_what_is_still_left_is_said_and_shares_are_never_rounded_up() -> None:
     all_of_it = Causes(share=1.0, rest=1.0, found=(cause,))
     assert "down to" not in nuisance_words.explained(all_of_it, CONFIG)
     assert nuisance_words.instead_as_data(None) == {}
-    assert list(nuisance_words.instead(None)) == []
+    assert list(nuisance_words.instead(None, USUAL)) == []
     data = nuisance_words.instead_as_data(Instead(parameter="t_cm", value=0.1, lost=-3.0))
     assert data["instead"]["log_likelihood"] == 3.0
 
 
 def test_each_that_is_tried_has_words_and_is_offered() -> None:
     assert {*nuisance_words.LACKED} == {*LACKS}
-    assert {*LACKS} <= {*MotorShaft.offers}
+    assert {USUAL[role] for role in LACKS} <= {*MotorShaft.offers}

@@ -69,7 +69,9 @@ def test_geometry_is_that_of_the_paper_and_only_of_its_rig() -> None:
     """0.30 N m/rad of Table 1 is 14 % above what 2.4 m of 3 mm steel have."""
     assert nominal(problem(k_T=NOMINAL["k_e"], k_s=0.30)) == ["geometry"]
     assert nominal(problem(k_T=NOMINAL["k_e"], k_s=0.30, own=("k_s",))) == []
-    stiffness, inertia = (plausibility.GEOMETRY[name][0] for name in ("k_s", "j_1"))
+    stiffness, inertia = (
+        plausibility.GEOMETRY[name][0] for name in ("shaft.stiffness", "rotor.inertia")
+    )
     assert stiffness == pytest.approx(0.263, abs=5e-4)
     assert inertia == pytest.approx(28.3e-3, abs=5e-5)
 
@@ -95,7 +97,7 @@ def test_a_rig_that_runs_away_and_one_that_turns_too_fast_are_named() -> None:
             return Linear(A=pairs | {(x, x): 0.01 * n for x in ("theta_1", "w_1")}, B={}, c={})
 
     found = plausibility.poles(Unstable(), {"k_s": np.ones(3)})
-    told = plausibility._poles(found, 0.01)
+    told = plausibility._poles(found, 0.01, Unstable())
     assert [finding.split(":")[0] for finding in told] == ["stability", "sampling"]
     assert "0.01 1/s" in told[0]
     assert "100 Hz" in told[1]

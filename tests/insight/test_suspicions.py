@@ -12,6 +12,7 @@ from bayesdrill.insight import suspicions
 from bayesdrill.record.experiment import Channel, Experiment
 from bayesdrill.record.formats import FORMATS, format_of
 from bayesdrill.report import record_words
+from bayesdrill.rig import MotorShaft
 
 ROOT = Path(__file__).parents[2]
 SHARED = ROOT.parent / "shared" / "data"
@@ -45,7 +46,7 @@ def experiment(t: np.ndarray, **columns: np.ndarray) -> Experiment:
 
 
 def kinds(of: Experiment, *factors: float) -> list[str]:
-    found = suspicions.of_record(of, factors or [1.0] * len(of.channels))
+    found = suspicions.of_record(of, factors or [1.0] * len(of.channels), MotorShaft(1.0))
     return [one.split(":")[0] for one in found]
 
 
@@ -134,7 +135,7 @@ def test_a_wrong_unit_of_one_of_two_columns_shows_without_a_model(
     factor: float, name: str, turn: int
 ) -> None:
     of = experiment(T, theta_1=SWING * factor**turn + NOISE * factor**turn, w_1=SWING_SPEED + NOISE)
-    (said,) = suspicions.of_record(of, [1.0, 1.0], gear=0.125)
+    (said,) = suspicions.of_record(of, [1.0, 1.0], MotorShaft(0.125))
     assert said.startswith("unit: theta_1 grows ")
     assert float(said.split()[3]) == pytest.approx(factor**turn, rel=0.01)
     assert f"({name})" in said
@@ -156,7 +157,7 @@ def test_a_counter_that_ran_over_shows_in_the_unit_of_its_column(bits: int) -> N
     counts = np.round(1.5 * half * SWING)
     wrapped = (counts + half) % 2**bits - half
     of = experiment(T, theta_1=unit * wrapped)
-    (said,) = suspicions.of_record(of, [unit])
+    (said,) = suspicions.of_record(of, [unit], MotorShaft(1.0))
     assert said.startswith("overflow: theta_1")
     assert f"2^{bits} counts" in said
     np.testing.assert_array_equal(np.unwrap(wrapped, period=2**bits), counts)
@@ -166,7 +167,7 @@ def test_a_counter_that_ran_over_shows_in_the_unit_of_its_column(bits: int) -> N
 @pytest.mark.parametrize("unit", [1.0, DEGREE])
 def test_an_angle_that_is_wrapped_into_one_turn_shows(unit: float) -> None:
     turned = np.mod(5.0 * T, 2 * np.pi)
-    (said,) = suspicions.of_record(experiment(T, theta_1=turned), [unit])
+    (said,) = suspicions.of_record(experiment(T, theta_1=turned), [unit], MotorShaft(1.0))
     assert "one turn" in said
     assert f"np.unwrap(x, period={2 * np.pi / unit:.6g})" in said
 

@@ -202,7 +202,7 @@ def test_a_rig_that_runs_down_brings_its_energy() -> None:
     # A motor whose terminals are at no voltage brakes, and its k_T over k_e brakes more.
     assert {*account.came} == {AT_START}
     assert account.parts[0].sd is None
-    table = energy_words.table(account, ())
+    table = energy_words.table(account, view().problem.model)
     assert table.heads == ("", "", "J", "share")
     assert table.lines[0][:2] == ("in", "stored at the start")
 
@@ -245,9 +245,11 @@ def test_the_report_has_a_table_of_it() -> None:
 
 def test_what_does_not_close_is_said() -> None:
     (account,) = view().accounts
-    assert "is in neither" not in energy_words.note(dataclasses.replace(account, left=1e-4))
+    assert "is in neither" not in energy_words.note(
+        dataclasses.replace(account, left=1e-4), view().problem.model
+    )
     assert "but 1.2 % of it is in neither" in energy_words.note(
-        dataclasses.replace(account, left=0.012)
+        dataclasses.replace(account, left=0.012), view().problem.model
     )
 
 

@@ -22,7 +22,6 @@ from bayesdrill.rig.kernels.recurrence import emit_response
 from bayesdrill.rig.kernels.tally import SQUARES
 from bayesdrill.rig.measured import Measured
 from bayesdrill.rig.models import composed
-from bayesdrill.rig.models.friction import frictions_of
 from bayesdrill.rig.models.linear import Linear, Model, dynamics
 from bayesdrill.rig.models.motor_shaft import OFFERS, MotorShaft
 from bayesdrill.rig.models.tangent import DOT, Tangent
@@ -183,7 +182,7 @@ def test_a_twist_between_two_free_inertias_dies_out_by_the_damping_of_the_shaft(
 
 
 @dataclass(frozen=True, slots=True)
-class Plain:
+class Plain(Model):
     """The nine-parameter rig, written out."""
 
     i_m: float = 1 / 8
@@ -264,15 +263,15 @@ def test_its_frictions_have_the_laws_of_what_is_named() -> None:
 def test_frictions_pass_through_the_sensors_of_inputs_and_not_through_slopes() -> None:
     rig = MotorShaft(I_M, added=("j_2", "t_cm", "v_d"))
     behind = wired(rig, Sensing(input_gains={"v": "gain_v"}, input_offsets={"v": "offset_v"}))
-    assert frictions_of(behind) == rig.frictions
-    assert frictions_of(wired(MotorShaft(), Sensing(input_gains={"v": "gain_v"}))) == ()
+    assert behind.frictions == rig.frictions
+    assert wired(MotorShaft(), Sensing(input_gains={"v": "gain_v"})).frictions == ()
     p = parameters(("j_2", "t_cm", "v_d")) | {"gain_v": 1.1, "offset_v": 0.3}
     plain, through = rig.linear(p), behind.linear(p)
     for column in (("w_2", "friction_m"), ("i", "drop")):
         assert through.B[column] == plain.B[column]
     assert through.c["i"] == pytest.approx(0.3 / p["l_m"])
     tangent = Tangent(rig)
-    assert frictions_of(tangent) == ()
+    assert tangent.frictions == ()
     moved = dict.fromkeys((name + DOT for name in rig.parameters), 0.0) | {"j_2" + DOT: 1.0}
     slope = tangent.linear(p | moved).B["w_2" + DOT, "friction_m"]
     up, down = (rig.linear(p | {"j_2": p["j_2"] + h}).B["w_2", "friction_m"] for h in (1e-6, -1e-6))

@@ -12,7 +12,7 @@ from oracles import NOMINAL, ORDER
 from rigs import STATES, experiment, vector
 
 from bayesdrill.rig.dense import Dense
-from bayesdrill.rig.models.linear import Linear
+from bayesdrill.rig.models.linear import Linear, Model
 from bayesdrill.rig.models.motor_shaft import MotorShaft
 from bayesdrill.rig.models.tangent import Tangent
 from bayesdrill.rig.models.two_rotors import TwoRotors
@@ -24,7 +24,7 @@ FOUR = {name: {name: 1.0} for name in STATES[:4]}
 
 
 @dataclass(frozen=True)
-class Toy:
+class Toy(Model):
     """a'' = -w^2 a - z a' + v: two numbers of very different size, hardly damped."""
 
     name = "toy"

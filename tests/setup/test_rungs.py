@@ -8,6 +8,7 @@ import pytest
 import systems
 from ruamel.yaml import YAML
 
+from bayesdrill.rig.models.roles import USUAL
 from bayesdrill.setup import loading, rungs
 from bayesdrill.setup.config import Config
 from bayesdrill.setup.job import prepare
@@ -32,7 +33,7 @@ def test_each_is_valid_and_has_what_it_says(tmp_path: Path) -> None:
     assert next(iter(found)) == "as_given"
     for name, one in found.items():
         problem = one.job().problem
-        physics = set(rungs.PHYSICS.get(name, ()))
+        physics = {USUAL[role] for role in rungs.PHYSICS.get(name, ())}
         noise = {n for n in problem.names if n.startswith(("sigma", "rho"))}
         assert {"k_e", "j_1"} | physics <= set(problem.names), name
         if name not in TORQUES:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from bayesdrill.basics import Symbol
-from bayesdrill.rig import Friction, Gear, Linear, MotorShaft, Named
+from bayesdrill.rig import Friction, Gear, Linear, Model, MotorShaft, Named
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,7 +23,7 @@ class Fading:
 
 
 @dataclass(frozen=True, slots=True)
-class Braked:
+class Braked(Model):
     i_m: Gear = 1 / 8
 
     name: ClassVar[str] = "toy_braked"

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from bayesdrill.basics import Symbol
-from bayesdrill.rig import Gear, Linear, MotorShaft, Named
+from bayesdrill.rig import Gear, Linear, Model, MotorShaft, Named
 
 
 @dataclass(frozen=True, slots=True)
-class Damped:
+class Damped(Model):
     i_m: Gear = 1 / 8
 
     name: ClassVar[str] = "toy_damped"

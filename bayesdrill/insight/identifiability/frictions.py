@@ -17,8 +17,8 @@ from bayesdrill.insight.identifiability.scenes import Scene, Scenery
 from bayesdrill.insight.rubbing import Rubbing, rubbings
 from bayesdrill.record.experiment import usual_inputs
 from bayesdrill.rig import steady
-from bayesdrill.rig.models.friction import frictions_of
 from bayesdrill.rig.models.linear import Model, driven, dynamics
+from bayesdrill.rig.models.roles import USUAL, Roles
 
 Array = NDArray[np.float64]
 
@@ -32,24 +32,34 @@ LOST = 0.9  # of a prior's spread: nothing is learnt
 ONE = 0.25  # of the mean speed: a record goes at one
 BELOW = 0.8  # of the voltage at which it stands still
 
-# What each is like, if both are unknown; `offset_v` is that of the supply.
+SUPPLY = "motor.voltage"  # stands for its offset
+# What each is like, if both are unknown; by roles.
 RIVALS: Mapping[str, tuple[str, ...]] = {
-    "t_cm": ("t_f", "c_m", "k_e", "t_c1", "c_1", "eta", "v_d", "offset_v"),
-    "t_c1": ("t_cm", "t_f", "c_1", "c_m", "k_e"),
-    "v_d": ("k_e", "t_cm", "t_f", "c_m", "r_m", "offset_v"),
-    "c_s": ("c_1", "c_m"),
-    "eta": ("t_cm", "t_f", "c_m"),
+    "motor.sliding": (
+        *("motor.friction", "motor.damping", "motor.back_emf", "rotor.sliding", "rotor.damping"),
+        *("motor.efficiency", "motor.drop", SUPPLY),
+    ),
+    "rotor.sliding": (
+        *("motor.sliding", "motor.friction", "rotor.damping", "motor.damping", "motor.back_emf"),
+    ),
+    "motor.drop": (
+        *("motor.back_emf", "motor.sliding", "motor.friction", "motor.damping"),
+        *("motor.resistance", SUPPLY),
+    ),
+    "shaft.damping": ("rotor.damping", "motor.damping"),
+    "motor.efficiency": ("motor.sliding", "motor.friction", "motor.damping"),
 }
-STATIC = (("t_cm", "t_sm", "w_sm", "w_2"), ("t_c1", "t_s1", "w_s1", "w_1"))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Deeds:
-    """Of what rubs at `where`, over all records: how often it turned round, the share of the time it
-    stuck, and its speeds after the start, least and greatest, in its own unit (A of a current).
+    """Of what rubs at `where`, against a state, over all records: how often it turned round, the share
+    of the time it stuck, and its speeds after the start, least and greatest, in its own unit (A of a
+    current).
     """
 
     where: str
+    against: str
     reversals: int
     stuck: float
     slowest: float
@@ -100,6 +110,7 @@ class Unseen:
 class Told:
     alike: tuple[Alike, ...] = ()
     unseen: tuple[Unseen, ...] = ()
+    roles: Roles = USUAL
 
 
 NOTHING = Told()
@@ -108,14 +119,16 @@ NOTHING = Told()
 def told_apart(scenery: Scenery, posterior: Posterior, theta: Array) -> Told:
     """At `theta (D,)`; nothing of a rig that has none of it."""
     names = (*scenery.unknowns, *scenery.nuisances)
-    wanted = {*RIVALS, *(name for row in STATIC for name in row[1:3])}
+    roles = scenery.likelihood.observations[0].response.model.roles
+    static = [name for at in (roles.motor, roles.rotor) for name in (at.static, at.fading)]
+    wanted = {*(roles[role] for role in RIVALS), *static}
     if not wanted & {*names}:
         return NOTHING
     rows = scenery.every(theta)
     if not np.isfinite(rows).all():
         return NOTHING
     scene = _Scene(scenery, posterior, theta, names, rows)
-    return Told(alike=tuple(scene.alike()), unseen=tuple(scene.unseen()))
+    return Told(alike=tuple(scene.alike()), unseen=tuple(scene.unseen()), roles=roles)
 
 
 class _Scene:
@@ -154,7 +167,9 @@ class _Scene:
 
     def alike(self) -> Iterator[Alike]:
         said: set[frozenset[str]] = set()
-        for name, every in RIVALS.items():
+        roles = self.model.roles
+        for role, others in RIVALS.items():
+            name, every = roles[role], [f"{'offset_' * (r == SUPPLY)}{roles[r]}" for r in others]
             rivals = [one for one in every if one in self.names]
             if name not in self.names or not rivals:
                 continue
@@ -188,11 +203,12 @@ class _Scene:
         return tuple(named)
 
     def unseen(self) -> Iterator[Unseen]:
-        for _, static, scale, against in STATIC:
-            names = tuple(one for one in (static, scale) if one in self.names)
+        for at in (self.model.roles.motor, self.model.roles.rotor):
+            scale = at.fading
+            names = tuple(one for one in (at.static, scale) if one in self.names)
             if not names:
                 continue
-            deeds = self._of([f for f in self.frictions if f.friction.against == against])
+            deeds = self._of([f for f in self.frictions if f.friction.against == at.speed])
             speed = float(self.rig.get(scale, np.nan))
             spreads = dict(zip(self.names, self.scenery.prior_spreads, strict=True))
             lost = [n for n in names if self._sd(n, self.known) > LOST * spreads[n]]
@@ -212,6 +228,7 @@ class _Scene:
         one_sign = len({np.sign(f.speed[f.speed != 0][-1]) for f in every if f.speed.any()}) == 1
         return Deeds(
             where=every[0].friction.where,
+            against=every[0].friction.against,
             reversals=sum(f.reversals for f in every) + (not one_sign),
             stuck=float(np.mean([f.stuck_later for f in every])),
             slowest=min(f.slowest for f in every),
@@ -238,15 +255,16 @@ class _Scene:
     def _scenes(self) -> Iterator[tuple[str, float | None, Array]]:
         """What it is, its voltage, and the rows of all that would then be known."""
         every = self.scenery.likelihood.observations
-        if "v" not in self.model.inputs:
+        supply = self.model.roles.motor.voltage
+        if supply not in self.model.inputs:
             return
-        size = float(np.mean([usual_inputs(one.experiment)["v"] for one in every]))
+        size = float(np.mean([usual_inputs(one.experiment)[supply] for one in every]))
         stop = stops_below(self.model, self.rig)
-        if any("v" in one.experiment.series for one in every):
+        if any(supply in one.experiment.series for one in every):
             yield "turned", None, self._another(-1.0)
             if 0 < stop < size:
                 yield "stops", BELOW * stop, self._another(BELOW * stop / size)
-        elif v := self.scenery.usual_input("v"):
+        elif v := self.scenery.usual_input(supply):
             yield "turned half-way", None, self._late(-2.0 * v)
             if 0 < stop < abs(v):
                 low = float(np.sign(v)) * BELOW * stop
@@ -254,11 +272,11 @@ class _Scene:
         yield "half", 0.5 * size, self._another(0.5)
 
     def _another(self, times: float) -> Array:
-        scene = Scene(times={"v": times})
+        scene = Scene(times={self.model.roles.motor.voltage: times})
         return np.vstack([self.rows, self.scenery.every(self.theta, scene)])
 
     def _late(self, change: float) -> Array:
-        return self.scenery.every(self.theta, Scene(late={"v": change}))
+        return self.scenery.every(self.theta, Scene(late={self.model.roles.motor.voltage: change}))
 
 
 def stops_below(model: Model, p: Mapping[str, float]) -> float:
@@ -267,17 +285,18 @@ def stops_below(model: Model, p: Mapping[str, float]) -> float:
     Below it the rig comes to rest: friction at rest is no less.  Zero where none holds it, or nothing
     is driven by a voltage.
     """
-    if "w_2" not in model.states or "v" not in model.inputs:
+    motor = model.roles.motor
+    if motor.speed not in model.states or motor.voltage not in model.inputs:
         return 0.0
-    frictions = frictions_of(model)
+    frictions = model.frictions
     quick = dict.fromkeys((*model.states, *model.inputs), 0.0)
     sizes = {f.name: float(np.asarray(f.law.size(p, 1e6, quick))) for f in frictions}
     linear = model.linear(p)
     matrix, angles = dynamics(linear, model.states, 1), steady.angles_of(model)
-    speed = model.states.index("w_2")
+    speed = model.states.index(motor.speed)
 
     def at(volts: float) -> float:
-        forcing = driven(linear, model.states, 1, {"v": volts, **sizes})
+        forcing = driven(linear, model.states, 1, {motor.voltage: volts, **sizes})
         return float(steady.states(matrix, forcing, angles)[0, speed])
 
     still, slope = at(0.0), at(1.0) - at(0.0)

@@ -24,7 +24,8 @@ from bayesdrill.rig.vocabulary import INNER, STATES
 Array = NDArray[np.float64]
 
 WEIGHED_TO = 0.01  # what fixing or weighing a part is taken to give: one per cent
-TIES = (("k_T", "k_e"),)  # equal in SI by conservation of energy in an ideal motor
+# Equal in SI by conservation of energy in an ideal motor.
+TIES = (("motor.torque_constant", "motor.back_emf"),)
 LOAD_SHARE = 0.1  # of a channel's range: what the known load that is tried changes at most
 OTHER = 0.5  # times the usual drive, in the second half of the record or in another one
 # What drives rigs: in words, and how one lets go of it.
@@ -90,7 +91,8 @@ def _tried(scenery: Scenery, theta: Array, now: Information) -> Iterator[tuple[s
     names = scenery.unknowns
     for name, unit in zip(names, np.eye(len(names)), strict=True):
         yield f"weigh or measure {name} to 1 %", now.with_knowledge(unit, WEIGHED_TO)
-    for one, other in TIES:
+    roles = scenery.likelihood.observations[0].response.model.roles
+    for one, other in ((roles[one], roles[other]) for one, other in TIES):
         if one in names and other in names:
             equal = np.zeros(len(names))
             equal[names.index(one)], equal[names.index(other)] = 1.0, -1.0
@@ -144,13 +146,14 @@ def _other_inputs(scenery: Scenery, theta: Array) -> Iterator[tuple[str, Scene]]
         if free:
             coast = f"let the rig coast down half-way ({free})"
             yield coast, Scene(late={name: -usual})
-    if "t_1" not in scenery.inputs:
+    torque = scenery.likelihood.observations[0].response.model.roles.rotor.load
+    if torque not in scenery.inputs:
         return
-    change = _largest_change(scenery, theta, Scene(late={"t_1": 1.0}))
+    change = _largest_change(scenery, theta, Scene(late={torque: 1.0}))
     if 0 < change < np.inf:
         load = LOAD_SHARE / change
         loaded = f"apply a known load torque of {load:.2g} N m half-way"
-        yield loaded, Scene(late={"t_1": load})
+        yield loaded, Scene(late={torque: load})
 
 
 def _largest_change(scenery: Scenery, theta: Array, other: Scene) -> float:

@@ -131,7 +131,9 @@ def _of_tables() -> list[Inconsistency]:
 
 
 def _of_rig() -> list[Inconsistency]:
-    stiffness, disc = plausibility.GEOMETRY["k_s"][0], plausibility.GEOMETRY["j_1"][0]
+    stiffness, disc = (
+        plausibility.GEOMETRY[role][0] for role in ("shaft.stiffness", "rotor.inertia")
+    )
     modulus = plausibility.STEEL * TABLE_1["k_s"] / stiffness
     return [
         Inconsistency(

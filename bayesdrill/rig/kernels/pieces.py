@@ -11,7 +11,7 @@ from llvmlite import ir
 from bayesdrill.rig.kernels.lanes import I64, NUMBERS, VECTORS
 from bayesdrill.rig.kernels.layout import Layout
 from bayesdrill.rig.kernels.tally import Tally
-from bayesdrill.rig.models.friction import Friction, frictions_of
+from bayesdrill.rig.models.friction import Friction
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.models.tangent import Tangent
 
@@ -68,7 +68,7 @@ class Shape:
 
     @property
     def frictions(self) -> tuple[Friction, ...]:
-        return frictions_of(self.model)
+        return self.model.frictions
 
     @property
     def columns(self) -> tuple[str, ...]:

@@ -2,23 +2,18 @@
 
 A rig that is composed has a class-level `offers`: parameters, each with the names that it means nothing
 without; and a field `added`, the names that this one has.  `parameters`, `linear` and `frictions` of an
-instance follow from `added`.  Other rigs have neither.
+instance follow from `added`.  Of other rigs both are empty.
 """
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Collection, Mapping
+from collections.abc import Collection
 from dataclasses import dataclass
-from types import MappingProxyType
 from typing import Any
 
 from bayesdrill.rig.models.friction import Coulomb, Law, Stribeck
 from bayesdrill.rig.models.linear import Model
-
-Offers = Mapping[str, tuple[str, ...]]
-
-NOTHING: Offers = MappingProxyType({})
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,16 +26,10 @@ class Names:
         return self.always if rig is None else (*self.always, *rig.added)
 
 
-def offers(rig: Any) -> Offers:
-    """Of a rig or of its class."""
-    found: Offers = getattr(rig, "offers", NOTHING)
-    return found
-
-
 def with_named(rig: Model, names: Collection[str]) -> Model:
     """With what it has, and what it offers of these, in its own order."""
-    wanted = {*names, *getattr(rig, "added", ())}
-    added = tuple(name for name in offers(rig) if name in wanted)
+    wanted = {*names, *rig.added}
+    added = tuple(name for name in rig.offers if name in wanted)
     if not added:
         return rig
     found: Model = dataclasses.replace(rig, added=added)  # type: ignore[type-var]
@@ -49,14 +38,13 @@ def with_named(rig: Model, names: Collection[str]) -> Model:
 
 def with_all(rig: Model) -> Model:
     """With all that it offers."""
-    return with_named(rig, offers(rig))
+    return with_named(rig, rig.offers)
 
 
 def lacking(rig: Model) -> dict[str, tuple[str, ...]]:
     """What is added in vain, each with what it means nothing without."""
-    added: tuple[str, ...] = getattr(rig, "added", ())
-    needed = {name: offers(rig).get(name, ()) for name in added}
-    found = {name: tuple(n for n in needs if n not in added) for name, needs in needed.items()}
+    needed = {name: rig.offers.get(name, ()) for name in rig.added}
+    found = {name: tuple(n for n in needs if n not in rig.added) for name, needs in needed.items()}
     return {name: missing for name, missing in found.items() if missing}
 
 
@@ -69,7 +57,8 @@ def in_vain(name: str, missing: Collection[str]) -> str:
 def constants(rig: Any) -> dict[str, Any]:
     """Its gear, and other fields that are not as they are by default, with their values."""
     every = {one.name: (getattr(rig, one.name), one.default) for one in dataclasses.fields(rig)}
-    return {n: value for n, (value, usual) in every.items() if n == "i_m" or value != usual}
+    gear = rig.roles.gear
+    return {n: value for n, (value, usual) in every.items() if n == gear or value != usual}
 
 
 def dry(added: Collection[str], law: Stribeck) -> Law | None:

@@ -24,10 +24,10 @@ from types import MappingProxyType
 from typing import Any, ClassVar
 
 from bayesdrill.basics.symbols import Symbol
-from bayesdrill.rig.models.composed import Names, Offers, dry
+from bayesdrill.rig.models.composed import Names, dry
 from bayesdrill.rig.models.friction import BitRock, Both, Friction, Law, Stribeck
-from bayesdrill.rig.models.linear import Linear, Named
-from bayesdrill.rig.models.motor_shaft import Power
+from bayesdrill.rig.models.linear import Linear, Model, Named, Offers
+from bayesdrill.rig.models.motor_shaft import FRICTION_1, Power
 
 WEIGHT = "wob"
 ROCK = BitRock("b_0", "b_1", "b_2", "b_3", WEIGHT)
@@ -44,7 +44,7 @@ OFFERS: Offers = MappingProxyType(
 
 
 @dataclass(frozen=True, slots=True)
-class DrivenShaft:
+class DrivenShaft(Model):
     """`stribeck`, `added`: as of a `MotorShaft`."""
 
     stribeck: Power = 1
@@ -68,8 +68,9 @@ class DrivenShaft:
             law = ROCK if law is None else Both(law, ROCK)
         if law is None:
             return ()
-        where = "at rotor 1"
-        return (Friction(name="friction_1", against="w_1", law=law, holds="theta_1", where=where),)
+        own, where = FRICTION_1, "at rotor 1"
+        of = {"against": "w_1", "holds": "theta_1", "where": where}
+        return (Friction(name=own.name, law=law, symbol=own, **of),)
 
     def linear(self, p: Named) -> Linear:
         k_s, j_1 = p["k_s"], p["j_1"]

@@ -13,8 +13,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Protocol
 
+import numpy as np
+from numpy.typing import NDArray
+
 from bayesdrill.basics.arithmetic import exp, size
-from bayesdrill.rig.models.linear import Named
+from bayesdrill.basics.symbols import Symbol
+
+Named = Mapping[str, NDArray[np.float64] | float]
 
 
 class Law(Protocol):
@@ -47,7 +52,7 @@ class Law(Protocol):
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Friction:
     """`name`: its column of `B`; `against`: a state; `holds`: the angle that stays where it is while it
-    sticks; `where`: in words, such as `at rotor 1`.
+    sticks; `where`: in words, such as `at rotor 1`; `symbol`: what figures call its effort.
     """
 
     name: str
@@ -55,6 +60,7 @@ class Friction:
     law: Law
     holds: str | None = None
     where: str = ""
+    symbol: Symbol | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -213,8 +219,3 @@ class Losing:
 
     def spent(self, p: Named, speed: Any) -> tuple[Any, Any] | None:
         return None
-
-
-def frictions_of(model: Any) -> tuple[Friction, ...]:
-    """None of a rig that is linear."""
-    return getattr(model, "frictions", ())

@@ -4,15 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Protocol
+from types import MappingProxyType
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bayesdrill.basics.symbols import Symbol
+from bayesdrill.rig.models.friction import Friction
+from bayesdrill.rig.models.friction import Named as Named
+from bayesdrill.rig.models.roles import USUAL, Roles
 
 Array = NDArray[np.float64]
-Named = Mapping[str, Array | float]
+Offers = Mapping[str, tuple[str, ...]]
+NOTHING: Offers = MappingProxyType({})
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,11 +56,10 @@ def driven(
 
 
 class Model(Protocol):
-    """A rig: a frozen dataclass whose annotated fields are its constants, entries of `model:`.
+    """A rig: a frozen dataclass that derives from this; its annotated fields are its constants, entries
+    of `model:`.
 
     Names are those of `basics.symbols`, or of `declares`: symbols of parameters and states of its own.
-    A rig that rubs has `frictions` as well, each a column of `B` (`models.friction`); one that takes
-    more physics where it is named `offers` it, and has what is `added` (`models.composed`).
     """
 
     @property
@@ -80,13 +84,91 @@ class Model(Protocol):
         """
         ...
 
+    # What a rig may have beside that.
 
-def inner_of(model: Any) -> tuple[str, ...]:
-    """States that no start names and no sensor sees: within a part, zero where nothing moves it."""
-    found: tuple[str, ...] = getattr(model, "inner", ())
-    return found
+    @property
+    def roles(self) -> Roles:
+        """What it calls its speeds, its friction, ...; the usual names, where it does not say."""
+        return USUAL
+
+    @property
+    def offers(self) -> Offers:
+        """Physics that it takes where it is named: see `composed`."""
+        return NOTHING
+
+    @property
+    def added(self) -> tuple[str, ...]:
+        """Of what it offers, the names that it has: a field."""
+        return ()
+
+    @property
+    def frictions(self) -> tuple[Friction, ...]:
+        """Each a column of `B`."""
+        return ()
+
+    @property
+    def inner(self) -> tuple[str, ...]:
+        """States that no start names and no sensor sees: within a part, zero where nothing moves it."""
+        return ()
+
+    @property
+    def outer(self) -> tuple[str, ...]:
+        """All others."""
+        return tuple(name for name in self.states if name not in self.inner)
+
+    @property
+    def gear_ratio(self) -> float:
+        """The shaft turns so many times as fast as the motor: 1 without a gear."""
+        return float(getattr(self, self.roles.gear)) if self.geared else 1.0
+
+    @property
+    def geared(self) -> bool:
+        """Whether one of its constants is that."""
+        return hasattr(self, self.roles.gear)
 
 
-def outer_of(model: Model) -> tuple[str, ...]:
-    """All others."""
-    return tuple(name for name in model.states if name not in inner_of(model))
+@dataclass(frozen=True, slots=True)
+class Around(Model):
+    """`rig`, and more: all that is not said otherwise is the rig's; it offers nothing."""
+
+    rig: Model
+
+    @property
+    def declares(self) -> tuple[Symbol, ...]:
+        return self.rig.declares
+
+    @property
+    def name(self) -> str:
+        return self.rig.name
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        return self.rig.parameters
+
+    @property
+    def states(self) -> tuple[str, ...]:
+        return self.rig.states
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        return self.rig.inputs
+
+    @property
+    def frictions(self) -> tuple[Friction, ...]:
+        return self.rig.frictions
+
+    @property
+    def inner(self) -> tuple[str, ...]:
+        return self.rig.inner
+
+    @property
+    def roles(self) -> Roles:
+        return self.rig.roles
+
+    @property
+    def gear_ratio(self) -> float:
+        return self.rig.gear_ratio
+
+    @property
+    def geared(self) -> bool:
+        return self.rig.geared

@@ -25,9 +25,9 @@ from typing import Annotated, Any, ClassVar
 from pydantic import Field
 
 from bayesdrill.basics.symbols import Symbol
-from bayesdrill.rig.models.composed import Names, Offers
+from bayesdrill.rig.models.composed import Names
 from bayesdrill.rig.models.friction import Friction
-from bayesdrill.rig.models.linear import Linear, Named
+from bayesdrill.rig.models.linear import Linear, Model, Named, Offers
 from bayesdrill.rig.models.motor_shaft import OFFERS, PARAMETERS, Gear, MotorShaft, Power
 
 MOST = 4
@@ -47,7 +47,7 @@ def _declared() -> tuple[Symbol, ...]:
 
 
 @dataclass(frozen=True, slots=True)
-class LongShaft:
+class LongShaft(Model):
     """`i_m`, `stribeck`, `added`: as of a `MotorShaft`."""
 
     i_m: Gear = 1 / 8

@@ -26,10 +26,10 @@ from types import MappingProxyType
 from typing import Any, ClassVar
 
 from bayesdrill.basics.symbols import Symbol
-from bayesdrill.rig.models.composed import Names, Offers, dry
+from bayesdrill.rig.models.composed import Names, dry
 from bayesdrill.rig.models.friction import Coulomb, Friction, Stribeck
-from bayesdrill.rig.models.linear import Linear, Named
-from bayesdrill.rig.models.motor_shaft import Gear, Power
+from bayesdrill.rig.models.linear import Linear, Model, Named, Offers
+from bayesdrill.rig.models.motor_shaft import DROP, FRICTION_M, Gear, Power
 
 CIRCUIT = ("k_e", "k_T", "r_m", "l_m")
 OFFERS: Offers = MappingProxyType(
@@ -47,7 +47,7 @@ OFFERS: Offers = MappingProxyType(
 
 
 @dataclass(frozen=True, slots=True)
-class Motor:
+class Motor(Model):
     """`i_m`, `stribeck`, `added`: as of a `MotorShaft`."""
 
     i_m: Gear = 1.0
@@ -73,12 +73,12 @@ class Motor:
         law = dry(self.added, Stribeck("t_cm", "t_sm", "w_sm", self.stribeck, times=1 / self.i_m))
         drop = Coulomb("v_d") if self._wired and "v_d" in self.added else None
         every = (
-            ("friction_m", "w_2", law, "theta_2", "at the motor"),
-            ("drop", "i", drop, None, "of the current"),
+            (FRICTION_M, "w_2", law, "theta_2", "at the motor"),
+            (DROP, "i", drop, None, "of the current"),
         )
         return tuple(
-            Friction(name=name, against=against, law=law, holds=holds, where=where)
-            for name, against, law, holds, where in every
+            Friction(name=own.name, against=against, law=law, holds=holds, where=where, symbol=own)
+            for own, against, law, holds, where in every
             if law is not None
         )
 

@@ -36,9 +36,9 @@ from pydantic import AfterValidator, Field
 
 from bayesdrill.basics.entries import Positive
 from bayesdrill.basics.symbols import Symbol
-from bayesdrill.rig.models.composed import Names, Offers, dry
+from bayesdrill.rig.models.composed import Names, dry
 from bayesdrill.rig.models.friction import Coulomb, Friction, Losing, Stribeck
-from bayesdrill.rig.models.linear import Linear, Named
+from bayesdrill.rig.models.linear import Linear, Model, Named, Offers
 
 PARAMETERS = ("j_m", "c_m", "k_e", "k_T", "r_m", "l_m", "k_s", "j_1", "t_f")
 OFFERS: Offers = MappingProxyType(
@@ -53,6 +53,9 @@ OFFERS: Offers = MappingProxyType(
         "eta": (),
     }
 )
+FRICTION_M = Symbol("friction_m", "N*m", "T_m", r"N\,m", "friction at the motor")
+FRICTION_1 = Symbol("friction_1", "N*m", "T_1", r"N\,m", "friction at rotor 1")
+DROP = Symbol("drop", "V", r"v_d", "V", "voltage drop")
 
 
 def _slows(i_m: float) -> float:
@@ -75,7 +78,7 @@ Power = Annotated[
 
 
 @dataclass(frozen=True, slots=True)
-class MotorShaft:
+class MotorShaft(Model):
     """`i_m` is the gear reduction factor: theta_2 = i_m theta_3, with theta_3 the motor's angle.
 
     `stribeck`: the power of the speed in Stribeck's law; `added`: names of further parameters, of those
@@ -103,13 +106,13 @@ class MotorShaft:
         rotor = dry(self.added, Stribeck("t_c1", "t_s1", "w_s1", self.stribeck))
         drop = Coulomb("v_d") if "v_d" in self.added else None
         every = (
-            ("friction_m", "w_2", motor, "theta_2", "at the motor"),
-            ("friction_1", "w_1", rotor, "theta_1", "at rotor 1"),
-            ("drop", "i", drop, None, "of the current"),
+            (FRICTION_M, "w_2", motor, "theta_2", "at the motor"),
+            (FRICTION_1, "w_1", rotor, "theta_1", "at rotor 1"),
+            (DROP, "i", drop, None, "of the current"),
         )
         return tuple(
-            Friction(name=name, against=against, law=law, holds=holds, where=where)
-            for name, against, law, holds, where in every
+            Friction(name=own.name, against=against, law=law, holds=holds, where=where, symbol=own)
+            for own, against, law, holds, where in every
             if law is not None
         )
 

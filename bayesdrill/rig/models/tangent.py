@@ -13,16 +13,14 @@ from typing import Any
 
 from bayesdrill.basics.duals import Dual, dual
 from bayesdrill.basics.symbols import Symbol
-from bayesdrill.rig.models.linear import Linear, Model, Named
+from bayesdrill.rig.models.linear import Around, Linear, Named
 
 DOT = "_dot"
 
 
 @dataclass(frozen=True, slots=True)
-class Tangent:
+class Tangent(Around):
     """Of `rig`: its parameters and, named with `_dot`, the direction of the derivative."""
-
-    rig: Model
 
     @property
     def name(self) -> str:
@@ -39,10 +37,6 @@ class Tangent:
     @property
     def states(self) -> tuple[str, ...]:
         return _with_dots(self.rig.states)
-
-    @property
-    def inputs(self) -> tuple[str, ...]:
-        return self.rig.inputs
 
     @property
     def frictions(self) -> tuple[()]:

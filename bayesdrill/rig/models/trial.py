@@ -10,8 +10,8 @@ import numpy as np
 from bayesdrill.basics import symbols
 from bayesdrill.basics.duals import Dual
 from bayesdrill.basics.entries import check_entries
-from bayesdrill.rig.models.composed import offers, with_all
-from bayesdrill.rig.models.friction import frictions_of
+from bayesdrill.rig.models.composed import with_all
+from bayesdrill.rig.models.linear import Model
 
 WANTED = ("name", "parameters", "states", "inputs", "declares", "linear")
 
@@ -20,7 +20,9 @@ def tried(name: str, rig: Any) -> None:
     """Raises `ValueError` with what is missing or cannot be."""
     if not (isinstance(rig, type) and dataclasses.is_dataclass(rig)):
         raise ValueError("a rig is a frozen dataclass")
-    missing = [one for one in WANTED if not hasattr(rig, one)]
+    if Model not in rig.__mro__:
+        raise ValueError("it is no bayesdrill.rig.Model; derive it from that")
+    missing = [one for one in WANTED if getattr(rig, one) is getattr(Model, one)]
     if missing:
         raise ValueError(f"it has no {', '.join(missing)}")
     named: Any = rig
@@ -28,7 +30,7 @@ def tried(name: str, rig: Any) -> None:
         raise ValueError(f"its name is '{named.name}', and its entry point's '{name}'")
     check_entries(rig)
     plain = _made(rig)
-    for one in (plain, with_all(plain)) if offers(plain) else (plain,):
+    for one in (plain, with_all(plain)) if plain.offers else (plain,):
         _known(one)
         _rubs(one)
         _moves(one)
@@ -79,7 +81,7 @@ class _Number:
 def _rubs(rig: Any) -> None:
     """Frictions have names of their own, states and parameters of the rig, and laws that can be read."""
     taken = [*rig.states, *rig.inputs, *rig.parameters]
-    for one in frictions_of(rig):
+    for one in rig.frictions:
         if one.name in taken:
             raise ValueError(f"a friction is called {one.name}, which is something else already")
         taken.append(one.name)
@@ -111,7 +113,7 @@ def _moves(rig: Any) -> None:
         raise ValueError(f"{wanted} ({type(error).__name__}: {error})") from None
     rows = {row for row, _ in (*linear.A, *linear.B)} | {*linear.c}
     strange = {*rows, *(column for _, column in linear.A)} - {*rig.states}
-    columns = {one.name: one.against for one in frictions_of(rig)}
+    columns = {one.name: one.against for one in rig.frictions}
     strange |= {name for _, name in linear.B} - {*rig.inputs, *columns}
     if strange:
         raise ValueError(f"`linear` names {', '.join(sorted(strange))}, no state or input of it")

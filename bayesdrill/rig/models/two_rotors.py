@@ -24,12 +24,12 @@ from pydantic import Field
 
 from bayesdrill.basics.entries import NonNegative
 from bayesdrill.basics.symbols import Symbol
-from bayesdrill.rig.models.linear import Linear, Named
+from bayesdrill.rig.models.linear import Linear, Model, Named
 from bayesdrill.rig.models.motor_shaft import PARAMETERS, Gear, MotorShaft
 
 
 @dataclass(frozen=True, slots=True)
-class TwoRotors:
+class TwoRotors(Model):
     """`i_m` as in `MotorShaft`; `j_2` [kg m^2] and `r_s` [ohm] may be zero."""
 
     i_m: Gear = 1 / 8

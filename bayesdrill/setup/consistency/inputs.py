@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from bayesdrill.basics import symbols, units
-from bayesdrill.rig.models.composed import lacking, offers, with_named
+from bayesdrill.rig.models.composed import lacking, with_named
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.setup import given_inputs
 from bayesdrill.setup.config import Config
@@ -59,7 +59,7 @@ def _check_wanted(found: Collector, config: Config, model: Model) -> None:
 
 def _with_more(model: Model, entry: str) -> str:
     """Parameters that give it such an input."""
-    for name, needs in offers(model).items():
+    for name, needs in model.offers.items():
         if entry in with_named(model, (name, *needs)).inputs:
             return " and ".join((name, *needs))
     return ""

@@ -6,7 +6,7 @@ from bayesdrill.basics.entries import strange
 from bayesdrill.basics.symbols import noise_name
 from bayesdrill.inference.noise import NOISES
 from bayesdrill.inference.unknowns import Unknown
-from bayesdrill.rig.models.linear import Model, outer_of
+from bayesdrill.rig.models.linear import Model
 from bayesdrill.setup import build, missing_torque, number_entries
 from bayesdrill.setup.config import Config
 from bayesdrill.setup.experiment_entries import ChannelSpec
@@ -48,7 +48,7 @@ def _of_channel(name: str, spec: ChannelSpec, model: Model) -> dict[str, Unknown
     if in_vain(spec):
         return None
     try:
-        noise = build.noise([build.measured(name, spec, outer_of(model))], n_samples=1)
+        noise = build.noise([build.measured(name, spec, model.outer)], n_samples=1)
     except ValueError:
         return None
     return {unknown.name: unknown for unknown in noise.unknowns}

@@ -10,7 +10,7 @@ from bayesdrill.basics.registry import lookup
 from bayesdrill.inference.noise import NOISES
 from bayesdrill.record.formats import FORMATS
 from bayesdrill.rig import vocabulary
-from bayesdrill.rig.models.linear import Model, outer_of
+from bayesdrill.rig.models.linear import Model
 from bayesdrill.setup import build, number_entries
 from bayesdrill.setup.config import Config
 from bayesdrill.setup.consistency import noises
@@ -41,8 +41,8 @@ def _check_measured(found: Collector, place: Place, spec: ChannelSpec, model: Mo
     combines = {str(place[-1]): 1.0}
     if spec.measures is not None:
         text, at = spec.measures, (*place, "measures")
-        combines = found.run(at, linear_combination, text, outer_of(model)) or {}
-    states = [vocabulary.STATES[state] for state in combines if state in outer_of(model)]
+        combines = found.run(at, linear_combination, text, model.outer) or {}
+    states = [vocabulary.STATES[state] for state in combines if state in model.outer]
     if states:
         found.run((*place, "unit"), units.factor, spec.unit, states[0].unit)
     found.run((*place, "noise"), lookup, NOISES, spec.noise.name, "noise")
@@ -50,9 +50,9 @@ def _check_measured(found: Collector, place: Place, spec: ChannelSpec, model: Mo
         found.add((*place, "noise", entry), message)
     known = spec.model_copy(update={"sigma": 1.0})
     if len(found.problems) == before:
-        found.run(place, build.measured, place[-1], known, outer_of(model))
+        found.run(place, build.measured, place[-1], known, model.outer)
     if len(found.problems) == before:
-        one = found.run((*place, "sigma"), build.measured, place[-1], spec, outer_of(model))
+        one = found.run((*place, "sigma"), build.measured, place[-1], spec, model.outer)
         if one is not None:
             found.run((*place, "noise"), build.noise, [one], 1)
 
@@ -98,7 +98,7 @@ def check_record(found: Collector, config: Config) -> None:
 
 
 def check_states(found: Collector, config: Config, model: Model) -> None:
-    for name in outer_of(model):
+    for name in model.outer:
         value = getattr(config.initial, name)
         check_quantity(found, ("initial", name), value, vocabulary.STATES[name].unit)
 

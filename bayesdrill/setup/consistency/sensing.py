@@ -5,7 +5,6 @@ from __future__ import annotations
 from bayesdrill.basics import units
 from bayesdrill.basics.symbols import INPUTS
 from bayesdrill.rig import vocabulary
-from bayesdrill.rig.models.friction import frictions_of
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.setup import sensors
 from bayesdrill.setup.config import Config
@@ -59,7 +58,7 @@ def _check_constant(found: Collector, config: Config) -> None:
 
 def _check_steady(found: Collector, config: Config, model: Model) -> None:
     """The inputs give all but where the angles begin."""
-    if frictions_of(model):
+    if model.frictions:
         message = (
             "where a rig that rubs turns steadily, or sticks, is not worked out; write "
             "`initial: free`, or the states there"

@@ -14,7 +14,7 @@ from bayesdrill.basics.formulas import Expression, RelationError
 from bayesdrill.inference.unknowns import ParameterSpace
 from bayesdrill.rig import vocabulary
 from bayesdrill.rig.models import MODELS
-from bayesdrill.rig.models.composed import in_vain, lacking, offers, with_all
+from bayesdrill.rig.models.composed import in_vain, lacking, with_all
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.setup import (
     build,
@@ -112,12 +112,12 @@ def _check_added(found: Collector, config: Config, model: Model) -> None:
     for name, missing in lacking(model).items():
         if name not in said:
             found.add(("parameters", name), in_vain(name, missing))
-        said |= {*offers(model)[name]}
+        said |= {*model.offers[name]}
     for section in ("nominal", "simulation"):
         given = getattr(config, section)
         for name in vocabulary.PARAMETERS:
             if name not in model.parameters and getattr(given, name, None) is not None:
-                offered = name in offers(model)
+                offered = name in model.offers
                 why = "not named in `parameters:`" if offered else f"not of the model {model.name}"
                 also = "; name it there, or remove this" if offered else "; remove this"
                 found.add((section, name), f"{name} is {why}{also}")

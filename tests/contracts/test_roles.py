@@ -1,0 +1,233 @@
+"""A rig in words of its own has every analysis that the house's has, to the number and to the word.
+
+Mutants killed: a symbol that is known by its spelling; an analysis that a rig of a package goes without.
+"""
+
+from __future__ import annotations
+
+import ast
+import json
+import os
+import re
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+from oracles import NOMINAL
+
+import bayesdrill as bd
+from bayesdrill.basics import symbols
+from bayesdrill.insight import candidates, derived, plausibility
+from bayesdrill.insight.energy import accounts
+from bayesdrill.insight.following import follows
+from bayesdrill.insight.identifiability.frictions import RIVALS, stops_below
+from bayesdrill.insight.identifiability.scenes import Scenery
+from bayesdrill.insight.instead import Instead
+from bayesdrill.insight.rubbing import curve, rubbings
+from bayesdrill.insight.shaking import shakings
+from bayesdrill.report import energy_words, nuisance_words, record_words, torque_words, words
+from bayesdrill.report.rubbed import effort_symbol, speed_symbol
+from bayesdrill.report.torque_shown import shown
+from bayesdrill.rig import MotorShaft, energy
+from bayesdrill.rig.models import MODELS
+from bayesdrill.rig.models.linear import Model
+from bayesdrill.rig.models.roles import STATES, USUAL, Roles, RotorRoles
+from bayesdrill.setup.rungs import Ladder
+
+ROOT = Path(__file__).parents[2]
+TOYS = ROOT / "tests" / "toys"
+
+T = 0.05 * np.arange(60)
+V = np.where((T // 0.8) % 2 == 0, 8.0, -5.0)
+TRUTH = {"t_cm": 0.03, "t_sm": 0.06, "w_sm": 3.0, "t_c1": 0.1, "v_d": 0.4, "c_s": 4e-3, "c_1": 0.01}
+HALF = {"prior": "uniform", "low": 0.5, "high": 1.5, "relative": True}
+TORQUE = {
+    "at": "motor",
+    "smoothness": "1/2",
+    "size": {"prior": "half_normal", "scale": 0.1},
+    "time": {"prior": "log_uniform", "low": 0.1, "high": 1.0},
+}
+
+
+def case(
+    rig: Model, own: dict[str, str], free: dict[str, float], turns: float = 1.0, **entries: Any
+) -> bd.Case:
+    """`own`: its names of the usual ones; `free`: what is unknown, and where the search begins; `turns`:
+    what is wrong with the unit of an angle.
+    """
+    rng = np.random.default_rng(5)
+    angle = turns * np.cumsum(V) * 0.05 * 1.1
+    columns = {
+        "alpha": (own["theta_1"], angle, "rad", 0.05),
+        "omega": (own["w_1"], 1.1 * V, "rad/s", 0.1),
+        "geared": (f"6 * {own['w_2']}", 6.6 * V, "rad/s", 0.5),
+    }
+    table = {own[name]: x for name, x in {**NOMINAL, "k_T": 0.1, **free}.items()}
+    return bd.case(
+        T,
+        channels={
+            name: bd.Channel(x + sigma * rng.standard_normal(len(T)), unit, sigma, measures=what)
+            for name, (what, x, unit, sigma) in columns.items()
+        },
+        inputs={"v": bd.Input(V, "V")},
+        nominal=table,
+        parameters={**dict.fromkeys(table, "nominal"), **{own[name]: HALF for name in free}},
+        rig=rig,
+        **entries,
+    )
+
+
+def of_record(of: bd.Case) -> Iterator[Any]:
+    """Suspicions, plausibility, and what would be tried where the fit is bad; the ladder."""
+    problem, posterior = of.job.problem, of.job.problem.posterior
+    theta = posterior.space.vector(posterior.space.start)
+    roles = problem.model.roles
+    yield words.model(problem)
+    yield record_words.suspicions(problem, of.job.config)
+    yield [*plausibility.of_nominal(problem), *plausibility.of_gear(problem)]
+    yield derived.at(problem, theta[None])
+    tried = candidates.of_rig(posterior.likelihood.observations, posterior.space, theta)
+    yield [*map(repr, tried)]
+    every = [Instead(parameter=roles[role], value=0.1, lost=1.0) for role in candidates.LACKS]
+    yield [[*nuisance_words.instead(one, roles)] for one in every]
+    rungs = Ladder.of(of.job).first()
+    rungs += Ladder.of(of.job).beyond(("friction_both",))
+    yield [(one.name, one.about, one.source.data) for one in rungs]
+
+
+def of_friction(of: bd.Case) -> Iterator[Any]:
+    """What frictions did, what can be told of them, remedies, energy, and how all of it is shown."""
+    problem, posterior = of.job.problem, of.job.problem.posterior
+    theta, none = posterior.space.vector(posterior.space.start), np.empty((0, len(problem.names)))
+    model, full = problem.model, posterior.space.full(theta[None])
+    scenery = Scenery(posterior.likelihood)
+    yield plausibility.of_course(scenery, theta)
+    found = of.identify()
+    yield [str(found), repr(found.study.remedies)]
+    (one,), (rubs,) = posterior.likelihood.observations, rubbings(posterior, theta, none)
+    for each in rubs:
+        law = each.friction
+        yield [law.where, effort_symbol(law).latex, speed_symbol(law.against, model.roles).latex]
+        yield [each.gear, each.stuck, each.slowest, each.effort, curve(one, each, full).sizes]
+    yield stops_below(model, dict(zip(model.parameters, full[0], strict=False)))
+    (account,) = accounts(posterior, theta, none)
+    yield [energy_words.table(account, model).lines, energy_words.note(account, model)]
+    balance = energy_words.balance(account, model, of.job.clock)
+    yield [balance.sources, [(part.kind, part.name, part.joules) for part in balance.parts]]
+
+
+def of_torque(of: bd.Case) -> Iterator[Any]:
+    """What a missing torque was, what it follows, and what it can stand in for."""
+    posterior = of.job.problem.posterior
+    theta = posterior.space.vector(posterior.space.start)
+    (found,) = shakings(posterior, theta[None], np.random.default_rng(1))
+    yield [found.expected, found.angle, found.gear, repr(follows(found))]
+    yield torque_words.followed(found, follows(found))
+    yield [(each.label.latex, each.means) for each in shown(found, of.job.clock).against]
+
+
+def analyses(rig: Model, own: dict[str, str]) -> dict[str, Any]:
+    wild = {name: NOMINAL[name] for name in ("k_e", "k_T", "j_1", "k_s")}
+    return {
+        "record": [*of_record(case(rig, own, wild, 180 / np.pi))],
+        "friction": [
+            *of_friction(case(rig, own, {**TRUTH, "k_e": 0.06, "k_T": 0.06, "t_f": 0.02}))
+        ],
+        "torque": [*of_torque(case(rig, own, wild, missing_torque=TORQUE))],
+    }
+
+
+def printed() -> None:
+    """In a process in which the toys are installed."""
+    from toy_renamed import OWN
+
+    usual = analyses(MODELS["motor_shaft"](), {name: name for name in OWN})
+    own = analyses(MODELS["toy_renamed"](), OWN)
+    names = {**OWN, "motor_shaft": "toy_renamed", "i_m": "gear_down"}
+    print(json.dumps([names, usual, own], default=lambda one: np.asarray(one).tolist()))
+
+
+def test_a_rig_in_other_words_has_every_analysis() -> None:
+    path = os.pathsep.join(map(str, (ROOT, TOYS, TOYS.parent, TOYS.parent / "contracts")))
+    command = [sys.executable, "-c", "import test_roles; test_roles.printed()"]
+    environment = {**os.environ, "PYTHONPATH": path}
+    done = subprocess.run(command, env=environment, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    names, usual, own = json.loads(done.stdout)
+    back = {word: name for name, word in names.items()}
+    longest = sorted(back, key=len, reverse=True)
+    words_of = re.compile(rf"(?<![A-Za-z0-9])({'|'.join(longest)})(?![A-Za-z0-9])")
+    own = json.loads(words_of.sub(lambda found: back[found[1]], json.dumps(own)))
+    for what, every in usual.items():
+        assert all(every), what
+        for one, other in zip(every, own[what], strict=True):
+            assert unpadded(one) == unpadded(other)
+    said = json.dumps(usual)
+    for text in (
+        "energy: k_T = ",
+        "the motor turns 8 times",
+        "geared measures 6 * w_2",
+        "t_f, which keeps",
+    ):
+        assert text in said
+    for text in (
+        "friction: ",
+        "tie k_T = k_e",
+        "friction t_f",
+        "unit: ",
+        "missing torque: it follows",
+    ):
+        assert text in said
+    assert {"friction_both", "missing_torque_motor"} <= {one[0] for one in usual["record"][-1]}
+
+
+def unpadded(value: Any) -> Any:
+    """Columns are as wide as names."""
+    return json.loads(re.sub(r"(?:(?<= ) +)", "", json.dumps(value)))
+
+
+# Where names are those of inputs, of a picture of the paper's rig, or stand in for what a config lacks.
+ELSEWHERE = {"record/experiment.py", "setup/given_inputs.py", "setup/experiment_entries.py"} | {
+    "insight/identifiability/remedies.py",
+    "report/schematics.py",
+    "setup/loading.py",
+}
+ROOMS = ("rig/models/", "basics/symbols.py", "setup/guessing/", "paper/")
+
+
+def test_no_module_outside_rigs_knows_a_symbol_by_its_spelling() -> None:
+    known = {*symbols.PARAMETERS, *symbols.STATES, "i_m", "friction_m", "friction_1"}
+    found = []
+    for path in sorted((ROOT / "bayesdrill").rglob("*.py")):
+        name = path.relative_to(ROOT / "bayesdrill").as_posix()
+        if not name.startswith(ROOMS) and name not in ELSEWHERE:
+            each = [
+                n.value
+                for n in ast.walk(ast.parse(path.read_text()))
+                if isinstance(n, ast.Constant)
+            ]
+            found += [(name, one) for one in each if isinstance(one, str) and one in known]
+    assert found == []
+
+
+def test_roles_have_names_and_no_rig_is_asked_whether_it_has_a_member() -> None:
+    for role in (*candidates.LACKS, *STATES, *energy.LOSSES, *plausibility.GEOMETRY, *RIVALS):
+        assert USUAL[role] in {*symbols.PARAMETERS, *symbols.STATES}
+    assert {USUAL[role] for role in energy_words.NAMES} <= {*symbols.PARAMETERS, *symbols.INPUTS}
+    asked = re.compile(r"(?:get|has)attr\((?:model|rig|[a-z_.]+\.model|[a-z_.]+\.rig), [\"'](\w+)")
+    for path in (ROOT / "bayesdrill").rglob("*.py"):
+        assert not asked.findall(path.read_text()), path
+
+
+def test_states_of_no_role_are_named() -> None:
+    class Dumb(MotorShaft):
+        roles = Roles(rotor=RotorRoles(speed="of_the_bit"))
+
+    (said,) = plausibility.of_roles(SimpleNamespace(model=Dumb()))  # type: ignore[arg-type]
+    assert "motor_shaft does not say what w_1 is" in said
+    for rig in MODELS.usable().values():
+        assert [*plausibility.of_roles(SimpleNamespace(model=rig()))] == []  # type: ignore[arg-type]
