@@ -1366,8 +1366,8 @@ MUTANTS = [
     Mutant(
         "what is tried is tried in other steps than the fit has",
         "insight/widened.py",
-        "    if isinstance(one.response, Stepped):",
-        "    if False:",
+        "response = simulator(model, experiment, sensing, *steps)",
+        "response = simulator(model, experiment, sensing)",
         "tests/insight/test_widened.py",
     ),
     Mutant(

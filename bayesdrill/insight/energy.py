@@ -11,7 +11,7 @@ from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.rig.energy import Energies, can_tell, energies
 from bayesdrill.rig.models.friction import frictions_of
-from bayesdrill.rig.stepped import Stepped
+from bayesdrill.rig.simulator import Simulator
 
 Array = NDArray[np.float64]
 
@@ -55,13 +55,13 @@ def accounts(posterior: Posterior, theta: Array, draws: Array) -> tuple[Account,
     found = []
     for one in posterior.likelihood.observations:
         rig = one.response
-        if isinstance(rig, Stepped) and frictions_of(rig.model) and can_tell(rig.model):
+        if frictions_of(rig.model) and can_tell(rig.model):
             found.append(_account(one, posterior, rig, theta, draws))
     return tuple(found)
 
 
 def _account(
-    one: Observation, posterior: Posterior, rig: Stepped, theta: Array, draws: Array
+    one: Observation, posterior: Posterior, rig: Simulator, theta: Array, draws: Array
 ) -> Account:
     told = one.told(posterior.space.full(np.vstack([theta[None], draws])))
     best = energies(rig, told[0])

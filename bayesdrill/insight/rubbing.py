@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.rig.models.friction import Friction, frictions_of
-from bayesdrill.rig.stepped import Stepped
+from bayesdrill.rig.simulator import Simulator
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -86,7 +86,7 @@ def rubbings(posterior: Posterior, theta: Array, draws: Array) -> tuple[tuple[Ru
 
 def _of(one: Observation, posterior: Posterior, theta: Array, draws: Array) -> Iterator[Rubbing]:
     rig = one.response
-    if not isinstance(rig, Stepped):
+    if not frictions_of(rig.model):
         return
     told = one.told(posterior.space.full(np.vstack([theta[None], draws])))
     motion = rig.motion(told)
@@ -105,7 +105,7 @@ def _of(one: Observation, posterior: Posterior, theta: Array, draws: Array) -> I
         )
 
 
-def geared(rig: Stepped, friction: Friction) -> float:
+def geared(rig: Simulator, friction: Friction) -> float:
     """How many times as fast the motor turns as what its friction is said to be against."""
     return 1.0 / float(getattr(rig.model, "i_m", 1.0)) if friction.against == "w_2" else 1.0
 
@@ -123,7 +123,6 @@ def curve(one: Observation, rubbing: Rubbing, full: Array) -> Curve:
     speed, at the root mean square of that.
     """
     rig, friction = one.response, rubbing.friction
-    assert isinstance(rig, Stepped)
     far = BEYOND * float(np.abs(rubbing.speed).max()) or 1.0
     one_way = far * np.geomspace(NEAREST, 1.0, SPEEDS)
     speeds = np.concatenate([-one_way[::-1], [0.0], one_way])
@@ -136,7 +135,7 @@ def curve(one: Observation, rubbing: Rubbing, full: Array) -> Curve:
     return Curve(speeds=speeds * rubbing.gear, sizes=np.asarray(signed))
 
 
-def _seen(rig: Stepped, friction: Friction, told: Array) -> dict[str, float]:
+def _seen(rig: Simulator, friction: Friction, told: Array) -> dict[str, float]:
     """States, and inputs, that the law looks at; of two angles only their difference counts."""
     steps = rig.steps(told)
     found = {}

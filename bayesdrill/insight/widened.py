@@ -19,8 +19,6 @@ from bayesdrill.insight.candidates import LATEST, Candidate, Kind
 from bayesdrill.record.experiment import Experiment, frozen
 from bayesdrill.rig.choosing import simulator
 from bayesdrill.rig.models.composed import with_named
-from bayesdrill.rig.simulator import Simulator
-from bayesdrill.rig.stepped import Stepped
 
 Array = NDArray[np.float64]
 
@@ -84,11 +82,8 @@ def _part(
     )
     experiment, noise = _without_first(one) if late else (one.experiment, one.noise)
     model = with_named(one.response.model, [c.of for c in rig])
-    response: Simulator = simulator(model, experiment, sensing)
-    if isinstance(one.response, Stepped):  # other steps would explain what these do
-        response = dataclasses.replace(
-            one.response, model=model, experiment=experiment, sensing=sensing
-        )
+    steps = one.response.stepping or ()  # others would explain what these do
+    response = simulator(model, experiment, sensing, *steps)
     told |= {c.of: c.name for c in rig}
     return Part(
         response=response,

@@ -21,7 +21,7 @@ from scipy.linalg import expm
 
 from bayesdrill.rig.models.friction import frictions_of
 from bayesdrill.rig.models.linear import Model, dynamics
-from bayesdrill.rig.stepped import Stepped, Steps
+from bayesdrill.rig.simulator import Simulator, Steps
 
 Array = NDArray[np.float64]
 Whole = NDArray[np.intp]
@@ -71,7 +71,7 @@ def can_tell(model: Model) -> bool:
     return True
 
 
-def energies(rig: Stepped, full: Array) -> Energies:
+def energies(rig: Simulator, full: Array) -> Energies:
     """Of one walker, `full (P,)`, at each of the rig's steps."""
     model = rig.model
     steps = rig.steps(full[None])
