@@ -40,8 +40,8 @@ class Steps:
 
 
 class Stepping(NamedTuple):
-    """`pieces`: steps to a sample; `turns`: parts of a step in which something turns; `chosen`: both were,
-    for the noise.
+    """`pieces`: steps to a sample; `turns`: parts of a step in which something turns; `chosen`: both
+    were, for the noise.
     """
 
     pieces: int
@@ -76,7 +76,7 @@ class Simulator(Protocol):
 
     @property
     def record(self) -> tuple[int, int] | None:
-        """Where such a kernel reads it: addresses of channels `(T, K)` and sampled inputs `(T + 1, S)`."""
+        """Where such a kernel reads it: addresses of channels `(T, K)`, and of inputs `(T + 1, S)`."""
         ...
 
     @property
