@@ -1,12 +1,13 @@
 """Nobody asks a member of a registry which one it is: what is asked of it stands in its contract.
 
-All offenders come together, each with file and line.  `isinstance` is told by the classes that it names;
-`getattr` and `hasattr` by what they are asked of, or by the attribute, where a contract or a member has it.
+All offenders come together, each with file and line.  `isinstance` is told by the classes that it
+names; `getattr` and `hasattr` by what they are asked of, or by the attribute, where a contract has it.
 """
 
 from __future__ import annotations
 
 import ast
+import functools
 import inspect
 from collections.abc import Iterator
 from pathlib import Path
@@ -73,6 +74,7 @@ ALLOWED = {
 ROLES = {"i_m", "added", "frictions", "inner", "offers"}
 
 
+@functools.cache
 def classes() -> set[str]:
     registries = (MODELS, NOISES, OPTIMISERS, MOVES, FORMATS, FIGURES)
     members = [registry[name] for registry in registries for name in registry]
@@ -81,6 +83,7 @@ def classes() -> set[str]:
     return {one.__name__ for one in every if one.__module__.startswith("bayesdrill.")}
 
 
+@functools.cache
 def attributes() -> set[str]:
     """Of contracts and members, those that everything has left out."""
     of = (*CONTRACTS, *SIMULATORS, *OBSERVATIONS, *EXECUTORS, *PRIORS, *NOISES.values())
@@ -105,9 +108,9 @@ def offenders(text: str) -> list[tuple[int, str]]:
     for node, function, of, what in calls(text):
         last = of.attr if isinstance(of, ast.Attribute) else getattr(of, "id", "")
         asked = what.value if isinstance(what, ast.Constant) else None
-        wrong = function == "isinstance" and names_in(what) & kinds
-        wrong |= function in ("getattr", "hasattr") and (last in MEMBERS or asked in known)
-        if wrong:
+        kind = function == "isinstance" and bool(names_in(what) & kinds)
+        attribute = function in ("getattr", "hasattr") and (last in MEMBERS or asked in known)
+        if kind or attribute:
             found.append((node.lineno, ast.unparse(node)))
     return found
 
