@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-from abc import ABC, abstractmethod
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -55,33 +54,14 @@ class Remains:
         return self.response.intervals(self.full, over, half)
 
 
-@dataclass(frozen=True, slots=True)
-class Fused:
-    """Residuals of which a kernel has told the sums over the noise's scales, `(W, K)`."""
+@dataclass(frozen=True)
+class Fused(Remains):
+    """Of which a kernel has told the sums of squares over the noise's scales, `(W, K)`."""
 
-    every: Remains
     over_scales: Array
 
-    @property
-    def squares(self) -> Array:
-        return self.every.squares
-
-    @property
-    def samples(self) -> Array:
-        return self.every.samples
-
-    def weighed(self, _: Array) -> Array:
+    def weighed(self, weights: Array) -> Array:
         return self.over_scales
-
-    @property
-    def neighbours(self) -> Array:
-        return self.every.neighbours
-
-    def logs(self, weights: Array) -> Array:
-        return self.every.logs(weights)
-
-    def intervals(self, over: Array, half: Array) -> Array:
-        return self.every.intervals(over, half)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -131,8 +111,10 @@ class Torque(Protocol):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Observation(ABC):
-    """A record and its density, given the unknowns `theta (W, D)` and parameters `full (W, P)` of all.
+class Observation:
+    """A record and its density, given the unknowns `theta (W, D)` and parameters `full (W, P)` of all:
+    what simulates it, and the `noise` of what that leaves.  Other kinds have other densities, and the
+    same members: nobody asks which kind it is.
 
     `parameters`, `levels`: what its simulator's parameters and its noise's unknowns are called among
     those of all; `columns`, `own`: where these stand in `full`, None for all of it, and in `theta`, once
@@ -140,6 +122,7 @@ class Observation(ABC):
     """
 
     response: Simulator
+    noise: Noise
     parameters: Sequence[str]
     levels: Sequence[str]
     label: str = ""
@@ -207,146 +190,76 @@ class Observation(ABC):
             return np.asarray(mine / self.scales(theta[None]))
         return self.inform(mine, np.repeat(theta[None], len(mine), axis=0))
 
-    # What each kind has in its own way.
-
-    @abstractmethod
     def simulated(self, response: Simulator, parameters: Sequence[str]) -> Self:
         """By another simulator, whose parameters have these names; to be `placed`."""
+        return dataclasses.replace(self, response=response, parameters=parameters)
 
-    @abstractmethod
     def on(self, y: Array) -> Self:
         """Of a record `(T, K)` at the same times, with other samples missing; raises `ValueError` where
         the noise has to see all.
         """
-
-    @property
-    @abstractmethod
-    def unknowns(self) -> tuple[Unknown, ...]:
-        """Of its noise."""
-
-    @property
-    @abstractmethod
-    def white(self) -> bool:
-        """Whether sums of squared residuals over `scales` are enough; nothing is informed then."""
-
-    @property
-    @abstractmethod
-    def kind(self) -> str:
-        """What results know its density by, beside what is `held`; empty where it is white."""
-
-    @property
-    @abstractmethod
-    def torque(self) -> Torque | None:
-        """None where the rig's equations lack none."""
-
-    @abstractmethod
-    def held(self) -> Mapping[int, object]:
-        """See `Noise.held`."""
-
-    @abstractmethod
-    def by_channel(self, full: Array, theta: Array) -> Array:
-        """Log likelihood `(W, K)`."""
-
-    @abstractmethod
-    def pointwise(self, samples: Array, theta: Array) -> Array:
-        """`(W, T, K)`, of residuals: log density of each given those before it."""
-
-    @abstractmethod
-    def scales(self, theta: Array) -> Array:
-        """Standard deviations of single samples `(W, K)`, SI."""
-
-    @abstractmethod
-    def whiten(self, samples: Array, theta: Array) -> Array:
-        """`(W, T, K)`: independent and standard normal, where residuals are as it says."""
-
-    @abstractmethod
-    def inform(self, shifts: Array, theta: Array) -> Array:
-        """`(W, T, K)`: see `Noise.inform`."""
-
-    @abstractmethod
-    def expand(self, at: Directions) -> Iterator[tuple[Array, Array]]:
-        """Slopes `(W, q)` and curvatures `(W, q, q)` of the log likelihood, which add up."""
-
-    @abstractmethod
-    def expected(self, theta: Array) -> Array:
-        """See `Noise.expected`; `theta (D,)`."""
-
-    @abstractmethod
-    def fitted(self, samples: Array, theta: Array) -> Array:
-        """See `Noise.fitted`; residuals `samples (T, K)`, `theta (D,)`."""
-
-    @abstractmethod
-    def followed(self, full: Array, theta: Array) -> Array:
-        """The channels without noise, `(W, T, K)`, with what a missing torque moves of them."""
-
-    @abstractmethod
-    def draw(self, signals: Array, theta: Array, rng: np.random.Generator) -> Array:
-        """Another record `(W, T, K)` of these signals."""
-
-    @abstractmethod
-    def again(self, signals: Array, theta: Array, rng: np.random.Generator) -> Array:
-        """This record once more `(W, T, K)`: with fresh noise, and the torque that it had."""
-
-    @abstractmethod
-    def pinned(self, theta: Array) -> Self:
-        """With the covariance of its residuals as it is at `theta (D,)`, where that follows from the
-        rig; else the very same.
-        """
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ResidualObservation(Observation):
-    """A simulator, and a noise of what it leaves."""
-
-    noise: Noise
-
-    def simulated(self, response: Simulator, parameters: Sequence[str]) -> ResidualObservation:
-        return dataclasses.replace(self, response=response, parameters=parameters)
-
-    def on(self, y: Array) -> ResidualObservation:
         experiment = dataclasses.replace(self.experiment, y=frozen(y))
         noise = of_record(self.noise.for_length(len(y)), experiment.t, experiment.seen)
-        return dataclasses.replace(self, response=self.response.of(experiment), noise=noise)
+        made = self.simulated(self.response.of(experiment), self.parameters)
+        return dataclasses.replace(made, noise=noise)
+
+    def held(self) -> Mapping[int, object]:
+        """See `Noise.held`."""
+        return self.noise.held()
+
+    # What another kind has in its own way.
 
     @property
     def unknowns(self) -> tuple[Unknown, ...]:
+        """All but those of the simulator."""
         return self.noise.unknowns
 
     @property
     def white(self) -> bool:
+        """Whether sums of squared residuals over `scales` are enough; nothing is informed then."""
         return self.noise.white
 
     @property
     def kind(self) -> str:
+        """What results know its density by, beside what is `held`; empty where it is white."""
         return "" if self.noise.white else repr(self.noise)
 
     @property
-    def torque(self) -> None:
+    def torque(self) -> Torque | None:
+        """None where the rig's equations lack none."""
         return None
 
-    def held(self) -> Mapping[int, object]:
-        return self.noise.held()
+    def pinned(self, theta: Array) -> Self:
+        """With the covariance of its residuals as it is at `theta (D,)`, where that follows from the
+        rig; else the very same.
+        """
+        return self
 
     def by_channel(self, full: Array, theta: Array) -> Array:
+        """Log likelihood `(W, K)`."""
         return self.noise.log_likelihood(self.residuals(full), theta[:, self.own])
 
     def pointwise(self, samples: Array, theta: Array) -> Array:
+        """`(W, T, K)`, of residuals: log density of each given those before it."""
         return self.noise.pointwise(samples, theta[:, self.own])
 
     def scales(self, theta: Array) -> Array:
+        """Standard deviations of single samples `(W, K)`, SI."""
         return self.noise.scales(theta[:, self.own])
 
     def whiten(self, samples: Array, theta: Array) -> Array:
+        """`(W, T, K)`: independent and standard normal, where residuals are as it says."""
         return self.noise.whiten(samples, theta[:, self.own])
 
     def inform(self, shifts: Array, theta: Array) -> Array:
+        """`(W, T, K)`: see `Noise.inform`."""
         return self.noise.inform(shifts, theta[:, self.own])
 
     def expand(self, at: Directions) -> Iterator[tuple[Array, Array]]:
-        left: Remains | Fused = self.residuals(at.full)
-        own = at.theta[:, self.own]
+        """Slopes `(W, q)` and curvatures `(W, q, q)` of the log likelihood, which add up."""
+        left, own = self.residuals(at.full), at.theta[:, self.own]
         if at.along is not None:
-            left, slope, curvature = self._slopes(at.full, at.along, own)
+            left, slope, curvature = self._slopes_of_signals(at.full, at.along, own)
             yield slope, curvature
         if self.noise.unknowns:
             levels, owned = at.by_log[:, self.own], at.columns[self.own]
@@ -357,15 +270,15 @@ class ResidualObservation(Observation):
                 curvature = owned.T @ (levels[:, :, None] * bent * levels[:, None, :]) @ owned
             yield along(levels * pulled, owned), curvature
 
-    def _slopes(
+    def _slopes_of_signals(
         self, full: Array, along: Array, own: Array
-    ) -> tuple[Remains | Fused, Array, Array]:
+    ) -> tuple[Remains, Array, Array]:
         """Residuals; slope `(W, q)` and curvature `(W, q, q)` along `along (W, q, P)`."""
         left = self.residuals(full)
         if self.noise.white:
-            told, turned, scales = self.told(full), self.told(along), 1.0 / self.noise.scales(own)
-            squares, slope, curvature = self.response.normal(told, turned, scales)
-            return Fused(left, squares), slope, curvature
+            turned, scales = self.told(along), 1.0 / self.noise.scales(own)
+            squares, slope, curvature = self.response.normal(left.full, turned, scales)
+            return Fused(self.response, left.full, squares), slope, curvature
         seen = self.experiment.seen
         shifts = np.where(seen, self.sensitivities(full, along), 0.0)  # (W, q, T, K)
         pull = np.where(seen, self.noise.pull(left.samples, own), 0.0)
@@ -375,22 +288,24 @@ class ResidualObservation(Observation):
         return left, slope, flat @ flat.swapaxes(1, 2)
 
     def expected(self, theta: Array) -> Array:
+        """See `Noise.expected`; `theta (D,)`."""
         return self.noise.expected(theta[self.own])
 
     def fitted(self, samples: Array, theta: Array) -> Array:
+        """See `Noise.fitted`; residuals `samples (T, K)`, `theta (D,)`."""
         return self.noise.fitted(samples, theta[self.own])
 
     def followed(self, full: Array, theta: Array) -> Array:
+        """The channels without noise, `(W, T, K)`, with what a missing torque moves of them."""
         return self.signals(full)
 
     def draw(self, signals: Array, theta: Array, rng: np.random.Generator) -> Array:
+        """Another record `(W, T, K)` of these signals."""
         return self.noise.draw(signals, theta[:, self.own], rng)
 
     def again(self, signals: Array, theta: Array, rng: np.random.Generator) -> Array:
+        """This record once more `(W, T, K)`: with fresh noise, and the torque that it had."""
         return self.draw(signals, theta, rng)
-
-    def pinned(self, theta: Array) -> ResidualObservation:
-        return self
 
 
 @dataclass(frozen=True, slots=True)
@@ -409,7 +324,7 @@ class Likelihood:
         """Of simulators with their noises, whose unknowns stand in `space` in this order."""
         levels = iter([space.free[column] for column in space.columns("noise")])
         parts = [
-            ResidualObservation(
+            Observation(
                 response=response,
                 noise=noise,
                 parameters=space.model,
@@ -490,8 +405,7 @@ class Likelihood:
 
     @property
     def noise(self) -> Any:
-        one: Any = self.alone
-        return one.noise
+        return self.alone.noise
 
     def with_alone(self, **changes: Any) -> Likelihood:
         """With another `response` or `noise`."""

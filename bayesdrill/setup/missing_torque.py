@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from types import MappingProxyType
 
 from bayesdrill.basics.symbols import Symbol
-from bayesdrill.inference.likelihood import Observation, ResidualObservation
+from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.noise.contract import Noise
 from bayesdrill.inference.noise.shaken import ShakenObservation
 from bayesdrill.inference.unknowns import Unknown
@@ -64,7 +64,7 @@ def observation(config: Config, response: Simulator, noise: Noise, label: str = 
     acts, parameters = torque(config), response.parameters
     levels = [one.name for one in noise.unknowns]
     if acts is None:
-        return ResidualObservation(
+        return Observation(
             response=response, noise=noise, parameters=parameters, levels=levels, label=label
         )
     if not noise.white:

@@ -17,11 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayesdrill.inference.likelihood import Directions, Observation
-from bayesdrill.inference.noise.contract import Noise
-from bayesdrill.inference.noise.mixed import Mixed, Part, of_record
+from bayesdrill.inference.noise.mixed import Mixed, Part
 from bayesdrill.inference.noise.white import White
 from bayesdrill.inference.unknowns import ParameterSpace, Unknown
-from bayesdrill.record.experiment import frozen
 from bayesdrill.rig.filtered import Filtered
 from bayesdrill.rig.missing_torque import SIZE, TIME
 from bayesdrill.rig.simulator import Simulator
@@ -41,7 +39,6 @@ class ShakenObservation(Observation):
     residuals are of.
     """
 
-    noise: Noise
     filtered: Filtered
     process: Mapping[str, float | Unknown]
     space: ParameterSpace | None = None
@@ -55,12 +52,6 @@ class ShakenObservation(Observation):
         return dataclasses.replace(
             self, response=response, parameters=parameters, filtered=filtered
         )
-
-    def on(self, y: Array) -> ShakenObservation:
-        experiment = dataclasses.replace(self.experiment, y=frozen(y))
-        noise = of_record(self.noise.for_length(len(y)), experiment.t, experiment.seen)
-        made = dataclasses.replace(self, noise=noise)
-        return made.simulated(self.response.of(experiment), self.parameters)
 
     @property
     def unknowns(self) -> tuple[Unknown, ...]:
@@ -82,9 +73,6 @@ class ShakenObservation(Observation):
     @property
     def torque(self) -> ShakenObservation:
         return self
-
-    def held(self) -> Mapping[int, object]:
-        return self.noise.held()
 
     def pinned(self, theta: Array) -> ShakenObservation:
         assert self.space is not None
