@@ -19,8 +19,7 @@ from bayesdrill.rig.models import MODELS
 from bayesdrill.rig.models.linear import Model
 
 if TYPE_CHECKING:
-    from concurrent.futures import Executor
-
+    from bayesdrill.insight.calibration.executors import RefitExecutor
     from bayesdrill.results.run_folder import Mode
 
 Array = NDArray[np.float64]
@@ -123,7 +122,7 @@ def workers(processes: int | None) -> int:
 
 
 @contextmanager
-def crew(processes: Any, scheduler: str | None) -> Iterator[Executor]:
+def crew(processes: Any, scheduler: str | None) -> Iterator[RefitExecutor]:
     """`processes` of this machine, see `workers`; or those of the Dask cluster of a scheduler."""
     from bayesdrill.insight.calibration import executors
 

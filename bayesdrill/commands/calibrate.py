@@ -7,7 +7,6 @@ import dataclasses
 import io
 import time
 from collections.abc import Callable, Sequence
-from concurrent.futures import Executor
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,7 +23,7 @@ from bayesdrill.commands import concluding
 from bayesdrill.engines.convergence import Targets
 from bayesdrill.engines.workers import ctrl_c_waits
 from bayesdrill.inference.problem import Problem
-from bayesdrill.insight.calibration.executors import results
+from bayesdrill.insight.calibration.executors import RefitExecutor, results
 from bayesdrill.insight.calibration.refit import Refit, Study, packed, work
 from bayesdrill.insight.calibration.verdict import Verdict, judge
 from bayesdrill.record.experiment import Experiment, frozen
@@ -105,7 +104,7 @@ def calibrate(
     job: Job,
     output: Path,
     how: run_folder.Mode,
-    crew: Executor,
+    crew: RefitExecutor,
     report: Reporter,
 ) -> Outcome:
     """The whole job. Raises `Interrupted` when asked to stop, and `BrokenProcessPool` when a worker
@@ -148,7 +147,7 @@ def run(
     study: Study,
     n: int,
     folder: Path,
-    crew: Executor,
+    crew: RefitExecutor,
     report: Reporter,
 ) -> list[Refit]:
     """Refits 0 to n - 1: those that `folder` holds, and the others, each saved when it is done.
@@ -167,7 +166,7 @@ def run(
 def _collect(
     study: Study,
     missing: Sequence[int],
-    crew: Executor,
+    crew: RefitExecutor,
     done: dict[int, Refit],
     n: int,
     folder: Path,

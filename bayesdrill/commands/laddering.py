@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Mapping, Sequence
-from concurrent.futures import Executor
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,7 +18,7 @@ from bayesdrill.commands.concluding import concluded
 from bayesdrill.engines.mode import Mode
 from bayesdrill.engines.sampling import Sampled
 from bayesdrill.engines.workers import ctrl_c_waits
-from bayesdrill.insight.calibration.executors import results
+from bayesdrill.insight.calibration.executors import RefitExecutor, results
 from bayesdrill.insight.comparison import SURE, Contender
 from bayesdrill.report import ladder_words
 from bayesdrill.report.comparison_report import ComparisonReport
@@ -51,7 +50,7 @@ class Outcome:
 
 
 def ladder(
-    job: Job, output: Path, how: run_folder.Mode, crew: Executor, report: Reporter
+    job: Job, output: Path, how: run_folder.Mode, crew: RefitExecutor, report: Reporter
 ) -> Outcome:
     """The whole job. Raises `Interrupted` when asked to stop, and `BrokenProcessPool` when a worker was
     killed; rungs that are done are kept.
@@ -82,7 +81,7 @@ class _Climb:
     """Rungs under way: `done` has what each that was run says, `left_out` why others were not."""
 
     def __init__(
-        self, job: Job, output: Path, crew: Executor, report: Reporter, *, again: bool
+        self, job: Job, output: Path, crew: RefitExecutor, report: Reporter, *, again: bool
     ) -> None:
         self.job, self.output, self.again = job, output, again
         self.crew, self.report = crew, report

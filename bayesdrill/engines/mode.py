@@ -19,7 +19,6 @@ from bayesdrill.engines.optimisers.contract import Optimiser, Task
 from bayesdrill.inference import laplace, pieces
 from bayesdrill.inference.pieces import Taken
 from bayesdrill.inference.posterior import Posterior
-from bayesdrill.inference.priors import LogNormal
 from bayesdrill.inference.surface import PosteriorSurface, Surface
 
 Array = NDArray[np.float64]
@@ -299,8 +298,7 @@ def _at_bound(posterior: Posterior, values: Mapping[str, float]) -> tuple[str, .
                 close.append(name)
             continue
         ends = [end for end in (prior.low, prior.high) if np.isfinite(end) and end > 0]
-        # The density of a log-normal vanishes at zero: that is no bound, only improbable.
-        ends_at_zero = prior.low == 0 and not isinstance(prior, LogNormal)
+        ends_at_zero = prior.low == 0 and not prior.vanishes_at_ends
         at_zero = ends_at_zero and values[name] < prior.quantile(np.array(1e-3))
         if at_zero or any(abs(values[name] / end - 1) < 1e-3 for end in ends):
             close.append(name)

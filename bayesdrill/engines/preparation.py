@@ -18,7 +18,6 @@ from bayesdrill.engines.workers import Crew
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.residual_checks import FAR_TOO_LARGE
 from bayesdrill.inference.surface import Expansion, PosteriorSurface, joined
-from bayesdrill.rig.response import Response
 
 Array = NDArray[np.float64]
 
@@ -82,9 +81,7 @@ def dear(posterior: Posterior) -> bool:
     """Whether slopes are no way home, or so many that a walk along settled ridges, of some 1e5 points,
     takes minutes: where each sample has its own, and not sums alone.
     """
-    each = [
-        one for one in posterior.likelihood.observations if not isinstance(one.response, Response)
-    ]
+    each = [one for one in posterior.likelihood.observations if not one.response.exact]
     numbers = sum(len(one.experiment.t) for one in each) * len(posterior.space.free)
     return rubs(posterior) or numbers > MOST_SLOPES
 

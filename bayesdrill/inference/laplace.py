@@ -79,7 +79,7 @@ def _record_rows(posterior: Posterior, theta: Array) -> Array:
         shifts = np.where(one.experiment.seen, signals[: len(theta)] - signals[len(theta) :], 0.0)
         slopes = _whitened(one, shifts, theta)
         rows.append(np.nan_to_num(slopes.reshape(len(theta), -1), posinf=0.0, neginf=0.0).T)
-        information = one.noise.expected(one.scatter(theta[None])[0])
+        information = one.expected(theta)
         levels.append(_root_of(information) @ np.eye(len(theta))[one.own])
     return np.vstack([*rows, *levels])
 
@@ -93,10 +93,9 @@ def _root_of(information: Array) -> Array:
 
 def _whitened(one: Observation, shifts: Array, theta: Array) -> Array:
     """`shifts (D, T, K)` of two steps, over the noise at `theta (D,)`."""
-    own = one.scatter(theta[None])
-    if one.noise.white:
-        return np.asarray(shifts / (2 * _STEP * one.noise.scales(own)[0]))
-    return one.noise.inform(shifts / (2 * _STEP), np.repeat(own, len(shifts), axis=0))
+    if one.white:
+        return np.asarray(shifts / (2 * _STEP * one.scales(theta[None])[0]))
+    return one.inform(shifts / (2 * _STEP), np.repeat(theta[None], len(shifts), axis=0))
 
 
 def excess(posterior: Posterior, theta: Array) -> float:

@@ -3,136 +3,23 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import islice
-from typing import Any
+from typing import Any, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bayesdrill.inference.noise.contract import Noise
-from bayesdrill.inference.noise.shaken import Shaken
-from bayesdrill.inference.unknowns import ParameterSpace
-from bayesdrill.record.experiment import Experiment
+from bayesdrill.inference.noise.mixed import of_record
+from bayesdrill.inference.unknowns import ParameterSpace, Unknown
+from bayesdrill.record.experiment import Experiment, frozen
+from bayesdrill.rig.filtered import Filtered
 from bayesdrill.rig.simulator import Simulator
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True, slots=True)
-class Observation:
-    """A record, what simulates it, and how it scatters.
-
-    `own`: columns of its noise's unknowns among `theta (W, D)`; `columns`: of its simulator's parameters
-    among `full (W, P)`, None for all of them.  `label`: its name among several.  `space`: of all,
-    where its noise wants to know the rig.
-    """
-
-    response: Simulator
-    noise: Noise
-    own: slice | list[int]
-    columns: list[int] | None = None
-    label: str = ""
-    space: ParameterSpace | None = None
-
-    @property
-    def experiment(self) -> Experiment:
-        return self.response.experiment
-
-    def with_record(self, y: Array) -> Observation:
-        """Of another record `(T, K)` of the same experiment."""
-        return dataclasses.replace(self, response=self.response.with_record(y))
-
-    def told(self, full: Array) -> Array:
-        """What its simulator takes of parameters `(..., P)`."""
-        return full if self.columns is None else full[..., self.columns]
-
-    def scatter(self, theta: Array) -> Array:
-        """What its noise is told at `theta (W, D)`: its unknowns and, if it wants them, the
-        parameters that its simulator is told.
-        """
-        if self.space is None:
-            return theta[:, self.own]
-        return np.concatenate([theta[:, self.own], self.told(self.space.full(theta))], axis=1)
-
-    def named(self, own: Sequence[str], every: Sequence[str]) -> dict[str, str]:
-        """What the first parameters of its simulator are called among those of all."""
-        columns = range(len(every)) if self.columns is None else self.columns
-        return {name: every[column] for name, column in zip(own, columns, strict=False)}
-
-    def residuals(self, full: Array) -> Remains:
-        """At the parameters `full (W, P)`."""
-        return Remains(self.response, self.told(full))
-
-    def signals(self, full: Array) -> Array:
-        """The channels without noise, `(W, T, K)`."""
-        return self.response.signals(self.told(full))
-
-    def followed(self, full: Array, theta: Array) -> Array:
-        """The channels without noise, `(W, T, K)`, with what a missing torque moves of them."""
-        signals, noise = self.signals(full), self.noise
-        if not isinstance(noise, Shaken):
-            return signals
-        return signals + noise.moved(self.experiment.y - signals, self.scatter(theta))
-
-    def again(self, signals: Array, theta: Array, rng: np.random.Generator) -> Array:
-        """The record once more `(W, T, K)`: `signals` with fresh noise, and the torque that it had."""
-        noise, own = self.noise, self.scatter(theta)
-        if not isinstance(noise, Shaken):
-            return noise.draw(signals, own, rng)
-        return noise.again(signals, self.experiment.y - signals, own, rng)
-
-    def sensitivities(self, full: Array, along: Array) -> Array:
-        """See `Simulator.sensitivities`; `along (W, q, P)`."""
-        return self.response.sensitivities(self.told(full), self.told(along))
-
-    def by_channel(self, full: Array, theta: Array) -> Array:
-        """Log likelihood `(W, K)`."""
-        return self.noise.log_likelihood(self.residuals(full), self.scatter(theta))
-
-    def scales(self, theta: Array) -> Array:
-        """Standard deviations of single samples `(W, K)`, SI."""
-        return self.noise.scales(self.scatter(theta))
-
-    def left(self, full: Array, theta: Array) -> Array:
-        """Sums of squares `(W, K)` of what is left, over the noise."""
-        if self.noise.white:
-            return np.asarray(self.response.squares(self.told(full)) / self.scales(theta) ** 2)
-        samples = self.noise.whiten(self.residuals(full).samples, self.scatter(theta))
-        return np.asarray(np.nansum(samples**2, axis=1))
-
-    def informed(self, shifts: Array, theta: Array) -> Array:
-        """`shifts (n, T, K)` of the signals over the noise at `theta (D,)`, zero where nothing was seen.
-
-        Their squares sum to what the record knows of them.
-        """
-        mine = np.where(self.experiment.seen, shifts, 0.0)
-        if self.noise.white:
-            return np.asarray(mine / self.scales(theta[None]))
-        return self.noise.inform(mine, np.repeat(self.scatter(theta[None]), len(mine), axis=0))
-
-    def levels(self, space: ParameterSpace) -> list[str]:
-        """Names of its noise's unknowns."""
-        return [space.free[column] for column in np.arange(len(space.free))[self.own]]
-
-    def entitled(self, what: str) -> str:
-        """`record of slow`, where there are several."""
-        return f"{what} of {self.label}" if self.label else what
-
-    def pinned(self, theta: Array) -> Observation:
-        """With the covariance that its noise has at `theta (D,)`, where that follows from the rig."""
-        noise = self.noise
-        if self.space is None or not isinstance(noise, Shaken):
-            return self
-        own = self.told(self.space.full(theta[None]))[0]
-        return dataclasses.replace(self, noise=noise.pin(own))
-
-    @property
-    def numbers(self) -> int:
-        """How many were measured."""
-        return sum(self.experiment.counts)
 
 
 @dataclass(frozen=True)
@@ -167,17 +54,258 @@ class Remains:
         return self.response.intervals(self.full, over, half)
 
 
+@dataclass(frozen=True)
+class Fused(Remains):
+    """Of which a kernel has told the sums of squares over the noise's scales, `(W, K)`."""
+
+    over_scales: Array
+
+    def weighed(self, weights: Array) -> Array:
+        return self.over_scales
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Part:
-    """One of several experiments: `told`, `levels`: what its simulator's parameters and its noise's
-    unknowns are called among those of all.
+class Directions:
+    """At unknowns `theta (W, D)` and their parameters `full (W, P)`: `columns (D, q)`, of coordinates,
+    along which slopes are wanted; of parameters `along (W, q, P)`, None where none moves.  `slopes (W,
+    D)`: d unknown / d coordinate; `by_log`: of its log, or of itself where it need not be positive.
+    """
+
+    theta: Array
+    full: Array
+    columns: Array
+    along: Array | None
+    slopes: Array
+    by_log: Array
+
+
+class Torque(Protocol):
+    """What an observation knows of a torque that its rig's equations are without; `theta (W, D)`."""
+
+    @property
+    def filtered(self) -> Filtered: ...
+
+    def sizes(self, theta: Array) -> Array:
+        """Size and time of the torque, `(W, 2)`."""
+        ...
+
+    def smooth(self, samples: Array, theta: Array) -> Array:
+        """States of the rig, as far as the torque moves them, and of the torque over its size `(W, T,
+        n)`, as all residuals `samples (W, T, K)` say them.
+        """
+        ...
+
+    def known(self, samples: Array, theta: Array, rng: np.random.Generator) -> tuple[Array, Array]:
+        """States drawn with all samples known `(W, T, n)`, as `smooth` has them, and what channels
+        show of them `(W, T, K)`, without noise.
+        """
+        ...
+
+    def times(self, factor: float) -> Observation:
+        """With a torque so many times as large, where its size is known."""
+        ...
+
+    def showing(self, response: Simulator, sigma: float) -> Observation:
+        """By a simulator that has one channel more, with white noise of this size."""
+        ...
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Observation:
+    """A record and its density, given the unknowns `theta (W, D)` and parameters `full (W, P)` of all:
+    what simulates it, and the `noise` of what that leaves.  Other kinds have other densities, and the
+    same members: nobody asks which kind it is.
+
+    `parameters`, `levels`: what its simulator's parameters and its noise's unknowns are called among
+    those of all; `columns`, `own`: where these stand in `full`, None for all of it, and in `theta`, once
+    it is `placed`.  `label`: its name among several.
     """
 
     response: Simulator
     noise: Noise
-    told: Sequence[str]
+    parameters: Sequence[str]
     levels: Sequence[str]
-    label: str
+    label: str = ""
+    columns: list[int] | None = None
+    own: slice | list[int] = slice(0)
+
+    def placed(self, space: ParameterSpace) -> Self:
+        """Among the parameters and unknowns of all."""
+        columns: list[int] | None = [space.model.index(name) for name in self.parameters]
+        if columns == list(range(len(space.model))):
+            columns = None
+        own = _places([space.free.index(name) for name in self.levels], len(space.free))
+        return dataclasses.replace(self, columns=columns, own=own)
+
+    @property
+    def experiment(self) -> Experiment:
+        return self.response.experiment
+
+    def with_record(self, y: Array) -> Self:
+        """Of another record `(T, K)` of the same experiment."""
+        return dataclasses.replace(self, response=self.response.with_record(y))
+
+    def told(self, full: Array) -> Array:
+        """What its simulator takes of parameters `(..., P)`."""
+        return full if self.columns is None else full[..., self.columns]
+
+    def named(self, own: Sequence[str]) -> dict[str, str]:
+        """What the first parameters of its simulator are called among those of all."""
+        return dict(zip(own, self.parameters, strict=False))
+
+    def residuals(self, full: Array) -> Remains:
+        return Remains(self.response, self.told(full))
+
+    def signals(self, full: Array) -> Array:
+        """The channels without noise, and what no equation of the rig has, `(W, T, K)`."""
+        return self.response.signals(self.told(full))
+
+    def sensitivities(self, full: Array, along: Array) -> Array:
+        """See `Simulator.sensitivities`; `along (W, q, P)`."""
+        return self.response.sensitivities(self.told(full), self.told(along))
+
+    def entitled(self, what: str) -> str:
+        """`record of slow`, where there are several."""
+        return f"{what} of {self.label}" if self.label else what
+
+    @property
+    def numbers(self) -> int:
+        """How many were measured."""
+        return sum(self.experiment.counts)
+
+    def left(self, full: Array, theta: Array) -> Array:
+        """Sums of squares `(W, K)` of what is left, over the noise."""
+        if self.white:
+            return np.asarray(self.response.squares(self.told(full)) / self.scales(theta) ** 2)
+        samples = self.whiten(self.residuals(full).samples, theta)
+        return np.asarray(np.nansum(samples**2, axis=1))
+
+    def informed(self, shifts: Array, theta: Array) -> Array:
+        """`shifts (n, T, K)` of the signals over the noise at `theta (D,)`, zero where nothing was seen.
+
+        Their squares sum to what the record knows of them.
+        """
+        mine = np.where(self.experiment.seen, shifts, 0.0)
+        if self.white:
+            return np.asarray(mine / self.scales(theta[None]))
+        return self.inform(mine, np.repeat(theta[None], len(mine), axis=0))
+
+    def simulated(self, response: Simulator, parameters: Sequence[str]) -> Self:
+        """By another simulator, whose parameters have these names; to be `placed`."""
+        return dataclasses.replace(self, response=response, parameters=parameters)
+
+    def on(self, y: Array) -> Self:
+        """Of a record `(T, K)` at the same times, with other samples missing; raises `ValueError` where
+        the noise has to see all.
+        """
+        experiment = dataclasses.replace(self.experiment, y=frozen(y))
+        noise = of_record(self.noise.for_length(len(y)), experiment.t, experiment.seen)
+        made = self.simulated(self.response.of(experiment), self.parameters)
+        return dataclasses.replace(made, noise=noise)
+
+    def held(self) -> Mapping[int, object]:
+        """See `Noise.held`."""
+        return self.noise.held()
+
+    # What another kind has in its own way.
+
+    @property
+    def unknowns(self) -> tuple[Unknown, ...]:
+        """All but those of the simulator."""
+        return self.noise.unknowns
+
+    @property
+    def white(self) -> bool:
+        """Whether sums of squared residuals over `scales` are enough; nothing is informed then."""
+        return self.noise.white
+
+    @property
+    def kind(self) -> str:
+        """What results know its density by, beside what is `held`; empty where it is white."""
+        return "" if self.noise.white else repr(self.noise)
+
+    @property
+    def torque(self) -> Torque | None:
+        """None where the rig's equations lack none."""
+        return None
+
+    def pinned(self, theta: Array) -> Self:
+        """With the covariance of its residuals as it is at `theta (D,)`, where that follows from the
+        rig; else the very same.
+        """
+        return self
+
+    def by_channel(self, full: Array, theta: Array) -> Array:
+        """Log likelihood `(W, K)`."""
+        return self.noise.log_likelihood(self.residuals(full), theta[:, self.own])
+
+    def pointwise(self, samples: Array, theta: Array) -> Array:
+        """`(W, T, K)`, of residuals: log density of each given those before it."""
+        return self.noise.pointwise(samples, theta[:, self.own])
+
+    def scales(self, theta: Array) -> Array:
+        """Standard deviations of single samples `(W, K)`, SI."""
+        return self.noise.scales(theta[:, self.own])
+
+    def whiten(self, samples: Array, theta: Array) -> Array:
+        """`(W, T, K)`: independent and standard normal, where residuals are as it says."""
+        return self.noise.whiten(samples, theta[:, self.own])
+
+    def inform(self, shifts: Array, theta: Array) -> Array:
+        """`(W, T, K)`: see `Noise.inform`."""
+        return self.noise.inform(shifts, theta[:, self.own])
+
+    def expand(self, at: Directions) -> Iterator[tuple[Array, Array]]:
+        """Slopes `(W, q)` and curvatures `(W, q, q)` of the log likelihood, which add up."""
+        left, own = self.residuals(at.full), at.theta[:, self.own]
+        if at.along is not None:
+            left, slope, curvature = self._slopes_of_signals(at.full, at.along, own)
+            yield slope, curvature
+        if self.noise.unknowns:
+            levels, owned = at.by_log[:, self.own], at.columns[self.own]
+            pulled, bent = self.noise.bend(left, own)
+            if bent.ndim == levels.ndim:
+                curvature = weighted(owned, bent * levels**2)
+            else:
+                curvature = owned.T @ (levels[:, :, None] * bent * levels[:, None, :]) @ owned
+            yield along(levels * pulled, owned), curvature
+
+    def _slopes_of_signals(
+        self, full: Array, along: Array, own: Array
+    ) -> tuple[Remains, Array, Array]:
+        """Residuals; slope `(W, q)` and curvature `(W, q, q)` along `along (W, q, P)`."""
+        left = self.residuals(full)
+        if self.noise.white:
+            turned, scales = self.told(along), 1.0 / self.noise.scales(own)
+            squares, slope, curvature = self.response.normal(left.full, turned, scales)
+            return Fused(self.response, left.full, squares), slope, curvature
+        seen = self.experiment.seen
+        shifts = np.where(seen, self.sensitivities(full, along), 0.0)  # (W, q, T, K)
+        pull = np.where(seen, self.noise.pull(left.samples, own), 0.0)
+        slope = np.einsum("wqtk,wtk->wq", shifts, pull)
+        rows = [self.noise.inform(shifts[:, q], own) for q in range(along.shape[1])]
+        flat = np.stack(rows, axis=1).reshape(*shifts.shape[:2], -1)
+        return left, slope, flat @ flat.swapaxes(1, 2)
+
+    def expected(self, theta: Array) -> Array:
+        """See `Noise.expected`; `theta (D,)`."""
+        return self.noise.expected(theta[self.own])
+
+    def fitted(self, samples: Array, theta: Array) -> Array:
+        """See `Noise.fitted`; residuals `samples (T, K)`, `theta (D,)`."""
+        return self.noise.fitted(samples, theta[self.own])
+
+    def followed(self, full: Array, theta: Array) -> Array:
+        """The channels without noise, `(W, T, K)`, with what a missing torque moves of them."""
+        return self.signals(full)
+
+    def draw(self, signals: Array, theta: Array, rng: np.random.Generator) -> Array:
+        """Another record `(W, T, K)` of these signals."""
+        return self.noise.draw(signals, theta[:, self.own], rng)
+
+    def again(self, signals: Array, theta: Array, rng: np.random.Generator) -> Array:
+        """This record once more `(W, T, K)`: with fresh noise, and the torque that it had."""
+        return self.draw(signals, theta, rng)
 
 
 @dataclass(frozen=True, slots=True)
@@ -196,38 +324,20 @@ class Likelihood:
         """Of simulators with their noises, whose unknowns stand in `space` in this order."""
         levels = iter([space.free[column] for column in space.columns("noise")])
         parts = [
-            Part(
+            Observation(
                 response=response,
                 noise=noise,
-                told=space.model,
+                parameters=space.model,
                 levels=[*islice(levels, len(noise.unknowns))],
-                label="",
             )
             for response, noise in pairs
         ]
         return cls.joint(space, parts)
 
     @classmethod
-    def joint(cls, space: ParameterSpace, parts: Sequence[Part]) -> Likelihood:
+    def joint(cls, space: ParameterSpace, parts: Sequence[Observation]) -> Likelihood:
         """Of several experiments; their names stand in `space`."""
-        made = []
-        for one in parts:
-            columns: list[int] | None = [space.model.index(name) for name in one.told]
-            if columns == list(range(len(space.model))):
-                columns = None
-            own = _places([space.free.index(name) for name in one.levels], len(space.free))
-            noise, wants = one.noise, isinstance(one.noise, Shaken)
-            made.append(
-                Observation(
-                    one.response,
-                    noise.of_rig(one.response) if isinstance(noise, Shaken) else noise,
-                    own,
-                    columns,
-                    one.label,
-                    space if wants else None,
-                )
-            )
-        return cls(tuple(made), space)
+        return cls(tuple(one.placed(space) for one in parts), space)
 
     def without(self, labels: Collection[str]) -> Likelihood:
         """With these experiments `apart`."""
@@ -264,8 +374,10 @@ class Likelihood:
         return [one.signals(full) for one in self.observations]
 
     def pinned(self, theta: Array) -> Likelihood:
-        """With covariances as they are at `theta (D,)`."""
+        """With covariances as they are at `theta (D,)`; the very same where no rig decides one."""
         held = tuple(one.pinned(theta) for one in self.observations)
+        if all(one is old for one, old in zip(held, self.observations, strict=True)):
+            return self
         return dataclasses.replace(self, observations=held)
 
     def whitened(self, theta: Array) -> Array:
@@ -321,3 +433,16 @@ def _places(columns: list[int], last: int) -> slice | list[int]:
 
 def _joined(parts: list[Array]) -> Array:
     return parts[0] if len(parts) == 1 else np.concatenate(parts, axis=-1)
+
+
+def along(slope: Array, directions: Array) -> Array:
+    """Of `slope (W, D)`, along `directions (D, q)`: `(W, q)`.
+
+    Point by point: one product of all of them rounds as their number has it.
+    """
+    return np.asarray((slope[:, None, :] @ directions)[:, 0])
+
+
+def weighted(directions: Array, curvature: Array) -> Array:
+    """Of the diagonal `curvature (W, D)`, along `directions (D, q)`: `(W, q, q)`."""
+    return np.asarray((curvature[:, None, :] * directions.T) @ directions)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from bayesdrill.inference.likelihood import Likelihood, Observation
 from bayesdrill.inference.posterior import Posterior
-from bayesdrill.rig.stepped import TURNS, Stepped
+from bayesdrill.rig.simulator import Simulator, Stepping
+from bayesdrill.rig.stepped import TURNS
 
 Array = NDArray[np.float64]
 Taken = tuple[int, int]  # steps to a sample, and parts of those in which something turns
@@ -67,10 +68,10 @@ def evidence_shift(posterior: Posterior, draws: Array) -> EvidenceShift | None:
     The ratio of the evidences is the mean over the posterior of the ratio of the likelihoods, in finer
     steps and in its own.
     """
-    every = [response for _, response in _stepped(posterior.likelihood)]
+    every = _stepped(posterior.likelihood)
     if not every:
         return None
-    steps = sum(_truth(one).pieces * len(one.experiment.t) for one in every)
+    steps = sum(_steps(_truth(one.response)).pieces * len(one.experiment.t) for one in every)
     most = min(max(ALL_STEPS // steps, LEAST), WEIGHED)
     some = draws[:: max(1, -(-len(draws) // most))]
     here, found = _log_likelihood(posterior, some), []
@@ -87,7 +88,9 @@ def evidence_shift(posterior: Posterior, draws: Array) -> EvidenceShift | None:
 
 
 def _finer(posterior: Posterior, part: int) -> Posterior:
-    return _with(posterior, lambda one, old: dataclasses.replace(one, response=_truth(old, part)))
+    return _with(
+        posterior, lambda one: dataclasses.replace(one, response=_truth(one.response, part))
+    )
 
 
 def _log_likelihood(posterior: Posterior, draws: Array) -> Array:
@@ -99,7 +102,7 @@ def _log_likelihood(posterior: Posterior, draws: Array) -> Array:
 def step_errors(likelihood: Likelihood, theta: Array) -> tuple[StepError, ...]:
     """Of all experiments that are stepped, at `theta (D,)`."""
     full = likelihood.space.full(theta[None])
-    return tuple(_error(one, full, theta) for one, _ in _stepped(likelihood))
+    return tuple(_error(one, full, theta) for one in _stepped(likelihood))
 
 
 def chosen(posterior: Posterior, theta: Array, most: int = MOST) -> Posterior:
@@ -109,43 +112,36 @@ def chosen(posterior: Posterior, theta: Array, most: int = MOST) -> Posterior:
     points = _about(posterior, theta)
     full = posterior.likelihood.space.full(points)
     tried = [(pieces, turns) for pieces, turns in TRIED if pieces <= most]
-    return _with(posterior, lambda one, response: _fine(one, response, tried, full, points))
+    return _with(posterior, lambda one: _fine(one, tried, full, points))
 
 
 def taken(posterior: Posterior) -> dict[str, Taken]:
     """By the labels of experiments, where they were chosen."""
     every = (*posterior.likelihood.observations, *posterior.likelihood.apart)
-    return {
-        one.label: (one.response.pieces, one.response.turns)
-        for one in every
-        if isinstance(one.response, Stepped) and one.response.chosen
-    }
+    steps = [(one.label, one.response.stepping) for one in every]
+    return {label: (own.pieces, own.turns) for label, own in steps if own and own.chosen}
 
 
 def taking(posterior: Posterior, steps: Mapping[str, Taken]) -> Posterior:
     """With steps as `taken` told them; the very same where they are what it takes."""
     if steps.items() <= taken(posterior).items():
         return posterior
-    return _with(
-        posterior,
-        lambda one, response: _in(one, response, *steps[one.label]) if one.label in steps else one,
-    )
+    return _with(posterior, lambda one: _in(one, *steps[one.label]) if one.label in steps else one)
 
 
-def _with(posterior: Posterior, made: Callable[[Observation, Stepped], Observation]) -> Posterior:
+def _with(posterior: Posterior, made: Callable[[Observation], Observation]) -> Posterior:
     """With other observations where they are stepped."""
     likelihood = posterior.likelihood
     every, apart = (
-        tuple(made(one, one.response) if isinstance(one.response, Stepped) else one for one in some)
+        tuple(made(one) if one.response.stepping else one for one in some)
         for some in (likelihood.observations, likelihood.apart)
     )
     likelihood = dataclasses.replace(likelihood, observations=every, apart=apart)
     return dataclasses.replace(posterior, likelihood=likelihood)
 
 
-def _in(one: Observation, response: Stepped, pieces: int, turns: int) -> Observation:
-    response = dataclasses.replace(response.finer(pieces, turns), chosen=True)
-    return dataclasses.replace(one, response=response)
+def _in(one: Observation, pieces: int, turns: int) -> Observation:
+    return dataclasses.replace(one, response=one.response.finer(pieces, turns, chosen=True))
 
 
 def _about(posterior: Posterior, theta: Array) -> Array:
@@ -158,18 +154,20 @@ def _about(posterior: Posterior, theta: Array) -> Array:
     return np.clip(theta * (1.0 + share), low, high)
 
 
-def _stepped(likelihood: Likelihood) -> Iterator[tuple[Observation, Stepped]]:
-    for one in likelihood.observations:
-        if isinstance(one.response, Stepped):
-            yield one, one.response
+def _stepped(likelihood: Likelihood) -> list[Observation]:
+    return [one for one in likelihood.observations if one.response.stepping]
 
 
-def _fine(
-    one: Observation, response: Stepped, tried: Sequence[Taken], full: Array, theta: Array
-) -> Observation:
+def _steps(response: Simulator) -> Stepping:
+    """Of one that has some."""
+    assert response.stepping
+    return response.stepping
+
+
+def _fine(one: Observation, tried: Sequence[Taken], full: Array, theta: Array) -> Observation:
     made = one
     for pieces, turns in tried:
-        made = _in(one, response, pieces, turns)
+        made = _in(one, pieces, turns)
         worst = np.sort(_errors(made, full, theta).max(axis=1))
         if not worst[-1 - STRANGE] > SAFE * ENOUGH:
             break
@@ -177,27 +175,24 @@ def _fine(
 
 
 def _error(one: Observation, full: Array, theta: Array) -> StepError:
-    response = one.response
-    assert isinstance(response, Stepped)
     return StepError(
         label=one.label,
-        channels=response.experiment.names,
-        pieces=response.pieces,
+        channels=one.experiment.names,
+        pieces=_steps(one.response).pieces,
         errors=tuple(map(float, _errors(one, full, theta[None])[0])),
     )
 
 
-def _truth(response: Stepped, part: int = 1) -> Stepped:
+def _truth(response: Simulator, part: int = 1) -> Simulator:
     """`FINER` times as fine or as `MOST_STEPS` allow, twice at least; `part`: by so much less."""
-    allowed = MOST_STEPS // (response.pieces * len(response.experiment.t))
-    return response.finer(response.pieces * max(1, max(2, min(FINER, allowed)) // part))
+    pieces = _steps(response).pieces
+    allowed = MOST_STEPS // (pieces * len(response.experiment.t))
+    return response.finer(pieces * max(1, max(2, min(FINER, allowed)) // part))
 
 
 def _errors(one: Observation, full: Array, theta: Array) -> Array:
     """The most that steps do to a sample `(W, K)`, over its sd.  A walker that overflows has none."""
-    response = one.response
-    assert isinstance(response, Stepped)
-    told = one.told(full)
+    response, told = one.response, one.told(full)
     truth = _truth(response).signals(told)
     off = np.abs(response.signals(told) - truth)
     with np.errstate(invalid="ignore"):

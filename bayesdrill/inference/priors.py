@@ -12,7 +12,7 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Any, Protocol
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +25,21 @@ _LOG_SQRT_2PI = 0.5 * math.log(2 * math.pi)
 
 class Prior(Protocol):
     """`low`, `high`: the ends of the support; `quantile` is the inverse of the distribution."""
+
+    @property
+    def flat(self) -> bool:
+        """Whether its density is the same everywhere between its ends."""
+        ...
+
+    @property
+    def flat_in_logs(self) -> bool:
+        """Whether it says of the log what a uniform prior says of a quantity itself."""
+        ...
+
+    @property
+    def vanishes_at_ends(self) -> bool:
+        """Whether its density does, so that they are no bounds, only improbable."""
+        ...
 
     @property
     def low(self) -> float: ...
@@ -41,11 +56,39 @@ class Prior(Protocol):
 
     def quantile(self, u: Array) -> Array: ...
 
+    def extended(self, low: float, high: float) -> Prior:
+        """The same density with other ends, where it has some."""
+        ...
+
     def describe(self) -> str: ...
 
 
+class _Family:
+    """What most families are."""
+
+    __slots__ = ()
+    flat: ClassVar[bool] = False
+    flat_in_logs: ClassVar[bool] = False
+    vanishes_at_ends: ClassVar[bool] = False
+
+    def extended(self: Prior, low: float, high: float) -> Prior:
+        return self
+
+
+class _Ended(_Family):
+    """And those with ends of their own."""
+
+    __slots__ = ()
+
+    def extended(self: Any, low: float, high: float) -> Prior:
+        made: Prior = dataclasses.replace(self, low=low, high=high)
+        return made
+
+
 @dataclass(frozen=True, slots=True)
-class Uniform:
+class Uniform(_Ended):
+    flat: ClassVar[bool] = True
+
     low: float
     high: float
 
@@ -65,7 +108,9 @@ class Uniform:
 
 
 @dataclass(frozen=True, slots=True)
-class LogUniform:
+class LogUniform(_Ended):
+    flat_in_logs: ClassVar[bool] = True
+
     low: float
     high: float
 
@@ -86,7 +131,7 @@ class LogUniform:
 
 
 @dataclass(frozen=True, slots=True)
-class TruncatedNormal:
+class TruncatedNormal(_Ended):
     """Normal(mean, sd) given low <= x <= high; mean and sd are those before truncation."""
 
     mean: float
@@ -130,8 +175,10 @@ class TruncatedNormal:
 
 
 @dataclass(frozen=True, slots=True)
-class LogNormal:
+class LogNormal(_Family):
     """log x is normal with mean log(median) and standard deviation `sd_log`."""
+
+    vanishes_at_ends: ClassVar[bool] = True
 
     median: float
     sd_log: float
@@ -163,7 +210,7 @@ class LogNormal:
 
 
 @dataclass(frozen=True, slots=True)
-class HalfNormal:
+class HalfNormal(_Family):
     """|Normal(0, scale)|."""
 
     scale: float
@@ -194,11 +241,15 @@ class HalfNormal:
 
 
 @dataclass(frozen=True, slots=True)
-class InUnits:
+class InUnits(_Family):
     """`si`, of a quantity that is written in a unit of `factor` SI."""
 
     si: Prior
     factor: float
+
+    @property
+    def flat_in_logs(self) -> bool:  # type: ignore[override]
+        return self.si.flat_in_logs
 
     @property
     def low(self) -> float:
@@ -239,8 +290,7 @@ def signed(prior: Prior) -> bool:
 
 
 def flat_in_logs(prior: Prior | None) -> bool:
-    """Whether it says of the log what a uniform prior says of a quantity itself."""
-    return isinstance(prior.si if isinstance(prior, InUnits) else prior, LogUniform)
+    return prior is not None and prior.flat_in_logs
 
 
 def normal(mean: float, sd: float) -> TruncatedNormal:

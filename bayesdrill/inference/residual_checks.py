@@ -96,7 +96,7 @@ def like_noise(found: Sequence[Left]) -> bool:
 def left(likelihood: Likelihood, theta: Array) -> tuple[Left, ...]:
     """At the unknowns `theta (D,)`; an unknown sigma fits the size, unless its prior keeps it off."""
     full, row = likelihood.space.full(theta[None]), theta[None]
-    channels = sum(one.noise.n_channels for one in likelihood.observations)
+    channels = sum(len(one.experiment.channels) for one in likelihood.observations)
     return tuple(
         found for one in likelihood.observations for found in _of(one, full, row, channels)
     )
@@ -106,7 +106,7 @@ def _of(one: Observation, full: Array, theta: Array, channels: int) -> list[Left
     """`channels`: how many there are in all observations."""
     experiment = one.experiment
     remains = experiment.y - one.followed(full, theta)
-    residuals = one.noise.whiten(one.residuals(full).samples, one.scatter(theta))[0]
+    residuals = one.whiten(one.residuals(full).samples, theta)[0]
     return [
         _channel(
             one,

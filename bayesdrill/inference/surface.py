@@ -9,12 +9,12 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdrill.inference.likelihood import Observation, Remains
+from bayesdrill.inference.likelihood import Directions, along, weighted
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.unknowns import MOVES, Unknown
 
@@ -76,74 +76,6 @@ class Surface(Protocol):
         ...
 
 
-@dataclass(frozen=True, slots=True)
-class Fused:
-    """Residuals of which a kernel has told the sums over the noise's scales, `(W, K)`."""
-
-    every: Remains
-    over_scales: Array
-
-    @property
-    def squares(self) -> Array:
-        return self.every.squares
-
-    @property
-    def samples(self) -> Array:
-        return self.every.samples
-
-    def weighed(self, _: Array) -> Array:
-        return self.over_scales
-
-    @property
-    def neighbours(self) -> Array:
-        return self.every.neighbours
-
-    def logs(self, weights: Array) -> Array:
-        return self.every.logs(weights)
-
-    def intervals(self, over: Array, half: Array) -> Array:
-        return self.every.intervals(over, half)
-
-
-def slopes(
-    one: Observation, full: Array, along: Array, own: Array
-) -> tuple[Remains | Fused, Array, Array]:
-    """Residuals at the parameters `full (W, P)`; slope `(W, q)` and curvature `(W, q, q)` of the log
-    likelihood along `along (W, q, P)`.
-    """
-    left = one.residuals(full)
-    if one.noise.white:
-        told, turned, scales = one.told(full), one.told(along), 1.0 / one.noise.scales(own)
-        squares, slope, curvature = one.response.normal(told, turned, scales)
-        return Fused(left, squares), slope, curvature
-    seen = one.experiment.seen
-    shifts = np.where(seen, one.sensitivities(full, along), 0.0)  # (W, q, T, K)
-    pull = np.where(seen, one.noise.pull(left.samples, own), 0.0)
-    slope = np.einsum("wqtk,wtk->wq", shifts, pull)
-    rows = np.stack([one.noise.inform(shifts[:, q], own) for q in range(along.shape[1])], axis=1)
-    flat = rows.reshape(*rows.shape[:2], -1)
-    return left, slope, flat @ flat.swapaxes(1, 2)
-
-
-def _shaken(
-    one: Observation, full: Array, along: Array | None, own: Array, levels: Array
-) -> tuple[Array, Array]:
-    """Slope and curvature of all together, as parameters are in the covariance too; `levels (W, q, n)`:
-    slopes of the noise's unknowns.
-    """
-    noise: Any = one.noise
-    n, q = levels.shape[:2]
-    if along is None:
-        along = np.zeros((n, q, full.shape[1]))
-    told, turned = one.told(full), one.told(along)
-    signals, shifts = one.response.course(told, turned)
-    left = np.nan_to_num(one.experiment.y - signals)
-    found: tuple[Array, Array] = noise.expand(
-        left, -shifts, own, np.concatenate([levels, turned], axis=-1)
-    )
-    return found
-
-
 class PosteriorSurface:
     """That of a posterior."""
 
@@ -180,8 +112,8 @@ class PosteriorSurface:
             theta = self.posterior.coordinates.to_physical(u)
             slope, curvature = self.of_record(theta, directions)
         prior_slope, prior_curvature = self._of_prior(u)
-        slope += _along(prior_slope, directions)
-        curvature += _weighted(directions, prior_curvature)
+        slope += along(prior_slope, directions)
+        curvature += weighted(directions, prior_curvature)
         good = np.isfinite(slope).all(axis=1) & np.isfinite(curvature).all(axis=(1, 2))
         slope[~good], curvature[~good] = 0.0, 0.0
         return Expansion(np.where(good, 0.0, -np.inf), slope, curvature)
@@ -190,34 +122,21 @@ class PosteriorSurface:
         """Slope `(W, q)` and curvature `(W, q, q)` of the log likelihood."""
         space, coordinates = self.posterior.space, self.posterior.coordinates
         # d log unknown / d coordinate, or d unknown / d coordinate where it need not be positive
-        by_log = coordinates.slopes(theta) / coordinates.natural(theta)
+        steps = coordinates.slopes(theta)
+        by_log = steps / coordinates.natural(theta)
         m = len(space.columns(*MOVES))
-        full, along = space.full(theta), None
+        full, moved = space.full(theta), None
         if m:
             turned = space.slopes(theta).swapaxes(1, 2) @ (by_log[:, :m, None] * directions[:m])
-            along = turned.swapaxes(1, 2)
+            moved = turned.swapaxes(1, 2)
+        at = Directions(
+            theta=theta, full=full, columns=directions, along=moved, slopes=steps, by_log=by_log
+        )
         slope = np.zeros((len(theta), directions.shape[1]))
         curvature = np.zeros((len(theta), directions.shape[1], directions.shape[1]))
         for one in self.posterior.likelihood.observations:
-            own = one.scatter(theta)
-            if one.space is not None:
-                moved = coordinates.slopes(theta)[:, None, :] * directions.T
-                pulled, bent = _shaken(one, full, along, own, moved[..., one.own])
+            for pulled, bent in one.expand(at):
                 slope, curvature = slope + pulled, curvature + bent
-                continue
-            shown: Remains | Fused = one.residuals(full)
-            if along is not None:
-                shown, pulled, bent = slopes(one, full, along, own)
-                slope, curvature = slope + pulled, curvature + bent
-            if one.noise.unknowns:
-                levels, owned = by_log[:, one.own], directions[one.own]
-                pulled, bent = one.noise.bend(shown, own)
-                slope = slope + _along(levels * pulled, owned)
-                if bent.ndim == levels.ndim:
-                    curvature = curvature + _weighted(owned, bent * levels**2)
-                else:
-                    bent = levels[:, :, None] * bent * levels[:, None, :]
-                    curvature = curvature + owned.T @ bent @ owned
         return slope, curvature
 
     def _of_prior(self, u: Array) -> tuple[Array, Array]:
@@ -236,19 +155,6 @@ class PosteriorSurface:
             tilt, bend = self.posterior.coordinates.jacobian_bends(u)
             slope, curvature = slope + tilt, curvature + bend
         return slope, curvature
-
-
-def _along(slope: Array, directions: Array) -> Array:
-    """Of `slope (W, D)`, along `directions (D, q)`: `(W, q)`.
-
-    Point by point: one product of all of them rounds as their number has it.
-    """
-    return np.asarray((slope[:, None, :] @ directions)[:, 0])
-
-
-def _weighted(directions: Array, curvature: Array) -> Array:
-    """Of the diagonal `curvature (W, D)`, along `directions (D, q)`: `(W, q, q)`."""
-    return np.asarray((curvature[:, None, :] * directions.T) @ directions)
 
 
 def _ends(unknown: Unknown) -> tuple[float, float]:

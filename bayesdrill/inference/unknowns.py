@@ -15,7 +15,7 @@ from bayesdrill.basics.duals import Dual
 from bayesdrill.basics.formulas import Expression
 from bayesdrill.basics.symbols import Symbol, raised
 from bayesdrill.inference.coordinates import Coordinates
-from bayesdrill.inference.priors import Prior, Uniform, draw, signed, spread
+from bayesdrill.inference.priors import Prior, draw, signed, spread
 
 Array = NDArray[np.float64]
 
@@ -191,9 +191,8 @@ class ParameterSpace:
         with np.errstate(invalid="ignore"):
             inside = ((boxed >= low) & (boxed <= high) & (boxed > floor)).all(axis=1)
         total = np.where(inside, log_density, -np.inf)
-        for column, prior in enumerate(self.priors.values()):
-            if not isinstance(prior, Uniform):
-                total += prior.logpdf(theta[:, column])
+        for column, prior in self._curved:
+            total += prior.logpdf(theta[:, column])
         if self.bounding:
             named = self.named(theta)
             for name in self.bounding:  # what no positive number comes out of is impossible
@@ -206,6 +205,11 @@ class ParameterSpace:
         return tuple(name for name, r in self.relations.items() if r.monomial() is None)
 
     @cached_property
+    def _curved(self) -> list[tuple[int, Prior]]:
+        """Priors that are not in the box, with their columns."""
+        return [(column, p) for column, p in enumerate(self.priors.values()) if not p.flat]
+
+    @cached_property
     def _floor(self) -> Array:
         """Above which each of the box must be: zero, where its coordinate does not say otherwise."""
         free = [self.unknowns[column].signed for column in self.box[0]]
@@ -214,7 +218,7 @@ class ParameterSpace:
     @cached_property
     def box(self) -> tuple[list[int], Array, Array, float]:
         """All uniform priors at once: columns, lower and upper ends, log density inside."""
-        boxes = {c: p for c, p in enumerate(self.priors.values()) if isinstance(p, Uniform)}
+        boxes = {c: p for c, p in enumerate(self.priors.values()) if p.flat}
         low = np.array([p.low for p in boxes.values()])
         high = np.array([p.high for p in boxes.values()])
         return list(boxes), low, high, -float(np.log(high - low).sum())

@@ -94,7 +94,7 @@ def causes(posterior: Posterior, theta: Array) -> Causes | None:
     the rig lacks may do so as well.
     """
     best: Causes | None = None
-    known = not any(one.noise.unknowns for one in posterior.likelihood.observations)
+    known = not any(one.unknowns for one in posterior.likelihood.observations)
     for kinds in STAGES:
         found = _tried(posterior, theta, kinds)
         if found is not None and (best is None or found.beyond < (1.0 - WORTH) * best.beyond):
@@ -141,11 +141,15 @@ class _Trial:
 
     def starts(self) -> Array:
         """In coordinates: with each lag from which it is sought."""
-        every, m = self.wide.every, self.tried.start
+        every = self.wide.every
         lags = TRIED if any(c.step for c in every) else (0.0,)
-        rows = [[c.at(lag) for c in every] for lag in lags]
-        full = [np.concatenate([self.theta[:m], row, self.theta[m:]]) for row in rows]
+        full = [self._with([c.at(lag) for c in every]) for lag in lags]
         return self.wide.posterior.coordinates.from_physical(np.array(full))
+
+    def _with(self, tried: Sequence[float]) -> Array:
+        """The MAP, and these of what is tried."""
+        m = self.tried.start
+        return np.concatenate([self.theta[:m], tried, self.theta[m:]])
 
     def promises(self, least: float) -> bool:
         """Whether it would explain so much of what is left, were the response straight: at the MAP, and
@@ -175,7 +179,9 @@ class _Trial:
             return None
         u = top.u[[which]]
         there = wider.coordinates.to_physical(u)[0]
-        rest = count.at(wider, there) / count.numbers
+        rest = (
+            count.at(wider, there, self._with([c.neutral for c in self.wide.every])) / count.numbers
+        )
         explained = count.before / count.numbers - rest
         if explained <= 0:
             return None
@@ -259,33 +265,31 @@ def _cost(scaled: Array, m: int, off: Array, held: Sequence[bool]) -> float:
 
 @dataclass(frozen=True, slots=True)
 class _Left:
-    """Sums of squares over the noise of the MAP, of the samples that both likelihoods see; `own (1, n)`:
-    the unknowns of that noise; `before`: of the MAP; `floor`: what noise alone leaves of it, zero where
+    """Sums of squares over the noise of the MAP, of the samples that both likelihoods see; `before`: of
+    the MAP; `floor`: what noise alone leaves of it, zero where
     it is unknown.
     """
 
-    own: list[Array]
     seen: list[NDArray[np.bool_]]
     before: float
     floor: float
 
     @classmethod
     def of(cls, posterior: Posterior, theta: Array, wider: Posterior) -> _Left:
-        known = not any(one.noise.unknowns for one in posterior.likelihood.observations)
+        known = not any(one.unknowns for one in posterior.likelihood.observations)
         seen = [one.experiment.seen for one in wider.likelihood.observations]
-        own = [one.scatter(theta[None]) for one in posterior.likelihood.observations]
         floor = float(sum(each.sum() for each in seen)) if known else 0.0
-        without = cls(own=own, seen=seen, before=0.0, floor=floor)
-        return dataclasses.replace(without, before=without.at(posterior, theta))
+        without = cls(seen=seen, before=0.0, floor=floor)
+        return dataclasses.replace(without, before=without.at(posterior, theta, theta))
 
     @property
     def numbers(self) -> float:
         return float(sum(each.sum() for each in self.seen))
 
-    def at(self, posterior: Posterior, theta: Array) -> float:
+    def at(self, posterior: Posterior, theta: Array, best: Array) -> float:
+        """What `theta (D,)` leaves, over the noise at `best (D,)`, the MAP among these unknowns."""
         full, total = posterior.space.full(theta[None]), 0.0
-        every = zip(posterior.likelihood.observations, self.own, self.seen, strict=True)
-        for one, own, seen in every:
-            left = one.noise.whiten(one.residuals(full).samples, own)[0]
+        for one, seen in zip(posterior.likelihood.observations, self.seen, strict=True):
+            left = one.whiten(one.residuals(full).samples, best[None])[0]
             total += float((np.where(seen, left, 0.0) ** 2).sum())
         return total

@@ -149,7 +149,7 @@ def at(problem: Problem, theta: Array) -> dict[str, Array]:
 
 def _following(problem: Problem, named: Named, n: int) -> dict[str, Array]:
     model, first = problem.model, problem.observations[0]
-    told = first.named(model.parameters, problem.posterior.space.model)
+    told = first.named(model.parameters)
     p = {name: np.broadcast_to(named[told[name]], n) for name in model.parameters}
     linear = model.linear(p)
     found = {

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from bayesdrill.engines.convergence import Convergence
 from bayesdrill.engines.mode import Mode
-from bayesdrill.inference.priors import LogNormal, Prior, spread
+from bayesdrill.inference.priors import Prior, spread
 from bayesdrill.inference.problem import Problem
 from bayesdrill.insight.derived import HDI_PROBABILITY as HDI_PROBABILITY
 from bayesdrill.insight.derived import hdi
@@ -111,7 +111,7 @@ def pressed_against(x: Array, prior: Prior) -> float | None:
     where all nine parameters share one scale, a marginal rises like its eighth power, and 37 % of it
     lie in the last twentieth.
     """
-    if isinstance(prior, LogNormal):  # its density vanishes at both ends
+    if prior.vanishes_at_ends:
         return None
     middle = float(np.median(x))
     for end, sign in ((prior.low, 1.0), (prior.high, -1.0)):

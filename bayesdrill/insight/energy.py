@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.rig.energy import Energies, can_tell, energies
-from bayesdrill.rig.stepped import Stepped
+from bayesdrill.rig.simulator import Simulator
 
 Array = NDArray[np.float64]
 
@@ -54,13 +54,13 @@ def accounts(posterior: Posterior, theta: Array, draws: Array) -> tuple[Account,
     found = []
     for one in posterior.likelihood.observations:
         rig = one.response
-        if isinstance(rig, Stepped) and rig.model.frictions and can_tell(rig.model):
+        if rig.model.frictions and can_tell(rig.model):
             found.append(_account(one, posterior, rig, theta, draws))
     return tuple(found)
 
 
 def _account(
-    one: Observation, posterior: Posterior, rig: Stepped, theta: Array, draws: Array
+    one: Observation, posterior: Posterior, rig: Simulator, theta: Array, draws: Array
 ) -> Account:
     told = one.told(posterior.space.full(np.vstack([theta[None], draws])))
     best = energies(rig, told[0])

@@ -99,15 +99,16 @@ def _in_the_way(
 
 def _wider(prior: Prior, nominal: float, draws: Array) -> Prior:
     """The same density with the ends moved that are near the nominal value and that draws feel."""
-    ends = {}
-    for name, sign in (("low", 1.0), ("high", -1.0)):
-        end = float(getattr(prior, name))
+    ends = []
+    for end, sign in ((prior.low, 1.0), (prior.high, -1.0)):
+        ends.append(end)
         if not (0 < end < math.inf and _near(prior, nominal, sign) and _felt(end, draws, sign)):
             continue
         own = math.log(prior.high / prior.low) if prior.low > 0 else REACH
         past = 2.0 * max(sign * math.log(end / nominal), 0.0)
-        ends[name] = end * math.exp(-sign * max(min(own, REACH), past))
-    return dataclasses.replace(prior, **ends) if ends else prior  # type: ignore[type-var]
+        ends[-1] = end * math.exp(-sign * max(min(own, REACH), past))
+    low, high = ends
+    return prior if (low, high) == (prior.low, prior.high) else prior.extended(low, high)
 
 
 def _near(prior: Prior, nominal: float, sign: float) -> bool:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -10,9 +10,6 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from bayesdrill.inference.likelihood import Observation
-from bayesdrill.inference.noise.contract import Noise
-from bayesdrill.inference.noise.mixed import of_record
-from bayesdrill.inference.noise.shaken import Shaken
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.residual_checks import Left
 
@@ -51,22 +48,13 @@ def held_out(posterior: Posterior, theta: Array) -> HeldOut | None:
     for one, held in (*stretches, *((one, one.experiment.y) for one in likelihood.apart)):
         if held is not None:
             rest = held - one.signals(full)
-            log_p = _by_itself(one, held).pointwise(rest, one.scatter(theta))[:, ~np.isnan(held)]
+            # By itself: what remembers is not told what stands beside it.
+            log_p = one.on(held).pointwise(rest, theta)[:, ~np.isnan(held)]
             found.append(logsumexp(log_p, axis=0) - np.log(len(theta)))
     if not found:
         return None
     each = np.concatenate(found)
     return HeldOut(score=float(each.sum()), samples=len(each), each=each)
-
-
-def _by_itself(one: Observation, held: Array) -> Noise:
-    """Of what is held out alone: a noise that remembers is not told what stands beside it."""
-    noise, seen = one.noise, ~np.isnan(held)
-    if isinstance(noise, Shaken):
-        counts = tuple(int(n) for n in seen.sum(axis=0))
-        shown = replace(noise.filtered, experiment=replace(one.experiment, y=held))
-        return replace(noise.seeing(counts), filtered=shown)
-    return of_record(noise.for_length(len(held)), one.experiment.t, seen)
 
 
 def leave_one_out(posterior: Posterior, theta: Array, left: tuple[Left, ...]) -> LeftOut | str:
@@ -79,7 +67,7 @@ def leave_one_out(posterior: Posterior, theta: Array, left: tuple[Left, ...]) ->
     theta = _some(theta)
     full, found = posterior.space.full(theta), []
     for one in posterior.likelihood.observations:
-        log_p = one.noise.pointwise(one.residuals(full).samples, one.scatter(theta))
+        log_p = one.pointwise(one.residuals(full).samples, theta)
         found.append(log_p[:, one.experiment.seen].T)
     log_p = np.concatenate(found)
     each, told = log_p.mean(axis=1), np.zeros(len(log_p))
@@ -108,14 +96,14 @@ def _refusal(posterior: Posterior, theta: Array, left: tuple[Left, ...]) -> str:
 
 def remembers(one: Observation, theta: Array) -> bool:
     """Whether its noise says of a sample what those before it were, at the first of `theta (N, D)`."""
-    if one.noise.white:
+    if one.white:
         return False
-    own, seen = one.scatter(theta[:1]), one.experiment.seen
+    first, seen = theta[:1], one.experiment.seen
     samples = np.where(seen, np.zeros((2, *seen.shape)), np.nan)
-    for k, sigma in enumerate(one.noise.scales(own)[0]):
+    for k, sigma in enumerate(one.scales(first)[0]):
         rows = np.flatnonzero(seen[:, k])
         samples[1, rows[len(rows) // 2], k] = sigma
-    quiet, struck = one.noise.whiten(samples, np.repeat(own, 2, axis=0))
+    quiet, struck = one.whiten(samples, np.repeat(first, 2, axis=0))
     felt = np.abs(struck - quiet)[samples[1] == 0.0]
     return bool(np.nanmax(felt, initial=0.0) > AGREED)
 

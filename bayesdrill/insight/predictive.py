@@ -89,12 +89,11 @@ def leave_one_out(likelihood: Likelihood, one: Observation, theta: Array) -> Arr
     What is left of a sample is whitened, so that each counts on those before it where the noise
     remembers them.
     """
-    experiment, own = one.experiment, one.scatter(theta)
     rest = one.residuals(likelihood.space.full(theta)).samples
-    n = len(experiment.t)
+    n = len(one.experiment.t)
     seen = np.unique(np.linspace(0, n - 1, min(n, MOST)).round().astype(int))
-    below = ndtr(one.noise.whiten(rest, own)[:, seen])
-    log_p = one.noise.pointwise(rest, own)[:, seen]
+    below = ndtr(one.whiten(rest, theta)[:, seen])
+    log_p = one.pointwise(rest, theta)[:, seen]
     weights = np.exp(log_p.min(axis=0) - log_p)
     weights = np.minimum(weights, weights.mean(axis=0) * len(theta) ** 0.5)
     return np.asarray((weights * below).sum(axis=0) / weights.sum(axis=0))

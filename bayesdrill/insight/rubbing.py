@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.rig.models.friction import Friction
-from bayesdrill.rig.stepped import Stepped
+from bayesdrill.rig.simulator import Simulator
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -86,7 +86,7 @@ def rubbings(posterior: Posterior, theta: Array, draws: Array) -> tuple[tuple[Ru
 
 def _of(one: Observation, posterior: Posterior, theta: Array, draws: Array) -> Iterator[Rubbing]:
     rig = one.response
-    if not isinstance(rig, Stepped):
+    if not rig.model.frictions:
         return
     told = one.told(posterior.space.full(np.vstack([theta[None], draws])))
     motion = rig.motion(told)
@@ -101,11 +101,11 @@ def _of(one: Observation, posterior: Posterior, theta: Array, draws: Array) -> I
             effort=motion.efforts[0, :, e],
             sticks=np.append(still[:-1] & still[1:], False),
             efforts=motion.efforts[1:, :, e],
-            gear=_gear(rig, friction),
+            gear=geared(rig, friction),
         )
 
 
-def _gear(rig: Stepped, friction: Friction) -> float:
+def geared(rig: Simulator, friction: Friction) -> float:
     """How many times as fast the motor turns as what its friction is said to be against."""
     model = rig.model
     return 1.0 / model.gear_ratio if friction.against == model.roles.motor.speed else 1.0
@@ -124,7 +124,6 @@ def curve(one: Observation, rubbing: Rubbing, full: Array) -> Curve:
     speed, at the root mean square of that.
     """
     rig, friction = one.response, rubbing.friction
-    assert isinstance(rig, Stepped)
     far = BEYOND * float(np.abs(rubbing.speed).max()) or 1.0
     one_way = far * np.geomspace(NEAREST, 1.0, SPEEDS)
     speeds = np.concatenate([-one_way[::-1], [0.0], one_way])
@@ -137,7 +136,7 @@ def curve(one: Observation, rubbing: Rubbing, full: Array) -> Curve:
     return Curve(speeds=speeds * rubbing.gear, sizes=np.asarray(signed))
 
 
-def _seen(rig: Stepped, friction: Friction, told: Array) -> dict[str, float]:
+def _seen(rig: Simulator, friction: Friction, told: Array) -> dict[str, float]:
     """States, and inputs, that the law looks at; of two angles only their difference counts."""
     steps = rig.steps(told)
     found = {}

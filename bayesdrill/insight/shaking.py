@@ -14,14 +14,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdrill.inference.likelihood import Observation
-from bayesdrill.inference.noise.shaken import Shaken
+from bayesdrill.inference.likelihood import Observation, Torque
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.insight.diagnostics import HDI_PROBABILITY
 from bayesdrill.record.experiment import of_states
+from bayesdrill.rig.choosing import simulator
 from bayesdrill.rig.missing_torque import TORQUE, At, Loaded, angles
 from bayesdrill.rig.models.roles import USUAL, Roles
-from bayesdrill.rig.stepped import Stepped
 
 Array = NDArray[np.float64]
 
@@ -107,17 +106,13 @@ class Shaking:
 def shakings(posterior: Posterior, draws: Array, rng: np.random.Generator) -> tuple[Shaking, ...]:
     """Of each experiment, by draws `(N, D)`; empty where no torque is missing."""
     every = posterior.likelihood.observations
-    return tuple(
-        _of(one, noise, posterior, draws, rng)
-        for one in every
-        if isinstance(noise := one.noise, Shaken)
-    )
+    return tuple(_of(one, torque, posterior, draws, rng) for one in every if (torque := one.torque))
 
 
 def rubs_besides(posterior: Posterior) -> bool:
     """Whether a torque is missing of a rig that rubs, which is an approximation."""
     every = posterior.likelihood.observations
-    return any(isinstance(one.noise, Shaken) and _rubs(one) for one in every)
+    return any(one.torque and _rubs(one) for one in every)
 
 
 def _rubs(one: Observation) -> bool:
@@ -125,25 +120,25 @@ def _rubs(one: Observation) -> bool:
 
 
 def _of(
-    one: Observation, noise: Shaken, posterior: Posterior, draws: Array, rng: np.random.Generator
+    one: Observation, found: Torque, posterior: Posterior, draws: Array, rng: np.random.Generator
 ) -> Shaking:
     full = posterior.space.full(draws)
-    own, experiment = one.scatter(draws), one.experiment
+    experiment = one.experiment
     signals, motion = _moved(one, full)
     left = experiment.y - signals
-    smooth = noise.smooth(left, own)
-    drawn, _ = noise.known(left, own, rng)
-    made = noise.filtered.pushed
-    sizes = noise.sizes(own)[:, :1]
+    smooth = found.smooth(left, draws)
+    drawn, _ = found.known(left, draws, rng)
+    made = found.filtered.pushed
+    sizes = found.sizes(draws)[:, :1]
     place = made.states.index(TORQUE)
-    by_torque = smooth @ np.array(noise.filtered.noisy.channels).T
+    by_torque = smooth @ np.array(found.filtered.noisy.channels).T
     return Shaking(
         label=one.label,
         at=made.torque.at,
         t=np.asarray(experiment.t),
         draws=sizes * drawn[:, :, place],
         expected=(sizes * smooth[:, :, place]).mean(axis=0),
-        states=_states(one, noise, motion.mean(axis=0), smooth.mean(axis=0)),
+        states=_states(one, found, motion.mean(axis=0), smooth.mean(axis=0)),
         inputs={name: np.asarray(u) for name, u in experiment.series.items()},
         courses=_courses(
             one,
@@ -151,8 +146,8 @@ def _of(
             by_torque.mean(axis=0),
             _strayed(
                 one,
-                noise,
-                (one.told(full[:1]), own[:1]),
+                found,
+                (full[:1], draws[:1]),
                 signals[0] + by_torque[0],
                 sizes[0] * smooth[0, :, place],
             ),
@@ -175,9 +170,9 @@ def _moved(one: Observation, full: Array) -> tuple[Array, Array]:
     return signals[..., :k], signals[..., k:]
 
 
-def _states(one: Observation, noise: Shaken, motion: Array, more: Array) -> dict[str, Array]:
+def _states(one: Observation, torque: Torque, motion: Array, more: Array) -> dict[str, Array]:
     """With what the torque moves; an angle of which nothing tells follows from its speed."""
-    made, t = noise.filtered.pushed, np.asarray(one.experiment.t)
+    made, t = torque.filtered.pushed, np.asarray(one.experiment.t)
     found = {name: motion[:, k] for k, name in enumerate(made.rig.states)}
     for name, moved in made.of_states(more).items():
         found[name] = found[name] + moved
@@ -193,22 +188,23 @@ def _states(one: Observation, noise: Shaken, motion: Array, more: Array) -> dict
 
 
 def _strayed(
-    one: Observation, noise: Shaken, draw: tuple[Array, Array], shown: Array, torque: Array
+    one: Observation, of: Torque, draw: tuple[Array, Array], shown: Array, torque: Array
 ) -> Array:
-    """`(K,)`: the rig that rubs, driven by `torque (T,)` at one `draw` (what simulator and noise are
-    told), from what is `shown (T, K)`: there the torque moves it as if no friction changed its sign.
+    """`(K,)`: the rig that rubs, driven by `torque (T,)` at one `draw` (all parameters, all unknowns),
+    from what is `shown (T, K)`: there the torque moves it as if no friction changed its sign.
     """
     response, experiment = one.response, one.experiment
-    if not (isinstance(response, Stepped) and _rubs(one)):
+    if not _rubs(one):
         return np.full(len(experiment.channels), np.nan)
     held = torque if experiment.first_order else 0.5 * (torque + np.append(torque[1:], torque[-1]))
-    loaded = dataclasses.replace(
-        response,
-        model=Loaded(response.model, noise.filtered.torque),
-        experiment=dataclasses.replace(experiment, series={**experiment.series, TORQUE: held}),
+    loaded = simulator(
+        Loaded(response.model, of.filtered.torque),
+        dataclasses.replace(experiment, series={**experiment.series, TORQUE: held}),
+        response.sensing,
+        *(response.stepping or ()),
     )
-    told, own = draw
-    off = (loaded.signals(told)[0] - shown) / noise.scales(own)[0]
+    full, theta = draw
+    off = (loaded.signals(one.told(full))[0] - shown) / one.scales(theta)[0]
     return np.sqrt(np.nanmean(np.where(experiment.seen, off, np.nan) ** 2, axis=0))
 
 

@@ -9,18 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdrill.inference.likelihood import Likelihood, Observation, Part
-from bayesdrill.inference.noise.contract import Noise
-from bayesdrill.inference.noise.mixed import of_record
+from bayesdrill.inference.likelihood import Likelihood, Observation
 from bayesdrill.inference.posterior import Posterior
-from bayesdrill.inference.unknowns import ParameterSpace
 from bayesdrill.insight import candidates
 from bayesdrill.insight.candidates import LATEST, Candidate, Kind
-from bayesdrill.record.experiment import Experiment, frozen
 from bayesdrill.rig.choosing import simulator
 from bayesdrill.rig.models.composed import with_named
-from bayesdrill.rig.simulator import Simulator
-from bayesdrill.rig.stepped import Stepped
 
 Array = NDArray[np.float64]
 
@@ -43,7 +37,7 @@ def widened(posterior: Posterior, theta: Array, kinds: frozenset[Kind]) -> Widen
         if "start" in kinds:
             own += candidates.of_start(one, space, theta)
         tried += own
-        parts.append(_part(one, space, own, rig, late="start" in kinds))
+        parts.append(_part(one, own, rig, late="start" in kinds))
     noise = len(space.unknowns) - len(space.columns("noise"))
     new = tuple(c.unknown for c in tried)
     wider = dataclasses.replace(
@@ -59,14 +53,12 @@ def widened(posterior: Posterior, theta: Array, kinds: frozenset[Kind]) -> Widen
 
 def _part(
     one: Observation,
-    space: ParameterSpace,
     own: Sequence[Candidate],
     rig: Sequence[Candidate],
     *,
     late: bool,
-) -> Part:
+) -> Observation:
     """`own`: of this experiment; `rig`: of all; `late`: a rig that may move before its start."""
-    told = one.named(one.response.parameters, space.model)
     old = one.response.sensing
     names = {(c.kind, c.of): c.name for c in own}
 
@@ -82,33 +74,23 @@ def _part(
         input_lags=with_new("input lag", old.input_lags),
         states=with_new("start", old.states),
     )
-    experiment, noise = _without_first(one) if late else (one.experiment, one.noise)
+    seen = _without_first(one) if late else one
     model = with_named(one.response.model, [c.of for c in rig])
-    response: Simulator = simulator(model, experiment, sensing)
-    if isinstance(one.response, Stepped):  # other steps would explain what these do
-        response = dataclasses.replace(
-            one.response, model=model, experiment=experiment, sensing=sensing
-        )
-    told |= {c.of: c.name for c in rig}
-    return Part(
-        response=response,
-        noise=noise,
-        told=[told.get(name, name) for name in response.parameters],
-        levels=one.levels(space),
-        label=one.label,
-    )
+    steps = one.response.stepping or ()  # others would explain what these do
+    response = simulator(model, seen.experiment, sensing, *steps)
+    told = one.named(one.response.parameters) | {c.of: c.name for c in rig}
+    return seen.simulated(response, [told.get(name, name) for name in response.parameters])
 
 
-def _without_first(one: Observation) -> tuple[Experiment, Noise]:
+def _without_first(one: Observation) -> Observation:
     """Before a lag is over, a rig in motion shows what was before its start.  Too short a record, and
     one whose noise needs every sample, stay whole.
     """
     experiment, y = one.experiment, np.array(one.experiment.y)
     y[experiment.t < experiment.t_start + LATEST * experiment.dt] = np.nan
     if np.isnan(y).mean() >= 0.5:
-        return experiment, one.noise
-    later = dataclasses.replace(experiment, y=frozen(y))
+        return one
     try:
-        return later, of_record(one.noise, later.t, later.seen)
+        return one.on(y)
     except ValueError:
-        return experiment, one.noise
+        return one

@@ -103,7 +103,7 @@ def laws(
 def _nominal(one: Observation, rubbing: Rubbing, problem: Problem, best: Array) -> Array | None:
     """By the nominal values of what the law names; None where one of them is unknown and has none."""
     space = problem.posterior.space
-    named = one.named(one.response.parameters, space.model)
+    named = one.named(one.response.parameters)
     own = {named.get(name, name) for name in rubbing.friction.law.parameters}
     if not own & {*space.free} or not own & {*space.free} <= {*problem.nominal}:
         return None

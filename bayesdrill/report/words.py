@@ -114,7 +114,7 @@ def _megabytes(n: float) -> str:
 def _misfit(problem: Problem) -> str:
     """Of the start, where sigma is known; it may be large, if the rig is not as the table says."""
     likelihood, space = problem.posterior.likelihood, problem.posterior.space
-    if any(one.noise.unknowns for one in likelihood.observations):
+    if any(one.unknowns for one in likelihood.observations):
         return ""
     found = likelihood.per_number(space.vector(space.start)[None])[0]
     return f"; misfit per number there {found:.4g}, and 1 where only noise is left"

@@ -92,9 +92,9 @@ def _predict(
     for chain, theta in enumerate(draws):
         full = space.full(theta)
         for one in problem.observations:
-            signals, own = one.signals(full), one.scatter(theta)
+            signals = one.signals(full)
             fresh = one.again(signals, theta, rng)
-            log_p = one.noise.pointwise(one.experiment.y - signals, own)
+            log_p = one.pointwise(one.experiment.y - signals, theta)
             for c in (c for c in columns if c.one is one):
                 predictive[c.name][chain] = fresh[..., c.place]
                 pointwise[c.name][chain] = log_p[..., c.place]

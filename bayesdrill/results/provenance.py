@@ -128,9 +128,9 @@ def _of_experiment(experiment: Experiment) -> dict[str, str]:
 
 
 def _of_noise(one: Observation) -> dict[str, str]:
-    noise, names = one.noise, one.experiment.names
-    kind = {} if noise.white else {"the kind of noise": _short(repr(noise))}
-    return kind | {f"the noise of {names[k]}": repr(sigma) for k, sigma in noise.held().items()}
+    names = one.experiment.names
+    kind = {"the kind of noise": _short(one.kind)} if one.kind else {}
+    return kind | {f"the noise of {names[k]}": repr(sigma) for k, sigma in one.held().items()}
 
 
 def _noise_held(config: Config, problem: Problem, own: OwnUnits) -> dict[str, str]:
@@ -138,7 +138,7 @@ def _noise_held(config: Config, problem: Problem, own: OwnUnits) -> dict[str, st
     found = {}
     for one in problem.observations:
         names = one.experiment.names
-        for k, sigma in one.noise.held().items():
+        for k, sigma in one.held().items():
             if isinstance(sigma, float):
                 shown = experiments.common_or_own(config, noise_name(names[k]), one.label)
                 found[one.entitled(f"the noise of {names[k]}")] = own.said(shown, sigma, 6)

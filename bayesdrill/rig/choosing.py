@@ -7,14 +7,20 @@ from bayesdrill.rig.measured import Measured
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.response import Response
 from bayesdrill.rig.sensing import Sensing
-from bayesdrill.rig.stepped import Stepped
+from bayesdrill.rig.simulator import Simulator
+from bayesdrill.rig.stepped import TURNS, Stepped
 
 
 def simulator(
-    model: Model, experiment: Experiment, sensing: Sensing, pieces: int = 1
-) -> Response | Measured | Stepped:
-    """`pieces`: steps to a sample of what has to be stepped."""
+    model: Model,
+    experiment: Experiment,
+    sensing: Sensing,
+    pieces: int = 1,
+    turns: int = TURNS,
+    chosen: bool = False,
+) -> Simulator:
+    """`pieces`, `turns`, `chosen`: see `Stepping`, of what has to be stepped."""
     if model.frictions or sensing.input_lags:
-        return Stepped(model, experiment, sensing, pieces)
+        return Stepped(model, experiment, sensing, pieces, turns, chosen)
     plain = sensing.nothing and experiment.uniform and bool(experiment.seen.all())
     return Response(model, experiment) if plain else Measured(model, experiment, sensing)

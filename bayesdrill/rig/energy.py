@@ -21,7 +21,7 @@ from scipy.linalg import expm
 
 from bayesdrill.rig.models.linear import Model, dynamics
 from bayesdrill.rig.models.roles import STATES
-from bayesdrill.rig.stepped import Stepped, Steps
+from bayesdrill.rig.simulator import Simulator, Steps
 
 Array = NDArray[np.float64]
 Whole = NDArray[np.intp]
@@ -67,7 +67,7 @@ def can_tell(model: Model) -> bool:
     return True
 
 
-def energies(rig: Stepped, full: Array) -> Energies:
+def energies(rig: Simulator, full: Array) -> Energies:
     """Of one walker, `full (P,)`, at each of the rig's steps."""
     model = rig.model
     steps = rig.steps(full[None])

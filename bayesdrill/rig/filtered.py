@@ -25,7 +25,7 @@ from bayesdrill.rig.kernels.steadily import AT_ONCE, Steadily, compile_steadily
 from bayesdrill.rig.kernels.steadily import BLOCKS as STEADY_BLOCKS
 from bayesdrill.rig.missing_torque import MissingTorque, Pushed, pushed
 from bayesdrill.rig.models.linear import Model
-from bayesdrill.rig.response import Response, layout
+from bayesdrill.rig.response import layout
 
 Array = NDArray[np.float64]
 
@@ -109,14 +109,14 @@ class Filtered:
             "spans": self.steps.spans,
         }
 
-    def log_density(self, parameters: Array, sigmas: Array, response: Response) -> Array:
-        """Of the record of a `response`: `(W, K)`, what the start is worth shared by all channels
-        alike.
+    def log_density(self, parameters: Array, sigmas: Array, record: tuple[int, int]) -> Array:
+        """Of the `Simulator.record` that lies there: `(W, K)`, what the start is worth shared by all
+        channels alike.
         """
         k, t_count = self.noisy.k, len(self.experiment.t)
         told = in_groups(parameters, sigmas**2)
         out = np.empty((2 * k + 1, len(told) * LANES))
-        (y, u), (_, shown) = response.record, self._shown
+        (y, u), (_, shown) = record, self._shown
         places = {"told": told.ctypes.data, "y": y, "u": u, "shown": shown, "out": out.ctypes.data}
         self._steadily.run(len(told), t_count, *(places[name] for name in STEADY_BLOCKS))
         logs = np.log(out[k:])

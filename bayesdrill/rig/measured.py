@@ -10,6 +10,7 @@ import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +21,7 @@ from bayesdrill.rig.kernels.tally import INTERVALS, LOGS, NEIGHBOURS
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.models.tangent import Tangent
 from bayesdrill.rig.sensing import Sensing
+from bayesdrill.rig.stepped import Unstepped
 from bayesdrill.rig.sums import interval_sums, log_sums, normal
 from bayesdrill.rig.walkers import Numbers, Walkers
 
@@ -27,12 +29,15 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Measured:
+class Measured(Unstepped):
     """See `simulator.Simulator`; parameters are the model's, then those that `sensing` names."""
 
     model: Model
     experiment: Experiment
     sensing: Sensing
+
+    exact: ClassVar[bool] = False
+    record: ClassVar[None] = None
 
     @property
     def parameters(self) -> tuple[str, ...]:

@@ -21,12 +21,13 @@ from bayesdrill.rig.kernels import LANES, TALLIES, Kernels, Layout, compile_kern
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.models.tangent import DOT, Tangent
 from bayesdrill.rig.sensing import Sensing
+from bayesdrill.rig.stepped import Unstepped
 from bayesdrill.rig.sums import interval_sums, log_sums
 
 Array = NDArray[np.float64]
 
 
-class Response:
+class Response(Unstepped):
     """Response of `model` in `experiment`; kernels are compiled when they are first asked for.
 
     Parameters come as `(W, P)`, columns in the order of `model.parameters`, SI.  A walker whose
@@ -60,6 +61,7 @@ class Response:
         self.__init__(state["model"], state["experiment"])  # type: ignore[misc]
 
     sensing: ClassVar = Sensing()  # perfect sensors, and a start that is known
+    exact: ClassVar[bool] = True
 
     @property
     def parameters(self) -> tuple[str, ...]:
@@ -67,7 +69,6 @@ class Response:
 
     @property
     def record(self) -> tuple[int, int]:
-        """Where kernels read it: channels `(T, K)`, sampled inputs `(T + 1, S)`."""
         return self._places
 
     @property

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Protocol, Self
+from dataclasses import dataclass
+from typing import NamedTuple, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +14,39 @@ from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.sensing import Sensing
 
 Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Motion:
+    """What rigs do at the times of samples: `states (W, T, X)`, and `efforts (W, T, E)` of frictions in
+    the step that begins there, positive against a positive speed.  What sticks has no speed at all.
+    """
+
+    states: Array
+    efforts: Array
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Steps:
+    """Steps of one length `span` [s] that begin at `t (N,)`: `motion` there, and what the rig feels of
+    each input: `felt (W, N)`, and `slopes (W, N)` with which it goes on through the step.
+    """
+
+    t: Array
+    span: float
+    motion: Motion
+    felt: Mapping[str, Array]
+    slopes: Mapping[str, Array]
+
+
+class Stepping(NamedTuple):
+    """`pieces`: steps to a sample; `turns`: parts of a step in which something turns; `chosen`: both
+    were, for the noise.
+    """
+
+    pieces: int
+    turns: int
+    chosen: bool
 
 
 class Simulator(Protocol):
@@ -33,6 +67,33 @@ class Simulator(Protocol):
     @property
     def sensing(self) -> Sensing:
         """What it is told beside the rig's parameters."""
+        ...
+
+    @property
+    def exact(self) -> bool:
+        """Whether slopes come as sums from one kernel, exact and without a sample kept."""
+        ...
+
+    @property
+    def record(self) -> tuple[int, int] | None:
+        """Where such a kernel reads it: addresses of channels `(T, K)`, and of inputs `(T + 1, S)`."""
+        ...
+
+    @property
+    def stepping(self) -> Stepping | None:
+        """None where there is no step whose size matters."""
+        ...
+
+    def finer(self, pieces: int, turns: int = ..., *, chosen: bool = ...) -> Self:
+        """In other steps, where it has some."""
+        ...
+
+    def motion(self, full: Array) -> Motion:
+        """As the rig moves, whatever sensors make of it."""
+        ...
+
+    def steps(self, full: Array) -> Steps:
+        """Of all steps to the last sample, which is where the last one begins."""
         ...
 
     def signals(self, full: Array) -> Array:

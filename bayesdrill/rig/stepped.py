@@ -11,7 +11,7 @@ import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,7 @@ from bayesdrill.rig.kernels.stepping import Shape, compile_stepping
 from bayesdrill.rig.kernels.tally import INTERVALS, LOGS, NEIGHBOURS, SQUARES
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.sensing import Sensing
+from bayesdrill.rig.simulator import Motion, Simulator, Stepping, Steps
 from bayesdrill.rig.sums import interval_sums, log_sums, normal
 from bayesdrill.rig.told import Told
 from bayesdrill.rig.walkers import Walkers
@@ -30,29 +31,6 @@ from bayesdrill.rig.walkers import Walkers
 Array = NDArray[np.float64]
 
 TURNS = 4  # 2 leave several times the error, 8 hardly less
-
-
-@dataclass(frozen=True, slots=True)
-class Motion:
-    """What rigs do at the times of samples: `states (W, T, X)`, and `efforts (W, T, E)` of frictions in
-    the step that begins there, positive against a positive speed.  What sticks has no speed at all.
-    """
-
-    states: Array
-    efforts: Array
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Steps:
-    """Steps of one length `span` [s] that begin at `t (N,)`: `motion` there, and what the rig feels of
-    each input: `felt (W, N)`, and `slopes (W, N)` with which it goes on through the step.
-    """
-
-    t: Array
-    span: float
-    motion: Motion
-    felt: Mapping[str, Array]
-    slopes: Mapping[str, Array]
 
 
 @dataclass(frozen=True)
@@ -69,6 +47,9 @@ class Stepped:
     turns: int = TURNS
     chosen: bool = False
 
+    exact: ClassVar[bool] = False
+    record: ClassVar[None] = None
+
     def __getstate__(self) -> dict[str, Any]:
         """Without what is compiled."""
         return {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
@@ -80,8 +61,12 @@ class Stepped:
     def of(self, experiment: Experiment) -> Stepped:
         return dataclasses.replace(self, experiment=experiment)
 
-    def finer(self, pieces: int, turns: int = TURNS) -> Stepped:
-        return dataclasses.replace(self, pieces=pieces, turns=turns)
+    @property
+    def stepping(self) -> Stepping:
+        return Stepping(self.pieces, self.turns, self.chosen)
+
+    def finer(self, pieces: int, turns: int = TURNS, *, chosen: bool = False) -> Stepped:
+        return dataclasses.replace(self, pieces=pieces, turns=turns, chosen=chosen)
 
     def with_record(self, y: Array) -> Stepped:
         """What was not measured stays so."""
@@ -305,6 +290,23 @@ class Stepped:
             "shift": w.later(along),
             "lag": w.of_inputs(sensing.input_lags, along),
         }
+
+
+class Unstepped:
+    """What simulators without steps of their own say of them: that they have none, and what a rig does
+    in steps of a sample each.
+    """
+
+    stepping: ClassVar[None] = None
+
+    def finer(self, pieces: int, turns: int = TURNS, *, chosen: bool = False) -> Self:
+        return self
+
+    def motion(self: Simulator, full: Array) -> Motion:
+        return Stepped(self.model, self.experiment, self.sensing).motion(full)
+
+    def steps(self: Simulator, full: Array) -> Steps:
+        return Stepped(self.model, self.experiment, self.sensing).steps(full)
 
 
 def _rows(gains: Array, offsets: Array, weights: Array) -> Array:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
+from dataclasses import replace
 
 from bayesdrill.basics.errors import InputError, of_each
 from bayesdrill.inference import pieces
-from bayesdrill.inference.likelihood import Likelihood, Part
-from bayesdrill.inference.noise.contract import Noise
+from bayesdrill.inference.likelihood import Likelihood, Observation
 from bayesdrill.inference.noise.mixed import of_record
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.problem import Problem
@@ -36,24 +36,17 @@ def problem(config: Config, views: Sequence[View], experiments: Sequence[Experim
     labels = [view.label for view in views]
     parts, told, levels = [], dict[str, Declared](), dict[str, Unknown]()
     pairs = zip(views, experiments, strict=True)
-    made = of_each(lambda pair: _told_and_noise(pair[0], rig, pair[1]), pairs)
-    for view, (response, own, scatter) in zip(views, made, strict=True):
+    made = of_each(lambda pair: _told_and_observation(pair[0], rig, pair[1]), pairs)
+    for view, (own, observed) in zip(views, made, strict=True):
         renamed = {each.name: common_or_own(config, each.name, view.label) for each in own}
         for each in own:
             told.setdefault(renamed[each.name], each.of(view.label, renamed[each.name]))
-        names = [common_or_own(config, unknown.name, view.label) for unknown in scatter.unknowns]
-        for name, unknown in zip(names, scatter.unknowns, strict=True):
+        names = [common_or_own(config, unknown.name, view.label) for unknown in observed.unknowns]
+        for name, unknown in zip(names, observed.unknowns, strict=True):
             levels.setdefault(name, unknown if name == unknown.name else unknown.of(view.label))
         of_rig = [of_label(n, view.label if n in config.own else "") for n in rig.parameters]
-        parts.append(
-            Part(
-                response=response,
-                noise=scatter,
-                told=[*of_rig, *(renamed[name] for name in response.parameters[len(of_rig) :])],
-                levels=names,
-                label=view.label,
-            )
-        )
+        of_sensors = [renamed[name] for name in observed.parameters[len(of_rig) :]]
+        parts.append(replace(observed, parameters=[*of_rig, *of_sensors], levels=names))
     unknowns = build.space(config, rig, [*levels.values()], [*told.values()], labels)
     posterior = Posterior(
         space=unknowns,
@@ -80,21 +73,21 @@ def problem(config: Config, views: Sequence[View], experiments: Sequence[Experim
     )
 
 
-def _told_and_noise(
+def _told_and_observation(
     view: View, model: Model, experiment: Experiment
-) -> tuple[Simulator, list[Declared], Noise]:
+) -> tuple[list[Declared], Observation]:
     response, told = simulated(view, model, experiment)
-    return response, told, _noise(view, model, response)
+    return told, _observation(view, model, response)
 
 
-def _noise(view: View, model: Model, response: Simulator) -> Noise:
-    """Of the channels of one record, and what shakes it."""
+def _observation(view: View, model: Model, response: Simulator) -> Observation:
+    """One record with the noise of its channels, and what shakes it."""
     experiment = response.experiment
     found, place = build.noise(build.channels(view.config, model), len(experiment.t)), "record"
     try:
         found = of_record(found, experiment.t, experiment.seen)
         place = "missing_torque"
-        return missing_torque.shaken(view.config, model, found, experiment, response.sensing)
+        return missing_torque.observation(view.config, response, found, view.label)
     except ValueError as error:
         raise InputError([view.source.problem((place,), str(error))]) from None
 

@@ -6,15 +6,15 @@ from collections.abc import Mapping
 from types import MappingProxyType
 
 from bayesdrill.basics.symbols import Symbol
+from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.noise.contract import Noise
-from bayesdrill.inference.noise.shaken import Shaken
-from bayesdrill.inference.noise.white import White
+from bayesdrill.inference.noise.shaken import ShakenObservation
 from bayesdrill.inference.unknowns import Unknown
-from bayesdrill.record.experiment import Experiment
 from bayesdrill.rig.filtered import Filtered, steps_of
 from bayesdrill.rig.missing_torque import SIZE, TIME, MissingTorque, pushes
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.sensing import Sensing
+from bayesdrill.rig.simulator import Simulator
 from bayesdrill.setup.config import Config
 from bayesdrill.setup.number_objects import prior, start
 
@@ -56,22 +56,34 @@ def unknowns(config: Config) -> tuple[Unknown, ...]:
     return tuple(one for one in numbers(config).values() if isinstance(one, Unknown))
 
 
-def shaken(
-    config: Config, model: Model, noise: Noise, experiment: Experiment, sensing: Sensing
-) -> Noise:
-    """`noise`, and the missing torque that the config has; raises `ValueError` where it cannot be."""
-    acts = torque(config)
+def observation(config: Config, response: Simulator, noise: Noise, label: str = "") -> Observation:
+    """With the missing torque that the config has; raises `ValueError` where it cannot be.
+
+    Parameters and unknowns are called as in an experiment that has no others beside it.
+    """
+    acts, parameters = torque(config), response.parameters
+    levels = [one.name for one in noise.unknowns]
     if acts is None:
-        return noise
-    if not isinstance(noise, White):
+        return Observation(
+            response=response, noise=noise, parameters=parameters, levels=levels, label=label
+        )
+    if not noise.white:
         raise ValueError(
             "beside a missing torque the noise of every channel has to be white: they could hardly be "
             "told apart; remove `noise:` of the channels, or this entry"
         )
-    if said := refusal(model, acts, sensing):
+    if said := refusal(response.model, acts, response.sensing):
         raise ValueError(said)
-    steps_of(experiment)
-    return Shaken(within=noise, filtered=Filtered(model, acts, experiment), torque=numbers(config))
+    steps_of(response.experiment)
+    return ShakenObservation(
+        response=response,
+        noise=noise,
+        filtered=Filtered(response.model, acts, response.experiment),
+        process=numbers(config),
+        parameters=parameters,
+        levels=[*levels, *(one.name for one in unknowns(config))],
+        label=label,
+    )
 
 
 def refusal(model: Model, acts: MissingTorque, sensing: Sensing) -> str:

@@ -14,7 +14,7 @@ from bayesdrill.basics import own_files, seeds
 from bayesdrill.basics.errors import InputError, Problem
 from bayesdrill.inference import pieces
 from bayesdrill.inference.noise.mixed import of_record
-from bayesdrill.inference.unknowns import Unknown, of_label
+from bayesdrill.inference.unknowns import ParameterSpace, Unknown, of_label
 from bayesdrill.record.experiment import Experiment, frozen, raise_if_any, times
 from bayesdrill.rig.choosing import simulator
 from bayesdrill.rig.models.linear import Model
@@ -79,14 +79,13 @@ def one(view: View, seed: int, target: Path | None = None, index: int = 0) -> st
     signals = response.signals(full)[0]
     known = [_known(config, source, entry) for entry in measured]
     noise = of_record(build.noise(known, len(signals)), experiment.t, experiment.seen)
-    own = [_true_of_noise(view, unknown) for unknown in noise.unknowns]
+    observed = missing_torque.observation(config, response, noise)
+    own = [_true_of_noise(view, unknown) for unknown in observed.unknowns]
     rng = seeds.stream(seed, "record", index)
-    if config.missing_torque is None:
-        noisy = noise.draw(signals[None], np.array([own]), rng)[0]
-    else:
-        shaken = missing_torque.shaken(config, rig, noise, experiment, sensing)
-        own += [_true_of_noise(view, unknown) for unknown in missing_torque.unknowns(config)]
-        noisy = shaken.draw(signals[None], np.array([[*own, *full[0]]]), rng)[0]
+    space = ParameterSpace(
+        model=response.parameters, unknowns=observed.unknowns, fixed=dict(values)
+    )
+    noisy = observed.placed(space).draw(signals[None], np.array([own]), rng)[0]
     y = noisy / np.array([entry.factor for entry in measured])
     return writing.as_text(config, source, experiment, y)
 

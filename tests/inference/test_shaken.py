@@ -17,7 +17,7 @@ from rigs import STATES, experiment, posterior, unknown, vector
 
 from bayesdrill.inference import laplace
 from bayesdrill.inference.likelihood import Likelihood
-from bayesdrill.inference.noise.shaken import Shaken
+from bayesdrill.inference.noise.shaken import ShakenObservation
 from bayesdrill.inference.noise.white import White
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.priors import LogUniform, Uniform
@@ -54,14 +54,17 @@ def target(*, gaps: bool = False) -> Posterior:
     sigma = level("sigma_w_2", 0.02, 2.0)
     within = White(n_samples=151, known={0: 0.1}, n_channels=2, unknowns=(sigma,))
     torque = {"s_d": level("s_d", 1e-3, 1.0), "tau_d": level("tau_d", 0.01, 10.0)}
-    noise = Shaken(
-        within=within.seeing(one.counts),
+    observed = ShakenObservation(
+        response=simulator(MotorShaft(), one, Sensing()),
+        noise=within.seeing(one.counts),
         filtered=Filtered(MotorShaft(), found.torque, one),
-        torque=torque,
+        process=torque,
+        parameters=ORDER,
+        levels=["sigma_w_2", "s_d", "tau_d"],
     )
-    space = ParameterSpace(model=ORDER, unknowns=(*base.space.unknowns, *noise.unknowns), fixed={})
-    response = simulator(MotorShaft(), one, Sensing())
-    likelihood = Likelihood.of(space, (response, noise))
+    unknowns = (*base.space.unknowns, *observed.unknowns)
+    space = ParameterSpace(model=ORDER, unknowns=unknowns, fixed={})
+    likelihood = Likelihood.joint(space, [observed])
     return Posterior(space=space, likelihood=likelihood, coordinates=space.coordinates())
 
 
@@ -92,7 +95,7 @@ def test_the_curvature_is_on_average_the_fisher_information() -> None:
     clean = one.signals(of.space.full(theta))
     slopes, curvatures = [], []
     for _ in range(60):
-        record = one.noise.draw(clean, one.scatter(theta), rng)[0]
+        record = one.draw(clean, theta, rng)[0]
         likelihood = dataclasses.replace(of.likelihood, observations=(one.with_record(record),))
         surface = PosteriorSurface(dataclasses.replace(of, likelihood=likelihood))
         slope, curvature = surface.of_record(theta, np.eye(theta.shape[1]))
@@ -107,7 +110,7 @@ def test_a_torque_of_no_size_is_no_torque() -> None:
     theta = points(3)
     theta[:, -2] = 1e-9
     one = of.likelihood.alone
-    plain = White(n_samples=151, known={0: 0.1}, n_channels=2, unknowns=one.noise.within.unknowns)
+    plain = White(n_samples=151, known={0: 0.1}, n_channels=2, unknowns=one.unknowns[:1])
     values = plain.log_likelihood(one.residuals(of.space.full(theta)), theta[:, 9:10])
     assert of.likelihood(theta) == pytest.approx(values.sum(axis=1), abs=1e-5)
 
@@ -119,21 +122,10 @@ def test_gaps_take_the_way_of_all_samples() -> None:
     fast = whole.likelihood(theta)
     one = whole.likelihood.alone
     left = one.residuals(whole.space.full(theta)).samples
-    each = one.noise.pointwise(left, one.scatter(theta))
+    each = one.pointwise(left, theta)
     assert fast == pytest.approx(each.sum(axis=(1, 2)), abs=1e-7)
     assert np.isfinite(some.likelihood(theta)).all()
     assert some.likelihood.numbers == whole.likelihood.numbers - 10
-
-
-def test_pulls_are_slopes_by_the_signal() -> None:
-    of = target()
-    one, theta, rng = of.likelihood.alone, points(1), np.random.default_rng(2)
-    left = one.residuals(of.space.full(theta)).samples
-    own, turn = one.scatter(theta), rng.standard_normal(left.shape)
-    step = 1e-5
-    up, down = (one.noise.pointwise(left + s * turn, own).sum() for s in (step, -step))
-    pull = one.noise.pull(left, own)
-    assert -(up - down) / (2 * step) == pytest.approx((pull * turn).sum(), rel=1e-6)
 
 
 def test_pinned_the_covariance_is_that_of_one_rig() -> None:
@@ -142,9 +134,9 @@ def test_pinned_the_covariance_is_that_of_one_rig() -> None:
     one = of.likelihood.alone
     held = one.pinned(theta[0])
     left = one.residuals(of.space.full(theta)).samples
-    own = one.scatter(np.vstack([theta[0], np.append(theta[1, :9], theta[0, 9:])]))
-    rows = one.noise.whiten(left[[1, 1]], own)
-    pinned = held.noise.whiten(left[[1, 1]], own)
+    there = np.vstack([theta[0], np.append(theta[1, :9], theta[0, 9:])])
+    rows = one.whiten(left[[1, 1]], there)
+    pinned = held.whiten(left[[1, 1]], there)
     assert (pinned[0] == rows[0]).all()
     assert (pinned[1] == pinned[0]).all()
     assert not np.allclose(rows[1], rows[0])

@@ -10,7 +10,7 @@ from oracles import NOMINAL, ORDER
 from rigs import experiment, unknown, vector
 
 from bayesdrill.engines.climb import climb
-from bayesdrill.inference.likelihood import Likelihood, Part
+from bayesdrill.inference.likelihood import Likelihood, Observation
 from bayesdrill.inference.noise.contract import Noisy
 from bayesdrill.inference.noise.white import White
 from bayesdrill.inference.posterior import Posterior
@@ -41,10 +41,10 @@ def compared(stiffer: float, seed: int = 0) -> tuple[Repeat, ...]:
         record = replace(clean, y=y)
         noisy = [Noisy(channel=c, sigma=SIGMA, start=SIGMA) for c in record.channels]
         parts.append(
-            Part(
+            Observation(
                 response=Response(MotorShaft(), record),
                 noise=White.of(noisy, len(y)),
-                told=ORDER,
+                parameters=ORDER,
                 levels=[],
                 label=f"run_{k + 1}",
             )

@@ -83,7 +83,7 @@ def shaken(size: float, seed: int) -> tuple[Posterior, Array, Array]:
         model=Loaded(one.response.model, acts),
         experiment=replace(experiment, series={**experiment.series, LOAD: true}),
     )
-    y = one.noise.draw(loaded.signals(rubs.space.full(theta)), one.scatter(theta), rng)[0]
+    y = one.draw(loaded.signals(rubs.space.full(theta)), theta, rng)[0]
     target = of(lacks, lacks.likelihood.observations[0].with_record(y))
     truth = dict(zip(rubs.space.free, theta[0], strict=True))
     return target, target.space.vector({**truth, "s_d": size, "tau_d": TIME}), true
@@ -158,7 +158,7 @@ def test_where_nothing_rubs_the_rig_goes_where_the_torque_moves_it(at: str) -> N
     space = target.space
     theta = space.vector({**space.start, "s_d": 0.1, "tau_d": 1.0})
     full = space.full(theta[None])
-    y = one.noise.draw(one.signals(full), one.scatter(theta[None]), rng)[0]
+    y = one.draw(one.signals(full), theta[None], rng)[0]
     (found,) = shakings(of(target, one.with_record(y)), theta[None], rng)
     assert max(course.moved for course in found.courses) > 0.5
     assert max(course.strayed for course in found.courses) < 0.1

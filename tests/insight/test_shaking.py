@@ -17,7 +17,7 @@ from rigs import STATES, experiment, posterior, unknown, vector
 
 from bayesdrill.basics.units import Unit
 from bayesdrill.inference.likelihood import Likelihood
-from bayesdrill.inference.noise.shaken import Shaken
+from bayesdrill.inference.noise.shaken import ShakenObservation
 from bayesdrill.inference.noise.white import White
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.priors import LogUniform
@@ -50,15 +50,18 @@ def shaken(at: At, rng: np.random.Generator) -> tuple[Posterior, np.ndarray]:
         n: dataclasses.replace(unknown(n, LogUniform(1e-3, 10.0)), role="noise")
         for n in ("s_d", "tau_d")
     }
-    noise = Shaken(
-        within=White(n_samples=301, known=dict.fromkeys(range(4), SIGMA), n_channels=4),
+    observed = ShakenObservation(
+        response=Response(MotorShaft(), one),
+        noise=White(n_samples=301, known=dict.fromkeys(range(4), SIGMA), n_channels=4),
         filtered=Filtered(MotorShaft(), found.torque, one),
-        torque=levels,
+        process=levels,
+        parameters=base.space.model,
+        levels=["s_d", "tau_d"],
     )
     space = ParameterSpace(
-        model=base.space.model, unknowns=(*base.space.unknowns, *noise.unknowns), fixed={}
+        model=base.space.model, unknowns=(*base.space.unknowns, *observed.unknowns), fixed={}
     )
-    likelihood = Likelihood.of(space, (Response(MotorShaft(), one), noise))
+    likelihood = Likelihood.joint(space, [observed])
     made = Posterior(space=space, likelihood=likelihood, coordinates=space.coordinates())
     return made, SIZE * states[0, :, found.pushed.states.index("torque")]
 

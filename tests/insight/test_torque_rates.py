@@ -58,7 +58,7 @@ def told(seed: int) -> Told:
     rng = np.random.default_rng([23, seed])
     one = rubs.likelihood.observations[0]
     theta = rubs.space.draw(1, rng)
-    y = one.noise.draw(one.signals(rubs.space.full(theta)), one.scatter(theta), rng)[0]
+    y = one.draw(one.signals(rubs.space.full(theta)), theta, rng)[0]
     target = of(lacks, lacks.likelihood.observations[0].with_record(y))
     truth = dict(zip(rubs.space.free, theta[0], strict=True))
     friction = float(truth.pop("t_c1"))

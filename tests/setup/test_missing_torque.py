@@ -50,7 +50,7 @@ def test_numbers_hold_them(tmp_path: Path) -> None:
     )
     posterior = job.prepare(path).problem.posterior
     assert posterior.space.free == ("k_e", "j_1")
-    assert posterior.likelihood.noise.torque == {"s_d": 0.02, "tau_d": 0.5}
+    assert posterior.likelihood.alone.process == {"s_d": 0.02, "tau_d": 0.5}
 
 
 @pytest.mark.parametrize(

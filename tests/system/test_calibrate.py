@@ -63,7 +63,7 @@ class Stopping:
 
 def here(config: Path, folder: Path, how: str = "fresh", report: object = None) -> object:
     """A calibration in this process."""
-    with ThreadPoolExecutor(1) as crew:
+    with executors.Local(ThreadPoolExecutor(1)) as crew:
         try:
             job = calibrate.prepare(config)
             return calibrate.calibrate(job, folder, how, crew, report or Silent())  # type: ignore[arg-type]

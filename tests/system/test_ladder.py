@@ -78,7 +78,7 @@ class Stopping:
 
 def here(config: Path, folder: Path, how: str = "fresh", report: object = None) -> object:
     """A ladder in this process."""
-    with ThreadPoolExecutor(1) as crew:
+    with executors.Local(ThreadPoolExecutor(1)) as crew:
         try:
             return laddering.ladder(prepare(config), folder, how, crew, report or Silent())  # type: ignore[arg-type]
         finally:

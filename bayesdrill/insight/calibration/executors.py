@@ -27,11 +27,11 @@ SILENT = (
 
 
 @contextmanager
-def local(processes: int) -> Iterator[Executor]:
+def local(processes: int) -> Iterator[RefitExecutor]:
     """`processes` workers; those still at a refit when the block is left by an error are ended."""
     pool = workers(processes, _nothing)
     try:
-        yield pool
+        yield Local(pool)
     except BaseException:
         # A refit may take minutes, and is lost anyway.  Results are far shorter than what a pipe
         # takes in one piece, so that none is cut in the middle.
@@ -45,7 +45,7 @@ def _nothing() -> None:
 
 
 @contextmanager
-def dask(scheduler: str) -> Iterator[Executor]:
+def dask(scheduler: str) -> Iterator[RefitExecutor]:
     """The workers of `scheduler`, such as tcp://host:8786; raises `InputError` without them."""
     try:
         from distributed import Client
@@ -102,8 +102,31 @@ def _check_answers(scheduler: str) -> None:
         raise InputError.one("--scheduler", message) from None
 
 
-class Cluster(Executor):
-    """The workers of a scheduler; whoever waits for what they do calls `watch` now and then."""
+class RefitExecutor(Executor):
+    """Whoever waits for what it does calls `watch` now and then."""
+
+    def watch(self, say: Callable[[str], None]) -> str:
+        """Why nothing will come any more; empty while something may."""
+        return ""
+
+
+class Local(RefitExecutor):
+    """Processes of this machine: where one dies, all that waits for it is told."""
+
+    def __init__(self, pool: Executor) -> None:
+        self._pool = pool
+
+    def submit[**P, T](
+        self, function: Callable[P, T], /, *arguments: P.args, **named: P.kwargs
+    ) -> Future[T]:
+        return self._pool.submit(function, *arguments, **named)
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        self._pool.shutdown(wait, cancel_futures=cancel_futures)
+
+
+class Cluster(RefitExecutor):
+    """The workers of a scheduler."""
 
     def __init__(self, client: Any) -> None:
         self._client, self._executor = client, client.get_executor(pure=False)
@@ -154,10 +177,7 @@ class Cluster(Executor):
         return await asyncio.gather(*map(asked, workers))
 
     def watch(self, say: Callable[[str], None]) -> str:
-        """Why nothing will come any more; empty while something may.
-
-        What a worker had that is heard no more goes to the others. Raises as `compare` does.
-        """
+        """What a worker had that is heard no more goes to the others. Raises as `compare` does."""
         now, client = time.monotonic(), self._client
         if now - self._looked < WATCH:
             return ""
@@ -187,7 +207,7 @@ class Cluster(Executor):
 
 
 def results[T](
-    crew: Executor, futures: Collection[Future[T]], folder: Path, report: Reporter
+    crew: RefitExecutor, futures: Collection[Future[T]], folder: Path, report: Reporter
 ) -> Iterator[tuple[Future[T], T]]:
     """Each future of `crew` with what it gave, as soon as it is done; `folder` keeps what is saved.
 
@@ -210,10 +230,10 @@ def results[T](
 
 
 def _next[T](
-    crew: Executor, done: SimpleQueue[Future[T]], folder: Path, report: Reporter
+    crew: RefitExecutor, done: SimpleQueue[Future[T]], folder: Path, report: Reporter
 ) -> Future[T]:
     while True:
-        if isinstance(crew, Cluster) and (reason := crew.watch(report.say)):
+        if reason := crew.watch(report.say):
             raise _lost(folder, reason)
         with suppress(Empty):
             return done.get(timeout=WATCH)

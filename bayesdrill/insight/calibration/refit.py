@@ -123,7 +123,7 @@ def _simulated(posterior: Posterior, rng: np.random.Generator) -> tuple[Array, P
         message = f"the model has no finite response at {TRIES} draws from the priors; narrow them"
         raise InputError.one("parameters", message)
     made = [
-        one.with_record(one.noise.draw(each, one.scatter(theta), rng)[0])
+        one.with_record(one.draw(each, theta, rng)[0])
         for one, each in zip(likelihood.observations, signals, strict=True)
     ]
     simulated = dataclasses.replace(likelihood, observations=tuple(made))
@@ -166,7 +166,7 @@ def _best(study: Study, posterior: Posterior, seed: int) -> mode.Search:
 def _explained(posterior: Posterior, theta: Array) -> bool:
     """Whether the noise, where all of it is known, explains what `theta (D,)` leaves."""
     likelihood = posterior.likelihood
-    known = not any(one.noise.unknowns for one in likelihood.observations)
+    known = not any(one.unknowns for one in likelihood.observations)
     return known and laplace.excess(posterior, theta) <= 1.0 + np.sqrt(2.0 / likelihood.numbers)
 
 

@@ -64,8 +64,8 @@ class Fitter:
 
     def __init__(self, posterior: Posterior, scenery: Scenery, theta: Array) -> None:
         self._likelihood = posterior.likelihood.pinned(theta)
-        pinned = any(one.space is not None for one in self._likelihood.observations)
-        self._scenery = Scenery(self._likelihood) if pinned else scenery
+        same = self._likelihood is posterior.likelihood
+        self._scenery = scenery if same else Scenery(self._likelihood)
         self._coordinates = posterior.coordinates
         self._m = len(scenery.unknowns) + len(scenery.nuisances)
         self._noise = theta[self._m :]
@@ -176,7 +176,7 @@ class Fitter:
         full, found = self._likelihood.space.full(theta[None]), theta.copy()
         for one in self._likelihood.observations:
             left = one.residuals(full).samples[0]
-            found[one.own] = one.noise.fitted(left, one.scatter(theta[None])[0])
+            found[one.own] = one.fitted(left, theta)
         self._noise = found[self._m :]
 
 

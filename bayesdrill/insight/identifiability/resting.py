@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdrill.inference.likelihood import Likelihood, Observation, Part
+from bayesdrill.inference.likelihood import Likelihood
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.priors import Uniform
 from bayesdrill.inference.unknowns import Unknown
@@ -134,18 +134,5 @@ def _freed(posterior: Posterior, model: Model, held: tuple[str, ...], first: int
         unknowns=(*space.unknowns[:first], *new, *space.unknowns[first:]),
         fixed={name: value for name, value in space.fixed.items() if name not in held},
     )
-    parts = [_part(one, posterior) for one in posterior.likelihood.observations]
-    return Posterior(
-        space=wider, likelihood=Likelihood.joint(wider, parts), coordinates=wider.coordinates()
-    )
-
-
-def _part(one: Observation, posterior: Posterior) -> Part:
-    told = one.named(one.response.parameters, posterior.space.model)
-    return Part(
-        response=one.response,
-        noise=one.noise,
-        told=[told.get(name, name) for name in one.response.parameters],
-        levels=one.levels(posterior.space),
-        label=one.label,
-    )
+    likelihood = Likelihood.joint(wider, posterior.likelihood.observations)
+    return Posterior(space=wider, likelihood=likelihood, coordinates=wider.coordinates())

@@ -15,8 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdrill.inference.likelihood import Likelihood, Observation
-from bayesdrill.inference.noise.shaken import Shaken
+from bayesdrill.inference.likelihood import Likelihood, Observation, Torque
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.surface import PosteriorSurface
 from bayesdrill.insight.identifiability.structure import Exponents
@@ -64,7 +63,7 @@ def stand_ins(
 ) -> tuple[StandIn, ...]:
     """Of the rig's parameters at `theta (D,)`; `before (D,)`: sds of logs under the priors."""
     every = posterior.likelihood.observations
-    torques = [one.noise for one in every if isinstance(one.noise, Shaken)]
+    torques = [one.torque for one in every if one.torque]
     if not torques:
         return ()
     seeds = rng.integers(2**32, size=DRAWN)
@@ -101,8 +100,8 @@ def scaled(posterior: Posterior, symmetries: Sequence[Exponents]) -> tuple[tuple
     size of the torque among it.
     """
     for one in posterior.likelihood.observations:
-        if isinstance(one.noise, Shaken):
-            rig, torque = one.noise.filtered.model, one.noise.filtered.torque
+        if one.torque:
+            rig, torque = one.torque.filtered.model, one.torque.filtered.torque
             names = posterior.space.free
             size = next((name for name in names if name.startswith(SIZE)), SIZE)
             found = []
@@ -142,7 +141,7 @@ def _known(posterior: Posterior, theta: Array, before: Array, seeds: Seeds) -> A
     for seed in seeds:
         rng = np.random.default_rng(seed)
         drawn = [
-            one.with_record(one.noise.draw(one.signals(full), one.scatter(theta[None]), rng)[0])
+            one.with_record(one.draw(one.signals(full), theta[None], rng)[0])
             for one in posterior.likelihood.observations
         ]
         likelihood = dataclasses.replace(posterior.likelihood, observations=tuple(drawn))
@@ -157,15 +156,10 @@ def _alone(
 ) -> Array:
     """Sds of all `(D,)`, if there were no torque: it is known to be nothing."""
     levels = [k for k, name in enumerate(posterior.space.free) if name.startswith(SIZE)]
-    small = []
-    for one in posterior.likelihood.observations:
-        noise = one.noise
-        size = noise.torque[SIZE] if isinstance(noise, Shaken) else None
-        if isinstance(noise, Shaken) and isinstance(size, float):
-            held = dataclasses.replace(noise, torque={**noise.torque, SIZE: size * NOTHING})
-            small.append(dataclasses.replace(one, noise=held))
-        else:
-            small.append(one)
+    small = [
+        one.torque.times(NOTHING) if one.torque else one
+        for one in posterior.likelihood.observations
+    ]
     likelihood = dataclasses.replace(posterior.likelihood, observations=tuple(small))
     there = theta.copy()
     there[levels] *= NOTHING
@@ -185,14 +179,16 @@ def _unseen(posterior: Posterior) -> list[str]:
 def _measured(posterior: Posterior, theta: Array, before: Array, seeds: Seeds, state: str) -> Array:
     """Information, if every record showed this state too."""
     full = posterior.space.full(theta[None])
-    more = [_with(one, full, state) for one in posterior.likelihood.observations]
+    more = [
+        _with(one, one.torque, full, state) if one.torque else one
+        for one in posterior.likelihood.observations
+    ]
     likelihood = Likelihood(tuple(more), posterior.space)
     return _known(dataclasses.replace(posterior, likelihood=likelihood), theta, before, seeds)
 
 
-def _with(one: Observation, full: Array, state: str) -> Observation:
-    symbol, noise = vocabulary.STATES[state], one.noise
-    assert isinstance(noise, Shaken)
+def _with(one: Observation, torque: Torque, full: Array, state: str) -> Observation:
+    symbol = vocabulary.STATES[state]
     channel = Channel(
         name=f"state {state}", weights={state: 1.0}, unit=symbol.unit, latex="", latex_unit=""
     )
@@ -204,9 +200,4 @@ def _with(one: Observation, full: Array, state: str) -> Observation:
     )
     response = one.response.of(wider)
     spread = float(response.signals(one.told(full))[0, :, -1].std())
-    within, k = noise.within, noise.n_channels
-    counts = None if within.counts is None else (*within.counts, t_count)
-    known = {**within.known, k: SENSOR * spread or 1.0}
-    level = dataclasses.replace(within, known=known, n_channels=k + 1, counts=counts)
-    made = dataclasses.replace(noise, within=level).of_rig(response)
-    return dataclasses.replace(one, response=response, noise=made)
+    return torque.showing(response, SENSOR * spread or 1.0)

@@ -9,6 +9,8 @@ from functools import lru_cache
 
 from llvmlite import ir
 
+from bayesdrill.basics.arithmetic import Choice, Number
+
 LANES = 8
 
 F64 = ir.DoubleType()
@@ -108,7 +110,7 @@ class Loop:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Lane:
+class Lane(Number):
     """One number of each walker.  Arithmetic with it is written down as code, not carried out.
 
     A model's formulas, evaluated with these for numbers, become part of the kernel.
@@ -163,8 +165,6 @@ class Lane:
             result = result * self
         return result
 
-    # What `basics.arithmetic` asks numbers of a kind for.
-
     def exp(self) -> Lane:
         return Lane(self.b, emit_exp(self.b, self.value))
 
@@ -184,7 +184,7 @@ class Lane:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Mask:
+class Mask(Choice):
     """Of lanes."""
 
     b: ir.IRBuilder

@@ -1,0 +1,165 @@
+"""Nobody asks a member of a registry which one it is: what is asked of it stands in its contract.
+
+All offenders come together, each with file and line.  `isinstance` is told by the classes that it
+names; `getattr` and `hasattr` by what they are asked of, or by the attribute, where a contract has it.
+"""
+
+from __future__ import annotations
+
+import ast
+import functools
+import inspect
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+import bayesdrill
+from bayesdrill.engines.optimisers import OPTIMISERS
+from bayesdrill.engines.optimisers.contract import Optimiser
+from bayesdrill.engines.samplers.moves import MOVES, Move
+from bayesdrill.inference import priors
+from bayesdrill.inference.likelihood import Observation
+from bayesdrill.inference.noise import NOISES
+from bayesdrill.inference.noise.contract import Noise
+from bayesdrill.inference.noise.mixed import Mixed
+from bayesdrill.inference.noise.shaken import ShakenObservation
+from bayesdrill.insight.calibration.executors import Cluster, Local, RefitExecutor
+from bayesdrill.record.formats import FORMATS
+from bayesdrill.report.figures import FIGURES
+from bayesdrill.rig.measured import Measured
+from bayesdrill.rig.models import MODELS
+from bayesdrill.rig.models.linear import Model
+from bayesdrill.rig.response import Response
+from bayesdrill.rig.simulator import Simulator
+from bayesdrill.rig.stepped import Stepped
+
+PACKAGE = Path(bayesdrill.__file__).parent
+
+# Where members stand, and are told apart by what makes them.
+REGISTRIES = (
+    "rig/models/",
+    "rig/choosing.py",
+    "rig/response.py",
+    "rig/measured.py",
+    "rig/stepped.py",
+    "inference/noise/",
+    "inference/priors.py",
+    "inference/likelihood.py",
+    "engines/optimisers/",
+    "engines/samplers/",
+    "record/formats/",
+    "report/figures.py",
+    "insight/calibration/executors.py",
+)
+CONTRACTS = (Model, Simulator, Noise, priors.Prior, Observation, Optimiser, Move, RefitExecutor)
+SIMULATORS = (Response, Measured, Stepped)
+OBSERVATIONS = (Observation, ShakenObservation)
+# Of an observation whose density is not that of independent residuals all this is its own.
+DENSITY = (
+    *("by_channel", "pointwise", "whiten", "inform", "expand", "expected", "fitted"),
+    *("followed", "draw", "again", "pinned", "unknowns", "white", "kind", "torque"),
+)
+EXECUTORS = (Local, Cluster)
+PRIORS = (*(one for one in priors.PRIORS.values() if inspect.isclass(one)), priors.InUnits)
+# What variables are called that hold a member.
+MEMBERS = {
+    *("model", "rig", "noise", "prior", "response", "simulator", "observation", "observed"),
+    *("optimiser", "move", "figure", "crew", "executor", "si"),
+}
+# By file and what is asked there.
+ALLOWED = {
+    ("api/arguments.py", "getattr(rig, name)"): "values of a class that a notebook brings, judged",
+    ("rig/vocabulary.py", "getattr(rig, of)"): "of all rigs, by the name of a list of names",
+    ("setup/own_units.py", "getattr(si, key, None)"): "a row of a table, and no prior",
+    ("paper/studies/truths.py", "isinstance(own, MotorShaft)"): "two published rigs, and no others",
+    ("paper/studies/truths.py", "isinstance(rig, TwoRotors)"): "likewise",
+}
+# Until models have roles and defaults of their own; where one has gone its line here goes too.
+ROLES = {"i_m", "added", "frictions", "inner", "offers"}
+
+
+@functools.cache
+def classes() -> set[str]:
+    registries = (MODELS, NOISES, OPTIMISERS, MOVES, FORMATS, FIGURES)
+    members = [registry[name] for registry in registries for name in registry]
+    own = {one if inspect.isclass(one) else type(one) for one in members}
+    every = (*own, *CONTRACTS, *SIMULATORS, *OBSERVATIONS, *EXECUTORS, *PRIORS, Mixed)
+    return {one.__name__ for one in every if one.__module__.startswith("bayesdrill.")}
+
+
+@functools.cache
+def attributes() -> set[str]:
+    """Of contracts and members, those that everything has left out."""
+    of = (*CONTRACTS, *SIMULATORS, *OBSERVATIONS, *EXECUTORS, *PRIORS, *NOISES.values())
+    found = {name for one in of for name in dir(one) if not name.startswith("_")}
+    return found | ROLES
+
+
+def calls(text: str) -> Iterator[tuple[ast.Call, str, ast.expr, ast.expr]]:
+    for node in ast.walk(ast.parse(text)):
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and len(node.args) > 1:
+            yield node, node.func.id, node.args[0], node.args[1]
+
+
+def names_in(expression: ast.expr) -> set[str]:
+    """Of classes, however they are written: `A | B`, `(A, B)`, `module.A`."""
+    found = {node.id for node in ast.walk(expression) if isinstance(node, ast.Name)}
+    return found | {node.attr for node in ast.walk(expression) if isinstance(node, ast.Attribute)}
+
+
+def offenders(text: str) -> list[tuple[int, str]]:
+    kinds, known, found = classes(), attributes(), []
+    for node, function, of, what in calls(text):
+        last = of.attr if isinstance(of, ast.Attribute) else getattr(of, "id", "")
+        asked = what.value if isinstance(what, ast.Constant) else None
+        kind = function == "isinstance" and bool(names_in(what) & kinds)
+        attribute = function in ("getattr", "hasattr") and (last in MEMBERS or asked in known)
+        if kind or attribute:
+            found.append((node.lineno, ast.unparse(node)))
+    return found
+
+
+def test_nobody_asks_a_member_which_one_it_is() -> None:
+    found, used = [], set()
+    for path in sorted(PACKAGE.rglob("*.py")):
+        file = str(path.relative_to(PACKAGE))
+        if not file.startswith(REGISTRIES):
+            for line, call in offenders(path.read_text()):
+                used.add((file, call))
+                if (file, call) not in ALLOWED and not any(repr(role) in call for role in ROLES):
+                    found.append(f"{file}:{line}: {call}")
+    assert not found, "\n" + "\n".join(found)
+    assert ALLOWED.keys() <= used
+
+
+@pytest.mark.parametrize(
+    "code",
+    [
+        "isinstance(one.response, Stepped)",
+        "isinstance(one, White | AR1)",
+        "isinstance(one, (shaken.ShakenObservation, int))",
+        "isinstance(rig, MotorShaft)",
+        "getattr(one.noise, name)",
+        "getattr(anything, 'seeing', None)",
+        "hasattr(one, 'i_m')",
+        "getattr(prior, name)",
+    ],
+)
+def test_it_would_be_seen(code: str) -> None:
+    assert offenders(f"def f():\n    return {code}") == [(2, code)]
+
+
+def test_what_is_no_member_may_be_asked() -> None:
+    assert not offenders("isinstance(value, float | int)\ngetattr(error, 'errno', None)")
+
+
+def test_simulators_and_observations_keep_their_contracts() -> None:
+    """Whole, and by the same names: what is only found when it is called is found here."""
+    for contract, members in ((Simulator, SIMULATORS), (RefitExecutor, EXECUTORS)):
+        wanted = {name for name in vars(contract) if not name.startswith("_")}
+        for one in members:
+            fields = getattr(one, "__annotations__", {})
+            own = {*dir(one), *fields, "model", "experiment"}
+            assert not wanted - own, one
+    assert {*DENSITY} <= {*vars(ShakenObservation)}
