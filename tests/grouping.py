@@ -21,7 +21,7 @@ def for_each(cases: Mapping[str, tuple[Any, ...]], check: Callable[..., None]) -
         except (Exception, pytest.fail.Exception) as failure:
             *_, place = traceback.extract_tb(failure.__traceback__)[:2]
             what = "".join(traceback.format_exception_only(failure)).strip().replace("\n", "\n    ")
-            failures.append(f"{name} (line {place.lineno}: {place.line})\n    {what}")
+            failures.append(f"{name:.100} (line {place.lineno}: {place.line})\n    {what}")
     if failures:
         listed = "\n".join(failures)
         raise AssertionError(f"{len(failures)} of {len(cases)} cases fail:\n{listed}")
