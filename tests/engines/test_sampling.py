@@ -77,7 +77,7 @@ def test_ensembles_have_no_step_in_common() -> None:
         assert min(len(one), len(two)) > 3 * N  # they have moved
         assert not one & two
 
-    for_each({(MOVES)(moves): (moves,) for moves in MOVES.values()}, check)
+    for_each({name: (moves,) for name, moves in MOVES.items()}, check)
 
 
 def test_ensembles_start_at_different_points_with_different_streams() -> None:

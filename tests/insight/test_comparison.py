@@ -48,7 +48,7 @@ def test_the_word_is_that_of_the_odds() -> None:
         shown = {"both": "MODEL AND NOISE", "either": "MODEL OR NOISE"}.get(word, word.upper())
         assert said.startswith(f"verdict: {shown}")
 
-    for_each({str(case): case for case in CASES.values()}, check)
+    for_each(CASES, check)
 
 
 def test_odds_are_those_of_the_evidence() -> None:

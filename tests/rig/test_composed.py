@@ -108,7 +108,7 @@ def test_it_is_what_the_balances_of_its_bodies_give() -> None:
             own = [linear.B.get((state, name), 0.0) for state in STATES]
             assert own == pytest.approx(columns[name], rel=1e-12), name
 
-    for_each({("+".join)(added): (added,) for added in [*LINEAR, tuple(OFFERS)]}, check)
+    for_each({"+".join(added): (added,) for added in [*LINEAR, tuple(OFFERS)]}, check)
 
 
 def test_its_response_is_that_of_the_balances() -> None:
