@@ -44,6 +44,15 @@ def looked(surface: Ridged, proposal: Proposal, u: np.ndarray, weights: np.ndarr
     )
 
 
+@cache
+def found_beyond(n_loose: int, n_tight: int) -> tuple[Proposal, np.ndarray, Look | None]:
+    """A proposal of a piece, draws of it, and what is found beside them; looked for once."""
+    surface, found = learnt(n_loose, n_tight)
+    piece = shortened(found.proposal)
+    u, log_q = piece.draw(2000, surface.inside, np.random.RandomState(2))
+    return piece, u, looked(surface, piece, u, normalised(surface.value(u) - log_q))
+
+
 def test_points_are_brought_to_the_ridge() -> None:
     """From one that is off by ten standard deviations, or by hundreds, and has another
     covariance.
@@ -97,10 +106,8 @@ def test_what_a_proposal_leaves_out_is_found() -> None:
     """
 
     def check(n_loose: int, n_tight: int) -> None:
-        surface, found = learnt(n_loose, n_tight)
-        piece = shortened(found.proposal)
-        u, log_q = piece.draw(2000, surface.inside, np.random.RandomState(2))
-        seen = looked(surface, piece, u, normalised(surface.value(u) - log_q))
+        _, found = learnt(n_loose, n_tight)
+        _, _, seen = found_beyond(n_loose, n_tight)
         assert seen is not None
         truth, said = ((one.weights @ one.u) for one in (found, seen.draws))
         sd = np.sqrt(found.weights @ (found.u - truth) ** 2)
@@ -115,9 +122,7 @@ def test_walkers_reach_what_the_proposal_leaves_out() -> None:
     Mutants killed: the settled proposal never drawn from, or weighed with the other's density.
     """
     surface, found = learnt(2, 3)
-    piece = shortened(found.proposal)
-    u, log_q = piece.draw(2000, surface.inside, np.random.RandomState(2))
-    seen = looked(surface, piece, u, normalised(surface.value(u) - log_q))
+    piece, u, seen = found_beyond(2, 3)
     assert seen is not None
     own = replace(seen.proposal, mixture=settled(seen.proposal.mixture, surface.expand))
     whole = replace(piece, settled=own)

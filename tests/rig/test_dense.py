@@ -181,8 +181,8 @@ def test_few_samples() -> None:
     def check(n: int) -> None:
         rng = np.random.default_rng(6)
         t = np.array([1.0, 1.013, 1.1])[:n]
-        series = {"v": rng.normal(3, 1, n)}
-        theta, x0, before, shifts, rows = walkers(MotorShaft(), 1, 3, rng, (0.4, -2.0, 0.0))
+        series = {name: rng.normal(3, 1, n) for name in ("v", "t_1")}
+        theta, x0, before, shifts, rows = walkers(MotorShaft(), 2, 4, rng, SHIFTS)
         dense = Dense(MotorShaft(), t, series, {}, True)
         found = dense.signals(theta, x0, before, shifts, rows)
         for w in range(W):
@@ -313,12 +313,13 @@ def test_an_overflowing_walker_leaves_its_neighbours_alone() -> None:
 def test_pickles_answer_alike_and_unseen_samples_are_none() -> None:
     rng = np.random.default_rng(12)
     t = times("gaps", 30, rng)
-    dense = Dense(MotorShaft(), t, {"v": rng.normal(6, 1, 30)}, {}, True)
-    theta, x0, before, shifts, rows = walkers(MotorShaft(), 1, 3, rng, (0.4, -2.0, 0.0))
+    series = {name: rng.normal(6, 1, 30) for name in ("v", "t_1")}
+    dense = Dense(MotorShaft(), t, series, {}, True)
+    theta, x0, before, shifts, rows = walkers(MotorShaft(), 2, 4, rng, SHIFTS)
     found = dense.signals(theta, x0, before, shifts, rows)
     again = pickle.loads(pickle.dumps(dense)).signals(theta, x0, before, shifts, rows)
     assert np.array_equal(again, found)
-    seen = rng.uniform(size=(30, 3)) < 0.5
+    seen = rng.uniform(size=(30, 4)) < 0.5
     some = dense.signals(theta, x0, before, shifts, rows, seen)
     assert np.array_equal(some[:, seen], found[:, seen])
     assert np.isnan(some[:, ~seen]).all()
