@@ -177,7 +177,7 @@ def test_what_stands_in_records_is_judged_where_they_are_used() -> None:
         with pytest.raises(bd.InputError, match="give what find_map found"):
             two().sample(value)  # type: ignore[arg-type]
 
-    for_each({str(type(value).__name__): (value,) for value in WRONG}, check)
+    for_each({f"{k}: {type(one).__name__}": (one,) for k, one in enumerate(WRONG)}, check)
 
 
 def test_numbers_of_no_use_are_refused() -> None:

@@ -148,7 +148,7 @@ def test_results_of_another_command_are_left_alone(
         assert f"results of `bayesdrill {other.job}`" in said
         assert "--force" not in said
 
-    for_each({f"{mode} {kind}": (mode, kind) for mode in MODES for kind in KINDS}, check)
+    for_each({f"{mode} {kind.job}": (mode, kind) for mode in MODES for kind in KINDS}, check)
 
 
 def linked(path: Path) -> None:
