@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 from cases import BOX, T, run, two
+from grouping import for_each
 from oracles import NOMINAL
 from systems import ROOT
 
@@ -144,32 +145,39 @@ RESPONSE: dict[str, Any] = {
 WRONG = [value for value in POOL if not isinstance(value, int | float | str | np.int64 | None)]
 
 
-@pytest.mark.parametrize("value", WRONG, ids=lambda value: type(value).__name__)
-def test_what_stands_in_records_is_judged_where_they_are_used(value: object) -> None:
+def test_what_stands_in_records_is_judged_where_they_are_used() -> None:
     """Columns, fields of channels and inputs, entries, constants of rigs, numbers of mappings."""
-    fields = [one.name for one in dataclasses.fields(bd.Channel) if one.name != "values"]
-    channel = dataclasses.replace(GOOD, values=value)
-    assert "w_1" in refused(bd.case, **CASE | {"channels": {"w_1": channel}})
-    assert "v" in refused(bd.case, **CASE | {"inputs": {"v": bd.Input(value, "V")}})
-    told = refused(bd.case, **CASE | {"channels": {"w_1": bd.Channel(T, *[value] * len(fields))}})
-    assert "channels.w_1.unit" in told
-    assert "inputs" in refused(bd.case, **CASE | {"inputs": {"v": value}})
-    assert "k_s" in refused(bd.case, **CASE | {"parameters": CASE["parameters"] | {"k_s": value}})
-    assert "sampler" in refused(bd.case, **CASE, sampler={"ess": value})
-    assert "t: " in refused(bd.respond, **RESPONSE | {"t": value})
-    for name, key in (("parameters", "k_s"), ("inputs", "v"), ("initial", "w_1")):
-        wrong = {**RESPONSE.get(name, {}), key: value}
-        assert f"{name}.{key}" in refused(bd.respond, **RESPONSE | {name: wrong})
-    assert "rig" in refused(bd.respond, **RESPONSE | {"rig": value})
-    for name in RIGS:
-        kind = getattr(bd, name)
-        for field in dataclasses.fields(kind):
-            if field.name == "added" and isinstance(value, tuple):
-                continue
-            rig = kind(**{field.name: value})
-            assert f"rig.{field.name}" in refused(bd.respond, **RESPONSE | {"rig": rig})
-    with pytest.raises(bd.InputError, match="give what find_map found"):
-        two().sample(value)  # type: ignore[arg-type]
+
+    def check(value: object) -> None:
+        fields = [one.name for one in dataclasses.fields(bd.Channel) if one.name != "values"]
+        channel = dataclasses.replace(GOOD, values=value)
+        assert "w_1" in refused(bd.case, **CASE | {"channels": {"w_1": channel}})
+        assert "v" in refused(bd.case, **CASE | {"inputs": {"v": bd.Input(value, "V")}})
+        told = refused(
+            bd.case, **CASE | {"channels": {"w_1": bd.Channel(T, *[value] * len(fields))}}
+        )
+        assert "channels.w_1.unit" in told
+        assert "inputs" in refused(bd.case, **CASE | {"inputs": {"v": value}})
+        assert "k_s" in refused(
+            bd.case, **CASE | {"parameters": CASE["parameters"] | {"k_s": value}}
+        )
+        assert "sampler" in refused(bd.case, **CASE, sampler={"ess": value})
+        assert "t: " in refused(bd.respond, **RESPONSE | {"t": value})
+        for name, key in (("parameters", "k_s"), ("inputs", "v"), ("initial", "w_1")):
+            wrong = {**RESPONSE.get(name, {}), key: value}
+            assert f"{name}.{key}" in refused(bd.respond, **RESPONSE | {name: wrong})
+        assert "rig" in refused(bd.respond, **RESPONSE | {"rig": value})
+        for name in RIGS:
+            kind = getattr(bd, name)
+            for field in dataclasses.fields(kind):
+                if field.name == "added" and isinstance(value, tuple):
+                    continue
+                rig = kind(**{field.name: value})
+                assert f"rig.{field.name}" in refused(bd.respond, **RESPONSE | {"rig": rig})
+        with pytest.raises(bd.InputError, match="give what find_map found"):
+            two().sample(value)  # type: ignore[arg-type]
+
+    for_each({f"{k}: {type(one).__name__}": (one,) for k, one in enumerate(WRONG)}, check)
 
 
 def test_numbers_of_no_use_are_refused() -> None:

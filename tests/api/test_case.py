@@ -14,6 +14,7 @@ import pytest
 import systems
 import xarray
 from cases import BOX, SHAFT, T, noisy, run, two
+from grouping import for_each
 from oracles import NOMINAL, by_expm
 
 import bayesdrill as bd
@@ -76,9 +77,8 @@ MASKED = np.ma.masked_greater(np.where(T[3] == T, 9999.0, np.sin(T)), 9000.0)
 DATES = np.datetime64("2026-01-01") + np.arange(len(T)) * np.timedelta64(20, "ms")
 
 
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
+def test_a_mistake_has_its_name() -> None:
+    cases = [
         ({"t": DATES}, "t: these are dates or durations; give seconds"),
         ({"t": T[::-1]}, "does not increase"),
         ({"t": None}, "t: wanted is an array of numbers, not NoneType"),
@@ -117,43 +117,48 @@ DATES = np.datetime64("2026-01-01") + np.arange(len(T)) * np.timedelta64(20, "ms
         ({"record": {"mising": "drop"}}, "mising: unknown key; did you mean missing"),
         ({"record": {"window": [1.0, 0.5]}}, "1 s is not before 0.5 s"),
         ({"seed": -1}, "seed"),
-    ],
-    ids=lambda x: x if isinstance(x, str) else "",
-)
-def test_a_mistake_has_its_name(changes: dict[str, object], message: str) -> None:
-    arguments = {
-        "t": T,
-        "channels": {"w_1": GOOD},
-        "inputs": {"v": 5.0},
-        "parameters": dict.fromkeys(NOMINAL, BOX),
-    }
-    with pytest.raises(bd.InputError, match=message):
-        bd.case(**arguments | changes)  # type: ignore[arg-type]
+    ]
+
+    def check(changes: dict[str, object], message: str) -> None:
+        arguments = {
+            "t": T,
+            "channels": {"w_1": GOOD},
+            "inputs": {"v": 5.0},
+            "parameters": dict.fromkeys(NOMINAL, BOX),
+        }
+        with pytest.raises(bd.InputError, match=message):
+            bd.case(**arguments | changes)  # type: ignore[arg-type]
+
+    for_each({str(case): case for case in cases}, check)
 
 
-@pytest.mark.parametrize("hold", ["zero", "first"])
-def test_a_response_at_uneven_times_is_that_at_a_grid_which_holds_them(hold: str) -> None:
+def test_a_response_at_uneven_times_is_that_at_a_grid_which_holds_them() -> None:
     """With a voltage that changes at those times alone."""
-    fine = 0.25 + 0.005 * np.arange(201)
-    picked = np.array([0, 3, 4, 40, 41, 90, 170, 200])
-    v = np.array([6.0, -3.0, 5.0, 4.0, -7.0, 1.0, 2.0, 2.0])
-    if hold == "first":
-        dense = np.interp(fine, fine[picked], v)
-    else:
-        dense = v[np.searchsorted(picked, np.arange(201), side="right") - 1]
-    start = {"w_1": 3.0, "theta_2": 0.2}
-    given = (["w_1", "theta_1 - theta_2"],)
-    exact = bd.respond(MotorShaft(), SHAFT, fine, {"v": dense}, *given, initial=start, hold=hold)
-    found = bd.respond(
-        MotorShaft(), SHAFT, fine[picked], {"v": v}, *given, initial=start, hold=hold
-    )
-    for name, values in found.items():
-        assert values == pytest.approx(exact[name][picked], rel=1e-9, abs=1e-10)
+
+    def check(hold: str) -> None:
+        fine = 0.25 + 0.005 * np.arange(201)
+        picked = np.array([0, 3, 4, 40, 41, 90, 170, 200])
+        v = np.array([6.0, -3.0, 5.0, 4.0, -7.0, 1.0, 2.0, 2.0])
+        if hold == "first":
+            dense = np.interp(fine, fine[picked], v)
+        else:
+            dense = v[np.searchsorted(picked, np.arange(201), side="right") - 1]
+        start = {"w_1": 3.0, "theta_2": 0.2}
+        given = (["w_1", "theta_1 - theta_2"],)
+        exact = bd.respond(
+            MotorShaft(), SHAFT, fine, {"v": dense}, *given, initial=start, hold=hold
+        )
+        found = bd.respond(
+            MotorShaft(), SHAFT, fine[picked], {"v": v}, *given, initial=start, hold=hold
+        )
+        for name, values in found.items():
+            assert values == pytest.approx(exact[name][picked], rel=1e-9, abs=1e-10)
+
+    for_each({hold: (hold,) for hold in ["zero", "first"]}, check)
 
 
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
+def test_what_no_rig_can_answer_is_refused() -> None:
+    cases = [
         ({"t": np.array([0.0, 0.5, 0.1])}, "t: "),
         ({"t": [0.0]}, "give at least two"),
         ({"parameters": {**NOMINAL, "j_1": -1.0}}, "parameters.j_1: -1.0 is not a positive number"),
@@ -167,13 +172,14 @@ def test_a_response_at_uneven_times_is_that_at_a_grid_which_holds_them(hold: str
         ({"initial": {"w_3": 1.0}}, "initial.w_3: the rig has none"),
         ({"initial": np.zeros(5)}, "initial: give a number for each state, not ndarray"),
         ({"signals": "w_3"}, "w_3"),
-    ],
-    ids=lambda x: x if isinstance(x, str) else "",
-)
-def test_what_no_rig_can_answer_is_refused(changes: dict[str, object], message: str) -> None:
-    arguments = {"t": T, "parameters": NOMINAL, "inputs": {"v": 5.0}, "signals": ["w_1"]}
-    with pytest.raises(bd.InputError, match=message):
-        bd.respond(MotorShaft(), **arguments | changes)  # type: ignore[arg-type]
+    ]
+
+    def check(changes: dict[str, object], message: str) -> None:
+        arguments = {"t": T, "parameters": NOMINAL, "inputs": {"v": 5.0}, "signals": ["w_1"]}
+        with pytest.raises(bd.InputError, match=message):
+            bd.respond(MotorShaft(), **arguments | changes)  # type: ignore[arg-type]
+
+    for_each({str(case): case for case in cases}, check)
 
 
 def test_what_samples_is_judged_before() -> None:

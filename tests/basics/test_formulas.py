@@ -7,6 +7,7 @@ import pickle
 
 import numpy as np
 import pytest
+from grouping import for_each
 
 from bayesdrill.basics.duals import Dual
 from bayesdrill.basics.formulas import RelationError, expression, resolved
@@ -25,52 +26,61 @@ WORTH = [
 ]
 
 
-@pytest.mark.parametrize(("text", "value"), WORTH)
-def test_value_at_numbers_and_at_arrays(text: str, value: float) -> None:
-    found = pickle.loads(pickle.dumps(expression(text, NAMES)))
-    assert found == expression(text, NAMES)
-    assert found.value(VALUES) == pytest.approx(value, rel=1e-14)
-    both = {name: np.array([x, x]) for name, x in VALUES.items()}
-    assert found.value(both) == pytest.approx([value, value], rel=1e-14)
+def test_value_at_numbers_and_at_arrays() -> None:
+    def check(text: str, value: float) -> None:
+        found = pickle.loads(pickle.dumps(expression(text, NAMES)))
+        assert found == expression(text, NAMES)
+        assert found.value(VALUES) == pytest.approx(value, rel=1e-14)
+        both = {name: np.array([x, x]) for name, x in VALUES.items()}
+        assert found.value(both) == pytest.approx([value, value], rel=1e-14)
+
+    for_each({str(case): case for case in WORTH}, check)
 
 
-@pytest.mark.parametrize("text", [text for text, _ in WORTH])
-def test_derivatives_are_those_of_differences(text: str) -> None:
+def test_derivatives_are_those_of_differences() -> None:
     """Mutant killed: the slope of a power forgotten."""
-    found = expression(text, NAMES)
-    for name in found.names:
-        dual = found.value({**VALUES, name: Dual(VALUES[name], 1.0)})
-        h = 1e-6 * VALUES[name]
-        up, down = (found.value({**VALUES, name: VALUES[name] + s}) for s in (h, -h))
-        assert dual.slope == pytest.approx((up - down) / (2 * h), rel=1e-7)
+
+    def check(text: str) -> None:
+        found = expression(text, NAMES)
+        for name in found.names:
+            dual = found.value({**VALUES, name: Dual(VALUES[name], 1.0)})
+            h = 1e-6 * VALUES[name]
+            up, down = (found.value({**VALUES, name: VALUES[name] + s}) for s in (h, -h))
+            assert dual.slope == pytest.approx((up - down) / (2 * h), rel=1e-7)
+
+    for_each({str(text): (text,) for text in [text for text, _ in WORTH]}, check)
 
 
-@pytest.mark.parametrize(
-    ("text", "powers"),
-    [
+def test_products_of_powers_are_seen_as_such() -> None:
+    cases = [
         (SHAFT, {"G": 1, "d": 4, "L": -1}),
         ("k_e", {"k_e": 1}),
         ("2*k_s + k_s/3", {"k_s": 1}),
         ("sqrt(k_s/j_1)*exp(1)", {"k_s": 0.5, "j_1": -0.5}),
         ("k_s/k_s*d", {"d": 1}),
-    ],
-)
-def test_products_of_powers_are_seen_as_such(text: str, powers: dict[str, float]) -> None:
-    found = expression(text, NAMES)
-    monomial = found.monomial()
-    assert dict(monomial.powers) == powers
-    product = math.prod(VALUES[name] ** power for name, power in powers.items())
-    assert monomial.factor * product == pytest.approx(found.value(VALUES), rel=1e-13)
+    ]
+
+    def check(text: str, powers: dict[str, float]) -> None:
+        found = expression(text, NAMES)
+        monomial = found.monomial()
+        assert dict(monomial.powers) == powers
+        product = math.prod(VALUES[name] ** power for name, power in powers.items())
+        assert monomial.factor * product == pytest.approx(found.value(VALUES), rel=1e-13)
+
+    for_each({str(case): case for case in cases}, check)
 
 
-@pytest.mark.parametrize("text", ["k_s + j_1", "exp(d)", "-k_s", "k_s - k_s", "1 + d", "log(k_e)"])
-def test_what_is_no_product_of_powers(text: str) -> None:
-    assert expression(text, NAMES).monomial() is None
+def test_what_is_no_product_of_powers() -> None:
+    cases = ["k_s + j_1", "exp(d)", "-k_s", "k_s - k_s", "1 + d", "log(k_e)"]
+
+    def check(text: str) -> None:
+        assert expression(text, NAMES).monomial() is None
+
+    for_each({str(text): (text,) for text in cases}, check)
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
+def test_refuses_the_rest_in_words() -> None:
+    cases = [
         ("k_x", "did you mean"),
         ("pi*G*d^4", r"d\*\*4"),
         ("sin(d)", "functions are sqrt, exp, log"),
@@ -83,11 +93,13 @@ def test_what_is_no_product_of_powers(text: str) -> None:
         ("True*d", "cannot stand"),
         ("(" * 300 + "d" + ")" * 300, "not a formula"),
         ("", "not a formula"),
-    ],
-)
-def test_refuses_the_rest_in_words(text: str, message: str) -> None:
-    with pytest.raises(ValueError, match=message):
-        expression(text, NAMES)
+    ]
+
+    def check(text: str, message: str) -> None:
+        with pytest.raises(ValueError, match=message):
+            expression(text, NAMES)
+
+    for_each({str(case): case for case in cases}, check)
 
 
 def test_chains_are_resolved_and_circles_named() -> None:

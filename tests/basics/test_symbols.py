@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pint
 import pytest
+from grouping import for_each
 
 from bayesdrill.basics import symbols
 from bayesdrill.rig.models import MODELS
@@ -34,15 +35,20 @@ def test_geometry_supports_the_default() -> None:
     assert symbols.NOMINAL["tables_2_3"].values["j_1"] == pytest.approx(inertia, rel=0.002)
 
 
-@pytest.mark.parametrize("table", [symbols.PARAMETERS, symbols.STATES, symbols.INPUTS])
-def test_every_symbol_is_complete(table: dict[str, symbols.Symbol]) -> None:
-    registry = pint.UnitRegistry()
-    for name, symbol in table.items():
-        assert symbol.name == name
-        assert symbol.latex
-        assert symbol.meaning
-        unit = registry.Quantity(1.0, symbol.unit)
-        assert unit.to_base_units().magnitude == pytest.approx(1.0), name
+def test_every_symbol_is_complete() -> None:
+    def check(table: dict[str, symbols.Symbol]) -> None:
+        registry = pint.UnitRegistry()
+        for name, symbol in table.items():
+            assert symbol.name == name
+            assert symbol.latex
+            assert symbol.meaning
+            unit = registry.Quantity(1.0, symbol.unit)
+            assert unit.to_base_units().magnitude == pytest.approx(1.0), name
+
+    for_each(
+        {str(table): (table,) for table in [symbols.PARAMETERS, symbols.STATES, symbols.INPUTS]},
+        check,
+    )
 
 
 def test_units_agree_with_the_equations() -> None:
@@ -81,36 +87,40 @@ def test_units_agree_with_the_equations() -> None:
             assert term.to(balance.units).magnitude == pytest.approx(1.0)
 
 
-@pytest.mark.parametrize("name", MODELS)
-def test_models_speak_in_symbols(name: str) -> None:
-    model = MODELS[name]()
-    assert model.name == name
-    assert set(model.parameters) <= set(symbols.PARAMETERS)
-    assert set(model.states) <= {*symbols.STATES, *(one.name for one in model.declares)}
-    assert set(model.inputs) <= set(symbols.INPUTS)
-    linear = model.linear(dict.fromkeys(model.parameters, 2.0))
-    for row, column in linear.A:
-        assert {row, column} <= set(model.states)
-    for row, column in linear.B:
-        assert row in model.states
-        assert column in model.inputs
-    assert set(linear.c) <= set(model.states)
+def test_models_speak_in_symbols() -> None:
+    def check(name: str) -> None:
+        model = MODELS[name]()
+        assert model.name == name
+        assert set(model.parameters) <= set(symbols.PARAMETERS)
+        assert set(model.states) <= {*symbols.STATES, *(one.name for one in model.declares)}
+        assert set(model.inputs) <= set(symbols.INPUTS)
+        linear = model.linear(dict.fromkeys(model.parameters, 2.0))
+        for row, column in linear.A:
+            assert {row, column} <= set(model.states)
+        for row, column in linear.B:
+            assert row in model.states
+            assert column in model.inputs
+        assert set(linear.c) <= set(model.states)
+
+    for_each({str(name): (name,) for name in MODELS}, check)
 
 
-@pytest.mark.parametrize("name", symbols.PARAMETERS)
-def test_the_documents_have_a_row_for_every_parameter(name: str) -> None:
-    page = "config.md" if name in PARAMETERS else "rigs.md"
-    text = (Path(__file__).parents[2] / "docs" / page).read_text()
-    (row,) = (line for line in text.splitlines() if line.startswith(f"| `{name}` |"))
-    _, _, unit, *cells, _ = (cell.strip() for cell in row.split(" | ".strip()))
-    symbol = symbols.PARAMETERS[name]
-    assert unit == symbol.plain_unit
-    if name in PARAMETERS:
-        side, meaning, _ = cells
-        assert side == ("shaft" if name in ("k_s", "j_1") else "motor")
-    else:
-        meaning, adds, hidden_by, typical = cells
-        assert typical == symbol.typical
-        assert adds
-        assert {*re.findall(r"`(\w+)`", hidden_by)} & {*symbols.PARAMETERS} - {name}
-    assert meaning == symbol.meaning
+def test_the_documents_have_a_row_for_every_parameter() -> None:
+    def check(name: str) -> None:
+        page = "config.md" if name in PARAMETERS else "rigs.md"
+        text = (Path(__file__).parents[2] / "docs" / page).read_text()
+        (row,) = (line for line in text.splitlines() if line.startswith(f"| `{name}` |"))
+        _, _, unit, *cells, _ = (cell.strip() for cell in row.split(" | ".strip()))
+        symbol = symbols.PARAMETERS[name]
+        assert unit == symbol.plain_unit
+        if name in PARAMETERS:
+            side, meaning, _ = cells
+            assert side == ("shaft" if name in ("k_s", "j_1") else "motor")
+        else:
+            meaning, adds, hidden_by, typical = cells
+            assert typical == symbol.typical
+            assert adds
+            assert {*re.findall(r"`(\w+)`", hidden_by)} & {*symbols.PARAMETERS} - {name}
+        assert meaning == symbol.meaning
+
+    for_each({str(name): (name,) for name in symbols.PARAMETERS}, check)

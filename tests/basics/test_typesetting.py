@@ -9,6 +9,7 @@ import subprocess
 from pathlib import Path
 
 import pytest
+from grouping import for_each
 from matplotlib.mathtext import MathTextParser
 
 from bayesdrill.basics import symbols, typesetting, units
@@ -73,38 +74,48 @@ def named(latex: str, unit: str = "") -> Symbol:
     return Symbol("q", "1", latex, unit, "")
 
 
-@pytest.mark.parametrize("latex", REFUSED)
-def test_what_would_leave_its_formula_is_refused_with_a_way_out(latex: str) -> None:
+def test_what_would_leave_its_formula_is_refused_with_a_way_out() -> None:
     """Mutant killed: mathtext alone asked, which takes `a&b`, and all that stands between dollars."""
-    with pytest.raises(ValueError, match="figures and tables cannot write") as caught:
-        typesetting.check(named(latex))
-    assert latex in str(caught.value)
-    assert r"such as \omega_1" in str(caught.value)
+
+    def check(latex: str) -> None:
+        with pytest.raises(ValueError, match="figures and tables cannot write") as caught:
+            typesetting.check(named(latex))
+        assert latex in str(caught.value)
+        assert r"such as \omega_1" in str(caught.value)
+
+    for_each({str(latex): (latex,) for latex in REFUSED}, check)
 
 
-@pytest.mark.parametrize("latex", TAKEN)
-def test_what_is_taken_can_stand_in_products_and_with_labels(latex: str) -> None:
+def test_what_is_taken_can_stand_in_products_and_with_labels() -> None:
     """Mutant killed: a power after a power, at which mathtext raises while a figure is drawn."""
-    typesetting.check(named(latex))
-    parse = MathTextParser("path").parse
-    parse(f"${product_latex((2, -3), [named(latex), named(latex)])}$")
-    parse(f"${symbols.raised(latex, r'\mathrm{slow}')}$")
+
+    def check(latex: str) -> None:
+        typesetting.check(named(latex))
+        parse = MathTextParser("path").parse
+        parse(f"${product_latex((2, -3), [named(latex), named(latex)])}$")
+        parse(f"${symbols.raised(latex, r'\mathrm{slow}')}$")
+
+    for_each({str(latex): (latex,) for latex in TAKEN}, check)
 
 
-@pytest.mark.parametrize(
-    "unit", ['m"\\input{x}"', r"m #\input{x}", "m'&'", "m\n", '%"<b>"', "m,s", "m\u00b2\u00b2"]
-)
-def test_a_unit_is_nothing_but_a_unit(unit: str) -> None:
+def test_a_unit_is_nothing_but_a_unit() -> None:
     """Mutant killed: what pint reads past, comments and quotes, handed on to tables and figures."""
-    with pytest.raises(ValueError, match="unit"):
-        units.shown(unit)
-    with pytest.raises(ValueError, match="unit"):
-        units.factor(unit, "m")
+    cases = ['m"\\input{x}"', r"m #\input{x}", "m'&'", "m\n", '%"<b>"', "m,s", "m\u00b2\u00b2"]
+
+    def check(unit: str) -> None:
+        with pytest.raises(ValueError, match="unit"):
+            units.shown(unit)
+        with pytest.raises(ValueError, match="unit"):
+            units.factor(unit, "m")
+
+    for_each({str(unit): (unit,) for unit in cases}, check)
 
 
-@pytest.mark.parametrize("unit", ["\u00b0\u00b2", "\u00b0**2"])
-def test_powers_of_signs_can_be_drawn(unit: str) -> None:
-    typesetting.check(named("x", units.shown(unit).latex))
+def test_powers_of_signs_can_be_drawn() -> None:
+    def check(unit: str) -> None:
+        typesetting.check(named("x", units.shown(unit).latex))
+
+    for_each({unit: (unit,) for unit in ["\u00b0\u00b2", "\u00b0**2"]}, check)
 
 
 def _formula(rng: random.Random, depth: int = 0) -> str:

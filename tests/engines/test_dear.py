@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
+from grouping import for_each
 
 import bayesdrill as bd
 from bayesdrill.engines.preparation import dear
@@ -20,15 +20,14 @@ def of(n: int, **channel: object) -> Posterior:
     return made.job.problem.posterior
 
 
-@pytest.mark.parametrize(
-    ("samples", "channel", "is_dear"),
-    [
+def test_long_records_with_samples_of_their_own_are() -> None:
+    cases = [
         (40_000, {}, False),  # sums alone
         (1000, {"lag": {"prior": "uniform", "low": 0, "high": 0.1}}, False),
         (40_000, {"lag": {"prior": "uniform", "low": 0, "high": 0.1}}, True),
-    ],
-)
-def test_long_records_with_samples_of_their_own_are(
-    samples: int, channel: dict[str, object], is_dear: bool
-) -> None:
-    assert dear(of(samples, **channel)) == is_dear
+    ]
+
+    def check(samples: int, channel: dict[str, object], is_dear: bool) -> None:
+        assert dear(of(samples, **channel)) == is_dear
+
+    for_each({str(case): case for case in cases}, check)

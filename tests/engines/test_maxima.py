@@ -6,36 +6,43 @@ import dataclasses
 
 import numpy as np
 import pytest
+from grouping import for_each
 from surfaces import Gaussians, humps, ridged
 
 from bayesdrill.engines import maxima
 
 
-@pytest.mark.parametrize(("n_loose", "n_tight"), [(1, 1), (1, 3), (2, 1), (2, 3)])
-def test_points_of_one_long_bent_ridge_are_one_maximum(n_loose: int, n_tight: int) -> None:
+def test_points_of_one_long_bent_ridge_are_one_maximum() -> None:
     """Hundreds of standard deviations apart.  Mutant killed: a straight path from one to the other."""
-    surface = ridged(n_loose, n_tight)
-    psi = np.random.default_rng(3).uniform(-0.4, 0.8, (12, n_loose))
-    points = surface.at(psi, np.zeros((12, n_tight)))
-    far = surface.parts(points[0] + 0.5 * (points[1:] - points[0]))[1]
-    assert np.linalg.norm(far, axis=1).max() > 10.0  # what lies straight between them is off it
-    values = -1e-3 * np.arange(12.0)
-    assert maxima.apart(surface, points, values) == [0]
+
+    def check(n_loose: int, n_tight: int) -> None:
+        surface = ridged(n_loose, n_tight)
+        psi = np.random.default_rng(3).uniform(-0.4, 0.8, (12, n_loose))
+        points = surface.at(psi, np.zeros((12, n_tight)))
+        far = surface.parts(points[0] + 0.5 * (points[1:] - points[0]))[1]
+        assert np.linalg.norm(far, axis=1).max() > 10.0  # what lies straight between them is off it
+        values = -1e-3 * np.arange(12.0)
+        assert maxima.apart(surface, points, values) == [0]
+
+    for_each({str(case): case for case in [(1, 1), (1, 3), (2, 1), (2, 3)]}, check)
 
 
-@pytest.mark.parametrize("d", [1, 2, 5])
-def test_two_humps_are_two_maxima_the_highest_first(d: int) -> None:
+def test_two_humps_are_two_maxima_the_highest_first() -> None:
     """Mutant killed: places that a step has brought back to where it came from."""
-    surface = humps(d, (0.1, 0.9), (1.0, 1.0), 20.0)
-    rng = np.random.default_rng(4)
-    near = surface.means[np.arange(10) % 2] + 1e-4 * rng.standard_normal((10, d))
-    values = surface.value(near)
-    found = maxima.apart(surface, near, values)
-    assert found == [
-        int(np.argmax(values)),
-        int(np.argmax(np.where(np.arange(10) % 2, -1e9, values))),
-    ]
-    assert list(surface.belongs(near[found])) == [1, 0]
+
+    def check(d: int) -> None:
+        surface = humps(d, (0.1, 0.9), (1.0, 1.0), 20.0)
+        rng = np.random.default_rng(4)
+        near = surface.means[np.arange(10) % 2] + 1e-4 * rng.standard_normal((10, d))
+        values = surface.value(near)
+        found = maxima.apart(surface, near, values)
+        assert found == [
+            int(np.argmax(values)),
+            int(np.argmax(np.where(np.arange(10) % 2, -1e9, values))),
+        ]
+        assert list(surface.belongs(near[found])) == [1, 0]
+
+    for_each({str(d): (d,) for d in [1, 2, 5]}, check)
 
 
 def test_what_is_much_lower_holds_nothing() -> None:

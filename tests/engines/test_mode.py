@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import scipy.optimize
+from grouping import for_each
 from oracles import NOMINAL
 from oracles import ORDER as ORDER_OF_MODEL
 from rigs import measured, posterior, vector
@@ -32,26 +33,33 @@ RECORD = measured(SIGMA, n=200)
 TWO = ("k_e", "k_s")
 
 
-@pytest.mark.parametrize("logs", [False, True], ids=["linear", "log"])
-def test_covariance_is_the_inverse_hessian(logs: bool) -> None:
+def test_covariance_is_the_inverse_hessian() -> None:
     """Of a well determined pair, against a numerical Hessian over the sampler's coordinates."""
-    target = posterior(RECORD, SIGMA, free=TWO, logs=logs)
-    found = scipy.optimize.minimize(
-        lambda s: -target.density(target.space.vector(NOMINAL)[None] * (1 + 1e-3 * s))[0],
-        np.zeros(2), method="Nelder-Mead", options={"xatol": 1e-6, "fatol": 1e-10},
-    )  # fmt: skip
-    theta = target.space.vector(NOMINAL) * (1 + 1e-3 * found.x)
-    z = target.coordinates.from_physical(theta[None])[0]
-    step = 0.3 * np.sqrt(np.diag(laplace.covariance(target, theta)))
-    shifts = np.array([[a, b] for a in (-1, 0, 1) for b in (-1, 0, 1)])
-    values = target.density(target.coordinates.to_physical(z + shifts * step)).reshape(3, 3)
-    hessian = np.empty((2, 2))
-    hessian[0, 0] = values[2, 1] - 2 * values[1, 1] + values[0, 1]
-    hessian[1, 1] = values[1, 2] - 2 * values[1, 1] + values[1, 0]
-    mixed = 0.25 * (values[2, 2] - values[2, 0] - values[0, 2] + values[0, 0])
-    hessian[0, 1] = hessian[1, 0] = mixed
-    numeric = np.linalg.inv(-hessian / np.outer(step, step))
-    assert np.allclose(laplace.covariance(target, theta), numeric, rtol=0.05)
+    cases = {
+        "linear": (False,),
+        "log": (True,),
+    }
+
+    def check(logs: bool) -> None:
+        target = posterior(RECORD, SIGMA, free=TWO, logs=logs)
+        found = scipy.optimize.minimize(
+            lambda s: -target.density(target.space.vector(NOMINAL)[None] * (1 + 1e-3 * s))[0],
+            np.zeros(2), method="Nelder-Mead", options={"xatol": 1e-6, "fatol": 1e-10},
+        )  # fmt: skip
+        theta = target.space.vector(NOMINAL) * (1 + 1e-3 * found.x)
+        z = target.coordinates.from_physical(theta[None])[0]
+        step = 0.3 * np.sqrt(np.diag(laplace.covariance(target, theta)))
+        shifts = np.array([[a, b] for a in (-1, 0, 1) for b in (-1, 0, 1)])
+        values = target.density(target.coordinates.to_physical(z + shifts * step)).reshape(3, 3)
+        hessian = np.empty((2, 2))
+        hessian[0, 0] = values[2, 1] - 2 * values[1, 1] + values[0, 1]
+        hessian[1, 1] = values[1, 2] - 2 * values[1, 1] + values[1, 0]
+        mixed = 0.25 * (values[2, 2] - values[2, 0] - values[0, 2] + values[0, 0])
+        hessian[0, 1] = hessian[1, 0] = mixed
+        numeric = np.linalg.inv(-hessian / np.outer(step, step))
+        assert np.allclose(laplace.covariance(target, theta), numeric, rtol=0.05)
+
+    for_each(cases, check)
 
 
 def test_undetermined_directions_have_the_width_of_the_prior() -> None:
@@ -61,15 +69,22 @@ def test_undetermined_directions_have_the_width_of_the_prior() -> None:
     assert np.linalg.eigvalsh(cov).min() > 0
 
 
-@pytest.mark.parametrize("logs", [False, True], ids=["linear", "log"])
-def test_draws_are_finite_spread_and_reproducible(logs: bool) -> None:
-    target = posterior(RECORD, SIGMA, logs=logs)
-    z = laplace.draws(target, vector(NOMINAL), 64, np.random.default_rng(3))
-    assert z.shape == (64, 9)
-    assert np.isfinite(target(z)).all()
-    assert np.linalg.matrix_rank(z - z.mean(axis=0)) == 9
-    again = laplace.draws(target, vector(NOMINAL), 64, np.random.default_rng(3))
-    assert np.array_equal(z, again)
+def test_draws_are_finite_spread_and_reproducible() -> None:
+    cases = {
+        "linear": (False,),
+        "log": (True,),
+    }
+
+    def check(logs: bool) -> None:
+        target = posterior(RECORD, SIGMA, logs=logs)
+        z = laplace.draws(target, vector(NOMINAL), 64, np.random.default_rng(3))
+        assert z.shape == (64, 9)
+        assert np.isfinite(target(z)).all()
+        assert np.linalg.matrix_rank(z - z.mean(axis=0)) == 9
+        again = laplace.draws(target, vector(NOMINAL), 64, np.random.default_rng(3))
+        assert np.array_equal(z, again)
+
+    for_each(cases, check)
 
 
 def test_draws_near_an_edge_of_the_prior() -> None:
@@ -116,37 +131,44 @@ def searched(method: str, evaluations: int) -> tuple[Optimum, list[tuple[float, 
     return found, asked
 
 
-@pytest.mark.parametrize("method", OPTIMISERS)
-def test_every_optimiser_finds_a_curved_skewed_maximum(method: str) -> None:
-    found, _ = searched(method, 8000)
-    assert found.settled
-    assert found.theta == pytest.approx([6.0, 0.02], rel=0.02)
-    assert found.value == pytest.approx(valley(found.theta[None])[0])
-    assert found.evaluations <= 8000
-    assert found.history[-1] == pytest.approx(found.value)
+def test_every_optimiser_finds_a_curved_skewed_maximum() -> None:
+    def check(method: str) -> None:
+        found, _ = searched(method, 8000)
+        assert found.settled
+        assert found.theta == pytest.approx([6.0, 0.02], rel=0.02)
+        assert found.value == pytest.approx(valley(found.theta[None])[0])
+        assert found.evaluations <= 8000
+        assert found.history[-1] == pytest.approx(found.value)
+
+    for_each({str(method): (method,) for method in OPTIMISERS}, check)
 
 
-@pytest.mark.parametrize("method", OPTIMISERS)
-def test_what_a_search_may_spend_only_cuts_it_short(method: str) -> None:
+def test_what_a_search_may_spend_only_cuts_it_short() -> None:
     """Wherever it is cut: the same points as without a limit, and the best of them.
 
     Mutants killed: settled because nothing was gained before the end; a limit of each descent, not
     of all; a start that is not counted; the best point lost with the iteration that was cut, or left
     out of the history.
     """
-    whole, asked = searched(method, 8000)
-    assert whole.evaluations == len(asked)
-    for most in (*range(1, 201), len(asked) - 1, len(asked), len(asked) + 1):
-        found, made = searched(method, most)
-        assert made == asked[:most], most
-        assert found.evaluations == len(made), most
-        assert found.value == max(value for *_, value in made), most
-        assert found.value == valley(found.theta[None])[0], most
-        assert found.settled == (most > len(asked)), most
-        assert found.history[:-1] == whole.history[: max(len(found.history) - 1, 0)], most
-        assert list(found.history) == sorted(found.history), most
-        if method == "fminsearch" and found.history:  # others may be cut as they set up a simplex
-            assert found.history[-1] == found.value, most
+
+    def check(method: str) -> None:
+        whole, asked = searched(method, 8000)
+        assert whole.evaluations == len(asked)
+        for most in (*range(1, 201), len(asked) - 1, len(asked), len(asked) + 1):
+            found, made = searched(method, most)
+            assert made == asked[:most], most
+            assert found.evaluations == len(made), most
+            assert found.value == max(value for *_, value in made), most
+            assert found.value == valley(found.theta[None])[0], most
+            assert found.settled == (most > len(asked)), most
+            assert found.history[:-1] == whole.history[: max(len(found.history) - 1, 0)], most
+            assert list(found.history) == sorted(found.history), most
+            if (
+                method == "fminsearch" and found.history
+            ):  # others may be cut as they set up a simplex
+                assert found.history[-1] == found.value, most
+
+    for_each({str(method): (method,) for method in OPTIMISERS}, check)
 
 
 def test_fminsearch_stops_at_tolerances_that_are_absolute() -> None:
@@ -333,20 +355,27 @@ def test_a_maximum_on_the_bound_is_named() -> None:
     assert found.gain < 1e-4
 
 
-@pytest.mark.parametrize("logs", [True, None], ids=["log", "linear"])
-def test_a_search_for_a_zero_ends_where_its_prior_does(logs: bool | None) -> None:
+def test_a_search_for_a_zero_ends_where_its_prior_does() -> None:
     """The record is of a rig with negative damping, so the less c_m the better, down to nothing."""
-    prior = HalfNormal(2 * NOMINAL["c_m"])
-    rig = posterior(RECORD, SIGMA, free=("c_m", "k_s"), priors={"c_m": prior}, logs=logs)
-    assert rig.coordinates.logs == (bool(logs), True)
-    y = rig.likelihood.signals(np.array([[-2e-3, NOMINAL["k_s"]]]))[0]
-    likelihood = rig.likelihood.with_alone(response=rig.likelihood.response.with_record(y))
-    target = dataclasses.replace(rig, likelihood=likelihood)
-    start = target.space.vector(NOMINAL)
-    found = mode.search(target, THOROUGH, 4000, start)
-    least = float(prior.quantile(np.array(NOTHING)))
-    assert least <= found.end["c_m"] < 1e-3 * NOMINAL["c_m"]
-    assert found.settled
-    best = mode.summarise(target, (found,))
-    assert best.at_bound == ("c_m",)
-    assert np.isfinite(best.gain)
+    cases = {
+        "log": (True,),
+        "linear": (None,),
+    }
+
+    def check(logs: bool | None) -> None:
+        prior = HalfNormal(2 * NOMINAL["c_m"])
+        rig = posterior(RECORD, SIGMA, free=("c_m", "k_s"), priors={"c_m": prior}, logs=logs)
+        assert rig.coordinates.logs == (bool(logs), True)
+        y = rig.likelihood.signals(np.array([[-2e-3, NOMINAL["k_s"]]]))[0]
+        likelihood = rig.likelihood.with_alone(response=rig.likelihood.response.with_record(y))
+        target = dataclasses.replace(rig, likelihood=likelihood)
+        start = target.space.vector(NOMINAL)
+        found = mode.search(target, THOROUGH, 4000, start)
+        least = float(prior.quantile(np.array(NOTHING)))
+        assert least <= found.end["c_m"] < 1e-3 * NOMINAL["c_m"]
+        assert found.settled
+        best = mode.summarise(target, (found,))
+        assert best.at_bound == ("c_m",)
+        assert np.isfinite(best.gain)
+
+    for_each(cases, check)

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 from functools import cached_property
 from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from grouping import for_each
 from scipy.special import logsumexp
 
 from bayesdrill.engines import aliases
@@ -21,30 +23,48 @@ from benchmarks.modes.judge import Outcome
 from benchmarks.modes.puzzle import Puzzle
 
 EVERY = collection.every()
+SLOW = pytest.mark.slow
 KINDS = {"gap", "delay", "aliases", "friction", "signs", "mixed"}
 
 
-def params(puzzles: tuple[Puzzle, ...]) -> list[object]:
-    """Those that take long are for `make test-slow`."""
-    slow = pytest.mark.slow
-    return [pytest.param(one, id=one.name, marks=() if one.quick else slow) for one in puzzles]
+# Those that take long are for `make test-slow`.
+GROUPS = [
+    pytest.param({one.name: one for one in EVERY if one.quick}, id="quick"),
+    pytest.param({one.name: one for one in EVERY if not one.quick}, id="long", marks=SLOW),
+]
 
 
-@pytest.mark.parametrize("puzzle", params(EVERY))
-def test_every_mode_is_found_with_its_mass(puzzle: Puzzle, tmp_path: Path) -> None:
+def folder(parent: Path, puzzle: Puzzle) -> Path:
+    """One of its own."""
+    made = parent / re.sub(r"\W", "_", puzzle.name)
+    made.mkdir()
+    return made
+
+
+@pytest.mark.parametrize("puzzles", GROUPS)
+def test_every_mode_is_found_with_its_mass(puzzles: dict[str, Puzzle], tmp_path: Path) -> None:
     """Mutant killed: at most six maxima are kept."""
-    outcome = judge.run(puzzle, tmp_path)
-    assert outcome.passed, (outcome.modes.masses, outcome.found, outcome.reasons)
+
+    def check(puzzle: Puzzle) -> None:
+        outcome = judge.run(puzzle, folder(tmp_path, puzzle))
+        assert outcome.passed, (outcome.modes.masses, outcome.found, outcome.reasons)
+
+    for_each({name: (one,) for name, one in puzzles.items()}, check)
 
 
-@pytest.mark.parametrize("puzzle", params(EVERY))
-def test_a_grid_twice_as_fine_finds_the_same_masses(puzzle: Puzzle, tmp_path: Path) -> None:
-    posterior = puzzle.load(tmp_path).job.problem.posterior
-    here, finer = (puzzle.modes(posterior, n) for n in (1, 2))
-    shown = here.above(judge.SHOWN)
-    assert len(shown) > 1
-    assert finer.masses[shown] == pytest.approx(here.masses[shown], rel=0.01)
-    assert finer.masses[len(shown) :].max(initial=0.0) < 1.05 * judge.SHOWN
+@pytest.mark.parametrize("puzzles", GROUPS)
+def test_a_grid_twice_as_fine_finds_the_same_masses(
+    puzzles: dict[str, Puzzle], tmp_path: Path
+) -> None:
+    def check(puzzle: Puzzle) -> None:
+        posterior = puzzle.load(folder(tmp_path, puzzle)).job.problem.posterior
+        here, finer = (puzzle.modes(posterior, n) for n in (1, 2))
+        shown = here.above(judge.SHOWN)
+        assert len(shown) > 1
+        assert finer.masses[shown] == pytest.approx(here.masses[shown], rel=0.01)
+        assert finer.masses[len(shown) :].max(initial=0.0) < 1.05 * judge.SHOWN
+
+    for_each({name: (one,) for name, one in puzzles.items()}, check)
 
 
 def test_aliases_that_the_prior_rules_out_are_not_missed(tmp_path: Path) -> None:

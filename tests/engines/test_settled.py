@@ -7,6 +7,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from grouping import for_each
 from surfaces import Ridged, corner, ridged
 
 from bayesdrill.engines.learning.learn import Learnt, learn
@@ -43,28 +44,41 @@ def looked(surface: Ridged, proposal: Proposal, u: np.ndarray, weights: np.ndarr
     )
 
 
-@pytest.mark.parametrize("far", [False, True])
-@pytest.mark.parametrize(("n_loose", "n_tight"), [(1, 1), (2, 3)])
-def test_points_are_brought_to_the_ridge(n_loose: int, n_tight: int, far: bool) -> None:
+@cache
+def found_beyond(n_loose: int, n_tight: int) -> tuple[Proposal, np.ndarray, Look | None]:
+    """A proposal of a piece, draws of it, and what is found beside them; looked for once."""
+    surface, found = learnt(n_loose, n_tight)
+    piece = shortened(found.proposal)
+    u, log_q = piece.draw(2000, surface.inside, np.random.RandomState(2))
+    return piece, u, looked(surface, piece, u, normalised(surface.value(u) - log_q))
+
+
+def test_points_are_brought_to_the_ridge() -> None:
     """From one that is off by ten standard deviations, or by hundreds, and has another
     covariance.
 
     Mutant killed: points that are far astray are given up.
     """
-    surface, found = learnt(n_loose, n_tight)
-    own = found.proposal.mixture.sheets[0]
-    place = own.place.copy()
-    place[0] += 0.8 if far else 10.0 * np.exp(own.ends[1, :n_tight])  # as wide as it gets
-    moved = replace(own, place=place, root=0.9 * own.root)
-    home = Settled(moved, surface.expand)
-    psi, e = np.split(own.straighten(found.u)[0], [n_loose], axis=1)
-    assert np.median(np.linalg.norm(moved.straighten(found.u)[0][:, n_loose:], axis=1)) > 5.0
-    y, log_volume = home.straighten(found.u)
-    assert y[:, :n_loose] == pytest.approx(psi)
-    assert np.quantile(np.abs(y[:, n_loose:] - e), 0.9) < 0.3
-    back, again = home.bend(y)
-    assert back == pytest.approx(found.u, rel=1e-6, abs=1e-6)
-    assert again == pytest.approx(log_volume, abs=1e-6)
+
+    def check(far: bool, n_loose: int, n_tight: int) -> None:
+        surface, found = learnt(n_loose, n_tight)
+        own = found.proposal.mixture.sheets[0]
+        place = own.place.copy()
+        place[0] += 0.8 if far else 10.0 * np.exp(own.ends[1, :n_tight])  # as wide as it gets
+        moved = replace(own, place=place, root=0.9 * own.root)
+        home = Settled(moved, surface.expand)
+        psi, e = np.split(own.straighten(found.u)[0], [n_loose], axis=1)
+        assert np.median(np.linalg.norm(moved.straighten(found.u)[0][:, n_loose:], axis=1)) > 5.0
+        y, log_volume = home.straighten(found.u)
+        assert y[:, :n_loose] == pytest.approx(psi)
+        assert np.quantile(np.abs(y[:, n_loose:] - e), 0.9) < 0.3
+        back, again = home.bend(y)
+        assert back == pytest.approx(found.u, rel=1e-6, abs=1e-6)
+        assert again == pytest.approx(log_volume, abs=1e-6)
+
+    for_each(
+        {f"{far} {case}": (far, *case) for far in [False, True] for case in [(1, 1), (2, 3)]}, check
+    )
 
 
 def test_what_does_not_arrive_stays_where_the_polynomials_have_it() -> None:
@@ -76,27 +90,30 @@ def test_what_does_not_arrive_stays_where_the_polynomials_have_it() -> None:
         assert np.array_equal(one, other)
 
 
-@pytest.mark.parametrize(("n_loose", "n_tight"), [(1, 1), (2, 3)])
-def test_a_proposal_that_leaves_nothing_out_is_enough(n_loose: int, n_tight: int) -> None:
-    surface, found = learnt(n_loose, n_tight)
-    assert found.proposal.settled is None
-    assert looked(surface, found.proposal, found.u, found.weights) is None
+def test_a_proposal_that_leaves_nothing_out_is_enough() -> None:
+    def check(n_loose: int, n_tight: int) -> None:
+        surface, found = learnt(n_loose, n_tight)
+        assert found.proposal.settled is None
+        assert looked(surface, found.proposal, found.u, found.weights) is None
+
+    for_each({str(case): case for case in [(1, 1), (2, 3)]}, check)
 
 
-@pytest.mark.parametrize(("n_loose", "n_tight"), [(1, 1), (2, 3)])
-def test_what_a_proposal_leaves_out_is_found(n_loose: int, n_tight: int) -> None:
+def test_what_a_proposal_leaves_out_is_found() -> None:
     """From draws of the piece that it knows, whose own weights say that nothing is missing.
 
     Mutants killed: only draws of the proposal itself are looked at.
     """
-    surface, found = learnt(n_loose, n_tight)
-    piece = shortened(found.proposal)
-    u, log_q = piece.draw(2000, surface.inside, np.random.RandomState(2))
-    seen = looked(surface, piece, u, normalised(surface.value(u) - log_q))
-    assert seen is not None
-    truth, said = ((one.weights @ one.u) for one in (found, seen.draws))
-    sd = np.sqrt(found.weights @ (found.u - truth) ** 2)
-    assert np.all(np.abs(said - truth) < 0.15 * sd)
+
+    def check(n_loose: int, n_tight: int) -> None:
+        _, found = learnt(n_loose, n_tight)
+        _, _, seen = found_beyond(n_loose, n_tight)
+        assert seen is not None
+        truth, said = ((one.weights @ one.u) for one in (found, seen.draws))
+        sd = np.sqrt(found.weights @ (found.u - truth) ** 2)
+        assert np.all(np.abs(said - truth) < 0.15 * sd)
+
+    for_each({str(case): case for case in [(1, 1), (2, 3)]}, check)
 
 
 def test_walkers_reach_what_the_proposal_leaves_out() -> None:
@@ -105,9 +122,7 @@ def test_walkers_reach_what_the_proposal_leaves_out() -> None:
     Mutants killed: the settled proposal never drawn from, or weighed with the other's density.
     """
     surface, found = learnt(2, 3)
-    piece = shortened(found.proposal)
-    u, log_q = piece.draw(2000, surface.inside, np.random.RandomState(2))
-    seen = looked(surface, piece, u, normalised(surface.value(u) - log_q))
+    piece, u, seen = found_beyond(2, 3)
     assert seen is not None
     own = replace(seen.proposal, mixture=settled(seen.proposal.mixture, surface.expand))
     whole = replace(piece, settled=own)

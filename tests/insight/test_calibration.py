@@ -6,6 +6,7 @@ import itertools
 
 import numpy as np
 import pytest
+from grouping import for_each
 from scipy.signal import lfilter
 
 from bayesdrill.insight.calibration.bands import count_band, ecdf_band
@@ -42,22 +43,30 @@ def verdict(table: np.ndarray, n_draws: int = L, **how: int) -> Verdict:
 # --- bands ---------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("false_alarm", [0.02, 0.2, 0.5])
-def test_the_chance_to_leave_a_band_is_that_of_all_possible_ranks(false_alarm: float) -> None:
+def test_the_chance_to_leave_a_band_is_that_of_all_possible_ranks() -> None:
     """Every set of five ranks among four draws, counted. Kills any wrong term of the recursion."""
-    n, n_draws = 5, 4
-    band = ecdf_band(n, n_draws, false_alarm)
-    every = itertools.product(range(n_draws + 1), repeat=n)
-    out = np.mean([not band.holds(np.array(ranks)) for ranks in every])
-    assert band.false_alarm == pytest.approx(out, abs=1e-12)
-    assert out <= false_alarm
+
+    def check(false_alarm: float) -> None:
+        n, n_draws = 5, 4
+        band = ecdf_band(n, n_draws, false_alarm)
+        every = itertools.product(range(n_draws + 1), repeat=n)
+        out = np.mean([not band.holds(np.array(ranks)) for ranks in every])
+        assert band.false_alarm == pytest.approx(out, abs=1e-12)
+        assert out <= false_alarm
+
+    for_each({str(false_alarm): (false_alarm,) for false_alarm in [0.02, 0.2, 0.5]}, check)
 
 
-@pytest.mark.parametrize("false_alarm", [0.05, 0.001])
-def test_bands_use_nearly_all_of_the_chance_they_are_given(false_alarm: float) -> None:
+def test_bands_use_nearly_all_of_the_chance_they_are_given() -> None:
     """Kills a band that is valid because it is too wide."""
-    for n, n_draws in ((100, 49), (N, L), (1000, L)):
-        assert 0.95 * false_alarm < ecdf_band(n, n_draws, false_alarm).false_alarm <= false_alarm
+
+    def check(false_alarm: float) -> None:
+        for n, n_draws in ((100, 49), (N, L), (1000, L)):
+            assert (
+                0.95 * false_alarm < ecdf_band(n, n_draws, false_alarm).false_alarm <= false_alarm
+            )
+
+    for_each({str(false_alarm): (false_alarm,) for false_alarm in [0.05, 0.001]}, check)
 
 
 def test_uniform_ranks_leave_the_band_as_often_as_it_says() -> None:
@@ -135,23 +144,23 @@ def test_exact_posteriors_are_calibrated() -> None:
     assert "calibrated: over 200 refits" in words.verdict(found)
 
 
-@pytest.mark.parametrize(
-    ("wrong", "shape"),
-    [
+def test_wrong_posteriors_are_not() -> None:
+    """sqrt 2 is the 1/2 of the misfit forgotten. Kills a band too wide to see it."""
+    cases = [
         ({"narrow": 1 / np.sqrt(2)}, "posterior too narrow"),
         ({"narrow": 1.5}, "posterior too wide"),
         ({"shift": 0.5}, "posterior too high"),
         ({"shift": -0.5}, "posterior too low"),
-    ],
-    ids=str,
-)
-def test_wrong_posteriors_are_not(wrong: dict[str, float], shape: str) -> None:
-    """sqrt 2 is the 1/2 of the misfit forgotten. Kills a band too wide to see it."""
-    found = verdict(conjugate(**wrong))
-    assert not found.calibrated
-    assert shape in {quantity.shape for quantity in found.quantities[:2]}
-    assert found.faults[0].startswith("ranks of ")
-    assert shape in words.verdict(found)
+    ]
+
+    def check(wrong: dict[str, float], shape: str) -> None:
+        found = verdict(conjugate(**wrong))
+        assert not found.calibrated
+        assert shape in {quantity.shape for quantity in found.quantities[:2]}
+        assert found.faults[0].startswith("ranks of ")
+        assert shape in words.verdict(found)
+
+    for_each({str(case): case for case in cases}, check)
 
 
 def test_a_posterior_that_ignores_the_record_is_seen_by_its_log_likelihood() -> None:

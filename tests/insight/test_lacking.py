@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from grouping import for_each
 from lacking import T, against_the_table, believed, best, record
 
 import bayesdrill as bd
@@ -29,24 +30,31 @@ def found(*, known: bool = True, **added: float) -> Causes:
     return named
 
 
-EVERY = [
-    pytest.param(name, known, marks=[pytest.mark.slow] * ((name, known) != ("t_c1", True)))
-    for name in PHYSICS
-    for known in (True, False)
+FEW = (("t_c1", True),)
+MANY = tuple((name, known) for name in PHYSICS for known in (True, False))
+GROUPS = [
+    pytest.param(FEW, id="quick"),
+    pytest.param(tuple(one for one in MANY if one not in FEW), id="long", marks=pytest.mark.slow),
 ]
 
 
-@pytest.mark.parametrize(("name", "known"), EVERY)
-def test_physics_that_is_missing_is_named_with_its_size(name: str, known: bool) -> None:
+@pytest.mark.parametrize("cases", GROUPS)
+def test_physics_that_is_missing_is_named_with_its_size(
+    cases: tuple[tuple[str, bool], ...],
+) -> None:
     """Mutants killed: friction that is not tried; one explanation taken for it that leaves more."""
-    truth = PHYSICS[name]
-    named = found(known=known, **{name: truth})
-    assert named.explains
-    assert named.lacking == (name,)
-    assert named.found[0].value == pytest.approx(truth, rel=0.08)
-    assert named.share > 0.8
-    said = nuisance_words.explained(named, CONFIG)
-    assert f"say `parameters: {{{name}: {{prior: uniform, low: 0, high: " in said
+
+    def check(name: str, known: bool) -> None:
+        truth = PHYSICS[name]
+        named = found(known=known, **{name: truth})
+        assert named.explains
+        assert named.lacking == (name,)
+        assert named.found[0].value == pytest.approx(truth, rel=0.08)
+        assert named.share > 0.8
+        said = nuisance_words.explained(named, CONFIG)
+        assert f"say `parameters: {{{name}: {{prior: uniform, low: 0, high: " in said
+
+    for_each({str(case): case for case in cases}, check)
 
 
 @pytest.mark.slow
@@ -115,31 +123,45 @@ def test_a_rig_that_has_it_is_not_said_to_lack_it() -> None:
 # The table, before it is blamed.
 
 
-@pytest.mark.parametrize(
-    ("name", "truth", "steady"),
-    [
-        pytest.param(name, truth, steady, marks=[pytest.mark.slow] * (steady and name != "t_c1"))
-        for steady in (False, True)
-        for name, truth in (*PHYSICS.items(), ("t_cm", 0.05))
-    ],
-)
-def test_a_table_is_right_with_what_is_missing(name: str, truth: float, steady: bool) -> None:
+SIZES = PHYSICS | {"t_cm": 0.05}
+TABLES = [
+    pytest.param({n: (False, True) if n == "t_c1" else (False,) for n in SIZES}, id="quick"),
+    pytest.param({n: (True,) for n in SIZES if n != "t_c1"}, id="long", marks=pytest.mark.slow),
+]
+
+
+@pytest.mark.parametrize("names", TABLES)
+def test_a_table_is_right_with_what_is_missing(names: dict[str, tuple[bool, ...]]) -> None:
     """Mutants killed: all that is tried left free, a table that is not held."""
-    share = 1.0 if name == "t_cm" else 0.2
-    posterior = believed(record({name: share * truth}, STEADY if steady else None))
-    theta = best(posterior)
-    alternative = instead(against_the_table(posterior), theta)
-    assert alternative is not None
-    assert alternative.parameter == name
-    assert alternative.value == pytest.approx(share * truth, rel=0.05)
-    (said,) = nuisance_words.instead(alternative, USUAL)
-    assert nuisance_words.LACKED[next(role for role in LACKS if USUAL[role] == name)] in said
+
+    def check(name: str, steady: bool) -> None:
+        share = 1.0 if name == "t_cm" else 0.2
+        truth = SIZES[name]
+        posterior = believed(record({name: share * truth}, STEADY if steady else None))
+        theta = best(posterior)
+        alternative = instead(against_the_table(posterior), theta)
+        assert alternative is not None
+        assert alternative.parameter == name
+        assert alternative.value == pytest.approx(share * truth, rel=0.05)
+        (said,) = nuisance_words.instead(alternative, USUAL)
+        assert nuisance_words.LACKED[next(role for role in LACKS if USUAL[role] == name)] in said
+
+    for_each(
+        {
+            f"{name}, {'steady' if steady else 'to and fro'}": (name, steady)
+            for name, both in names.items()
+            for steady in both
+        },
+        check,
+    )
 
 
-@pytest.mark.parametrize("steady", [False, True])
-def test_a_table_that_is_wrong_is_not_excused(steady: bool) -> None:
-    posterior = believed(record({"k_e": 0.065}, STEADY if steady else None))
-    assert instead(against_the_table(posterior), best(posterior)) is None
+def test_a_table_that_is_wrong_is_not_excused() -> None:
+    def check(steady: bool) -> None:
+        posterior = believed(record({"k_e": 0.065}, STEADY if steady else None))
+        assert instead(against_the_table(posterior), best(posterior)) is None
+
+    for_each({str(steady): (steady,) for steady in [False, True]}, check)
 
 
 def test_a_table_that_fits_needs_no_help_and_tolerances_count() -> None:

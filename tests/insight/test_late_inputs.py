@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from grouping import for_each
 
 from bayesdrill.insight.causes import Causes, causes
 from bayesdrill.report import nuisance_words
@@ -67,19 +68,27 @@ def told_of(of: Job) -> Causes | None:
     return causes(posterior, posterior.space.vector({"k_s": 4.1, "j_1": 0.008, "c_s": 0.02}))
 
 
-@pytest.mark.parametrize("late", [-0.035, 0.02])
-def test_a_late_torque_is_named_with_the_line_of_a_config(tmp_path: Path, late: float) -> None:
+def test_a_late_torque_is_named_with_the_line_of_a_config(
+    tmp_path_factory: pytest.TempPathFactory,
+) -> None:
     """Mutants killed: the lag of a channel for that of an input, its sign turned."""
-    of = job(tmp_path, late)
-    told = told_of(of)
-    assert told is not None
-    assert [(one.kind, one.of) for one in told.found] == [("input lag", "t_1")]
-    assert told.found[0].value == pytest.approx(late, abs=2e-3)
-    assert told.share > 0.9
-    low, high = sorted((0.0, 2e3 * told.found[0].value))
-    said = nuisance_words.explained(told, of.config)
-    assert f"a lag of inputs.t_1: {1e3 * told.found[0].value:.3g} ms: say `lag: {{prior:" in said
-    assert f"low: {low / 1e3:.3g}, high: {high / 1e3:.3g}}}`" in said
+
+    def check(late: float) -> None:
+        tmp_path = tmp_path_factory.mktemp("case")
+        of = job(tmp_path, late)
+        told = told_of(of)
+        assert told is not None
+        assert [(one.kind, one.of) for one in told.found] == [("input lag", "t_1")]
+        assert told.found[0].value == pytest.approx(late, abs=2e-3)
+        assert told.share > 0.9
+        low, high = sorted((0.0, 2e3 * told.found[0].value))
+        said = nuisance_words.explained(told, of.config)
+        assert (
+            f"a lag of inputs.t_1: {1e3 * told.found[0].value:.3g} ms: say `lag: {{prior:" in said
+        )
+        assert f"low: {low / 1e3:.3g}, high: {high / 1e3:.3g}}}`" in said
+
+    for_each({str(late): (late,) for late in [-0.035, 0.02]}, check)
 
 
 def test_of_inputs_that_are_in_time_no_lag_is_named(tmp_path: Path) -> None:

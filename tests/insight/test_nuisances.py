@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from grouping import for_each
 from oracles import NOMINAL
 from rigs import experiment, unknown, vector
 
@@ -86,25 +87,24 @@ def told_of(record: Experiment) -> Causes:
     return found
 
 
-@pytest.mark.parametrize(
-    ("sensing", "told", "kind", "of", "value"),
-    [
+def test_one_thing_wrong_is_named_with_its_size() -> None:
+    """Mutants killed: a lag sought from one side only, costs of what is free already."""
+    cases = [
         (Sensing(lags={"alpha": "l"}), [0.023], "lag", "alpha", 0.023),
         (Sensing(offsets={"alpha": "o"}), [0.4], "offset", "alpha", 0.4),
         (Sensing(gains={"w_2": "g"}), [0.8], "gain", "w_2", 0.8),
         (Sensing(input_offsets={"v": "o"}), [-0.6], "input offset", "v", -0.6),
-    ],
-)
-def test_one_thing_wrong_is_named_with_its_size(
-    sensing: Sensing, told: list[float], kind: str, of: str, value: float
-) -> None:
-    """Mutants killed: a lag sought from one side only, costs of what is free already."""
-    found = told_of(seen(sensing, told))
-    assert found.explains
-    assert found.share > 0.9
-    first = found.found[0]
-    assert (first.kind, first.of) == (kind, of)
-    assert first.value == pytest.approx(value, abs=max(6 * first.sd, 0.02 * abs(value)))
+    ]
+
+    def check(sensing: Sensing, told: list[float], kind: str, of: str, value: float) -> None:
+        found = told_of(seen(sensing, told))
+        assert found.explains
+        assert found.share > 0.9
+        first = found.found[0]
+        assert (first.kind, first.of) == (kind, of)
+        assert first.value == pytest.approx(value, abs=max(6 * first.sd, 0.02 * abs(value)))
+
+    for_each({str(case): case for case in cases}, check)
 
 
 @pytest.mark.slow
@@ -148,17 +148,22 @@ def test_half_a_sample_moves_what_a_late_step_moves() -> None:
         assert shift == pytest.approx(true, rel=0.5, abs=0.3), name
 
 
-@pytest.mark.parametrize(
-    ("own", "seconds"), [({}, 0.5 * DT), ({"v": 7 * DT}, 3.5 * DT)], ids=["of the record", "slower"]
-)
-def test_half_a_sample_is_one_of_the_input(own: dict[str, float], seconds: float) -> None:
+def test_half_a_sample_is_one_of_the_input() -> None:
     """Of channels one sample of four is left; mutant killed: half of one of theirs."""
-    record = seen(Sensing(), [])
-    fewer = np.where(np.arange(N)[:, None] % 4 == 0, record.y, np.nan)
-    posterior = believed(replace(record, y=fewer, input_steps=own))
-    found = half_a_sample(Scenery(posterior.likelihood), best(posterior))
-    assert found is not None
-    assert found.seconds == pytest.approx(seconds)
+    cases = {
+        "of the record": ({}, 0.5 * DT),
+        "slower": ({"v": 7 * DT}, 3.5 * DT),
+    }
+
+    def check(own: dict[str, float], seconds: float) -> None:
+        record = seen(Sensing(), [])
+        fewer = np.where(np.arange(N)[:, None] % 4 == 0, record.y, np.nan)
+        posterior = believed(replace(record, y=fewer, input_steps=own))
+        found = half_a_sample(Scenery(posterior.likelihood), best(posterior))
+        assert found is not None
+        assert found.seconds == pytest.approx(seconds)
+
+    for_each(cases, check)
 
 
 def test_a_moment_that_is_unknown_is_no_matter_of_doubt() -> None:

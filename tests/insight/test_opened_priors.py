@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from grouping import for_each
 from oracles import NOMINAL
 from rigs import measured, posterior
 from scipy.stats import norm
@@ -31,49 +32,49 @@ K_S = NOMINAL["k_s"]
 NAMED = {"k_s": K_S}
 
 
-@pytest.mark.parametrize(
-    "prior",
-    [
-        Uniform(K_S, 1.5 * K_S),
-        LogUniform(0.5 * K_S, K_S),
-        TruncatedNormal(K_S, K_S, low=1.001 * K_S),
-    ],
-    ids=["begins at nominal", "ends there", "begins beyond it"],
-)
-def test_an_end_at_the_nominal_value_does_not_count(prior: Prior) -> None:
+def test_an_end_at_the_nominal_value_does_not_count() -> None:
     """Mutants killed: the end is not moved; it is moved to the other side; only one end is looked at."""
-    target = posterior(measured(SIGMA, 101, 0.03), SIGMA, free=("k_s",), priors={"k_s": prior})
-    top = np.array([[min(max(1.0005 * K_S, prior.low), prior.high)]])
-    draws = np.linspace(0.99, 1.01, 4001)[:, None] * K_S
-    draws = draws[(draws[:, 0] >= prior.low) & (draws[:, 0] <= prior.high)]
-    found = open_ends(target, NAMED, draws, top, PLAN, Silent())
-    assert found is not None
-    assert found.draws is not None
-    assert found.names == ("k_s",)
-    grid = np.linspace(0.95, 1.05, 2001)[:, None] * K_S
-    log_p = target.likelihood(grid)
-    mass = np.exp(log_p - log_p.max())
-    below = mass[grid[:, 0] <= K_S].sum() / mass.sum()
-    exact = norm.isf(min(below, 1.0 - below))
-    assert tension(np.log(found.draws[:, 0] / K_S), 0.0, 0.0) == pytest.approx(exact, abs=0.1)
+    cases = {
+        "begins at nominal": (Uniform(K_S, 1.5 * K_S),),
+        "ends there": (LogUniform(0.5 * K_S, K_S),),
+        "begins beyond it": (TruncatedNormal(K_S, K_S, low=1.001 * K_S),),
+    }
+
+    def check(prior: Prior) -> None:
+        target = posterior(measured(SIGMA, 101, 0.03), SIGMA, free=("k_s",), priors={"k_s": prior})
+        top = np.array([[min(max(1.0005 * K_S, prior.low), prior.high)]])
+        draws = np.linspace(0.99, 1.01, 4001)[:, None] * K_S
+        draws = draws[(draws[:, 0] >= prior.low) & (draws[:, 0] <= prior.high)]
+        found = open_ends(target, NAMED, draws, top, PLAN, Silent())
+        assert found is not None
+        assert found.draws is not None
+        assert found.names == ("k_s",)
+        grid = np.linspace(0.95, 1.05, 2001)[:, None] * K_S
+        log_p = target.likelihood(grid)
+        mass = np.exp(log_p - log_p.max())
+        below = mass[grid[:, 0] <= K_S].sum() / mass.sum()
+        exact = norm.isf(min(below, 1.0 - below))
+        assert tension(np.log(found.draws[:, 0] / K_S), 0.0, 0.0) == pytest.approx(exact, abs=0.1)
+
+    for_each(cases, check)
 
 
-@pytest.mark.parametrize(
-    ("prior", "low", "high"),
-    [
-        (Uniform(0.5 * K_S, 1.5 * K_S), 0.5, 1.5),
-        (Uniform(0.99 * K_S, 1.5 * K_S), 1.2, 1.21),
-        (LogNormal(K_S, 0.5), 0.9, 1.1),
-    ],
-    ids=["nominal in the middle", "an end that no draw comes near", "no end at all"],
-)
-def test_priors_that_are_in_nobodys_way_stay(prior: Prior, low: float, high: float) -> None:
+def test_priors_that_are_in_nobodys_way_stay() -> None:
     """Mutants killed: ends are opened wherever draws, or the nominal value, are near."""
-    target = posterior(measured(SIGMA, 101, 0.03), SIGMA, free=("k_s",), priors={"k_s": prior})
-    middle, half = 0.5 * (low + high), 0.5 * (high - low)
-    share = (np.arange(2000) + 0.5) / 2000
-    draws = (middle + half * np.clip(norm.ppf(share) / 4, -1, 1))[:, None] * K_S
-    assert open_ends(target, NAMED, draws, draws[:1], PLAN, Silent()) is None
+    cases = {
+        "nominal in the middle": (Uniform(0.5 * K_S, 1.5 * K_S), 0.5, 1.5),
+        "an end that no draw comes near": (Uniform(0.99 * K_S, 1.5 * K_S), 1.2, 1.21),
+        "no end at all": (LogNormal(K_S, 0.5), 0.9, 1.1),
+    }
+
+    def check(prior: Prior, low: float, high: float) -> None:
+        target = posterior(measured(SIGMA, 101, 0.03), SIGMA, free=("k_s",), priors={"k_s": prior})
+        middle, half = 0.5 * (low + high), 0.5 * (high - low)
+        share = (np.arange(2000) + 0.5) / 2000
+        draws = (middle + half * np.clip(norm.ppf(share) / 4, -1, 1))[:, None] * K_S
+        assert open_ends(target, NAMED, draws, draws[:1], PLAN, Silent()) is None
+
+    for_each(cases, check)
 
 
 def cut(truth: dict[str, float], seed: int) -> tuple[np.ndarray, np.ndarray]:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from grouping import for_each
 from pictures import posterior
 
 import bayesdrill as bd
@@ -38,16 +39,19 @@ def test_a_run_is_not_apart_from_itself() -> None:
     assert differing([layer("a", seed="1"), layer("b", seed="1")]) == {}
 
 
-@pytest.mark.parametrize(("shift", "stretch"), [(2.0, 1.0), (-0.7, 1.0), (3.0, 4.0)])
-def test_a_shift_of_the_draws_is_how_far_they_are_apart(shift: float, stretch: float) -> None:
+def test_a_shift_of_the_draws_is_how_far_they_are_apart() -> None:
     """In sds of both: their root mean square."""
-    for row in rows([layer("a"), layer("b", shift, stretch)]):
-        assert row.apart == pytest.approx(abs(shift) / np.sqrt((1 + stretch**2) / 2))
-        one, other = row.places
-        assert one is not None
-        assert other is not None
-        assert other.sd == pytest.approx(stretch * one.sd)
-        assert one.low < one.mean < one.high
+
+    def check(shift: float, stretch: float) -> None:
+        for row in rows([layer("a"), layer("b", shift, stretch)]):
+            assert row.apart == pytest.approx(abs(shift) / np.sqrt((1 + stretch**2) / 2))
+            one, other = row.places
+            assert one is not None
+            assert other is not None
+            assert other.sd == pytest.approx(stretch * one.sd)
+            assert one.low < one.mean < one.high
+
+    for_each({str(case): case for case in [(2.0, 1.0), (-0.7, 1.0), (3.0, 4.0)]}, check)
 
 
 def test_of_several_runs_the_farthest_two_are_named() -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import scipy.stats
+from grouping import for_each
 from oracles import NOMINAL
 
 import bayesdrill as bd
@@ -102,15 +103,18 @@ def test_what_is_held_out_is_predicted_by_the_rest() -> None:
     assert run.draws[made.unknowns[0]].mean() == pytest.approx(mean, abs=0.2 * sd)
 
 
-@pytest.mark.parametrize("rho", [0.0, 0.6, None])
-def test_a_noise_that_remembers_is_found_out(rho: float | None) -> None:
+def test_a_noise_that_remembers_is_found_out() -> None:
     """Mutant killed: what is no white noise by its kind."""
-    white = case().job.problem.posterior
-    assert not remembers(white.likelihood.observations[0], np.zeros((1, 1)))
-    own = {"name": "ar1"} if rho is None else {"name": "ar1", "rho": rho}
-    red = case(noise=own).job.problem.posterior
-    theta = red.space.draw(2, np.random.default_rng(1))
-    assert remembers(red.likelihood.observations[0], theta) == (rho != 0.0)
+
+    def check(rho: float | None) -> None:
+        white = case().job.problem.posterior
+        assert not remembers(white.likelihood.observations[0], np.zeros((1, 1)))
+        own = {"name": "ar1"} if rho is None else {"name": "ar1", "rho": rho}
+        red = case(noise=own).job.problem.posterior
+        theta = red.space.draw(2, np.random.default_rng(1))
+        assert remembers(red.likelihood.observations[0], theta) == (rho != 0.0)
+
+    for_each({str(rho): (rho,) for rho in [0.0, 0.6, None]}, check)
 
 
 def test_a_missing_torque_predicts_what_is_held_out_and_remembers() -> None:

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from grouping import for_each
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
@@ -77,24 +78,23 @@ def test_each_sample_is_predicted_without_itself() -> None:
     assert np.abs(with_itself - exact).max() > 0.03
 
 
-@pytest.mark.parametrize(
-    ("believed", "moved", "says"),
-    [
+def test_a_wrong_prediction_leaves_the_band_and_is_named() -> None:
+    cases = [
         (SIGMA, 0.0, ""),
         (0.7 * SIGMA, 0.0, "prediction too narrow"),
         (1.4 * SIGMA, 0.0, "prediction too wide"),
         (SIGMA, 0.1, "measured lies above"),
         (SIGMA, -0.1, "measured lies below"),
-    ],
-)
-def test_a_wrong_prediction_leaves_the_band_and_is_named(
-    believed: float, moved: float, says: str
-) -> None:
-    y = record(1000)
-    theta = posterior(y, believed, 400) - moved
-    (found,) = checks(likelihood(y, believed), theta)
-    assert found.holds is (says == "")
-    assert found.says == says
+    ]
+
+    def check(believed: float, moved: float, says: str) -> None:
+        y = record(1000)
+        theta = posterior(y, believed, 400) - moved
+        (found,) = checks(likelihood(y, believed), theta)
+        assert found.holds is (says == "")
+        assert found.says == says
+
+    for_each({str(case): case for case in cases}, check)
 
 
 def test_a_long_record_is_looked_at_from_end_to_end() -> None:

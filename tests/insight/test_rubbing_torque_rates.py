@@ -12,6 +12,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from grouping import for_each
 from numpy.typing import NDArray
 from scipy.linalg import expm
 from scipy.stats import binom
@@ -148,17 +149,20 @@ def test_a_record_of_each_tells_it_already() -> None:
     assert strayed(LARGE, 2) > HARMLESS
 
 
-@pytest.mark.parametrize("at", ["rotor_1", "motor"])
-def test_where_nothing_rubs_the_rig_goes_where_the_torque_moves_it(at: str) -> None:
+def test_where_nothing_rubs_the_rig_goes_where_the_torque_moves_it() -> None:
     """Kills a sign, a gear, a torque that is held half a step late."""
-    torque = {**TORQUE, "at": at, "smoothness": "3/2"}
-    target = observed(rubs={"t_c1": 0.0}, missing_torque=torque)
-    one, rng = target.likelihood.observations[0], np.random.default_rng(3)
-    assert isinstance(one.response, Stepped)
-    space = target.space
-    theta = space.vector({**space.start, "s_d": 0.1, "tau_d": 1.0})
-    full = space.full(theta[None])
-    y = one.draw(one.signals(full), theta[None], rng)[0]
-    (found,) = shakings(of(target, one.with_record(y)), theta[None], rng)
-    assert max(course.moved for course in found.courses) > 0.5
-    assert max(course.strayed for course in found.courses) < 0.1
+
+    def check(at: str) -> None:
+        torque = {**TORQUE, "at": at, "smoothness": "3/2"}
+        target = observed(rubs={"t_c1": 0.0}, missing_torque=torque)
+        one, rng = target.likelihood.observations[0], np.random.default_rng(3)
+        assert isinstance(one.response, Stepped)
+        space = target.space
+        theta = space.vector({**space.start, "s_d": 0.1, "tau_d": 1.0})
+        full = space.full(theta[None])
+        y = one.draw(one.signals(full), theta[None], rng)[0]
+        (found,) = shakings(of(target, one.with_record(y)), theta[None], rng)
+        assert max(course.moved for course in found.courses) > 0.5
+        assert max(course.strayed for course in found.courses) < 0.1
+
+    for_each({at: (at,) for at in ["rotor_1", "motor"]}, check)

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 import pytest
+from grouping import for_each
 from lacking import DT, MEASURES, SIGMA, N, T
 from oracles import NOMINAL
 from rigs import experiment
@@ -152,10 +153,12 @@ def test_static_friction_of_a_rig_that_never_slows_down_is_left_to_the_prior() -
     assert "so low a voltage half-way that it stops (" in said
 
 
-@pytest.mark.parametrize("slow", [1.2, 2.5])
-def test_static_friction_shows_where_it_sticks_or_goes_slowly(slow: float) -> None:
-    found = told(believed(("t_sm", "w_sm", "k_e"), STATIC, slow * np.sin(2 * T)))
-    assert found.unseen == ()
+def test_static_friction_shows_where_it_sticks_or_goes_slowly() -> None:
+    def check(slow: float) -> None:
+        found = told(believed(("t_sm", "w_sm", "k_e"), STATIC, slow * np.sin(2 * T)))
+        assert found.unseen == ()
+
+    for_each({str(slow): (slow,) for slow in [1.2, 2.5]}, check)
 
 
 @pytest.mark.slow
@@ -211,13 +214,22 @@ def test_identify_says_it() -> None:
     assert "friction: t_cm can hardly be told from t_f" in identify_words.full(found)
 
 
-@pytest.mark.parametrize("added", [{"t_cm": 0.05}, {"t_cm": 0.03, "t_c1": 0.2, "v_d": 0.4}])
-def test_the_voltage_that_holds_it_at_rest(added: dict[str, float]) -> None:
+def test_the_voltage_that_holds_it_at_rest() -> None:
     """Of a motor that is held: v = r_m T / k_T + v_d, T all friction that has to be overcome."""
-    rig = with_named(MotorShaft(), added)
-    p = {**NOMINAL, "t_f": 0.01, **added}
-    torque = 0.01 + added["t_cm"] + added.get("t_c1", 0.0) / 8
-    volts = NOMINAL["r_m"] * torque / NOMINAL["k_T"] + added.get("v_d", 0.0)
-    assert stops_below(rig, p) == pytest.approx(volts, rel=1e-9)
-    assert stops_below(MotorShaft(), {**NOMINAL, "t_f": 0.0}) == pytest.approx(0.0, abs=1e-12)
-    assert stops_below(DrivenShaft(), {}) == 0.0
+
+    def check(added: dict[str, float]) -> None:
+        rig = with_named(MotorShaft(), added)
+        p = {**NOMINAL, "t_f": 0.01, **added}
+        torque = 0.01 + added["t_cm"] + added.get("t_c1", 0.0) / 8
+        volts = NOMINAL["r_m"] * torque / NOMINAL["k_T"] + added.get("v_d", 0.0)
+        assert stops_below(rig, p) == pytest.approx(volts, rel=1e-9)
+        assert stops_below(MotorShaft(), {**NOMINAL, "t_f": 0.0}) == pytest.approx(0.0, abs=1e-12)
+        assert stops_below(DrivenShaft(), {}) == 0.0
+
+    for_each(
+        {
+            str(added): (added,)
+            for added in [{"t_cm": 0.05}, {"t_cm": 0.03, "t_c1": 0.2, "v_d": 0.4}]
+        },
+        check,
+    )

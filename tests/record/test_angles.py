@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
+from grouping import for_each
 from scipy.signal import lfilter
 
 from bayesdrill.record import angles
@@ -14,14 +14,16 @@ TURNING = 25.0 * T + 9.0 * np.sin(4.0 * T)  # forth and back again
 NOISE = 0.002 * RNG.standard_normal(len(T))
 
 
-@pytest.mark.parametrize("period", [360.0, 2 * np.pi, 4096.0])
-def test_turns_are_taken_back(period: float) -> None:
-    x = TURNING * period / (2 * np.pi)
-    wrapped = np.mod(x + 0.3 * period, period)
-    straight, jumps = angles.unwrapped(wrapped, period)
-    np.testing.assert_allclose(straight - straight[0], x - x[0], atol=1e-9 * period)
-    assert jumps == np.sum(np.abs(np.diff(wrapped)) > period / 2) > 10
-    assert len(angles.ambiguous(wrapped, period)) == 0
+def test_turns_are_taken_back() -> None:
+    def check(period: float) -> None:
+        x = TURNING * period / (2 * np.pi)
+        wrapped = np.mod(x + 0.3 * period, period)
+        straight, jumps = angles.unwrapped(wrapped, period)
+        np.testing.assert_allclose(straight - straight[0], x - x[0], atol=1e-9 * period)
+        assert jumps == np.sum(np.abs(np.diff(wrapped)) > period / 2) > 10
+        assert len(angles.ambiguous(wrapped, period)) == 0
+
+    for_each({str(period): (period,) for period in [360.0, 2 * np.pi, 4096.0]}, check)
 
 
 def test_half_a_turn_in_one_step_cannot_be_told() -> None:
@@ -40,19 +42,19 @@ def test_nearest_quotients_are_told_apart() -> None:
 BACKWARD = np.diff(TURNING + NOISE, prepend=TURNING[0]) / 0.004
 
 
-@pytest.mark.parametrize(
-    "speed",
-    [
-        BACKWARD,
-        3.7 * BACKWARD,
-        np.gradient(TURNING + NOISE, T),
-        lfilter([0.2], [1.0, -0.8], BACKWARD),
-        np.convolve(BACKWARD, np.ones(4) / 4, mode="same"),
-    ],
-    ids=["backward", "in another unit", "central", "filtered", "smoothed"],
-)
-def test_differences_of_an_angle_have_its_noise(speed: np.ndarray) -> None:
-    assert angles.differenced(TURNING + NOISE, speed, 0.004)
+def test_differences_of_an_angle_have_its_noise() -> None:
+    cases = {
+        "backward": (BACKWARD,),
+        "in another unit": (3.7 * BACKWARD,),
+        "central": (np.gradient(TURNING + NOISE, T),),
+        "filtered": (lfilter([0.2], [1.0, -0.8], BACKWARD),),
+        "smoothed": (np.convolve(BACKWARD, np.ones(4) / 4, mode="same"),),
+    }
+
+    def check(speed: np.ndarray) -> None:
+        assert angles.differenced(TURNING + NOISE, speed, 0.004)
+
+    for_each(cases, check)
 
 
 def test_a_speed_that_was_measured_has_noise_of_its_own() -> None:

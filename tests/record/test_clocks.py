@@ -4,25 +4,35 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from grouping import for_each
 
 from bayesdrill.record import clocks
 
 KEPT = np.r_[0:20, 25:60, 61:100]
 
 
-@pytest.mark.parametrize("rate", [100.0, 300.0, 1234.5])
-@pytest.mark.parametrize("begin", [0.0, -3.7, 812.0])
-def test_a_grid_with_samples_missing_is_found_through_few_digits(rate: float, begin: float) -> None:
+def test_a_grid_with_samples_missing_is_found_through_few_digits() -> None:
     """The gaps are whole multiples of one step, and no time moves by more than its digits."""
-    t = (begin + np.arange(100) / rate)[KEPT]
-    found = clocks.grid(np.round(t, 6))
-    assert found is not None
-    assert found.place.tolist() == KEPT.tolist()
-    assert found.step == pytest.approx(1 / rate, rel=1e-5)
-    assert np.abs(found.times - t).max() < 1e-6
-    assert found.missing == 6
-    steps = np.diff(clocks.on_grid(np.round(t, 6))) / found.step
-    assert np.abs(steps - np.round(steps)).max() < 1e-6
+
+    def check(rate: float, begin: float) -> None:
+        t = (begin + np.arange(100) / rate)[KEPT]
+        found = clocks.grid(np.round(t, 6))
+        assert found is not None
+        assert found.place.tolist() == KEPT.tolist()
+        assert found.step == pytest.approx(1 / rate, rel=1e-5)
+        assert np.abs(found.times - t).max() < 1e-6
+        assert found.missing == 6
+        steps = np.diff(clocks.on_grid(np.round(t, 6))) / found.step
+        assert np.abs(steps - np.round(steps)).max() < 1e-6
+
+    for_each(
+        {
+            f"{rate} {begin}": (rate, begin)
+            for rate in [100.0, 300.0, 1234.5]
+            for begin in [0.0, -3.7, 812.0]
+        },
+        check,
+    )
 
 
 def test_even_times_stay_as_they_are() -> None:

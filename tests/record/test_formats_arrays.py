@@ -13,6 +13,7 @@ import h5py
 import numpy as np
 import pyarrow
 import pytest
+from grouping import for_each
 from pyarrow import parquet
 
 import bayesdrill as bd
@@ -81,10 +82,8 @@ def as_npz(folder: Path) -> Path:
     return folder / "run.npz"
 
 
-@pytest.mark.parametrize("write", [as_hdf5, as_npz])
-@pytest.mark.parametrize(
-    ("column", "variable", "expected"),
-    [
+def test_the_same_columns_of_every_layout(tmp_path_factory: pytest.TempPathFactory) -> None:
+    cases = [
         (1, "flat", T),
         (3, "flat", -W),
         (2, "of MATLAB", W),
@@ -93,20 +92,31 @@ def as_npz(folder: Path) -> Path:
         ("speed", "table", W.astype("f4")),
         ("counts", None, np.arange(4.0)),
         ("on", None, W > 0),
-    ],
-)
-def test_the_same_columns_of_every_layout(write, column, variable, expected, tmp_path) -> None:
-    path = write(tmp_path)
-    for wanted in (None, {"flat", "of MATLAB", "row", "table.t", "table.speed", "counts", "on"}):
-        values = load(path, wanted).pick(column, variable)
-        assert values.dtype == np.float64
-        np.testing.assert_array_equal(values, expected)
+    ]
+
+    def check(write, column, variable, expected) -> None:
+        tmp_path = tmp_path_factory.mktemp("case")
+        path = write(tmp_path)
+        for wanted in (
+            None,
+            {"flat", "of MATLAB", "row", "table.t", "table.speed", "counts", "on"},
+        ):
+            values = load(path, wanted).pick(column, variable)
+            assert values.dtype == np.float64
+            np.testing.assert_array_equal(values, expected)
+
+    for_each(
+        {
+            f"{write.__name__} {case}": (write, *case)
+            for write in [as_hdf5, as_npz]
+            for case in cases
+        },
+        check,
+    )
 
 
-@pytest.mark.parametrize("write", [as_hdf5, as_npz])
-@pytest.mark.parametrize(
-    ("column", "variable", "said"),
-    [
+def test_what_cannot_be_picked(tmp_path_factory: pytest.TempPathFactory) -> None:
+    cases = [
         ("fiat", None, "did you mean flat?"),
         ("flat", None, "4 rows and 3 columns; say which column, from 1 to 3"),
         (4, "flat", "no column 4; give one from 1 to 3"),
@@ -116,24 +126,36 @@ def test_the_same_columns_of_every_layout(write, column, variable, expected, tmp
         ("z", None, "is complex; save its real part"),
         ("cube", None, "has 3 dimensions (2 x 3 x 4)"),
         ("nothing", None, "is empty"),
-    ],
-)
-def test_what_cannot_be_picked(write, column, variable, said: str, tmp_path: Path) -> None:
-    assert said in refusal(write(tmp_path), column, variable)
+    ]
+
+    def check(write, column, variable, said: str) -> None:
+        tmp_path = tmp_path_factory.mktemp("case")
+        assert said in refusal(write(tmp_path), column, variable)
+
+    for_each(
+        {
+            f"{write.__name__} {case}": (write, *case)
+            for write in [as_hdf5, as_npz]
+            for case in cases
+        },
+        check,
+    )
 
 
-@pytest.mark.parametrize(
-    ("name", "expected"), [("run 1/motor/speed", W.astype("f4")), ("run 1/motor/t", T)]
-)
-def test_datasets_stand_at_their_paths(name: str, expected: np.ndarray, tmp_path: Path) -> None:
-    path = as_hdf5(tmp_path)
-    np.testing.assert_array_equal(load(path, {name}).pick(name), expected)
-    np.testing.assert_array_equal(load(path).pick(2, "block.x"), W)
+def test_datasets_stand_at_their_paths(tmp_path_factory: pytest.TempPathFactory) -> None:
+    cases = [("run 1/motor/speed", W.astype("f4")), ("run 1/motor/t", T)]
+
+    def check(name: str, expected: np.ndarray) -> None:
+        tmp_path = tmp_path_factory.mktemp("case")
+        path = as_hdf5(tmp_path)
+        np.testing.assert_array_equal(load(path, {name}).pick(name), expected)
+        np.testing.assert_array_equal(load(path).pick(2, "block.x"), W)
+
+    for_each({case[0]: case for case in cases}, check)
 
 
-@pytest.mark.parametrize(
-    ("name", "said"),
-    [
+def test_what_cannot_be_picked_of_hdf5(tmp_path_factory: pytest.TempPathFactory) -> None:
+    cases = [
         ("run 1/motor", "is a group; name one: run 1/motor/speed, run 1/motor/t"),
         ("/flat", "did you mean flat?"),
         ("text", "is text"),
@@ -144,24 +166,30 @@ def test_datasets_stand_at_their_paths(name: str, expected: np.ndarray, tmp_path
         ("elsewhere", "is a link to elsewhere; save the numbers themselves"),
         ("bomb", "takes 8000000 MB; at most 1000 MB are read"),
         ("run 1/again", "is the same group under a second name"),
-    ],
-)
-def test_what_cannot_be_picked_of_hdf5(name: str, said: str, tmp_path: Path) -> None:
-    assert said in refusal(as_hdf5(tmp_path), name)
+    ]
+
+    def check(name: str, said: str) -> None:
+        tmp_path = tmp_path_factory.mktemp("case")
+        assert said in refusal(as_hdf5(tmp_path), name)
+
+    for_each({case[0]: case for case in cases}, check)
 
 
-@pytest.mark.parametrize("how", ["virtual dataset", "external storage"])
-def test_numbers_of_other_files_are_never_read(how: str, tmp_path: Path) -> None:
-    (tmp_path / "secret.bin").write_bytes(W.tobytes())
-    with h5py.File(tmp_path / "run.h5", "w") as file:
-        if how == "virtual dataset":
-            layout = h5py.VirtualLayout(W.shape, W.dtype)
-            layout[:] = h5py.VirtualSource(str(tmp_path / "secret.h5"), "x", W.shape)
-            file.create_virtual_dataset("w", layout)
-        else:
-            storage = [(str(tmp_path / "secret.bin"), 0, W.nbytes)]
-            file.create_dataset("w", W.shape, W.dtype, external=storage)
-    assert "has its numbers in other files" in refusal(tmp_path / "run.h5", "w")
+def test_numbers_of_other_files_are_never_read(tmp_path_factory: pytest.TempPathFactory) -> None:
+    def check(how: str) -> None:
+        tmp_path = tmp_path_factory.mktemp("case")
+        (tmp_path / "secret.bin").write_bytes(W.tobytes())
+        with h5py.File(tmp_path / "run.h5", "w") as file:
+            if how == "virtual dataset":
+                layout = h5py.VirtualLayout(W.shape, W.dtype)
+                layout[:] = h5py.VirtualSource(str(tmp_path / "secret.h5"), "x", W.shape)
+                file.create_virtual_dataset("w", layout)
+            else:
+                storage = [(str(tmp_path / "secret.bin"), 0, W.nbytes)]
+                file.create_dataset("w", W.shape, W.dtype, external=storage)
+        assert "has its numbers in other files" in refusal(tmp_path / "run.h5", "w")
+
+    for_each({how: (how,) for how in ["virtual dataset", "external storage"]}, check)
 
 
 def test_a_filter_that_is_not_here_is_named(tmp_path: Path) -> None:
@@ -231,26 +259,27 @@ def as_parquet(folder: Path) -> Path:
     return folder / "run.parquet"
 
 
-@pytest.mark.parametrize(
-    ("column", "expected"),
-    [
+def test_columns_of_parquet(tmp_path_factory: pytest.TempPathFactory) -> None:
+    cases = [
         ("t [s]", T),
         (1, T),
         ("w.1", [1, np.nan, 3, 4]),
         (3, [1, np.nan, 3, 4]),
         ("on", [1, 0, 1, 0]),
         ("money", [1.5] * 4),
-    ],
-)
-def test_columns_of_parquet(column: str | int, expected: np.ndarray, tmp_path: Path) -> None:
-    table = load(as_parquet(tmp_path))
-    np.testing.assert_array_equal(table.pick(column), expected)
-    assert table.where(17 - 15) == "row 3"
+    ]
+
+    def check(column: str | int, expected: np.ndarray) -> None:
+        tmp_path = tmp_path_factory.mktemp("case")
+        table = load(as_parquet(tmp_path))
+        np.testing.assert_array_equal(table.pick(column), expected)
+        assert table.where(17 - 15) == "row 3"
+
+    for_each({str(case): case for case in cases}, check)
 
 
-@pytest.mark.parametrize(
-    ("column", "variable", "said"),
-    [
+def test_what_cannot_be_picked_of_parquet(tmp_path_factory: pytest.TempPathFactory) -> None:
+    cases = [
         ("t", None, "known: t [s], w.1, on, money"),
         ("name", None, "column 'name' of run.parquet is of type string, not numbers"),
         (2, None, "column 'name' of run.parquet is of type string, not numbers"),
@@ -258,10 +287,13 @@ def test_columns_of_parquet(column: str | int, expected: np.ndarray, tmp_path: P
         ("list", None, "not numbers"),
         (9, None, "has no column 9; it has the columns 1 to 7"),
         ("on", "t", "is a table of columns and has no variable 't'"),
-    ],
-)
-def test_what_cannot_be_picked_of_parquet(column, variable, said: str, tmp_path: Path) -> None:
-    assert said in refusal(as_parquet(tmp_path), column, variable)
+    ]
+
+    def check(column, variable, said: str) -> None:
+        tmp_path = tmp_path_factory.mktemp("case")
+        assert said in refusal(as_parquet(tmp_path), column, variable)
+
+    for_each({str(case): case for case in cases}, check)
 
 
 def test_only_wanted_columns_of_parquet_are_read(tmp_path: Path) -> None:
@@ -277,15 +309,18 @@ def test_columns_of_parquet_with_one_name(tmp_path: Path) -> None:
     assert "stands 2 times" in refusal(tmp_path / "run.parquet", "w")
 
 
-@pytest.mark.parametrize("columns", [{"t": T[:0], "w": W[:0]}, {}])
-def test_parquet_without_rows(columns: dict[str, np.ndarray], tmp_path: Path) -> None:
-    path = tmp_path / "run.parquet"
-    parquet.write_table(pyarrow.table(columns), path)
-    assert ("column 'w' of run.parquet is empty" if columns else "no column 'w'") in refusal(
-        path, "w"
-    )
-    with pytest.raises(InputError, match="no column has 20 numbers or more"):
-        bd.init(path)
+def test_parquet_without_rows(tmp_path_factory: pytest.TempPathFactory) -> None:
+    def check(columns: dict[str, np.ndarray]) -> None:
+        tmp_path = tmp_path_factory.mktemp("case")
+        path = tmp_path / "run.parquet"
+        parquet.write_table(pyarrow.table(columns), path)
+        assert ("column 'w' of run.parquet is empty" if columns else "no column 'w'") in refusal(
+            path, "w"
+        )
+        with pytest.raises(InputError, match="no column has 20 numbers or more"):
+            bd.init(path)
+
+    for_each({str(columns): (columns,) for columns in [{"t": T[:0], "w": W[:0]}, {}]}, check)
 
 
 def test_without_its_library_parquet_says_what_to_install(
@@ -296,21 +331,41 @@ def test_without_its_library_parquet_says_what_to_install(
     assert "pip install 'bayesdrill[parquet]', or save the record as CSV" in refusal(path)
 
 
-@pytest.mark.parametrize("write", [as_hdf5, as_npz, as_parquet])
-@pytest.mark.parametrize("keep", [0.1, 0.5, 0.9])
-def test_cut_files_are_refused(write, keep: float, tmp_path: Path) -> None:
-    path = write(tmp_path)
-    raw = path.read_bytes()
-    path.write_bytes(raw[: int(len(raw) * keep)])
-    assert "damaged or cut short" in refusal(path)
+def test_cut_files_are_refused(tmp_path_factory: pytest.TempPathFactory) -> None:
+    def check(write, keep: float) -> None:
+        tmp_path = tmp_path_factory.mktemp("case")
+        path = write(tmp_path)
+        raw = path.read_bytes()
+        path.write_bytes(raw[: int(len(raw) * keep)])
+        assert "damaged or cut short" in refusal(path)
+
+    for_each(
+        {
+            f"{write.__name__} {keep}": (write, keep)
+            for write in [as_hdf5, as_npz, as_parquet]
+            for keep in [0.1, 0.5, 0.9]
+        },
+        check,
+    )
 
 
-@pytest.mark.parametrize("ending", [".h5", ".npz", ".parquet"])
-@pytest.mark.parametrize("content", [b"t,w_1\n0,1\n" * 20, bytes(range(256)) * 4, b"x"])
-def test_other_files_are_refused(ending: str, content: bytes, tmp_path: Path) -> None:
-    path = tmp_path / f"run{ending}"
-    path.write_bytes(content)
-    assert "is not a" in refusal(path)
+def test_other_files_are_refused(tmp_path_factory: pytest.TempPathFactory) -> None:
+    contents = [b"t,w_1\n0,1\n" * 20, bytes(range(256)) * 4, b"x"]
+
+    def check(ending: str, content: bytes) -> None:
+        tmp_path = tmp_path_factory.mktemp("case")
+        path = tmp_path / f"run{ending}"
+        path.write_bytes(content)
+        assert "is not a" in refusal(path)
+
+    for_each(
+        {
+            f"{ending} {content}": (ending, content)
+            for ending in [".h5", ".npz", ".parquet"]
+            for content in contents
+        },
+        check,
+    )
 
 
 def test_a_file_of_matlab_is_left_to_its_reader(tmp_path: Path) -> None:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from grouping import for_each
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -89,27 +90,30 @@ def refusal(path: Path, **options: object) -> str:
     return str(caught.value)
 
 
-@pytest.mark.parametrize("dialect", DIALECTS)
-def test_same_numbers_in_every_dialect(dialect: str, write) -> None:
-    table = load(write(DIALECTS[dialect]))
-    assert tuple(table.variables) == NAMES
-    np.testing.assert_array_equal(np.column_stack(list(table.variables.values())), DATA)
+def test_same_numbers_in_every_dialect(write) -> None:
+    def check(dialect: str) -> None:
+        table = load(write(DIALECTS[dialect]))
+        assert tuple(table.variables) == NAMES
+        np.testing.assert_array_equal(np.column_stack(list(table.variables.values())), DATA)
+
+    for_each({str(dialect): (dialect,) for dialect in DIALECTS}, check)
 
 
-@pytest.mark.parametrize(
-    ("delimiter", "decimal"), [(",", "."), (";", ","), (" ", ","), ("\t", ".")]
-)
-def test_without_header_columns_are_numbered(delimiter: str, decimal: str, write) -> None:
-    table = load(write(text(delimiter, decimal, head=False)))
-    assert tuple(table.variables) == ("1", "2", "3")
-    np.testing.assert_array_equal(table.pick(2), DATA[:, 1])
-    np.testing.assert_array_equal(table.pick("3"), DATA[:, 2])
-    assert table.where(0) == "line 1"
+def test_without_header_columns_are_numbered(write) -> None:
+    cases = [(",", "."), (";", ","), (" ", ","), ("\t", ".")]
+
+    def check(delimiter: str, decimal: str) -> None:
+        table = load(write(text(delimiter, decimal, head=False)))
+        assert tuple(table.variables) == ("1", "2", "3")
+        np.testing.assert_array_equal(table.pick(2), DATA[:, 1])
+        np.testing.assert_array_equal(table.pick("3"), DATA[:, 2])
+        assert table.where(0) == "line 1"
+
+    for_each({case[0]: case for case in cases}, check)
 
 
-@pytest.mark.parametrize(
-    ("content", "options", "expected"),
-    [
+def test_spellings(write) -> None:
+    cases = [
         ("0,1;2,3\n", {}, [[0.1, 2.3]]),
         ("0,1 2,3\n", {}, [[0.1, 2.3]]),
         ("0,1\n2,3\n", {}, [[0, 1], [2, 3]]),
@@ -125,16 +129,18 @@ def test_without_header_columns_are_numbered(delimiter: str, decimal: str, write
         ("a,b\n1,NaN\n,2\nnan,3\n", {}, [[1, np.nan], [np.nan, 2], [np.nan, 3]]),
         ("a;b\n1;2\n;\n3;4\n", {}, [[1, 2], [np.nan, np.nan], [3, 4]]),
         ("a;b\n1;2\n\n3;4\n;\n", {}, [[1, 2], [3, 4]]),
-    ],
-)
-def test_spellings(content: str, options: dict[str, object], expected, write) -> None:
-    table = load(write(content), **options)
-    values = np.column_stack(list(table.variables.values()))
-    if expected is None:
-        assert values.shape == (601, 2)
-        assert values.sum() == 1.5
-    else:
-        np.testing.assert_array_equal(values, expected)
+    ]
+
+    def check(content: str, options: dict[str, object], expected) -> None:
+        table = load(write(content), **options)
+        values = np.column_stack(list(table.variables.values()))
+        if expected is None:
+            assert values.shape == (601, 2)
+            assert values.sum() == 1.5
+        else:
+            np.testing.assert_array_equal(values, expected)
+
+    for_each({str(case): case for case in cases}, check)
 
 
 def test_latin_1_names_are_kept_verbatim(write) -> None:
@@ -147,9 +153,8 @@ def test_where_names_the_line_of_the_file(write) -> None:
     assert [table.where(0), table.where(1)] == ["line 5", "line 8"]
 
 
-@pytest.mark.parametrize(
-    ("content", "options", "said"),
-    [
+def test_refusals(write) -> None:
+    cases = [
         ("", {}, ["the file is empty"]),
         ("\n# only this\n\n", {}, ["only blank lines and comments"]),
         ("t,w\n", {}, ["header but no data", "line 1"]),
@@ -175,29 +180,32 @@ def test_where_names_the_line_of_the_file(write) -> None:
         ("1,2\n", {"delimiter": "5"}, ["delimiter '5' occurs in numbers"]),
         ("1,2\n", {"decimal": "x", "skip_rows": -1}, ["decimal 'x'", "skip_rows -1"]),
         ("1,2\n", {"decimal": ",", "delimiter": ","}, ["both ','"]),
-    ],
-)
-def test_refusals(content: str | bytes, options: dict[str, object], said: list[str], write) -> None:
-    message = refusal(write(content), **options)
-    for words in ["run.csv", *said]:
-        assert words in message
+    ]
+
+    def check(content: str | bytes, options: dict[str, object], said: list[str]) -> None:
+        message = refusal(write(content), **options)
+        for words in ["run.csv", *said]:
+            assert words in message
+
+    for_each({str(case): case for case in cases}, check)
 
 
-@pytest.mark.parametrize(
-    "content",
-    [
+def test_errors_show_no_more_than_the_cell_that_failed(write) -> None:
+    cases = [
         "user secret\nroot hunter2\nguest hunter3\n",
         "root:hunter2:0:0\nguest:hunter3:1:1\n",
         "1,hunter2,secret,other\n1,2,3,4\n",
         "t,w\n1,2\n3,hunter2,secret\n4,5\n",
         "hunter2 and secret\n1;2\n3;4\n",
         "hunter2\nhunter4\nsecret\n",
-    ],
-)
-def test_errors_show_no_more_than_the_cell_that_failed(content: str, write) -> None:
-    message = refusal(write(content))
-    assert "secret" not in message
-    assert "hunter3" not in message
+    ]
+
+    def check(content: str) -> None:
+        message = refusal(write(content))
+        assert "secret" not in message
+        assert "hunter3" not in message
+
+    for_each({str(content): (content,) for content in cases}, check)
 
 
 def test_five_faults_are_shown_and_the_rest_counted(write) -> None:
@@ -217,9 +225,8 @@ def test_files_that_cannot_be_opened(tmp_path: Path, write) -> None:
     assert "does not exist" in refusal(tmp_path / "nowhere" / "run.csv")
 
 
-@pytest.mark.parametrize(
-    ("column", "variable", "said"),
-    [
+def test_what_cannot_be_picked(write) -> None:
+    cases = [
         ("w_1 [rmp]", None, "did you mean w_1 [rpm]?"),
         ("zzzz", None, "known: t [s], w_1 [rpm], theta, x, (column 5), (column 6)"),
         (7, None, "has the columns 1 to 6"),
@@ -228,16 +235,18 @@ def test_files_that_cannot_be_opened(tmp_path: Path, write) -> None:
         ("twin", None, "stands 2 times in the header (columns 5, 6)"),
         (None, None, "give its name or its number"),
         ("x", "rig", "leave the variable out"),
-    ],
-)
-def test_what_cannot_be_picked(column, variable, said: str, write) -> None:
-    table = load(write("t [s],w_1 [rpm],theta,x,twin,twin\n1,2,3,4,5,6\n"))
-    assert table.pick(6) == [6.0]
-    with pytest.raises(InputError) as caught:
-        table.pick(column, variable, place="signals.w")
-    assert caught.value.problems[0].place == "signals.w"
-    assert "run.csv" in str(caught.value)
-    assert said in str(caught.value)
+    ]
+
+    def check(column, variable, said: str) -> None:
+        table = load(write("t [s],w_1 [rpm],theta,x,twin,twin\n1,2,3,4,5,6\n"))
+        assert table.pick(6) == [6.0]
+        with pytest.raises(InputError) as caught:
+            table.pick(column, variable, place="signals.w")
+        assert caught.value.problems[0].place == "signals.w"
+        assert "run.csv" in str(caught.value)
+        assert said in str(caught.value)
+
+    for_each({str(case): case for case in cases}, check)
 
 
 def test_formats_by_ending(tmp_path: Path) -> None:

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import scipy.io
 import scipy.io.matlab
+from grouping import for_each
 
 from bayesdrill.basics.entries import NoEntries
 from bayesdrill.basics.errors import InputError
@@ -96,9 +97,8 @@ def table(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFacto
     return FORMATS["mat"].read(path, NoEntries(), None)
 
 
-@pytest.mark.parametrize(
-    ("column", "variable", "expected"),
-    [
+def test_pick(table: Table) -> None:
+    cases = [
         ("theta_1", None, T),
         (None, "theta_1", T),
         (1, "theta_1", T),
@@ -113,17 +113,18 @@ def table(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFacto
         ("theta", "rig", T),
         (None, "rig.motor.w", W),
         (1, "rig.motor.w", W),
-    ],
-)
-def test_pick(table: Table, column, variable, expected) -> None:
-    values = table.pick(column, variable)
-    assert values.dtype == np.float64
-    np.testing.assert_array_equal(values, expected)
+    ]
+
+    def check(column, variable, expected) -> None:
+        values = table.pick(column, variable)
+        assert values.dtype == np.float64
+        np.testing.assert_array_equal(values, expected)
+
+    for_each({str(case): case for case in cases}, check)
 
 
-@pytest.mark.parametrize(
-    ("column", "variable", "said"),
-    [
+def test_what_cannot_be_picked(table: Table) -> None:
+    cases = [
         ("theta_l", None, "did you mean theta_1?"),
         ("data", None, "4 rows and 3 columns; say which column, from 1 to 3"),
         (4, "data", "no column 4; give one from 1 to 3"),
@@ -139,14 +140,16 @@ def test_pick(table: Table, column, variable, expected) -> None:
         ("z", None, "is complex"),
         ("cube", None, "has 3 dimensions (2 x 3 x 4)"),
         ("nothing", None, "is empty"),
-    ],
-)
-def test_what_cannot_be_picked(table: Table, column, variable, said: str) -> None:
-    with pytest.raises(InputError) as caught:
-        table.pick(column, variable, place="signals.w")
-    assert str(caught.value).startswith("signals.w: ")
-    assert "run.mat" in str(caught.value)
-    assert said in str(caught.value)
+    ]
+
+    def check(column, variable, said: str) -> None:
+        with pytest.raises(InputError) as caught:
+            table.pick(column, variable, place="signals.w")
+        assert str(caught.value).startswith("signals.w: ")
+        assert "run.mat" in str(caught.value)
+        assert said in str(caught.value)
+
+    for_each({str(case): case for case in cases}, check)
 
 
 def test_where_names_the_sample(table: Table) -> None:
@@ -186,31 +189,42 @@ def _cut(path: Path, keep: float) -> None:
     path.write_bytes(raw[: int(len(raw) * keep)])
 
 
-@pytest.mark.parametrize("writer", [write_v5, write_v73])
-@pytest.mark.parametrize("keep", [0.15, 0.5, 0.9])
-def test_cut_files_are_refused(writer, keep: float, tmp_path: Path) -> None:
-    path = tmp_path / "run.mat"
-    writer(path)
-    _cut(path, keep)
-    with pytest.raises(InputError, match="damaged or cut short"):
-        read(path)
+def test_cut_files_are_refused(tmp_path_factory: pytest.TempPathFactory) -> None:
+    def check(writer, keep: float) -> None:
+        tmp_path = tmp_path_factory.mktemp("case")
+        path = tmp_path / "run.mat"
+        writer(path)
+        _cut(path, keep)
+        with pytest.raises(InputError, match="damaged or cut short"):
+            read(path)
+
+    for_each(
+        {
+            f"{writer.__name__} {keep}": (writer, keep)
+            for writer in [write_v5, write_v73]
+            for keep in [0.15, 0.5, 0.9]
+        },
+        check,
+    )
 
 
-@pytest.mark.parametrize(
-    ("content", "said"),
-    [
+def test_other_files_are_refused(tmp_path_factory: pytest.TempPathFactory) -> None:
+    cases = [
         (b"", "is empty"),
         (b"t,w\n1,2\n" * 50, "not a MATLAB file"),
         (b"x", "not a MATLAB file"),
         (bytes(range(256)) * 4, "not a MATLAB file"),
         (b"MATLAB 5.0 MAT-file".ljust(300), "damaged"),
-    ],
-)
-def test_other_files_are_refused(content: bytes, said: str, tmp_path: Path) -> None:
-    path = tmp_path / "run.mat"
-    path.write_bytes(content)
-    with pytest.raises(InputError, match=said):
-        read(path)
+    ]
+
+    def check(content: bytes, said: str) -> None:
+        tmp_path = tmp_path_factory.mktemp("case")
+        path = tmp_path / "run.mat"
+        path.write_bytes(content)
+        with pytest.raises(InputError, match=said):
+            read(path)
+
+    for_each({str(case): case for case in cases}, check)
 
 
 def test_files_that_cannot_be_opened(tmp_path: Path) -> None:
@@ -274,38 +288,50 @@ def from_elsewhere(folder: Path, how: str) -> Path:
     return folder / "run.mat"
 
 
-@pytest.mark.parametrize(
-    ("how", "says"),
-    [
+def test_numbers_of_other_files_are_never_read(tmp_path_factory: pytest.TempPathFactory) -> None:
+    cases = [
         ("external link", "is a link to elsewhere"),
         ("soft link through an external one", "is a link to elsewhere"),
         ("virtual dataset", "has its numbers in other files"),
         ("external storage", "has its numbers in other files"),
-    ],
-)
-def test_numbers_of_other_files_are_never_read(how: str, says: str, tmp_path: Path) -> None:
-    path = from_elsewhere(tmp_path, how)
-    table = read(path, {"t", "w"})
-    np.testing.assert_array_equal(table.pick("t"), T)
-    with pytest.raises(InputError, match=f"'w' of run.mat {says}; save the numbers themselves"):
-        table.pick("w")
+    ]
+
+    def check(how: str, says: str) -> None:
+        tmp_path = tmp_path_factory.mktemp("case")
+        path = from_elsewhere(tmp_path, how)
+        table = read(path, {"t", "w"})
+        np.testing.assert_array_equal(table.pick("t"), T)
+        with pytest.raises(InputError, match=f"'w' of run.mat {says}; save the numbers themselves"):
+            table.pick("w")
+
+    for_each({case[0]: case for case in cases}, check)
 
 
-@pytest.mark.parametrize("writer", [write_v5, write_v73])
-def test_what_is_wanted_is_what_is_read(writer, tmp_path: Path) -> None:
-    writer(tmp_path / "run.mat")
-    table = read(tmp_path / "run.mat", {"theta_1", "rig.theta"})
-    assert not {"row", "data"} & set(table.variables)
-    for name in ("theta_1", "rig.theta"):
-        np.testing.assert_array_equal(table.pick(name), T)
+def test_what_is_wanted_is_what_is_read(tmp_path_factory: pytest.TempPathFactory) -> None:
+    def check(writer) -> None:
+        tmp_path = tmp_path_factory.mktemp("case")
+        writer(tmp_path / "run.mat")
+        table = read(tmp_path / "run.mat", {"theta_1", "rig.theta"})
+        assert not {"row", "data"} & set(table.variables)
+        for name in ("theta_1", "rig.theta"):
+            np.testing.assert_array_equal(table.pick(name), T)
+
+    for_each({writer.__name__: (writer,) for writer in [write_v5, write_v73]}, check)
 
 
-@pytest.mark.parametrize("writer", [write_v5, write_v73])
-def test_a_name_that_is_missing_is_told_beside_all_that_are_there(writer, tmp_path: Path) -> None:
-    writer(tmp_path / "run.mat")
-    with pytest.raises(InputError, match=r"did you mean theta_1\? \(the file has .*row") as caught:
-        read(tmp_path / "run.mat", {"theta_l"}).pick("theta_l")
-    assert "rig.motor.w" in str(caught.value)
+def test_a_name_that_is_missing_is_told_beside_all_that_are_there(
+    tmp_path_factory: pytest.TempPathFactory,
+) -> None:
+    def check(writer) -> None:
+        tmp_path = tmp_path_factory.mktemp("case")
+        writer(tmp_path / "run.mat")
+        with pytest.raises(
+            InputError, match=r"did you mean theta_1\? \(the file has .*row"
+        ) as caught:
+            read(tmp_path / "run.mat", {"theta_l"}).pick("theta_l")
+        assert "rig.motor.w" in str(caught.value)
+
+    for_each({writer.__name__: (writer,) for writer in [write_v5, write_v73]}, check)
 
 
 def test_a_damaged_variable_that_is_not_wanted_is_not_in_the_way(tmp_path: Path) -> None:
@@ -350,14 +376,24 @@ ONE = element(5, struct.pack("<ii", 1, 1))  # by one
 SEVEN = element(9, struct.pack("<d", 7.0))
 
 
-@pytest.mark.parametrize("packed", [False, True])
-@pytest.mark.parametrize("wanted", [None, {"deep"}, {"missing"}])
-def test_cells_in_cells_end_no_process(packed: bool, wanted, tmp_path: Path) -> None:
+def test_cells_in_cells_end_no_process(tmp_path_factory: pytest.TempPathFactory) -> None:
     """SciPy reads each inside the last, until its stack is full."""
-    path = tmp_path / "run.mat"
-    path.write_bytes(nested(20_000, packed=packed))
-    with pytest.raises(InputError, match=f"more than {DEEPEST} deep; save plain arrays"):
-        read(path, wanted)
+
+    def check(packed: bool, wanted) -> None:
+        tmp_path = tmp_path_factory.mktemp("case")
+        path = tmp_path / "run.mat"
+        path.write_bytes(nested(20_000, packed=packed))
+        with pytest.raises(InputError, match=f"more than {DEEPEST} deep; save plain arrays"):
+            read(path, wanted)
+
+    for_each(
+        {
+            f"{packed} {wanted}": (packed, wanted)
+            for packed in [False, True]
+            for wanted in [None, {"deep"}, {"missing"}]
+        },
+        check,
+    )
 
 
 def test_how_deep_is_counted_as_scipy_counts(tmp_path: Path) -> None:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from grouping import for_each
 
 from bayesdrill.record import glitches
 from bayesdrill.record.formats import FORMATS, Table, format_of
@@ -54,37 +55,51 @@ def test_there_are_records() -> None:
     assert len(RECORDS) >= 6
 
 
-@pytest.mark.parametrize("name", SOUND)
-def test_sound_signals_have_none(name: str) -> None:
-    assert len(glitches.spikes(SOUND[name])) == 0
-    if name not in ("square", "binary sequence", "pulse width", "steps up"):  # of inputs
-        assert len(glitches.saturated(SOUND[name])) == 0
+def test_sound_signals_have_none() -> None:
+    def check(name: str) -> None:
+        assert len(glitches.spikes(SOUND[name])) == 0
+        if name not in ("square", "binary sequence", "pulse width", "steps up"):  # of inputs
+            assert len(glitches.saturated(SOUND[name])) == 0
+
+    for_each({str(name): (name,) for name in SOUND}, check)
 
 
-@pytest.mark.parametrize("path", RECORDS, ids=lambda path: path.stem)
-def test_records_of_the_house_have_none(path: Path) -> None:
-    for name, x in _table(path).variables.items():
-        assert len(glitches.spikes(x)) == 0, name
-        assert len(glitches.saturated(x)) == 0, name
-        assert len(glitches.stuck(x)) == 0, name
+def test_records_of_the_house_have_none() -> None:
+    def check(path: Path) -> None:
+        for name, x in _table(path).variables.items():
+            assert len(glitches.spikes(x)) == 0, name
+            assert len(glitches.saturated(x)) == 0, name
+            assert len(glitches.stuck(x)) == 0, name
+
+    for_each({str(path.stem): (path,) for path in RECORDS}, check)
 
 
-@pytest.mark.parametrize(
-    "base", ["swing", "square with noise", "stick-slip", "coarse angle", "ramp"]
-)
-@pytest.mark.parametrize("width", [1, 2, 5, 12])
-@pytest.mark.parametrize("sign", [1, -1])
-def test_spikes_are_found_where_they_were_put(base: str, width: int, sign: int) -> None:
+def test_spikes_are_found_where_they_were_put() -> None:
     """Mutants killed: one sign, one width, a departure that is not measured from the signal's course."""
-    clean, places = SOUND[base], [137, 651, 1408]
-    x = clean.copy()
-    for at in places:
-        x[at : at + width] += sign * 4.0 * np.ptp(clean)
-    found = glitches.spikes(x)
-    assert found.first.tolist() == places
-    over = found.last - np.array([at + width - 1 for at in places])
-    assert np.all((over >= 0) & (over <= 1))  # beside an edge of the signal itself one sample more
-    assert np.sum(over) == (base == "square with noise" and width == 5)
+    bases = ["swing", "square with noise", "stick-slip", "coarse angle", "ramp"]
+
+    def check(base: str, width: int, sign: int) -> None:
+        clean, places = SOUND[base], [137, 651, 1408]
+        x = clean.copy()
+        for at in places:
+            x[at : at + width] += sign * 4.0 * np.ptp(clean)
+        found = glitches.spikes(x)
+        assert found.first.tolist() == places
+        over = found.last - np.array([at + width - 1 for at in places])
+        assert np.all(
+            (over >= 0) & (over <= 1)
+        )  # beside an edge of the signal itself one sample more
+        assert np.sum(over) == (base == "square with noise" and width == 5)
+
+    for_each(
+        {
+            f"{base} {width} {sign}": (base, width, sign)
+            for base in bases
+            for width in [1, 2, 5, 12]
+            for sign in [1, -1]
+        },
+        check,
+    )
 
 
 def test_what_an_input_has_just_caused_is_the_rigs() -> None:
@@ -118,15 +133,17 @@ def test_stuck_samples_show_only_where_no_others_are_repeated() -> None:
     assert len(glitches.stuck(noisy)) == 0
 
 
-@pytest.mark.parametrize("digits", [2, 12])
-def test_a_range_that_ends_shows_at_either_end(digits: int) -> None:
-    tone = np.round(3.0 * np.sin(5.0 * T) + NOISE + 1.0, digits)
-    for clipped, end in ((np.minimum(tone, 3.0), 3.0), (np.maximum(tone, -1.0), -1.0)):
-        found = glitches.saturated(clipped)
-        assert len(found) >= 3
-        assert np.all(clipped[found.mask(len(T))] == end)
-        assert found.count > 0.9 * np.sum(clipped == end)
-    assert len(glitches.saturated(tone)) == 0
+def test_a_range_that_ends_shows_at_either_end() -> None:
+    def check(digits: int) -> None:
+        tone = np.round(3.0 * np.sin(5.0 * T) + NOISE + 1.0, digits)
+        for clipped, end in ((np.minimum(tone, 3.0), 3.0), (np.maximum(tone, -1.0), -1.0)):
+            found = glitches.saturated(clipped)
+            assert len(found) >= 3
+            assert np.all(clipped[found.mask(len(T))] == end)
+            assert found.count > 0.9 * np.sum(clipped == end)
+        assert len(glitches.saturated(tone)) == 0
+
+    for_each({str(digits): (digits,) for digits in [2, 12]}, check)
 
 
 # --- records of rigs of others ---------------------------------------------------------------------
@@ -163,31 +180,38 @@ def test_the_glitches_of_a_drill_string_are_found_and_nothing_else() -> None:
         assert len(glitches.spikes(table.pick(variable=f"{name}_Sample_175_complete"))) == 0
 
 
-@pytest.mark.parametrize("name", ["square", "sweep", "slow"])
-def test_a_servo_with_coarse_sensors_has_none(name: str) -> None:
-    table = _table(SHARED / "simulated_servo" / f"{name}.csv")
-    for x in table.variables.values():
-        assert len(glitches.spikes(x)) == 0
-    for column in ("theta [deg]", "alpha [deg]"):
-        assert len(glitches.saturated(table.pick(column))) == 0
-        assert len(glitches.stuck(table.pick(column))) == 0
+def test_a_servo_with_coarse_sensors_has_none() -> None:
+    def check(name: str) -> None:
+        table = _table(SHARED / "simulated_servo" / f"{name}.csv")
+        for x in table.variables.values():
+            assert len(glitches.spikes(x)) == 0
+        for column in ("theta [deg]", "alpha [deg]"):
+            assert len(glitches.saturated(table.pick(column))) == 0
+            assert len(glitches.stuck(table.pick(column))) == 0
+
+    for_each({name: (name,) for name in ["square", "sweep", "slow"]}, check)
 
 
-@pytest.mark.parametrize("force", ["06", "065"])
-@pytest.mark.parametrize("number", [1, 2, 3])
-def test_a_servo_pair_has_none_but_those_of_its_transfer(force: str, number: int) -> None:
+def test_a_servo_pair_has_none_but_those_of_its_transfer() -> None:
     """HSM150: single samples of the speed are off by seven counts, all at one place of a block of 512.
 
     And a single sample of the current (of which the torque is computed) has the other sign.
     """
-    table = _table(SHARED / "hsm150_servo" / f"idf_pos_0.{force}_{number}.mat")
-    angle, speed, current = (table.pick(column, "data") for column in (3, 4, 7))
-    assert len(glitches.spikes(angle)) == 0
-    found = glitches.spikes(speed)
-    assert set((found.first % 512).tolist()) <= {481}
-    assert np.all(found.first == found.last)
-    odd = glitches.spikes(current)
-    assert odd.first.tolist() == ([16482] if (force, number) == ("065", 2) else [])
-    for x in (angle, speed, current):
-        assert len(glitches.saturated(x)) == 0
-        assert len(glitches.stuck(x)) == 0
+
+    def check(force: str, number: int) -> None:
+        table = _table(SHARED / "hsm150_servo" / f"idf_pos_0.{force}_{number}.mat")
+        angle, speed, current = (table.pick(column, "data") for column in (3, 4, 7))
+        assert len(glitches.spikes(angle)) == 0
+        found = glitches.spikes(speed)
+        assert set((found.first % 512).tolist()) <= {481}
+        assert np.all(found.first == found.last)
+        odd = glitches.spikes(current)
+        assert odd.first.tolist() == ([16482] if (force, number) == ("065", 2) else [])
+        for x in (angle, speed, current):
+            assert len(glitches.saturated(x)) == 0
+            assert len(glitches.stuck(x)) == 0
+
+    for_each(
+        {f"{force} {number}": (force, number) for force in ["06", "065"] for number in [1, 2, 3]},
+        check,
+    )

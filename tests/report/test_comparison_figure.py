@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from comparisons import CHANNELS, model
+from grouping import for_each
 from matplotlib.figure import Figure
 from pictures import clashes, drawn, marked, xy
 
@@ -34,11 +35,13 @@ def figure(given: list[Contender]) -> Figure:
     return drawn(comparison_figure(given, rows([one.layer for one in given]), SI))
 
 
-@pytest.mark.parametrize(
-    ("n", "unknowns", "wide"), [(2, 1, 0.5), (2, 3, 40.0), (8, 9, 3e5), (24, 5, 2e7)]
-)
-def test_no_texts_overlap(n: int, unknowns: int, wide: float) -> None:
-    assert list(clashes(figure(models(n, unknowns, wide)))) == []
+def test_no_texts_overlap() -> None:
+    def check(n: int, unknowns: int, wide: float) -> None:
+        assert list(clashes(figure(models(n, unknowns, wide)))) == []
+
+    for_each(
+        {str(case): case for case in [(2, 1, 0.5), (2, 3, 40.0), (8, 9, 3e5), (24, 5, 2e7)]}, check
+    )
 
 
 def test_of_many_models_those_unknowns_are_shown_that_most_have() -> None:

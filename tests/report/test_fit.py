@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from grouping import for_each
 from hypothesis import given
 from hypothesis import strategies as st
 from matplotlib.figure import Figure
@@ -59,18 +60,26 @@ def fit_of(n_channels: int, n_samples: int) -> Fit:
     return Fit(t=t, time=TIME, signals=tuple(signals), constant=((V, 8.0),))
 
 
-@pytest.mark.parametrize("width", [style.SINGLE, style.DOUBLE])
-@pytest.mark.parametrize("courses", [0, 1, 2])
 @pytest.mark.parametrize(
     ("n_channels", "n_samples"),
     [(1, 20), (3, 700), pytest.param(6, 100_000, marks=pytest.mark.slow)],
 )
-def test_no_texts_overlap(n_channels: int, n_samples: int, courses: int, width: float) -> None:
-    shown = tuple(course(n_samples, straight=False) for _ in range(courses))
-    fit = dataclasses.replace(fit_of(n_channels, n_samples), courses=shown)
-    figure = drawn(fit_figure(fit, width))
-    assert list(clashes(figure)) == []
-    assert figure.get_figwidth() == width
+def test_no_texts_overlap(n_channels: int, n_samples: int) -> None:
+    def check(courses: int, width: float) -> None:
+        shown = tuple(course(n_samples, straight=False) for _ in range(courses))
+        fit = dataclasses.replace(fit_of(n_channels, n_samples), courses=shown)
+        figure = drawn(fit_figure(fit, width))
+        assert list(clashes(figure)) == []
+        assert figure.get_figwidth() == width
+
+    for_each(
+        {
+            f"{courses} courses in {width} inches": (courses, width)
+            for courses in (0, 1, 2)
+            for width in (style.SINGLE, style.DOUBLE)
+        },
+        check,
+    )
 
 
 def test_it_shows_samples_model_and_residuals() -> None:
@@ -130,31 +139,34 @@ def test_each_channel_says_what_is_left_of_it_and_one_without_spread_nothing() -
     ]
 
 
-@pytest.mark.parametrize("straight", [True, False])
-def test_inputs_are_drawn_as_the_model_takes_them(straight: bool) -> None:
+def test_inputs_are_drawn_as_the_model_takes_them() -> None:
     """Mutants killed: stairs that rise before their sample; a line through a held input."""
-    n = 100
-    one = course(n, straight=straight)
-    fit = dataclasses.replace(fit_of(1, n), courses=(one,))
-    figure = drawn(fit_figure(fit))
-    panel = figure.axes[0]
-    assert "mV" in panel.get_ylabel()
-    (line,) = panel.get_lines()
-    path = line.get_path().vertices  # with the corners that stairs put in
-    t, u = (
-        np.array([si(label, x) for x in path[:, k]])
-        for k, label in ((0, figure.axes[1].get_xlabel() or "$t$ [s]"), (1, panel.get_ylabel()))
-    )
-    between = fit.t[:-1] + 0.5 * np.diff(fit.t)
-    assert sorted(set(np.round(u))) == [-8000, 8000]
-    held = np.interp(between, t, u)
-    middle = 0.5 * (one.values[1:] + one.values[:-1])
-    np.testing.assert_allclose(held, middle if straight else one.values[:-1], atol=1e-6)
-    (legend,) = (p.get_legend() for p in [panel])
-    (text,) = (text.get_text() for text in legend.get_texts())
-    assert ("straight" in text) is straight
-    assert ("held" in text) is not straight
-    assert any("8" in text.get_text() and "mV" in text.get_text() for text in figure.texts)
+
+    def check(straight: bool) -> None:
+        n = 100
+        one = course(n, straight=straight)
+        fit = dataclasses.replace(fit_of(1, n), courses=(one,))
+        figure = drawn(fit_figure(fit))
+        panel = figure.axes[0]
+        assert "mV" in panel.get_ylabel()
+        (line,) = panel.get_lines()
+        path = line.get_path().vertices  # with the corners that stairs put in
+        t, u = (
+            np.array([si(label, x) for x in path[:, k]])
+            for k, label in ((0, figure.axes[1].get_xlabel() or "$t$ [s]"), (1, panel.get_ylabel()))
+        )
+        between = fit.t[:-1] + 0.5 * np.diff(fit.t)
+        assert sorted(set(np.round(u))) == [-8000, 8000]
+        held = np.interp(between, t, u)
+        middle = 0.5 * (one.values[1:] + one.values[:-1])
+        np.testing.assert_allclose(held, middle if straight else one.values[:-1], atol=1e-6)
+        (legend,) = (p.get_legend() for p in [panel])
+        (text,) = (text.get_text() for text in legend.get_texts())
+        assert ("straight" in text) is straight
+        assert ("held" in text) is not straight
+        assert any("8" in text.get_text() and "mV" in text.get_text() for text in figure.texts)
+
+    for_each({str(straight): (straight,) for straight in [True, False]}, check)
 
 
 @given(st.integers(3, 5000), st.integers(10, 300))

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from grouping import for_each
 from hypothesis import given
 from hypothesis import strategies as st
 from matplotlib.patches import Rectangle, StepPatch
@@ -113,11 +114,14 @@ def test_on_two_logarithmic_axes_a_symmetry_is_a_straight_line() -> None:
     assert (box.get_width(), box.get_height()) == pytest.approx((4.0, 4.0))
 
 
-@pytest.mark.parametrize("size", [380.0, 3e5])
-def test_a_plain_axis_of_large_numbers_has_no_small_ticks(size: float) -> None:
+def test_a_plain_axis_of_large_numbers_has_no_small_ticks() -> None:
     """Such as deviations of hundreds of per cent, which are no powers of ten."""
-    assert len(style.scale(0.8 * size, size).between) == 0
-    assert len(style.scale(0.8 * size, 4 * size, log=True).between) > 3
+
+    def check(size: float) -> None:
+        assert len(style.scale(0.8 * size, size).between) == 0
+        assert len(style.scale(0.8 * size, 4 * size, log=True).between) > 3
+
+    for_each({str(size): (size,) for size in [380.0, 3e5]}, check)
 
 
 @given(st.floats(-8, 4), st.floats(0.001, 6))
@@ -140,16 +144,18 @@ def test_an_axis_too_short_to_be_told_from_a_plain_one_is_plain() -> None:
     assert not style.scale(1.0, 1.0 + 1e-5, log=True).log
 
 
-@pytest.mark.parametrize("prior", [LogUniform(1e-3, 1e2), Uniform(0.1, 3.0)])
-def test_a_prior_in_other_units_is_the_same_prior(prior: Prior) -> None:
-    degrees = InUnits(prior, math.pi / 180)
-    x = np.geomspace(0.2, 2.5, 7)
-    density = np.exp(degrees.logpdf(x / degrees.factor)) / degrees.factor
-    np.testing.assert_allclose(density, np.exp(prior.logpdf(x)))
-    np.testing.assert_allclose(
-        degrees.quantile(np.array([0.3])) * degrees.factor, prior.quantile(np.array([0.3]))
-    )
-    assert (degrees.low * degrees.factor, degrees.high * degrees.factor) == pytest.approx(
-        (prior.low, prior.high)
-    )
-    assert flat_in_logs(degrees) is flat_in_logs(prior) is isinstance(prior, LogUniform)
+def test_a_prior_in_other_units_is_the_same_prior() -> None:
+    def check(prior: Prior) -> None:
+        degrees = InUnits(prior, math.pi / 180)
+        x = np.geomspace(0.2, 2.5, 7)
+        density = np.exp(degrees.logpdf(x / degrees.factor)) / degrees.factor
+        np.testing.assert_allclose(density, np.exp(prior.logpdf(x)))
+        np.testing.assert_allclose(
+            degrees.quantile(np.array([0.3])) * degrees.factor, prior.quantile(np.array([0.3]))
+        )
+        assert (degrees.low * degrees.factor, degrees.high * degrees.factor) == pytest.approx(
+            (prior.low, prior.high)
+        )
+        assert flat_in_logs(degrees) is flat_in_logs(prior) is isinstance(prior, LogUniform)
+
+    for_each({str(prior): (prior,) for prior in [LogUniform(1e-3, 1e2), Uniform(0.1, 3.0)]}, check)

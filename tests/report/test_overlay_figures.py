@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from grouping import for_each
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from pictures import clashes, drawn, posterior
@@ -62,10 +63,12 @@ def intervals(n_runs: int, unknowns: int) -> Figure:
     return drawn(intervals_figure(given, rows(given), SI))
 
 
-@pytest.mark.parametrize(("n_runs", "unknowns"), [(2, 1), (2, 2), (6, 3), (3, 9)])
-def test_no_texts_overlap(n_runs: int, unknowns: int) -> None:
-    assert list(clashes(corner(n_runs, unknowns))) == []
-    assert list(clashes(intervals(n_runs, unknowns))) == []
+def test_no_texts_overlap() -> None:
+    def check(n_runs: int, unknowns: int) -> None:
+        assert list(clashes(corner(n_runs, unknowns))) == []
+        assert list(clashes(intervals(n_runs, unknowns))) == []
+
+    for_each({str(case): case for case in [(2, 1), (2, 2), (6, 3), (3, 9)]}, check)
 
 
 def test_no_legend_lies_on_a_panel() -> None:

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from grouping import for_each
 from matplotlib.mathtext import MathTextParser
 from oracles import NOMINAL
 from pictures import clashes, drawn, si
@@ -125,47 +126,48 @@ def test_beliefs_in_users_units_are_those_in_si() -> None:
     assert one.fixed["L"] == pytest.approx(2.4)
 
 
-@pytest.mark.parametrize(
-    "prior",
-    [
+def test_every_prior_of_a_sigma_is_in_the_unit_of_its_column_and_said_so() -> None:
+    """Also its start; mutant killed: the words of a prior in SI numbers."""
+    cases = [
         {"prior": "log_normal", "median": 2.0, "sd_log": 0.4},
         {"prior": "half_normal", "scale": 2.0},
         {"prior": "normal", "mean": 2.0, "sd": 0.7},
         {"prior": "truncated_normal", "mean": 2.0, "sd": 0.7, "low": 1.5, "high": 3.0},
         {"prior": "uniform", "low": 0.7, "high": 3.0},
         {"prior": "log_uniform", "low": 0.7, "high": 3.0},
-    ],
-)
-def test_every_prior_of_a_sigma_is_in_the_unit_of_its_column_and_said_so(
-    prior: dict[str, Any],
-) -> None:
-    """Also its start; mutant killed: the words of a prior in SI numbers."""
-    exact = bd.respond(MotorShaft(), NOMINAL, T, {"v": 8.0}, ["theta_1"])["theta_1"]
-    wobble = 0.03 * np.random.default_rng(1).standard_normal(len(T))
+    ]
 
-    def made(factor: float, unit: str, **begin: float) -> bd.Case:
-        scaled = {
-            key: x if key in ("prior", "sd_log") else x * math.radians(1.0) / factor
-            for key, x in {**prior, **begin}.items()
-        }
-        channel = bd.Channel((exact + wobble) / factor, unit, scaled)
-        parameters = dict.fromkeys(NOMINAL, "nominal") | {
-            "k_e": {"prior": "uniform", "low": 0.04, "high": 0.1}
-        }
-        return bd.case(T, {"theta_1": channel}, {"v": 8.0}, parameters)
+    def check(prior: dict[str, Any]) -> None:
+        exact = bd.respond(MotorShaft(), NOMINAL, T, {"v": 8.0}, ["theta_1"])["theta_1"]
+        wobble = 0.03 * np.random.default_rng(1).standard_normal(len(T))
 
-    degrees, radians = made(math.radians(1.0), "deg", start=1.9), made(1.0, "rad")
-    name = "sigma_theta_1"
-    one, other = (each.job.problem.posterior.space for each in (degrees, radians))
-    u = np.array([0.03, 0.4, 0.96])
-    given = degrees.job.units.prior(name, one.priors[name])
-    assert one.priors[name].quantile(u) == pytest.approx(other.priors[name].quantile(u))
-    assert given.quantile(u) == pytest.approx(other.priors[name].quantile(u) / math.radians(1.0))
-    assert one.start[name] == pytest.approx(math.radians(1.9))
-    said = given.describe()
-    entries = [x for key, x in prior.items() if key != "prior"]
-    assert set(entries) <= set(numbers(said.replace(" 0 ", " ")))
-    assert f"  {name} [deg]: {said}\n" in degrees.preview()
+        def made(factor: float, unit: str, **begin: float) -> bd.Case:
+            scaled = {
+                key: x if key in ("prior", "sd_log") else x * math.radians(1.0) / factor
+                for key, x in {**prior, **begin}.items()
+            }
+            channel = bd.Channel((exact + wobble) / factor, unit, scaled)
+            parameters = dict.fromkeys(NOMINAL, "nominal") | {
+                "k_e": {"prior": "uniform", "low": 0.04, "high": 0.1}
+            }
+            return bd.case(T, {"theta_1": channel}, {"v": 8.0}, parameters)
+
+        degrees, radians = made(math.radians(1.0), "deg", start=1.9), made(1.0, "rad")
+        name = "sigma_theta_1"
+        one, other = (each.job.problem.posterior.space for each in (degrees, radians))
+        u = np.array([0.03, 0.4, 0.96])
+        given = degrees.job.units.prior(name, one.priors[name])
+        assert one.priors[name].quantile(u) == pytest.approx(other.priors[name].quantile(u))
+        assert given.quantile(u) == pytest.approx(
+            other.priors[name].quantile(u) / math.radians(1.0)
+        )
+        assert one.start[name] == pytest.approx(math.radians(1.9))
+        said = given.describe()
+        entries = [x for key, x in prior.items() if key != "prior"]
+        assert set(entries) <= set(numbers(said.replace(" 0 ", " ")))
+        assert f"  {name} [deg]: {said}\n" in degrees.preview()
+
+    for_each({str(prior): (prior,) for prior in cases}, check)
 
 
 def test_mistakes_of_a_quantity_are_told_in_its_unit(tmp_path: Path) -> None:
@@ -381,16 +383,18 @@ WRITTEN = {
 }
 
 
-@pytest.mark.parametrize("name", WRITTEN)
-def test_units_of_speeds_are_shown_as_they_are_written(name: str) -> None:
-    found = units.shown(name, "rad/s")
-    assert (found.name, found.latex) == (name, WRITTEN[name][0])
-    assert found.factor == pytest.approx(WRITTEN[name][1])
+def test_units_of_speeds_are_shown_as_they_are_written() -> None:
+    def check(name: str) -> None:
+        found = units.shown(name, "rad/s")
+        assert (found.name, found.latex) == (name, WRITTEN[name][0])
+        assert found.factor == pytest.approx(WRITTEN[name][1])
+
+    for_each({str(name): (name,) for name in WRITTEN}, check)
 
 
-@pytest.mark.parametrize(
-    "name",
-    [
+def test_every_unit_is_a_formula_that_fonts_have() -> None:
+    """In what LaTeX and matplotlib both read: ASCII, balanced, and parsed."""
+    cases = [
         *(
             "m",
             "mm",
@@ -404,27 +408,32 @@ def test_units_of_speeds_are_shown_as_they_are_written(name: str) -> None:
             "%",
         ),
         *("kg*m**2/s", "m**(-2)", "1/s", "kg per second", "delta_degC", "ohm", "N*m*s/rad", "GPa"),
-    ],
-)
-def test_every_unit_is_a_formula_that_fonts_have(name: str) -> None:
-    """In what LaTeX and matplotlib both read: ASCII, balanced, and parsed."""
-    found = units.shown(name)
-    assert found.name == name
-    assert found.latex.isascii()
-    assert found.latex.count("{") == found.latex.count("}")
-    assert not re.search(r"(?<!\\)[%#&$_]", found.latex)
-    MathTextParser("path").parse(rf"$\mathrm{{{found.latex}}}$")
+    ]
+
+    def check(name: str) -> None:
+        found = units.shown(name)
+        assert found.name == name
+        assert found.latex.isascii()
+        assert found.latex.count("{") == found.latex.count("}")
+        assert not re.search(r"(?<!\\)[%#&$_]", found.latex)
+        MathTextParser("path").parse(rf"$\mathrm{{{found.latex}}}$")
+
+    for_each({str(name): (name,) for name in cases}, check)
 
 
-@pytest.mark.parametrize(("name", "si_unit"), [("\u00c5", "m"), ("\u2113", "m**3")])
-def test_a_unit_that_formulas_do_not_have_is_shown_in_si(name: str, si_unit: str) -> None:
+def test_a_unit_that_formulas_do_not_have_is_shown_in_si() -> None:
     """Mutant killed: its factor with the name of SI."""
-    found = units.shown(name)
-    assert (found.name, found.factor, found.latex) == (si_unit, 1.0, latex_unit(si_unit))
-    with pytest.raises(ValueError, match="letters"):
-        latex_unit(name)
-    shown = OwnUnits({"d": found})
-    assert shown.said("d", 3e-10) == f"3e-10 {si_unit.replace('**', '^')}"
+    cases = [("\u00c5", "m"), ("\u2113", "m**3")]
+
+    def check(name: str, si_unit: str) -> None:
+        found = units.shown(name)
+        assert (found.name, found.factor, found.latex) == (si_unit, 1.0, latex_unit(si_unit))
+        with pytest.raises(ValueError, match="letters"):
+            latex_unit(name)
+        shown = OwnUnits({"d": found})
+        assert shown.said("d", 3e-10) == f"3e-10 {si_unit.replace('**', '^')}"
+
+    for_each({case[0]: case for case in cases}, check)
 
 
 def test_what_has_no_unit_of_its_own_stays_as_it_is() -> None:

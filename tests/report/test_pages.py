@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from grouping import for_each
 from matplotlib.figure import Figure
 from oracles import NOMINAL
 from PIL import Image
@@ -328,16 +329,20 @@ def test_no_field_makes_an_element(tmp_path: Path) -> None:
     assert "&" not in found.text.replace(" & ", "")
 
 
-@pytest.mark.parametrize("before", ["", "`", "``", "\\\\", "\\\\`", "`a``b` "])
-def test_markdown_of_users_stays_text(before: str, tmp_path: Path) -> None:
+def test_markdown_of_users_stays_text(tmp_path_factory: pytest.TempPathFactory) -> None:
     """Nothing begins an element, a column or a line, whatever code and backslashes stand before it."""
-    text = written(f"{before}<svg onload=owned=1>` | ```\n<!-- R-hat <= 1 < 2", tmp_path)[1]
-    shown = re.sub(r"^(`{4,})text\n.*?\n\1$", "", text, flags=re.DOTALL | re.MULTILINE)
-    assert shown.count("````") == 0
-    assert not re.search(r"<[A-Za-z/!?]", shown)
-    assert "R-hat <= 1 < 2" in shown
-    rows = [line for line in shown.splitlines() if line.startswith("| ")]
-    assert [len(re.findall(r"(?<!\\)\|", row)) for row in rows] == [4] * 4
+
+    def check(before: str) -> None:
+        tmp_path = tmp_path_factory.mktemp("case")
+        text = written(f"{before}<svg onload=owned=1>` | ```\n<!-- R-hat <= 1 < 2", tmp_path)[1]
+        shown = re.sub(r"^(`{4,})text\n.*?\n\1$", "", text, flags=re.DOTALL | re.MULTILINE)
+        assert shown.count("````") == 0
+        assert not re.search(r"<[A-Za-z/!?]", shown)
+        assert "R-hat <= 1 < 2" in shown
+        rows = [line for line in shown.splitlines() if line.startswith("| ")]
+        assert [len(re.findall(r"(?<!\\)\|", row)) for row in rows] == [4] * 4
+
+    for_each({before: (before,) for before in ["", "`", "``", "\\\\", "\\\\`", "`a``b` "]}, check)
 
 
 def test_a_terminal_is_told_nothing_that_it_obeys(tmp_path: Path) -> None:
@@ -372,22 +377,32 @@ def test_a_picture_without_its_file_is_left_out(tmp_path: Path) -> None:
     assert not page(Section("s", (Picture("none", "nothing"),)), figures=tmp_path).all("figure")
 
 
-@pytest.mark.parametrize("formats", [("pdf", "png"), ("svg",), ("pdf", "svg"), ("pdf",)])
-def test_a_page_shows_the_format_that_it_can(formats: tuple[str, ...], tmp_path: Path) -> None:
+def test_a_page_shows_the_format_that_it_can(tmp_path_factory: pytest.TempPathFactory) -> None:
     """Mutants killed: a page without figures where there is no PNG; a PDF as a picture."""
-    style.save(Figure(figsize=(3.4, 1.7)), tmp_path, "fit", {}, formats=formats)
-    one = Picture("fit", "a fit", own_files.shown(formats))
-    (text,) = as_markdown("t", [Section("", (one,))]).splitlines()[-1:]
-    html = page(Section("s", (one,)), figures=tmp_path)
-    if formats == ("pdf",):
-        assert text == "[a fit](figures/fit.pdf)"
-        assert not html.all("figure")
-        return
-    kind = "png" if "png" in formats else "svg"
-    assert text == f"![a fit](figures/fit.{kind})"
-    image, _ = html.all("img")  # and the one that is enlarged
-    assert image["src"].startswith(f"data:image/{kind}")
-    assert int(image["width"]) == pytest.approx(2 * int(image["height"]), abs=2)
+
+    def check(formats: tuple[str, ...]) -> None:
+        tmp_path = tmp_path_factory.mktemp("case")
+        style.save(Figure(figsize=(3.4, 1.7)), tmp_path, "fit", {}, formats=formats)
+        one = Picture("fit", "a fit", own_files.shown(formats))
+        (text,) = as_markdown("t", [Section("", (one,))]).splitlines()[-1:]
+        html = page(Section("s", (one,)), figures=tmp_path)
+        if formats == ("pdf",):
+            assert text == "[a fit](figures/fit.pdf)"
+            assert not html.all("figure")
+            return
+        kind = "png" if "png" in formats else "svg"
+        assert text == f"![a fit](figures/fit.{kind})"
+        image, _ = html.all("img")  # and the one that is enlarged
+        assert image["src"].startswith(f"data:image/{kind}")
+        assert int(image["width"]) == pytest.approx(2 * int(image["height"]), abs=2)
+
+    for_each(
+        {
+            str(formats): (formats,)
+            for formats in [("pdf", "png"), ("svg",), ("pdf", "svg"), ("pdf",)]
+        },
+        check,
+    )
 
 
 def test_sentences_that_go_on_are_bullets_below() -> None:
@@ -421,28 +436,32 @@ def test_bars_stand_on_the_range_of_the_prior_in_logs_where_it_has_decades() -> 
     assert max(wide.low, wide.high, wide.best) < 0.1
 
 
-@pytest.mark.parametrize(
-    ("scale", "sd"), [(1.0, 0.0123), (1e-4, 0.00123), (3e5, 0.1), (1.0, 2.5e-6), (-2e-7, 0.02)]
-)
-def test_the_latex_table_has_the_numbers_to_two_digits_of_the_sd(scale: float, sd: float) -> None:
+def test_the_latex_table_has_the_numbers_to_two_digits_of_the_sd() -> None:
     """Mutants killed: a power of ten lost, one column in the place of another."""
-    names = ("nominal", "map", "mean", "hdi_low", "hdi_high")
-    values = {name: getattr(ROW, name) * scale for name in names} | {"sd": sd * abs(scale)}
-    if scale < 0:
-        values["hdi_low"], values["hdi_high"] = values["hdi_high"], values["hdi_low"]
-    text = latex.table([dataclasses.replace(ROW, **values)], [PARAMETERS["k_s"]])
-    (line,) = (line for line in text.splitlines() if line.startswith("$k_s$"))
-    power = re.search(r"10\^\{(-?\d+)\}", line)
-    ten = 10.0 ** int(power[1]) if power else 1.0
-    found = [
-        float(x) for x in re.findall(r"(?<=[{ ])-?\d+(?:\.\d+)?(?=[} ])", line.split("&", 2)[2])
-    ]
-    shown = dict(zip(("nominal", "map", "mean", "sd", "hdi_low", "hdi_high"), found, strict=True))
-    for name, value in shown.items():
-        assert value * ten == pytest.approx(values[name], abs=0.0501 * values["sd"]), name
-    assert r"\mathrm{N\,m/rad}" in line
-    assert line.endswith(r"& weak \\")
-    assert text.count("\n") == 8
+    cases = [(1.0, 0.0123), (1e-4, 0.00123), (3e5, 0.1), (1.0, 2.5e-6), (-2e-7, 0.02)]
+
+    def check(scale: float, sd: float) -> None:
+        names = ("nominal", "map", "mean", "hdi_low", "hdi_high")
+        values = {name: getattr(ROW, name) * scale for name in names} | {"sd": sd * abs(scale)}
+        if scale < 0:
+            values["hdi_low"], values["hdi_high"] = values["hdi_high"], values["hdi_low"]
+        text = latex.table([dataclasses.replace(ROW, **values)], [PARAMETERS["k_s"]])
+        (line,) = (line for line in text.splitlines() if line.startswith("$k_s$"))
+        power = re.search(r"10\^\{(-?\d+)\}", line)
+        ten = 10.0 ** int(power[1]) if power else 1.0
+        found = [
+            float(x) for x in re.findall(r"(?<=[{ ])-?\d+(?:\.\d+)?(?=[} ])", line.split("&", 2)[2])
+        ]
+        shown = dict(
+            zip(("nominal", "map", "mean", "sd", "hdi_low", "hdi_high"), found, strict=True)
+        )
+        for name, value in shown.items():
+            assert value * ten == pytest.approx(values[name], abs=0.0501 * values["sd"]), name
+        assert r"\mathrm{N\,m/rad}" in line
+        assert line.endswith(r"& weak \\")
+        assert text.count("\n") == 8
+
+    for_each({str(case): case for case in cases}, check)
 
 
 def test_provenance_names_seed_versions_record_and_digests(saved: Path) -> None:

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from grouping import for_each
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import StepPatch
@@ -69,12 +70,20 @@ def figure(name: str, width: float = style.DOUBLE) -> Figure:
     return drawn(one.figure(one.arguments[0], width))
 
 
-@pytest.mark.parametrize("width", [style.SINGLE, style.DOUBLE])
-@pytest.mark.parametrize("name", ["fit", "friction", "energy"])
-def test_no_texts_overlap(name: str, width: float) -> None:
-    found = figure(name, width)
-    assert list(clashes(found)) == []
-    assert found.get_figwidth() == width
+def test_no_texts_overlap() -> None:
+    def check(width: float, name: str) -> None:
+        found = figure(name, width)
+        assert list(clashes(found)) == []
+        assert found.get_figwidth() == width
+
+    for_each(
+        {
+            f"{width} {name}": (width, name)
+            for width in [style.SINGLE, style.DOUBLE]
+            for name in ["fit", "friction", "energy"]
+        },
+        check,
+    )
 
 
 # Over time.

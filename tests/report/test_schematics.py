@@ -8,6 +8,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from grouping import for_each
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from matplotlib.patches import FancyArrowPatch, Polygon, Rectangle
@@ -65,24 +66,28 @@ def names(text: Text) -> list[str]:
     return [name for name in found if name in PARAMETERS]
 
 
-@pytest.mark.parametrize("name", ["rig", *CASES])
-def test_texts_are_apart_inside_the_page_and_off_the_lines(name: str) -> None:
-    figure = picture(name)
-    (sheet,) = figure.axes
-    every = [(text.get_text(), framed(text)) for text in texts(figure)]
-    for (text, a), (other, b) in itertools.combinations(every, 2):
-        assert not overlap(a, b), f"{text} on {other}"
-    lines = [line.get_path() for line in sheet.lines]
-    lines += [Path(corners(arrow)) for arrow in arrows(figure)]
-    edges = [p.get_window_extent() for p in sheet.patches if isinstance(p, Rectangle)]
-    for text, a in every:
-        assert figure.bbox.contains(*a.p0), text
-        assert figure.bbox.contains(*a.p1), text
-        for line in lines:
-            assert not sheet.transData.transform_path(line).intersects_bbox(a, filled=False), text
-        for edge in edges:
-            inside = edge.contains(*a.p0) and edge.contains(*a.p1)
-            assert inside or not overlap(a, edge), f"{text} on the edge of a box"
+def test_texts_are_apart_inside_the_page_and_off_the_lines() -> None:
+    def check(name: str) -> None:
+        figure = picture(name)
+        (sheet,) = figure.axes
+        every = [(text.get_text(), framed(text)) for text in texts(figure)]
+        for (text, a), (other, b) in itertools.combinations(every, 2):
+            assert not overlap(a, b), f"{text} on {other}"
+        lines = [line.get_path() for line in sheet.lines]
+        lines += [Path(corners(arrow)) for arrow in arrows(figure)]
+        edges = [p.get_window_extent() for p in sheet.patches if isinstance(p, Rectangle)]
+        for text, a in every:
+            assert figure.bbox.contains(*a.p0), text
+            assert figure.bbox.contains(*a.p1), text
+            for line in lines:
+                assert not sheet.transData.transform_path(line).intersects_bbox(a, filled=False), (
+                    text
+                )
+            for edge in edges:
+                inside = edge.contains(*a.p0) and edge.contains(*a.p1)
+                assert inside or not overlap(a, edge), f"{text} on the edge of a box"
+
+    for_each({str(name): (name,) for name in ["rig", *CASES]}, check)
 
 
 def test_the_rig_shows_the_nine_parameters() -> None:
@@ -136,40 +141,44 @@ def inside(outer: Rectangle, inner: Bbox) -> bool:
     return bool(area.contains(*inner.p0) and area.contains(*inner.p1))
 
 
-@pytest.mark.parametrize("name", CASES)
-def test_each_pair_has_a_box_and_its_two_cells_are_dark(name: str) -> None:
-    figure, pairs = picture(name), CASES[name]
-    boxes = steps(figure)
-    assert len(boxes) == len(pairs)
-    lowest = [text for text in texts(figure) if text.get_position()[1] < 0.5 and names(text)]
-    order = [names(text)[0] for text in sorted(lowest, key=lambda text: text.get_position()[0])]
-    assert sorted(order) == sorted(CHAIN)
-    words = [(text, box(text)) for text in texts(figure)]
-    cells = [p for p in figure.axes[0].patches if isinstance(p, Rectangle) and p not in boxes]
-    places = [p.get_window_extent() for p in cells]
-    for pair, outer in zip(pairs, boxes, strict=True):
-        own = [text for text, place in words if inside(outer, place)]
-        assert [found for text in own for found in names(text)] == list(pair)
-        assert any("10 iterations" in text.get_text() for text in own)
-        strip = [p for p, place in zip(cells, places, strict=True) if inside(outer, place)]
-        strip.sort(key=lambda p: p.get_x())
-        dark = [to_hex(p.get_facecolor()) != to_hex("white") for p in strip]
-        searched = {name for name, full in zip(order, dark, strict=True) if full}
-        assert searched == set(pair)
+def test_each_pair_has_a_box_and_its_two_cells_are_dark() -> None:
+    def check(name: str) -> None:
+        figure, pairs = picture(name), CASES[name]
+        boxes = steps(figure)
+        assert len(boxes) == len(pairs)
+        lowest = [text for text in texts(figure) if text.get_position()[1] < 0.5 and names(text)]
+        order = [names(text)[0] for text in sorted(lowest, key=lambda text: text.get_position()[0])]
+        assert sorted(order) == sorted(CHAIN)
+        words = [(text, box(text)) for text in texts(figure)]
+        cells = [p for p in figure.axes[0].patches if isinstance(p, Rectangle) and p not in boxes]
+        places = [p.get_window_extent() for p in cells]
+        for pair, outer in zip(pairs, boxes, strict=True):
+            own = [text for text, place in words if inside(outer, place)]
+            assert [found for text in own for found in names(text)] == list(pair)
+            assert any("10 iterations" in text.get_text() for text in own)
+            strip = [p for p, place in zip(cells, places, strict=True) if inside(outer, place)]
+            strip.sort(key=lambda p: p.get_x())
+            dark = [to_hex(p.get_facecolor()) != to_hex("white") for p in strip]
+            searched = {name for name, full in zip(order, dark, strict=True) if full}
+            assert searched == set(pair)
+
+    for_each({str(name): (name,) for name in CASES}, check)
 
 
-@pytest.mark.parametrize("name", CASES)
-def test_arrows_lead_through_all_pairs_to_the_decision_and_back(name: str) -> None:
-    figure = picture(name)
-    (decision,) = (p for p in figure.axes[0].patches if isinstance(p, Polygon))
-    nodes = [p.get_window_extent().padded(12) for p in (*steps(figure), decision)]
-    edges = set()
-    for arrow in arrows(figure):
-        path = figure.axes[0].transData.transform(corners(arrow))
-        touched = [{k for k, node in enumerate(nodes) if node.contains(*v)} for v in path]
-        edges |= set(itertools.product(touched[0], set().union(*touched) - touched[0]))
-    n = len(nodes)
-    assert edges == {(k, (k + 1) % n) for k in range(n)}
+def test_arrows_lead_through_all_pairs_to_the_decision_and_back() -> None:
+    def check(name: str) -> None:
+        figure = picture(name)
+        (decision,) = (p for p in figure.axes[0].patches if isinstance(p, Polygon))
+        nodes = [p.get_window_extent().padded(12) for p in (*steps(figure), decision)]
+        edges = set()
+        for arrow in arrows(figure):
+            path = figure.axes[0].transData.transform(corners(arrow))
+            touched = [{k for k, node in enumerate(nodes) if node.contains(*v)} for v in path]
+            edges |= set(itertools.product(touched[0], set().union(*touched) - touched[0]))
+        n = len(nodes)
+        assert edges == {(k, (k + 1) % n) for k in range(n)}
+
+    for_each({str(name): (name,) for name in CASES}, check)
 
 
 def test_an_arrow_says_what_the_next_search_starts_from() -> None:

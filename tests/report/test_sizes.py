@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from grouping import for_each
 from matplotlib.figure import Figure
 from pictures import SIGMAS, SYMBOLS, TABLE, clashes, drawn, mode_of, posterior, prior_of, shown, si
 from verdicts import PRIOR_SD, linear_study
@@ -29,8 +30,12 @@ from bayesdrill.report.warning_strip import warned
 LOGS = {"c_m", "sigma_w_1", "sigma_i"}
 SIZES = {**TABLE, **{f"sigma_{name}": size for name, size in SIGMAS.items()}}
 WIDTHS = (style.SINGLE, style.DOUBLE)
-MANY = (1, 2, 3, 4, 9, 10, 13)
-SLOW = [pytest.param(n, marks=[pytest.mark.slow] * (n in (4, 10, 13))) for n in MANY]
+QUICK, SLOW = (1, 2, 3, 9), (4, 10, 13)
+GROUPS = [
+    pytest.param(QUICK, id="quick"),
+    pytest.param(SLOW, id="long", marks=pytest.mark.slow),
+]
+FEWER = [(1, 3, 9), pytest.param((13,), marks=pytest.mark.slow)]
 WARNING = "DOES NOT FIT: far more than the noise is left"
 
 
@@ -58,14 +63,16 @@ def letters(figure: Figure) -> list[float]:
     return [text.get_fontsize() for text in shown(every)]
 
 
-@pytest.mark.parametrize("inches", WIDTHS)
-@pytest.mark.parametrize("n", SLOW)
-def test_a_corner_is_as_wide_as_said_and_readable(n: int, inches: float) -> None:
-    figure = drawn_corner(n, inches)
-    assert list(clashes(figure)) == []
-    assert figure.get_figwidth() <= inches + 1e-9
-    assert figure.get_figheight() < 1.45 * inches
-    assert min(letters(figure)) >= 5.0
+@pytest.mark.parametrize("many", GROUPS)
+def test_a_corner_is_as_wide_as_said_and_readable(many: tuple[int, ...]) -> None:
+    def check(n: int, inches: float) -> None:
+        figure = drawn_corner(n, inches)
+        assert list(clashes(figure)) == []
+        assert figure.get_figwidth() <= inches + 1e-9
+        assert figure.get_figheight() < 1.45 * inches
+        assert min(letters(figure)) >= 5.0
+
+    for_each({f"{n} in {w} inches": (n, w) for n in many for w in WIDTHS}, check)
 
 
 def test_each_axis_of_small_panels_says_its_ends() -> None:
@@ -80,16 +87,18 @@ def test_each_axis_of_small_panels_says_its_ends() -> None:
     assert np.quantile(draws, 0.99) < high * power < 30 * np.median(draws)
 
 
-@pytest.mark.parametrize("inches", WIDTHS)
-@pytest.mark.parametrize("n", [1, 3, 9, pytest.param(13, marks=pytest.mark.slow)])
-def test_priors_against_posteriors(n: int, inches: float) -> None:
-    draws, symbols = posterior(1500)[:, :n], SYMBOLS[:n]
-    priors = {s.name: prior(s) for s in symbols}
-    mode = mode_of(draws, symbols)
-    figure = drawn(prior_posterior_figure(draws, symbols, priors, TABLE, mode, inches))
-    assert list(clashes(figure)) == []
-    assert figure.get_figwidth() <= inches
-    assert figure.get_figheight() < 9.0
+@pytest.mark.parametrize("many", FEWER)
+def test_priors_against_posteriors(many: tuple[int, ...]) -> None:
+    def check(n: int, inches: float) -> None:
+        draws, symbols = posterior(1500)[:, :n], SYMBOLS[:n]
+        priors = {s.name: prior(s) for s in symbols}
+        mode = mode_of(draws, symbols)
+        figure = drawn(prior_posterior_figure(draws, symbols, priors, TABLE, mode, inches))
+        assert list(clashes(figure)) == []
+        assert figure.get_figwidth() <= inches
+        assert figure.get_figheight() < 9.0
+
+    for_each({f"{n} in {w} inches": (n, w) for n in many for w in WIDTHS}, check)
 
 
 def profile_of(symbol: Symbol) -> Profile:
@@ -100,29 +109,34 @@ def profile_of(symbol: Symbol) -> Profile:
     return Profile(name=symbol.name, values=values, loss=loss, high=None, shape="one-sided", **ends)
 
 
-@pytest.mark.parametrize("inches", WIDTHS)
-@pytest.mark.parametrize("n", [1, 3, 9, pytest.param(13, marks=pytest.mark.slow)])
-def test_profiles_and_calibrations_are_as_wide_as_said(n: int, inches: float) -> None:
+@pytest.mark.parametrize("many", FEWER)
+def test_profiles_and_calibrations_are_as_wide_as_said(many: tuple[int, ...]) -> None:
     """Mutant killed: a logarithmic axis on which a value stands at its place on a plain one."""
-    symbols = {symbol.name: symbol for symbol in SYMBOLS[:n]}
-    found = [profile_of(symbol) for symbol in symbols.values()]
-    profiles = drawn(profile_figure(found, symbols, TABLE, LOGS, inches))
-    names = [*symbols, FIT]
-    ranks = np.random.default_rng(n).integers(0, 100, (60, n + 1))
-    refits = [refit(k, tuple(map(int, row))) for k, row in enumerate(ranks)]
-    calibration = drawn(calibration_figure(judge(names, refits, 99), [*symbols.values()], inches))
-    for figure in (profiles, calibration):
-        assert list(clashes(figure)) == []
-        assert figure.get_figwidth() <= inches
-        assert figure.get_figheight() < 12.0
-        assert min(letters(figure)) >= 5.0
-    assert calibration.get_figwidth() == inches
-    for panel, symbol in zip(profiles.axes, symbols.values(), strict=True):
-        low = panel.get_lines()[1].get_xdata()[2]
-        power = si(panel.get_xlabel(), 1.0)
-        value = power * 10.0**low if symbol.name in LOGS else si(panel.get_xlabel(), low)
-        shown = found[list(symbols).index(symbol.name)]
-        assert np.abs(shown.values / value - 1.0).min() < 1e-6
+
+    def check(n: int, inches: float) -> None:
+        symbols = {symbol.name: symbol for symbol in SYMBOLS[:n]}
+        found = [profile_of(symbol) for symbol in symbols.values()]
+        profiles = drawn(profile_figure(found, symbols, TABLE, LOGS, inches))
+        names = [*symbols, FIT]
+        ranks = np.random.default_rng(n).integers(0, 100, (60, n + 1))
+        refits = [refit(k, tuple(map(int, row))) for k, row in enumerate(ranks)]
+        calibration = drawn(
+            calibration_figure(judge(names, refits, 99), [*symbols.values()], inches)
+        )
+        for figure in (profiles, calibration):
+            assert list(clashes(figure)) == []
+            assert figure.get_figwidth() <= inches
+            assert figure.get_figheight() < 12.0
+            assert min(letters(figure)) >= 5.0
+        assert calibration.get_figwidth() == inches
+        for panel, symbol in zip(profiles.axes, symbols.values(), strict=True):
+            low = panel.get_lines()[1].get_xdata()[2]
+            power = si(panel.get_xlabel(), 1.0)
+            value = power * 10.0**low if symbol.name in LOGS else si(panel.get_xlabel(), low)
+            shown = found[list(symbols).index(symbol.name)]
+            assert np.abs(shown.values / value - 1.0).min() < 1e-6
+
+    for_each({f"{n} in {w} inches": (n, w) for n in many for w in WIDTHS}, check)
 
 
 def refit(index: int, ranks: tuple[int, ...]) -> Refit:
@@ -130,20 +144,22 @@ def refit(index: int, ranks: tuple[int, ...]) -> Refit:
     return Refit(index=index, truth=(0.0,) * len(ranks), ranks=ranks, **how)
 
 
-@pytest.mark.parametrize("inches", WIDTHS)
-def test_a_spectrum_names_every_bar_at_either_width(inches: float) -> None:
-    study = linear_study(np.full(3, PRIOR_SD))
-    labels = {name: PARAMETERS[name].latex for name in study.names}
-    figure = drawn(spectrum_figure(study, labels, inches))
-    assert figure.get_figwidth() == inches
-    (panel,) = figure.axes
-    texts = [*panel.get_yticklabels(), *panel.texts]
-    named = [text for text in texts if "_" in text.get_text()]
-    assert len(named) == len(study.directions)
-    boxes = [text.get_window_extent() for text in named]
-    assert all(figure.bbox.contains(*corner) for b in boxes for corner in (b.p0, b.p1))
-    heights = [b.y0 for b in boxes]
-    assert min(np.abs(np.diff(heights))) > max(b.height for b in boxes)
+def test_a_spectrum_names_every_bar_at_either_width() -> None:
+    def check(inches: float) -> None:
+        study = linear_study(np.full(3, PRIOR_SD))
+        labels = {name: PARAMETERS[name].latex for name in study.names}
+        figure = drawn(spectrum_figure(study, labels, inches))
+        assert figure.get_figwidth() == inches
+        (panel,) = figure.axes
+        texts = [*panel.get_yticklabels(), *panel.texts]
+        named = [text for text in texts if "_" in text.get_text()]
+        assert len(named) == len(study.directions)
+        boxes = [text.get_window_extent() for text in named]
+        assert all(figure.bbox.contains(*corner) for b in boxes for corner in (b.p0, b.p1))
+        heights = [b.y0 for b in boxes]
+        assert min(np.abs(np.diff(heights))) > max(b.height for b in boxes)
+
+    for_each({str(inches): (inches,) for inches in WIDTHS}, check)
 
 
 # What must be said before anything else
@@ -153,32 +169,35 @@ def texts(figure: Figure) -> str:
     return " ".join(text.get_text() for text in figure.texts).replace("\n", " ")
 
 
-@pytest.mark.parametrize("inches", WIDTHS)
-@pytest.mark.parametrize("kind", ["corner", "trace", "ridge", "plain", "laid out"])
-def test_a_warning_stands_on_the_page_and_moves_all_else_down(kind: str, inches: float) -> None:
+def test_a_warning_stands_on_the_page_and_moves_all_else_down() -> None:
     """Mutants killed: a strip beyond the page, which savefig cuts; legends or dots left behind."""
-    draws, some = posterior(1500), SYMBOLS[:3]
-    mode = mode_of(draws, SYMBOLS)
-    if kind == "corner":
-        figure = corner_figure(draws[:, :3], some, TABLE, mode, {}, inches)
-    elif kind == "trace":
-        theta = draws[:1200, :3].reshape(3, 50, 8, 3)
-        figure = trace_figure(theta, some, 5, TABLE, mode, (), inches)
-    elif kind == "ridge":
-        priors = {s.name: prior_of(s) for s in SYMBOLS}
-        figure = ridge_figure(draws, Pair((6, 7), (1, 1)), SYMBOLS, priors, TABLE, mode)
-    else:
-        layout = "constrained" if kind == "laid out" else None
-        figure = Figure(figsize=(inches, 3.0), layout=layout)
-        figure.subplots().set_title("of another package")
-    before = places(figure)
-    height = figure.get_figheight()
-    drawn(warned(figure, WARNING))
-    assert texts(figure).endswith(WARNING)
-    assert list(clashes(figure)) == []
-    if kind != "laid out":
-        np.testing.assert_allclose(places(figure), before, atol=0.02)
-    assert figure.get_figheight() > height + 0.2
+    kinds = ["corner", "trace", "ridge", "plain", "laid out"]
+
+    def check(inches: float, kind: str) -> None:
+        draws, some = posterior(1500), SYMBOLS[:3]
+        mode = mode_of(draws, SYMBOLS)
+        if kind == "corner":
+            figure = corner_figure(draws[:, :3], some, TABLE, mode, {}, inches)
+        elif kind == "trace":
+            theta = draws[:1200, :3].reshape(3, 50, 8, 3)
+            figure = trace_figure(theta, some, 5, TABLE, mode, (), inches)
+        elif kind == "ridge":
+            priors = {s.name: prior_of(s) for s in SYMBOLS}
+            figure = ridge_figure(draws, Pair((6, 7), (1, 1)), SYMBOLS, priors, TABLE, mode)
+        else:
+            layout = "constrained" if kind == "laid out" else None
+            figure = Figure(figsize=(inches, 3.0), layout=layout)
+            figure.subplots().set_title("of another package")
+        before = places(figure)
+        height = figure.get_figheight()
+        drawn(warned(figure, WARNING))
+        assert texts(figure).endswith(WARNING)
+        assert list(clashes(figure)) == []
+        if kind != "laid out":
+            np.testing.assert_allclose(places(figure), before, atol=0.02)
+        assert figure.get_figheight() > height + 0.2
+
+    for_each({f"{inches} {kind}": (inches, kind) for inches in WIDTHS for kind in kinds}, check)
 
 
 def places(figure: Figure) -> np.ndarray:

@@ -6,6 +6,7 @@ import itertools
 
 import numpy as np
 import pytest
+from grouping import for_each
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -49,25 +50,27 @@ def medians(figure: Figure, panel: int) -> list[Line2D]:
     return [c for c in lines if len(c.get_xdata()) > 2 and c.get_linestyle() != "None"]
 
 
-@pytest.mark.parametrize("log", [True, False])
-def test_it_shows_the_medians_of_stretches_and_says_burn_in_once(log: bool) -> None:
-    figure, theta = case(logs=("r_m",) if log else ()), theta_of()
-    label = figure.axes[4].get_ylabel()
-    assert len(medians(figure, 4)) == 3
-    for ensemble, median in enumerate(medians(figure, 4)):
-        places = np.asarray(median.get_xdata())
-        assert len(places) <= STRETCHES
-        assert places[0] < 10
-        assert places[-1] > 490
-        shown = np.asarray(median.get_ydata())
-        got = [si(label, 10.0**u if log else u) for u in shown]
-        course = np.median(theta[ensemble, :, :, 4], axis=1)
-        around = [course[np.abs(np.arange(500) - place) <= 6] for place in places]
-        for value, near in zip(got, around, strict=True):
-            assert near.min() <= value <= near.max()
-    (legend,) = figure.legends
-    texts = [text.get_text() for text in legend.get_texts()]
-    assert texts.count("burn-in: 70 steps dropped") == 1
+def test_it_shows_the_medians_of_stretches_and_says_burn_in_once() -> None:
+    def check(log: bool) -> None:
+        figure, theta = case(logs=("r_m",) if log else ()), theta_of()
+        label = figure.axes[4].get_ylabel()
+        assert len(medians(figure, 4)) == 3
+        for ensemble, median in enumerate(medians(figure, 4)):
+            places = np.asarray(median.get_xdata())
+            assert len(places) <= STRETCHES
+            assert places[0] < 10
+            assert places[-1] > 490
+            shown = np.asarray(median.get_ydata())
+            got = [si(label, 10.0**u if log else u) for u in shown]
+            course = np.median(theta[ensemble, :, :, 4], axis=1)
+            around = [course[np.abs(np.arange(500) - place) <= 6] for place in places]
+            for value, near in zip(got, around, strict=True):
+                assert near.min() <= value <= near.max()
+        (legend,) = figure.legends
+        texts = [text.get_text() for text in legend.get_texts()]
+        assert texts.count("burn-in: 70 steps dropped") == 1
+
+    for_each({str(log): (log,) for log in [True, False]}, check)
 
 
 def grey(line: Line2D) -> float:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from grouping import for_each
 from pictures import SYMBOLS, TABLE, clashes, drawn, mode_of, posterior, prior_of
 from verdicts import NAMES, gaussian, verdict
 
@@ -17,13 +18,14 @@ ALL = SYMBOLS
 PRIORS = {symbol.name: prior_of(symbol) for symbol in ALL}
 
 
-@pytest.mark.parametrize("width", [None, 1e-5])
-@pytest.mark.parametrize("n", [1, 9, 13])
-def test_no_texts_of_priors_against_posteriors_overlap(n: int, width: float | None) -> None:
-    draws = posterior(1500, width)[:, :n]
-    mode = mode_of(draws, ALL[:n])
-    figure = drawn(prior_posterior_figure(draws, ALL[:n], PRIORS, TABLE, mode))
-    assert not list(clashes(figure))
+def test_no_texts_of_priors_against_posteriors_overlap() -> None:
+    def check(width: float | None, n: int) -> None:
+        draws = posterior(1500, width)[:, :n]
+        mode = mode_of(draws, ALL[:n])
+        figure = drawn(prior_posterior_figure(draws, ALL[:n], PRIORS, TABLE, mode))
+        assert not list(clashes(figure))
+
+    for_each({f"{width} {n}": (width, n) for width in [None, 1e-5] for n in [1, 9, 13]}, check)
 
 
 def test_posterior_and_prior_are_densities_on_one_scale() -> None:

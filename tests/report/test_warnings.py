@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import pytest
+from grouping import for_each
 
 from bayesdrill.engines.mode import Mode, Other
 from bayesdrill.inference.residual_checks import Left, Limits
@@ -18,39 +18,39 @@ WHITE = Left(
 )
 
 
-@pytest.mark.parametrize(
-    ("found", "said"),
-    [
+def test_the_warning_names_what_is_wrong_with_what_is_left() -> None:
+    """Mutant killed: less than the noise, but coloured, called far more than the noise."""
+    cases = [
         (WHITE, ""),
         (replace(WHITE, rms=0.2), ""),
         (replace(WHITE, rms=1.2), "MORE THAN NOISE IS LEFT by the fit"),
         (replace(WHITE, rms=9.0, correlation=0.9), "DOES NOT FIT: far more than the noise is left"),
         (replace(WHITE, rms=0.4, correlation=0.9), "DOES NOT FIT: what is left is far from white"),
-    ],
-)
-def test_the_warning_names_what_is_wrong_with_what_is_left(found: Left, said: str) -> None:
-    """Mutant killed: less than the noise, but coloured, called far more than the noise."""
-    assert words.misfit([WHITE, found]) == said
+    ]
+
+    def check(found: Left, said: str) -> None:
+        assert words.misfit([WHITE, found]) == said
+
+    for_each({str(case): case for case in cases}, check)
 
 
-@pytest.mark.parametrize(
-    ("elsewhere", "said"),
-    [
+def test_maxima_are_told_apart_by_their_places_or_said_to_be_close() -> None:
+    """Mutant killed: places without a name, where no unknown tells them apart."""
+    cases = [
         (2.5, "the one at k_s 2.5"),
         (2.001, "within 1% of each other in every unknown"),
-    ],
-)
-def test_maxima_are_told_apart_by_their_places_or_said_to_be_close(
-    elsewhere: float, said: str
-) -> None:
-    """Mutant killed: places without a name, where no unknown tells them apart."""
-    other = Other(values={"k_s": elsewhere, "j_1": 3.0}, log_posterior=-1.0)
-    found = Mode(
-        values={"k_s": 2.0, "j_1": 3.0}, log_posterior=0.0, slope={}, gain=0.0, at_bound=(),
-        searches=(), others=(other,),
-    )  # fmt: skip
-    text = words.maxima(found, np.array([0.75, 0.25]), OwnUnits({}))
-    assert said in text
-    assert "75.0%" in text
-    assert "25.0%" in text
-    assert "  \n" not in text
+    ]
+
+    def check(elsewhere: float, said: str) -> None:
+        other = Other(values={"k_s": elsewhere, "j_1": 3.0}, log_posterior=-1.0)
+        found = Mode(
+            values={"k_s": 2.0, "j_1": 3.0}, log_posterior=0.0, slope={}, gain=0.0, at_bound=(),
+            searches=(), others=(other,),
+        )  # fmt: skip
+        text = words.maxima(found, np.array([0.75, 0.25]), OwnUnits({}))
+        assert said in text
+        assert "75.0%" in text
+        assert "25.0%" in text
+        assert "  \n" not in text
+
+    for_each({str(case): case for case in cases}, check)

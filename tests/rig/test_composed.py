@@ -13,6 +13,7 @@ from typing import Any, ClassVar
 import numpy as np
 import pytest
 import scipy.linalg
+from grouping import for_each
 from llvmlite import ir
 from oracles import ORDER, skewed
 from rigs import STATES, experiment
@@ -94,32 +95,42 @@ def vector(rig: Model, p: dict[str, float]) -> np.ndarray:
     return np.array([[p[name] for name in rig.parameters]])
 
 
-@pytest.mark.parametrize("added", [*LINEAR, tuple(OFFERS)], ids="+".join)
-def test_it_is_what_the_balances_of_its_bodies_give(added: tuple[str, ...]) -> None:
-    p, rig = parameters(added), MotorShaft(I_M, added=added)
-    linear = rig.linear(p)
-    a, still, columns = by_hand(p)
-    assert dynamics(linear, STATES, 1)[0] == pytest.approx(a, rel=1e-12)
-    assert [linear.c.get(name, 0.0) for name in STATES] == pytest.approx(still, rel=1e-12)
-    assert {name for _, name in linear.B} == {*rig.inputs, *(one.name for one in rig.frictions)}
-    for name in {name for _, name in linear.B}:
-        own = [linear.B.get((state, name), 0.0) for state in STATES]
-        assert own == pytest.approx(columns[name], rel=1e-12), name
+def test_it_is_what_the_balances_of_its_bodies_give() -> None:
+    def check(added: tuple[str, ...]) -> None:
+        p, rig = parameters(added), MotorShaft(I_M, added=added)
+        linear = rig.linear(p)
+        a, still, columns = by_hand(p)
+        assert dynamics(linear, STATES, 1)[0] == pytest.approx(a, rel=1e-12)
+        assert [linear.c.get(name, 0.0) for name in STATES] == pytest.approx(still, rel=1e-12)
+        assert {name for _, name in linear.B} == {*rig.inputs, *(one.name for one in rig.frictions)}
+        for name in {name for _, name in linear.B}:
+            own = [linear.B.get((state, name), 0.0) for state in STATES]
+            assert own == pytest.approx(columns[name], rel=1e-12), name
+
+    for_each({"+".join(added): (added,) for added in [*LINEAR, tuple(OFFERS)]}, check)
 
 
-@pytest.mark.parametrize("added", LINEAR, ids="+".join)
-@pytest.mark.parametrize("any_time", [False, True])
-def test_its_response_is_that_of_the_balances(added: tuple[str, ...], any_time: bool) -> None:
-    p, rig, push = parameters(added), MotorShaft(I_M, added=added), {"v": 5.5, "t_1": 0.03}
-    record = experiment(61, 0.03, constant=push, start=START)
-    true = exact(p, record.t, push)
-    of = Measured(rig, record, Sensing()) if any_time else Response(rig, record)
-    scale = np.abs(true).max(axis=0)
-    assert of.signals(vector(rig, p))[0] / scale == pytest.approx(true / scale, abs=1e-9)
-    if added:
-        without = MotorShaft(I_M)
-        found = Response(without, record).signals(vector(without, p))[0]
-        assert np.max(np.abs(found - true) / scale) > 1e-3
+def test_its_response_is_that_of_the_balances() -> None:
+    def check(added: tuple[str, ...], any_time: bool) -> None:
+        p, rig, push = parameters(added), MotorShaft(I_M, added=added), {"v": 5.5, "t_1": 0.03}
+        record = experiment(61, 0.03, constant=push, start=START)
+        true = exact(p, record.t, push)
+        of = Measured(rig, record, Sensing()) if any_time else Response(rig, record)
+        scale = np.abs(true).max(axis=0)
+        assert of.signals(vector(rig, p))[0] / scale == pytest.approx(true / scale, abs=1e-9)
+        if added:
+            without = MotorShaft(I_M)
+            found = Response(without, record).signals(vector(without, p))[0]
+            assert np.max(np.abs(found - true) / scale) > 1e-3
+
+    for_each(
+        {
+            f"{added} {any_time}": (added, any_time)
+            for added in LINEAR
+            for any_time in [False, True]
+        },
+        check,
+    )
 
 
 def test_a_damping_that_vanishes_is_none() -> None:
@@ -223,16 +234,18 @@ def code(rig: Model, series: bool) -> str:
     return str(module)
 
 
-@pytest.mark.parametrize("series", [False, True])
-def test_what_is_not_named_costs_not_an_operation(series: bool) -> None:
-    assert code(MotorShaft(), series) == code(Plain(), series)
-    assert code(MotorShaft(added=("r_s",)), series) != code(Plain(), series)
-    assert MotorShaft(stribeck=2).linear(skewed()) == Plain().linear(skewed())
-    theta, record = vector(Plain(), skewed()), experiment(30, start=START)
-    for of in (Response, lambda rig, one: Measured(rig, one, Sensing(delay="t_0"))):
-        full = theta if of is Response else np.append(theta, [[0.004]], axis=1)
-        one, other = of(MotorShaft(), record), of(Plain(), record)
-        assert one.signals(full).tobytes() == other.signals(full).tobytes()
+def test_what_is_not_named_costs_not_an_operation() -> None:
+    def check(series: bool) -> None:
+        assert code(MotorShaft(), series) == code(Plain(), series)
+        assert code(MotorShaft(added=("r_s",)), series) != code(Plain(), series)
+        assert MotorShaft(stribeck=2).linear(skewed()) == Plain().linear(skewed())
+        theta, record = vector(Plain(), skewed()), experiment(30, start=START)
+        for of in (Response, lambda rig, one: Measured(rig, one, Sensing(delay="t_0"))):
+            full = theta if of is Response else np.append(theta, [[0.004]], axis=1)
+            one, other = of(MotorShaft(), record), of(Plain(), record)
+            assert one.signals(full).tobytes() == other.signals(full).tobytes()
+
+    for_each({str(series): (series,) for series in [False, True]}, check)
 
 
 def test_its_frictions_have_the_laws_of_what_is_named() -> None:

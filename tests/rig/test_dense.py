@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import pytest
+from grouping import for_each
 from oracles import NOMINAL, ORDER
 from rigs import STATES, experiment, vector
 
@@ -142,72 +142,77 @@ def walkers(model, n_series: int, k_count: int, rng: np.random.Generator, shift:
 SHIFTS = (2.4, -0.7, 0.0, 30.0)
 
 
-@pytest.mark.parametrize("kind", ["uniform", "left out", "gaps", "jitter", "long gap"])
-@pytest.mark.parametrize(
-    ("model", "first_order", "names", "shift"),
-    [
+def test_equals_steps_in_extended_precision() -> None:
+    kinds = ["uniform", "left out", "gaps", "jitter", "long gap"]
+    cases = [
         (MotorShaft(), False, (), SHIFTS),
         (MotorShaft(), True, ("v", "t_1"), SHIFTS),
         (TwoRotors(0.2, 7e-3, 0.2), False, ("t_1", "v"), SHIFTS),
         (Toy(), True, ("v",), SHIFTS),
         (Toy(), False, ("v",), None),
-    ],
-    ids=["constant", "first order", "zero order", "toy", "toy, not shifted"],
-)
-def test_equals_steps_in_extended_precision(model, first_order, names, shift, kind: str) -> None:
-    rng = np.random.default_rng(5)
-    n = 22
-    t = times(kind, n, rng)
-    series = {name: rng.normal(3, 1, n) for name in names}
-    constant = {name: 0.7 for name in ("v", "t_1") if name not in names}
-    theta, x0, before, shifts, rows = walkers(model, len(names), 4, rng, shift)
-    dense = Dense(model, t, series, constant, first_order)
-    found = dense.signals(theta, x0, before, shifts, rows)
-    zero = np.zeros(4)
-    for w in range(W):
-        p = dict(zip(model.parameters, theta[w], strict=True))
-        oracle = Oracle(model, p, t, series, constant, first_order)
-        true = oracle.signals(x0[w], before[w], zero if shifts is None else shifts[w], rows[w])
-        assert np.abs(found[w] - true).max() < 1e-11 * np.abs(true).max()
-    y = rng.normal(0, 1, (n, 4))
-    y[rng.uniform(size=y.shape) < 0.3] = np.nan
-    sums = np.nansum((y - found) ** 2, axis=1)
-    assert np.allclose(dense.squares(theta, x0, before, shifts, rows, y), sums, rtol=1e-12)
+    ]
+
+    def check(kind: str, model, first_order, names, shift) -> None:
+        rng = np.random.default_rng(5)
+        n = 22
+        t = times(kind, n, rng)
+        series = {name: rng.normal(3, 1, n) for name in names}
+        constant = {name: 0.7 for name in ("v", "t_1") if name not in names}
+        theta, x0, before, shifts, rows = walkers(model, len(names), 4, rng, shift)
+        dense = Dense(model, t, series, constant, first_order)
+        found = dense.signals(theta, x0, before, shifts, rows)
+        zero = np.zeros(4)
+        for w in range(W):
+            p = dict(zip(model.parameters, theta[w], strict=True))
+            oracle = Oracle(model, p, t, series, constant, first_order)
+            true = oracle.signals(x0[w], before[w], zero if shifts is None else shifts[w], rows[w])
+            assert np.abs(found[w] - true).max() < 1e-11 * np.abs(true).max()
+        y = rng.normal(0, 1, (n, 4))
+        y[rng.uniform(size=y.shape) < 0.3] = np.nan
+        sums = np.nansum((y - found) ** 2, axis=1)
+        assert np.allclose(dense.squares(theta, x0, before, shifts, rows, y), sums, rtol=1e-12)
+
+    for_each({f"{kind} {case}": (kind, *case) for kind in kinds for case in cases}, check)
 
 
-@pytest.mark.parametrize("n", [1, 2, 3])
-def test_few_samples(n: int) -> None:
+def test_few_samples() -> None:
     """Mutant killed: a last step that is taken though it leads nowhere."""
-    rng = np.random.default_rng(6)
-    t = np.array([1.0, 1.013, 1.1])[:n]
-    series = {"v": rng.normal(3, 1, n)}
-    theta, x0, before, shifts, rows = walkers(MotorShaft(), 1, 3, rng, (0.4, -2.0, 0.0))
-    dense = Dense(MotorShaft(), t, series, {}, True)
-    found = dense.signals(theta, x0, before, shifts, rows)
-    for w in range(W):
-        p = dict(zip(ORDER, theta[w], strict=True))
-        oracle = Oracle(MotorShaft(), p, t, series, {}, True)
-        true = oracle.signals(x0[w], before[w], shifts[w], rows[w])
-        assert np.abs(found[w] - true).max() < 1e-11 * np.abs(true).max()
+
+    def check(n: int) -> None:
+        rng = np.random.default_rng(6)
+        t = np.array([1.0, 1.013, 1.1])[:n]
+        series = {name: rng.normal(3, 1, n) for name in ("v", "t_1")}
+        theta, x0, before, shifts, rows = walkers(MotorShaft(), 2, 4, rng, SHIFTS)
+        dense = Dense(MotorShaft(), t, series, {}, True)
+        found = dense.signals(theta, x0, before, shifts, rows)
+        for w in range(W):
+            p = dict(zip(ORDER, theta[w], strict=True))
+            oracle = Oracle(MotorShaft(), p, t, series, {}, True)
+            true = oracle.signals(x0[w], before[w], shifts[w], rows[w])
+            assert np.abs(found[w] - true).max() < 1e-11 * np.abs(true).max()
+
+    for_each({str(n): (n,) for n in [1, 2, 3]}, check)
 
 
-@pytest.mark.parametrize("first_order", [False, True])
-def test_a_plain_experiment_is_the_response(first_order: bool) -> None:
-    rng = np.random.default_rng(7)
-    n = 3001
-    series = {"v": rng.normal(6, 1, n)}
-    y = rng.normal(0, 3, (n, 4))
-    record = experiment(
-        n, constant={"t_1": 0.02}, series=series, measures=FOUR, y=y, first_order=first_order
-    )
-    theta = vector(NOMINAL) * rng.uniform(0.5, 1.5, (11, 9))
-    start, rows = np.zeros((11, 5)), np.broadcast_to(np.eye(4, 7), (11, 4, 7))
-    dense = Dense(MotorShaft(), record.t, series, {"t_1": 0.02}, first_order)
-    plain = Response(MotorShaft(), record)
-    found, true = dense.signals(theta, start, start, None, rows), plain.signals(theta)
-    assert np.abs(found - true).max() < 1e-11 * np.abs(true).max()
-    sums = dense.squares(theta, start, start, None, rows, y)
-    assert np.allclose(sums, plain.squares(theta), rtol=1e-11)
+def test_a_plain_experiment_is_the_response() -> None:
+    def check(first_order: bool) -> None:
+        rng = np.random.default_rng(7)
+        n = 3001
+        series = {"v": rng.normal(6, 1, n)}
+        y = rng.normal(0, 3, (n, 4))
+        record = experiment(
+            n, constant={"t_1": 0.02}, series=series, measures=FOUR, y=y, first_order=first_order
+        )
+        theta = vector(NOMINAL) * rng.uniform(0.5, 1.5, (11, 9))
+        start, rows = np.zeros((11, 5)), np.broadcast_to(np.eye(4, 7), (11, 4, 7))
+        dense = Dense(MotorShaft(), record.t, series, {"t_1": 0.02}, first_order)
+        plain = Response(MotorShaft(), record)
+        found, true = dense.signals(theta, start, start, None, rows), plain.signals(theta)
+        assert np.abs(found - true).max() < 1e-11 * np.abs(true).max()
+        sums = dense.squares(theta, start, start, None, rows, y)
+        assert np.allclose(sums, plain.squares(theta), rtol=1e-11)
+
+    for_each({str(first_order): (first_order,) for first_order in [False, True]}, check)
 
 
 def test_samples_between_change_nothing() -> None:
@@ -230,54 +235,59 @@ def test_samples_between_change_nothing() -> None:
     assert np.abs(all_ - few).max() < 1e-10 * np.abs(few).max()
 
 
-@pytest.mark.parametrize("kind", ["uniform", "jitter"])
-def test_the_tangent_is_the_central_difference(kind: str) -> None:
-    rng = np.random.default_rng(9)
-    n, h = 200, 1e-5
-    t = times(kind, n, rng)
-    series = {"v": rng.normal(6, 1, n)}
-    theta = vector(NOMINAL) * rng.uniform(0.8, 1.2, (5, 9))
-    along = vector(NOMINAL) * rng.normal(0, 1, (5, 9))
-    x0, x0_along, before, before_along = rng.normal(0, 1, (4, 5, 5))
-    rows = np.concatenate([rng.normal(0, 1, (5, 4, 5)), np.zeros((5, 4, 2))], axis=2)
-    shift = STEP * rng.uniform(0.1, 3.9, (5, 4))
-    plain = Dense(MotorShaft(), t, series, {}, False)
+def test_the_tangent_is_the_central_difference() -> None:
+    def check(kind: str) -> None:
+        rng = np.random.default_rng(9)
+        n, h = 200, 1e-5
+        t = times(kind, n, rng)
+        series = {"v": rng.normal(6, 1, n)}
+        theta = vector(NOMINAL) * rng.uniform(0.8, 1.2, (5, 9))
+        along = vector(NOMINAL) * rng.normal(0, 1, (5, 9))
+        x0, x0_along, before, before_along = rng.normal(0, 1, (4, 5, 5))
+        rows = np.concatenate([rng.normal(0, 1, (5, 4, 5)), np.zeros((5, 4, 2))], axis=2)
+        shift = STEP * rng.uniform(0.1, 3.9, (5, 4))
+        plain = Dense(MotorShaft(), t, series, {}, False)
 
-    def at(step: float) -> np.ndarray:
-        start, rate = x0 + step * x0_along, before + step * before_along
-        return plain.signals(theta + step * along, start, rate, shift, rows)
+        def at(step: float) -> np.ndarray:
+            start, rate = x0 + step * x0_along, before + step * before_along
+            return plain.signals(theta + step * along, start, rate, shift, rows)
 
-    of_slopes = np.concatenate([np.zeros((5, 4, 5)), rows], axis=2)
-    both = [np.concatenate(pair, axis=1) for pair in ((theta, along), (x0, x0_along))]
-    tangent = Dense(Tangent(MotorShaft()), t, series, {}, False)
-    rates = np.concatenate([before, before_along], axis=1)
-    found = tangent.signals(*both, rates, shift, of_slopes)
-    true = (at(h) - at(-h)) / (2 * h)
-    assert np.abs(found - true).max() < 1e-7 * np.abs(true).max()
+        of_slopes = np.concatenate([np.zeros((5, 4, 5)), rows], axis=2)
+        both = [np.concatenate(pair, axis=1) for pair in ((theta, along), (x0, x0_along))]
+        tangent = Dense(Tangent(MotorShaft()), t, series, {}, False)
+        rates = np.concatenate([before, before_along], axis=1)
+        found = tangent.signals(*both, rates, shift, of_slopes)
+        true = (at(h) - at(-h)) / (2 * h)
+        assert np.abs(found - true).max() < 1e-7 * np.abs(true).max()
+
+    for_each({kind: (kind,) for kind in ["uniform", "jitter"]}, check)
 
 
-@pytest.mark.parametrize("kind", ["uniform", "jitter"])
-def test_a_walker_does_not_depend_on_its_neighbours(kind: str) -> None:
+def test_a_walker_does_not_depend_on_its_neighbours() -> None:
     """Bits, though lanes halve cells as often as each needs, and walkers alone are not shifted.
 
     Mutant killed: the degree of a series that the lanes share.
     """
-    rng = np.random.default_rng(10)
-    t = times(kind, 50, rng)
-    dense = Dense(MotorShaft(), t, {"v": rng.normal(6, 1, 50)}, {}, True)
-    n = 64
-    theta = vector(NOMINAL) * np.exp(rng.normal(0, 1.5, (n, 9)))
-    x0, before = rng.normal(0, 1, (2, n, 5))
-    rows = rng.normal(0, 1, (n, 3, 7)) * (rng.uniform(size=(3, 7)) < 0.5)
-    shift = STEP * rng.normal(0, 3, (n, 3)) * [1.0, 0.0, 1.0] * (np.arange(n) % 3 > 0)[:, None]
-    y = rng.normal(0, 1, (50, 3))
-    one = [slice(w, w + 1) for w in range(n)]
-    together = dense.signals(theta, x0, before, shift, rows)
-    alone = [dense.signals(theta[w], x0[w], before[w], shift[w], rows[w])[0] for w in one]
-    assert np.array_equal(alone, together)
-    sums = dense.squares(theta, x0, before, shift, rows, y)
-    each = [dense.squares(theta[w], x0[w], before[w], shift[w], rows[w], y)[0] for w in one]
-    assert np.array_equal(each, sums)
+
+    def check(kind: str) -> None:
+        rng = np.random.default_rng(10)
+        t = times(kind, 50, rng)
+        dense = Dense(MotorShaft(), t, {"v": rng.normal(6, 1, 50)}, {}, True)
+        n = 64
+        theta = vector(NOMINAL) * np.exp(rng.normal(0, 1.5, (n, 9)))
+        x0, before = rng.normal(0, 1, (2, n, 5))
+        rows = rng.normal(0, 1, (n, 3, 7)) * (rng.uniform(size=(3, 7)) < 0.5)
+        shift = STEP * rng.normal(0, 3, (n, 3)) * [1.0, 0.0, 1.0] * (np.arange(n) % 3 > 0)[:, None]
+        y = rng.normal(0, 1, (50, 3))
+        one = [slice(w, w + 1) for w in range(n)]
+        together = dense.signals(theta, x0, before, shift, rows)
+        alone = [dense.signals(theta[w], x0[w], before[w], shift[w], rows[w])[0] for w in one]
+        assert np.array_equal(alone, together)
+        sums = dense.squares(theta, x0, before, shift, rows, y)
+        each = [dense.squares(theta[w], x0[w], before[w], shift[w], rows[w], y)[0] for w in one]
+        assert np.array_equal(each, sums)
+
+    for_each({kind: (kind,) for kind in ["uniform", "jitter"]}, check)
 
 
 def test_an_overflowing_walker_leaves_its_neighbours_alone() -> None:
@@ -303,12 +313,13 @@ def test_an_overflowing_walker_leaves_its_neighbours_alone() -> None:
 def test_pickles_answer_alike_and_unseen_samples_are_none() -> None:
     rng = np.random.default_rng(12)
     t = times("gaps", 30, rng)
-    dense = Dense(MotorShaft(), t, {"v": rng.normal(6, 1, 30)}, {}, True)
-    theta, x0, before, shifts, rows = walkers(MotorShaft(), 1, 3, rng, (0.4, -2.0, 0.0))
+    series = {name: rng.normal(6, 1, 30) for name in ("v", "t_1")}
+    dense = Dense(MotorShaft(), t, series, {}, True)
+    theta, x0, before, shifts, rows = walkers(MotorShaft(), 2, 4, rng, SHIFTS)
     found = dense.signals(theta, x0, before, shifts, rows)
     again = pickle.loads(pickle.dumps(dense)).signals(theta, x0, before, shifts, rows)
     assert np.array_equal(again, found)
-    seen = rng.uniform(size=(30, 3)) < 0.5
+    seen = rng.uniform(size=(30, 4)) < 0.5
     some = dense.signals(theta, x0, before, shifts, rows, seen)
     assert np.array_equal(some[:, seen], found[:, seen])
     assert np.isnan(some[:, ~seen]).all()

@@ -7,6 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 import pytest
+from grouping import for_each
 from oracles import skewed
 from rigs import experiment
 from rubbing_cases import CASES, moved
@@ -50,13 +51,16 @@ def linear(*, first_order: bool, sensing: Sensing = SENSING) -> Energies:
     return energies(Stepped(rig, one, sensing), full)
 
 
-@pytest.mark.parametrize("first_order", [False, True])
-def test_without_friction_it_closes_to_rounding(first_order: bool) -> None:
+def test_without_friction_it_closes_to_rounding() -> None:
     """Mutants killed: a row that weighs something else, an input as it was recorded."""
-    found = linear(first_order=first_order)
-    assert np.abs(found.open).max() < 1e-11 * total(found)
-    assert abs(found.converted[-1]) > 0.01 * found.given["v"][-1]  # k_T is not k_e
-    assert found.stored[0] > 0
+
+    def check(first_order: bool) -> None:
+        found = linear(first_order=first_order)
+        assert np.abs(found.open).max() < 1e-11 * total(found)
+        assert abs(found.converted[-1]) > 0.01 * found.given["v"][-1]  # k_T is not k_e
+        assert found.stored[0] > 0
+
+    for_each({str(first_order): (first_order,) for first_order in [False, True]}, check)
 
 
 def test_each_part_is_the_integral_of_its_power() -> None:
@@ -93,27 +97,30 @@ def _simpson(power: np.ndarray) -> float:
     return float((power[0:-1:2] + 4 * power[1::2] + power[2::2]).sum() * 0.01 / 16 / 3)
 
 
-@pytest.mark.parametrize("name", ["sine", "servo", "other", "stick slip"])
-def test_of_rigs_that_rub_it_is_the_oracle_s(name: str) -> None:
+def test_of_rigs_that_rub_it_is_the_oracle_s() -> None:
     """Mutants killed: a speed that sticks taken to move, work of an effort of the wrong sign."""
-    case, true = CASES[name], moved(name)
-    found = energies(stepped(case, 8), parameters(case)[0])
-    scale = total(found)
-    kinds = {
-        "supply": found.given["v"],
-        "load": -found.given["t_1"],
-        "motor": -found.converted,
-        "resistor": _sum(found, "r_m", "r_s"),
-        "viscous": _sum(found, "c_m", "c_s", "c_1"),
-        "constant": _sum(found, "t_f"),
-        "friction": _sum(found, "friction_m", "friction_1", "drop"),
-    }
-    assert {*kinds} == {*true.taken}
-    for kind, part in kinds.items():
-        assert np.abs(part[::8] - true.taken[kind]).max() < 1e-3 * scale, kind
-    stored = sum(true.stored.values())
-    assert np.abs(found.stored[::8] - stored).max() < 1e-3 * scale
-    assert np.abs(found.open).max() < 1e-3 * scale
+
+    def check(name: str) -> None:
+        case, true = CASES[name], moved(name)
+        found = energies(stepped(case, 8), parameters(case)[0])
+        scale = total(found)
+        kinds = {
+            "supply": found.given["v"],
+            "load": -found.given["t_1"],
+            "motor": -found.converted,
+            "resistor": _sum(found, "r_m", "r_s"),
+            "viscous": _sum(found, "c_m", "c_s", "c_1"),
+            "constant": _sum(found, "t_f"),
+            "friction": _sum(found, "friction_m", "friction_1", "drop"),
+        }
+        assert {*kinds} == {*true.taken}
+        for kind, part in kinds.items():
+            assert np.abs(part[::8] - true.taken[kind]).max() < 1e-3 * scale, kind
+        stored = sum(true.stored.values())
+        assert np.abs(found.stored[::8] - stored).max() < 1e-3 * scale
+        assert np.abs(found.open).max() < 1e-3 * scale
+
+    for_each({name: (name,) for name in ["sine", "servo", "other", "stick slip"]}, check)
 
 
 def _sum(found: Energies, *names: str) -> np.ndarray:

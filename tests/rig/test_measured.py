@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from grouping import for_each
 from oracles import NOMINAL
 from rigs import experiment, vector
 
@@ -58,24 +59,33 @@ def moved(times: np.ndarray, first_order: bool) -> np.ndarray:
     return found[np.round((times - 2.5) / fine).astype(int)]
 
 
-@pytest.mark.parametrize("first_order", [False, True])
-def test_lag_gain_and_offset_of_each_channel(first_order: bool) -> None:
+def test_lag_gain_and_offset_of_each_channel() -> None:
     """Mutants killed: a lag of the wrong sign, an offset that the gain multiplies."""
-    t = 2.5 + 0.01 * np.arange(120)
-    one = in_motion(t, first_order=first_order)
-    sensing = Sensing(
-        gains={"alpha": "gain_alpha"},
-        offsets={"alpha": "offset_alpha", "w_2": "offset_w_2"},
-        lags={"alpha": "lag_alpha", "i": "lag_i"},
-    )
-    rig = Measured(MotorShaft(), one, sensing)
-    assert rig.parameters[9:] == ("gain_alpha", "offset_alpha", "offset_w_2", "lag_alpha", "lag_i")
-    shown = rig.signals(np.append(THETA, [0.97, 0.02, -1.5, 0.024, 0.0035])[None])[0]
-    late = {0: 0.024, 1: 0.0, 2: 0.0035}
-    for k, (gain, offset) in enumerate([(0.97, 0.02), (1.0, -1.5), (1.0, 0.0)]):
-        seen = t - late[k] >= 2.5
-        expected = gain * moved((t - late[k])[seen], first_order)[:, k] + offset
-        assert shown[seen, k] == pytest.approx(expected, rel=1e-9, abs=1e-9)
+
+    def check(first_order: bool) -> None:
+        t = 2.5 + 0.01 * np.arange(120)
+        one = in_motion(t, first_order=first_order)
+        sensing = Sensing(
+            gains={"alpha": "gain_alpha"},
+            offsets={"alpha": "offset_alpha", "w_2": "offset_w_2"},
+            lags={"alpha": "lag_alpha", "i": "lag_i"},
+        )
+        rig = Measured(MotorShaft(), one, sensing)
+        assert rig.parameters[9:] == (
+            "gain_alpha",
+            "offset_alpha",
+            "offset_w_2",
+            "lag_alpha",
+            "lag_i",
+        )
+        shown = rig.signals(np.append(THETA, [0.97, 0.02, -1.5, 0.024, 0.0035])[None])[0]
+        late = {0: 0.024, 1: 0.0, 2: 0.0035}
+        for k, (gain, offset) in enumerate([(0.97, 0.02), (1.0, -1.5), (1.0, 0.0)]):
+            seen = t - late[k] >= 2.5
+            expected = gain * moved((t - late[k])[seen], first_order)[:, k] + offset
+            assert shown[seen, k] == pytest.approx(expected, rel=1e-9, abs=1e-9)
+
+    for_each({str(first_order): (first_order,) for first_order in [False, True]}, check)
 
 
 def test_a_step_given_late() -> None:
@@ -143,28 +153,39 @@ EVERY = Sensing(
 TOLD = np.array([0.97, 1.02, 0.01, 0.0243, 0.0031, 1.04, -0.2, 0.0052, 0.15, 2.5, 0.3])
 
 
-@pytest.mark.parametrize("first_order", [False, True])
-@pytest.mark.parametrize("steady", [False, True])
-def test_slopes_are_those_of_the_signals(steady: bool, first_order: bool) -> None:
+def test_slopes_are_those_of_the_signals() -> None:
     """By central differences of each number alone; mutants killed: a lag's slope before the start, that
     of a steady start.
     """
-    sensing, told = EVERY, TOLD
-    if steady:
-        sensing, told = replace(EVERY, steady=True, states={"theta_2": "theta_2_0"}), TOLD[:-2]
-    one = in_motion(uneven(60), first_order=first_order)
-    rig = Measured(MotorShaft(), one, sensing)
-    full = np.append(THETA, told)[None]
-    along = np.diag(np.abs(full[0]))[None]
-    exact = rig.sensitivities(full, along)[0]
-    h = 1e-6
-    up = rig.signals(full + h * along[0])
-    down = rig.signals(full - h * along[0])
-    rough = (up - down) / (2 * h)
-    for q, name in enumerate(rig.parameters):
-        close = np.isclose(exact[q], rough[q], rtol=1e-4, atol=1e-6 * np.abs(rough[q]).max() + 1e-9)
-        # A held voltage that jumps between the two sides leaves no slope there.
-        assert close.mean() > (0.95 if "lag" in name else 1.0) - 1e-9, name
+
+    def check(first_order: bool, steady: bool) -> None:
+        sensing, told = EVERY, TOLD
+        if steady:
+            sensing, told = replace(EVERY, steady=True, states={"theta_2": "theta_2_0"}), TOLD[:-2]
+        one = in_motion(uneven(60), first_order=first_order)
+        rig = Measured(MotorShaft(), one, sensing)
+        full = np.append(THETA, told)[None]
+        along = np.diag(np.abs(full[0]))[None]
+        exact = rig.sensitivities(full, along)[0]
+        h = 1e-6
+        up = rig.signals(full + h * along[0])
+        down = rig.signals(full - h * along[0])
+        rough = (up - down) / (2 * h)
+        for q, name in enumerate(rig.parameters):
+            close = np.isclose(
+                exact[q], rough[q], rtol=1e-4, atol=1e-6 * np.abs(rough[q]).max() + 1e-9
+            )
+            # A held voltage that jumps between the two sides leaves no slope there.
+            assert close.mean() > (0.95 if "lag" in name else 1.0) - 1e-9, name
+
+    for_each(
+        {
+            f"{first_order} {steady}": (first_order, steady)
+            for first_order in [False, True]
+            for steady in [False, True]
+        },
+        check,
+    )
 
 
 def test_slopes_of_a_steady_start_leave_a_held_angle_where_it_is() -> None:

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import scipy.integrate
+from grouping import for_each
 from oracles import NOMINAL, skewed
 from rigs import STATES, experiment, vector
 
@@ -38,47 +39,48 @@ def test_the_right_reading_of_both_misprints_is_the_right_rig() -> None:
     assert (read.B, read.c) == (right.B, right.c)
 
 
-@pytest.mark.parametrize(("i_n", "read_as"), [(None, I_M), (5.5, 5.5)])
-def test_the_printed_matrix(i_n: float | None, read_as: float) -> None:
+def test_the_printed_matrix() -> None:
     """Typed in from the paper. Mutant killed: a misprint mended in silence."""
-    p = skewed()
-    k, j1, jm, lm, g = p["k_s"], p["j_1"], p["j_m"], p["l_m"], I_M**2
-    printed = np.array(
-        [
-            [0, 0, 0, 1, 0, 0],
-            [0, 0, 0, 0, 1, 0],
-            [0, 0, 0, 0, 0, 1],
-            [-k / j1, k / j1, 0, 0, 0, 0],
-            [g * k / j1, -g * k / jm, 0, 0, -p["c_m"] / jm, I_M * p["k_T"] / jm],
-            [0, 0, 0, 0, -read_as * p["k_e"] / lm, -p["r_m"] / lm],
-        ]
-    )
-    matrix, forcing = six_states(AsPrinted(i_m=I_M, i_n=i_n), p, {"v": 8.0})
-    assert np.allclose(matrix, printed, rtol=1e-14)
-    assert forcing == pytest.approx([0, 0, 0, 0, -I_M * p["t_f"] / jm, 8.0 / lm])
+
+    def check(i_n: float | None, read_as: float) -> None:
+        p = skewed()
+        k, j1, jm, lm, g = p["k_s"], p["j_1"], p["j_m"], p["l_m"], I_M**2
+        printed = np.array(
+            [
+                [0, 0, 0, 1, 0, 0],
+                [0, 0, 0, 0, 1, 0],
+                [0, 0, 0, 0, 0, 1],
+                [-k / j1, k / j1, 0, 0, 0, 0],
+                [g * k / j1, -g * k / jm, 0, 0, -p["c_m"] / jm, I_M * p["k_T"] / jm],
+                [0, 0, 0, 0, -read_as * p["k_e"] / lm, -p["r_m"] / lm],
+            ]
+        )
+        matrix, forcing = six_states(AsPrinted(i_m=I_M, i_n=i_n), p, {"v": 8.0})
+        assert np.allclose(matrix, printed, rtol=1e-14)
+        assert forcing == pytest.approx([0, 0, 0, 0, -I_M * p["t_f"] / jm, 8.0 / lm])
+
+    for_each({str(case): case for case in [(None, I_M), (5.5, 5.5)]}, check)
 
 
-@pytest.mark.parametrize(
-    ("model", "at_10", "at_30", "end"),
-    [
-        (RIGHT, (13.4, 16.3), 15.90, 15.91),
-        (TURNED, (-4.5, 2.6), 0.07, 0.0),
-        (SCALED, (661.1, 658.1), 660.3, 660.3),
-        (AsPrinted(), (-244.3, 10.8), -0.4, 0.0),
-    ],
-    ids=["right", "A(5,1)", "A(6,5)", "as printed"],
-)
-def test_speeds_that_the_misprints_lead_to(
-    model: AsPrinted, at_10: tuple[float, float], at_30: float, end: float
-) -> None:
+def test_speeds_that_the_misprints_lead_to() -> None:
     """Those in the table of `as_printed`; the end both as told and as reached after three hours."""
-    found = Response(model, experiment(1001, 10.0)).signals(vector(NOMINAL)[None])[0]
-    assert found[1, 2:4] == pytest.approx(at_10, abs=0.06)
-    assert found[3, 3] == pytest.approx(at_30, abs=0.06 if abs(at_30) > 0.1 else 0.006)
-    told = derived.steady(model, model.linear(NOMINAL), 1, {"v": 8.0})
-    assert told["w_end"][0] == pytest.approx(end, abs=0.06)
-    assert found[-1, 2:4] == pytest.approx(told["w_end"].repeat(2), abs=1e-4)
-    assert found[-1, 4] == pytest.approx(told["i_end"][0], abs=1e-4)
+    cases = {
+        "right": (RIGHT, (13.4, 16.3), 15.90, 15.91),
+        "A(5,1)": (TURNED, (-4.5, 2.6), 0.07, 0.0),
+        "A(6,5)": (SCALED, (661.1, 658.1), 660.3, 660.3),
+        "as printed": (AsPrinted(), (-244.3, 10.8), -0.4, 0.0),
+    }
+
+    def check(model: AsPrinted, at_10: tuple[float, float], at_30: float, end: float) -> None:
+        found = Response(model, experiment(1001, 10.0)).signals(vector(NOMINAL)[None])[0]
+        assert found[1, 2:4] == pytest.approx(at_10, abs=0.06)
+        assert found[3, 3] == pytest.approx(at_30, abs=0.06 if abs(at_30) > 0.1 else 0.006)
+        told = derived.steady(model, model.linear(NOMINAL), 1, {"v": 8.0})
+        assert told["w_end"][0] == pytest.approx(end, abs=0.06)
+        assert found[-1, 2:4] == pytest.approx(told["w_end"].repeat(2), abs=1e-4)
+        assert found[-1, 4] == pytest.approx(told["i_end"][0], abs=1e-4)
+
+    for_each(cases, check)
 
 
 def test_poles_of_a_rig_that_its_angles_hold_are_all_of_them() -> None:
@@ -182,23 +184,26 @@ def load(tmp_path: Path, model: str) -> Config:
     return loading.load(path)[0]
 
 
-@pytest.mark.parametrize(
-    ("text", "model"),
-    [
+def test_a_config_gives_a_model_its_constants(tmp_path_factory: pytest.TempPathFactory) -> None:
+    cases = [
         ("{}", MotorShaft(0.125)),
         ("{name: two_rotors, i_m: 0.2, j_2: 7.0e-3}", TwoRotors(0.2, 7.0e-3, 0.0)),
         ("{name: two_rotors, r_s: 0.2, j_2: 0}", TwoRotors(0.125, 0.0, 0.2)),
         ("{name: as_printed}", AsPrinted(0.125, None, "j_1")),
         ("{name: as_printed, i_n: 8, a_51: j_m}", AsPrinted(0.125, 8.0, "j_m")),
-    ],
-)
-def test_a_config_gives_a_model_its_constants(text: str, model: Model, tmp_path: Path) -> None:
-    assert build.model(load(tmp_path, text)) == model
+    ]
+
+    def check(text: str, model: Model) -> None:
+        tmp_path = tmp_path_factory.mktemp("case")
+        assert build.model(load(tmp_path, text)) == model
+
+    for_each({case[0]: case for case in cases}, check)
 
 
-@pytest.mark.parametrize(
-    ("text", "said"),
-    [
+def test_a_constant_of_another_model_is_an_error_with_its_line(
+    tmp_path_factory: pytest.TempPathFactory,
+) -> None:
+    cases = [
         (
             "{name: motor_shaft, j_2: 7.0e-3}",
             "model.j_2: the model motor_shaft has no j_2; remove it, or name: two_rotors",
@@ -210,15 +215,16 @@ def test_a_config_gives_a_model_its_constants(text: str, model: Model, tmp_path:
         ("{name: two_rotors, r_s: -0.1}", "model.r_s: -0.1"),
         ("{name: as_printed, a_51: j_2}", "model.a_51: 'j_2' is not possible"),
         ("{name: as_print}", "model.name: 'as_print' is not a model; did you mean as_printed?"),
-    ],
-)
-def test_a_constant_of_another_model_is_an_error_with_its_line(
-    text: str, said: str, tmp_path: Path
-) -> None:
-    with pytest.raises(InputError) as caught:
-        load(tmp_path, text)
-    (problem,) = caught.value.problems
-    assert str(problem).startswith(f"{tmp_path / 'config.yaml'}:24: {said}")
+    ]
+
+    def check(text: str, said: str) -> None:
+        tmp_path = tmp_path_factory.mktemp("case")
+        with pytest.raises(InputError) as caught:
+            load(tmp_path, text)
+        (problem,) = caught.value.problems
+        assert str(problem).startswith(f"{tmp_path / 'config.yaml'}:24: {said}")
+
+    for_each({case[0]: case for case in cases}, check)
 
 
 def test_the_printed_matrix_is_never_the_default() -> None:

@@ -6,6 +6,7 @@ import pickle
 
 import numpy as np
 import pytest
+from grouping import for_each
 from oracles import (
     NOMINAL,
     ORDER,
@@ -40,12 +41,15 @@ def signals(record, *parameters: dict[str, float]) -> np.ndarray:
     return Response(MotorShaft(), record).signals(np.array([vector(p) for p in parameters]))
 
 
-@pytest.mark.parametrize("p", [NOMINAL, skewed()], ids=["nominal", "skewed"])
-@pytest.mark.parametrize("dt", [0.001, 0.01, 0.5])
-def test_equals_scipys_expm_per_sample(p: dict[str, float], dt: float) -> None:
-    record = experiment(60, dt, constant={"v": 5.5, "t_1": 0.03}, start=START)
-    true = by_expm(p, record.t, X0, 5.5, 0.03)
-    assert relative_error(signals(record, p)[0], true) < 1e-11
+def test_equals_scipys_expm_per_sample() -> None:
+    def check(p: dict[str, float], dt: float) -> None:
+        record = experiment(60, dt, constant={"v": 5.5, "t_1": 0.03}, start=START)
+        true = by_expm(p, record.t, X0, 5.5, 0.03)
+        assert relative_error(signals(record, p)[0], true) < 1e-11
+
+    for_each(
+        {f"{p} {dt}": (p, dt) for p in [NOMINAL, skewed()] for dt in [0.001, 0.01, 0.5]}, check
+    )
 
 
 def test_first_sample_later_than_the_start() -> None:
@@ -54,38 +58,48 @@ def test_first_sample_later_than_the_start() -> None:
     assert relative_error(signals(record, skewed())[0], true) < 1e-11
 
 
-@pytest.mark.parametrize("l_m", [1e-16, 1e-14])
-def test_a_current_that_is_far_faster_than_all_else_costs_no_digits(l_m: float) -> None:
+def test_a_current_that_is_far_faster_than_all_else_costs_no_digits() -> None:
     """Many squarings.  Mutant killed: a one beside the increments that are squared (1e-2, 1e-4 off)."""
-    p = skewed() | {"l_m": l_m}
-    record = experiment(60, 0.02, constant={"v": 5.5, "t_1": 0.0}, start=START)
-    true = without_inductance(p, record.t, X0[:4], 5.5)
-    assert relative_error(signals(record, p)[0, 1:, :4], true[1:]) < 1e-10
+
+    def check(l_m: float) -> None:
+        p = skewed() | {"l_m": l_m}
+        record = experiment(60, 0.02, constant={"v": 5.5, "t_1": 0.0}, start=START)
+        true = without_inductance(p, record.t, X0[:4], 5.5)
+        assert relative_error(signals(record, p)[0, 1:, :4], true[1:]) < 1e-10
+
+    for_each({str(l_m): (l_m,) for l_m in [1e-16, 1e-14]}, check)
 
 
-@pytest.mark.parametrize("first_order", [False, True], ids=["zero-order", "first-order"])
-def test_measured_inputs_against_radau(first_order: bool) -> None:
+def test_measured_inputs_against_radau() -> None:
     """Mutant killed: increments of a first-order hold taken from the wrong sample."""
-    rng = np.random.default_rng(11)
-    n, dt = 20, 0.013
-    v, load = 6 + rng.standard_normal(n), 0.05 * rng.standard_normal(n)
-    record = experiment(
-        n, dt, first=2.0, t_start=2.0, constant={}, series={"v": v, "t_1": load},
-        first_order=first_order, start=START,
-    )  # fmt: skip
+    cases = {
+        "zero-order": (False,),
+        "first-order": (True,),
+    }
 
-    def inputs(s: float, middle: float) -> tuple[float, float]:
-        k = int((middle - 2.0) / dt)
-        share = (s - record.t[k]) / dt if first_order else 0.0
-        return tuple(u[k] + share * (u[k + 1] - u[k]) for u in (v, load))
+    def check(first_order: bool) -> None:
+        rng = np.random.default_rng(11)
+        n, dt = 12, 0.013
+        v, load = 6 + rng.standard_normal(n), 0.05 * rng.standard_normal(n)
+        record = experiment(
+            n, dt, first=2.0, t_start=2.0, constant={}, series={"v": v, "t_1": load},
+            first_order=first_order, start=START,
+        )  # fmt: skip
 
-    true = by_radau(skewed(), record.t, X0, inputs)
-    assert relative_error(signals(record, skewed())[0], true) < 1e-8
+        def inputs(s: float, middle: float) -> tuple[float, float]:
+            k = int((middle - 2.0) / dt)
+            share = (s - record.t[k]) / dt if first_order else 0.0
+            return tuple(u[k] + share * (u[k + 1] - u[k]) for u in (v, load))
+
+        true = by_radau(skewed(), record.t, X0, inputs)
+        assert relative_error(signals(record, skewed())[0], true) < 1e-8
+
+    for_each(cases, check)
 
 
 def test_one_measured_input_beside_a_constant_one() -> None:
-    v = np.linspace(3.0, 9.0, 40)
-    record = experiment(40, 0.01, constant={"t_1": 0.02}, series={"v": v}, start=START)
+    v = np.linspace(3.0, 9.0, 15)
+    record = experiment(15, 0.01, constant={"t_1": 0.02}, series={"v": v}, start=START)
     true = by_radau(skewed(), record.t, X0, lambda s, m: (v[int(m / 0.01)], 0.02))
     assert relative_error(signals(record, skewed())[0], true) < 1e-8
 
@@ -143,26 +157,26 @@ def test_rigid_rotation_is_free_of_twist() -> None:
     assert np.allclose(two - one, [2.0, 2.0, 0.0, 0.0, 0.0], atol=1e-10)
 
 
-@pytest.mark.parametrize(
-    ("scaled", "unchanged"),
-    [
-        (("j_m", "c_m", "k_s", "j_1", "t_f", "k_T"), (0, 1, 2, 3, 4)),
-        (("l_m", "r_m", "k_T"), (0, 1, 2, 3)),
-    ],
-    ids=["torques", "currents"],
-)
-def test_the_two_scaling_symmetries(scaled: tuple[str, ...], unchanged: tuple[int, ...]) -> None:
+def test_the_two_scaling_symmetries() -> None:
     """(a) all torques and inertias; (b) impedances and torque per current, current unmeasured."""
-    factor = 0.5 if scaled[0] == "l_m" else 2.0
-    p = skewed()
-    if scaled[0] == "l_m":
-        q = {**p, "l_m": 0.5 * p["l_m"], "r_m": 0.5 * p["r_m"], "k_T": 0.5 * p["k_T"]}
-    else:
-        q = {name: value * factor if name in scaled else value for name, value in p.items()}
-    one, two = signals(experiment(200), p, q)
-    assert np.allclose(one[:, unchanged], two[:, unchanged], rtol=1e-10, atol=1e-12)
-    other = {**p, scaled[0]: factor * p[scaled[0]]}
-    assert not np.allclose(one[:, :4], signals(experiment(200), other)[0][:, :4], rtol=1e-4)
+    cases = {
+        "torques": (("j_m", "c_m", "k_s", "j_1", "t_f", "k_T"), (0, 1, 2, 3, 4)),
+        "currents": (("l_m", "r_m", "k_T"), (0, 1, 2, 3)),
+    }
+
+    def check(scaled: tuple[str, ...], unchanged: tuple[int, ...]) -> None:
+        factor = 0.5 if scaled[0] == "l_m" else 2.0
+        p = skewed()
+        if scaled[0] == "l_m":
+            q = {**p, "l_m": 0.5 * p["l_m"], "r_m": 0.5 * p["r_m"], "k_T": 0.5 * p["k_T"]}
+        else:
+            q = {name: value * factor if name in scaled else value for name, value in p.items()}
+        one, two = signals(experiment(200), p, q)
+        assert np.allclose(one[:, unchanged], two[:, unchanged], rtol=1e-10, atol=1e-12)
+        other = {**p, scaled[0]: factor * p[scaled[0]]}
+        assert not np.allclose(one[:, :4], signals(experiment(200), other)[0][:, :4], rtol=1e-4)
+
+    for_each(cases, check)
 
 
 def test_the_papers_six_state_matrix() -> None:

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from grouping import for_each
 from rigs import experiment, vector
 from rubbing import RUBS
 from rubbing_cases import CASES, Case, moved, moved_of
@@ -19,7 +20,11 @@ from bayesdrill.rig.stepped import TURNS, Stepped
 
 W_1, W_2 = 2, 3
 QUICK = ("stick slip", "falling", "sine", "other")
-LONG = [pytest.param(n, marks=[pytest.mark.slow] * (n not in QUICK)) for n in CASES]
+LONG = tuple(name for name in CASES if name not in QUICK)
+GROUPS = [
+    pytest.param(QUICK, id="quick"),
+    pytest.param(LONG, id="long", marks=pytest.mark.slow),
+]
 
 
 def off(name: str, pieces: int) -> np.ndarray:
@@ -51,49 +56,60 @@ def test_friction_that_falls_with_the_speed_is_of_second_order() -> None:
         assert off("falling", pieces)[W_1] < limit
 
 
-@pytest.mark.parametrize("name", LONG)
-def test_shorter_steps_come_to_the_oracle(name: str) -> None:
+@pytest.mark.parametrize("names", GROUPS)
+def test_shorter_steps_come_to_the_oracle(names: tuple[str, ...]) -> None:
     """128 times shorter: by more than first order, whatever happens in a step."""
-    largest = np.abs(moved(name).states).max(axis=0)
-    coarse, fine = off(name, 1) / largest, off(name, 128) / largest
-    assert coarse.max() < 5e-2
-    assert fine.max() < 2e-5
-    assert fine.max() < coarse.max() / 128**1.5
+
+    def check(name: str) -> None:
+        largest = np.abs(moved(name).states).max(axis=0)
+        coarse, fine = off(name, 1) / largest, off(name, 128) / largest
+        assert coarse.max() < 5e-2
+        assert fine.max() < 2e-5
+        assert fine.max() < coarse.max() / 128**1.5
+
+    for_each({name: (name,) for name in names}, check)
 
 
-@pytest.mark.parametrize("name", LONG)
-def test_efforts_are_what_the_oracle_has_in_a_step(name: str) -> None:
+@pytest.mark.parametrize("names", GROUPS)
+def test_efforts_are_what_the_oracle_has_in_a_step(names: tuple[str, ...]) -> None:
     """Its mean over a step: the same where nothing happens in it."""
-    true, case = moved(name), CASES[name]
-    motion = stepped(case, 16, record=experiment_of(case)).motion(parameters(case))
-    found = motion.efforts[0]
-    which = [RUBS.index(friction.name) for friction in model_of(case).frictions]
-    assert which == [k for k in range(3) if case.rig.rubs[k]]
-    step = case.t[1] - case.t[0]
-    mean = np.diff(true.impulses[:, which], axis=0) / step
-    size = np.abs(true.efforts[:, which]).max(axis=0)
-    near = np.abs(found[:-1] - mean) / size
-    assert np.quantile(near, 0.9, axis=0).max() < 0.03
-    assert np.abs(found).max(axis=0) == pytest.approx(size, rel=0.05)
-    # Strides from sample to sample are exact, where steps are nearly so.
-    assert motion.states[0] == pytest.approx(states(case, 16), abs=3e-7)
+
+    def check(name: str) -> None:
+        true, case = moved(name), CASES[name]
+        motion = stepped(case, 16, record=experiment_of(case)).motion(parameters(case))
+        found = motion.efforts[0]
+        which = [RUBS.index(friction.name) for friction in model_of(case).frictions]
+        assert which == [k for k in range(3) if case.rig.rubs[k]]
+        step = case.t[1] - case.t[0]
+        mean = np.diff(true.impulses[:, which], axis=0) / step
+        size = np.abs(true.efforts[:, which]).max(axis=0)
+        near = np.abs(found[:-1] - mean) / size
+        assert np.quantile(near, 0.9, axis=0).max() < 0.03
+        assert np.abs(found).max(axis=0) == pytest.approx(size, rel=0.05)
+        # Strides from sample to sample are exact, where steps are nearly so.
+        assert motion.states[0] == pytest.approx(states(case, 16), abs=3e-7)
+
+    for_each({name: (name,) for name in names}, check)
 
 
-@pytest.mark.parametrize("name", LONG)
-@pytest.mark.parametrize("pieces", [1, 4])
-def test_what_sticks_does_not_move_at_all(name: str, pieces: int) -> None:
+@pytest.mark.parametrize("names", GROUPS)
+def test_what_sticks_does_not_move_at_all(names: tuple[str, ...]) -> None:
     """Mutants killed: a speed that is stopped to rounding only, an angle that creeps."""
-    true, found = moved(name), states(CASES[name], pieces)
-    for k, (angle, speed) in ((0, (1, W_2)), (1, (0, W_1))):
-        held = true.stuck[:, k]
-        # So long that steps cannot be in doubt of it.
-        inside = np.flatnonzero(held[:-2] & held[1:-1] & held[2:]) + 1
-        still = inside[found[inside, speed] == 0.0]
-        assert len(still) >= 0.9 * len(inside)
-        both = still[np.isin(still + 1, still)]
-        assert (found[both + 1, angle] == found[both, angle]).all()
-    drop = true.stuck[:-1, 2] & true.stuck[1:, 2]
-    assert (found[1:, 4][drop] == 0.0).mean() > 0.9 if drop.any() else True
+
+    def check(name: str, pieces: int) -> None:
+        true, found = moved(name), states(CASES[name], pieces)
+        for k, (angle, speed) in ((0, (1, W_2)), (1, (0, W_1))):
+            held = true.stuck[:, k]
+            # So long that steps cannot be in doubt of it.
+            inside = np.flatnonzero(held[:-2] & held[1:-1] & held[2:]) + 1
+            still = inside[found[inside, speed] == 0.0]
+            assert len(still) >= 0.9 * len(inside)
+            both = still[np.isin(still + 1, still)]
+            assert (found[both + 1, angle] == found[both, angle]).all()
+        drop = true.stuck[:-1, 2] & true.stuck[1:, 2]
+        assert (found[1:, 4][drop] == 0.0).mean() > 0.9 if drop.any() else True
+
+    for_each({f"{name}, {n} pieces": (name, n) for name in names for n in (1, 4)}, check)
 
 
 def taken(case: Case, every: int) -> tuple[float, float, float]:
@@ -172,20 +188,23 @@ def test_frictions_of_no_size_leave_the_linear_rig() -> None:
         assert found == pytest.approx(true, rel=1e-9, abs=1e-9)
 
 
-@pytest.mark.parametrize("name", ["falling", "stick slip"])
-def test_a_stride_is_as_long_as_the_way_to_the_next_sample(name: str) -> None:
+def test_a_stride_is_as_long_as_the_way_to_the_next_sample() -> None:
     """A record with gaps, in which inputs stay what they are."""
-    case, rng = CASES[name], np.random.default_rng(8)
-    record = experiment_of(case)
-    same = np.append(np.diff(case.v) == 0.0, False)
-    kept = ~(np.roll(same, 1) & (rng.uniform(size=len(case.t)) < 0.2))
-    kept[0] = True
-    fewer = replace(
-        record, t=record.t[kept], y=record.y[kept], series={"v": record.series["v"][kept]}
-    )
-    found = stepped(case, 8, record=fewer).signals(parameters(case))[0]
-    assert 20 < np.count_nonzero(~kept) < 0.3 * len(kept)
-    assert found == pytest.approx(states(case, 8)[kept], abs=3e-7)
+
+    def check(name: str) -> None:
+        case, rng = CASES[name], np.random.default_rng(8)
+        record = experiment_of(case)
+        same = np.append(np.diff(case.v) == 0.0, False)
+        kept = ~(np.roll(same, 1) & (rng.uniform(size=len(case.t)) < 0.2))
+        kept[0] = True
+        fewer = replace(
+            record, t=record.t[kept], y=record.y[kept], series={"v": record.series["v"][kept]}
+        )
+        found = stepped(case, 8, record=fewer).signals(parameters(case))[0]
+        assert 20 < np.count_nonzero(~kept) < 0.3 * len(kept)
+        assert found == pytest.approx(states(case, 8)[kept], abs=3e-7)
+
+    for_each({name: (name,) for name in ["falling", "stick slip"]}, check)
 
 
 def test_a_linear_rig_keeps_its_kernels() -> None:
@@ -205,23 +224,26 @@ def walkers(name: str, n: int) -> np.ndarray:
     return np.asarray(full * spread)
 
 
-@pytest.mark.parametrize("name", ["static", "other"])
-def test_a_walker_does_not_depend_on_its_neighbours(name: str) -> None:
+def test_a_walker_does_not_depend_on_its_neighbours() -> None:
     """Bits, though lanes in which nothing turns go the short way; and one that overflows harms none."""
-    case = CASES[name]
-    record = experiment_of(case)
-    y = np.random.default_rng(3).normal(size=record.y.shape)
-    rig = stepped(case, 2, record=replace(record, y=y))
-    full = walkers(name, 19)
-    together, sums = rig.signals(full), rig.squares(full)
-    alone = np.concatenate([rig.signals(one[None]) for one in full])
-    assert np.array_equal(together, alone)
-    assert sums == pytest.approx(((y - together) ** 2).sum(axis=1), rel=1e-10)
-    sick = full.copy()
-    sick[4, 7], sick[11, 5] = 1e-300, np.nan  # j_1 and l_m
-    healthy = np.delete(np.arange(19), [4, 11])
-    assert np.array_equal(rig.squares(sick)[healthy], sums[healthy])
-    assert not np.isfinite(rig.squares(sick)[[4, 11]]).any()
+
+    def check(name: str) -> None:
+        case = CASES[name]
+        record = experiment_of(case)
+        y = np.random.default_rng(3).normal(size=record.y.shape)
+        rig = stepped(case, 2, record=replace(record, y=y))
+        full = walkers(name, 19)
+        together, sums = rig.signals(full), rig.squares(full)
+        alone = np.concatenate([rig.signals(one[None]) for one in full])
+        assert np.array_equal(together, alone)
+        assert sums == pytest.approx(((y - together) ** 2).sum(axis=1), rel=1e-10)
+        sick = full.copy()
+        sick[4, 7], sick[11, 5] = 1e-300, np.nan  # j_1 and l_m
+        healthy = np.delete(np.arange(19), [4, 11])
+        assert np.array_equal(rig.squares(sick)[healthy], sums[healthy])
+        assert not np.isfinite(rig.squares(sick)[[4, 11]]).any()
+
+    for_each({name: (name,) for name in ["static", "other"]}, check)
 
 
 def test_the_way_of_the_signs_is_nobodys_preference() -> None:

@@ -11,6 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from grouping import for_each
 from oracles import NOMINAL
 from rigs import experiment, vector
 from rubbing_cases import CASES
@@ -86,45 +87,49 @@ RIGS: dict[str, Callable[[], tuple[Simulator, np.ndarray]]] = {
 }
 
 
-@pytest.mark.parametrize("name", RIGS)
-def test_tallies_are_those_of_the_samples(name: str) -> None:
-    rig, full = RIGS[name]()
-    y, seen = rig.experiment.y, rig.experiment.seen
-    left = y - rig.signals(full)
-    found = rig.neighbours(full)
-    weights = np.exp(np.random.default_rng(1).normal(0, 3, (len(full), y.shape[1])))
-    logs = np.log1p(weights[:, None] * np.where(seen, left, 0.0) ** 2).sum(axis=1)
-    assert rig.logs(full, weights) == pytest.approx(logs, rel=1e-9)
-    over = np.exp(np.random.default_rng(2).uniform(-1, 4, (len(full), y.shape[1])))
-    half = np.exp(np.random.default_rng(3).uniform(np.log(0.2), 3, over.shape))
-    middle, widths = np.where(seen, np.abs(left), 0.0) * over[:, None], half[:, None]
-    near, far = log_ndtr(widths - middle), log_ndtr(-widths - middle)
-    masses = np.where(seen, near + np.log(-np.expm1(far - near)), 0.0).sum(axis=1)
-    assert rig.intervals(full, over, half) == pytest.approx(masses, rel=1e-8, abs=1e-6)
-    for k in range(y.shape[1]):
-        own = left[:, seen[:, k], k]
-        squares, size = (own**2).sum(axis=1), np.abs(own).max()
-        assert found[:, k, 0] == pytest.approx(squares, rel=1e-9)
-        products = (own[:, 1:] * own[:, :-1]).sum(axis=1)
-        assert found[:, k, 1] == pytest.approx(products, abs=1e-9 * squares.max())
-        assert found[:, k, 2] == pytest.approx(own[:, -1], abs=1e-8 * size)
-        assert found[:, k, 3] == pytest.approx(own[:, 0], abs=1e-8 * size)
+def test_tallies_are_those_of_the_samples() -> None:
+    def check(name: str) -> None:
+        rig, full = RIGS[name]()
+        y, seen = rig.experiment.y, rig.experiment.seen
+        left = y - rig.signals(full)
+        found = rig.neighbours(full)
+        weights = np.exp(np.random.default_rng(1).normal(0, 3, (len(full), y.shape[1])))
+        logs = np.log1p(weights[:, None] * np.where(seen, left, 0.0) ** 2).sum(axis=1)
+        assert rig.logs(full, weights) == pytest.approx(logs, rel=1e-9)
+        over = np.exp(np.random.default_rng(2).uniform(-1, 4, (len(full), y.shape[1])))
+        half = np.exp(np.random.default_rng(3).uniform(np.log(0.2), 3, over.shape))
+        middle, widths = np.where(seen, np.abs(left), 0.0) * over[:, None], half[:, None]
+        near, far = log_ndtr(widths - middle), log_ndtr(-widths - middle)
+        masses = np.where(seen, near + np.log(-np.expm1(far - near)), 0.0).sum(axis=1)
+        assert rig.intervals(full, over, half) == pytest.approx(masses, rel=1e-8, abs=1e-6)
+        for k in range(y.shape[1]):
+            own = left[:, seen[:, k], k]
+            squares, size = (own**2).sum(axis=1), np.abs(own).max()
+            assert found[:, k, 0] == pytest.approx(squares, rel=1e-9)
+            products = (own[:, 1:] * own[:, :-1]).sum(axis=1)
+            assert found[:, k, 1] == pytest.approx(products, abs=1e-9 * squares.max())
+            assert found[:, k, 2] == pytest.approx(own[:, -1], abs=1e-8 * size)
+            assert found[:, k, 3] == pytest.approx(own[:, 0], abs=1e-8 * size)
+
+    for_each({str(name): (name,) for name in RIGS}, check)
 
 
-@pytest.mark.parametrize("name", ["plain", "late, uneven with gaps", "rubs"])
-def test_a_walker_that_overflows_harms_no_other(name: str) -> None:
-    rig, full = RIGS[name]()
-    weights = np.ones((len(full), rig.experiment.y.shape[1]))
-    sick = full.copy()
-    sick[4, :5] = np.nan
-    others = np.delete(np.arange(len(full)), 4)
-    for found, true in (
-        (rig.neighbours(sick), rig.neighbours(full)),
-        (rig.logs(sick, weights), rig.logs(full, weights)),
-        (rig.intervals(sick, weights, weights), rig.intervals(full, weights, weights)),
-    ):
-        assert np.array_equal(found[others], true[others])
-        assert np.isnan(found[4].reshape(found.shape[1], -1)[:, 0]).all()
+def test_a_walker_that_overflows_harms_no_other() -> None:
+    def check(name: str) -> None:
+        rig, full = RIGS[name]()
+        weights = np.ones((len(full), rig.experiment.y.shape[1]))
+        sick = full.copy()
+        sick[4, :5] = np.nan
+        others = np.delete(np.arange(len(full)), 4)
+        for found, true in (
+            (rig.neighbours(sick), rig.neighbours(full)),
+            (rig.logs(sick, weights), rig.logs(full, weights)),
+            (rig.intervals(sick, weights, weights), rig.intervals(full, weights, weights)),
+        ):
+            assert np.array_equal(found[others], true[others])
+            assert np.isnan(found[4].reshape(found.shape[1], -1)[:, 0]).all()
+
+    for_each({name: (name,) for name in ["plain", "late, uneven with gaps", "rubs"]}, check)
 
 
 def test_logs_of_what_is_far_off_neither_overflow_nor_lose_digits() -> None:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import scipy.linalg
 import systems
+from grouping import for_each
 from newcomers import both_ways, made, written
 from oracles import NOMINAL, matrices
 
@@ -62,29 +63,31 @@ def moved(c_s: float, r_s: float, n: int = T) -> np.ndarray:
 ALL = dict.fromkeys(OFFERS, "0.5")
 
 
-@pytest.mark.parametrize(
-    ("lines", "added"),
-    [
+def test_to_name_a_parameter_is_to_switch_its_physics_on(
+    tmp_path_factory: pytest.TempPathFactory,
+) -> None:
+    """In the order of the rig, not of the file."""
+    cases = [
         ((), ()),
         ((C_S,), ("c_s",)),
         (("v_d: 0.0", "c_1: 0.001", "c_s: 0.01"), ("c_s", "c_1", "v_d")),
         (("t_cm: {tie: t_f}", "j_2: 0.2*j_1", "r_s: r_m/2"), ("j_2", "r_s", "t_cm")),
         (("eta: {prior: uniform, low: 0.6, high: 1}",), ("eta",)),
         (tuple(f"{name}: {value}" for name, value in ALL.items()), tuple(OFFERS)),
-    ],
-)
-def test_to_name_a_parameter_is_to_switch_its_physics_on(
-    lines: tuple[str, ...], added: tuple[str, ...], tmp_path: Path
-) -> None:
-    """In the order of the rig, not of the file."""
-    path = config(tmp_path, *lines, model="{name: motor_shaft, i_m: 0.2, stribeck: 2}")
-    assert model(path) == MotorShaft(0.2, 2, added)
-    found = loading.load(path)[0]
-    space = build.space(found, build.model(found), [])
-    assert space.model == build.model(found).parameters
-    assert {"c_s", "eta"} & {*space.free} == {
-        n for n in ("c_s", "eta") if f"{n}: {{pr" in f"{lines}"
-    }
+    ]
+
+    def check(lines: tuple[str, ...], added: tuple[str, ...]) -> None:
+        tmp_path = tmp_path_factory.mktemp("case")
+        path = config(tmp_path, *lines, model="{name: motor_shaft, i_m: 0.2, stribeck: 2}")
+        assert model(path) == MotorShaft(0.2, 2, added)
+        found = loading.load(path)[0]
+        space = build.space(found, build.model(found), [])
+        assert space.model == build.model(found).parameters
+        assert {"c_s", "eta"} & {*space.free} == {
+            n for n in ("c_s", "eta") if f"{n}: {{pr" in f"{lines}"
+        }
+
+    for_each({str(case): case for case in cases}, check)
 
 
 REFUSED = {
@@ -187,15 +190,18 @@ REFUSED = {
 }
 
 
-@pytest.mark.parametrize("name", REFUSED)
-def test_mistakes_are_said_with_their_way_out(name: str, tmp_path: Path) -> None:
-    lines, sections, says = REFUSED[name]
-    path = config(tmp_path, *lines, **sections)
-    with pytest.raises(InputError) as caught:
-        loading.load(path)
-    (problem,) = caught.value.problems
-    _, _, said = str(problem).removeprefix(f"{path}:").partition(": ")
-    assert said.startswith(says)
+def test_mistakes_are_said_with_their_way_out(tmp_path_factory: pytest.TempPathFactory) -> None:
+    def check(name: str) -> None:
+        tmp_path = tmp_path_factory.mktemp("case")
+        lines, sections, says = REFUSED[name]
+        path = config(tmp_path, *lines, **sections)
+        with pytest.raises(InputError) as caught:
+            loading.load(path)
+        (problem,) = caught.value.problems
+        _, _, said = str(problem).removeprefix(f"{path}:").partition(": ")
+        assert said.startswith(says)
+
+    for_each({str(name): (name,) for name in REFUSED}, check)
 
 
 def test_one_mistake_hides_no_other_and_makes_none(tmp_path: Path) -> None:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from grouping import for_each
 from oracles import NOMINAL, by_expm
 
 from bayesdrill.commands import pipeline
@@ -90,9 +91,10 @@ def test_resolved_config_means_the_same(tmp_path: Path) -> None:
     assert again.config.sampler == job.config.sampler
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "name"),
-    [
+def test_what_decides_a_chain_is_in_its_fingerprint(
+    tmp_path_factory: pytest.TempPathFactory,
+) -> None:
+    cases = [
         ("seed: 2013", "seed: 2014", "the seed"),
         ("v: 8.0", "v: 8.1", "the input v"),
         ("walkers: 256", "walkers: 66", "sampler.walkers"),
@@ -103,22 +105,23 @@ def test_resolved_config_means_the_same(tmp_path: Path) -> None:
             "the noise of w_1",
         ),
         ("t_f: {prior: uniform, low: 0.5", "t_f: {prior: uniform, low: 0.4", "the prior of t_f"),
-    ],
-)
-def test_what_decides_a_chain_is_in_its_fingerprint(
-    old: str, new: str, name: str, tmp_path: Path
-) -> None:
-    text = BUNDLED.read_text()
-    assert text.count(old) == 1
-    record = BUNDLED.parent / "records"
-    path = tmp_path / "mine.yaml"
-    path.write_text(text.replace(old, new).replace("records/", f"{record}/"))
-    one, two = (
-        provenance.fingerprint(job.config, job.problem)
-        for job in (pipeline.prepare(BUNDLED), pipeline.prepare(path))
-    )
-    changed = {key for key in {**one, **two} if one.get(key) != two.get(key)}
-    assert changed == {name}
+    ]
+
+    def check(old: str, new: str, name: str) -> None:
+        tmp_path = tmp_path_factory.mktemp("case")
+        text = BUNDLED.read_text()
+        assert text.count(old) == 1
+        record = BUNDLED.parent / "records"
+        path = tmp_path / "mine.yaml"
+        path.write_text(text.replace(old, new).replace("records/", f"{record}/"))
+        one, two = (
+            provenance.fingerprint(job.config, job.problem)
+            for job in (pipeline.prepare(BUNDLED), pipeline.prepare(path))
+        )
+        changed = {key for key in {**one, **two} if one.get(key) != two.get(key)}
+        assert changed == {name}
+
+    for_each({case[0]: case for case in cases}, check)
 
 
 def test_nominal_values_may_be_corrected(tmp_path: Path) -> None:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pairs
 import pytest
+from grouping import for_each
 
 from bayesdrill.basics.errors import InputError
 from bayesdrill.setup import loading
@@ -89,14 +90,16 @@ CASES = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(("name", "changes", "place", "says"), CASES, ids=[c[0] for c in CASES])
-def test_a_mistake_is_told_where_it_stands(
-    name: str, changes: list[tuple[str, str]], place: str, says: str, tmp_path: Path
-) -> None:
+def test_a_mistake_is_told_where_it_stands(tmp_path_factory: pytest.TempPathFactory) -> None:
     """Once, with its line, and nothing else with it."""
-    found = problems(tmp_path, *changes)
-    assert [where for where, _ in found] == [place], found
-    assert says in found[0][1], found
+
+    def check(name: str, changes: list[tuple[str, str]], place: str, says: str) -> None:
+        tmp_path = tmp_path_factory.mktemp("case")
+        found = problems(tmp_path, *changes)
+        assert [where for where, _ in found] == [place], found
+        assert says in found[0][1], found
+
+    for_each({c[0]: c for c in CASES}, check)
 
 
 def test_mistakes_of_all_experiments_are_told_at_once(tmp_path: Path) -> None:

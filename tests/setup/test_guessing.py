@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import scipy.io
 import systems
+from grouping import for_each
 from newcomers import DEG, RPM, accepted, both_ways, german, hostile, made, told, written
 
 import bayesdrill as bd
@@ -61,10 +62,12 @@ HEADS = {
 }
 
 
-@pytest.mark.parametrize("head", HEADS)
-def test_heads_in_several_languages(head: str) -> None:
-    said = meaning(head)
-    assert (said.kind, said.place, said.unit) == HEADS[head]
+def test_heads_in_several_languages() -> None:
+    def check(head: str) -> None:
+        said = meaning(head)
+        assert (said.kind, said.place, said.unit) == HEADS[head]
+
+    for_each({str(head): (head,) for head in HEADS}, check)
 
 
 def test_a_unit_of_no_turn_is_strange() -> None:
@@ -77,39 +80,48 @@ def test_a_unit_of_no_turn_is_strange() -> None:
 ROUND = ("nominal_step", "example_rig", "example_ties", "paper/estimates", "paper/missing_physics")
 
 
-@pytest.mark.parametrize("name", ROUND)
-def test_bundled_records_come_back_as_their_configs_have_them(name: str, tmp_path: Path) -> None:
+def test_bundled_records_come_back_as_their_configs_have_them(
+    tmp_path_factory: pytest.TempPathFactory,
+) -> None:
     """Names, units, sums of states, time and gear; also the round trip, as they are simulated."""
-    config, source = loading.load(CONFIGS / f"{name}.yaml")
-    record = tmp_path / "mine.csv"
-    simulating.save(simulating.simulate(config, source, 11, record), record, record, force=True)
-    found = made(record, voltage=8.0)
-    channels = config.record.channels
-    assert told(found) == {k: (str(one.column), one.unit) for k, one in channels.items()}
-    for key, one in channels.items():
-        assert found["record"]["channels"][key].get("measures") == one.measures or (
-            str(found["record"]["channels"][key]["measures"]).replace(" ", "")
-            == str(one.measures).replace(" ", "")
-        )
-        sigma: Any = config.simulation.sigma.get(key, one.sigma)  # type: ignore[union-attr]
-        assert 1 / 1.5 < noise(found, key) / sigma < 1.5, key
-    assert found["record"]["time"] == {
-        "column": config.record.time.column,
-        "unit": config.record.time.unit,
-    }  # type: ignore[union-attr]
-    assert found["model"]["i_m"] == 0.125
-    assert "initial" not in found
-    accepted(record.with_suffix(".yaml"))
+
+    def check(name: str) -> None:
+        tmp_path = tmp_path_factory.mktemp("case")
+        config, source = loading.load(CONFIGS / f"{name}.yaml")
+        record = tmp_path / "mine.csv"
+        simulating.save(simulating.simulate(config, source, 11, record), record, record, force=True)
+        found = made(record, voltage=8.0)
+        channels = config.record.channels
+        assert told(found) == {k: (str(one.column), one.unit) for k, one in channels.items()}
+        for key, one in channels.items():
+            assert found["record"]["channels"][key].get("measures") == one.measures or (
+                str(found["record"]["channels"][key]["measures"]).replace(" ", "")
+                == str(one.measures).replace(" ", "")
+            )
+            sigma: Any = config.simulation.sigma.get(key, one.sigma)  # type: ignore[union-attr]
+            assert 1 / 1.5 < noise(found, key) / sigma < 1.5, key
+        assert found["record"]["time"] == {
+            "column": config.record.time.column,
+            "unit": config.record.time.unit,
+        }  # type: ignore[union-attr]
+        assert found["model"]["i_m"] == 0.125
+        assert "initial" not in found
+        accepted(record.with_suffix(".yaml"))
+
+    for_each({str(name): (name,) for name in ROUND}, check)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ROUND)
-def test_check_is_content_with_what_is_written(name: str, tmp_path: Path) -> None:
-    config, source = loading.load(CONFIGS / f"{name}.yaml")
-    record = tmp_path / "mine.csv"
-    simulating.save(simulating.simulate(config, source, 11, record), record, record, force=True)
-    bd.init(record, voltage=8.0)
-    assert systems.cli("check", tmp_path / "mine.yaml").status == 0
+def test_check_is_content_with_what_is_written(tmp_path_factory: pytest.TempPathFactory) -> None:
+    def check(name: str) -> None:
+        tmp_path = tmp_path_factory.mktemp("case")
+        config, source = loading.load(CONFIGS / f"{name}.yaml")
+        record = tmp_path / "mine.csv"
+        simulating.save(simulating.simulate(config, source, 11, record), record, record, force=True)
+        bd.init(record, voltage=8.0)
+        assert systems.cli("check", tmp_path / "mine.yaml").status == 0
+
+    for_each({str(name): (name,) for name in ROUND}, check)
 
 
 def test_a_newcomers_record_is_understood(tmp_path: Path) -> None:
@@ -149,22 +161,25 @@ def test_every_guess_has_its_mark_and_what_is_said_has_none(tmp_path: Path) -> N
     assert "REVIEW" not in above("time:")
 
 
-@pytest.mark.parametrize(
-    ("angle", "speed"), [("deg", "rpm"), ("deg", "rad/s"), ("rad", "rpm"), ("rad", "deg/s")]
-)
-def test_a_derivative_tells_both_units(angle: str, speed: str, tmp_path: Path) -> None:
-    size = {"deg": DEG, "rad": 1.0, "rpm": RPM, "rad/s": 1.0, "deg/s": DEG}
-    t, v, x = both_ways()
-    rng = np.random.default_rng(3)
-    columns = {
-        "t": t,
-        "voltage": v,
-        "position": (x[:, 1] + rng.normal(0, 0.01, len(t))) * size[angle],
-        "velocity": (x[:, 3] + rng.normal(0, 0.1, len(t))) * size[speed],
-    }
-    found = made(written(tmp_path / "r.csv", columns))
-    assert told(found) == {"theta_2": ("position", angle), "w_2": ("velocity", speed)}
-    assert "which end of the shaft is not said" in found["text"]
+def test_a_derivative_tells_both_units(tmp_path_factory: pytest.TempPathFactory) -> None:
+    cases = [("deg", "rpm"), ("deg", "rad/s"), ("rad", "rpm"), ("rad", "deg/s")]
+
+    def check(angle: str, speed: str) -> None:
+        tmp_path = tmp_path_factory.mktemp("case")
+        size = {"deg": DEG, "rad": 1.0, "rpm": RPM, "rad/s": 1.0, "deg/s": DEG}
+        t, v, x = both_ways()
+        rng = np.random.default_rng(3)
+        columns = {
+            "t": t,
+            "voltage": v,
+            "position": (x[:, 1] + rng.normal(0, 0.01, len(t))) * size[angle],
+            "velocity": (x[:, 3] + rng.normal(0, 0.1, len(t))) * size[speed],
+        }
+        found = made(written(tmp_path / "r.csv", columns))
+        assert told(found) == {"theta_2": ("position", angle), "w_2": ("velocity", speed)}
+        assert "which end of the shaft is not said" in found["text"]
+
+    for_each({str(case): case for case in cases}, check)
 
 
 def test_decimal_commas_a_row_of_units_and_blanks(tmp_path: Path) -> None:
@@ -179,13 +194,16 @@ def test_decimal_commas_a_row_of_units_and_blanks(tmp_path: Path) -> None:
     accepted(path.with_suffix(".yaml"))
 
 
-@pytest.mark.parametrize("unit", ["s", "ms", "us"])
-def test_the_unit_of_time_by_its_steps(unit: str, tmp_path: Path) -> None:
-    columns = german()
-    t = columns.pop("Zeit_ms") / {"s": 1e3, "ms": 1.0, "us": 1e-3}[unit]
-    found = made(written(tmp_path / "r.csv", {"t": t, **columns}))
-    assert found["record"]["time"]["unit"] == unit
-    assert told(found)["w_1"] == ("n_Rotor", "rpm")
+def test_the_unit_of_time_by_its_steps(tmp_path_factory: pytest.TempPathFactory) -> None:
+    def check(unit: str) -> None:
+        tmp_path = tmp_path_factory.mktemp("case")
+        columns = german()
+        t = columns.pop("Zeit_ms") / {"s": 1e3, "ms": 1.0, "us": 1e-3}[unit]
+        found = made(written(tmp_path / "r.csv", {"t": t, **columns}))
+        assert found["record"]["time"]["unit"] == unit
+        assert told(found)["w_1"] == ("n_Rotor", "rpm")
+
+    for_each({unit: (unit,) for unit in ["s", "ms", "us"]}, check)
 
 
 def test_without_times_an_angle_and_its_speed_tell_the_rate(tmp_path: Path) -> None:
@@ -221,35 +239,42 @@ def test_a_matlab_file_of_structs_and_a_nameless_matrix(tmp_path: Path) -> None:
     accepted(nameless.with_suffix(".yaml"))
 
 
-@pytest.mark.parametrize("ending", ["npz", "h5"])
-def test_files_of_arrays(ending: str, tmp_path: Path) -> None:
-    t, v, x = both_ways()
-    noisy = x + np.random.default_rng(4).normal(0, 0.02, x.shape)
-    columns = {"t": t, "u": v, "theta_2": noisy[:, 1] * DEG, "n_motor": noisy[:, 3] * 5 * RPM}
-    path = tmp_path / f"r.{ending}"
-    if ending == "npz":
-        np.savez(path, **columns)
-    else:
-        with h5py.File(path, "w") as file:
-            file.update(columns)
-    found = made(path)
-    assert told(found) == {"theta_2": ("theta_2", "deg"), "motor": ("n_motor", "rpm")}
-    assert found["record"]["channels"]["motor"]["measures"] == "5 * w_2"
-    accepted(path.with_suffix(".yaml"))
+def test_files_of_arrays(tmp_path_factory: pytest.TempPathFactory) -> None:
+    def check(ending: str) -> None:
+        tmp_path = tmp_path_factory.mktemp("case")
+        t, v, x = both_ways()
+        noisy = x + np.random.default_rng(4).normal(0, 0.02, x.shape)
+        columns = {"t": t, "u": v, "theta_2": noisy[:, 1] * DEG, "n_motor": noisy[:, 3] * 5 * RPM}
+        path = tmp_path / f"r.{ending}"
+        if ending == "npz":
+            np.savez(path, **columns)
+        else:
+            with h5py.File(path, "w") as file:
+                file.update(columns)
+        found = made(path)
+        assert told(found) == {"theta_2": ("theta_2", "deg"), "motor": ("n_motor", "rpm")}
+        assert found["record"]["channels"]["motor"]["measures"] == "5 * w_2"
+        accepted(path.with_suffix(".yaml"))
+
+    for_each({ending: (ending,) for ending in ["npz", "h5"]}, check)
 
 
-@pytest.mark.parametrize("unit", ["rpm", "rad/s"])
-def test_speeds_alone_have_one_unit(unit: str, tmp_path: Path) -> None:
+def test_speeds_alone_have_one_unit(tmp_path_factory: pytest.TempPathFactory) -> None:
     """By the size of the slower one, as the motor's is made by the gear."""
-    t, _, x = both_ways()
-    size = RPM if unit == "rpm" else 1.0
-    rng = np.random.default_rng(4)
-    y = (x[:, 2:4] * [1, 5] + rng.normal(0, 0.05, (len(t), 2))) * size
-    found = made(
-        written(tmp_path / "r.csv", {"t": t, "speed motor": y[:, 1], "speed bit": y[:, 0]})
-    )
-    assert told(found) == {"w_1": ("speed bit", unit), "motor": ("speed motor", unit)}
-    assert found["record"]["channels"]["motor"]["measures"] == "5 * w_2"
+
+    def check(unit: str) -> None:
+        tmp_path = tmp_path_factory.mktemp("case")
+        t, _, x = both_ways()
+        size = RPM if unit == "rpm" else 1.0
+        rng = np.random.default_rng(4)
+        y = (x[:, 2:4] * [1, 5] + rng.normal(0, 0.05, (len(t), 2))) * size
+        found = made(
+            written(tmp_path / "r.csv", {"t": t, "speed motor": y[:, 1], "speed bit": y[:, 0]})
+        )
+        assert told(found) == {"w_1": ("speed bit", unit), "motor": ("speed motor", unit)}
+        assert found["record"]["channels"]["motor"]["measures"] == "5 * w_2"
+
+    for_each({unit: (unit,) for unit in ["rpm", "rad/s"]}, check)
 
 
 def test_without_a_voltage_check_asks_for_it(tmp_path: Path) -> None:
@@ -349,32 +374,36 @@ def test_times_that_go_back_and_infinite_cells_are_cut_off(tmp_path: Path) -> No
     accepted(path.with_suffix(".yaml"))
 
 
-@pytest.mark.parametrize("batch", range(4))
 def test_whatever_the_table_a_config_that_is_written_passes_check(
-    batch: int, tmp_path: Path
+    tmp_path_factory: pytest.TempPathFactory,
 ) -> None:
     """Or nothing is written, with the reason; a voltage that nobody has told is asked for.  Mutants
     killed: a window that holds rows of another part, or a draft that nobody has checked.
     """
-    wrong, count, path = {}, 0, tmp_path / "r.csv"
-    for seed in range(100 * batch, 100 * batch + 12):
-        written(path, hostile(np.random.default_rng(seed)))
-        config = tmp_path / f"{seed}.yaml"
-        voltage = 6.0 if seed % 2 else None
-        try:
-            asks = bd.init(path, config, voltage=voltage).asks
-        except bd.InputError:
-            assert not config.exists()
-            continue
-        count += 1
-        try:
-            assert all("inputs" in one.place for one in asks)
-            if not asks:
-                bd.load(config)
-        except (bd.InputError, AssertionError) as error:
-            wrong[seed] = str(error)
-    assert wrong == {}
-    assert count > 3
+
+    def check(batch: int) -> None:
+        tmp_path = tmp_path_factory.mktemp("case")
+        wrong, count, path = {}, 0, tmp_path / "r.csv"
+        for seed in range(100 * batch, 100 * batch + 12):
+            written(path, hostile(np.random.default_rng(seed)))
+            config = tmp_path / f"{seed}.yaml"
+            voltage = 6.0 if seed % 2 else None
+            try:
+                asks = bd.init(path, config, voltage=voltage).asks
+            except bd.InputError:
+                assert not config.exists()
+                continue
+            count += 1
+            try:
+                assert all("inputs" in one.place for one in asks)
+                if not asks:
+                    bd.load(config)
+            except (bd.InputError, AssertionError) as error:
+                wrong[seed] = str(error)
+        assert wrong == {}
+        assert count > 3
+
+    for_each({str(batch): (batch,) for batch in range(4)}, check)
 
 
 def test_rows_that_share_a_time_with_others_are_cut_off(tmp_path: Path) -> None:
@@ -440,17 +469,20 @@ HOPELESS = {
 }
 
 
-@pytest.mark.parametrize("why", HOPELESS)
-def test_nothing_can_be_made_of_it(why: str, tmp_path: Path) -> None:
-    path = tmp_path / "r.csv"
-    if (text := HOPELESS[why]) is not None:
-        path.write_text(text)
-    before = systems.listing(tmp_path)
-    refused = systems.cli("init", path)
-    assert refused.status == 2
-    assert why in refused.err
-    assert "Traceback" not in refused.err
-    assert systems.listing(tmp_path) == before
+def test_nothing_can_be_made_of_it(tmp_path_factory: pytest.TempPathFactory) -> None:
+    def check(why: str) -> None:
+        tmp_path = tmp_path_factory.mktemp("case")
+        path = tmp_path / "r.csv"
+        if (text := HOPELESS[why]) is not None:
+            path.write_text(text)
+        before = systems.listing(tmp_path)
+        refused = systems.cli("init", path)
+        assert refused.status == 2
+        assert why in refused.err
+        assert "Traceback" not in refused.err
+        assert systems.listing(tmp_path) == before
+
+    for_each({str(why): (why,) for why in HOPELESS}, check)
 
 
 def test_nothing_is_overwritten_unasked(tmp_path: Path) -> None:

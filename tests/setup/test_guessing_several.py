@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import scipy.linalg
 import systems
+from grouping import for_each
 from newcomers import DEG, RPM, accepted, both_ways, german, made, told, written
 
 import bayesdrill as bd
@@ -164,9 +165,11 @@ LABELS = {
 }
 
 
-@pytest.mark.parametrize("names", LABELS)
-def test_experiments_are_called_by_what_differs(names: tuple[str, ...]) -> None:
-    assert several.labels([Path(f"{name}.csv") for name in names]) == LABELS[names]
+def test_experiments_are_called_by_what_differs() -> None:
+    def check(names: tuple[str, ...]) -> None:
+        assert several.labels([Path(f"{name}.csv") for name in names]) == LABELS[names]
+
+    for_each({str(names): (names,) for names in LABELS}, check)
 
 
 def turned(t: np.ndarray, late: float, w: float) -> tuple[np.ndarray, np.ndarray]:
@@ -186,31 +189,37 @@ def turned(t: np.ndarray, late: float, w: float) -> tuple[np.ndarray, np.ndarray
     return drive(t), np.interp(t - late, s, q[:, 0])
 
 
-@pytest.mark.parametrize("late", [0.0, 0.015])
-def test_a_late_twist_is_told_by_what_it_does_to_rotor_1(late: float, tmp_path: Path) -> None:
+def test_a_late_twist_is_told_by_what_it_does_to_rotor_1(
+    tmp_path_factory: pytest.TempPathFactory,
+) -> None:
     """Mutant killed: the shift has the wrong sign."""
-    t = 0.005 * np.arange(2000)
-    rng = np.random.default_rng(4)
-    angle, twist = turned(t, late, 12.0)
-    columns = {
-        "t [s]": t,
-        "theta_2 [rad]": angle + rng.normal(0, 2e-4, len(t)),
-        "twist [rad]": twist + rng.normal(0, 2e-4, len(t)),
-    }
-    found = made(written(tmp_path / "r.csv", columns), voltage=5.0)
-    channels = found["record"]["channels"]
-    assert "lag" not in channels["theta_2"]
-    if late:
-        assert channels["twist"]["lag"] == {
-            "prior": "uniform",
-            "low": 0,
-            "high": pytest.approx(1e3 * (2 * late + 3 * 0.005), rel=0.15),
-            "unit": "ms",
+
+    def check(late: float) -> None:
+        tmp_path = tmp_path_factory.mktemp("case")
+        t = 0.005 * np.arange(2000)
+        rng = np.random.default_rng(4)
+        angle, twist = turned(t, late, 12.0)
+        columns = {
+            "t [s]": t,
+            "theta_2 [rad]": angle + rng.normal(0, 2e-4, len(t)),
+            "twist [rad]": twist + rng.normal(0, 2e-4, len(t)),
         }
-        assert "it seems to be 15 ms late" in found["text"]
-    else:
-        assert "lag" not in channels["twist"]
-        assert "#   lag: {prior: uniform, low: 0, high: 25, unit: ms}" in found["text"]
+        found = made(written(tmp_path / "r.csv", columns), voltage=5.0)
+        channels = found["record"]["channels"]
+        assert "lag" not in channels["theta_2"]
+        if late:
+            assert channels["twist"]["lag"] == {
+                "prior": "uniform",
+                "low": 0,
+                "high": pytest.approx(1e3 * (2 * late + 3 * 0.005), rel=0.15),
+                "unit": "ms",
+            }
+            assert "it seems to be 15 ms late" in found["text"]
+        else:
+            assert "lag" not in channels["twist"]
+            assert "#   lag: {prior: uniform, low: 0, high: 25, unit: ms}" in found["text"]
+
+    for_each({str(late): (late,) for late in [0.0, 0.015]}, check)
 
 
 def test_glitches_are_masked_and_do_not_mislead(tmp_path: Path) -> None:
@@ -225,20 +234,23 @@ def test_glitches_are_masked_and_do_not_mislead(tmp_path: Path) -> None:
     assert "motor: 4 samples in 3 places are glitches, and masked" in told_of
 
 
-@pytest.mark.parametrize("unit", [" [deg]", ""])
-def test_an_angle_that_begins_again_is_unwrapped(unit: str, tmp_path: Path) -> None:
-    columns = german()
-    columns["n_Rotor [rpm]"] = columns.pop("n_Rotor")
-    turns = 5 * columns.pop("phi_Rotor_deg")
-    columns["n_Rotor [rpm]"] *= 5
-    columns[f"phi_Rotor{unit}"] = np.mod(turns + 180, 360) - 180
-    found = made(written(tmp_path / "r.csv", columns), gear=1)
-    theta = found["record"]["channels"]["theta_1"]
-    assert (theta["wraps"], theta["unit"]) == (360, "deg")
-    told_of = " ".join(accepted(tmp_path / "r.yaml"))
-    jumps = int(np.sum(np.abs(np.diff(columns[f"phi_Rotor{unit}"])) > 180))
-    assert f"theta_1: unwrapped {jumps} jumps of 360 deg" in told_of
-    assert jumps > 3
+def test_an_angle_that_begins_again_is_unwrapped(tmp_path_factory: pytest.TempPathFactory) -> None:
+    def check(unit: str) -> None:
+        tmp_path = tmp_path_factory.mktemp("case")
+        columns = german()
+        columns["n_Rotor [rpm]"] = columns.pop("n_Rotor")
+        turns = 5 * columns.pop("phi_Rotor_deg")
+        columns["n_Rotor [rpm]"] *= 5
+        columns[f"phi_Rotor{unit}"] = np.mod(turns + 180, 360) - 180
+        found = made(written(tmp_path / "r.csv", columns), gear=1)
+        theta = found["record"]["channels"]["theta_1"]
+        assert (theta["wraps"], theta["unit"]) == (360, "deg")
+        told_of = " ".join(accepted(tmp_path / "r.yaml"))
+        jumps = int(np.sum(np.abs(np.diff(columns[f"phi_Rotor{unit}"])) > 180))
+        assert f"theta_1: unwrapped {jumps} jumps of 360 deg" in told_of
+        assert jumps > 3
+
+    for_each({unit: (unit,) for unit in [" [deg]", ""]}, check)
 
 
 def test_uneven_times_tell_units_all_the_same(tmp_path: Path) -> None:

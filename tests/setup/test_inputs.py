@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from grouping import for_each
 
 import bayesdrill as bd
 from bayesdrill.basics.errors import InputError
@@ -109,19 +110,21 @@ CASES = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(("name", "changes", "place", "says"), CASES, ids=[c[0] for c in CASES])
-def test_a_mistake_is_told_at_its_entry(
-    name: str, changes: list[tuple[str, str]], place: str, says: tuple[str, ...], tmp_path: Path
-) -> None:
+def test_a_mistake_is_told_at_its_entry(tmp_path_factory: pytest.TempPathFactory) -> None:
     """And nothing else is said of a config that is sound otherwise."""
-    with pytest.raises(InputError) as caught:
-        built(tmp_path, *changes)
-    (found,) = (str(one).replace(f"{tmp_path}/", "") for one in caught.value.problems)
-    where, _, message = found.partition(": ")
-    assert where.startswith("shaft.yaml:")
-    assert message.partition(": ")[0].endswith(place), found
-    for fragment in says:
-        assert fragment in message, found
+
+    def check(name: str, changes: list[tuple[str, str]], place: str, says: tuple[str, ...]) -> None:
+        tmp_path = tmp_path_factory.mktemp("case")
+        with pytest.raises(InputError) as caught:
+            built(tmp_path, *changes)
+        (found,) = (str(one).replace(f"{tmp_path}/", "") for one in caught.value.problems)
+        where, _, message = found.partition(": ")
+        assert where.startswith("shaft.yaml:")
+        assert message.partition(": ")[0].endswith(place), found
+        for fragment in says:
+            assert fragment in message, found
+
+    for_each({c[0]: c for c in CASES}, check)
 
 
 MOTOR = """\
@@ -135,33 +138,48 @@ parameters: {j_m: {prior: uniform, low: 1, high: 9}, c_m: 0.1}
 """
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "says"),
-    [
-        ("{t_m: {column: torque, unit: mN*m}}", "{v: 8}",
-         ["inputs.t_m: missing: the model wants the torque that the motor is driven with",
-          "inputs.v: the model motor has no such input; remove it (its own: t_m), or name k_e"]),
-        ("j_m: {", "k_e: 0.1, r_m: 1, j_m: {",
-         ["parameters.k_e: k_e means nothing without k_T and l_m"]),
-        ("j_m: {", "k_e: 0.1, k_T: 0.1, r_m: 1, l_m: 1, j_m: {",
-         ["inputs.t_m: the model motor has no such input; remove it (its own: v)",
-          "inputs.v: this entry is missing"]),
+def test_what_drives_a_motor_follows_from_its_parameters(
+    tmp_path_factory: pytest.TempPathFactory,
+) -> None:
+    cases = [
+        (
+            "{t_m: {column: torque, unit: mN*m}}",
+            "{v: 8}",
+            [
+                "inputs.t_m: missing: the model wants the torque that the motor is driven with",
+                "inputs.v: the model motor has no such input; remove it (its own: t_m), or name k_e",
+            ],
+        ),
+        (
+            "j_m: {",
+            "k_e: 0.1, r_m: 1, j_m: {",
+            ["parameters.k_e: k_e means nothing without k_T and l_m"],
+        ),
+        (
+            "j_m: {",
+            "k_e: 0.1, k_T: 0.1, r_m: 1, l_m: 1, j_m: {",
+            [
+                "inputs.t_m: the model motor has no such input; remove it (its own: v)",
+                "inputs.v: this entry is missing",
+            ],
+        ),
         ("mN*m}}", "mN*m}, t_1: 0.1}", ["inputs.t_1: the model motor has no such input"]),
         ("{name: motor}", "{name: motor, i_m: 8}", ["8:1 meant? Then write 0.125"]),
-    ],
-)  # fmt: skip
-def test_what_drives_a_motor_follows_from_its_parameters(
-    tmp_path: Path, old: str, new: str, says: list[str]
-) -> None:
-    write(tmp_path)
-    assert old in MOTOR
-    (tmp_path / "motor.yaml").write_text(MOTOR.replace(old, new))
-    with pytest.raises(InputError) as caught:
-        prepare(tmp_path / "motor.yaml")
-    problems = sorted(str(one) for one in caught.value.problems)
-    assert len(problems) == len(says), problems
-    for problem, said in zip(problems, says, strict=True):
-        assert said in problem
+    ]
+
+    def check(old: str, new: str, says: list[str]) -> None:
+        tmp_path = tmp_path_factory.mktemp("case")
+        write(tmp_path)
+        assert old in MOTOR
+        (tmp_path / "motor.yaml").write_text(MOTOR.replace(old, new))
+        with pytest.raises(InputError) as caught:
+            prepare(tmp_path / "motor.yaml")
+        problems = sorted(str(one) for one in caught.value.problems)
+        assert len(problems) == len(says), problems
+        for problem, said in zip(problems, says, strict=True):
+            assert said in problem
+
+    for_each({str(case): case for case in cases}, check)
 
 
 def test_units_are_those_of_the_columns(tmp_path: Path) -> None:
@@ -221,19 +239,23 @@ def test_missing_samples_of_an_imposed_angle_are_bridged_straight(tmp_path: Path
     assert any("theta_2: 2 samples are bridged" in said for said in one.told)
 
 
-@pytest.mark.parametrize("imposed", [False, True])
-def test_a_simulated_record_reads_back(tmp_path: Path, imposed: bool) -> None:
+def test_a_simulated_record_reads_back(tmp_path_factory: pytest.TempPathFactory) -> None:
     """With what moved it, in the units of its columns."""
-    path = write(tmp_path, *([TOP] if imposed else []))
-    config, source = loading.load(path)
-    before = reading.read(config, source)
-    (tmp_path / "drill.csv").write_text(simulating.simulate(config, source, seed=1))
-    after = reading.read(config, source)
-    for name, series in before.series.items():
-        assert after.series[name] == pytest.approx(series, rel=1e-5), name
-    assert after.start == pytest.approx(before.start)
-    head = (tmp_path / "drill.csv").read_text().splitlines()[0]
-    assert head.split(",") == ["t", "bit", "torque", "angle" if imposed else "top"]
+
+    def check(imposed: bool) -> None:
+        tmp_path = tmp_path_factory.mktemp("case")
+        path = write(tmp_path, *([TOP] if imposed else []))
+        config, source = loading.load(path)
+        before = reading.read(config, source)
+        (tmp_path / "drill.csv").write_text(simulating.simulate(config, source, seed=1))
+        after = reading.read(config, source)
+        for name, series in before.series.items():
+            assert after.series[name] == pytest.approx(series, rel=1e-5), name
+        assert after.start == pytest.approx(before.start)
+        head = (tmp_path / "drill.csv").read_text().splitlines()[0]
+        assert head.split(",") == ["t", "bit", "torque", "angle" if imposed else "top"]
+
+    for_each({str(imposed): (imposed,) for imposed in [False, True]}, check)
 
 
 def test_one_measured_input_has_the_delay_of_all(tmp_path: Path) -> None:

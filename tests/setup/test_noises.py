@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import systems
+from grouping import for_each
 
 from bayesdrill.inference.noise.quantised import Quantised
 from bayesdrill.setup import build, job, loading
@@ -36,31 +37,38 @@ MISTAKES = {
 }
 
 
-@pytest.mark.parametrize("name", MISTAKES)
 def test_a_mistake_is_said_once_and_nothing_is_counted_that_it_was_to_hold(
-    name: str, tmp_path: Path
+    tmp_path_factory: pytest.TempPathFactory,
 ) -> None:
     """Four walkers are enough for the two unknowns of the rig, and too few for another one."""
-    noise, says = MISTAKES[name]
-    config = systems.small(tmp_path, channel(noise), ("walkers: 8", "walkers: 4"))
-    ran = systems.cli("check", config)
-    assert ran.status == 2
-    (line,) = ran.err.splitlines()
-    assert says in line
+
+    def check(name: str) -> None:
+        tmp_path = tmp_path_factory.mktemp("case")
+        noise, says = MISTAKES[name]
+        config = systems.small(tmp_path, channel(noise), ("walkers: 8", "walkers: 4"))
+        ran = systems.cli("check", config)
+        assert ran.status == 2
+        (line,) = ran.err.splitlines()
+        assert says in line
+
+    for_each({str(name): (name,) for name in MISTAKES}, check)
 
 
-@pytest.mark.parametrize("noise", ["ar1", "student_t"])
-def test_what_is_unknown_by_default_is_counted(noise: str, tmp_path: Path) -> None:
-    config = systems.small(tmp_path, channel(noise), ("walkers: 8", "walkers: 4"))
-    ran = systems.cli("check", config)
-    assert ran.status == 2
-    assert "at least twice the 3 unknowns" in ran.err
-    entry = {"ar1": "rho: 0.5", "student_t": "degrees: 4"}[noise]
-    held = channel(f"{{name: {noise}, {entry}}}")
-    assert (
-        systems.cli("check", systems.small(tmp_path, held, ("walkers: 8", "walkers: 4"))).status
-        == 0
-    )
+def test_what_is_unknown_by_default_is_counted(tmp_path_factory: pytest.TempPathFactory) -> None:
+    def check(noise: str) -> None:
+        tmp_path = tmp_path_factory.mktemp("case")
+        config = systems.small(tmp_path, channel(noise), ("walkers: 8", "walkers: 4"))
+        ran = systems.cli("check", config)
+        assert ran.status == 2
+        assert "at least twice the 3 unknowns" in ran.err
+        entry = {"ar1": "rho: 0.5", "student_t": "degrees: 4"}[noise]
+        held = channel(f"{{name: {noise}, {entry}}}")
+        assert (
+            systems.cli("check", systems.small(tmp_path, held, ("walkers: 8", "walkers: 4"))).status
+            == 0
+        )
+
+    for_each({noise: (noise,) for noise in ["ar1", "student_t"]}, check)
 
 
 def test_a_step_is_in_the_unit_of_its_column(tmp_path: Path) -> None:
@@ -90,20 +98,22 @@ def test_a_record_is_made_with_the_true_correlation(tmp_path: Path) -> None:
     assert white.std() == pytest.approx(1.0, abs=5 / np.sqrt(2 * len(left)))
 
 
-@pytest.mark.parametrize(
-    ("given", "says"),
-    [
+def test_a_true_value_must_be_one(tmp_path_factory: pytest.TempPathFactory) -> None:
+    cases = [
         (
             "rho_w_1: 1.5",
             "simulation.truth.rho_w_1: 1.5 is impossible; give a number between 0 and 1",
         ),
         ("rho_w_2: 0.5", "simulation.truth.rho_w_2: a sensor, a start, a noise"),
         ("sigma_w_1: 0.5", "simulation.truth.sigma_w_1: a sensor, a start, a noise"),
-    ],
-)
-def test_a_true_value_must_be_one(given: str, says: str, tmp_path: Path) -> None:
-    truth = TRUTH.replace("rho_w_1: 0.9", given)
-    config = systems.small(tmp_path, channel("ar1", SIGMA), ("rate: 20", truth))
-    ran = systems.cli("simulate", config)
-    assert ran.status == 2
-    assert says in ran.err
+    ]
+
+    def check(given: str, says: str) -> None:
+        tmp_path = tmp_path_factory.mktemp("case")
+        truth = TRUTH.replace("rho_w_1: 0.9", given)
+        config = systems.small(tmp_path, channel("ar1", SIGMA), ("rate: 20", truth))
+        ran = systems.cli("simulate", config)
+        assert ran.status == 2
+        assert says in ran.err
+
+    for_each({case[0]: case for case in cases}, check)

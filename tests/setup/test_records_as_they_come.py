@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from grouping import for_each
 
 from bayesdrill.basics.errors import InputError
 from bayesdrill.record import decimation
@@ -108,32 +109,40 @@ def test_an_overflow_is_no_missing_sample(tmp_path: Path) -> None:
     assert "1 value without a number, at line 241" in said
 
 
-@pytest.mark.parametrize(
-    ("hold", "expected"), [("zero", [5.0, 5.0, 5.0, 11.0]), ("first", [5.0, 7.0, 9.0, 11.0])]
-)
 def test_missing_samples_of_an_input_are_bridged_by_its_hold(
-    tmp_path: Path, hold: str, expected: list[float]
+    tmp_path_factory: pytest.TempPathFactory,
 ) -> None:
     """Mutant killed: the hold of the other kind."""
-    supply = SUPPLY.copy()
-    supply[[30, 33]] = 5.0, 11.0
-    save(tmp_path, t=T, w=SPEED, u=cells(supply, 31, 32))
-    entry = f"{{v: {{column: u, unit: V, hold: {hold}MORE}}}}"
-    said = refused(tmp_path, "", "", entry.replace("MORE", ""))
-    assert "column 'u' has 2 values without a number, at line 33, line 34" in said
-    assert "bridge them (missing: hold)" in said
-    found = one(tmp_path, "", "", entry.replace("MORE", ", missing: hold"))
-    assert found.series["v"][30:34] == pytest.approx(expected)
-    assert np.isfinite(found.series["v"]).all()
-    assert f"v: 2 samples are bridged, hold: {hold}" in found.told
+    cases = [("zero", [5.0, 5.0, 5.0, 11.0]), ("first", [5.0, 7.0, 9.0, 11.0])]
+
+    def check(hold: str, expected: list[float]) -> None:
+        tmp_path = tmp_path_factory.mktemp("case")
+        supply = SUPPLY.copy()
+        supply[[30, 33]] = 5.0, 11.0
+        save(tmp_path, t=T, w=SPEED, u=cells(supply, 31, 32))
+        entry = f"{{v: {{column: u, unit: V, hold: {hold}MORE}}}}"
+        said = refused(tmp_path, "", "", entry.replace("MORE", ""))
+        assert "column 'u' has 2 values without a number, at line 33, line 34" in said
+        assert "bridge them (missing: hold)" in said
+        found = one(tmp_path, "", "", entry.replace("MORE", ", missing: hold"))
+        assert found.series["v"][30:34] == pytest.approx(expected)
+        assert np.isfinite(found.series["v"]).all()
+        assert f"v: 2 samples are bridged, hold: {hold}" in found.told
+
+    for_each({case[0]: case for case in cases}, check)
 
 
-@pytest.mark.parametrize(("hold", "row"), [("zero", 0), ("first", 0), ("first", 239)])
-def test_what_no_sample_holds_is_refused(tmp_path: Path, hold: str, row: int) -> None:
-    save(tmp_path, t=T, w=SPEED, u=cells(SUPPLY, row))
-    said = refused(tmp_path, "", "", f"{{v: {{column: u, unit: V, hold: {hold}, missing: hold}}}}")
-    assert f"at line {row + 2}" in said
-    assert "record.window" in said
+def test_what_no_sample_holds_is_refused(tmp_path_factory: pytest.TempPathFactory) -> None:
+    def check(hold: str, row: int) -> None:
+        tmp_path = tmp_path_factory.mktemp("case")
+        save(tmp_path, t=T, w=SPEED, u=cells(SUPPLY, row))
+        said = refused(
+            tmp_path, "", "", f"{{v: {{column: u, unit: V, hold: {hold}, missing: hold}}}}"
+        )
+        assert f"at line {row + 2}" in said
+        assert "record.window" in said
+
+    for_each({str(case): case for case in [("zero", 0), ("first", 0), ("first", 239)]}, check)
 
 
 # --- windows ---------------------------------------------------------------------------------------
@@ -159,21 +168,23 @@ def test_a_list_of_one_window_is_that_window(tmp_path: Path) -> None:
     np.testing.assert_array_equal(several.y, plain.y)
 
 
-@pytest.mark.parametrize(
-    ("window", "says"),
-    [
+def test_windows_that_mean_nothing(tmp_path_factory: pytest.TempPathFactory) -> None:
+    cases = [
         ("[[0.7, 0.5]]", "0.7 s is not before 0.5 s"),
         ("[[1, 2], [0.5, 0.7]]", "put them in order"),
         ("[[0.5, 1.2], [1, 2]]", "a window that begins at 1 s stands after one that ends at 1.2 s"),
         ("[[7, 8]]", "no sample lies in it: the record goes from 0.3 to 2.69 s"),
         ("[[0.5, 0.7], 3]", "3"),
-    ],
-)
-def test_windows_that_mean_nothing(tmp_path: Path, window: str, says: str) -> None:
-    save(tmp_path, t=T, w=SPEED)
-    said = refused(tmp_path, f"  window: {window}\n")
-    assert says in said
-    assert "record.window" in said
+    ]
+
+    def check(window: str, says: str) -> None:
+        tmp_path = tmp_path_factory.mktemp("case")
+        save(tmp_path, t=T, w=SPEED)
+        said = refused(tmp_path, f"  window: {window}\n")
+        assert says in said
+        assert "record.window" in said
+
+    for_each({case[0]: case for case in cases}, check)
 
 
 # --- masks and glitches ----------------------------------------------------------------------------
@@ -195,22 +206,24 @@ def test_glitches_are_listed_with_rows_and_times_and_left_alone(tmp_path: Path) 
     assert found.told == ()
 
 
-@pytest.mark.parametrize(
-    ("mask", "gone"),
-    [
+def test_masks_leave_out_what_they_name(tmp_path_factory: pytest.TempPathFactory) -> None:
+    """Mutants killed: rows counted from another end; one end of a span left in."""
+    cases = [
         ("glitches", [60, 61, 150]),
         ("{glitches: true}", [60, 61, 150]),
         ("{rows: [[62, 63]]}", [60, 61]),
         ("{times: [[1.8, 1.8], [2.0, 2.02]]}", [150, 170, 171, 172]),
         ("{glitches: true, rows: [[2, 4]], times: [[1.0, 1.01]]}", [0, 1, 2, 60, 61, 70, 71, 150]),
-    ],
-)
-def test_masks_leave_out_what_they_name(tmp_path: Path, mask: str, gone: list[int]) -> None:
-    """Mutants killed: rows counted from another end; one end of a span left in."""
-    save(tmp_path, t=T, w=SPIKED)
-    found = one(tmp_path, "", f", mask: {mask}")
-    assert np.flatnonzero(~found.seen[:, 0]).tolist() == gone
-    assert found.told
+    ]
+
+    def check(mask: str, gone: list[int]) -> None:
+        tmp_path = tmp_path_factory.mktemp("case")
+        save(tmp_path, t=T, w=SPIKED)
+        found = one(tmp_path, "", f", mask: {mask}")
+        assert np.flatnonzero(~found.seen[:, 0]).tolist() == gone
+        assert found.told
+
+    for_each({case[0]: case for case in cases}, check)
 
 
 def test_a_glitch_of_an_input_is_held_over_on_request(tmp_path: Path) -> None:
@@ -232,9 +245,8 @@ def test_masked_samples_may_be_missing(tmp_path: Path) -> None:
     assert "1 value without a number, at line 23" in said
 
 
-@pytest.mark.parametrize(
-    ("mask", "says"),
-    [
+def test_masks_that_mean_nothing(tmp_path_factory: pytest.TempPathFactory) -> None:
+    cases = [
         ("gliches", "did you mean glitches"),
         (
             "{rows: [[500, 600]]}",
@@ -243,11 +255,14 @@ def test_masked_samples_may_be_missing(tmp_path: Path) -> None:
         ("{times: [[2, 1]]}", "no sample lies from 2 to 1 s"),
         ("{rows: [[5]]}", "1 entries stand here, wanted are at least 2"),
         ("{times: [[0, 9]]}", "has no number that is used; check missing samples, masks"),
-    ],
-)
-def test_masks_that_mean_nothing(tmp_path: Path, mask: str, says: str) -> None:
-    save(tmp_path, t=T, w=SPEED)
-    assert says in refused(tmp_path, "", f", mask: {mask}")
+    ]
+
+    def check(mask: str, says: str) -> None:
+        tmp_path = tmp_path_factory.mktemp("case")
+        save(tmp_path, t=T, w=SPEED)
+        assert says in refused(tmp_path, "", f", mask: {mask}")
+
+    for_each({case[0]: case for case in cases}, check)
 
 
 def test_ends_of_a_range_and_stuck_counts_are_named(tmp_path: Path) -> None:
@@ -347,9 +362,8 @@ def test_an_input_is_known_where_it_is_needed(tmp_path: Path) -> None:
     assert cut.series["v"][0] == pytest.approx(SUPPLY[6])
 
 
-@pytest.mark.parametrize(
-    ("more", "says"),
-    [
+def test_files_that_mean_nothing(tmp_path_factory: pytest.TempPathFactory) -> None:
+    cases = [
         ("file: gone.csv, column: phi", "there is no such file"),
         ("file: odd.csv, column: phi", "give this entry its own `time:`"),
         ("file: odd.csv, column: fi, time: {rate: 9}", "has no column 'fi'; known: x, phi"),
@@ -360,39 +374,42 @@ def test_an_input_is_known_where_it_is_needed(tmp_path: Path) -> None:
             "time does not increase, at line 3",
         ),
         ("file: {file: odd.csv}, column: phi", "unknown key"),
-    ],
-)
-def test_files_that_mean_nothing(tmp_path: Path, more: str, says: str) -> None:
-    save(tmp_path, t=T, w=SPEED)
-    save(tmp_path, "odd.csv", x=-T, phi=ANGLE)
-    said = refused(tmp_path, "", f"}}\n    theta_1: {{{more}, unit: rad, sigma: 1")
-    assert says in said
-    assert "theta_1" in said
+    ]
+
+    def check(more: str, says: str) -> None:
+        tmp_path = tmp_path_factory.mktemp("case")
+        save(tmp_path, t=T, w=SPEED)
+        save(tmp_path, "odd.csv", x=-T, phi=ANGLE)
+        said = refused(tmp_path, "", f"}}\n    theta_1: {{{more}, unit: rad, sigma: 1")
+        assert says in said
+        assert "theta_1" in said
+
+    for_each({case[0]: case for case in cases}, check)
 
 
 # --- angles ----------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("unit", "wraps", "turn"),
-    [
+def test_angles_that_begin_again_are_unwrapped(tmp_path_factory: pytest.TempPathFactory) -> None:
+    cases = [
         ("deg", "true", 360.0),
         ("deg", "360", 360.0),
         ("count/4096", "true", 4096.0),
         ("rad", "true", 2 * np.pi),
-    ],
-)
-def test_angles_that_begin_again_are_unwrapped(
-    tmp_path: Path, unit: str, wraps: str, turn: float
-) -> None:
-    raw = np.mod(ANGLE / (2 * np.pi) * turn, turn)
-    save(tmp_path, t=T, w=SPEED, phi=raw)
-    more = f"}}\n    theta_1: {{column: phi, unit: {unit}, wraps: {wraps}, sigma: 1"
-    found = one(tmp_path, "", more)
-    assert found.y[:, 1] - found.y[0, 1] == pytest.approx(ANGLE - ANGLE[0])
-    jumps = int(np.sum(np.abs(np.diff(raw)) > turn / 2))
-    assert jumps > 5
-    assert any(f"theta_1: unwrapped {jumps} jumps" in one for one in found.told)
+    ]
+
+    def check(unit: str, wraps: str, turn: float) -> None:
+        tmp_path = tmp_path_factory.mktemp("case")
+        raw = np.mod(ANGLE / (2 * np.pi) * turn, turn)
+        save(tmp_path, t=T, w=SPEED, phi=raw)
+        more = f"}}\n    theta_1: {{column: phi, unit: {unit}, wraps: {wraps}, sigma: 1"
+        found = one(tmp_path, "", more)
+        assert found.y[:, 1] - found.y[0, 1] == pytest.approx(ANGLE - ANGLE[0])
+        jumps = int(np.sum(np.abs(np.diff(raw)) > turn / 2))
+        assert jumps > 5
+        assert any(f"theta_1: unwrapped {jumps} jumps" in one for one in found.told)
+
+    for_each({str(case): case for case in cases}, check)
 
 
 def test_a_jump_that_may_be_either_way_is_refused(tmp_path: Path) -> None:
@@ -405,20 +422,22 @@ def test_a_jump_that_may_be_either_way_is_refused(tmp_path: Path) -> None:
     assert "record at a higher rate" in said
 
 
-@pytest.mark.parametrize(
-    ("channel", "says"),
-    [
+def test_sensors_that_mean_nothing(tmp_path_factory: pytest.TempPathFactory) -> None:
+    cases = [
         ("w_2: {column: w, unit: rad/s, wraps: true, sigma: 1}", "is no angle; say after how much"),
         ("w_2: {column: w, unit: count/4096, sigma: 1}", "is an angle, not a unit of rad/s"),
         ("theta_1: {column: w, unit: count, sigma: 1}", "count/4096 of an encoder"),
         ("theta_1: {column: w, unit: count/0, sigma: 1}", "has no counts in a turn"),
         ("theta_1: {column: w, unit: rad, derived_from: w_2, sigma: 1}", "is no other channel"),
         ("theta_1: {column: w, unit: rad, derived_from: theta_1, sigma: 1}", "is no other channel"),
-    ],
-)
-def test_sensors_that_mean_nothing(tmp_path: Path, channel: str, says: str) -> None:
-    save(tmp_path, t=T, w=SPEED)
-    assert says in refused(tmp_path, "", "}\n    " + channel[:-1])
+    ]
+
+    def check(channel: str, says: str) -> None:
+        tmp_path = tmp_path_factory.mktemp("case")
+        save(tmp_path, t=T, w=SPEED)
+        assert says in refused(tmp_path, "", "}\n    " + channel[:-1])
+
+    for_each({case[0]: case for case in cases}, check)
 
 
 def test_a_derived_channel_is_compared_and_not_counted(tmp_path: Path) -> None:
@@ -507,9 +526,8 @@ def test_without_a_filter_some_samples_have_to_be_left(tmp_path: Path) -> None:
     assert "90 samples are too few: 91 leave 10; take a smaller factor" in said
 
 
-@pytest.mark.parametrize(
-    ("rows", "record", "says"),
-    [
+def test_what_cannot_be_filtered(tmp_path_factory: pytest.TempPathFactory) -> None:
+    cases = [
         (np.r_[0:2000, 2005:3000], "", "a filter needs equal time steps"),
         (
             np.r_[0:3000],
@@ -517,10 +535,13 @@ def test_without_a_filter_some_samples_have_to_be_left(tmp_path: Path) -> None:
             "499 of w_1 are missing, masked or outside",
         ),
         (np.r_[0:250], "", "250 samples are too few: 291 leave 10; take a smaller factor"),
-    ],
-)
-def test_what_cannot_be_filtered(tmp_path: Path, rows: np.ndarray, record: str, says: str) -> None:
-    save(tmp_path, t=LONG[rows], w=SLOW[rows])
-    said = refused(tmp_path, f"{record}  decimate: {{factor: 10}}\n")
-    assert says in said
-    assert "record.decimate" in said
+    ]
+
+    def check(rows: np.ndarray, record: str, says: str) -> None:
+        tmp_path = tmp_path_factory.mktemp("case")
+        save(tmp_path, t=LONG[rows], w=SLOW[rows])
+        said = refused(tmp_path, f"{record}  decimate: {{factor: 10}}\n")
+        assert says in said
+        assert "record.decimate" in said
+
+    for_each({str(case): case for case in cases}, check)

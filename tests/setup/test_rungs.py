@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 import systems
+from grouping import for_each
 from ruamel.yaml import YAML
 
 from bayesdrill.rig.models.roles import USUAL
@@ -131,19 +132,25 @@ def test_the_best_goes_on_with_other_noise_and_the_second(tmp_path: Path) -> Non
     assert {one.name for one in first} <= set(rungs.names())
 
 
-@pytest.mark.parametrize("name", ["as_given", "ar1", "damping_shaft"])
-def test_what_is_recommended_is_a_config_from_anywhere(name: str, tmp_path: Path) -> None:
+def test_what_is_recommended_is_a_config_from_anywhere(
+    tmp_path_factory: pytest.TempPathFactory,
+) -> None:
     """Mutant killed: a record that is looked for beside the new config."""
-    output = ("output: {predictive_draws: 10, figures: []}", "output: {figures: [corner]}")
-    one = by_name(ladder(tmp_path / "here", output).first())[name]
-    far = tmp_path / "far" / "away"
-    far.mkdir(parents=True)
-    path = far / "recommended.yaml"
-    path.write_text(rungs.recommended(one, "mine", far, "first\nsecond"))
-    assert path.read_text().startswith("# first\n# second\nname: mine\n")
-    config, source = loading.load(path)
-    assert list(config.output.figures) == ["corner"]
-    again = prepare(path).problem
-    assert again.names == one.job().problem.names
-    assert (again.experiment.y == one.job().problem.experiment.y).all()
-    assert YAML(typ="safe").load(source.text)["record"]["file"] == "../../here/small.csv"
+
+    def check(name: str) -> None:
+        tmp_path = tmp_path_factory.mktemp("case")
+        output = ("output: {predictive_draws: 10, figures: []}", "output: {figures: [corner]}")
+        one = by_name(ladder(tmp_path / "here", output).first())[name]
+        far = tmp_path / "far" / "away"
+        far.mkdir(parents=True)
+        path = far / "recommended.yaml"
+        path.write_text(rungs.recommended(one, "mine", far, "first\nsecond"))
+        assert path.read_text().startswith("# first\n# second\nname: mine\n")
+        config, source = loading.load(path)
+        assert list(config.output.figures) == ["corner"]
+        again = prepare(path).problem
+        assert again.names == one.job().problem.names
+        assert (again.experiment.y == one.job().problem.experiment.y).all()
+        assert YAML(typ="safe").load(source.text)["record"]["file"] == "../../here/small.csv"
+
+    for_each({name: (name,) for name in ["as_given", "ar1", "damping_shaft"]}, check)

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pairs
 import pytest
+from grouping import for_each
 
 from bayesdrill.basics.errors import InputError
 from bayesdrill.inference.priors import LogNormal, TruncatedNormal, Uniform
@@ -90,18 +91,20 @@ CASES = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(("name", "changes", "place", "says"), CASES, ids=[c[0] for c in CASES])
-def test_a_mistake_is_told_at_its_entry(
-    name: str, changes: list[tuple[str, str]], place: str, says: str, tmp_path: Path
-) -> None:
+def test_a_mistake_is_told_at_its_entry(tmp_path_factory: pytest.TempPathFactory) -> None:
     """And nothing else is said of a config that is sound otherwise."""
-    found = problems(tmp_path, *changes)
-    assert len(found) == 1, found
-    where, _, message = found[0].partition(": ")
-    assert where.startswith("all.yaml:"), found
-    dotted = message.partition(": ")[0]
-    assert dotted.endswith(place), found
-    assert says in message, found
+
+    def check(name: str, changes: list[tuple[str, str]], place: str, says: str) -> None:
+        tmp_path = tmp_path_factory.mktemp("case")
+        found = problems(tmp_path, *changes)
+        assert len(found) == 1, found
+        where, _, message = found[0].partition(": ")
+        assert where.startswith("all.yaml:"), found
+        dotted = message.partition(": ")[0]
+        assert dotted.endswith(place), found
+        assert says in message, found
+
+    for_each({c[0]: c for c in CASES}, check)
 
 
 def test_a_state_that_no_channel_tells_of_needs_a_prior(tmp_path: Path) -> None:
