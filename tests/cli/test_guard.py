@@ -16,6 +16,7 @@ import pytest
 import systems
 import typer
 from systems import STOPPING
+from together import together
 
 from bayesdrill.basics.errors import InputError
 from bayesdrill.engines import workers
@@ -54,7 +55,7 @@ def heard() -> Iterator[None]:
 
 
 @pytest.mark.usefixtures("heard")
-@pytest.mark.parametrize("number", STOPPING, ids=lambda number: number.name)
+@together("number", STOPPING, ids=lambda number: number.name)
 def test_a_command_that_is_stopped_claims_nothing_of_files(
     number: signal.Signals, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -85,7 +86,7 @@ def test_only_the_first_of_many_signals_interrupts() -> None:
 
 
 @pytest.mark.usefixtures("heard")
-@pytest.mark.parametrize("number", STOPPING, ids=lambda number: number.name)
+@together("number", STOPPING, ids=lambda number: number.name)
 def test_a_signal_that_is_to_be_ignored_stays_so(number: signal.Signals) -> None:
     """`nohup`, and jobs in the background."""
     signal.signal(number, signal.SIG_IGN)
@@ -127,7 +128,7 @@ def test_a_message_that_nobody_can_read_leaves_the_status(monkeypatch: pytest.Mo
     assert ended.value.exit_code == INPUT_WRONG
 
 
-@pytest.mark.parametrize("size", [25, 40, 300])  # MB, of which the libraries take up about 400
+@together("size", [25, 40, 300])  # MB, of which the libraries take up about 400
 def test_memory_that_ends_as_libraries_are_loaded(size: int, tmp_path: Path) -> None:
     """Of a process of its own, as a batch system bounds it."""
     systems.small(tmp_path)
@@ -145,7 +146,7 @@ def test_memory_that_ends_as_libraries_are_loaded(size: int, tmp_path: Path) -> 
     assert "Traceback" not in ended.stderr
 
 
-@pytest.mark.parametrize("room", [100, 4_000, 10_000])  # bytes
+@together("room", [100, 4_000, 10_000])  # bytes
 def test_a_disk_that_is_full_names_the_file(room: int, tmp_path: Path) -> None:
     """A limit of files ends writing as a full disk does; what was begun is taken away."""
     systems.small(tmp_path)

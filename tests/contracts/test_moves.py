@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from proposals import rough
 from targets import TARGETS, Target
+from together import together
 
 from bayesdrill.engines.samplers.ensemble import Piece, State, advance, everywhere
 from bayesdrill.engines.samplers.independence import Proposal
@@ -53,7 +54,7 @@ def through(move: Callable[[], emcee.moves.Move], target: Target, d: int, seed: 
     return sampler.run_mcmc(start, 40, skip_initial_state_check=True).coords
 
 
-@pytest.mark.parametrize("name", TARGETS)
+@together("name", TARGETS)
 def test_draws_of_the_targets_follow_their_densities(name: str) -> None:
     target = TARGETS[name]
     for d in (2, 5, 9):
@@ -69,9 +70,9 @@ def test_draws_of_the_targets_follow_their_densities(name: str) -> None:
     assert weights.mean() == pytest.approx(1.0, abs=5 * weights.std() / np.sqrt(len(x)))
 
 
-@pytest.mark.parametrize("d", [2, 5, 9])
-@pytest.mark.parametrize("target", OTHERS.values(), ids=OTHERS)
-@pytest.mark.parametrize("name", MOVES)
+@together("d", [2, 5, 9])
+@together("target", OTHERS.values(), ids=OTHERS)
+@together("name", MOVES)
 def test_target_is_kept_exactly(name: str, target: Target, d: int) -> None:
     """Every move, along a ridge or over it: bent, in units of its own, unlike the target."""
     piece = walked(target, d, {name: 1.0}, rough(target, d))
@@ -79,9 +80,9 @@ def test_target_is_kept_exactly(name: str, target: Target, d: int) -> None:
     assert target.p_values(piece.state.z).min() > FAIL
 
 
-@pytest.mark.parametrize("d", [2, 5, 9])
-@pytest.mark.parametrize("target", STRAIGHT.values(), ids=STRAIGHT)
-@pytest.mark.parametrize("name", WITHOUT)
+@together("d", [2, 5, 9])
+@together("target", STRAIGHT.values(), ids=STRAIGHT)
+@together("name", WITHOUT)
 def test_target_is_kept_exactly_where_nothing_has_been_learnt(
     name: str, target: Target, d: int
 ) -> None:
@@ -90,7 +91,7 @@ def test_target_is_kept_exactly_where_nothing_has_been_learnt(
     assert target.p_values(piece.state.z).min() > FAIL
 
 
-@pytest.mark.parametrize("target", TARGETS.values(), ids=TARGETS)
+@together("target", TARGETS.values(), ids=TARGETS)
 def test_the_default_mixture_keeps_the_target_exactly(target: Target) -> None:
     piece = walked(target, 5, SamplerSpec().moves, rough(target, 5, 2))
     assert target.p_values(piece.state.z).min() > FAIL

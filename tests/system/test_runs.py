@@ -22,6 +22,7 @@ import pytest
 import systems
 import xarray
 from emcee.backends import HDFBackend
+from together import together
 
 from bayesdrill.basics.own_files import POSTERIOR
 from bayesdrill.basics.sealed import opened, sealed
@@ -134,10 +135,12 @@ def copied(found: Done, folder: Path) -> Done:
     return Done(folder / "small.yaml", folder / "out", found.ran)
 
 
-@pytest.fixture
-def copy(plain: Done, tmp_path: Path) -> Done:
+def copied_plain(plain: Done, tmp_path: Path) -> Done:
     """The converged run without figures, to be changed."""
     return copied(plain, tmp_path / "copy")
+
+
+copy = pytest.fixture(copied_plain, name="copy")
 
 
 @pytest.fixture
@@ -539,7 +542,7 @@ def test_a_run_cut_when_one_ensemble_had_just_reached_a_check_resumes(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("steps", [100, 101])
+@together("steps", [100, 101])
 def test_a_run_of_hardly_any_steps_says_that_it_is_too_short(steps: int, tmp_path: Path) -> None:
     slow = f"ess: 100, moves: {{stretch: 1}}, max_steps: {steps}"
     found = fresh(tmp_path, ("ess: 100, max_steps: 500", slow))
@@ -594,7 +597,7 @@ def test_a_second_fresh_run_is_refused(copy: Done) -> None:
     assert systems.listing(copy.folder) == before
 
 
-@pytest.mark.parametrize("options", [[], ["--resume"], ["--force"]], ids=str)
+@together("options", [[], ["--resume"], ["--force"]], ids=str)
 def test_foreign_files_are_never_touched(options: list[str], tmp_path: Path) -> None:
     config = systems.small(tmp_path / "rig")
     thesis = tmp_path / "home" / "thesis"
@@ -621,8 +624,8 @@ def test_force_leaves_notes_beside_the_results_alone(copy: Done) -> None:
     assert (copy.folder / "notes.txt").read_text() == "what I saw that day"
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "named"),
+@together(
+    "old, new, named",
     [
         (
             "low: 0.5, high: 1.5, relative: true}\n  k_T",
@@ -648,7 +651,7 @@ def test_force_leaves_notes_beside_the_results_alone(copy: Done) -> None:
         ("map: {", "model: {i_m: 0.25}\nmap: {",
          "the model was MotorShaft(i_m=0.125) and is MotorShaft(i_m=0.25)"),
     ],
-    ids=lambda text: text.split(":")[0][:20],
+    ids=lambda text: text.split(":")[0][:20], copy=copied_plain,
 )  # fmt: skip
 def test_resuming_something_else_names_what_changed_and_both_values(
     old: str, new: str, named: str, copy: Done
@@ -660,7 +663,7 @@ def test_resuming_something_else_names_what_changed_and_both_values(
     assert systems.listing(copy.folder) == before
 
 
-@pytest.mark.parametrize("package", ["bayesdrill", "numpy", "scipy", "emcee", "llvmlite"])
+@together("package", ["bayesdrill", "numpy", "scipy", "emcee", "llvmlite"], copy=copied_plain)
 def test_resuming_under_another_version_of_what_decides_the_chain(package: str, copy: Done) -> None:
     """A chain is one chain: refused, with both versions. A report adds nothing, and may."""
     now = version(package)
@@ -688,7 +691,7 @@ def test_resuming_with_another_record_names_the_record(copy: Done) -> None:
     assert systems.listing(copy.folder) == before
 
 
-@pytest.mark.parametrize("text", ["[]", "null", '"x"', '{"fingerprint": 3}'])
+@together("text", ["[]", "null", '"x"', '{"fingerprint": 3}'], copy=copied_plain)
 def test_a_run_json_that_is_json_but_no_run_is_named(text: str, copy: Done) -> None:
     (copy.folder / "run.json").write_text(text)
     before = systems.listing(copy.folder)
@@ -782,8 +785,8 @@ def digit_changed(content: bytes) -> bytes:
     return re.sub(rb"(log_posterior.*\.\d)\d", rb"\g<1>0", content, count=1)
 
 
-@pytest.mark.parametrize(
-    ("name", "damage", "way_out"),
+@together(
+    "name, damage, way_out",
     [
         ("run.json", lambda content: content[:40], "put back a copy"),
         ("run.json", lambda content: content.replace(b"finished", b"finishes"), "put back a copy"),
@@ -792,6 +795,7 @@ def digit_changed(content: bytes) -> bytes:
         ("map.json", digit_changed, "delete it and continue with --resume"),
         ("chain.h5", lambda content: content[:40], "delete it and continue with --resume"),
     ],
+    copy=copied_plain,
 )
 def test_a_damaged_result_is_named_and_nothing_is_written(
     name: str, damage: Callable[[bytes], bytes], way_out: str, copy: Done
@@ -953,7 +957,7 @@ def test_the_module_tells_its_version(tmp_path: Path) -> None:
     assert (ran.status, ran.out) == (0, f"bayesdrill {bayesdrill.__version__}\n")
 
 
-@pytest.mark.parametrize("command", ["check", "map", "posterior", "report", "simulate", "schema"])
+@together("command", ["check", "map", "posterior", "report", "simulate", "schema"])
 def test_help_shows_an_example(command: str) -> None:
     ran = systems.cli(command, "--help")
     assert ran.status == 0

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 import systems
+from together import together
 
 import bayesdrill as bd
 from bayesdrill.basics.errors import Interrupted
@@ -51,8 +52,8 @@ def test_each_stage_announces_itself(tmp_path: Path) -> None:
     assert [f"  {stage} ..." for stage in STAGES[-2:]] == ran.err.splitlines()
 
 
-@pytest.mark.parametrize(
-    ("at", "says"),
+@together(
+    "at, says",
     [
         ("searching", "nothing was found yet, and {} holds the config alone"),
         ("learning", "the maximum is saved in {}, and nothing was sampled yet"),
