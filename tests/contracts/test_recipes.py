@@ -113,13 +113,19 @@ def figure_of(name: str, view: View) -> Figure:
     return drawn(other.drawn())
 
 
+@cache
+def here(name: str, size: str) -> Figure:
+    """Of `run`: drawn once, and looked at by several tests."""
+    return figure_of(name, sized(showing(name, run()), size))
+
+
 def labels(figure: Figure) -> str:
     return " ".join(axes.get_xlabel() + axes.get_ylabel() for axes in figure.axes)
 
 
 @together("name", FIGURES)
 def test_it_is_drawn_and_says_what_it_shows(name: str) -> None:
-    figure = figure_of(name, showing(name, run()))
+    figure = here(name, showing(name, run()).config.output.size)
     assert figure.axes
     assert labels(figure)
     for end in own_files.FORMATS:
@@ -129,7 +135,7 @@ def test_it_is_drawn_and_says_what_it_shows(name: str) -> None:
 @together("size", WIDTHS)
 @together("name", OWN)
 def test_it_is_as_wide_as_the_config_says(name: str, size: str) -> None:
-    figure = figure_of(name, sized(showing(name, run()), size))
+    figure = here(name, size)
     assert list(clashes(figure)) == []
     assert figure.get_figwidth() <= WIDTHS[size]
 
