@@ -963,15 +963,6 @@ def test_help_shows_an_example(command: str) -> None:
     assert command in systems.cli("--help").out
 
 
-def test_map_prints_and_writes_nothing(tmp_path: Path) -> None:
-    config = systems.small(tmp_path)
-    before = systems.listing(tmp_path)
-    ran = systems.cli("map", config, "--processes", "1")
-    assert ran.status == 0
-    assert "k_e" in ran.out
-    assert systems.listing(tmp_path) == before
-
-
 @pytest.mark.slow
 def test_a_column_in_another_unit_than_said_is_told_of_the_fit(tmp_path: Path) -> None:
     ran = systems.cli("map", systems.small(tmp_path), "--processes", "1")
