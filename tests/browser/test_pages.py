@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import payloads
 import pytest
 import systems
+from together import together
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page
@@ -100,7 +101,7 @@ def opened(browser: Browser, path: Path, size: str, scheme: Any = "light") -> tu
     return page, heard
 
 
-@pytest.mark.parametrize("size", SIZES)
+@together("size", SIZES)
 def test_nothing_fails_and_nothing_is_cut(browser: Browser, path: Path, size: str) -> None:
     page, heard = opened(browser, path, size)
     assert not heard.messages
@@ -117,8 +118,8 @@ def test_nothing_fails_and_nothing_is_cut(browser: Browser, path: Path, size: st
     assert page.evaluate(beyond) == 0
 
 
-@pytest.mark.parametrize("scheme", ["light", "dark"])
-@pytest.mark.parametrize("size", ["desktop", "phone"])
+@together("scheme", ["light", "dark"])
+@together("size", ["desktop", "phone"])
 def test_all_can_read_it(browser: Browser, path: Path, size: str, scheme: str) -> None:
     """By the rules of axe: contrast, names, landmarks, what can be reached by keyboard."""
     axe = pytest.importorskip("axe_playwright_python.sync_playwright").Axe()
@@ -136,7 +137,7 @@ def test_dark_is_dark(browser: Browser, path: Path) -> None:
     assert dark < 150 < 600 < light
 
 
-@pytest.mark.parametrize("size", ["desktop", "phone"])
+@together("size", ["desktop", "phone"])
 def test_a_figure_opens_at_its_full_size_and_closes_by_keyboard(
     browser: Browser, path: Path, size: str
 ) -> None:

@@ -10,6 +10,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from together import together
 from typer.testing import CliRunner
 
 from bayesdrill.cli import app
@@ -33,7 +34,7 @@ def asked(shell: str, line: str) -> str:
     return said.stdout
 
 
-@pytest.mark.parametrize("shell", ["zsh", "fish", "powershell"])
+@together("shell", ["zsh", "fish", "powershell"])
 def test_other_shells_are_answered(shell: str) -> None:
     said = asked(shell, "bayesdrill po")
     assert "posterior" in said

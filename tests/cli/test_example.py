@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 import systems
+from together import together
 
 import bayesdrill as bd
 from bayesdrill.basics.citation import citation
@@ -54,7 +55,7 @@ def test_other_files_of_the_folder_stay(tmp_path: Path) -> None:
     assert "bayesdrill check" in repr(made)
 
 
-@pytest.mark.parametrize("name", ["", "records", "paper"])
+@together("name", ["", "records", "paper"])
 def test_what_is_no_folder_is_not_written_through(name: str, tmp_path: Path) -> None:
     folder, elsewhere = tmp_path / "here", tmp_path / "elsewhere"
     elsewhere.mkdir()
@@ -81,7 +82,7 @@ def test_a_package_without_its_examples_says_so(
 OURS = {"job": "posterior", "fingerprint": {}}  # what every run.json has
 
 
-@pytest.mark.parametrize("form", ["text", "bibtex", "cff"])
+@together("form", ["text", "bibtex", "cff"])
 def test_what_is_installed_is_cited(form: str) -> None:
     said = systems.cli("cite", "--format", form)
     assert (said.status, said.out.strip()) == (0, getattr(citation(), form).strip())
@@ -92,7 +93,7 @@ def test_a_run_is_cited_with_its_own_versions(tmp_path: Path) -> None:
     assert "emcee 3.0.2 " in systems.cli("cite", tmp_path).out
 
 
-@pytest.mark.parametrize("entries", [None, OURS])
+@together("entries", [None, OURS])
 def test_a_folder_without_a_finished_run_is_not_cited(entries: dict | None, tmp_path: Path) -> None:
     if entries is not None:
         (tmp_path / "run.json").write_text(sealed(entries))

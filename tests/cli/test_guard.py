@@ -16,6 +16,7 @@ import pytest
 import systems
 import typer
 from systems import STOPPING
+from together import together
 
 from bayesdrill.basics.errors import InputError
 from bayesdrill.engines import workers
@@ -42,9 +43,9 @@ def test_a_run_that_loses_a_worker_says_how_to_go_on(tmp_path: Path) -> None:
     assert "--resume" in problem.message
 
 
-@pytest.fixture
-def heard() -> Iterator[None]:
-    """Signals as an interactive process has them; put back after the test."""
+@contextmanager
+def hearing() -> Iterator[None]:
+    """Signals as an interactive process has them; put back at the end."""
     before = {number: signal.getsignal(number) for number in STOPPING}
     for number in STOPPING:
         signal.signal(number, signal.SIG_DFL)
@@ -53,13 +54,18 @@ def heard() -> Iterator[None]:
         signal.signal(number, handler)
 
 
-@pytest.mark.usefixtures("heard")
-@pytest.mark.parametrize("number", STOPPING, ids=lambda number: number.name)
+@pytest.fixture
+def heard() -> Iterator[None]:
+    with hearing():
+        yield
+
+
+@together("number", STOPPING, ids=lambda number: number.name)
 def test_a_command_that_is_stopped_claims_nothing_of_files(
     number: signal.Signals, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """`report` and `identify -o` may have written some by then."""
-    with pytest.raises(typer.Exit) as ended, guarded():
+    with hearing(), pytest.raises(typer.Exit) as ended, guarded():
         signal.raise_signal(number)
     assert ended.value.exit_code == INTERRUPTED
     assert capsys.readouterr().err == "stopped\n"
@@ -84,14 +90,14 @@ def test_only_the_first_of_many_signals_interrupts() -> None:
     assert ended.value.exit_code == INTERRUPTED
 
 
-@pytest.mark.usefixtures("heard")
-@pytest.mark.parametrize("number", STOPPING, ids=lambda number: number.name)
+@together("number", STOPPING, ids=lambda number: number.name)
 def test_a_signal_that_is_to_be_ignored_stays_so(number: signal.Signals) -> None:
     """`nohup`, and jobs in the background."""
-    signal.signal(number, signal.SIG_IGN)
-    with guarded():
-        signal.raise_signal(number)
-    assert signal.getsignal(number) == signal.SIG_IGN
+    with hearing():
+        signal.signal(number, signal.SIG_IGN)
+        with guarded():
+            signal.raise_signal(number)
+        assert signal.getsignal(number) == signal.SIG_IGN
 
 
 @pytest.mark.usefixtures("heard")
@@ -127,7 +133,7 @@ def test_a_message_that_nobody_can_read_leaves_the_status(monkeypatch: pytest.Mo
     assert ended.value.exit_code == INPUT_WRONG
 
 
-@pytest.mark.parametrize("size", [25, 40, 300])  # MB, of which the libraries take up about 400
+@together("size", [25, 40, 300])  # MB, of which the libraries take up about 400
 def test_memory_that_ends_as_libraries_are_loaded(size: int, tmp_path: Path) -> None:
     """Of a process of its own, as a batch system bounds it."""
     systems.small(tmp_path)
@@ -145,7 +151,7 @@ def test_memory_that_ends_as_libraries_are_loaded(size: int, tmp_path: Path) -> 
     assert "Traceback" not in ended.stderr
 
 
-@pytest.mark.parametrize("room", [100, 4_000, 10_000])  # bytes
+@together("room", [100, 4_000, 10_000])  # bytes
 def test_a_disk_that_is_full_names_the_file(room: int, tmp_path: Path) -> None:
     """A limit of files ends writing as a full disk does; what was begun is taken away."""
     systems.small(tmp_path)

@@ -21,6 +21,7 @@ from typing import Annotated
 import pytest
 import typer
 from pydantic import Field
+from together import together
 
 from bayesdrill.basics import registry
 from bayesdrill.basics.entries import Strict, chosen
@@ -372,8 +373,8 @@ def test_a_signal_while_a_package_is_loaded_is_no_fault_of_it(
 
 
 @pytest.mark.usefixtures("hostile")
-@pytest.mark.parametrize(("what", "why"), [("call", "TypeError: call"), ("exit", "SystemExit: 0")])
-@pytest.mark.parametrize("elsewhere", [False, True])
+@together("what, why", [("call", "TypeError: call"), ("exit", "SystemExit: 0")])
+@together("elsewhere", [False, True])
 def test_whatever_is_raised_as_it_works_names_it(
     what: str, why: str, elsewhere: bool, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -12,6 +12,7 @@ import pyarrow
 import pytest
 import scipy.io
 from pyarrow import parquet
+from together import together
 
 from bayesdrill.basics.entries import entries_of
 from bayesdrill.basics.errors import InputError
@@ -60,7 +61,7 @@ WRITERS: Mapping[str, Callable[[Path, Mapping[str, np.ndarray]], None]] = {
 }
 
 
-@pytest.mark.parametrize("name", FORMATS)
+@together("name", FORMATS)
 def test_what_is_written_is_read(name: str, tmp_path: Path) -> None:
     one = FORMATS[name]
     for ending in one.suffixes:
@@ -74,8 +75,8 @@ def test_what_is_written_is_read(name: str, tmp_path: Path) -> None:
     assert {*entries_of(one.options)} <= {*RecordSpec.model_fields}
 
 
-@pytest.mark.parametrize("name", FORMATS)
-@pytest.mark.parametrize("content", [b"", b"\x00\xff" * 40, None], ids=["empty", "noise", "gone"])
+@together("name", FORMATS)
+@together("content", [b"", b"\x00\xff" * 40, None], ids=["empty", "noise", "gone"])
 def test_what_it_cannot_read_is_an_input_error(
     name: str, content: bytes | None, tmp_path: Path
 ) -> None:

@@ -14,6 +14,7 @@ import pytest
 import scipy.stats
 from proposals import over, rough
 from targets import TARGETS, Target
+from together import together
 
 from bayesdrill.engines.samplers import independence
 from bayesdrill.engines.samplers.ensemble import Piece, State, advance
@@ -37,8 +38,8 @@ def walked(target: Target, d: int, proposal: Proposal, steps: int = STEPS) -> Pi
     return advance(evaluate, state, steps, ALONE, proposal, target.inside)
 
 
-@pytest.mark.parametrize("d", [2, 5, 9])
-@pytest.mark.parametrize("target", TWO.values(), ids=TWO)
+@together("d", [2, 5, 9])
+@together("target", TWO.values(), ids=TWO)
 def test_target_is_kept_exactly_over_two_ridges(target: Target, d: int) -> None:
     """Ridges in units of their own, the draws of one likely on the other or never.
 
@@ -90,7 +91,7 @@ def test_a_forgotten_proposal_density_is_found_out() -> None:
     assert CUT.p_values(walked(CUT, 2, forgetful).state.z).min() < FAIL
 
 
-@pytest.mark.parametrize(("name", "d"), [("wild", 5), ("bent", 2), ("humps", 5)])
+@together("name, d", [("wild", 5), ("bent", 2), ("humps", 5)])
 def test_steps_of_walkers_by_themselves_keep_the_target(name: str, d: int) -> None:
     """About half of them step, since their limit is set where most of the target is.
 

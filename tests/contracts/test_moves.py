@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from proposals import rough
 from targets import TARGETS, Target
+from together import together
 
 from bayesdrill.engines.samplers.ensemble import Piece, State, advance, everywhere
 from bayesdrill.engines.samplers.independence import Proposal
@@ -26,7 +27,9 @@ WALKERS = 4000
 STEPS = 12
 
 STRAIGHT = {name: TARGETS[name] for name in ("mild", "wild")}
-OTHERS = {name: target for name, target in TARGETS.items() if name != "mild"}
+# Every move where a ridge bends; of the targets that are harder in another way, each with one move.
+PAIRS = [(move, "bent") for move in MOVES]
+PAIRS += [("differential_evolution", name) for name in TARGETS if name not in ("mild", "bent")]
 WITHOUT = [name for name in MOVES if mixture({name: 1.0}, None, everywhere)]
 
 
@@ -53,7 +56,7 @@ def through(move: Callable[[], emcee.moves.Move], target: Target, d: int, seed: 
     return sampler.run_mcmc(start, 40, skip_initial_state_check=True).coords
 
 
-@pytest.mark.parametrize("name", TARGETS)
+@together("name", TARGETS)
 def test_draws_of_the_targets_follow_their_densities(name: str) -> None:
     target = TARGETS[name]
     for d in (2, 5, 9):
@@ -69,19 +72,19 @@ def test_draws_of_the_targets_follow_their_densities(name: str) -> None:
     assert weights.mean() == pytest.approx(1.0, abs=5 * weights.std() / np.sqrt(len(x)))
 
 
-@pytest.mark.parametrize("d", [2, 5, 9])
-@pytest.mark.parametrize("target", OTHERS.values(), ids=OTHERS)
-@pytest.mark.parametrize("name", MOVES)
-def test_target_is_kept_exactly(name: str, target: Target, d: int) -> None:
-    """Every move, along a ridge or over it: bent, in units of its own, unlike the target."""
+@together("d", [2, 5, 9])
+@together("name, of", PAIRS)
+def test_target_is_kept_exactly(name: str, of: str, d: int) -> None:
+    """A move along a ridge or over it: bent, in units of its own, unlike the target."""
+    target = TARGETS[of]
     piece = walked(target, d, {name: 1.0}, rough(target, d))
     assert 0.03 < piece.accepted.mean() / STEPS < 0.95
     assert target.p_values(piece.state.z).min() > FAIL
 
 
-@pytest.mark.parametrize("d", [2, 5, 9])
-@pytest.mark.parametrize("target", STRAIGHT.values(), ids=STRAIGHT)
-@pytest.mark.parametrize("name", WITHOUT)
+@together("d", [2, 5, 9])
+@together("target", STRAIGHT.values(), ids=STRAIGHT)
+@together("name", WITHOUT)
 def test_target_is_kept_exactly_where_nothing_has_been_learnt(
     name: str, target: Target, d: int
 ) -> None:
@@ -90,7 +93,7 @@ def test_target_is_kept_exactly_where_nothing_has_been_learnt(
     assert target.p_values(piece.state.z).min() > FAIL
 
 
-@pytest.mark.parametrize("target", TARGETS.values(), ids=TARGETS)
+@together("target", TARGETS.values(), ids=TARGETS)
 def test_the_default_mixture_keeps_the_target_exactly(target: Target) -> None:
     piece = walked(target, 5, SamplerSpec().moves, rough(target, 5, 2))
     assert target.p_values(piece.state.z).min() > FAIL
@@ -112,19 +115,26 @@ class StretchWithoutFactor(emcee.moves.StretchMove):
         return q, np.zeros_like(factors)
 
 
-WRONG = [
-    *((move, d) for move in (StretchOffByOne, StretchWithoutFactor) for d in (2, 5)),
-    *(pytest.param(emcee.moves.DESnookerMove, d, marks=pytest.mark.slow) for d in (3, 5)),
-]
-
-
-@pytest.mark.parametrize(("wrong", "d"), WRONG, ids=lambda x: getattr(x, "__name__", x))
-def test_a_wrong_move_is_found_out(wrong: type[emcee.moves.Move], d: int) -> None:
-    """The exact test has the power that it claims; emcee 3.1.6's snooker move fails it."""
-    assert any(
+def is_found_out(wrong: type[emcee.moves.Move], d: int) -> bool:
+    return any(
         target.p_values(through(wrong, target, d, 200 + d)).min() < FAIL
         for target in STRAIGHT.values()
     )
+
+
+@together(
+    "wrong, d", [(move, d) for move in (StretchOffByOne, StretchWithoutFactor) for d in (2, 5)]
+)
+def test_a_wrong_move_is_found_out(wrong: type[emcee.moves.Move], d: int) -> None:
+    """The exact test has the power that it claims."""
+    assert is_found_out(wrong, d)
+
+
+@pytest.mark.slow
+@together("d", [3, 5])
+def test_the_snooker_move_of_emcee_is_found_out(d: int) -> None:
+    """That of emcee 3.1.6 fails the exact test."""
+    assert is_found_out(emcee.moves.DESnookerMove, d)
 
 
 def test_the_snooker_move_is_not_registered() -> None:

@@ -17,6 +17,7 @@ import scipy.stats
 from numpy.typing import NDArray
 from oracles import NOMINAL
 from rigs import experiment, unknown
+from together import together
 
 from bayesdrill.inference import laplace
 from bayesdrill.inference.likelihood import Likelihood
@@ -126,7 +127,7 @@ def natural(of: Noise, own: Array, column: int, step: float) -> Array:
     return moved
 
 
-@pytest.mark.parametrize("name", MADE)
+@together("name", MADE)
 def test_the_density_of_two_samples_integrates_to_one(name: str) -> None:
     of = noise(name, 2)
     own, sd = truth(of), of.scales(truth(of))[0]
@@ -137,7 +138,7 @@ def test_the_density_of_two_samples_integrates_to_one(name: str) -> None:
     assert (np.exp(log_p).sum(axis=0) * area) == pytest.approx(np.ones(2), rel=1e-3)
 
 
-@pytest.mark.parametrize("name", MADE)
+@together("name", MADE)
 def test_terms_of_single_samples_sum_to_the_likelihood_whatever_the_batch(name: str) -> None:
     of = noise(name, 30)
     own = truth(of, 5)
@@ -155,7 +156,7 @@ def test_terms_of_single_samples_sum_to_the_likelihood_whatever_the_batch(name: 
     assert set(of.held()) <= {0, 1}
 
 
-@pytest.mark.parametrize("name", MADE)
+@together("name", MADE)
 def test_slopes_are_those_of_the_density(name: str) -> None:
     of = noise(name, 12)
     own = truth(of, 3)
@@ -175,7 +176,7 @@ def test_slopes_are_those_of_the_density(name: str) -> None:
     assert (np.linalg.eigvalsh(square(curvature, own)) > 0).all()
 
 
-@pytest.mark.parametrize("name", MADE)
+@together("name", MADE)
 def test_information_is_what_slopes_scatter_over_draws(name: str) -> None:
     """At the truth slopes are zero on average, and their squares are the information."""
     n = 25
@@ -200,7 +201,7 @@ def test_information_is_what_slopes_scatter_over_draws(name: str) -> None:
     )
 
 
-@pytest.mark.parametrize("name", MADE)
+@together("name", MADE)
 def test_what_is_whitened_is_white_and_its_size_is_told(name: str) -> None:
     n = 6000
     of = noise(name, n)
@@ -239,7 +240,7 @@ def target(name: str) -> Posterior:
     return Posterior(space=space, likelihood=likelihood, coordinates=space.coordinates())
 
 
-@pytest.mark.parametrize("name", MADE)
+@together("name", MADE)
 def test_a_posterior_with_it_has_the_slopes_of_its_density(name: str) -> None:
     of = target(name)
     surface = PosteriorSurface(of)
@@ -257,7 +258,7 @@ def test_a_posterior_with_it_has_the_slopes_of_its_density(name: str) -> None:
     assert (np.linalg.eigvalsh(found.curvature) > 0).all()
 
 
-@pytest.mark.parametrize("name", MADE)
+@together("name", MADE)
 def test_its_information_is_that_of_the_curvature_at_the_truth(name: str) -> None:
     """Laplace's root, in the natural scales, against the surface's, in the coordinates."""
     of = target(name)

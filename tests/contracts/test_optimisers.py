@@ -6,7 +6,7 @@ Where it is polished, slopes go the rest of the way: so it has to come near, no 
 from __future__ import annotations
 
 import numpy as np
-import pytest
+from together import together
 
 from bayesdrill.basics.entries import entries_of, made
 from bayesdrill.engines.optimisers import OPTIMISERS
@@ -45,7 +45,7 @@ def searched(name: str, evaluations: int) -> tuple[object, list[float]]:
     return found, seen
 
 
-@pytest.mark.parametrize("name", OPTIMISERS)
+@together("name", OPTIMISERS)
 def test_it_comes_near_the_top(name: str) -> None:
     found, seen = searched(name, 4000)
     assert found.settled
@@ -53,8 +53,8 @@ def test_it_comes_near_the_top(name: str) -> None:
     assert found.value > (-1.0 if OPTIMISERS[name]().polished else -0.01)
 
 
-@pytest.mark.parametrize("name", OPTIMISERS)
-@pytest.mark.parametrize("most", [1, 7, 30])
+@together("name", OPTIMISERS)
+@together("most", [1, 7, 30])
 def test_what_it_may_spend_is_all_it_spends(name: str, most: int) -> None:
     found, seen = searched(name, most)
     assert found.evaluations == len(seen) <= most
@@ -63,7 +63,7 @@ def test_what_it_may_spend_is_all_it_spends(name: str, most: int) -> None:
     assert not found.settled
 
 
-@pytest.mark.parametrize("name", OPTIMISERS)
+@together("name", OPTIMISERS)
 def test_a_config_gives_it_its_entries(name: str) -> None:
     kind = OPTIMISERS[name]
     assert {*entries_of(kind)} <= {*MapSpec.model_fields}

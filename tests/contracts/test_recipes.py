@@ -14,6 +14,7 @@ import pytest
 from matplotlib.figure import Figure
 from oracles import NOMINAL
 from pictures import clashes, drawn
+from together import together
 
 import bayesdrill as bd
 from bayesdrill.basics import own_files
@@ -112,29 +113,35 @@ def figure_of(name: str, view: View) -> Figure:
     return drawn(other.drawn())
 
 
+@cache
+def here(name: str, size: str) -> Figure:
+    """Of `run`: drawn once, and looked at by several tests."""
+    return figure_of(name, sized(showing(name, run()), size))
+
+
 def labels(figure: Figure) -> str:
     return " ".join(axes.get_xlabel() + axes.get_ylabel() for axes in figure.axes)
 
 
-@pytest.mark.parametrize("name", FIGURES)
+@together("name", FIGURES)
 def test_it_is_drawn_and_says_what_it_shows(name: str) -> None:
-    figure = figure_of(name, showing(name, run()))
+    figure = here(name, showing(name, run()).config.output.size)
     assert figure.axes
     assert labels(figure)
     for end in own_files.FORMATS:
         assert POSTERIOR.made(f"{own_files.FIGURES}/{name}.{end}")
 
 
-@pytest.mark.parametrize("size", WIDTHS)
-@pytest.mark.parametrize("name", OWN)
+@together("size", WIDTHS)
+@together("name", OWN)
 def test_it_is_as_wide_as_the_config_says(name: str, size: str) -> None:
-    figure = figure_of(name, sized(showing(name, run()), size))
+    figure = here(name, size)
     assert list(clashes(figure)) == []
     assert figure.get_figwidth() <= WIDTHS[size]
 
 
-@pytest.mark.parametrize("size", WIDTHS)
-@pytest.mark.parametrize("name", [name for name in OWN if name != "ridge"])
+@together("size", WIDTHS)
+@together("name", [name for name in OWN if name != "ridge"])
 def test_it_speaks_the_units_of_the_user(name: str, size: str) -> None:
     """Of the record and of its noise; there is no symmetry left, and no ridge."""
     figure = figure_of(name, sized(showing(name, abroad()), size))
@@ -185,7 +192,7 @@ def test_parameters_are_those_that_the_config_names() -> None:
         assert "twist" in panel.get_xlabel() + panel.get_ylabel()
 
 
-@pytest.mark.parametrize("name", ["corner", "fit", "trace"])
+@together("name", ["corner", "fit", "trace"])
 def test_in_a_notebook_it_carries_its_warning(name: str) -> None:
     """Mutant killed: a warning in files alone."""
     good = abroad()

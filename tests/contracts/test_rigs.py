@@ -15,6 +15,7 @@ import pytest
 from oracles import NOMINAL
 from rigs import experiment
 from scipy.linalg import expm
+from together import together
 
 from bayesdrill.basics import symbols
 from bayesdrill.basics.entries import entries_of, made
@@ -54,7 +55,7 @@ def response(rig: Model) -> Response:
     return Response(rig, experiment(N, DT, constant=constant, measures=measures))
 
 
-@pytest.mark.parametrize("name", RIGS)
+@together("name", RIGS)
 def test_its_names_have_symbols_and_places_in_a_config(name: str) -> None:
     rig = RIGS[name]
     kind: Any = type(rig)
@@ -72,7 +73,7 @@ def test_its_names_have_symbols_and_places_in_a_config(name: str) -> None:
     hash(rig)
 
 
-@pytest.mark.parametrize("name", RIGS)
+@together("name", RIGS)
 def test_its_frictions_brake_and_are_told_apart(name: str) -> None:
     rig, p = RIGS[name], values(RIGS[name])[0]
     named = dict(zip(rig.parameters, p, strict=True))
@@ -95,7 +96,7 @@ def test_its_frictions_brake_and_are_told_apart(name: str) -> None:
             assert ((size >= 0) & np.isfinite(size)).all()
 
 
-@pytest.mark.parametrize("name", RIGS)
+@together("name", RIGS)
 def test_its_response_is_the_matrix_exponential(name: str) -> None:
     rig, p = light(name), values(light(name))
     named = dict(zip(rig.parameters, p[0], strict=True))
@@ -119,7 +120,7 @@ def test_its_response_is_the_matrix_exponential(name: str) -> None:
     assert found / scale == pytest.approx(np.array(exact) / scale, abs=1e-9)
 
 
-@pytest.mark.parametrize("name", RIGS)
+@together("name", RIGS)
 def test_its_sensitivities_are_differences(name: str) -> None:
     rig, p = light(name), values(light(name))
     of = response(rig)
@@ -133,7 +134,7 @@ def test_its_sensitivities_are_differences(name: str) -> None:
         assert slopes[k] / scale == pytest.approx(numeric / scale, abs=1e-4), name_
 
 
-@pytest.mark.parametrize("name", RIGS)
+@together("name", RIGS)
 def test_its_sums_are_those_of_its_signals(name: str) -> None:
     rig, p = light(name), values(light(name))
     of = response(rig)

@@ -5,9 +5,9 @@ from __future__ import annotations
 import re
 
 import numpy as np
-import pytest
 from numpy.typing import NDArray
 from pictures import clashes, drawn, marked, within, xy
+from together import together
 
 from bayesdrill.basics.symbols import PARAMETERS
 from bayesdrill.paper.pages.plots import (
@@ -195,7 +195,7 @@ def record(n_channels: int) -> tuple[Experiment, Array]:
     return experiment, model
 
 
-@pytest.mark.parametrize("n_channels", [1, 3, 4, 6])
+@together("n_channels", [1, 3, 4, 6])
 def test_a_fit_shows_the_record_as_a_line_and_the_estimate_as_marks(n_channels: int) -> None:
     experiment, model = record(n_channels)
     figure = fit_paper_figure(experiment, model)

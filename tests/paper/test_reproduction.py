@@ -13,6 +13,7 @@ import scipy.linalg
 import scipy.optimize
 from oracles import NOMINAL, ORDER, by_expm, skewed
 from rigs import experiment, measured, posterior, vector
+from together import together
 
 from bayesdrill.engines.workers import Crew
 from bayesdrill.inference.priors import Uniform
@@ -125,8 +126,8 @@ def test_bounds_are_those_of_numeric_slopes() -> None:
     assert bounds.bounds(target.likelihood, truth) == pytest.approx(expected, rel=1e-5)
 
 
-@pytest.mark.parametrize("way", study.WAYS)
-@pytest.mark.parametrize("sigma", [0.001, 0.3])
+@together("way", study.WAYS)
+@together("sigma", [0.001, 0.3])
 def test_estimates_are_those_of_least_squares(way: str, sigma: float) -> None:
     """Negative ones too.  Mutant killed: the prior kept in the density (it ends at zero)."""
     priors = {"c_m": Uniform(0.0, 0.02), "k_e": Uniform(0.0, 0.2)}
@@ -272,8 +273,8 @@ def mend(path: Path, old: str, new: str) -> None:
     path.write_text(text.replace(old, new))
 
 
-@pytest.mark.parametrize(
-    ("head", "row"),
+@together(
+    "head, row",
     [("t,phi [\xb0],theta_2,w_1,w_2", "0,0,0,0,0"), (None, '"0","0","0","0","0"')],
     ids=["Latin-1", "quoted"],
 )

@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 from pictures import SYMBOLS, clashes, drawn, marked, posterior, within, xy
+from together import together
 
 from bayesdrill.paper.pages.search_plots import convergence_figure, simultaneous_figure
 from bayesdrill.paper.pages.table_plot import table_3_figure
@@ -30,7 +31,7 @@ def points(lines: Sequence[Line2D]) -> list[tuple[float, float]]:
 # Searches
 
 
-@pytest.mark.parametrize("ends_at", [(0.7, 9e5), (2e-7, 30.0), (0.004, 2e3), (1e-40, 1e40)])
+@together("ends_at", [(0.7, 9e5), (2e-7, 30.0), (0.004, 2e3), (1e-40, 1e40)])
 def test_decades_are_labelled_with_what_they_are(ends_at: tuple[float, float]) -> None:
     panel = Figure().add_subplot()
     set_decades(panel.yaxis, *ends_at)
@@ -68,7 +69,7 @@ def ends(n_scales: int) -> tuple[End, ...]:
     return tuple(end(way, m, s[:n_scales], d) for way, m, s, d in found)
 
 
-@pytest.mark.parametrize("n_scales", [0, 1, 2])
+@together("n_scales", [0, 1, 2])
 def test_open_marks_are_the_searches_that_did_not_reach_the_noise(n_scales: int) -> None:
     every = ends(n_scales)
     figure = simultaneous_figure(every, SCALES[:n_scales])
@@ -89,7 +90,7 @@ def test_open_marks_are_the_searches_that_did_not_reach_the_noise(n_scales: int)
     assert right.get_ylim()[1] > 8e3
 
 
-@pytest.mark.parametrize("n_scales", [1, 2])
+@together("n_scales", [1, 2])
 def test_the_truth_stands_at_factor_one(n_scales: int) -> None:
     left = simultaneous_figure(ends(n_scales), SCALES[:n_scales]).axes[0]
     ((x, y),) = points(marked(left, "+"))
@@ -139,8 +140,8 @@ def test_the_misfit_after_each_iteration() -> None:
 # Table 3
 
 
-@pytest.mark.parametrize(
-    ("n", "known", "starts", "printed"),
+@together(
+    "n, known, starts, printed",
     [(9, True, 24, "true"), (9, True, 24, "other"), (13, False, 0, "other"), (2, True, 1, "none")],
 )
 def test_table_3_shows_each_estimate_over_its_guess(

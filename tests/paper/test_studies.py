@@ -11,6 +11,7 @@ import scipy.linalg
 from numpy.typing import NDArray
 from oracles import NOMINAL, ORDER, by_expm, matrices, skewed
 from rigs import STATES, experiment, measured, posterior, vector
+from together import together
 
 from bayesdrill.engines.convergence import Targets
 from bayesdrill.engines.optimisers.contract import Optimum, Task
@@ -243,7 +244,7 @@ def column(found: Verification, sigma: float, read: Callable[[Cell], float]) -> 
     return np.array([read(found.cell(sigma, name)) for name in PAIR])
 
 
-@pytest.mark.parametrize("sigma", SIGMAS)
+@together("sigma", SIGMAS)
 def test_bounds_and_posteriors_grow_with_the_noise(verified: Verified, sigma: float) -> None:
     """The priors, ten sd wide at least, do not matter: the posterior is as wide as the bound.
 
@@ -278,7 +279,7 @@ def test_records_differ_in_the_size_of_their_noise_alone(verified: Verified) -> 
     assert column(found, 0.001, lambda c: c.truth) == pytest.approx(truth)
 
 
-@pytest.mark.parametrize("sigma", SIGMAS)
+@together("sigma", SIGMAS)
 def test_each_search_ends_low_in_the_misfit_of_its_own_record_and_model(
     verified: Verified, sigma: float
 ) -> None:
@@ -319,7 +320,7 @@ def swinging() -> Posterior:
     return target(names, np.full(4, 5.0), 401, at(names, 1.3, 0.6), wide=(0.2, 4.0))
 
 
-@pytest.mark.parametrize("sigma", [5.0, 20.0])
+@together("sigma", [5.0, 20.0])
 def test_ends_of_searches_are_told_apart_by_their_misfits(
     swinging: Posterior, sigma: float
 ) -> None:
@@ -460,7 +461,7 @@ def test_a_quantity_that_the_config_gives_is_none_of_the_records() -> None:
         assert cause.heuristic == pytest.approx(1.0 if cause.posterior is None else cause.heuristic)
 
 
-@pytest.mark.parametrize("channels", [STATES[:4], ("i",)])
+@together("channels", [STATES[:4], ("i",)])
 def test_what_a_record_says_alone_is_its_information_without_any_prior(
     channels: tuple[str, ...],
 ) -> None:
@@ -513,7 +514,7 @@ def test_what_a_record_says_alone_is_its_information_without_any_prior(
 # MATLAB's fminsearch
 
 
-@pytest.mark.parametrize("n", [1, 2, 4])
+@together("n", [1, 2, 4])
 def test_fminsearch_gives_up_where_matlab_documents_it(n: int) -> None:
     """On a slope without end: MaxFunEvals and MaxIter are 200 times the number of unknowns."""
     endless = Task(

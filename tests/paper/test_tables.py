@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 from oracles import ORDER
 from rigs import experiment
+from together import together
 
 from bayesdrill.basics import own_files
 from bayesdrill.basics.symbols import PARAMETERS
@@ -283,7 +284,7 @@ def check(cell: str, name: str, record: Mapping[str, str]) -> None:
         assert agrees(cell, value, float(scale or 1)), (name, cell, value)
 
 
-@pytest.mark.parametrize(("stem", "k"), IN_ROWS)
+@together("stem, k", IN_ROWS)
 def test_every_row_is_that_of_the_csv_to_the_digits_shown(stem: str, k: int) -> None:
     """Mutants killed: one column in the place of another, digits lost, a scale forgotten."""
     heads, rows = grids(tables()[stem].markdown)[k]
@@ -371,7 +372,7 @@ def test_lines_of_table_2_lead_back_to_what_was_found() -> None:
         assert (line.printed, line.printed_percent) == (paper.value, paper.deviation)
 
 
-@pytest.mark.parametrize("known", [True, False])
+@together("known", [True, False])
 def test_lines_of_table_3_lead_back_to_what_was_found(known: bool) -> None:
     """Mutants killed: off the guess where it says off the truth, another parameter's number."""
     found = findings().nines[0 if known else 1]

@@ -7,6 +7,7 @@ import pytest
 import scipy.interpolate
 from oracles import NOMINAL, skewed
 from rigs import STATES, experiment, vector
+from together import together
 
 from bayesdrill.paper.as_printed import AsPrinted
 from bayesdrill.paper.studies import trapezoid
@@ -33,7 +34,7 @@ def worst(found: np.ndarray, true: np.ndarray) -> float:
     return float(np.max(np.abs(found - true) / np.abs(true).max(axis=0)))
 
 
-@pytest.mark.parametrize("p", [NOMINAL, skewed()], ids=["nominal", "skewed"])
+@together("p", [NOMINAL, skewed()], ids=["nominal", "skewed"])
 def test_agrees_with_the_exact_response_within_thirty_tolerances(p: dict[str, float]) -> None:
     """Each state relative to its largest value over 10 s; the slow swing sums up its errors."""
     solution, found, true = both(p, 1e-3)
@@ -135,8 +136,8 @@ def test_steps_do_not_depend_on_the_times_that_are_asked_for() -> None:
     assert np.array_equal(many.x[[0, 200, 1000]], few.x)
 
 
-@pytest.mark.parametrize(
-    ("model", "allowed"),
+@together(
+    "model, allowed",
     [
         (AsPrinted(i_n=8.0, a_51="j_m"), 0.03),
         (AsPrinted(i_n=8.0), 0.08),
@@ -174,8 +175,8 @@ def test_one_time_is_the_start_and_a_rig_at_rest_stays() -> None:
     assert rest.steps <= 10
 
 
-@pytest.mark.parametrize(
-    ("t", "rtol", "says"),
+@together(
+    "t, rtol, says",
     [([0.0, 0.0], 1e-3, "times"), ([], 1e-3, "times"), ([0.0, 1.0], 0.0, "tolerances")],
 )
 def test_nonsense_is_refused(t: list[float], rtol: float, says: str) -> None:

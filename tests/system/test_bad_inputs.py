@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import systems
 from scipy.io import savemat
+from together import together
 
 K_E = "k_e: {prior: uniform, low: 0.5, high: 1.5, relative: true}"
 J_1 = "j_1: {prior: uniform, low: 0.5, high: 1.5, relative: true}"
@@ -1277,7 +1278,7 @@ def test_the_good_experiment_passes(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     assert systems.listing(tmp_path) == before
 
 
-@pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
+@together("case", CASES, ids=lambda case: case.name)
 def test_a_mistake_is_named_with_its_place_and_a_way_out(
     case: Case, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -1387,7 +1388,7 @@ def test_all_mistakes_of_a_record_come_at_once(
 
 
 # Each of these entries is needed: without it, a mistake elsewhere has to be found all the same.
-@pytest.mark.parametrize(
+@together(
     "change",
     [
         ("name: small\n", ""),
@@ -1424,7 +1425,7 @@ def test_a_missing_time_hides_no_other_missing_column(
     assert "no column 'w1'" in ran.err
 
 
-@pytest.mark.parametrize(
+@together(
     "arguments",
     [
         ["chek"],

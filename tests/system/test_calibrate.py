@@ -20,6 +20,7 @@ import numpy as np
 import pytest
 import systems
 from calibrations import with_misfit
+from together import together
 
 from bayesdrill.basics import own_files
 from bayesdrill.basics.errors import InputError, Interrupted
@@ -169,7 +170,7 @@ def test_a_calibration_leaves_a_complete_folder_and_nothing_else(done: Done) -> 
     assert "at most 1 %" in summary
 
 
-@pytest.mark.parametrize(
+@together(
     "change",
     [
         {"ranks": [0, 0, 20]},  # of 19 draws
@@ -233,8 +234,8 @@ def test_results_are_neither_overwritten_nor_mixed(copy: Done) -> None:
     assert systems.listing(copy.folder) == before
 
 
-@pytest.mark.parametrize(
-    ("changes", "told"),
+@together(
+    "changes, told",
     [
         ([("ess: 50,", "ess: 18,")], "18 effective draws do not hold 19 independent ones"),
         ([("max_steps: 600", "max_steps: 99")], "calibration.max_steps: 99"),

@@ -26,6 +26,7 @@ from documents import (
 )
 from oracles import NOMINAL
 from ruamel.yaml import YAML
+from together import together
 
 from bayesdrill.setup import loading
 
@@ -216,7 +217,7 @@ ANY_CHANNEL = {"theta_1": {"column": "a", "unit": "rad", "sigma": 0.1}}
 COMPLETED = [block for page in ("record", "rigs") for block in blocks(DOCS / f"{page}.md", "yaml")]
 
 
-@pytest.mark.parametrize("block", COMPLETED)
+@together("block", COMPLETED)
 def test_every_block_of_the_pages_on_records_and_rigs_is_valid(block: str, tmp_path: Path) -> None:
     """Completed with what it leaves out."""
     yaml = YAML(typ="safe")

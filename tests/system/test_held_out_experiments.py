@@ -10,6 +10,7 @@ import pytest
 import systems
 from scipy.special import logsumexp
 from scipy.stats import norm
+from together import together
 
 import bayesdrill as bd
 from bayesdrill.insight.prediction_scores import held_out
@@ -117,8 +118,8 @@ def test_models_are_compared_by_what_they_predict_of_it(records: Path, tmp_path:
     assert "held out as a whole" in refused.err
 
 
-@pytest.mark.parametrize(
-    ("changes", "said"),
+@together(
+    "changes, said",
     [
         (
             {"SHARED": "[]"},

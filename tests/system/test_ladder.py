@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import systems
+from together import together
 
 from bayesdrill.basics import own_files
 from bayesdrill.basics.errors import Interrupted
@@ -138,7 +139,7 @@ class Guessing(laddering._Climb):
             self.done[one.name] = one, Told(found, found >= self.enough)  # type: ignore[assignment]
 
 
-@pytest.mark.parametrize(("enough", "rounds"), [(150.0, 2), (120.0, 1), (1000.0, 3)])
+@together("enough, rounds", [(150.0, 2), (120.0, 1), (1000.0, 3)])
 def test_as_long_as_more_than_noise_is_left_the_ladder_goes_on(
     enough: float, rounds: int, tmp_path: Path
 ) -> None:

@@ -13,6 +13,7 @@ import h5py
 import numpy as np
 import pytest
 import systems
+from together import together
 
 from bayesdrill.record.formats import matlab
 
@@ -90,7 +91,7 @@ LIMITS = {
 }
 
 
-@pytest.mark.parametrize("name", LIMITS)
+@together("name", LIMITS)
 def test_what_nobody_needs_is_one_line_at_once(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -106,8 +107,8 @@ def test_what_nobody_needs_is_one_line_at_once(
     assert systems.listing(tmp_path) == before
 
 
-@pytest.mark.parametrize("command", ["check", "init", "verify", "simulate"])
-@pytest.mark.parametrize("behind", ["a device", "a pipe", "a link to a pipe"])
+@together("command", ["check", "init", "verify", "simulate"])
+@together("behind", ["a device", "a pipe", "a link to a pipe"])
 def test_what_has_no_end_is_no_config_and_no_record(
     behind: str, command: str, tmp_path: Path
 ) -> None:
@@ -203,10 +204,8 @@ def test_the_size_is_said_before_and_fewer_draws_are_predicted_of_a_long_record(
     assert "not 125" in ran.out
 
 
-@pytest.mark.parametrize(
-    "content", [b"\xff\xfe\x80", b"[" * 100_000, b"[]", b'{"values": {"k_e": NaN}}', b"{}"]
-)
-@pytest.mark.parametrize("name", ["run.json", "map.json"])
+@together("content", [b"\xff\xfe\x80", b"[" * 100_000, b"[]", b'{"values": {"k_e": NaN}}', b"{}"])
+@together("name", ["run.json", "map.json"])
 def test_a_damaged_file_of_a_run_is_named(content: bytes, name: str, tmp_path: Path) -> None:
     folder = tmp_path / "out"
     folder.mkdir()
@@ -217,7 +216,7 @@ def test_a_damaged_file_of_a_run_is_named(content: bytes, name: str, tmp_path: P
     assert "Traceback" not in ran.text
 
 
-@pytest.mark.parametrize("what", ["a device", "a pipe", "a large file"])
+@together("what", ["a device", "a pipe", "a large file"])
 def test_a_record_that_has_no_end_is_not_read(what: str, tmp_path: Path) -> None:
     """Mutant killed: whatever `file:` names is opened, and waited for."""
     config = systems.small(tmp_path, ("file: small.csv", "file: small.csv\n  format: csv"))
@@ -253,7 +252,7 @@ SAYS = {
 }
 
 
-@pytest.mark.parametrize("name", ENDLESS)
+@together("name", ENDLESS)
 def test_init_looks_at_no_table_for_ever(name: str, tmp_path: Path) -> None:
     """Processor time, of which each took minutes: pairs of columns, digits, brackets that are open."""
     (tmp_path / "odd.csv").write_text(ENDLESS[name])
@@ -275,7 +274,7 @@ def test_columns_that_may_be_anything_are_paired_in_seconds(tmp_path: Path) -> N
     assert (ran.status, "nothing says" in ran.err or "its name says" in ran.err) == (2, True)
 
 
-@pytest.mark.parametrize("what", ["samples", "bytes"])
+@together("what", ["samples", "bytes"])
 def test_init_says_how_much_it_looks_at(what: str, tmp_path: Path) -> None:
     path = tmp_path / "long.npz"
     if what == "samples":
@@ -289,7 +288,7 @@ def test_init_says_how_much_it_looks_at(what: str, tmp_path: Path) -> None:
     assert ran.err.count("\n") == 1
 
 
-@pytest.mark.parametrize("command", ["posterior", "calibrate"])
+@together("command", ["posterior", "calibrate"])
 def test_more_processes_than_any_machine_has_are_refused(command: str, tmp_path: Path) -> None:
     config = systems.small(tmp_path)
     ran = systems.cli(command, config, "--processes", "3000000000", "-o", tmp_path / "out")

@@ -114,7 +114,9 @@ def config(tmp_path: Path) -> Path:
 def test_map_writes_where_it_is_told_and_overwrites_nothing_unasked(config: Path) -> None:
     place, out = config.parent, config.parent / "out"
     before = systems.listing(place)
-    assert systems.cli("map", config, "--processes", "1").status == 0
+    ran = systems.cli("map", config, "--processes", "1")
+    assert ran.status == 0
+    assert "k_e" in ran.out
     assert systems.listing(place) == before  # as it always was
     ran = systems.cli("map", config, "--output", out, "--processes", "1")
     assert ran.status == 0, ran.text

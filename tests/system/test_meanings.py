@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import systems
+from together import together
 
 from bayesdrill.rig.models.motor_shaft import PARAMETERS as NINE
 from bayesdrill.setup import build, loading, reading, simulating, writing
@@ -105,7 +106,7 @@ REFUSED: dict[str, tuple[tuple[Change, ...], str]] = {
 }
 
 
-@pytest.mark.parametrize("name", REFUSED)
+@together("name", REFUSED)
 def test_what_cannot_be_meant_is_refused_before_anything_runs(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -119,15 +120,13 @@ def test_what_cannot_be_meant_is_refused_before_anything_runs(
     assert says in line
 
 
-@pytest.mark.parametrize(
-    "unit", ["rpm", "deg/s", "revolution/s", "turn/min", "mrad/s", "cycle/hour", "degree/ms"]
-)
+@together("unit", ["rpm", "deg/s", "revolution/s", "turn/min", "mrad/s", "cycle/hour", "degree/ms"])
 def test_units_that_say_how_far_they_turn_are_read(unit: str, tmp_path: Path) -> None:
     config = systems.small(tmp_path, ("unit: rad/s", f"unit: {unit}"))
     assert systems.cli("check", config).status == 0
 
 
-@pytest.mark.parametrize(
+@together(
     "entry",
     [
         ("t_f: nominal", "t_f: 0"),
@@ -165,7 +164,7 @@ FORMS = {
 }
 
 
-@pytest.mark.parametrize("form", FORMS)
+@together("form", FORMS)
 def test_a_simulated_record_is_written_as_its_config_reads_it(form: str, tmp_path: Path) -> None:
     path = systems.small(tmp_path, ("  file: small.csv", f"  file: other.txt\n  {FORMS[form]}"))
     config, source = loading.load(path)
@@ -202,7 +201,7 @@ UNREADABLE: dict[str, tuple[Change, str]] = {
 }
 
 
-@pytest.mark.parametrize("name", UNREADABLE)
+@together("name", UNREADABLE)
 def test_a_record_that_its_config_could_not_read_is_not_written(name: str, tmp_path: Path) -> None:
     change, says = UNREADABLE[name]
     config = systems.small(tmp_path, change)
@@ -270,8 +269,8 @@ def nominal_of(
 OWN_VALUES = "j_m: 1, c_m: 1, k_e: 0.2, k_T: 0.2, r_m: 1, l_m: 1, k_s: 1, j_1: 0.1, t_f: 1"
 
 
-@pytest.mark.parametrize(
-    ("changes", "say", "compared", "called"),
+@together(
+    "changes, say, compared, called",
     [
         ((), None, set(NINE), "tables_2_3"),
         ((), "table_1", set(NINE), "table_1"),

@@ -12,6 +12,7 @@ import pytest
 from documents import ROOT
 from numpy.typing import NDArray
 from scipy.io import loadmat
+from together import together
 
 import bayesdrill as bd
 from bayesdrill.basics import seeds
@@ -78,7 +79,7 @@ def inferred(posterior: Posterior, mode: Array, n: int = 200) -> tuple[Array, Sh
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [1, 2])
+@together("seed", [1, 2])
 def test_the_torque_of_a_rig_that_rubs_is_its_friction(seed: int, tmp_path: Path) -> None:
     """The law within its band, the parameters within four sds, the friction to 15 %."""
     case = bd.load(rubbing(tmp_path, seed))
@@ -220,7 +221,7 @@ def test_a_servo_without_a_word_of_its_frictions_has_its_stiffness_over_its_iner
 
 @pytest.mark.slow
 @pytest.mark.skipif(not SERVO.exists(), reason="a record that does not come with the project")
-@pytest.mark.parametrize("window", ["  window: [0, 4]\n", ""], ids=["4 s", "all"])
+@together("window", ["  window: [0, 4]\n", ""], ids=["4 s", "all"])
 def test_the_torque_of_a_servo_is_its_friction(window: str, tmp_path: Path) -> None:
     """2.5e-3 N m at the motor, and of rotor 1 0.43e-3 to 0.86e-3 at its side of the gear; a supply that
     is 0.06 V lower is -0.67e-3 N m.  Sensors are as fine as a rig without friction at rotor 1 follows.

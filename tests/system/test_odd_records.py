@@ -14,6 +14,7 @@ import pytest
 import scipy.sparse
 import systems
 from scipy.io import savemat
+from together import together
 
 import bayesdrill as bd
 
@@ -311,14 +312,14 @@ def test_the_kinds_are_many_and_named_once() -> None:
     assert len(set(names)) == len(names) >= 60
 
 
-@pytest.mark.parametrize("one", AS_MEANT, ids=lambda one: one.name)
+@together("one", AS_MEANT, ids=lambda one: one.name)
 def test_odd_spelling_is_read_as_it_was_meant(one: Odd, tmp_path: Path) -> None:
     experiment = bd.load(place(tmp_path, one)).job.problem.experiment
     np.testing.assert_array_equal(experiment.t, T)
     np.testing.assert_array_equal(experiment.y, np.column_stack([THETA, W]))
 
 
-@pytest.mark.parametrize("one", REFUSED, ids=lambda one: one.name)
+@together("one", REFUSED, ids=lambda one: one.name)
 def test_what_may_mean_two_things_is_refused_with_a_way_out(
     one: Odd, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -328,8 +329,8 @@ def test_what_may_mean_two_things_is_refused_with_a_way_out(
         assert words in said
 
 
-@pytest.mark.parametrize(
-    ("name", "says"),
+@together(
+    "name, says",
     [
         ("small.csv.gz", "unpack the file first"),
         ("small.xlsx", "export the spreadsheet as CSV"),
@@ -384,8 +385,8 @@ CELLS = np.empty((1, 2), dtype=object)
 CELLS[:] = [[T, W]]
 
 
-@pytest.mark.parametrize(
-    ("write", "says"),
+@together(
+    "write, says",
     [
         (cut, "damaged or cut short"),
         (v5(scipy.sparse.csc_matrix(W[:, None])), "is sparse; save full(...) of it"),
@@ -421,8 +422,8 @@ ANGLE = (THETA + np.pi) % (2 * np.pi) - np.pi
 IN_COUNTS = ("{column: w_1, unit: rad/s, sigma: 0.05}", "{column: w_1, unit: mrad/s, sigma: 50}")
 
 
-@pytest.mark.parametrize(
-    ("columns", "changes", "says"),
+@together(
+    "columns, changes, says",
     [
         ((T, THETA, W), (), None),
         (

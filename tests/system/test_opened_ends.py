@@ -44,7 +44,7 @@ def test_reports_and_verify_read_what_the_run_has_found(out: Path) -> None:
     ran = systems.cli("verify", out)
     assert ran.status == 0, ran.text
     assert systems.listing(out) == before
-    ran = systems.cli("report", out)
+    ran = systems.cli("report", out, "--processes", "1")
     assert ran.status == 0, ran.text
     again = systems.listing(out)
     for name in (OPENED, "verdict.csv", "summary.csv"):
@@ -54,7 +54,7 @@ def test_reports_and_verify_read_what_the_run_has_found(out: Path) -> None:
 def test_of_a_run_that_kept_nothing_nothing_is_said(out: Path) -> None:
     """As older versions have left it.  Mutant killed: a verdict from draws that end at the table."""
     (out / OPENED).unlink()
-    ran = systems.cli("report", out)
+    ran = systems.cli("report", out, "--processes", "1")
     assert ran.status == 0, ran.text
     assert "note: priors of k_e end near nominal values, and draws beyond were not kept" in ran.out
     assert "pressed against the prior: k_e" in ran.out
@@ -78,6 +78,7 @@ def test_what_is_not_of_this_chain_is_refused_and_made_again(
             assert f"{OPENED}: is of another chain, or is damaged; delete it" in ran.err
     monkeypatch.undo()
     (out / OPENED).unlink()
-    ran = systems.cli("posterior", out.parent / "out.yaml", "-o", out, "--resume")
+    config = out.parent / "out.yaml"
+    ran = systems.cli("posterior", config, "-o", out, "--resume", "--processes", "1")
     assert ran.status == 0, ran.text
     assert (out / OPENED).read_bytes() == whole

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 import systems
+from together import together
 
 from bayesdrill.basics.sealed import sealed
 from bayesdrill.paper.studies.printed import NINE_PARAMETERS
@@ -100,8 +101,8 @@ def held(*names: str) -> Callable[[Path], None]:
 UNKNOWN = "sigma: {prior: log_uniform, low: 0.01, high: 1}}"
 
 
-@pytest.mark.parametrize(
-    ("spoil", "says"),
+@together(
+    "spoil, says",
     [
         (deleted("measured.yaml"), "measured.yaml"),
         (deleted("missing_physics.yaml"), "missing_physics.yaml"),
@@ -136,7 +137,7 @@ def test_a_mistake_in_the_configs_is_told_before_anything_runs(
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.parametrize("given", ["configs/paper/measured.yaml", "configs/nothing"])
+@together("given", ["configs/paper/measured.yaml", "configs/nothing"])
 def test_what_is_no_folder_of_studies_is_told(given: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(ROOT)
     ran = systems.cli("paper", given)

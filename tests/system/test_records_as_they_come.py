@@ -6,8 +6,8 @@ import json
 from pathlib import Path
 
 import numpy as np
-import pytest
 import systems
+from together import together
 
 LINES = systems.small_record().splitlines()
 CHANNEL = "w_1: {column: w_1, unit: rad/s, sigma: 0.05}"
@@ -51,8 +51,8 @@ def test_check_names_the_filter_of_a_decimated_record(tmp_path: Path) -> None:
     assert "one sample of 4 is left (231 of 1001)" in ran.out
 
 
-@pytest.mark.parametrize(
-    ("new", "says"),
+@together(
+    "new, says",
     [
         (CHANNEL[:-1] + ", file: other.csv}", "a simulated record is one file with one time"),
         (CHANNEL[:-1] + ", time: {rate: 20}}", "a simulated record is one file with one time"),

@@ -22,6 +22,7 @@ import pytest
 import systems
 import xarray
 from emcee.backends import HDFBackend
+from together import together
 
 from bayesdrill.basics.own_files import POSTERIOR
 from bayesdrill.basics.sealed import opened, sealed
@@ -134,10 +135,12 @@ def copied(found: Done, folder: Path) -> Done:
     return Done(folder / "small.yaml", folder / "out", found.ran)
 
 
-@pytest.fixture
-def copy(plain: Done, tmp_path: Path) -> Done:
+def copied_plain(plain: Done, tmp_path: Path) -> Done:
     """The converged run without figures, to be changed."""
     return copied(plain, tmp_path / "copy")
+
+
+copy = pytest.fixture(copied_plain, name="copy")
 
 
 @pytest.fixture
@@ -222,21 +225,6 @@ def test_the_summary_has_a_row_for_every_unknown(done: Done) -> None:
     assert "converged: all targets are met" in (done.folder / "summary.md").read_text()
 
 
-def test_report_makes_the_same_tables_again(drawn: Done) -> None:
-    before = systems.listing(drawn.folder)
-    for name in ("summary.csv", "summary.md", "report.html", "table.tex", "posterior.nc"):
-        (drawn.folder / name).unlink()
-    shutil.rmtree(drawn.folder / "figures")
-    ran = systems.cli("report", drawn.folder, "--processes", "1")
-    assert ran.status == 0, ran.text
-    after = systems.listing(drawn.folder)
-    assert set(after) == FILES
-    kept = ("chain.h5", "config.yaml", "map.json")
-    for name in ("summary.csv", "summary.md", "report.html", "table.tex", *kept):
-        assert after[name] == before[name], name
-    assert ran.out.splitlines()[-1].startswith(f"results: {drawn.folder}/")
-
-
 BROKEN = {
     "figures/corner": "report.derived_words.shown",
     "figures/trace": "report.trace_plot.trace_figure",
@@ -250,6 +238,8 @@ BROKEN = {
 def test_tables_and_figures_that_fail_are_named_and_take_no_other_with_them(
     drawn: Done, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    """And `report` makes all of them again, the same as before."""
+    complete = systems.listing(drawn.folder)
     for name in FIGURES | {"summary.md", "derived.csv", "verdict.csv", "posterior.nc"}:
         (drawn.folder / name).unlink()
 
@@ -271,9 +261,18 @@ def test_tables_and_figures_that_fail_are_named_and_take_no_other_with_them(
     failed |= {name for name in FIGURES if re.search("corner|trace|fit", name)}
     assert set(systems.listing(drawn.folder)) == FILES - failed
     assert sorted(run_of(drawn.folder)["missing"]) == sorted(f"{what} {why}" for what in BROKEN)
-    assert systems.cli("report", drawn.folder, "--processes", "1").status == 0
-    assert set(systems.listing(drawn.folder)) == FILES
+    for name in ("summary.csv", "summary.md", "report.html", "table.tex"):
+        (drawn.folder / name).unlink()
+    shutil.rmtree(drawn.folder / "figures")
+    ran = systems.cli("report", drawn.folder, "--processes", "1")
+    assert ran.status == 0, ran.text
+    after = systems.listing(drawn.folder)
+    assert set(after) == FILES
     assert run_of(drawn.folder)["missing"] == []
+    kept = ("chain.h5", "config.yaml", "map.json")
+    for name in ("summary.csv", "summary.md", "report.html", "table.tex", *kept):
+        assert after[name] == complete[name], name
+    assert ran.out.splitlines()[-1].startswith(f"results: {drawn.folder}/")
 
 
 @pytest.mark.slow
@@ -299,10 +298,13 @@ def test_the_chain_does_not_depend_on_the_processes(done: Done, tmp_path: Path) 
 
 
 def test_another_seed_makes_another_chain(done: Done, copy: Done) -> None:
+    """And --force leaves notes beside the results alone."""
     change(copy.config, "seed: 7", "seed: 8")
+    (copy.folder / "notes.txt").write_text("what I saw that day")
     ran = posterior(copy.config, copy.folder, "--force")
     assert ran.status in (0, 3), ran.text
-    assert set(systems.listing(copy.folder)) == FILES - FIGURES
+    assert (copy.folder / "notes.txt").read_text() == "what I saw that day"
+    assert set(systems.listing(copy.folder)) == {*FILES - FIGURES, "notes.txt"}
     first, second = chains(done.folder), chains(copy.folder)
     assert not np.array_equal(first["z 0"], second["z 0"][: len(first["z 0"])])
     assert run_of(copy.folder)["seed"] == 8
@@ -385,29 +387,21 @@ def group(leader: int) -> list[int]:
     return found
 
 
-@pytest.mark.parametrize(
-    ("number", "processes"),
-    [
-        (signal.SIGINT, 1),
-        pytest.param(signal.SIGINT, 2, marks=pytest.mark.slow),
-        pytest.param(signal.SIGTERM, 1, marks=pytest.mark.slow),
-        pytest.param(signal.SIGKILL, 1, marks=pytest.mark.slow),
-    ],
-    ids=lambda value: getattr(value, "name", value),
-)
-def test_interrupted_and_resumed_is_the_same_as_uninterrupted(
-    number: signal.Signals,
-    processes: int,
-    endless: Done,
-    tmp_path: Path,
-    started: list[subprocess.Popen[str]],
-) -> None:
-    config = systems.small(tmp_path, ENDLESS)
-    folder = tmp_path / "out"
-    arguments = ("posterior", config, "-o", folder, "--processes", str(processes))
-    process = systems.start(*arguments, cwd=tmp_path)
+def begun(folder: Path, processes: int, started: list[subprocess.Popen[str]]) -> Done:
+    """A run in a process of its own, some of which is saved."""
+    config = systems.small(folder, ENDLESS)
+    arguments = ("posterior", config, "-o", folder / "out", "--processes", str(processes))
+    process = systems.start(*arguments, cwd=folder)
     started.append(process)
-    waited(process, lambda: len(pieces(folder)) >= 3)
+    waited(process, lambda: len(pieces(folder / "out")) >= 3)
+    return Done(config, folder / "out", systems.Ran(0, "", ""))
+
+
+def assert_resumes(
+    run: Done, process: subprocess.Popen[str], number: signal.Signals, endless: Done
+) -> None:
+    """Interrupted by `number` and resumed is the same as uninterrupted."""
+    folder = run.folder
     if number == signal.SIGINT:
         os.killpg(process.pid, number)  # as a terminal does, to parent and workers
     else:
@@ -424,10 +418,43 @@ def test_interrupted_and_resumed_is_the_same_as_uninterrupted(
         assert "continue with --resume" in err
         assert run_of(folder)["status"] == "interrupted"
     assert soon(lambda: not group(process.pid)), "workers outlive the run"
-    assert posterior(config, folder, "--resume").status == 3
+    assert posterior(run.config, folder, "--resume").status == 3
     assert_same_chains(endless.folder, folder)
     assert set(systems.listing(folder)) == FILES - FIGURES
     assert (folder / "summary.csv").read_bytes() == (endless.folder / "summary.csv").read_bytes()
+
+
+def test_no_other_run_writes_into_the_folder_of_one_which_interrupted_can_be_resumed(
+    endless: Done, tmp_path: Path, started: list[subprocess.Popen[str]]
+) -> None:
+    run = begun(tmp_path, 1, started)
+    (process,) = started
+    process.send_signal(signal.SIGSTOP)
+    before = systems.listing(run.folder)
+    for options in (["--resume"], ["--force"]):
+        refused = posterior(run.config, run.folder, *options)
+        assert_refused(refused, "another run is writing here")
+    assert_refused(systems.cli("report", run.folder), "another run is writing here")
+    assert systems.listing(run.folder) == before
+    process.send_signal(signal.SIGCONT)
+    assert_resumes(run, process, signal.SIGINT, endless)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("number", "processes"),
+    [(signal.SIGINT, 2), (signal.SIGTERM, 1), (signal.SIGKILL, 1)],
+    ids=lambda value: getattr(value, "name", value),
+)
+def test_interrupted_and_resumed_is_the_same_as_uninterrupted(
+    number: signal.Signals,
+    processes: int,
+    endless: Done,
+    tmp_path: Path,
+    started: list[subprocess.Popen[str]],
+) -> None:
+    run = begun(tmp_path, processes, started)
+    assert_resumes(run, started[0], number, endless)
 
 
 @pytest.mark.slow
@@ -539,7 +566,7 @@ def test_a_run_cut_when_one_ensemble_had_just_reached_a_check_resumes(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("steps", [100, 101])
+@together("steps", [100, 101])
 def test_a_run_of_hardly_any_steps_says_that_it_is_too_short(steps: int, tmp_path: Path) -> None:
     slow = f"ess: 100, moves: {{stretch: 1}}, max_steps: {steps}"
     found = fresh(tmp_path, ("ess: 100, max_steps: 500", slow))
@@ -564,26 +591,6 @@ def test_a_run_cut_before_its_first_check_cannot_be_reported_yet(copy: Done) -> 
     assert systems.listing(copy.folder) == before
 
 
-def test_a_second_run_in_the_same_folder_is_refused(
-    tmp_path: Path, started: list[subprocess.Popen[str]]
-) -> None:
-    config = systems.small(tmp_path, ENDLESS)
-    folder = tmp_path / "out"
-    process = systems.start("posterior", config, "-o", folder, "--processes", "1", cwd=tmp_path)
-    started.append(process)
-    waited(process, lambda: len(pieces(folder)) >= 1)
-    process.send_signal(signal.SIGSTOP)
-    before = systems.listing(folder)
-    for options in (["--resume"], ["--force"]):
-        assert_refused(posterior(config, folder, *options), "another run is writing here")
-    assert_refused(systems.cli("report", folder), "another run is writing here")
-    assert systems.listing(folder) == before
-    process.send_signal(signal.SIGCONT)
-    process.send_signal(signal.SIGINT)
-    process.communicate(timeout=30)
-    assert process.returncode == 130
-
-
 # --- what is there already -----------------------------------------------------------------------
 
 
@@ -594,7 +601,7 @@ def test_a_second_fresh_run_is_refused(copy: Done) -> None:
     assert systems.listing(copy.folder) == before
 
 
-@pytest.mark.parametrize("options", [[], ["--resume"], ["--force"]], ids=str)
+@together("options", [[], ["--resume"], ["--force"]], ids=str)
 def test_foreign_files_are_never_touched(options: list[str], tmp_path: Path) -> None:
     config = systems.small(tmp_path / "rig")
     thesis = tmp_path / "home" / "thesis"
@@ -615,14 +622,8 @@ def test_force_leaves_hidden_files_of_others_alone(tmp_path: Path) -> None:
     assert head.read_text() == "ref: refs/heads/main"
 
 
-def test_force_leaves_notes_beside_the_results_alone(copy: Done) -> None:
-    (copy.folder / "notes.txt").write_text("what I saw that day")
-    posterior(copy.config, copy.folder, "--force")
-    assert (copy.folder / "notes.txt").read_text() == "what I saw that day"
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "named"),
+@together(
+    "old, new, named",
     [
         (
             "low: 0.5, high: 1.5, relative: true}\n  k_T",
@@ -648,7 +649,7 @@ def test_force_leaves_notes_beside_the_results_alone(copy: Done) -> None:
         ("map: {", "model: {i_m: 0.25}\nmap: {",
          "the model was MotorShaft(i_m=0.125) and is MotorShaft(i_m=0.25)"),
     ],
-    ids=lambda text: text.split(":")[0][:20],
+    ids=lambda text: text.split(":")[0][:20], copy=copied_plain,
 )  # fmt: skip
 def test_resuming_something_else_names_what_changed_and_both_values(
     old: str, new: str, named: str, copy: Done
@@ -660,7 +661,7 @@ def test_resuming_something_else_names_what_changed_and_both_values(
     assert systems.listing(copy.folder) == before
 
 
-@pytest.mark.parametrize("package", ["bayesdrill", "numpy", "scipy", "emcee", "llvmlite"])
+@together("package", ["bayesdrill", "numpy", "scipy", "emcee", "llvmlite"], copy=copied_plain)
 def test_resuming_under_another_version_of_what_decides_the_chain(package: str, copy: Done) -> None:
     """A chain is one chain: refused, with both versions. A report adds nothing, and may."""
     now = version(package)
@@ -688,7 +689,7 @@ def test_resuming_with_another_record_names_the_record(copy: Done) -> None:
     assert systems.listing(copy.folder) == before
 
 
-@pytest.mark.parametrize("text", ["[]", "null", '"x"', '{"fingerprint": 3}'])
+@together("text", ["[]", "null", '"x"', '{"fingerprint": 3}'], copy=copied_plain)
 def test_a_run_json_that_is_json_but_no_run_is_named(text: str, copy: Done) -> None:
     (copy.folder / "run.json").write_text(text)
     before = systems.listing(copy.folder)
@@ -782,8 +783,8 @@ def digit_changed(content: bytes) -> bytes:
     return re.sub(rb"(log_posterior.*\.\d)\d", rb"\g<1>0", content, count=1)
 
 
-@pytest.mark.parametrize(
-    ("name", "damage", "way_out"),
+@together(
+    "name, damage, way_out",
     [
         ("run.json", lambda content: content[:40], "put back a copy"),
         ("run.json", lambda content: content.replace(b"finished", b"finishes"), "put back a copy"),
@@ -792,6 +793,7 @@ def digit_changed(content: bytes) -> bytes:
         ("map.json", digit_changed, "delete it and continue with --resume"),
         ("chain.h5", lambda content: content[:40], "delete it and continue with --resume"),
     ],
+    copy=copied_plain,
 )
 def test_a_damaged_result_is_named_and_nothing_is_written(
     name: str, damage: Callable[[bytes], bytes], way_out: str, copy: Done
@@ -953,21 +955,12 @@ def test_the_module_tells_its_version(tmp_path: Path) -> None:
     assert (ran.status, ran.out) == (0, f"bayesdrill {bayesdrill.__version__}\n")
 
 
-@pytest.mark.parametrize("command", ["check", "map", "posterior", "report", "simulate", "schema"])
+@together("command", ["check", "map", "posterior", "report", "simulate", "schema"])
 def test_help_shows_an_example(command: str) -> None:
     ran = systems.cli(command, "--help")
     assert ran.status == 0
     assert f"Example: bayesdrill {command}" in " ".join(ran.out.split())
     assert command in systems.cli("--help").out
-
-
-def test_map_prints_and_writes_nothing(tmp_path: Path) -> None:
-    config = systems.small(tmp_path)
-    before = systems.listing(tmp_path)
-    ran = systems.cli("map", config, "--processes", "1")
-    assert ran.status == 0
-    assert "k_e" in ran.out
-    assert systems.listing(tmp_path) == before
 
 
 @pytest.mark.slow

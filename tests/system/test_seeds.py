@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from together import together
 
 from bayesdrill.basics.progress import Silent
 from bayesdrill.commands import concluding, searching
@@ -22,7 +23,7 @@ ROWS = ("bundled", "closed_loop", "half_normals", "two_springs")
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ROWS)
+@together("name", ROWS)
 def test_means_scatter_as_their_errors_say(tmp_path: Path, name: str) -> None:
     """All that a run learns, starts and draws depends on its seed; the record and MAP do not.
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from together import together
 
 import bayesdrill as bd
 from bayesdrill.inference import residual_checks
@@ -41,7 +42,7 @@ BOX = "{prior: uniform, low: 0.1, high: 10, relative: true}"
 
 @pytest.mark.slow
 @pytest.mark.skipif(not SHARED.is_dir(), reason="records that do not come with the project")
-@pytest.mark.parametrize("name", ["square", "sweep", "slow"])
+@together("name", ["square", "sweep", "slow"])
 def test_the_offset_of_the_supply_and_both_frictions_are_named(name: str, tmp_path: Path) -> None:
     path = tmp_path / f"{name}.yaml"
     path.write_text(CONFIG.format(file=SHARED / f"{name}.csv", box=BOX))

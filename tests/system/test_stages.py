@@ -51,21 +51,24 @@ def test_each_stage_announces_itself(tmp_path: Path) -> None:
     assert [f"  {stage} ..." for stage in STAGES[-2:]] == ran.err.splitlines()
 
 
-@pytest.mark.parametrize(
-    ("at", "says"),
-    [
-        ("searching", "nothing was found yet, and {} holds the config alone"),
-        ("learning", "the maximum is saved in {}, and nothing was sampled yet"),
-        ("the walkers", "the maximum is saved in {}, and nothing was sampled yet"),
-        (" steps to the next look", "what was sampled is saved in {}"),
-        ("the draws", "what was sampled is saved in {}"),
-    ],
+STOPS = (
+    ("searching", "nothing was found yet, and {} holds the config alone"),
+    ("learning", "the maximum is saved in {}, and nothing was sampled yet"),
+    ("the walkers", "the maximum is saved in {}, and nothing was sampled yet"),
+    (" steps to the next look", "what was sampled is saved in {}"),
+    ("the draws", "what was sampled is saved in {}"),
 )
-def test_what_is_saved_is_said_and_nothing_else(at: str, says: str, tmp_path: Path) -> None:
-    """Mutant killed: one sentence for all that is stopped."""
+
+
+def test_what_is_saved_is_said_and_nothing_else(tmp_path: Path) -> None:
+    """One run that is stopped again and again, and goes on each time until it is done.
+
+    Mutant killed: one sentence for all that is stopped.
+    """
     case, out = bd.load(systems.small(tmp_path)), tmp_path / "out"
-    with pytest.raises(Interrupted) as stopped:
-        case.run(out, report=Stopping(at))
-    assert str(stopped.value) == f"stopped; {says.format(out)}; continue with --resume"
+    for at, says in STOPS:
+        with pytest.raises(Interrupted) as stopped:
+            case.run(out, resume=out.exists(), report=Stopping(at))
+        assert str(stopped.value) == f"stopped; {says.format(out)}; continue with --resume", at
     assert case.run(out, resume=True).reasons == ()
     assert bd.verify(out).together

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 import systems
 from systems import ROOT, cli, listing
+from together import together
 
 from bayesdrill.basics import own_files
 from bayesdrill.basics.errors import InputError
@@ -35,7 +36,7 @@ def write(folder: Path, name: str, text: str = "mine") -> Path:
 # --- folders of results --------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("option", ["", "--force", "--resume"])
+@together("option", ["", "--force", "--resume"])
 def test_a_folder_is_known_by_more_than_the_name_of_a_file_in_it(
     option: str, tmp_path: Path
 ) -> None:
@@ -48,7 +49,7 @@ def test_a_folder_is_known_by_more_than_the_name_of_a_file_in_it(
     refused("report", tmp_path / "out", below=tmp_path, says="run.json: is damaged")
 
 
-@pytest.mark.parametrize("option", ["", "--force", "--resume"])
+@together("option", ["", "--force", "--resume"])
 def test_a_calibration_and_a_posterior_do_not_mix(option: str, tmp_path: Path) -> None:
     config = systems.small(tmp_path / "rig")
     for command, kind in (("posterior", own_files.CALIBRATE), ("calibrate", POSTERIOR)):
@@ -57,9 +58,9 @@ def test_a_calibration_and_a_posterior_do_not_mix(option: str, tmp_path: Path) -
         refused(command, config, "-o", folder, *option.split(), below=tmp_path, says=says)
 
 
-@pytest.mark.parametrize("option", ["", "--force"])
-@pytest.mark.parametrize(
-    ("kind", "names", "says"),
+@together("option", ["", "--force"])
+@together(
+    "kind, names, says",
     [
         (None, ["notes.md", "mydata.csv", "figures/photo.jpg"], "holds other files (figures)"),
         (None, ["run.json", "notes.md"], "run.json: is damaged, or not of this bayesdrill"),
@@ -116,8 +117,8 @@ def test_identify_overwrites_its_own_files_when_told_to(tmp_path: Path) -> None:
     assert (out / "identify.md").read_bytes() != first
 
 
-@pytest.mark.parametrize("option", ["", "--force"])
-@pytest.mark.parametrize("name", ["identify.md", "figures/spectrum.png", "figures/profiles.pdf"])
+@together("option", ["", "--force"])
+@together("name", ["identify.md", "figures/spectrum.png", "figures/profiles.pdf"])
 def test_identify_leaves_what_it_has_not_made(name: str, option: str, tmp_path: Path) -> None:
     config = systems.small(tmp_path)
     write(tmp_path / "out", name)
@@ -126,7 +127,7 @@ def test_identify_leaves_what_it_has_not_made(name: str, option: str, tmp_path: 
     refused(*command, below=tmp_path, says=says)
 
 
-@pytest.mark.parametrize("option", ["", "--force"])
+@together("option", ["", "--force"])
 def test_identify_writes_through_no_link(option: str, tmp_path: Path) -> None:
     config, out = systems.small(tmp_path), tmp_path / "out"
     (tmp_path / "pictures").mkdir()
@@ -156,8 +157,8 @@ def test_simulate_repeats_itself_and_overwrites_another_simulation_when_told_to(
     assert (tmp_path / "small.csv").read_bytes() == record
 
 
-@pytest.mark.parametrize("option", ["", "--force"])
-@pytest.mark.parametrize("given", [None, "small.csv", "../rig/small.csv", "hard.csv"])
+@together("option", ["", "--force"])
+@together("given", [None, "small.csv", "../rig/small.csv", "hard.csv"])
 def test_simulate_never_overwrites_the_record_that_a_config_names(
     given: str | None, option: str, tmp_path: Path
 ) -> None:
@@ -168,8 +169,8 @@ def test_simulate_never_overwrites_the_record_that_a_config_names(
     refused(*command, below=tmp_path, says="the record that the config names is never overwritten")
 
 
-@pytest.mark.parametrize("force", [False, True])
-@pytest.mark.parametrize("name", ["thesis.tex", "longer", "empty", "pipe", "link", "folder"])
+@together("force", [False, True])
+@together("name", ["thesis.tex", "longer", "empty", "pipe", "link", "folder"])
 def test_simulate_replaces_nothing_but_a_record(name: str, force: bool, tmp_path: Path) -> None:
     write(tmp_path, "thesis.tex", "t,theta")
     write(tmp_path, "longer", "t,theta_1,w_1\n0,0,0\n")

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import systems
 import xarray
+from together import together
 
 EXAMPLE = systems.ROOT / "configs" / "example_ties.yaml"
 
@@ -51,8 +52,8 @@ def config(folder: Path, *changes: tuple[str, str]) -> Path:
     return folder / "mine.yaml"
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "at", "says", "way_out"),
+@together(
+    "old, new, at, says, way_out",
     [case[1:] for case in WRONG],
     ids=[case[0] for case in WRONG],
 )

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import refits
 from refits import Trial
+from together import together
 from verdicts import off_by
 
 from bayesdrill.insight.identifiability.scenes import Scenery
@@ -52,7 +53,7 @@ def test_two_parameters_that_are_off_disagree_and_no_others(tmp_path: Path) -> N
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
+@together(
     "parameters",
     [
         SEVEN,
@@ -90,7 +91,7 @@ def made(parameters: e.Entry) -> Row:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("parameters", [SEVEN, *RUBS], ids=["seven", "friction", "damped"])
+@together("parameters", [SEVEN, *RUBS], ids=["seven", "friction", "damped"])
 def test_a_value_of_the_table_that_is_off_is_told(tmp_path: Path, parameters: e.Entry) -> None:
     """Each in turn by 10 %, where a product that the record determines is off by 7 sigma and more.
 
@@ -129,7 +130,7 @@ def rubbed(job: refits.Job) -> np.ndarray:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("wrong", ["lag", "gain", "friction", "gear", "correlated noise"])
+@together("wrong", ["lag", "gain", "friction", "gear", "correlated noise"])
 def test_a_wrong_model_does_not_blame_the_table(tmp_path: Path, wrong: str) -> None:
     """The nominal table is the truth, and something else is wrong: the fit shows it, and the table
     is in doubt at most.  Mutant killed: a verdict that does not ask whether the rig fits.

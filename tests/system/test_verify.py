@@ -14,6 +14,7 @@ import forked
 import h5py
 import pytest
 import systems
+from together import together
 
 import bayesdrill as bd
 from bayesdrill.basics.sealed import opened, sealed
@@ -34,10 +35,13 @@ def done(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return place
 
 
-@pytest.fixture
-def rig(done: Path, tmp_path: Path) -> Path:
+def copied_rig(done: Path, tmp_path: Path) -> Path:
+    """The rig and its runs, to be changed."""
     shutil.copytree(done, tmp_path / "rig")
     return tmp_path / "rig"
+
+
+rig = pytest.fixture(copied_rig, name="rig")
 
 
 def text(path: Path, old: str, new: str) -> None:
@@ -119,8 +123,11 @@ CASES: list[tuple[Callable[[Path], None], bool, str]] = [
 ]
 
 
-@pytest.mark.parametrize(
-    ("change", "pains", "says"), CASES, ids=[f"{c.__name__}{' forged' * p}" for c, p, _ in CASES]
+@together(
+    "change, pains, says",
+    CASES,
+    ids=[f"{c.__name__}{' forged' * p}" for c, p, _ in CASES],
+    rig=copied_rig,
 )
 def test_what_does_not_belong_is_named(
     change: Callable[[Path], None], pains: bool, says: str, rig: Path
@@ -136,7 +143,7 @@ def test_what_does_not_belong_is_named(
     assert systems.listing(rig) == before
 
 
-@pytest.mark.parametrize("name", ["chain.h5", "map.json"])
+@together("name", ["chain.h5", "map.json"], rig=copied_rig)
 def test_what_another_run_has_found_is_refused_by_all_that_read_it(name: str, rig: Path) -> None:
     """Mutant killed: a chain that is believed whatever run it is of."""
     mine, other = rig / "out", rig / "other"
@@ -276,7 +283,8 @@ def test_a_run_is_reported_elsewhere_in_a_folder_of_its_own(rig: Path) -> None:
         assert ran.status == 2
         assert says in ran.err
         assert systems.listing(rig) == before
-    assert systems.cli("report", out, "-o", rig / "other", "--force").status == 0
+    ran = systems.cli("report", out, "-o", rig / "other", "--force", "--processes", "1")
+    assert ran.status == 0, ran.text
     assert bd.verify(rig / "other").together
     assert (rig / "other" / "chain.h5").read_bytes() == (out / "chain.h5").read_bytes()
 
@@ -387,7 +395,7 @@ WRONG_TYPES: list[tuple[str, Callable[[dict[str, Any]], object], str]] = [
 ]
 
 
-@pytest.mark.parametrize(("name", "change", "said"), WRONG_TYPES)
+@together("name, change, said", WRONG_TYPES, rig=copied_rig)
 def test_types_are_looked_at_before_anything_is_believed(
     name: str, change: Callable[[dict[str, Any]], object], said: str, rig: Path
 ) -> None:
@@ -403,8 +411,10 @@ def test_tables_that_are_no_text_do_not_follow(rig: Path) -> None:
         assert f"{name}: does not follow from the chain" in systems.cli("verify", rig / "out").err
 
 
-@pytest.mark.parametrize(
-    ("dataset", "shape"), [("chain", (-1, 8, 1)), ("chain", (-1, 4, 2)), ("log_prob", (-1, 4))]
+@together(
+    "dataset, shape",
+    [("chain", (-1, 8, 1)), ("chain", (-1, 4, 2)), ("log_prob", (-1, 4))],
+    rig=copied_rig,
 )
 def test_a_chain_of_other_walkers_or_unknowns(
     dataset: str, shape: tuple[int, ...], rig: Path

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 import systems
+from together import together
 
 from bayesdrill.inference import residual_checks
 from bayesdrill.setup import build, loading, number_objects, simulating
@@ -158,7 +159,7 @@ def test_names_are_unique_and_there_are_many() -> None:
     assert len(ROWS) - len(SOUND) >= 8
 
 
-@pytest.mark.parametrize("what", COVERED)
+@together("what", COVERED)
 def test_every_kind_of_record_is_there(what: str) -> None:
     assert [row.name for row in SOUND if COVERED[what](row)]
 
@@ -171,7 +172,7 @@ def test_unsound_rows_are_of_several_kinds() -> None:
     )
 
 
-@pytest.mark.parametrize("row", ROWS, ids=ids(ROWS))
+@together("row", ROWS, ids=ids(ROWS))
 def test_every_config_is_valid(row: Row, tmp_path: Path) -> None:
     path = tmp_path / f"{row.name}.yaml"
     path.write_text(folder.text(row, row.seed), encoding="utf-8")
@@ -182,7 +183,7 @@ def test_every_config_is_valid(row: Row, tmp_path: Path) -> None:
     assert config.sampler == usual or "sampler" in row.config
 
 
-@pytest.mark.parametrize("name", ["sum_and_tie", "load_measured"])
+@together("name", ["sum_and_tie", "load_measured"])
 def test_a_written_row_passes_the_check(name: str, tmp_path: Path) -> None:
     for path in folder.write(rows.chosen([name])[0], tmp_path):
         ran = systems.cli("check", path)
@@ -224,13 +225,13 @@ def looks_like_noise(row: Row, place: Path) -> bool:
     return not any(one.large or one.small or one.far or one.correlated for one in left)
 
 
-@pytest.mark.parametrize("name", ["closed_loop", "two_springs", "load_measured", "large_and_slow"])
+@together("name", ["closed_loop", "two_springs", "load_measured", "large_and_slow"])
 def test_a_sound_record_leaves_its_noise_at_the_truth(name: str, tmp_path: Path) -> None:
     assert looks_like_noise(rows.chosen([name])[0], tmp_path)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("row", THERE, ids=ids(THERE))
+@together("row", THERE, ids=ids(THERE))
 def test_records_leave_their_noise_at_the_truth_where_the_rig_fits(
     row: Row, tmp_path: Path
 ) -> None:
@@ -240,7 +241,7 @@ def test_records_leave_their_noise_at_the_truth_where_the_rig_fits(
 GRIDS = {1: (20_001,), 2: (201, 1501), 3: (121, 601, 31)}  # k_e, k_s, j_1
 
 
-@pytest.mark.parametrize("n", [1, 2, 3])
+@together("n", [1, 2, 3])
 def test_the_humps_of_an_aliased_record_have_these_shares(n: int, tmp_path: Path) -> None:
     row = rows.chosen([f"aliased_{n}"])[0]
     assert isinstance(row.humps, Two)
@@ -267,7 +268,7 @@ QUICK = [row for row in ROWS if row.name in ("free_swing", "aliased_1", "wrong_n
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("row", QUICK, ids=ids(QUICK))
+@together("row", QUICK, ids=ids(QUICK))
 def test_a_quick_row_does_what_it_should(row: Row, tmp_path: Path) -> None:
     """One run at lower targets, whose means its own weights confirm."""
     short = dataclasses.replace(row, config=changed(row.config, SHORT))

@@ -1,0 +1,64 @@
+"""Cases that run in one test lose nothing: each of them runs, and each that fails is named."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+from together import together
+
+
+def test_every_case_runs_and_each_that_fails_is_named() -> None:
+    ran = []
+
+    @together("number, why", [(1, "raised"), (2, ""), (3, "not raised"), (4, "wrong")])
+    def only_two(number: int, why: str) -> None:
+        ran.append(number)
+        assert why != "wrong"
+        if why == "raised":
+            raise OSError(why)
+        if why == "not raised":
+            with pytest.raises(KeyError):
+                pass
+
+    with pytest.raises(AssertionError, match=r"\A3 of 4 cases fail\n") as ended:
+        only_two()
+    assert ran == [1, 2, 3, 4]
+    told = str(ended.value)
+    for name, error in (
+        ("1, raised", "OSError"),
+        ("3, not raised", "Fail"),
+        ("4, wrong", "Assert"),
+    ):
+        assert f"\n{name}: {error}" in told
+    assert "\n2, " not in told
+    assert "test_together.py:" in told
+
+
+@together("second", ["x", "y"])
+@together("first", ["a", "b"])
+def test_each_case_has_a_folder_and_an_environment_of_its_own(
+    first: str, second: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert list(tmp_path.iterdir()) == []
+    assert "OF_ONE_CASE" not in os.environ
+    (tmp_path / f"{first}{second}").touch()
+    monkeypatch.setenv("OF_ONE_CASE", first)
+
+
+def counted(tmp_path: Path) -> list[Path]:
+    return [tmp_path]
+
+
+@together("number", [1, 2], made=counted)
+def test_what_is_made_again_is_made_for_each_case(
+    number: int, made: list[Path], tmp_path: Path
+) -> None:
+    assert made == [tmp_path]
+    made.append(tmp_path)
+
+
+def test_no_cases_are_a_mistake() -> None:
+    with pytest.raises(AssertionError, match="there are no cases"):
+        together("number", [])
