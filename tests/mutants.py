@@ -31,6 +31,13 @@ class Mutant:
 
 MUTANTS = [
     Mutant(
+        "a gear that is known by its spelling",
+        "rig/models/linear.py",
+        "return float(getattr(self, self.roles.gear)) if self.geared else 1.0",
+        'return float(getattr(self, "i_m", 1.0))',
+        "tests/contracts/test_roles.py::test_a_rig_in_other_words_has_every_analysis",
+    ),
+    Mutant(
         "shares of walkers that do not pass between maxima, believed by the evidence",
         "engines/evidence.py",
         "return far if far > CHANCE * chance else 0.0",
