@@ -63,7 +63,7 @@ def test_its_names_have_symbols_and_places_in_a_config(name: str) -> None:
     assert {*rig.parameters} <= {*vocabulary.PARAMETERS} & {*Parameters.model_fields}
     assert {*rig.states} <= {*vocabulary.STATES}
     assert {*rig.inputs} <= {*symbols.INPUTS}
-    assert {one.name for one in rig.declares} <= {*rig.parameters, *rig.states}
+    assert {one.name for one in rig.declares} <= {*rig.parameters, *rig.offers, *rig.states}
     fields = {field.name for field in dataclasses.fields(kind)} - {"added"}
     assert fields == {*entries_of(kind)} <= {*ModelSpec.model_fields}
     assert made(kind, ModelSpec(name=rig.name)) == kind() == PLAIN[rig.name]
