@@ -20,28 +20,29 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from bayesdrill.basics.late import late
+from bayesdrill.basics.registry import late
 
 if TYPE_CHECKING:
+    from bayesdrill.analysis.verdict import Verdict as Verdict
     from bayesdrill.api.case import Case as Case
     from bayesdrill.api.case import Channel as Channel
     from bayesdrill.api.case import Input as Input
     from bayesdrill.api.case import case as case
     from bayesdrill.api.case import load as load
-    from bayesdrill.api.citation import citation as citation
-    from bayesdrill.api.compare import Comparison as Comparison
-    from bayesdrill.api.compare import compare as compare
-    from bayesdrill.api.example import example as example
+    from bayesdrill.api.comparison import Comparison as Comparison
+    from bayesdrill.api.comparison import Ladder as Ladder
+    from bayesdrill.api.comparison import Overlay as Overlay
+    from bayesdrill.api.comparison import compare as compare
+    from bayesdrill.api.comparison import ladder as ladder
+    from bayesdrill.api.comparison import overlay as overlay
     from bayesdrill.api.files import calibration as calibration
+    from bayesdrill.api.files import citation as citation
+    from bayesdrill.api.files import example as example
+    from bayesdrill.api.files import init as init
     from bayesdrill.api.files import publish as publish
     from bayesdrill.api.files import schema as schema
     from bayesdrill.api.files import simulate as simulate
     from bayesdrill.api.files import verify as verify
-    from bayesdrill.api.init import init as init
-    from bayesdrill.api.ladder import Ladder as Ladder
-    from bayesdrill.api.ladder import ladder as ladder
-    from bayesdrill.api.overlay import Overlay as Overlay
-    from bayesdrill.api.overlay import overlay as overlay
     from bayesdrill.api.rig import nominal as nominal
     from bayesdrill.api.rig import respond as respond
     from bayesdrill.api.run import Best as Best
@@ -49,13 +50,12 @@ if TYPE_CHECKING:
     from bayesdrill.api.run import Run as Run
     from bayesdrill.api.run import open as open
     from bayesdrill.basics.errors import InputError as InputError
-    from bayesdrill.commands.identify import Findings as Findings
-    from bayesdrill.insight.verdict import Verdict as Verdict
     from bayesdrill.rig.models.driven_shaft import DrivenShaft as DrivenShaft
     from bayesdrill.rig.models.long_shaft import LongShaft as LongShaft
     from bayesdrill.rig.models.motor import Motor as Motor
     from bayesdrill.rig.models.motor_shaft import MotorShaft as MotorShaft
-    from bayesdrill.rig.models.two_rotors import TwoRotors as TwoRotors
+    from bayesdrill.rig.models.motor_shaft import TwoRotors as TwoRotors
+    from bayesdrill.tasks.identify import Findings as Findings
 
 __version__ = "0.1.0"
 
@@ -67,19 +67,19 @@ _PLACES = {
     "case": "api.case",
     "load": "api.case",
     "calibration": "api.files",
-    "citation": "api.citation",
-    "Comparison": "api.compare",
-    "compare": "api.compare",
-    "example": "api.example",
+    "citation": "api.files",
+    "Comparison": "api.comparison",
+    "compare": "api.comparison",
+    "example": "api.files",
     "publish": "api.files",
     "schema": "api.files",
     "simulate": "api.files",
     "verify": "api.files",
-    "init": "api.init",
-    "Ladder": "api.ladder",
-    "ladder": "api.ladder",
-    "Overlay": "api.overlay",
-    "overlay": "api.overlay",
+    "init": "api.files",
+    "Ladder": "api.comparison",
+    "ladder": "api.comparison",
+    "Overlay": "api.comparison",
+    "overlay": "api.comparison",
     "nominal": "api.rig",
     "respond": "api.rig",
     "Best": "api.run",
@@ -87,13 +87,13 @@ _PLACES = {
     "Run": "api.run",
     "open": "api.run",
     "InputError": "basics.errors",
-    "Findings": "commands.identify",
-    "Verdict": "insight.verdict",
+    "Findings": "tasks.identify",
+    "Verdict": "analysis.verdict",
     "DrivenShaft": "rig.models.driven_shaft",
     "LongShaft": "rig.models.long_shaft",
     "Motor": "rig.models.motor",
     "MotorShaft": "rig.models.motor_shaft",
-    "TwoRotors": "rig.models.two_rotors",
+    "TwoRotors": "rig.models.motor_shaft",
 }
 
 __all__ = ["__version__", *_PLACES]

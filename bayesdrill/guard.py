@@ -83,7 +83,7 @@ def say(text: str, *, err: bool = False) -> None:
 
 
 def finish(outcome: Any) -> None:
-    """Of a run: what it says, where it is, and the status; `outcome` as `commands.pipeline` has it."""
+    """Of a run: what it says, where it is, and the status; `outcome` as `tasks.pipeline` has it."""
     say(outcome.said)
     say(f"results: {outcome.folder}/ (report.html, summary.md, figures/, posterior.nc, chain.h5)")
     for what in outcome.missing:

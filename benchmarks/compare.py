@@ -20,13 +20,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 import bayesdrill as bd
-from bayesdrill.commands import comparing, concluding, elsewhere
-from bayesdrill.engines.climb import climb
-from bayesdrill.inference.surface import PosteriorSurface
-from bayesdrill.insight.comparison import Contender, Decision, decide
+from bayesdrill.analysis.comparison import Contender, Decision, decide
+from bayesdrill.config.job import Job
+from bayesdrill.config.resolve import assembly
+from bayesdrill.inference.laplace import PosteriorSurface
 from bayesdrill.rig.models.motor_shaft import MotorShaft
-from bayesdrill.setup import build
-from bayesdrill.setup.job import Job
+from bayesdrill.sampling.gauss_newton import climb
+from bayesdrill.tasks import comparison, conclusions, remote
 
 Array = NDArray[np.float64]
 
@@ -169,8 +169,8 @@ class Bench:
         found = []
         for name in kind.rivals(index):
             job = of(self.jobs[name], y)
-            mode, sampled = elsewhere.computed(task(job, index))
-            found.append(comparing.contender(name, name, job, mode, sampled, job.units))
+            mode, sampled = remote.compute_remotely(task(job, index))
+            found.append(comparison.contender(name, name, job, mode, sampled, job.units))
         return found, size
 
     def found(self, kind: Kind, index: int) -> Found:
@@ -208,14 +208,14 @@ def of(job: Job, y: Array) -> Job:
     return replace(job, problem=problem)
 
 
-def task(job: Job, seed: int) -> elsewhere.Task:
-    return elsewhere.Task(
+def task(job: Job, seed: int) -> remote.Task:
+    return remote.Task(
         nominal=job.problem.nominal,
         posterior=job.problem.posterior,
-        optimiser=build.optimiser(job.config),
+        optimiser=assembly.optimiser(job.config),
         starts=job.config.map.starts,
         evaluations=job.config.map.evaluations,
-        plan=replace(concluding.plan(job.config), seed=seed),
+        plan=replace(conclusions.plan(job.config), seed=seed),
     )
 
 

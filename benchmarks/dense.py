@@ -8,8 +8,8 @@ from __future__ import annotations
 import numpy as np
 
 from bayesdrill.record.experiment import Channel, Experiment
-from bayesdrill.rig.dense import Dense
-from bayesdrill.rig.response import Response
+from bayesdrill.rig.simulators.exact import Response
+from bayesdrill.rig.simulators.irregular import Dense
 from benchmarks import problem
 from benchmarks.likelihood import BATCH, best_of
 

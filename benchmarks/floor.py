@@ -15,8 +15,10 @@ import llvmlite.binding as llvm
 import numpy as np
 from llvmlite import ir
 
-from bayesdrill.rig.kernels import LANES, Layout, lanes
+from bayesdrill.rig.kernels import lanes
+from bayesdrill.rig.kernels.compiling import Layout
 from bayesdrill.rig.kernels.exponential import TAYLOR_DEGREE, TAYLOR_NORM
+from bayesdrill.rig.kernels.lanes import LANES
 
 CHAINS = 16  # independent sums: more than a core needs to hide what one operation takes
 ROUNDS = 20_000_000

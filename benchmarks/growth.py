@@ -18,11 +18,12 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from bayesdrill.basics.progress import Silent
-from bayesdrill.commands import pipeline
-from bayesdrill.inference.problem import Problem
-from bayesdrill.report import style
-from bayesdrill.setup import assembling, build
-from bayesdrill.setup.experiments import View
+from bayesdrill.config.job import assemble
+from bayesdrill.config.resolve import assembly, channel_noise
+from bayesdrill.config.resolve.experiments import View
+from bayesdrill.inference.posterior import Problem
+from bayesdrill.report import scales, style
+from bayesdrill.tasks import pipeline
 from benchmarks import problem, tables
 from benchmarks.likelihood import best_of
 
@@ -54,17 +55,19 @@ def variant(
             "record": config.record.model_copy(update={"channels": specs}),
         }
     )
-    rig = build.model(config)
-    entries = [build.measured(name, spec, rig.states).channel for name, spec in specs.items()]
+    rig = assembly.model(config)
+    entries = [
+        channel_noise.measured(name, spec, rig.states).channel for name, spec in specs.items()
+    ]
     t = np.linspace(original.t[0], original.t[-1], samples)
     empty = dataclasses.replace(
         original, t=t, y=np.zeros((samples, channels)), channels=tuple(entries)
     )
-    quiet = assembling.problem(config, [View("", config, job.source)], [empty]).posterior
+    quiet = assembly.problem(config, [View("", config, job.source)], [empty]).posterior
     truth = quiet.space.vector({name: job.problem.nominal[name] for name in quiet.space.free})
     y = quiet.likelihood.signals(truth[None])[0]
     y = y + 0.1 * np.random.default_rng(2).standard_normal(y.shape)
-    return assembling.problem(
+    return assembly.problem(
         config, [View("", config, job.source)], [dataclasses.replace(empty, y=y)]
     )
 
@@ -91,7 +94,7 @@ def costs(job: problem.Job) -> dict[str, Points]:
 def sampling(job: problem.Job, ensembles: int, processes: int) -> tuple[float, int]:
     """Seconds of sampling until converged, and the steps of every ensemble."""
     sampler = job.config.sampler.model_copy(update={"ensembles": ensembles})
-    job = pipeline.assemble(job.config.model_copy(update={"sampler": sampler}), job.source)
+    job = assemble(job.config.model_copy(update={"sampler": sampler}), job.source)
     with tempfile.TemporaryDirectory() as folder:
         outcome = pipeline.posterior(job, Path(folder) / "run", "fresh", processes, Silent())
     return outcome.seconds["sampling"], outcome.sampled.convergence.steps
@@ -171,7 +174,7 @@ def figure(every: Mapping[str, Points], folder: Path) -> None:
         "batch": "walkers in a batch",
     }
     with style.styled():
-        made = Figure(figsize=(style.DOUBLE, 1.9))
+        made = Figure(figsize=(scales.DOUBLE, 1.9))
         panels = made.subplots(1, 4)
         made.subplots_adjust(left=0.075, right=0.99, bottom=0.24, top=0.95, wspace=0.35)
         for panel, (name, label) in zip(panels, labels.items(), strict=True):

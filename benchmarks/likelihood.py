@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from bayesdrill.rig.response import layout
+from bayesdrill.rig.simulators.exact import layout
 from benchmarks import floor, problem
 
 BATCH = 64

@@ -21,7 +21,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdrill.commands.pipeline import Job
+from bayesdrill.config.job import Job
 
 Array = NDArray[np.float64]
 Known = dict[str, Any]  # logs

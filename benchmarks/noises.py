@@ -15,10 +15,10 @@ from bayesdrill.inference.noise.contract import Noisy
 from bayesdrill.inference.priors import LogUniform
 from bayesdrill.record.experiment import Channel, Experiment
 from bayesdrill.rig.models.motor_shaft import MotorShaft
-from bayesdrill.rig.response import Response
-from bayesdrill.rig.sensing import Sensing
-from bayesdrill.rig.simulator import Simulator
-from bayesdrill.rig.stepped import Stepped
+from bayesdrill.rig.simulators.contract import Simulator
+from bayesdrill.rig.simulators.exact import Response
+from bayesdrill.rig.simulators.sensors import Sensing
+from bayesdrill.rig.simulators.stepped import Stepped
 from benchmarks import problem
 from benchmarks.likelihood import BATCH, best_of
 

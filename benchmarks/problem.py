@@ -11,10 +11,11 @@ import scipy.integrate
 from numpy.typing import NDArray
 
 from bayesdrill.basics.progress import Silent
-from bayesdrill.commands import pipeline, searching
-from bayesdrill.commands.pipeline import Job
+from bayesdrill.config import job
+from bayesdrill.config.job import Job
 from bayesdrill.inference import laplace
 from bayesdrill.rig.models.motor_shaft import MotorShaft
+from bayesdrill.tasks import find_map
 from benchmarks import modal
 
 Array = NDArray[np.float64]
@@ -27,12 +28,12 @@ VOLT = 8.0
 
 
 def load() -> Job:
-    return pipeline.prepare(CONFIG)
+    return job.prepare(CONFIG)
 
 
 def mode(job: Job) -> Array:
     """The MAP, `(D,)`: its search is part of no peer's time."""
-    return job.problem.posterior.space.vector(searching.find_mode(job, 1, Silent()).values)
+    return job.problem.posterior.space.vector(find_map.find_mode(job, 1, Silent()).values)
 
 
 def starts(job: Job, centre: Array, n: int, seed: int) -> Array:

@@ -11,8 +11,8 @@ from pathlib import Path
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from bayesdrill.basics.own_files import whole
-from bayesdrill.report import style
+from bayesdrill.output_files import atomic_write
+from bayesdrill.report import scales, style
 from benchmarks import verdict
 from benchmarks.verdict import Result
 
@@ -35,7 +35,7 @@ def insert(page: Path, marker: str, lines: list[str]) -> None:
     if not found or not closed:
         raise ValueError(f"{page.name} has no place for '{marker}'")
     body = "\n".join(lines)
-    with whole(page) as aside:
+    with atomic_write(page) as aside:
         aside.write_text(f"{head}{begin}\n{body}\n{end}{tail}", encoding="utf-8")
 
 
@@ -83,7 +83,7 @@ def row(texts: tuple[str, ...]) -> str:
 
 def save_csv(results: list[Result], path: Path) -> None:
     ours = results[0]
-    with whole(path) as aside, aside.open("w", newline="", encoding="utf-8") as file:
+    with atomic_write(path) as aside, aside.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow([*HEAD, "compiling [s]", "evaluations", "note"])
         for result in results:
@@ -95,7 +95,7 @@ def figure(results: list[Result], folder: Path) -> None:
     """Bars of effective draws per second; hatched where the run did not converge."""
     shown = [result for result in reversed(results) if result.rate > 0.0]
     with style.styled():
-        made = Figure(figsize=(style.DOUBLE, 0.42 * len(shown) + 0.9))
+        made = Figure(figsize=(scales.DOUBLE, 0.42 * len(shown) + 0.9))
         panel = made.add_axes(
             (0.43, 0.62 / made.get_figheight(), 0.55, 1 - 0.92 / made.get_figheight())
         )

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from bayesdrill.rig.filtered import Filtered
-from bayesdrill.rig.missing_torque import At, MissingTorque, Smoothness
-from bayesdrill.rig.response import Response
+from bayesdrill.rig.models.latent_torque import At, MissingTorque, Smoothness
+from bayesdrill.rig.simulators.exact import Response
+from bayesdrill.rig.simulators.kalman import Filtered
 from benchmarks import problem
 from benchmarks.likelihood import BATCH, best_of
 
@@ -43,8 +43,12 @@ def main() -> None:
         )
         white, variances = of.whiten(rows, sigmas, left)
         each = -0.5 * (np.log(2 * np.pi * variances) + white**2)
-        off = np.abs(of.log_density(rows, sigmas, response).sum(axis=1) - each.sum(axis=(1, 2)))
-        spent = best_of(lambda of=of: of.log_density(rows, sigmas, response), REPEATS) / BATCH
+        off = np.abs(
+            of.log_density(rows, sigmas, response.record).sum(axis=1) - each.sum(axis=(1, 2))
+        )
+        spent = (
+            best_of(lambda of=of: of.log_density(rows, sigmas, response.record), REPEATS) / BATCH
+        )
         print(
             f"{at}, {smoothness}: {1e6 * spent:.2f} us, {spent / plain:.1f} times as much; "
             f"differs by {off.max():.0e} of {np.abs(each.sum(axis=(1, 2))).max():.0f}"

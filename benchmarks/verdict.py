@@ -17,7 +17,7 @@ import numpy as np
 from arviz_stats.base import array_stats
 from numpy.typing import NDArray
 
-from bayesdrill.engines.convergence import BURN_IN_TAUS, autocorrelation_time, thinned
+from bayesdrill.sampling.convergence import BURN_IN_TAUS, autocorrelation_time, thinned
 
 Array = NDArray[np.float64]
 

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import bayesdrill as bd
-from bayesdrill.basics import own_files
+from bayesdrill import output_files
 from bayesdrill.results import provenance
 from bayesdrill.results.run_folder import VERSION_OF
 
@@ -39,14 +39,14 @@ def configs(root: Path) -> Mapping[str, bd.Case]:
     return {case.job.config.name: case for case in cases}
 
 
-def files(folder: Path, kind: own_files.Kind) -> Iterator[str]:
+def files(folder: Path, kind: output_files.Kind) -> Iterator[str]:
     """What is published of a finished run."""
-    for name in own_files.present(folder, kind):
+    for name in output_files.present(folder, kind):
         if name.endswith(ENDS) and name not in OWN:
             yield name
 
 
-def publish(source: Path, target: Path, kind: own_files.Kind) -> None:
+def publish(source: Path, target: Path, kind: output_files.Kind) -> None:
     """Raises `FileNotFoundError` where there is no finished run."""
     if _run(source).get("status") != "finished":
         raise FileNotFoundError(f"{source} is not finished")
@@ -70,7 +70,7 @@ def stale(root: Path) -> Iterator[str]:
 
 
 def _run(folder: Path) -> dict[str, Any]:
-    return dict(json.loads((folder / own_files.RUN).read_text(encoding="utf-8")))
+    return dict(json.loads((folder / output_files.RUN).read_text(encoding="utf-8")))
 
 
 def _other_run(case: bd.Case, run: Mapping[str, Any]) -> Iterator[str]:
@@ -83,11 +83,11 @@ def _other_run(case: bd.Case, run: Mapping[str, Any]) -> Iterator[str]:
 
 def _other_files(folder: Path, run: Mapping[str, Any]) -> Iterator[str]:
     """Edited, or missing among those that a run of today leaves."""
-    here = {*files(folder, own_files.POSTERIOR)}
-    for name in sorted(here - {own_files.RUN}):
-        if run["files"].get(name) != own_files.digest(folder / name):
+    here = {*files(folder, output_files.POSTERIOR)}
+    for name in sorted(here - {output_files.RUN}):
+        if run["files"].get(name) != output_files.digest(folder / name):
             yield f"{name} is not of its run"
-    usual = {name for name in own_files.POSTERIOR.files if "/" not in name} - {*SOME}
+    usual = {name for name in output_files.POSTERIOR.files if "/" not in name} - {*SOME}
     for name in sorted({*run["files"], *usual} - here):
         if name.endswith(ENDS) and name not in OWN:
             yield f"{name} is missing"
@@ -100,9 +100,9 @@ def main() -> int:
         return int(bool(problems))
     results = ROOT / "results"
     for name in configs(ROOT):
-        publish(results / name, published(ROOT) / name, own_files.POSTERIOR)
+        publish(results / name, published(ROOT) / name, output_files.POSTERIOR)
     records = [path.parent.name for path in (results / PAPER).glob("*/run.json")]
-    publish(results / PAPER, published(ROOT) / PAPER, own_files.paper(records))
+    publish(results / PAPER, published(ROOT) / PAPER, output_files.paper_files(records))
     return 0
 
 

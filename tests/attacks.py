@@ -18,8 +18,8 @@ from pyarrow import parquet
 from ruamel.yaml import YAML
 from scipy.io import savemat
 
-from bayesdrill.basics import sealed
-from bayesdrill.results import chain_files
+from bayesdrill import output_files
+from bayesdrill.results import run_folder
 
 NUMBERS = (
     "0", "-0.0", "1e-320", "1e-150", "1e-18", "-1", "1e18", "1e150", "1.7e308", "1e400", ".nan", ".inf",
@@ -340,10 +340,10 @@ def chain_forged(draw: st.DrawFn, content: bytes) -> bytes:
             other = draw(array(group[which][:]))
             del group[which]
             group[which] = np.atleast_1d(other.astype("S") if other.dtype.kind == "U" else other)
-            chain_files.seal(group)
+            run_folder.seal(group)
         else:
             group.attrs[which] = draw(st.sampled_from([-1, 0, 3.5, "x", 10**18, np.zeros(3)]))
-            chain_files.seal(group)
+            run_folder.seal(group)
     return held.getvalue()
 
 
@@ -375,7 +375,9 @@ def forged(folder: Path) -> st.SearchStrategy[tuple[str, bytes]]:
 def _forged(path: Path) -> st.SearchStrategy[bytes]:
     content = path.read_bytes()
     if path.suffix == ".json":
-        return retyped(sealed.opened(content)).map(lambda data: sealed.sealed(data).encode())
+        return retyped(output_files.loads_checksummed(content)).map(
+            lambda data: output_files.dumps_checksummed(data).encode()
+        )
     if path.suffix == ".h5":
         return chain_forged(content)
     if path.suffix == ".npz":

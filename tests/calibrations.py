@@ -8,9 +8,9 @@ from types import SimpleNamespace
 
 import numpy as np
 
+from bayesdrill.analysis.calibration import Study
 from bayesdrill.inference.noise.contract import Residuals
 from bayesdrill.inference.noise.white import White
-from bayesdrill.insight.calibration.refit import Study
 
 
 @dataclass(frozen=True)

@@ -9,13 +9,11 @@ from pathlib import Path
 from pictures import posterior
 
 import bayesdrill as bd
-from bayesdrill.engines.evidence import Evidence
-from bayesdrill.inference.posterior import Posterior
-from bayesdrill.inference.problem import Problem
+from bayesdrill.analysis.comparison import Contender, Layer
+from bayesdrill.analysis.plausibility import Vague
+from bayesdrill.inference.posterior import Posterior, Problem
 from bayesdrill.inference.residual_checks import Left, limits
-from bayesdrill.insight.comparison import Contender
-from bayesdrill.insight.overlay import Layer
-from bayesdrill.insight.vagueness import Vague
+from bayesdrill.sampling.evidence import Evidence
 
 CONFIG = Path(__file__).parents[1] / "configs" / "nominal_step.yaml"
 CHANNELS = ("theta_1", "theta_2", "w_1", "w_2")

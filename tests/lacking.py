@@ -9,20 +9,19 @@ from oracles import NOMINAL
 from rigs import experiment, unknown
 from rubbing import Rig, simulate
 
-from bayesdrill.engines.climb import climb
+from bayesdrill.inference.laplace import PosteriorSurface
 from bayesdrill.inference.likelihood import Likelihood
 from bayesdrill.inference.noise.contract import Noisy
 from bayesdrill.inference.noise.white import White
-from bayesdrill.inference.posterior import Posterior
+from bayesdrill.inference.posterior import Posterior, Problem
 from bayesdrill.inference.priors import Uniform
-from bayesdrill.inference.problem import Problem
-from bayesdrill.inference.surface import PosteriorSurface
 from bayesdrill.inference.unknowns import ParameterSpace
 from bayesdrill.record.experiment import Experiment
-from bayesdrill.rig.choosing import simulator
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.models.motor_shaft import MotorShaft
-from bayesdrill.rig.sensing import Sensing
+from bayesdrill.rig.simulators import simulator
+from bayesdrill.rig.simulators.sensors import Sensing
+from bayesdrill.sampling.gauss_newton import climb
 
 FREE = ("j_m", "c_m", "k_e", "k_s", "j_1")
 MEASURES = {"alpha": {"theta_1": 1.0, "theta_2": -1.0}, "w_2": {"w_2": 1.0}}

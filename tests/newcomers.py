@@ -11,8 +11,10 @@ import oracles
 import scipy.linalg
 
 import bayesdrill as bd
-from bayesdrill.setup import experiments, loading, reading
-from bayesdrill.setup.yaml_source import parse
+from bayesdrill.config import loading
+from bayesdrill.config.records import reading
+from bayesdrill.config.resolve import experiments
+from bayesdrill.config.yaml_source import parse
 
 RPM, DEG = 30 / math.pi, 180 / math.pi
 

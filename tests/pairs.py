@@ -6,9 +6,10 @@ import functools
 import tempfile
 from pathlib import Path
 
-from bayesdrill.setup import loading, simulating
-from bayesdrill.setup.job import Job, prepare
-from bayesdrill.setup.yaml_source import parse
+from bayesdrill.config import loading
+from bayesdrill.config.job import Job, prepare
+from bayesdrill.config.records import simulation
+from bayesdrill.config.yaml_source import parse
 
 # Both in users' units; a lag and an offset in common, noise known.
 PAIR = """\
@@ -92,7 +93,7 @@ def records(text: str) -> dict[str, str]:
     """By file name, what `simulate` makes of the config `text`, once."""
     source = parse(Path("all.yaml"), text)
     config = loading.validated(source)
-    made = simulating.every(config, source, config.seed)
+    made = simulation.simulate_all(config, source, config.seed)
     return {path.name: record for path, record in made.items()}
 
 

@@ -7,9 +7,8 @@ from functools import cache
 import numpy as np
 from targets import Target
 
-from bayesdrill.engines.learning.ridges import moments
-from bayesdrill.engines.samplers.independence import Proposal
-from bayesdrill.engines.samplers.mixture import Mixture, mixture
+from bayesdrill.sampling.proposal.ridge_tracing import moments
+from bayesdrill.sampling.samplers.independence import Mixture, Proposal, mixture
 
 SHAPES = ((0.5, 0.8, 0.3), (0.2, 1.2, -0.4))  # weight, width and shift of a hump's two components
 

@@ -12,18 +12,17 @@ import numpy as np
 from scipy.signal import lfilter
 from threadpoolctl import threadpool_limits
 
+from bayesdrill.analysis.calibration import fitted
+from bayesdrill.analysis.identifiability.information import Scenery
+from bayesdrill.analysis.plausibility import with_open_ends
+from bayesdrill.analysis.verdict import Verdict, conclude
 from bayesdrill.basics import seeds
 from bayesdrill.basics.progress import Silent
-from bayesdrill.commands import calibrate, concluding
-from bayesdrill.engines import mode
-from bayesdrill.insight.calibration.refit import fitted
-from bayesdrill.insight.conclusions import conclude
-from bayesdrill.insight.identifiability.scenes import Scenery
-from bayesdrill.insight.opened_priors import with_open_ends
-from bayesdrill.insight.verdict import Verdict
-from bayesdrill.report import residual_words
-from bayesdrill.setup import job
-from bayesdrill.setup.job import Job
+from bayesdrill.config import job
+from bayesdrill.config.job import Job
+from bayesdrill.report.sections import fit_words
+from bayesdrill.sampling import mode_search
+from bayesdrill.tasks import calibrate, conclusions
 from benchmarks.zoo import entries as e
 from benchmarks.zoo import folder
 from benchmarks.zoo.makers import Driven
@@ -54,13 +53,13 @@ class Trial:
         )
         own = replace(self.job, problem=replace(self.job.problem, posterior=posterior))
         found, sampled = fitted(calibrate.study(own), posterior, seed)
-        tops, plan = mode.tops(posterior, found), concluding.plan(own.config)
+        tops, plan = mode_search.tops(posterior, found), conclusions.plan(own.config)
         nominal = own.problem.nominal
         sampled = with_open_ends(sampled, posterior, nominal, tops, plan, Silent())
         scenery = Scenery(posterior.likelihood)
         _, left, judged = conclude(own.problem, own.asked, found, sampled, scenery)
         assert judged is not None
-        return judged.verdict, [*sampled.convergence.reasons, *residual_words.reasons(left)]
+        return judged.verdict, [*sampled.convergence.reasons, *fit_words.residual_reasons(left)]
 
 
 @dataclass(frozen=True)

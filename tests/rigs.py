@@ -16,7 +16,7 @@ from bayesdrill.inference.priors import Prior, Uniform
 from bayesdrill.inference.unknowns import ParameterSpace, Transform, Unknown
 from bayesdrill.record.experiment import Channel, Experiment
 from bayesdrill.rig.models.motor_shaft import MotorShaft
-from bayesdrill.rig.response import Response
+from bayesdrill.rig.simulators.exact import Response
 
 STATES = ("theta_1", "theta_2", "w_1", "w_2", "i")
 

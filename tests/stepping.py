@@ -12,8 +12,8 @@ from rubbing_cases import Case, moved_of
 
 from bayesdrill.record.experiment import Experiment
 from bayesdrill.rig.models.motor_shaft import MotorShaft
-from bayesdrill.rig.sensing import Sensing
-from bayesdrill.rig.stepped import Stepped
+from bayesdrill.rig.simulators.sensors import Sensing
+from bayesdrill.rig.simulators.stepped import Stepped
 
 
 def model_of(case: Case) -> MotorShaft:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bayesdrill.inference.surface import Expansion
+from bayesdrill.inference.laplace import Expansion
 
 
 @dataclass(frozen=True)

@@ -12,10 +12,11 @@ from pathlib import Path
 
 from typer.testing import CliRunner
 
-from bayesdrill.basics import own_files
+from bayesdrill import output_files
 from bayesdrill.cli import app
+from bayesdrill.config.records import simulation
+from bayesdrill.config.schema import config
 from bayesdrill.results.run_folder import Folder
-from bayesdrill.setup import loading, simulating
 
 ROOT = Path(__file__).parent.parent
 STOPPING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
@@ -102,10 +103,10 @@ def run(*arguments: str | Path, cwd: Path, seconds: float = 60) -> Ran:
 @functools.cache
 def small_record() -> str:
     """The record that `SMALL` asks for, simulated once."""
-    from bayesdrill.setup.yaml_source import parse
+    from bayesdrill.config.yaml_source import parse
 
     source = parse(Path("small.yaml"), SMALL)
-    return simulating.simulate(loading.Config.model_validate(source.data), source, seed=7)
+    return simulation.simulate(config.Config.model_validate(source.data), source, seed=7)
 
 
 def small(folder: Path, *changes: tuple[str, str], name: str = "small.yaml") -> Path:
@@ -140,7 +141,7 @@ def _content(path: Path) -> object:
     return path.read_bytes() if path.is_file() else oct(path.lstat().st_mode)
 
 
-def results(folder: Path, kind: own_files.Kind) -> Path:
+def results(folder: Path, kind: output_files.Kind) -> Path:
     """A folder in which a run of this kind has been, with every file that it may write."""
     with Folder(folder, "fresh", {}, kind) as run:
         run.begin(status="finished")

@@ -14,8 +14,8 @@ import scipy.special
 import scipy.stats
 from scipy.special import ndtr, ndtri
 
-from bayesdrill.engines.samplers import ridge
-from bayesdrill.engines.samplers.ridge import Ridge
+from bayesdrill.sampling.samplers import ridge
+from bayesdrill.sampling.samplers.ridge import Ridge
 
 SHAPE = 1.5  # of the gamma variables whose logs are mixed: skewed to the left
 

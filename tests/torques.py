@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 from scipy.stats import multivariate_t
 
 import bayesdrill as bd
-from bayesdrill.engines.climb import climb
 from bayesdrill.inference import laplace
+from bayesdrill.inference.laplace import PosteriorSurface
 from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.posterior import Posterior
-from bayesdrill.inference.surface import PosteriorSurface
+from bayesdrill.sampling.gauss_newton import climb
 
 Array = NDArray[np.float64]
 

@@ -9,15 +9,16 @@ from collections.abc import Collection
 import numpy as np
 from oracles import NOMINAL
 
-from bayesdrill.insight.identifiability.information import (
+from bayesdrill.analysis.identifiability.information import (
     Information,
     products,
     root_of,
     simple_exponents,
 )
-from bayesdrill.insight.identifiability.structure import Structure
-from bayesdrill.insight.identifiability.study import Known, Study, Thresholds
-from bayesdrill.insight.verdict import Verdict, judge
+from bayesdrill.analysis.identifiability.structure import Structure
+from bayesdrill.analysis.identifiability.study import Known, Study
+from bayesdrill.analysis.verdict import Verdict, judge
+from bayesdrill.config.schema.config import Thresholds
 
 N = 4000
 RNG = np.random.default_rng(8)

@@ -11,23 +11,24 @@ from numpy.typing import NDArray
 from pydantic import TypeAdapter, ValidationError
 
 from bayesdrill.basics.entries import entries_of
-from bayesdrill.basics.errors import InputError, Problem, did_you_mean, shown
+from bayesdrill.basics.errors import InputError, Issue, did_you_mean, shown
 from bayesdrill.basics.registry import lookup
-from bayesdrill.engines.workers import available
 from bayesdrill.record.experiment import check_time, raise_if_any
 from bayesdrill.rig.models import MODELS
 from bayesdrill.rig.models.linear import Model
+from bayesdrill.sampling.workers import available
 
 if TYPE_CHECKING:
-    from bayesdrill.insight.calibration.executors import RefitExecutor
     from bayesdrill.results.run_folder import Mode
+    from bayesdrill.tasks.remote import RefitExecutor
+
 
 Array = NDArray[np.float64]
 
 MOST_PROCESSES = 256  # of which each takes the memory of an interpreter with all libraries
 
 
-def series(place: str, values: Any, found: list[Problem]) -> Array:
+def series(place: str, values: Any, found: list[Issue]) -> Array:
     """`(T,)` numbers; what a mask hides is NaN.  Of anything else a problem is `found`."""
     try:
         masked = np.ma.getmaskarray(values) if isinstance(values, np.ma.MaskedArray) else None
@@ -37,17 +38,17 @@ def series(place: str, values: Any, found: list[Problem]) -> Array:
     if raw.ndim == 2 and 1 in raw.shape:
         raw = raw.reshape(-1)
     if raw.dtype.kind in "mM":
-        found.append(Problem(place, "these are dates or durations; give seconds, as numbers"))
+        found.append(Issue(place, "these are dates or durations; give seconds, as numbers"))
     elif raw.dtype.kind not in "iufbO" or (raw.dtype.kind == "O" and raw.ndim == 0):
         kind = type(values).__name__ if raw.ndim == 0 else raw.dtype
-        found.append(Problem(place, f"wanted is an array of numbers, not {kind}"))
+        found.append(Issue(place, f"wanted is an array of numbers, not {kind}"))
     elif raw.ndim != 1:
-        found.append(Problem(place, f"wanted is one row of numbers, not the shape {raw.shape}"))
+        found.append(Issue(place, f"wanted is one row of numbers, not the shape {raw.shape}"))
     else:
         try:
             numbers = raw.astype(np.float64)
         except (TypeError, ValueError, OverflowError):
-            found.append(Problem(place, "not all of these are numbers"))
+            found.append(Issue(place, "not all of these are numbers"))
         else:
             return numbers if masked is None else np.where(masked.reshape(-1), np.nan, numbers)
     return np.zeros(0)
@@ -76,7 +77,7 @@ def _check_constants(rig: Model) -> None:
             TypeAdapter(kind).validate_python(plain, strict=True)
         except ValidationError as error:
             why = error.errors()[0]["msg"].removeprefix("Value error, ")
-            found.append(Problem(f"rig.{name}", f"{shown(value)} cannot be this: {why}"))
+            found.append(Issue(f"rig.{name}", f"{shown(value)} cannot be this: {why}"))
     raise_if_any(found)
 
 
@@ -124,13 +125,13 @@ def workers(processes: int | None) -> int:
 @contextmanager
 def crew(processes: Any, scheduler: str | None) -> Iterator[RefitExecutor]:
     """`processes` of this machine, see `workers`; or those of the Dask cluster of a scheduler."""
-    from bayesdrill.insight.calibration import executors
+    from bayesdrill.tasks import remote
 
     if scheduler is None:
-        with executors.local(workers(processes)) as found:
+        with remote.local_executor(workers(processes)) as found:
             yield found
     else:
-        with executors.dask(scheduler) as found:
+        with remote.dask_executor(scheduler) as found:
             yield found
 
 
@@ -141,22 +142,22 @@ def is_series(value: Any) -> bool:
     return hasattr(value, "__len__") and not isinstance(value, str)
 
 
-def number(place: str, value: Any, found: list[Problem], *, positive: bool = False) -> float:
+def number(place: str, value: Any, found: list[Issue], *, positive: bool = False) -> float:
     try:
         read = float(value) if not isinstance(value, str | bool | np.bool) else float("nan")
     except (TypeError, ValueError, OverflowError):
         read = float("nan")
     if not np.isfinite(read) or (positive and not read > 0):
         wanted = "a positive number" if positive else "a number"
-        found.append(Problem(place, f"{shown(value)} is not {wanted}"))
+        found.append(Issue(place, f"{shown(value)} is not {wanted}"))
     return read
 
 
-def times(t: Any, found: list[Problem]) -> Array:
+def times(t: Any, found: list[Issue]) -> Array:
     """In s, increasing."""
     values = series("t", t, found)
     if not found and len(values) < 2:
-        found.append(Problem("t", f"{len(values)} times; give at least two"))
+        found.append(Issue("t", f"{len(values)} times; give at least two"))
     if not found:
         found += check_time("t", values, lambda index: f"sample {index + 1}")
     return values

@@ -11,23 +11,23 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from bayesdrill.analysis.identifiability.information import Scenery
 from bayesdrill.api import arguments
-from bayesdrill.basics.checked import checked
-from bayesdrill.basics.errors import InputError, Problem
+from bayesdrill.basics.errors import InputError, Issue
 from bayesdrill.basics.progress import SILENT, Reporter
-from bayesdrill.basics.values import Value, alike
-from bayesdrill.commands import identify
-from bayesdrill.insight.identifiability.scenes import Scenery
+from bayesdrill.basics.values import Value, alike, checked
+from bayesdrill.config import job
+from bayesdrill.config.job import Job, prepare
 from bayesdrill.record.experiment import raise_if_any
-from bayesdrill.report import record_words, words
+from bayesdrill.report import words
 from bayesdrill.rig.models.linear import Model
-from bayesdrill.setup import in_memory
-from bayesdrill.setup.job import Job, prepare
+from bayesdrill.tasks import find_map, identify
 
 if TYPE_CHECKING:
     from bayesdrill.api.run import Best, Run
-    from bayesdrill.commands.pipeline import Outcome
-    from bayesdrill.engines.mode import Mode as Maximum
+    from bayesdrill.sampling.mode_search import Mode as Maximum
+    from bayesdrill.tasks.pipeline import Outcome
+
 
 Array = NDArray[np.float64]
 
@@ -91,7 +91,7 @@ class Case(Value):
         """What would run: columns and units, priors, the start, sizes, and what the record can show."""
         problem, config = self.job.problem, self.job.config
         first = identify.preflight(self.job, Scenery(problem.posterior.likelihood))
-        columns = [] if self.columns is not None else [record_words.columns(problem, config)]
+        columns = [] if self.columns is not None else [words.record_columns(problem, config)]
         return "\n".join(
             [str(self), *columns, words.preview(problem, config, self.job.units), first]
         )
@@ -128,10 +128,9 @@ class Case(Value):
         `processes`, `report`: see `sample`.
         """
         from bayesdrill.api.run import Best  # late: it loads all that sampling needs
-        from bayesdrill.commands import searching
 
         workers = arguments.workers(processes)
-        found = searching.find_mode(self.job, workers, report or SILENT)
+        found = find_map.find_mode(self.job, workers, report or SILENT)
         return Best(self.job, found, self.columns)
 
     def run(
@@ -150,7 +149,7 @@ class Case(Value):
         `folder`: `results/<name>` by default.  `processes`, `report`: see `sample`.  Raises
         `InputError`, and `Interrupted` when asked to stop.
         """
-        from bayesdrill.commands import pipeline
+        from bayesdrill.tasks import pipeline
 
         if self.columns is not None:
             message = (
@@ -183,14 +182,14 @@ class Case(Value):
         `InputError`.
         """
         from bayesdrill.api.run import Run
-        from bayesdrill.commands import pipeline, searching
+        from bayesdrill.tasks import pipeline
 
         job, workers = self.job, arguments.workers(processes)
         if seed is not None:
             own = {"seed": arguments.whole("seed", seed, 0)}
             job = dataclasses.replace(job, config=job.config.model_copy(update=own))
         told = report or SILENT
-        found = searching.find_mode(job, workers, told) if best is None else self._mode(best)
+        found = find_map.find_mode(job, workers, told) if best is None else self._mode(best)
         job = job.at(found)
         sampled = pipeline.sample_in_memory(job, found, workers, told)
         return Run(job, found, sampled, self.columns)
@@ -250,57 +249,57 @@ def case(
     model = arguments.rig(rig)
     believed = dict(parameters)
     unsaid = [name for name in model.added if name not in believed]
-    raise_if_any([Problem(f"parameters.{n}", f"the rig has it; give {PRIORS}") for n in unsaid])
+    raise_if_any([Issue(f"parameters.{n}", f"the rig has it; give {PRIORS}") for n in unsaid])
     given = {
         "name": name,
         "seed": seed,
         "record": {**record, "channels": {key: _entry(key, one) for key, one in channels.items()}},
         "inputs": {**inputs, **{key: _entry(key, one) for key, one in measured.items()}},
-        "model": in_memory.model_entry(model),
+        "model": job.model_entry(model),
         "parameters": believed,
         **({} if nominal is None else {"nominal": nominal}),
         **entries,
     }
-    return Case(in_memory.job(columns, given), columns)
+    return Case(job.job_in_memory(columns, given), columns)
 
 
 def _columns(
     t: ArrayLike, channels: Mapping[str, Channel], inputs: Mapping[str, Input | float]
 ) -> tuple[dict[str, Array], dict[str, Input]]:
     """All `(T,)` columns, and the inputs that are measured."""
-    found: list[Problem] = []
-    every: dict[str, Array] = {in_memory.TIME: arguments.series("t", t, found)}
+    found: list[Issue] = []
+    every: dict[str, Array] = {job.TIME: arguments.series("t", t, found)}
     for name, one in channels.items():
         if isinstance(one, Channel):
             every[name] = arguments.series(f"channels.{name}", one.values, found)
         else:
-            found.append(Problem(f"channels.{name}", f"give {CHANNELS}, not {type(one).__name__}"))
+            found.append(Issue(f"channels.{name}", f"give {CHANNELS}, not {type(one).__name__}"))
     measured = {}
     for name, given in inputs.items():
         if isinstance(given, Input) and name in channels:
             said = "an input has this name; give the channel another, with `measures`"
-            found.append(Problem(f"channels.{name}", said))
+            found.append(Issue(f"channels.{name}", said))
         elif isinstance(given, Input):
             measured[name] = given
             every[name] = arguments.series(f"inputs.{name}", given.values, found)
         elif not isinstance(given, Mapping):
             arguments.number(f"inputs.{name}", given, found)
     if not found and not channels:
-        found.append(Problem("channels", f"nothing is measured; give {CHANNELS}"))
+        found.append(Issue("channels", f"nothing is measured; give {CHANNELS}"))
     lengths = {name: len(values) for name, values in every.items()}
     if not found:
         found += [
-            Problem(name, f"{n} values, but there are {lengths[in_memory.TIME]} times")
+            Issue(name, f"{n} values, but there are {lengths[job.TIME]} times")
             for name, n in lengths.items()
-            if n != lengths[in_memory.TIME]
+            if n != lengths[job.TIME]
         ]
     raise_if_any([_with_hint(problem) for problem in found])
     return every, measured
 
 
-def _with_hint(problem: Problem) -> Problem:
+def _with_hint(problem: Issue) -> Issue:
     if problem.place.startswith("inputs."):
-        return Problem(problem.place, f"{problem.message}; give {INPUTS}")
+        return Issue(problem.place, f"{problem.message}; give {INPUTS}")
     return problem
 
 

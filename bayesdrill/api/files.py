@@ -1,23 +1,159 @@
-"""What is done with configs and folders as a whole: simulated, calibrated, reported again."""
+"""What is done with configs and folders as a whole: examples, drafts, simulation, calibration,
+reports, citation.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+import shlex
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from bayesdrill import output_files
 from bayesdrill.api import arguments
-from bayesdrill.basics.checked import checked
-from bayesdrill.basics.errors import InputError
+from bayesdrill.basics import software as citing
+from bayesdrill.basics.errors import InputError, Issue
 from bayesdrill.basics.progress import SILENT, Reporter
-from bayesdrill.basics.values import Value
+from bayesdrill.basics.software import Citation
+from bayesdrill.basics.values import Value, checked
 
 if TYPE_CHECKING:
-    from bayesdrill.commands.calibrate import Outcome as Calibrated
-    from bayesdrill.commands.pipeline import Outcome
-    from bayesdrill.commands.verify import Verified
-    from bayesdrill.setup.job import Job
+    from bayesdrill.config.job import Job
+    from bayesdrill.drafting.draft import Guess
+    from bayesdrill.tasks.calibrate import Outcome as Calibrated
+    from bayesdrill.tasks.pipeline import Outcome
+    from bayesdrill.tasks.verify import Verified
+
+
+PACKAGE = Path(__file__).parents[1]
+FILES = (
+    *("nominal_step.yaml", "example_rig.yaml", "example_ties.yaml", "example_experiments.yaml"),
+    *("example_torque.yaml", "schema.json"),
+    *(f"records/{name}.csv" for name in ("nominal_step", "example_rig", "example_ties")),
+    *(f"records/{name}.csv" for name in ("example_step", "example_rundown", "example_torque")),
+    *(f"paper/{name}.yaml" for name in ("estimates", "measured", "missing_physics")),
+    "paper/two_parameters.yaml",
+    *(f"paper/records/{name}.csv" for name in ("estimates", "missing_physics", "two_parameters")),
+)
+
+
+def write_examples(folder: Path) -> tuple[Path, ...]:
+    """`FILES` in `folder`, which may hold others; raises `InputError` where one of them is there."""
+    bundled = _bundled()
+    contents = {folder / name: (bundled / name).read_bytes() for name in FILES}
+    obstacles = [*_no_folders(folder), *_present(contents)]
+    if obstacles:
+        raise InputError(obstacles)
+    for path, content in contents.items():
+        path.parent.mkdir(parents=True, exist_ok=True)
+        output_files.write(path, content)
+    return tuple(contents)
+
+
+def _bundled() -> Path:
+    """Of a wheel, `examples` in the package; of a checkout, `configs`, which wheels have there."""
+    for place in (PACKAGE / "examples", PACKAGE.parent / "configs"):
+        if (place / FILES[0]).is_file():
+            return place
+    raise InputError.one(str(PACKAGE), "came without its examples; install bayesdrill again")
+
+
+def _no_folders(folder: Path) -> list[Issue]:
+    below = [folder / name for name in ("records", "paper", "paper/records")]
+    wrong = [path for path in below if output_files.what(path) not in ("", "a folder")]
+    if folder.exists() and not folder.is_dir():
+        wrong = [folder]
+    message = "is no folder, where the examples need one; move it, or give another FOLDER"
+    return [Issue(str(path), message) for path in wrong]
+
+
+def _present(paths: Iterable[Path]) -> list[Issue]:
+    message = "is there already; move it, or give another FOLDER"
+    return [Issue(str(path), message) for path in paths if output_files.what(path)]
+
+
+@dataclass(frozen=True, slots=True)
+class Example:
+    """What `example` wrote, and what to try with it."""
+
+    folder: Path
+    files: tuple[Path, ...]
+
+    def __str__(self) -> str:
+        return (
+            f"{self.folder}/: configs with their records, to run and to copy; try\n"
+            f"  bayesdrill check {shlex.quote(str(self.files[0]))}"
+        )
+
+    __repr__ = __str__
+
+
+@checked
+def example(folder: str | Path = "configs") -> Example:
+    """Writes the bundled configs and records into a folder, and overwrites nothing.
+
+    Raises `InputError` with each of them that is there already.
+    """
+
+    place = Path(folder).expanduser()
+    return Example(place, write_examples(place))
+
+
+@checked
+def citation(folder: str | Path | None = None) -> Citation:
+    """How to cite what is installed, or what the run in `folder` was made with.
+
+    Raises `InputError` where no run is finished.
+    """
+    if folder is None:
+        return citing.citation()
+    from bayesdrill.results.run_folder import read_run
+
+    place = Path(folder).expanduser()
+    made_with = (read_run(place) or {}).get("versions")
+    if not isinstance(made_with, dict):
+        raise InputError.one(str(place), "no finished run is here; give the folder of one, or none")
+    return citing.citation(made_with)
+
+
+@checked
+def init(
+    record: str | Path | Sequence[str | Path],
+    output: str | Path | None = None,
+    *,
+    voltage: float | None = None,
+    gear: float | None = None,
+    force: bool = False,
+) -> Guess:
+    """Writes a config for a record, with every guess marked REVIEW and its reason.
+
+    Several files of one kind become several experiments of one config; a file that holds inputs alone
+    goes with that of the channels.  `output`: beside the (first) record by default; `voltage` [V]:
+    constant, where no column has it; `gear`: turns of the motor for one of the shaft.
+    Raises `InputError` where nothing can be made of a file, or not of all together.
+    """
+    from bayesdrill.drafting import draft, record_files
+
+    for name, value in (("voltage", voltage), ("gear", gear)):
+        if value is not None and not math.isfinite(value):
+            raise InputError.one(name, f"{value} is not a number; write it, or leave it out")
+    if gear is not None and gear < 1:
+        message = f"{gear:g} turns of the motor for one of the shaft; write 8 for a gear of 8:1"
+        raise InputError.one("gear", message)
+    given = [record] if isinstance(record, str | Path) else record
+    records = [Path(one).expanduser() for one in given]
+    if not records:
+        raise InputError.one("record", "no file is named; name one or several")
+    beside = records[0].with_suffix(".yaml")
+    if len(records) > 1:
+        beside = records[0].with_name(f"{record_files.stem(records)}.yaml")
+    target = beside if output is None else Path(output).expanduser()
+    draft.check_draft_place(target, records, force=force)
+    made = draft.guess(records, target, voltage=voltage, gear=gear)
+    draft.save_draft(made, records, force=force)
+    return made
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +186,9 @@ def simulate(
     `output`: the record that the config names, by default; of several experiments a folder, for a file
     of each.  `seed`: the config's.  Raises `InputError`, before anything is written.
     """
-    from bayesdrill.setup import experiments, loading, reading, simulating
+    from bayesdrill.config import loading
+    from bayesdrill.config.records import reading, simulation
+    from bayesdrill.config.resolve import experiments
 
     read, source = loading.load(Path(config).expanduser())
     own = read.seed if seed is None else arguments.whole("seed", seed, 0)
@@ -58,16 +196,16 @@ def simulate(
     if place is not None and read.experiments and place.exists() and not place.is_dir():
         message = "is no folder; name one for the records of several experiments"
         raise InputError.one(str(place), message)
-    texts = simulating.every(read, source, own, place)
+    texts = simulation.simulate_all(read, source, own, place)
     every = experiments.views(read, source)
     records = [reading.path_of(view.config, view.source) for view in every]
     for (target, text), record in zip(texts.items(), records, strict=True):
-        simulating.check_place(text, target, record, force=force)
+        simulation.check_place(text, target, record, force=force)
     files = {}
     for (target, text), record, view in zip(texts.items(), records, every, strict=True):
         if read.experiments:
             target.parent.mkdir(parents=True, exist_ok=True)
-        simulating.save(text, target, record, force=force)
+        simulation.save(text, target, record, force=force)
         skipped = reading.csv_options(view.config.record).skip_rows
         files[target] = len(text.splitlines()) - 1 - skipped
     return Simulated(files)
@@ -86,7 +224,7 @@ def publish(
 
     `output`: a folder that gets a copy of the run with them, where the first may only be read.
     """
-    from bayesdrill.commands import pipeline
+    from bayesdrill.tasks import pipeline
 
     source, workers = Path(folder).expanduser(), arguments.workers(processes)
     if output is None:
@@ -105,7 +243,7 @@ def verify(folder: str | Path) -> Verified:
 
     The tables are computed again from the chain.  Raises `InputError` where there is no finished run.
     """
-    from bayesdrill.commands import verify as verifying
+    from bayesdrill.tasks import verify as verifying
 
     return verifying.verify(Path(folder).expanduser())
 
@@ -136,7 +274,7 @@ class Calibration(Value):
 
         Raises `InputError`, and `Interrupted` when asked to stop; refits that are done are kept.
         """
-        from bayesdrill.commands import calibrate
+        from bayesdrill.tasks import calibrate
 
         how, place = arguments.mode(resume=resume, force=force), self.place(folder)
         with arguments.crew(processes, scheduler) as crew:
@@ -149,7 +287,7 @@ def calibration(config: str | Path) -> Calibration:
 
     Raises `InputError` with all that is wrong with it.
     """
-    from bayesdrill.commands.calibrate import prepare
+    from bayesdrill.tasks.calibrate import prepare
 
     return Calibration(prepare(Path(config).expanduser()))
 
@@ -157,6 +295,6 @@ def calibration(config: str | Path) -> Calibration:
 @checked
 def schema() -> str:
     """The JSON schema of configs."""
-    from bayesdrill.setup.schema import as_text
+    from bayesdrill.config.schema.config import json_schema
 
-    return as_text()
+    return json_schema()

@@ -10,16 +10,16 @@ from numpy.typing import ArrayLike, NDArray
 
 from bayesdrill.api import arguments
 from bayesdrill.basics import symbols
-from bayesdrill.basics.checked import checked
-from bayesdrill.basics.errors import InputError, Problem, did_you_mean, shown
-from bayesdrill.basics.expressions import linear_combination
-from bayesdrill.inference import pieces
+from bayesdrill.basics.errors import InputError, Issue, did_you_mean, shown
+from bayesdrill.basics.formulas import linear_combination
+from bayesdrill.basics.values import checked
+from bayesdrill.inference import step_error
 from bayesdrill.record.experiment import Channel, Experiment, frozen, raise_if_any
-from bayesdrill.rig import vocabulary
-from bayesdrill.rig.choosing import simulator
+from bayesdrill.rig import models
 from bayesdrill.rig.models.composed import in_vain, lacking, with_named
 from bayesdrill.rig.models.linear import Model
-from bayesdrill.rig.sensing import Sensing
+from bayesdrill.rig.simulators import simulator
+from bayesdrill.rig.simulators.sensors import Sensing
 
 Array = NDArray[np.float64]
 
@@ -50,9 +50,9 @@ def respond(
     zero) at 0 s; with measured inputs at the first time.  To name a parameter that the rig only offers,
     such as `c_s`, is to switch it on.  Raises `InputError` with all that is wrong.
     """
-    own, found = arguments.rig(rig), list[Problem]()
+    own, found = arguments.rig(rig), list[Issue]()
     own = with_named(own, parameters)
-    found += [Problem(f"parameters.{n}", in_vain(n, of)) for n, of in lacking(own).items()]
+    found += [Issue(f"parameters.{n}", in_vain(n, of)) for n, of in lacking(own).items()]
     signals = [signals] if isinstance(signals, str) else signals
     times = arguments.times(t, found)
     values = _numbers(own.parameters, parameters, "parameters", found)
@@ -67,13 +67,13 @@ def respond(
             given[name] = np.array(arguments.number(f"inputs.{name}", value, found))
     _check_names(own.inputs, given, "inputs", found)
     if hold not in ("zero", "first"):
-        found.append(Problem("hold", f"'{hold}' is neither zero nor first"))
+        found.append(Issue("hold", f"'{hold}' is neither zero nor first"))
     series = {name: one for name, one in given.items() if one.ndim}
     for name, one in series.items():
         if one.shape != times.shape or not np.isfinite(one).all():
-            found.append(Problem(f"inputs.{name}", "give one number for each of the times"))
+            found.append(Issue(f"inputs.{name}", "give one number for each of the times"))
     if not signals:
-        found.append(Problem("signals", "none is named; name a state, or a sum of states"))
+        found.append(Issue("signals", "none is named; name a state, or a sum of states"))
     raise_if_any(found)
     experiment = Experiment(
         t=frozen(times),
@@ -86,35 +86,35 @@ def respond(
         t_start=float(times[0]) if series else min(0.0, float(times[0])),
     )
     theta = np.array([[values[name] for name in own.parameters]])
-    response = simulator(own, experiment, Sensing(), pieces.MOST).signals(theta)[0]
+    response = simulator(own, experiment, Sensing(), step_error.MOST).signals(theta)[0]
     return {name: response[:, k] for k, name in enumerate(signals)}
 
 
 def _numbers(
-    names: Sequence[str], values: Mapping[str, float], place: str, found: list[Problem]
+    names: Sequence[str], values: Mapping[str, float], place: str, found: list[Issue]
 ) -> dict[str, float]:
     """One for each of `names`; parameters are as they may be held."""
     _check_names(names, values, place, found)
     read = {}
     for name in (name for name in names if name in values):
-        symbol = vocabulary.PARAMETERS[name] if place == "parameters" else None
+        symbol = models.PARAMETERS[name] if place == "parameters" else None
         positive = symbol is not None and symbol.held == "positive"
         read[name] = arguments.number(f"{place}.{name}", values[name], found, positive=positive)
         if symbol is not None and symbol.held == "not negative" and read[name] < 0:
-            found.append(Problem(f"{place}.{name}", f"{shown(values[name])} is negative"))
+            found.append(Issue(f"{place}.{name}", f"{shown(values[name])} is negative"))
         if symbol is not None and read[name] > symbol.at_most:
             message = f"{shown(values[name])} is more than {symbol.at_most:g}"
-            found.append(Problem(f"{place}.{name}", message))
+            found.append(Issue(f"{place}.{name}", message))
     return read
 
 
 def _check_names(
-    names: Sequence[str], values: Mapping[str, object], place: str, found: list[Problem]
+    names: Sequence[str], values: Mapping[str, object], place: str, found: list[Issue]
 ) -> None:
     for name in values:
         if name not in names:
-            found.append(Problem(f"{place}.{name}", f"the rig has none{did_you_mean(name, names)}"))
-    found += [Problem(f"{place}.{name}", "is missing") for name in names if name not in values]
+            found.append(Issue(f"{place}.{name}", f"the rig has none{did_you_mean(name, names)}"))
+    found += [Issue(f"{place}.{name}", "is missing") for name in names if name not in values]
 
 
 def _channel(name: str, rig: Model) -> Channel:
@@ -122,5 +122,5 @@ def _channel(name: str, rig: Model) -> Channel:
         weights = linear_combination(name, rig.states)
     except ValueError as error:
         raise InputError.one("signals", str(error)) from None
-    unit = vocabulary.STATES[next(iter(weights))].unit
+    unit = models.STATES[next(iter(weights))].unit
     return Channel(name=name, weights=weights, unit=unit, latex=name, latex_unit=unit)

@@ -1,39 +1,57 @@
-"""What comes out of a case: a maximum, a sampled posterior, a verdict."""
+"""What comes out of a case: a maximum, a sampled posterior, a verdict; with figures as a notebook
+gets them.
+"""
 
 from __future__ import annotations
 
+import io
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from bayesdrill.analysis.verdict import Verdict
 from bayesdrill.api import arguments
-from bayesdrill.api.pictures import for_notebooks
-from bayesdrill.basics.checked import checked
 from bayesdrill.basics.errors import InputError, shown
-from bayesdrill.basics.values import Value
-from bayesdrill.commands import concluding, mapping, pipeline
-from bayesdrill.engines.evidence import Evidence
-from bayesdrill.engines.mode import Mode
-from bayesdrill.engines.sampling import Sampled
-from bayesdrill.insight.verdict import Verdict
+from bayesdrill.basics.values import Value, checked
+from bayesdrill.config import job
+from bayesdrill.config.job import Job
 from bayesdrill.report import tables, words
 from bayesdrill.report.figures import FIGURES, drawings
 from bayesdrill.report.map_report import MapReport
 from bayesdrill.report.run_report import sections
-from bayesdrill.report.sections import as_markdown, as_text
+from bayesdrill.report.section import as_markdown, as_text
 from bayesdrill.report.view import View
-from bayesdrill.setup import in_memory
-from bayesdrill.setup.job import Job
+from bayesdrill.sampling.ensembles import Sampled
+from bayesdrill.sampling.evidence import Evidence
+from bayesdrill.sampling.mode_search import Mode
+from bayesdrill.tasks import conclusions, find_map, pipeline
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from xarray import DataTree
+
+
+DPI = 200  # sharp on a screen
+
+
+def for_notebooks(figure: Figure) -> Figure:
+    """It shows itself as the last line of a cell."""
+    # A notebook asks a figure for its picture only once pyplot is loaded, which nothing here does.
+    figure._repr_png_ = partial(_as_png, figure)  # type: ignore[attr-defined]
+    return figure
+
+
+def _as_png(figure: Figure) -> bytes:
+    out = io.BytesIO()
+    figure.savefig(out, format="png", dpi=DPI)
+    return out.getvalue()
+
 
 Array = NDArray[np.float64]
 
@@ -67,11 +85,11 @@ class Best(Value):
 
     @cached_property
     def _report(self) -> MapReport:
-        return mapping.report(self.job, self.mode)
+        return find_map.report(self.job, self.mode)
 
     def plot(self, part: int = 1) -> Figure:
         """The record, the model at the maximum, and what is left; `part`: of which experiment."""
-        from bayesdrill.report.warning_strip import warned  # late: matplotlib takes a second
+        from bayesdrill.report.style import warned  # late: matplotlib takes a second
 
         found = self._report
         every = list(found.figures.values())
@@ -84,7 +102,7 @@ class Best(Value):
     @staticmethod
     def check_place(folder: str | Path, *, force: bool = False) -> None:
         """Raises `InputError` where a maximum could not be saved, before minutes of searches."""
-        mapping.check_place(Path(folder).expanduser(), force=force)
+        find_map.check_place(Path(folder).expanduser(), force=force)
 
     def save(self, folder: str | Path, *, force: bool = False) -> Path:
         """As `bayesdrill map --output` leaves it: values, prediction, fit and config.
@@ -92,7 +110,7 @@ class Best(Value):
         Raises `InputError` where something else is there, or a maximum and not `force`.
         """
         place = Path(folder).expanduser()
-        mapping.save(self.job, self.mode, place, _as_record(self.columns), force=force)
+        find_map.save(self.job, self.mode, place, _as_record(self.columns), force=force)
         return place
 
     def __str__(self) -> str:
@@ -134,7 +152,7 @@ class Run(Value):
 
     @cached_property
     def _view(self) -> View:
-        return concluding.concluded(self.job, self.mode, self.sampled)
+        return conclusions.concluded(self.job, self.mode, self.sampled)
 
     def to_arviz(self) -> DataTree:
         """The groups of the ArviZ schema: `chain` is an ensemble."""
@@ -146,7 +164,7 @@ class Run(Value):
         In no window: `figure.savefig(...)`, or the last line of a cell.  `part`: of which experiment,
         where there are several.  Raises `InputError` where this run has no such figure.
         """
-        from bayesdrill.report.warning_strip import warned  # late: matplotlib takes a second
+        from bayesdrill.report.style import warned  # late: matplotlib takes a second
 
         arguments.known(FIGURES, name, "plot", "figure")
         found = list(drawings(name, self._view).values())
@@ -169,7 +187,7 @@ class Run(Value):
         """
         place = Path(folder).expanduser()
         record = _as_record(self.columns)
-        done = pipeline.write(self.job, self._view, place, record, force=force)
+        done = pipeline.write_result(self.job, self._view, place, record, force=force)
         if done.missing:
             said = f"could not be made: {'; '.join(done.missing)}; all else is in {place}"
             warnings.warn(said, stacklevel=3)
@@ -221,11 +239,11 @@ class Judged(Value):
 
 
 def _as_record(columns: Mapping[str, Array] | None) -> str | None:
-    return None if columns is None else in_memory.as_csv(columns)
+    return None if columns is None else job.arrays_as_csv(columns)
 
 
 @checked
 def open(folder: str | Path) -> Run:
     """The run that `save` or `bayesdrill posterior` left; raises `InputError` where there is none."""
-    job, found, sampled = pipeline.read(Path(folder).expanduser())
+    job, found, sampled = pipeline.read_result(Path(folder).expanduser())
     return Run(job, found, sampled)

@@ -1,17 +1,22 @@
-"""Words and tools for every room: errors, symbols, units, formulas, random streams."""
+"""Tools for every room: errors, registries, symbols, units, formulas, dual numbers, random
+streams.
+
+Nothing here reads or writes a file, draws a figure, or knows a command. What the rest of the
+package writes to disk goes through `output_files`, one floor up.
+"""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from bayesdrill.basics.late import late
+from bayesdrill.basics.registry import late
 
 if TYPE_CHECKING:
     from bayesdrill.basics.entries import Count as Count
     from bayesdrill.basics.entries import Positive as Positive
     from bayesdrill.basics.errors import InputError as InputError
     from bayesdrill.basics.errors import Interrupted as Interrupted
-    from bayesdrill.basics.errors import Problem as Problem
+    from bayesdrill.basics.errors import Issue as Issue
     from bayesdrill.basics.errors import did_you_mean as did_you_mean
     from bayesdrill.basics.progress import Reporter as Reporter
     from bayesdrill.basics.progress import Silent as Silent
@@ -26,9 +31,9 @@ __getattr__ = late(
         "Count": "entries",
         "InputError": "errors",
         "Interrupted": "errors",
+        "Issue": "errors",
         "PARAMETERS": "symbols",
         "Positive": "entries",
-        "Problem": "errors",
         "Reporter": "progress",
         "STATES": "symbols",
         "Silent": "progress",

@@ -11,7 +11,7 @@ LONGEST = 60  # letters of a value in a message
 
 
 @dataclass(frozen=True, slots=True)
-class Problem:
+class Issue:
     """One mistake: `place` is where it stands (file, line, path), `message` the value and way out."""
 
     place: str
@@ -24,7 +24,7 @@ class Problem:
 class InputError(Exception):
     """The input is wrong: every problem found, at once. The command line exits with status 2."""
 
-    def __init__(self, problems: Sequence[Problem]) -> None:
+    def __init__(self, problems: Sequence[Issue]) -> None:
         self.problems = tuple(problems)
         super().__init__(self.problems)  # by which it is made again in another process
 
@@ -33,13 +33,13 @@ class InputError(Exception):
 
     @classmethod
     def one(cls, place: str, message: str) -> InputError:
-        return cls([Problem(place, message)])
+        return cls([Issue(place, message)])
 
 
 def of_each[T, S](do: Callable[[T], S], those: Iterable[T]) -> list[S]:
     """What `do` makes of each; raises `InputError` with all that is wrong with any, a mistake once."""
     found: list[S] = []
-    problems: list[Problem] = []
+    problems: list[Issue] = []
     for one in those:
         try:
             found.append(do(one))

@@ -1,7 +1,10 @@
-"""Members of a kind by name: those that stand here, and those that installed packages bring."""
+"""Members of a kind by name: those that stand here and those that installed packages bring; names
+that load late.
+"""
 
 from __future__ import annotations
 
+import importlib
 import itertools
 import re
 import sys
@@ -12,6 +15,17 @@ from importlib.metadata import EntryPoint, EntryPoints, entry_points
 from typing import Any
 
 from bayesdrill.basics.errors import Stopped, did_you_mean
+
+
+def late(package: str, places: Mapping[str, str]) -> Callable[[str], Any]:
+    """The `__getattr__` of a package; `places`: in which of its modules each name stands."""
+
+    def find(name: str) -> Any:
+        if name not in places:
+            raise AttributeError(f"{package} has no {name}; it has {', '.join(places)}")
+        return getattr(importlib.import_module(f"{package}.{places[name]}"), name)
+
+    return find
 
 
 def callable_one(_: str, member: Any) -> None:

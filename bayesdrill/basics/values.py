@@ -1,13 +1,29 @@
-"""Records that are equal where all they hold is, arrays among it, and that can be pickled."""
+"""Records that compare by content and can be pickled, and the check of what is given against
+annotations.
+
+The border of the API: what is given must be what annotations say, wherever it is given.
+
+Only kinds are looked at here, and whether a path can be one; what a number may be, and what names there
+are, is for each call to say.  Names of types that a module imports for annotations alone let pass all.
+"""
 
 from __future__ import annotations
 
+import builtins
 import dataclasses
+import functools
 import inspect
-from collections.abc import Mapping
-from typing import Any
+import typing
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from numbers import Integral, Real
+from os import PathLike, fspath
+from pathlib import Path
+from types import NoneType, UnionType
+from typing import Annotated, Any, Union, cast
 
 import numpy as np
+
+from bayesdrill.basics.errors import InputError, Issue
 
 
 class Value:
@@ -56,3 +72,139 @@ def alike(one: Any, other: Any) -> bool:
 def _same_array(one: np.ndarray, other: np.ndarray) -> bool:
     numeric = one.dtype.kind in "fc"
     return one.dtype == other.dtype and np.array_equal(one, other, equal_nan=numeric)
+
+
+KINDS: Mapping[Any, tuple[type, ...]] = {
+    bool: (bool,),
+    int: (Integral,),
+    float: (Real,),
+    str: (str,),
+    Path: (PathLike,),
+    Mapping: (Mapping,),
+    Sequence: (list, tuple),
+    tuple: (tuple,),
+}
+WORDS: Mapping[Any, str] = {
+    bool: "True or False",
+    int: "a whole number",
+    float: "a number",
+    str: "a text",
+    Path: "a path",
+    Mapping: "a mapping of names",
+    Sequence: "a list",
+    tuple: "a tuple",
+    NoneType: "None",
+}
+UNIONS = (Union, UnionType)
+
+
+def checked[T](what: T) -> T:
+    """A function, or a class with all public methods, that raises `InputError` for what is none of the
+    kinds that its annotations name, with every such argument at once; `Annotated[kind, "what to give"]`
+    says it in words of its own.
+    """
+    if isinstance(what, type):
+        for name, member in list(vars(what).items()):
+            if name == "__init__" or not name.startswith("_"):
+                _check_member(what, name, member)
+        return cast("T", what)
+    return cast("T", _guarded(cast("Callable[..., Any]", what)))
+
+
+def _check_member(kind: type, name: str, member: Any) -> None:
+    if isinstance(member, staticmethod):
+        setattr(kind, name, staticmethod(_guarded(member.__func__)))
+    elif inspect.isfunction(member):
+        setattr(kind, name, _guarded(member))
+
+
+def _guarded(call: Callable[..., Any]) -> Callable[..., Any]:
+    signature = inspect.signature(call)
+
+    @functools.cache
+    def hints() -> Mapping[str, Any]:
+        names = _Names(vars(builtins) | call.__globals__)
+        return typing.get_type_hints(call, {}, names, include_extras=True)
+
+    @functools.wraps(call)
+    def guarded(*arguments: Any, **named: Any) -> Any:
+        given = signature.bind(*arguments, **named).arguments
+        known = ((name, value, hints().get(name, Any)) for name, value in given.items())
+        wrong = [problem for one in known for problem in _misfits(*one)]
+        if wrong:
+            raise InputError(wrong)
+        return call(*arguments, **named)
+
+    return guarded
+
+
+class _Names(dict[str, Any]):
+    """Of a module; those that it has not stand for anything."""
+
+    def __missing__(self, _: str) -> Any:
+        return Any
+
+
+def _misfits(place: str, value: Any, hint: Any) -> Iterator[Issue]:
+    words = ""
+    if typing.get_origin(hint) is Annotated:
+        hint, words = typing.get_args(hint)
+    choices = typing.get_args(hint) if typing.get_origin(hint) in UNIONS else (hint,)
+    hint = next((one for one in choices if _fits(value, one)), None)
+    kind = typing.get_origin(hint)
+    if hint is None:
+        yield Issue(place, f"give {words or _in_words(choices)}, not {type(value).__name__}")
+    elif kind in (Sequence, tuple):
+        for number, one in enumerate(value, start=1):
+            yield from _misfits(f"{place}, number {number}", one, typing.get_args(hint)[0])
+    elif kind is Mapping and not all(isinstance(name, str) for name in value):
+        yield Issue(place, "its names must be texts")
+    elif hint in (str, Path) and Path in choices:
+        yield from _no_path(place, value)
+
+
+def _fits(value: Any, hint: Any) -> bool:
+    """Whether it is of that kind; what it holds is not looked at."""
+    kind = typing.get_origin(hint) or hint
+    if kind is typing.Literal:
+        return isinstance(value, str) and value in typing.get_args(hint)
+    kinds = KINDS.get(kind, (kind,))
+    if kind is Any or not isinstance(kind, type) or _is_for_readers(kind):
+        return True
+    if getattr(value, "shape", None) == ():  # a number of NumPy
+        value = value.item()
+    return isinstance(value, kinds) and (not isinstance(value, bool) or kind not in (int, float))
+
+
+def _is_for_readers(kind: type) -> bool:
+    """A protocol at which `isinstance` cannot look."""
+    protocol = getattr(kind, "_is_protocol", False)
+    return protocol and not getattr(kind, "_is_runtime_protocol", False)
+
+
+def _in_words(choices: Sequence[Any]) -> str:
+    said = [_word(one) for one in choices if not (one is str and Path in choices)]
+    return " or ".join(said)
+
+
+def _word(hint: Any) -> str:
+    kind, inner = typing.get_origin(hint) or hint, typing.get_args(hint)
+    if kind is typing.Literal:
+        return " or ".join(map(repr, inner))
+    if kind in (Sequence, tuple):
+        return f"{WORDS[kind]} (each {_in_words(typing.get_args(inner[0]) or inner[:1])})"
+    if getattr(kind, "_is_protocol", False):
+        return f"an object that has {' and '.join(sorted(kind.__protocol_attrs__))}"
+    return WORDS.get(kind) or f"a {kind.__name__}"
+
+
+def _no_path(place: str, value: str | PathLike[str]) -> Iterator[Issue]:
+    if not fspath(value):
+        yield Issue(place, "the path is empty; '.' is the folder of this process")
+    try:
+        Path(value).expanduser().lstat()
+    except (FileNotFoundError, NotADirectoryError, PermissionError):
+        pass
+    except (OSError, ValueError, TypeError, RuntimeError) as error:  # RuntimeError: ~ of nobody
+        reason = getattr(error, "strerror", None) or error
+        yield Issue(place, f"this cannot be a path ({reason}); give another")

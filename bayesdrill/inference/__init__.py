@@ -1,13 +1,18 @@
-"""The density: unknowns, priors, noise, likelihood, posterior, and its slopes."""
+"""The density: unknowns, priors, noise, likelihood, posterior, and its slopes.
+
+A record that a latent torque has shaken is in `state_space`. How a density is explored is in
+`sampling`, what draws of it mean in `analysis`.
+"""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from bayesdrill.basics.late import late
+from bayesdrill.basics.registry import late
 
 if TYPE_CHECKING:
-    from bayesdrill.inference.coordinates import Coordinates as Coordinates
+    from bayesdrill.inference.derived import HDI_PROBABILITY as HDI_PROBABILITY
+    from bayesdrill.inference.derived import hdi as hdi
     from bayesdrill.inference.likelihood import Likelihood as Likelihood
     from bayesdrill.inference.noise.contract import Noise as Noise
     from bayesdrill.inference.noise.contract import Noisy as Noisy
@@ -15,13 +20,15 @@ if TYPE_CHECKING:
     from bayesdrill.inference.noise.white import White as White
     from bayesdrill.inference.posterior import Posterior as Posterior
     from bayesdrill.inference.priors import Uniform as Uniform
+    from bayesdrill.inference.unknowns import Coordinates as Coordinates
     from bayesdrill.inference.unknowns import ParameterSpace as ParameterSpace
     from bayesdrill.inference.unknowns import Unknown as Unknown
 
 __getattr__ = late(
     __name__,
     {
-        "Coordinates": "coordinates",
+        "Coordinates": "unknowns",
+        "HDI_PROBABILITY": "derived",
         "Likelihood": "likelihood",
         "Noise": "noise.contract",
         "Noisy": "noise.contract",
@@ -31,5 +38,6 @@ __getattr__ = late(
         "Uniform": "priors",
         "Unknown": "unknowns",
         "White": "noise.white",
+        "hdi": "derived",
     },
 )

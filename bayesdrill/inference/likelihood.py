@@ -16,8 +16,8 @@ from bayesdrill.inference.noise.contract import Noise
 from bayesdrill.inference.noise.mixed import of_record
 from bayesdrill.inference.unknowns import ParameterSpace, Unknown
 from bayesdrill.record.experiment import Experiment, frozen
-from bayesdrill.rig.filtered import Filtered
-from bayesdrill.rig.simulator import Simulator
+from bayesdrill.rig.simulators.contract import Simulator
+from bayesdrill.rig.simulators.kalman import Filtered
 
 Array = NDArray[np.float64]
 

@@ -1,15 +1,21 @@
-"""The log posterior: over physical unknowns, and over the sampler's coordinates."""
+"""The log posterior over unknowns and over the sampler's coordinates, with names and nominal
+values (a `Problem`).
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdrill.inference.coordinates import Coordinates
-from bayesdrill.inference.likelihood import Likelihood
-from bayesdrill.inference.unknowns import ParameterSpace
+from bayesdrill.basics.formulas import Expression
+from bayesdrill.basics.symbols import Symbol
+from bayesdrill.inference.likelihood import Likelihood, Observation
+from bayesdrill.inference.unknowns import Coordinates, ParameterSpace
+from bayesdrill.record.experiment import Experiment
+from bayesdrill.rig.models.linear import Model
 
 Array = NDArray[np.float64]
 
@@ -56,3 +62,48 @@ class Posterior:
         failed = np.isnan(log_p)
         log_p[failed] = -np.inf
         return log_p, int(failed.sum())
+
+
+@dataclass(frozen=True, slots=True)
+class Formula:
+    symbol: Symbol
+    expression: Expression
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Problem:
+    """All that inference needs: `symbols` of the unknowns and their nominal values (if any).
+
+    `published`: names whose nominal value a table gives; `tolerance`: relative, of nominal values;
+    `derived`: formulas of the config's own, beside what is always derived.
+    """
+
+    posterior: Posterior
+    symbols: tuple[Symbol, ...]
+    nominal: Mapping[str, float]
+    published: frozenset[str] = frozenset()
+    tolerance: Mapping[str, float] = field(default_factory=dict)
+    derived: tuple[Formula, ...] = ()
+
+    @property
+    def observations(self) -> tuple[Observation, ...]:
+        return self.posterior.likelihood.observations
+
+    @property
+    def every(self) -> tuple[Observation, ...]:
+        """Those that are held out as a whole, too."""
+        return (*self.observations, *self.posterior.likelihood.apart)
+
+    @property
+    def experiment(self) -> Experiment:
+        """The only one; raises `ValueError` where there are more."""
+        return self.posterior.likelihood.alone.experiment
+
+    @property
+    def model(self) -> Model:
+        """The rig, which all observations share."""
+        return self.observations[0].response.model
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return self.posterior.space.free

@@ -11,30 +11,20 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdrill.basics import Interrupted, Reporter, Silent, own_files, software
-from bayesdrill.commands import concluding, pipeline
-from bayesdrill.engines import Crew, Optimiser
+from bayesdrill import output_files
+from bayesdrill.analysis import Scenery, study_of
+from bayesdrill.basics import Interrupted, Reporter, Silent, software
+from bayesdrill.config import Config, Job, Source
 from bayesdrill.inference import ParameterSpace
-from bayesdrill.insight import Scenery, study_of
-from bayesdrill.paper.pages import report, tables
-from bayesdrill.paper.studies import (
-    bounds,
-    causes,
-    forward,
-    heuristic,
-    misfit,
-    printed,
-    shaft,
-    simultaneous,
-)
-from bayesdrill.paper.studies.control import Control, control
-from bayesdrill.paper.studies.findings import Findings, Misfits, Nine
-from bayesdrill.paper.studies.studies import Studies, prepare
-from bayesdrill.paper.studies.truths import truth_of
-from bayesdrill.paper.studies.verification import Verification, verify
+from bayesdrill.paper import forward, precision, printed, reproduction, searches
+from bayesdrill.paper.findings import Findings, Misfits, Nine, Studies, prepare
+from bayesdrill.paper.precision import truth_of
+from bayesdrill.paper.searches import Control, control
+from bayesdrill.paper.verification import Verification, verify
 from bayesdrill.results import Folder
 from bayesdrill.rig import MotorShaft
-from bayesdrill.setup import Config, Job, Source
+from bayesdrill.sampling import Crew, Optimiser
+from bayesdrill.tasks import conclusions, pipeline
 
 Array = NDArray[np.float64]
 
@@ -64,10 +54,10 @@ def reproduce(
     studies = prepare(configs)
     names = [nine.config.name for nine in studies.nines]
     for name in names:
-        Folder(output / name, "force", {}, own_files.POSTERIOR).check()  # not after minutes
-    kind = own_files.paper(names)
+        Folder(output / name, "force", {}, output_files.POSTERIOR).check()  # not after minutes
+    kind = output_files.paper_files(names)
     with Folder(output, "force" if force else "fresh", {}, kind) as folder:
-        folder.begin(status="running", versions=software.versions())
+        folder.begin(status="running", versions=software.installed_versions())
         report.say("two parameters, nine of two records: two to five minutes with two processes")
         try:
             findings = _run(studies, folder, processes, _Clock(report))
@@ -79,7 +69,9 @@ def reproduce(
             with suppress(OSError):  # a full disk
                 folder.write_run(status="interrupted")
             raise
-    return Outcome(folder=output, converged=findings.converged, said=tables.in_words(findings))
+    return Outcome(
+        folder=output, converged=findings.converged, said=reproduction.in_words(findings)
+    )
 
 
 def _run(studies: Studies, folder: Folder, processes: int, clock: _Clock) -> Findings:
@@ -101,16 +93,18 @@ def _run(studies: Studies, folder: Folder, processes: int, clock: _Clock) -> Fin
         errors=forward.errors(experiment, nominal),
         verification=verification,
         lengths=lengths,
-        implied=bounds.implied_noise(bounds.at_sigma_1(two.problem.posterior.likelihood, nominal)),
+        implied=precision.implied_noise(
+            precision.at_sigma_1(two.problem.posterior.likelihood, nominal)
+        ),
         searched=nines[0].name,
         symmetries=symmetries,
         ends=ends,
         control=controls,
         nines=tuple(nines),
-        tones=shaft.tones(nominal["j_1"], nominal["j_m"] / MotorShaft().i_m ** 2, TONES),
+        tones=printed.tones(nominal["j_1"], nominal["j_m"] / MotorShaft().i_m ** 2, TONES),
     )
     with Crew(two.problem.posterior, processes) as crew:
-        report.write(findings, folder, crew)
+        reproduction.write(findings, folder, crew)
     clock.done("tables and figures")
     folder.write_run(status="finished", converged=findings.converged, seconds=clock.seconds)
     return findings
@@ -131,14 +125,14 @@ class _Clock:
         self._last = now
 
 
-def _verification(two: Job, processes: int) -> tuple[Verification, tuple[bounds.Length, ...]]:
+def _verification(two: Job, processes: int) -> tuple[Verification, tuple[precision.Length, ...]]:
     posterior = two.problem.posterior
     nominal = two.problem.nominal
     truth = posterior.space.vector(nominal)
     sigmas = tuple(printed.TWO_PARAMETERS)
     with Crew(posterior, processes) as crew:
-        found = verify(crew, posterior, truth, sigmas, RECORDS, concluding.plan(two.config))
-    return found, bounds.lengths(posterior.likelihood, nominal, LENGTHS)
+        found = verify(crew, posterior, truth, sigmas, RECORDS, conclusions.plan(two.config))
+    return found, precision.lengths(posterior.likelihood, nominal, LENGTHS)
 
 
 def _control(nine: Job, search: Optimiser, processes: int) -> tuple[Control, ...]:
@@ -158,7 +152,9 @@ def _nine(
     """Heuristic and posterior of one record; the posterior has a results folder of its own."""
     name, posterior = nine.config.name, nine.problem.posterior
     with Crew(posterior, processes) as crew:
-        found = heuristic.run(crew, posterior, search, EVALUATIONS, OTHERS, nine.config.seed)
+        found = searches.run_heuristic(
+            crew, posterior, search, EVALUATIONS, OTHERS, nine.config.seed
+        )
     clock.done(f"{name}: the heuristic from {OTHERS + 1} starts, and with the paper's integrator")
     whole = pipeline.posterior(nine, folder / name, "force", processes, Silent())
     state = "converged" if whole.sampled.convergence.converged else "NOT converged"
@@ -180,7 +176,7 @@ def _nine(
         draws=draws,
         verdict=whole.verdict,
         misfits=_misfits(nine, found, mode, truth),
-        causes=causes.causes(posterior, mode, found.estimate, draws),
+        causes=printed.causes(posterior, mode, found.estimate, draws),
         converged=whole.sampled.convergence.converged,
     )
 
@@ -191,19 +187,19 @@ def _given(space: ParameterSpace) -> tuple[str, ...]:
     return (*held, *(f"{name} = {tie.text}" for name, tie in space.relations.items()))
 
 
-def _misfits(nine: Job, found: heuristic.Heuristic, mode: Array, truth: Array | None) -> Misfits:
+def _misfits(nine: Job, found: searches.Heuristic, mode: Array, truth: Array | None) -> Misfits:
     posterior = nine.problem.posterior
     numbers = posterior.likelihood.numbers
-    low, high = misfit.expected(numbers)
+    low, high = precision.expected_misfit(numbers)
     return Misfits(
         record=nine.config.name,
         numbers=numbers,
-        guess=misfit.per_number(posterior, found.guess),
-        heuristic=misfit.per_number(posterior, found.estimate),
+        guess=precision.misfit_per_number(posterior, found.guess),
+        heuristic=precision.misfit_per_number(posterior, found.estimate),
         others=float(found.others_misfits.max()),
         stepped=found.stepped_misfit,
-        map=misfit.per_number(posterior, mode),
-        truth=None if truth is None else misfit.per_number(posterior, truth),
+        map=precision.misfit_per_number(posterior, mode),
+        truth=None if truth is None else precision.misfit_per_number(posterior, truth),
         low=low,
         high=high,
     )
@@ -211,14 +207,14 @@ def _misfits(nine: Job, found: heuristic.Heuristic, mode: Array, truth: Array | 
 
 def _simultaneous(
     nine: Job, found: Nine, processes: int
-) -> tuple[tuple[simultaneous.End, ...], tuple[tuple[str, ...], ...]]:
+) -> tuple[tuple[searches.End, ...], tuple[tuple[str, ...], ...]]:
     """Distances are from the truth, or else from the median of the posterior."""
     posterior = nine.problem.posterior
     centre = posterior.space.vector(posterior.space.start)
     structure = study_of(Scenery(posterior.likelihood), posterior, centre, nine.asked).structure
     reference = np.median(found.draws, axis=0) if found.truth is None else found.truth
     with Crew(posterior, processes) as crew:
-        ends = simultaneous.many(
+        ends = searches.many_searches(
             crew, posterior, reference, structure.symmetries, STARTS, nine.config.seed
         )
     scaled = tuple(

@@ -1,25 +1,29 @@
-"""What was measured: files of every format, and the experiment that they make."""
+"""What was measured: files of every format (`formats/`) become one `Experiment` in SI.
+
+Times are in `clocks`, what sensors made of samples in `anomalies`. Nothing here knows a rig, an
+unknown or a config.
+"""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from bayesdrill.basics.late import late
+from bayesdrill.basics.registry import late
 
 if TYPE_CHECKING:
     from bayesdrill.record.experiment import Experiment as Experiment
     from bayesdrill.record.experiment import regular as regular
     from bayesdrill.record.experiment import usual_inputs as usual_inputs
     from bayesdrill.record.formats import Format as Format
-    from bayesdrill.record.formats import Table as Table
     from bayesdrill.record.formats import Wanted as Wanted
+    from bayesdrill.record.formats.table import Table as Table
 
 __getattr__ = late(
     __name__,
     {
         "Experiment": "experiment",
         "Format": "formats",
-        "Table": "formats",
+        "Table": "formats.table",
         "Wanted": "formats",
         "regular": "experiment",
         "usual_inputs": "experiment",

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayesdrill.basics.entries import SMALLEST
-from bayesdrill.basics.errors import InputError, Problem
+from bayesdrill.basics.errors import InputError, Issue
 
 Array = NDArray[np.float64]
 
@@ -157,7 +157,7 @@ def check_series(
     varying: bool,
     missing: bool = False,
     instead: str = "",
-) -> list[Problem]:
+) -> list[Issue]:
     """Numbers all present, unless some may be `missing`, and of a size whose fourth powers are numbers
     too; not all the same where a model explains them.
 
@@ -167,23 +167,23 @@ def check_series(
     if len(bad):
         count, rows = _count(len(bad), "value"), _rows(bad, where)
         message = f"{what} has {count} without a number, {rows}; mend or cut these rows{instead}"
-        return [Problem(place, message)]
+        return [Issue(place, message)]
     found = values[~np.isnan(values)]
     if varying and len(values) and not len(found):
         message = f"{what} has no number that is used; check missing samples, masks and windows"
-        return [Problem(place, message)]
+        return [Issue(place, message)]
     beyond = np.flatnonzero(np.abs(values) > FARTHEST)
     if len(beyond):
         count, rows = _count(len(beyond), "number"), _rows(beyond, where)
         message = f"{what} has {count} beyond {FARTHEST:g}, {rows}; mend or cut these rows"
-        return [Problem(place, message)]
+        return [Issue(place, message)]
     width = float(np.ptp(found)) if len(found) else 0.0
     if 0 < width < SMALLEST:
         message = f"{what} varies by {width:.3g}, which nothing measures; check the column"
-        return [Problem(place, message)]
+        return [Issue(place, message)]
     if varying and len(found) > 1 and width == 0:
         return [
-            Problem(
+            Issue(
                 place,
                 f"{what} is {found[0]:g} in every row: a constant channel carries no "
                 "information; check the column, or leave the channel out",
@@ -192,7 +192,7 @@ def check_series(
     return []
 
 
-def check_time(place: str, t: Array, where: Callable[[int], str]) -> list[Problem]:
+def check_time(place: str, t: Array, where: Callable[[int], str]) -> list[Issue]:
     """Increasing; steps need not be equal."""
     problems = check_series(place, "time", t, where, varying=False)
     if problems or len(t) < 2:
@@ -202,7 +202,7 @@ def check_time(place: str, t: Array, where: Callable[[int], str]) -> list[Proble
     if len(back):
         first = back[0] + 1
         return [
-            Problem(
+            Issue(
                 place,
                 f"time does not increase, {_rows(back + 1, where)}: {t[first - 1]:.10g} s is followed "
                 f"by {t[first]:.10g} s; {_why_back(t, steps)}",
@@ -210,9 +210,9 @@ def check_time(place: str, t: Array, where: Callable[[int], str]) -> list[Proble
         ]
     if steps.min() < SMALLEST:
         message = f"time has steps of {steps.min():.3g} s; check the column and its unit"
-        return [Problem(place, message)]
+        return [Issue(place, message)]
     if not even(t) and calendar(t):
-        return [Problem(place, f"time steps are not equal{calendar(t)}")]
+        return [Issue(place, f"time steps are not equal{calendar(t)}")]
     return []
 
 
@@ -240,12 +240,12 @@ def calendar(t: Array) -> str:
     return ""
 
 
-def check_length(place: str, counts: Sequence[int], n_unknown: int) -> list[Problem]:
+def check_length(place: str, counts: Sequence[int], n_unknown: int) -> list[Issue]:
     """More numbers than unknowns, and at least two samples to have a step; `counts`: of each channel."""
     if max(counts) >= 2 and sum(counts) > n_unknown:
         return []
     return [
-        Problem(
+        Issue(
             place,
             f"{_count(max(counts), 'sample')} of {_count(len(counts), 'channel')} cannot determine "
             f"{_count(n_unknown, 'unknown')}; "
@@ -254,7 +254,7 @@ def check_length(place: str, counts: Sequence[int], n_unknown: int) -> list[Prob
     ]
 
 
-def raise_if_any(problems: list[Problem]) -> None:
+def raise_if_any(problems: list[Issue]) -> None:
     if problems:
         raise InputError(problems)
 

@@ -10,27 +10,32 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdrill.basics import own_files
-from bayesdrill.engines.mode import Mode
+from bayesdrill import output_files
+from bayesdrill.config import job
+from bayesdrill.config.job import OwnUnits
+from bayesdrill.config.resolve import assembly
+from bayesdrill.config.schema.config import Config
 from bayesdrill.inference import residual_checks
-from bayesdrill.inference.pieces import step_errors
-from bayesdrill.inference.problem import Problem
+from bayesdrill.inference.posterior import Problem
 from bayesdrill.inference.residual_checks import Left
-from bayesdrill.report import (
-    figures,
-    prediction,
-    provenance_words,
-    residual_words,
-    step_words,
-    tables,
-    words,
+from bayesdrill.inference.step_error import step_errors
+from bayesdrill.report import figures, tables, words
+from bayesdrill.report.run_report import made_of, provenance_of_records
+from bayesdrill.report.section import (
+    Note,
+    Picture,
+    Section,
+    Sentences,
+    as_markdown,
+    as_text,
 )
-from bayesdrill.report.sections import Note, Picture, Section, Sentences, as_markdown, as_text
+from bayesdrill.report.sections import (
+    fit_words,
+    verdict_words,
+)
 from bayesdrill.report.view import Drawing
 from bayesdrill.results import provenance
-from bayesdrill.setup import build, own_units
-from bayesdrill.setup.config import Config
-from bayesdrill.setup.own_units import OwnUnits
+from bayesdrill.sampling.mode_search import Mode
 
 Array = NDArray[np.float64]
 
@@ -61,22 +66,24 @@ class MapReport:
     @property
     def reasons(self) -> tuple[str, ...]:
         """Why it must not be believed: it does not fit; empty where it may be."""
-        return residual_words.reasons(self.left)
+        return fit_words.residual_reasons(self.left)
 
     @property
     def sections(self) -> tuple[Section, ...]:
-        table = build.compared_with(self.config)
+        table = assembly.compared_with(self.config)
         read = Note(f"`dev. %` is the deviation of the MAP from the nominal value ({table}).")
         own = OwnUnits.of(self.config, self.problem)
-        clock = own_units.clock(self.config, self.problem)
-        steps = step_words.sentences(step_errors(self.problem.posterior.likelihood, self.best))
-        said = residual_words.sentences(self.left, clock)
+        clock = job.clock_unit(self.config, self.problem)
+        steps = verdict_words.step_sentences(
+            step_errors(self.problem.posterior.likelihood, self.best)
+        )
+        said = fit_words.residual_sentences(self.left, clock)
         fit = Sentences("\n".join(filter(None, [said, steps])))
         searches = Sentences(words.mode(self.mode, own))
         shown = tables.of_mode(own.rows(tables.mode_rows(self.problem, self.mode)))
         beside = (shown, read) if "nominal" in shown.heads else (shown,)
         doubts = words.unbelievable(self.reasons, converged=False)
-        shape = own_files.shown(self.config.output.formats)
+        shape = output_files.shown_path(self.config.output.formats)
         captions = figures.alone_captions(self.problem)
         pictures = tuple(Picture(stem, says, shape) for stem, says in captions.items())
         return (
@@ -101,28 +108,31 @@ class MapReport:
         """Those that follow from `map.json` alone."""
         return {
             TABLE: tables.mode_as_csv(tables.mode_rows(self.problem, self.mode)),
-            **prediction.as_csv(self.problem, self.config, self.best),
+            **fit_words.prediction_csv(self.problem, self.config, self.best),
         }
 
     def page(self, folder: Path) -> str:
         """HTML, with the picture and the config that stand in `folder`."""
         # Late: templates are for this page alone.
-        from bayesdrill.report.html import as_html
+        from bayesdrill.report.render import as_html
 
         config = self.config
         marks = provenance.marks(config, self.problem, "")
         lines = (
             ("config", config.name),
-            *provenance_words.records(self.problem, config),
+            *provenance_of_records(self.problem, config),
             ("model", words.model(self.problem)),
             ("seed", marks["Seed"]),
             ("versions", marks["Versions"]),
         )
-        every = (*self.sections, provenance_words.made_of(lines, folder))
-        figures = folder / own_files.FIGURES
+        every = (*self.sections, made_of(lines, folder))
+        figures = folder / output_files.FIGURES
         return as_html(config.name, "maximum", every, figures, self.problem.symbols)
 
     @property
     def figures(self) -> dict[str, Drawing]:
         """By stem."""
-        return figures.fits_alone(self.problem, self.config, self.best, self.left)
+        # Late: matplotlib takes a second to load.
+        from bayesdrill.report.sections.fit_figure import fits_alone
+
+        return fits_alone(self.problem, self.config, self.best, self.left)

@@ -1,16 +1,25 @@
-"""A page of equal panels in rows, measured in inches."""
+"""A page of equal panels, bars beside a table, and contours of two unknowns."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+import corner
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.transforms import Affine2D
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter
 
-from bayesdrill.report.widths import DOUBLE
+from bayesdrill.analysis.diagnostics import Row
+from bayesdrill.inference.priors import Prior, flat_in_logs
+from bayesdrill.report import style
+from bayesdrill.report.scales import DOUBLE
+from bayesdrill.report.section import Bar
 
 # Inches, of a figure in one column.
 NARROW_ROW, NARROW_LEFT, LEGEND_LINE = 0.95, 0.48, 0.135
@@ -98,3 +107,126 @@ def legend_above(figure: Figure, handles: Sequence[Any], most: int) -> None:
         columnspacing=1.2,
         handlelength=1.9,
     )
+
+
+TAIL = 0.001  # of a prior, outside of the range
+DECADES = 1.5  # from which on a range that is flat in logs is drawn so
+
+
+def bars(rows: Sequence[Row], priors: Mapping[str, Prior]) -> tuple[Bar, ...]:
+    return tuple(_bar(row, priors[row.name]) for row in rows)
+
+
+def _bar(row: Row, prior: Prior) -> Bar:
+    shown = [row.hdi_low, row.hdi_high, row.map]
+    ends = [float(x) for x in prior.quantile(np.array([TAIL, 1 - TAIL]))]
+    every = [*shown, *ends, *([] if row.nominal is None else [row.nominal])]
+    low, high = min(every), max(every)
+    logs = flat_in_logs(prior) and low > 0 and math.log10(high / low) > DECADES
+
+    def share(x: float) -> float:
+        if logs:
+            return math.log(x / low) / math.log(high / low)
+        return (x - low) / (high - low) if high > low else 0.5
+
+    nominal = None if row.nominal is None else share(row.nominal)
+    return Bar(share(row.hdi_low), share(row.hdi_high), nominal, share(row.map))
+
+
+Array = NDArray[np.float64]
+Ends = tuple[float, float]
+
+LEVELS = tuple(1.0 - math.exp(-0.5 * sigma**2) for sigma in (1.0, 2.0))  # 39.3 %, 86.5 %
+
+BINS = 52  # across the draws of one unknown and a margin for the smoothing
+CENTRAL = 0.999  # share of the draws inside an axis
+SLANTED = 0.9  # correlation from which on bins are sheared, and reflect at ends no more
+BROADER = 1.3  # than Scott's rule, which is for bells: a box has no top
+STEEP = (
+    2.0  # sds of its noise that a density falls across a bandwidth at a contour; 0.8 of noise alone
+)
+
+CONTOUR = {"colors": style.BLACK}
+INNER, OUTER = "0.68", "0.85"  # greys between the contours
+
+
+def contours(
+    panel: Axes,
+    xy: tuple[Array, Array],
+    ends: tuple[Ends, Ends],
+    fine: float = 1.0,
+    lines: Mapping[str, Any] | None = None,
+) -> None:
+    """Filled contours by `corner`, of a smoothed density that is reflected at priors' ends.
+
+    Where the two are nearly one line, bins are sheared along the regression of y on x: upright ones
+    would show a ridge as wide as the bins.  A contour that noise alone would draw, because the density
+    is flat there, is left out.  `xy`: draws `(N,)` each; `ends`: of their priors; `fine`: of lines;
+    `lines`: how contours look that are not filled.
+    """
+    x, y = xy
+    correlation = float(np.corrcoef(x, y)[0, 1]) if np.ptp(x) > 0 and np.ptp(y) > 0 else 0.0
+    slanted = abs(correlation) > SLANTED
+    slope = float(np.cov(x, y)[0, 1] / max(np.var(x), 1e-300)) if slanted else 0.0
+    shear = Affine2D(np.array([[1.0, 0.0, 0.0], [slope, 1.0, 0.0], [0.0, 0.0, 1.0]]))
+    transform = shear + panel.transData
+    across = y - slope * x
+    ranges = [central(x, ends[0]), central(across, None if slanted else ends[1])]
+    smooth = [_bandwidth(values, span) for values, span in zip((x, across), ranges, strict=True)]
+    levels = _seen(x, across, ranges, smooth)
+    if not levels and lines is None:
+        (left, right), (low, high) = ranges
+        panel.fill([left, right, right, left], [low, low, high, high], color=OUTER, linewidth=0)
+    if not levels:
+        return
+    fills = dict(zip(LEVELS, (INNER, OUTER), strict=True))
+    corner.hist2d(
+        x,
+        across,
+        ax=panel,
+        range=ranges,
+        bins=BINS,
+        smooth=smooth,
+        levels=levels,
+        plot_datapoints=False,
+        plot_density=False,
+        no_fill_contours=True,
+        fill_contours=lines is None,
+        contour_kwargs={**(lines or CONTOUR | {"linewidths": 0.7 * fine}), "transform": transform},
+        contourf_kwargs={
+            "colors": [(1, 1, 1, 0), *(fills[level] for level in reversed(levels))],
+            "transform": transform,
+        },
+        quiet=True,
+    )
+
+
+def _bandwidth(x: Array, ends: Ends) -> float:
+    """In bins."""
+    return float(BROADER * np.std(x) * len(x) ** (-1 / 6) / (ends[1] - ends[0]) * BINS) or 1.0
+
+
+def _seen(x: Array, y: Array, ranges: Sequence[Ends], smooth: Sequence[float]) -> tuple[float, ...]:
+    """Of `LEVELS`, those whose contour lies where the density falls by more than its noise."""
+    counts, _, _ = np.histogram2d(x, y, BINS, ranges)
+    density = gaussian_filter(counts, smooth)
+    ordered = np.sort(density, axis=None)[::-1]
+    held = np.cumsum(ordered) / ordered.sum()
+    slope = np.hypot(*np.gradient(density)) * math.sqrt(smooth[0] * smooth[1])
+    kernel = 4.0 * math.pi * smooth[0] * smooth[1]  # bins that one of them is a mean over
+    found = []
+    for level in LEVELS:
+        height = ordered[np.searchsorted(held, level)]
+        noise = math.sqrt(height / kernel)
+        near = np.abs(density - height) <= max(2.0 * noise, np.abs(density - height).min())
+        if np.median(slope[near]) > STEEP * noise:
+            found.append(level)
+    return tuple(found)
+
+
+def central(x: Array, ends: Ends | None = None) -> Ends:
+    """Where nearly all of the draws are, and more than the smoothing reaches, but inside `ends`."""
+    low, high = np.quantile(x, [0.5 - CENTRAL / 2, 0.5 + CENTRAL / 2])
+    margin = 0.15 * float(high - low) or 1e-9
+    first, last = ends or (-math.inf, math.inf)
+    return max(float(low) - margin, first), min(float(high) + margin, last)

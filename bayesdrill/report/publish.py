@@ -12,29 +12,25 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdrill.basics import own_files, software
-from bayesdrill.basics.own_files import FIGURES as FOLDER
+from bayesdrill import output_files
+from bayesdrill.basics import software
 from bayesdrill.basics.progress import Reporter
-from bayesdrill.engines.workers import Crew
+from bayesdrill.config.schema.records import MOST_NAMED
 from bayesdrill.inference.posterior import Posterior
-from bayesdrill.report import (
-    derived_words,
-    latex,
-    provenance_words,
-    tables,
-    torque_words,
-    verdict_words,
-)
+from bayesdrill.output_files import FIGURES as FOLDER
+from bayesdrill.report import render, run_report, tables
 from bayesdrill.report.figures import FIGURES, drawings, drawn
 from bayesdrill.report.run_report import sections
-from bayesdrill.report.sections import Picture, as_markdown
+from bayesdrill.report.scales import DPI
+from bayesdrill.report.section import Picture, as_markdown
+from bayesdrill.report.sections import physics_words, torque_words, verdict_words
 from bayesdrill.report.view import Drawing, View
-from bayesdrill.report.widths import DPI
 from bayesdrill.results.run_folder import Folder
-from bayesdrill.setup.output_entries import MOST_NAMED
+from bayesdrill.sampling.workers import Crew
 
 if TYPE_CHECKING:
     from xarray import DataTree
+
 
 Array = NDArray[np.float64]
 
@@ -43,7 +39,7 @@ def _verdict(view: View) -> str | None:
     return (
         None
         if view.judged is None
-        else verdict_words.as_csv(view.judged.verdict, view.problem.symbols)
+        else verdict_words.verdict_csv(view.judged.verdict, view.problem.symbols)
     )
 
 
@@ -51,10 +47,10 @@ def _verdict(view: View) -> str | None:
 TABLES: Mapping[str, Callable[[View], str | None]] = MappingProxyType(
     {
         "summary.csv": lambda view: tables.as_csv(view.rows),
-        "derived.csv": lambda view: derived_words.as_csv(view.following),
+        "derived.csv": lambda view: physics_words.derived_csv(view.following),
         "verdict.csv": _verdict,
-        "torque.csv": lambda view: torque_words.as_csv(view.shaking),
-        "table.tex": lambda view: latex.table(
+        "torque.csv": lambda view: torque_words.torque_csv(view.shaking),
+        "table.tex": lambda view: render.latex_table(
             view.units.rows(view.rows),
             view.units.symbols(view.problem.symbols),
             believed=not view.reasons,
@@ -80,8 +76,8 @@ def everything(view: View, folder: Folder, crew: Crew, report: Reporter) -> tupl
     tasks: list[tuple[str, str, Future[None]]] = []
     wanted = drawn(output.figures)
     folder.take_away(
-        set(own_files.figures(*FIGURES, *_SEVERAL, formats=own_files.FORMATS))
-        - set(own_files.figures(*wanted, formats=output.formats))
+        set(output_files.figure_files(*FIGURES, *_SEVERAL, formats=output_files.FORMATS))
+        - set(output_files.figure_files(*wanted, formats=output.formats))
     )
     report.update(0.0, "making tables and figures")
     for k, name in enumerate(wanted, 1):
@@ -103,7 +99,7 @@ def everything(view: View, folder: Folder, crew: Crew, report: Reporter) -> tupl
         report.update(0.6 + 0.4 * k / len(tasks), f"figure {stem}")
         with sparing.making(f"figures/{stem}"):
             task.result()
-            pictures.append(Picture(stem, says or stem, own_files.shown(output.formats)))
+            pictures.append(Picture(stem, says or stem, output_files.shown_path(output.formats)))
     _pages(view, pictures, folder)
     return tuple(sparing.missing)
 
@@ -114,10 +110,10 @@ def _pages(view: View, pictures: Sequence[Picture], folder: Folder) -> None:
         folder.write_text("summary.md", as_markdown(view.config.name, sections(view, pictures)))
     with view.sparing.making("report.html"):
         # Late: templates are for this page alone.
-        from bayesdrill.report.html import as_html
+        from bayesdrill.report.render import as_html
 
-        made_of = provenance_words.section(view, folder.path)
-        said = (*sections(view, pictures), made_of, provenance_words.cite(folder.path))
+        made_of = run_report.provenance_section(view, folder.path)
+        said = (*sections(view, pictures), made_of, run_report.cite(folder.path))
         figures = folder.path / FOLDER
         text = as_html(view.config.name, "posterior", said, figures, view.problem.symbols)
         folder.write_text("report.html", text)
@@ -126,7 +122,7 @@ def _pages(view: View, pictures: Sequence[Picture], folder: Folder) -> None:
 def _write_tree(tree: DataTree, path: Path) -> None:
     image = io.BytesIO()
     tree.to_netcdf(image, engine="h5netcdf")
-    own_files.write(path, image.getvalue())
+    output_files.write(path, image.getvalue())
 
 
 def _place(folder: Folder, view: View) -> tuple[Path, dict[str, str]]:
@@ -143,11 +139,10 @@ def draw(
     folder: Path,
     note: Mapping[str, str],
     warning: str = "",
-    formats: tuple[str, ...] = own_files.USUAL,
+    formats: tuple[str, ...] = output_files.USUAL,
     dpi: int = DPI,
 ) -> None:
-    from bayesdrill.report.style import save
-    from bayesdrill.report.warning_strip import warned
+    from bayesdrill.report.style import save, warned
 
     own = {**note, "Title": f"{note['Title']}: {stem}"}
     save(warned(what.drawn(), warning), folder, stem, own, formats=formats, dpi=dpi)

@@ -1,31 +1,33 @@
-"""What is said of a finished run: its sections, in the order in which they are read."""
+"""What is said of a finished run or of a maximum alone: sections in the order in which they are
+read.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
 
-from bayesdrill.insight.following import follows
-from bayesdrill.insight.verdict import Judgement, Verdict
-from bayesdrill.report import (
-    derived_words,
-    energy_words,
-    evidence_words,
-    friction_words,
-    identify_words,
-    marks,
-    nuisance_words,
-    repeat_words,
-    residual_words,
-    step_words,
-    tables,
-    torque_words,
-    verdict_words,
-    words,
-)
-from bayesdrill.report.bars import bars
-from bayesdrill.report.sections import (
+import numpy as np
+from numpy.typing import NDArray
+
+from bayesdrill import output_files
+from bayesdrill.analysis.latent_torque import follows
+from bayesdrill.analysis.verdict import Judgement, Verdict
+from bayesdrill.basics.software import citation
+from bayesdrill.config.records import sources
+from bayesdrill.config.resolve import experiments
+from bayesdrill.config.resolve.assembly import compared_with
+from bayesdrill.config.schema.config import Config
+from bayesdrill.inference.posterior import Problem
+from bayesdrill.inference.residual_checks import like_noise
+from bayesdrill.output_files import CONFIG_FILE, RESOLVED_FILE
+from bayesdrill.report import tables, words
+from bayesdrill.report.pages import bars
+from bayesdrill.report.section import (
     WORDS,
     Block,
+    Mark,
     Marks,
     Note,
     Picture,
@@ -34,8 +36,120 @@ from bayesdrill.report.sections import (
     Sentences,
     Table,
 )
+from bayesdrill.report.sections import (
+    fit_words,
+    identify_words,
+    physics_words,
+    torque_words,
+    verdict_words,
+)
 from bayesdrill.report.view import View
-from bayesdrill.setup.build import compared_with
+from bayesdrill.results import provenance
+from bayesdrill.results.run_folder import CHAIN, read_run
+
+
+def run_marks(run: View) -> tuple[Mark, ...]:
+    """Nothing is good about a run that must not be believed; what is bad about it comes first."""
+    converged = run.sampled.convergence.converged
+    first = Mark("converged", "good") if converged else Mark("not converged", "bad")
+    fit = _fit_mark(run)
+    if run.reasons:
+        plain = [replace(one, tone="plain") if one.tone == "good" else one for one in (fit, first)]
+        return tuple(sorted(plain, key=lambda one: one.tone != "bad"))
+    return (first, fit) if run.judged is None else (first, fit, _table(run))
+
+
+def _fit_mark(run: View) -> Mark:
+    if any(one.unbelievable for one in run.left):
+        return Mark("does not fit", "bad")
+    if like_noise(run.left):
+        return Mark("fits: noise is left", "good")
+    return Mark("more than noise is left", "doubt")
+
+
+def _table(run: View) -> Mark:
+    assert run.judged is not None
+    found, table = run.judged.verdict, compared_with(run.config)
+    if all(quantity.says == "not determined" for quantity in found.products):
+        return Mark(f"says nothing of {table}", "doubt")
+    if not found.fits:
+        return Mark("verdict in doubt", "doubt")
+    return (
+        Mark(f"agrees with {table}", "good")
+        if found.agrees
+        else Mark(f"disagrees with {table}", "doubt")
+    )
+
+
+CHECKED = (
+    "`bayesdrill verify` computes the tables again from the chain and says whether config, record, "
+    "chain, tables and figures of a folder still belong together."
+)
+
+
+def provenance_section(run: View, folder: Path) -> Section:
+    """`folder`: of the run, which holds config and chain."""
+    made = made_of(tuple(_lines(run)), folder)
+    return replace(made, blocks=(*made.blocks, Note(CHECKED)))
+
+
+def cite(folder: Path | None = None) -> Section:
+    """How to cite what the run in `folder` was made with, or what is installed."""
+    run = {} if folder is None else read_run(folder) or {}
+    found = citation(run.get("versions"))
+    return Section(
+        "How to cite",
+        (Sentences(found.text.replace("\n\n", "\n")), Plain(found.bibtex, folded="BibTeX")),
+        brief=False,
+    )
+
+
+def made_of(lines: tuple[tuple[str, str], ...], folder: Path) -> Section:
+    """What is known, and digests of what it was made of, where these are in `folder`."""
+    digests = tuple(("files", found) for found in (", ".join(_digests(folder)),) if found)
+    table = Table(("", ""), (*lines, *digests), frozenset(("",)))
+    return Section("Provenance", (table, *_config(folder)), brief=False)
+
+
+def _lines(run: View) -> Iterator[tuple[str, str]]:
+    config, marks = run.config, run.marks
+    c, sampler = run.sampled.convergence, config.sampler
+    yield "config", config.name
+    yield "run", f"{marks[provenance.RUN_MARK]}, a digest of record, config and seed"
+    yield from provenance_of_records(run.problem, config)
+    yield "model", words.model(run.problem)
+    yield "seed", marks["Seed"]
+    yield (
+        "sampler",
+        f"{sampler.ensembles} ensembles of {sampler.walkers} walkers; burn-in {c.burn_in} of {c.steps} "
+        f"steps, then one of {c.thin}",
+    )
+    yield "versions", marks["Versions"]
+    if run.seconds:
+        yield "seconds", ", ".join(f"{name} {value:.1f}" for name, value in run.seconds.items())
+
+
+def provenance_of_records(problem: Problem, config: Config) -> Iterator[tuple[str, str]]:
+    """The file of each experiment, and its channels."""
+    every = provenance.records(problem)
+    for one in problem.observations:
+        files = sources.named(experiments.experiment_configs(config, one.label))
+        length = one.experiment.t[-1] - one.experiment.t[0]
+        yield one.entitled("record"), f"{files}: {every[one.label]} over {length:g} s"
+        yield one.entitled("channels"), ", ".join(one.experiment.names)
+
+
+def _digests(folder: Path) -> Iterator[str]:
+    for name in (CONFIG_FILE, RESOLVED_FILE, CHAIN):
+        if (folder / name).exists():
+            yield f"`{name}` {output_files.digest(folder / name)}"
+
+
+def _config(folder: Path) -> Iterator[Plain]:
+    path = folder / RESOLVED_FILE
+    if path.exists():
+        yield Plain(path.read_text(encoding="utf-8"), folded="The config, with every default")
+
 
 FOUND = "nothing found: energy, poles and sampling are as in a real rig"
 
@@ -72,14 +186,14 @@ def sections(run: View, pictures: Sequence[Picture] = ()) -> tuple[Section, ...]
 def _verdict(run: View) -> Iterator[Block]:
     """The whole in a line, then whether it may be believed."""
     c, table = run.sampled.convergence, compared_with(run.config)
-    yield Marks(marks.of_run(run))
+    yield Marks(run_marks(run))
     if doubts := words.unbelievable(run.reasons, converged=c.converged):
         yield Sentences(doubts)
     if run.judged is not None:
         n, verdict = len(run.problem.observations), run.judged.verdict
         roles = run.problem.model.roles
-        lacking = nuisance_words.lacking(run.causes, roles)
-        said = verdict_words.sentences(
+        lacking = fit_words.lacking(run.causes, roles)
+        said = verdict_words.verdict_sentences(
             verdict,
             table,
             converged=c.converged,
@@ -88,17 +202,17 @@ def _verdict(run: View) -> Iterator[Block]:
             lacking=lacking,
             rests=run.judged.study.resting,
         )
-        more = nuisance_words.instead(run.instead, roles) if c.converged else ()
+        more = fit_words.instead(run.instead, roles) if c.converged else ()
         yield Sentences("\n".join([said, *more]))
 
 
 def _fit(run: View) -> Iterator[Block]:
     if several := words.maxima(run.mode, run.sampled.held, run.units):
         yield Sentences(several)
-    yield Sentences(residual_words.sentences(run.left, run.clock))
-    if said := nuisance_words.explained(run.causes, run.config):
+    yield Sentences(fit_words.residual_sentences(run.left, run.clock))
+    if said := fit_words.explained(run.causes, run.config):
         yield Sentences(said)
-    if said := step_words.sentences(run.step_errors):
+    if said := verdict_words.step_sentences(run.step_errors):
         yield Sentences(said)
 
 
@@ -106,19 +220,20 @@ def _repeats(run: View) -> Iterator[Section]:
     """Where there are several experiments to compare."""
     if run.repeats:
         names = run.names_of_rig
-        said = Sentences(repeat_words.sentence(run.repeats, names))
-        read = Note(repeat_words.EXPLAINED)
+        said = Sentences(verdict_words.repeats_sentence(run.repeats, names))
+        read = Note(verdict_words.REPEATS_EXPLAINED)
         yield Section(
-            "From one experiment to the next", (said, repeat_words.table(run.repeats, names), read)
+            "From one experiment to the next",
+            (said, verdict_words.repeats_table(run.repeats, names), read),
         )
 
 
 def _evidence(run: View) -> Iterator[Section]:
     if run.evidence is not None:
-        said = evidence_words.sentences(
+        said = verdict_words.evidence_sentences(
             run.evidence, run.vague, converged=run.sampled.convergence.converged
         )
-        yield Section("Evidence", (Sentences(said), Note(evidence_words.EXPLAINED)))
+        yield Section("Evidence", (Sentences(said), Note(verdict_words.EVIDENCE_EXPLAINED)))
 
 
 def _torque(run: View) -> Iterator[Section]:
@@ -126,9 +241,9 @@ def _torque(run: View) -> Iterator[Section]:
     for one in run.shaking:
         where = f" of {one.label}" if one.label else ""
         law = torque_words.followed(one, follows(one))
-        parts = (torque_words.sentence(one), law, torque_words.strayed(one))
+        parts = (torque_words.torque_sentence(one), law, torque_words.strayed(one))
         said = Sentences("\n".join(filter(None, parts)))
-        shown = torque_words.table(one)
+        shown = torque_words.torque_table(one)
         yield Section(f"The missing torque{where}", (said, shown, Note(torque_words.READ)))
 
 
@@ -137,8 +252,8 @@ def _energy(run: View) -> Iterator[Section]:
     model = run.problem.model
     for one in run.accounts:
         where = f" in {one.label}" if one.label else ""
-        shown = energy_words.table(one, model)
-        read = Note(energy_words.note(one, model))
+        shown = physics_words.energy_table(one, model)
+        read = Note(physics_words.energy_note(one, model))
         yield Section(f"Where the energy goes{where}", (shown, read), brief=False)
 
 
@@ -162,13 +277,15 @@ def _told(run: View, table: Table) -> Table:
 
 def _following(run: View) -> Table | Note:
     rows = run.following
-    return derived_words.table(run.units.rows(rows), run.derived) if rows else Note("none")
+    return physics_words.derived_table(run.units.rows(rows), run.derived) if rows else Note("none")
 
 
 def _against(run: View, verdict: Verdict) -> Section:
-    rule = () if run.reasons else (Note(verdict_words.rule(verdict)),)
-    shown = _told(run, verdict_words.table(verdict))
-    return Section("Against the nominal table", (shown, *rule, Note(verdict_words.EXPLAINED)))
+    rule = () if run.reasons else (Note(verdict_words.verdict_rule(verdict)),)
+    shown = _told(run, verdict_words.verdict_table(verdict))
+    return Section(
+        "Against the nominal table", (shown, *rule, Note(verdict_words.VERDICT_EXPLAINED))
+    )
 
 
 def _shown(run: View, judged: Judgement) -> Iterator[Section]:
@@ -177,10 +294,13 @@ def _shown(run: View, judged: Judgement) -> Iterator[Section]:
     parts = (identify_words.structure, identify_words.resting, *known)
     shown = "\n\n".join(filter(None, (words_of(study) for words_of in parts)))
     whose = "this record" if records == 1 else "these records"
-    rubs = friction_words.sentences(study.frictions)
+    rubs = physics_words.friction_sentences(study.frictions)
     stands = torque_words.stand_ins(study)
     more = [Sentences(one) for one in (rubs, stands) if one]
     said: tuple[Block, ...] = (Plain(shown), *more)
     yield Section(f"What {whose} can show, at the MAP", said, brief=False)
     physical = Sentences("\n".join(judged.findings) or FOUND)
     yield Section("Physical consistency of the posterior", (physical,), brief=False)
+
+
+Array = NDArray[np.float64]

@@ -1,16 +1,202 @@
-"""Axes: which number stands for a value, plain or logarithmic, with few digits and a label."""
+"""Numbers, symbols and axes as they are printed: round numbers, LaTeX names, plain or logarithmic
+scales.
+"""
 
 from __future__ import annotations
 
 import math
+import re
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from html.entities import name2codepoint
+from itertools import pairwise
+from types import MappingProxyType
 from typing import Protocol
 
 import numpy as np
+from markupsafe import Markup
 from numpy.typing import NDArray
 
+from bayesdrill.basics.symbols import INPUTS, PARAMETERS, STATES, Symbol
 from bayesdrill.inference.priors import Prior
-from bayesdrill.report import round_numbers
+
+SINGLE, DOUBLE = 3.4, 7.0  # inches: of one column and of two
+DPI = 220  # of pixels in them
+
+WIDTHS: Mapping[str, float] = MappingProxyType({"single": SINGLE, "double": DOUBLE})
+
+
+# Of each decade of a logarithmic axis, from many numbers to few.
+SERIES: tuple[tuple[float, ...], ...] = ((1.0, 2.0, 5.0), (1.0, 3.0), (1.0,))
+CURVED = 4.0  # the ratio of its ends from which on a logarithmic axis has numbers of a series
+
+
+def near_round(x: float, width: float) -> float:
+    """The number of fewest digits that is within `width` of x."""
+    return next(
+        rounded
+        for rounded in (float(f"{x:.{digits}e}") for digits in range(18))
+        if abs(rounded - x) <= width
+    )
+
+
+def even_numbers(low: float, high: float, most: int) -> tuple[list[float], list[str]]:
+    """The multiples of the finest step that gives at most `most`, and their texts."""
+    exponent = math.floor(math.log10((high - low) / most)) - 1
+    while True:
+        for factor, decimals in ((1.0, 0), (2.0, 0), (2.5, 1), (5.0, 0)):
+            step = factor * 10.0**exponent
+            first, last = math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9)
+            if last - first < most:
+                places = max(0, decimals - exponent)
+                values = [round(k * step, places) for k in range(first, last + 1)]
+                return values, [fixed_digits(value, places) for value in values]
+        exponent += 1
+
+
+def in_ratios(low: float, high: float, most: int) -> tuple[list[float], list[str]]:
+    """Two to `most` (3 or more) numbers of an axis that is logarithmic from `low` to `high`."""
+    if high / low < CURVED:
+        return even_numbers(low, high, most)
+    first, last = math.floor(math.log10(low)), math.ceil(math.log10(high))
+    for series in SERIES:
+        found = [m * 10.0**k for k in range(first, last + 1) for m in series]
+        values = [value for value in found if low <= value <= high]
+        if len(values) <= most:
+            break
+    else:
+        step = -(-(len(values) - 1) // (most - 1))
+        values = values[::step]
+    if len(values) < 2:
+        return even_numbers(low, high, most)
+    plain = values[0] > 0.9e-3 and values[-1] < 1.1e4
+    return values, [_plainly(value) if plain else _in_powers(value) for value in values]
+
+
+def _plainly(value: float) -> str:
+    return f"{value:.6g}"
+
+
+def _in_powers(value: float) -> str:
+    mantissa, exponent = f"{value:.0e}".split("e")
+    ten = rf"10^{{{int(exponent)}}}"
+    return f"${ten}$" if mantissa == "1" else rf"${mantissa}{{\cdot}}{ten}$"
+
+
+def fixed_digits(value: float, places: int) -> str:
+    return f"{value + 0.0:.{places}f}".replace("-", "\N{MINUS SIGN}")
+
+
+def short_number(x: float) -> str:
+    """Three digits."""
+    return f"{x:.3g}".replace("-", "\N{MINUS SIGN}")
+
+
+def latex_number(x: float) -> str:
+    """All its digits."""
+    mantissa, exponent = f"{x:.15e}".split("e")
+    digits = repr(float(mantissa)).removesuffix(".0")
+    if -2 <= int(exponent) <= 2:
+        return repr(x).removesuffix(".0")
+    return rf"{digits}{{\cdot}}10^{{{int(exponent)}}}"
+
+
+def with_spread(x: float, low: float, high: float) -> str:
+    """LaTeX of x and its interval, with two digits of the interval's shorter side."""
+    shorter = min(x - low, high - x)
+    places = max(0, 1 - math.floor(math.log10(shorter))) if shorter > 0 else 3
+    return f"{x:.{places}f}^{{+{high - x:.{places}f}}}_{{-{x - low:.{places}f}}}"
+
+
+def numbers_apart(places: list[float]) -> float:
+    """The least distance of two neighbours."""
+    return min((b - a for a, b in pairwise(places)), default=math.inf)
+
+
+_DOT, _ABOVE = r"\dot", Markup("&#775;")
+_INDEXED = re.compile(r"\\?(?P<letter>[A-Za-z]+)(_(\{(?P<inside>.+)\}|(?P<index>[A-Za-z0-9])))?")
+
+_WORD = r"(?<![\w\\.])({})(?![\w(])(?!\.\w)"
+_POWER = re.compile(r"\^(-?\d+)")
+_CODE = re.compile(r"`([^`]+)`")
+_STRONG = re.compile(r"\*\*([^*]+)\*\*")
+_EMPHASIS = re.compile(r"(?<![\w*)])\*([A-Za-z][^*]*)\*(?!\w)")
+
+
+def printed(symbols: Iterable[Symbol] = ()) -> Mapping[str, Markup]:
+    """Of the rig's symbols and of these, by name; without those that have no simple form."""
+    known = (*PARAMETERS.values(), *STATES.values(), *INPUTS.values(), *symbols)
+    found = {symbol.name: _letter(symbol.latex) for symbol in known}
+    return {name: Markup("<var>{}</var>").format(html) for name, html in found.items() if html}
+
+
+def _letter(latex: str) -> Markup:
+    """Empty where it is more than a letter with an index."""
+    dotted = latex.startswith(_DOT)
+    found = _INDEXED.fullmatch(latex.removeprefix(_DOT).replace(r"\mathrm", ""))
+    if found is None:
+        return Markup()
+    letter = found["letter"]
+    greek = letter in name2codepoint
+    if len(letter) > 1 and not greek:
+        return Markup()
+    inside = (found["inside"] or "").strip("{}")
+    index = found["index"] or _letter(inside) or inside
+    if index and "\\" in index:
+        return Markup()
+    base = Markup(f"&{letter};") if greek else letter
+    low = Markup("<sub>{}</sub>").format(index) if index else ""
+    return _joined((base, _ABOVE if dotted else "", low))
+
+
+def _joined(parts: Iterable[str]) -> Markup:
+    """The one place where text becomes HTML: what is not `Markup` is escaped."""
+    return Markup().join(parts)
+
+
+def _within(
+    pattern: re.Pattern[str],
+    text: str,
+    inside: Callable[[str], str],
+    outside: Callable[[str], str],
+) -> Markup:
+    """Of `text`, no HTML yet: `inside` of what the group of `pattern` finds, `outside` of the rest."""
+    parts = enumerate(pattern.split(text))
+    return _joined(inside(part) if k % 2 else outside(part) for k, part in parts)
+
+
+class Typesetter:
+    """Text as HTML: escaped, names as they are printed, `code`, **strong** and *emphasis*."""
+
+    def __init__(self, names: Mapping[str, Markup]) -> None:
+        self._names = names
+        longest = sorted(names, key=len, reverse=True)
+        self._pattern = re.compile(_WORD.format("|".join(map(re.escape, longest))))
+
+    def plain(self, text: str) -> Markup:
+        """Names and powers alone."""
+        return _within(self._pattern, text, self._names.__getitem__, _powers)
+
+    def prose(self, text: str) -> Markup:
+        """Backticks keep what is inside as it is."""
+        return _within(_CODE, text, Markup("<code>{}</code>").format, self._strong)
+
+    def _strong(self, text: str) -> Markup:
+        def strong(part: str) -> Markup:
+            return Markup("<strong>{}</strong>").format(self._emphasis(part))
+
+        return _within(_STRONG, text, strong, self._emphasis)
+
+    def _emphasis(self, text: str) -> Markup:
+        def slanted(part: str) -> Markup:
+            return Markup("<em>{}</em>").format(self.plain(part))
+
+        return _within(_EMPHASIS, text, slanted, self.plain)
+
+
+def _powers(text: str) -> Markup:
+    return _within(_POWER, text, Markup("<sup>{}</sup>").format, str)
+
 
 Array = NDArray[np.float64]
 
@@ -89,7 +275,7 @@ class Scale:
     @property
     def between(self) -> Array:
         """Places of 1, 2, ... 9 of each decade, where a logarithmic axis has few of these."""
-        if not self.log or not round_numbers.CURVED <= 10.0 ** (self.high - self.low) < CROWDED:
+        if not self.log or not CURVED <= 10.0 ** (self.high - self.low) < CROWDED:
             return np.empty(0)
         decades = range(math.floor(self.low), math.ceil(self.high) + 1)
         every = np.log10([m * 10.0**k for k in decades for m in range(1, 10)])
@@ -116,7 +302,7 @@ def scale(low: float, high: float, *, log: bool = False, margin: float = 0.0) ->
     low, high = low - beyond, high + beyond
     origin = 0.0
     if high - low < NARROW * max(abs(low), abs(high)):
-        origin = round_numbers.near(0.5 * (low + high), high - low)
+        origin = near_round(0.5 * (low + high), high - low)
     farthest = max(abs(low - origin), abs(high - origin))
     power = _power(farthest) if origin == 0.0 else math.floor(math.log10(farthest))
     unit = 10.0**power
@@ -145,7 +331,7 @@ def reaching(
 def axis_label(what: Labelled, power: int, origin: float = 0.0, separator: str = " ") -> str:
     r"""For example `$j_m$ [$10^{-4}\,\mathrm{kg\,m^2}$]`: axis values are divided by the power."""
     sign = "-" if origin > 0 else "+"
-    off = f" {sign} {round_numbers.latex(abs(origin))}" if origin else ""
+    off = f" {sign} {latex_number(abs(origin))}" if origin else ""
     quantity = f"${what.latex}{off}$"
     inside = unit_of(power, what.latex_unit)
     return f"{quantity}{separator}[{inside}]" if inside else quantity
@@ -176,11 +362,11 @@ def ticks(
     length = high - low
     low, high = low + clear * length, high - clear * length
     if log:
-        values, texts = round_numbers.in_ratios(10.0**low, 10.0**high, most)
+        values, texts = in_ratios(10.0**low, 10.0**high, most)
         values = [math.log10(value) for value in values]
     else:
-        values, texts = round_numbers.even(low, high, most)
+        values, texts = even_numbers(low, high, most)
     room = letter * max(map(len, texts)) * length
-    if len(values) == 3 and room > round_numbers.apart(values):
+    if len(values) == 3 and room > numbers_apart(values):
         values, texts = values[::2], texts[::2]
     return np.array(values), texts

@@ -13,7 +13,7 @@ from matplotlib.patches import Circle, FancyArrowPatch, Polygon, Rectangle
 from matplotlib.path import Path as Route
 
 from bayesdrill.basics.symbols import DEFAULT_NOMINAL, INPUTS, NOMINAL, PARAMETERS, STATES
-from bayesdrill.report import style
+from bayesdrill.report import scales, style
 
 Point = tuple[float, float]
 Pair = tuple[str, str]
@@ -31,7 +31,7 @@ UNMEASURED: dict[str, Any] = HOLLOW | {"linestyle": (0, (3, 2)), "edgecolor": st
 def rig_figure() -> Figure:
     """Supply, DC motor, gearbox, shaft and rotors, with the paper's symbols."""
     with style.styled():
-        figure, sheet = _sheet(style.DOUBLE, 2.44)
+        figure, sheet = _sheet(scales.DOUBLE, 2.44)
         _circuit(sheet)
         _motor_side(sheet)
         _gearbox(sheet)
@@ -46,7 +46,7 @@ def heuristic_figure(pairs: Sequence[Pair], iterations: int) -> Figure:
     Names are keys of `PARAMETERS`; one to twelve pairs fit on a page.
     """
     columns = (len(pairs) + 2) // 2
-    width = style.SINGLE if columns <= 2 else style.DOUBLE
+    width = scales.SINGLE if columns <= 2 else scales.DOUBLE
     pitch = min(1.26, (width - ENTRY) / max(columns, 2))
     start = (width - ENTRY - max(columns, 2) * pitch) / 2 + ENTRY + pitch / 2
     wide = min(0.96, pitch - 0.24)
@@ -215,8 +215,8 @@ def _names(sheet: Axes) -> None:
     names = ("DC motor", "gearbox 8 : 1", "rotor 2", "steel shaft", "rotor 1")
     for x, name in zip((SUPPLY, *middles), ("supply", *names), strict=True):
         _text(sheet, x, 0.39, name, va="baseline")
-    _tag(sheet, style.DOUBLE / 2 - 0.45, 0.14, "measured", MEASURED, fontsize=NOTE)
-    _tag(sheet, style.DOUBLE / 2 + 0.35, 0.14, "not measured", UNMEASURED, fontsize=NOTE)
+    _tag(sheet, scales.DOUBLE / 2 - 0.45, 0.14, "measured", MEASURED, fontsize=NOTE)
+    _tag(sheet, scales.DOUBLE / 2 + 0.35, 0.14, "not measured", UNMEASURED, fontsize=NOTE)
 
 
 # The heuristic. Places in inches, from the lower edge; ENTRY is left of the first column.

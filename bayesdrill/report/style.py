@@ -1,8 +1,11 @@
-"""What all figures share: fonts and greys, ticks and labels, and files that appear whole."""
+"""What all figures share: fonts and greys, ticks and axes, warnings on the page, and files that
+appear whole.
+"""
 
 from __future__ import annotations
 
 import io
+import textwrap
 import threading
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -12,26 +15,21 @@ from typing import TYPE_CHECKING, Any
 
 import matplotlib
 import numpy as np
+from matplotlib.artist import Artist
+from matplotlib.axis import Axis
+from matplotlib.figure import Figure
+from matplotlib.legend import Legend
 from matplotlib.lines import Line2D
-from matplotlib.ticker import FixedFormatter, FixedLocator, NullFormatter
-from matplotlib.transforms import ScaledTranslation
+from matplotlib.ticker import FixedFormatter, FixedLocator, NullFormatter, NullLocator
+from matplotlib.transforms import Affine2D, ScaledTranslation
 from numpy.typing import NDArray
 
-from bayesdrill.basics import own_files
-from bayesdrill.report.scales import Labelled as Labelled
-from bayesdrill.report.scales import Scale as Scale
-from bayesdrill.report.scales import axis_label as axis_label
-from bayesdrill.report.scales import reaching as reaching
-from bayesdrill.report.scales import scale as scale
-from bayesdrill.report.scales import ticks as ticks
-from bayesdrill.report.widths import DOUBLE as DOUBLE
-from bayesdrill.report.widths import DPI
-from bayesdrill.report.widths import SINGLE as SINGLE
+from bayesdrill import output_files
+from bayesdrill.report.scales import DOUBLE, DPI, SINGLE, Scale
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.axis import Axis
-    from matplotlib.figure import Figure
+
 
 Array = NDArray[np.float64]
 
@@ -197,7 +195,7 @@ def save(
     stem: str,
     metadata: Mapping[str, str],
     *,
-    formats: Sequence[str] = own_files.USUAL,
+    formats: Sequence[str] = output_files.USUAL,
     dpi: int = DPI,
 ) -> list[Path]:
     """`<stem>.pdf`, ... with `metadata` inside and no date: same figure, same bytes.
@@ -210,7 +208,7 @@ def save(
             image = io.BytesIO()
             figure.savefig(image, format=kind, dpi=dpi, metadata=_entries(kind, metadata))
             written.append(folder / f"{stem}.{kind}")
-            own_files.write(written[-1], image.getvalue())
+            output_files.write(written[-1], image.getvalue())
     return written
 
 
@@ -224,3 +222,91 @@ def _entries(kind: str, metadata: Mapping[str, str]) -> dict[str, str | None]:
         first = [metadata["Keywords"]] if "Keywords" in metadata else []
         known["Keywords"] = "; ".join(first + others)
     return known | {_DATES[kind]: None}
+
+
+MOST = 8  # ticks
+
+
+def set_decades(axis: Axis, low: float, high: float) -> None:
+    """From `low` to `high`, with powers of ten for ticks."""
+    _set(axis, low, high, 10)
+
+
+def set_factors(axis: Axis, factors: Array) -> None:
+    """Shows at least 0.5 to 2 and all factors; ticks are powers of 2, or of 10 on a long axis."""
+    sure = usable(factors)
+    low, high = min(0.48, 0.85 * sure.min(initial=1.0)), max(2.1, 1.18 * sure.max(initial=1.0))
+    _set(axis, low, high, 2 if high / low < 2**MOST else 10)
+
+
+def usable(x: Array) -> Array:
+    """Those that a logarithmic axis can show."""
+    return x[np.isfinite(x) & (x > 0)]
+
+
+def _set(axis: Axis, low: float, high: float, base: int) -> None:
+    name: Any = axis.axis_name  # type: ignore[attr-defined]
+    axis.axes.set(**{f"{name}scale": "log", f"{name}lim": (low, high)})
+    first, last = (np.log(end) / np.log(base) for end in (low, high))
+    exponents = np.arange(np.ceil(first), np.floor(last) + 1)
+    exponents = exponents[exponents % -(-len(exponents) // MOST) == 0]
+    places = float(base) ** exponents
+    plain = places.min(initial=1.0) > 0.9e-3 and places.max(initial=1.0) < 1.1e4
+    texts = [
+        f"{x:g}" if plain else rf"$10^{{{round(k)}}}$"
+        for k, x in zip(exponents, places, strict=True)
+    ]
+    set_ticks(axis, places, texts)
+    axis.set_minor_locator(NullLocator())
+
+
+MARGIN, LINE, LETTER = 0.09, 0.16, 0.066  # inches: of the strip, a line of it, a letter of that
+
+
+def warned(figure: Figure, warning: str) -> Figure:
+    """The figure, with `warning` above what it shows; it is no part of what a window or a file cuts.
+
+    The page grows at its top, and nothing else changes its size.
+    """
+    if not warning:
+        return figure
+    width, height = (float(inches) for inches in figure.get_size_inches())
+    lines = textwrap.wrap(warning, max(8, int((width - 2 * MARGIN) / LETTER)))
+    strip = 2 * MARGIN + LINE * len(lines)
+    _lower(figure, height + strip, height / (height + strip))
+    with styled():
+        figure.text(
+            0.5,
+            1.0 - 0.5 * strip / (height + strip),
+            "\n".join(lines),
+            ha="center",
+            va="center",
+            weight="bold",
+            size=9.0,
+            linespacing=1.1,
+        )
+    return figure
+
+
+def _lower(figure: Figure, height: float, share: float) -> None:
+    """To a page of this height, of which all that is there takes the lower `share`."""
+    anchors = [
+        (legend, legend.get_bbox_to_anchor().transformed(figure.transFigure.inverted()))
+        for legend in figure.get_children()
+        if isinstance(legend, Legend)
+    ]
+    engine = figure.get_layout_engine()
+    figure.set_size_inches(float(figure.get_figwidth()), height)
+    if engine is not None:
+        engine.set(rect=(0, 0, 1, share))  # type: ignore[call-arg]
+    for panel in figure.axes:
+        x, y, w, h = panel.get_position(original=True).bounds
+        panel.set_position((x, y * share, w, h * share))
+    for legend, box in anchors:
+        lowered = (box.x0, box.y0 * share, box.width, box.height * share)
+        legend.set_bbox_to_anchor(lowered, transform=figure.transFigure)
+    down = Affine2D().scale(1.0, share) + figure.transFigure
+    own: list[Artist] = [*figure.artists, *figure.lines, *figure.patches, *figure.texts]
+    for artist in own:
+        if not isinstance(artist, Legend):
+            artist.set_transform(down)

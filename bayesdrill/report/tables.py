@@ -9,12 +9,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from bayesdrill.analysis.diagnostics import MEANING, Row
 from bayesdrill.basics.symbols import plain
-from bayesdrill.engines.mode import Mode
-from bayesdrill.inference.problem import Problem
-from bayesdrill.insight.diagnostics import HDI_PROBABILITY, MEANING, Row
-from bayesdrill.report.sections import Bar, Table
-from bayesdrill.setup.own_units import OwnUnits
+from bayesdrill.config.job import OwnUnits
+from bayesdrill.inference.derived import HDI_PROBABILITY
+from bayesdrill.inference.posterior import Problem
+from bayesdrill.report.section import Bar, Table
+from bayesdrill.sampling.mode_search import Mode
 
 _HDI = f"{100 * HDI_PROBABILITY:.0f} % HDI"
 

@@ -11,38 +11,37 @@ import numpy as np
 from numpy.typing import NDArray
 
 import bayesdrill
+from bayesdrill.analysis import energy
+from bayesdrill.analysis.causes import Causes, Instead, causes, instead
+from bayesdrill.analysis.comparison import Repeat
+from bayesdrill.analysis.diagnostics import Row, leaning
+from bayesdrill.analysis.energy import Rubbing, rubbings
+from bayesdrill.analysis.latent_torque import Shaking, shakings
+from bayesdrill.analysis.plausibility import Vague, vague
+from bayesdrill.analysis.verdict import Judgement
 from bayesdrill.basics import seeds
 from bayesdrill.basics.units import Unit
 from bayesdrill.basics.values import Value
-from bayesdrill.engines.evidence import Evidence
-from bayesdrill.engines.mode import Mode
-from bayesdrill.engines.sampling import Sampled
-from bayesdrill.inference.pieces import StepError, step_errors
-from bayesdrill.inference.problem import Problem
+from bayesdrill.config import job
+from bayesdrill.config.job import OwnUnits, Shown
+from bayesdrill.config.schema.config import Config
+from bayesdrill.inference.derived import Derived, derive, summarise, with_products
+from bayesdrill.inference.derived import Row as Following
+from bayesdrill.inference.posterior import Problem
 from bayesdrill.inference.residual_checks import Left, like_noise
-from bayesdrill.insight import energy
-from bayesdrill.insight.causes import Causes, causes
-from bayesdrill.insight.derived import Derived, derive, summarise, with_products
-from bayesdrill.insight.derived import Row as Following
-from bayesdrill.insight.diagnostics import Row
-from bayesdrill.insight.instead import Instead, instead
-from bayesdrill.insight.leaning import leaning
-from bayesdrill.insight.repeats import Repeat
-from bayesdrill.insight.rubbing import Rubbing, rubbings
-from bayesdrill.insight.shaking import Shaking, shakings
-from bayesdrill.insight.vagueness import Vague, vague
-from bayesdrill.insight.verdict import Judgement
+from bayesdrill.inference.step_error import StepError, step_errors
 from bayesdrill.report import words
-from bayesdrill.report.sparing import Sparing
-from bayesdrill.report.widths import WIDTHS
+from bayesdrill.report.scales import WIDTHS
+from bayesdrill.report.section import Sparing
 from bayesdrill.results import provenance
-from bayesdrill.setup import own_units
-from bayesdrill.setup.config import Config
-from bayesdrill.setup.own_units import OwnUnits, Shown
+from bayesdrill.sampling.ensembles import Sampled
+from bayesdrill.sampling.evidence import Evidence
+from bayesdrill.sampling.mode_search import Mode
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from xarray import DataTree
+
 
 Array = NDArray[np.float64]
 
@@ -62,6 +61,10 @@ class Drawing:
 
     def drawn(self) -> Figure:
         return self.figure(*self.arguments)
+
+
+def captioned(label: str, says: str) -> str:
+    return f"{label}: {says}" if label else says
 
 
 @dataclass(frozen=True, eq=False)
@@ -189,7 +192,7 @@ class View(Value):
     @property
     def clock(self) -> Unit:
         """In which people are told times."""
-        return own_units.clock(self.config, self.problem)
+        return job.clock_unit(self.config, self.problem)
 
     def shown(self, names: Sequence[str] | None = None) -> Shown:
         """For figures: the unknowns of these names, or all where none is among them."""

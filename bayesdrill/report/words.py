@@ -1,24 +1,124 @@
-"""What the terminal and the summary say, in sentences."""
+"""What the terminal and the summary say of record, search and draws, in sentences."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdrill.basics import sizes
+from bayesdrill import output_files
+from bayesdrill.analysis import plausibility
+from bayesdrill.analysis import suspicions as suspected
+from bayesdrill.basics import units
 from bayesdrill.basics.symbols import Symbol
-from bayesdrill.engines.convergence import Convergence
-from bayesdrill.engines.mode import SAME_PLACE, Mode, Other
-from bayesdrill.engines.sampling import Sampled
-from bayesdrill.inference.problem import Problem
+from bayesdrill.config.job import OwnUnits
+from bayesdrill.config.resolve import channel_noise, experiments, quantities
+from bayesdrill.config.schema.config import Config
+from bayesdrill.config.schema.records import Column, TimeColumn
+from bayesdrill.inference.likelihood import Observation
+from bayesdrill.inference.posterior import Problem
 from bayesdrill.inference.residual_checks import Left, like_noise
-from bayesdrill.insight import plausibility
-from bayesdrill.report import record_words, residual_words
+from bayesdrill.record import clocks
+from bayesdrill.record.experiment import Experiment
+from bayesdrill.report.section import aligned
+from bayesdrill.report.sections import fit_words
 from bayesdrill.rig.models.composed import constants
-from bayesdrill.setup.config import Config
-from bayesdrill.setup.own_units import OwnUnits
+from bayesdrill.sampling.convergence import Convergence
+from bayesdrill.sampling.ensembles import Sampled
+from bayesdrill.sampling.mode_search import SAME_PLACE, Mode, Other
+
+Array = NDArray[np.float64]
+
+FEW, ALL = 3, 50  # places of what is odd that a report names, and `check`
+
+HEADERS = ("", "measures", "column", "unit", "first", "from", "to")
+
+
+def record_columns(problem: Problem, config: Config) -> str:
+    """Of each record: time, channels and measured inputs, in the units of their columns."""
+    return "\n".join(
+        _columns(one, problem, experiments.experiment_configs(config, one.label))
+        for one in problem.every
+    )
+
+
+def _columns(one: Observation, problem: Problem, config: Config) -> str:
+    experiment = one.experiment
+    lines: list[tuple[str, ...]] = [HEADERS]
+    time = config.record.time
+    if isinstance(time, TimeColumn):
+        lines.append(_line("time", "time", time, experiment.t / units.factor(time.unit, "s")))
+    measured = channel_noise.channels(config, problem.model)
+    for entry, values in zip(measured, experiment.y.T, strict=True):
+        name = entry.channel.name
+        channel = config.record.channels[name]
+        lines.append(_line(name, channel.measures or name, channel, values / entry.factor))
+    held = "first" if experiment.first_order else "zero"
+    for name, given in quantities.measured_input(config).items():
+        own = quantities.input_entry(config, name)
+        factor = units.factor(given.unit, quantities.input_unit(own))
+        values = quantities.inputs_as_given(config, experiment, name) / factor
+        how = "angle" if own != name else f"hold: {held}"
+        lines.append(_line(own, f"input, {how}", given, values))
+    sampling = clocks.in_words(experiment.t)
+    return f"{one.entitled('columns')} ({sampling}):\n{aligned(lines, left={0, 1, 2, 3})}"
+
+
+def record_made(problem: Problem) -> tuple[str, ...]:
+    """What times each record has, where its steps are not equal, and what was done to its numbers."""
+    apart = problem.posterior.likelihood.apart
+    return (
+        *(
+            f"{one.label}, {each}" if one.label else each
+            for one in problem.observations
+            for each in _made(one.experiment)
+        ),
+        *(
+            f"{one.label}, its {one.numbers} samples are held out, and are no evidence"
+            for one in apart
+        ),
+    )
+
+
+def _made(experiment: Experiment) -> tuple[str, ...]:
+    times = () if experiment.uniform else (f"times: {clocks.in_words(experiment.t)}",)
+    seen = dict(zip(experiment.names, experiment.counts, strict=True))
+    every = ", ".join(f"{count} of {name}" for name, count in seen.items())
+    total = len(experiment.t)
+    some = (f"measured: {every}, at {total} times",) if set(seen.values()) != {total} else ()
+    return (*times, *some, *experiment.told)
+
+
+def record_suspicions(problem: Problem, config: Config, most: int = FEW) -> tuple[str, ...]:
+    """What a wrong column, unit, counter or sensor would look like, and this record does.
+
+    `most`: how many places of each are named.
+    """
+    found: list[str] = []
+    for one in problem.observations:
+        odd = [each.in_words(most) for each in one.experiment.odd]
+        measured = channel_noise.channels(
+            experiments.experiment_configs(config, one.label), problem.model
+        )
+        factors = [entry.factor for entry in measured]
+        said = suspected.suspicions_of_record(one.experiment, factors, problem.model)
+        found += [f"{one.label}, {each}" if one.label else each for each in (*odd, *said)]
+    return (*found, *suspected.suspicions_of_start(problem))
+
+
+def _line(name: str, measures: str, spec: Column, values: Array) -> tuple[str, ...]:
+    where = [text for text in (spec.variable, spec.column) if text is not None]
+    known = values[~np.isnan(values)]
+    numbers = (known[0], known.min(), known.max())
+    return (
+        f"  {name}",
+        measures,
+        " ".join(map(str, where)),
+        spec.unit,
+        *(f"{x:.5g}" for x in numbers or (math.nan,) * 3),
+    )
 
 
 def opening(problem: Problem, own: OwnUnits) -> str:
@@ -83,7 +183,7 @@ def _unit(symbol: Symbol) -> str:
 def predictive_draws(problem: Problem, config: Config) -> int:
     """Of each ensemble: as many as the config asks for, or as there is room for."""
     wanted = config.output.predictive_draws
-    return sizes.predictive_draws(wanted, config.sampler.ensembles, _numbers(problem))
+    return output_files.predictive_draws(wanted, config.sampler.ensembles, _numbers(problem))
 
 
 def _numbers(problem: Problem) -> int:
@@ -95,7 +195,7 @@ def size(problem: Problem, config: Config) -> str:
     """What the results will hold at most."""
     sampler, unknowns = config.sampler, len(problem.names)
     steps = min(
-        sampler.max_steps, sizes.steps_of_chain(sampler.ensembles, sampler.walkers, unknowns)
+        sampler.max_steps, output_files.steps_of_chain(sampler.ensembles, sampler.walkers, unknowns)
     )
     chain = 8 * steps * sampler.ensembles * sampler.walkers * (unknowns + 1)
     draws, wanted = predictive_draws(problem, config), config.output.predictive_draws
@@ -122,14 +222,17 @@ def _misfit(problem: Problem) -> str:
 
 def _findings(problem: Problem, config: Config) -> str:
     """What makes table, priors, gear or record doubtful before anything is sampled."""
-    found, kind = plausibility.of_nominal(problem), "nominal" if problem.nominal else "start"
+    found, kind = (
+        plausibility.plausibility_of_nominal(problem),
+        "nominal" if problem.nominal else "start",
+    )
     said = (
         *(f"{kind} values, {one}" for one in found),
-        *plausibility.of_priors(problem),
+        *plausibility.plausibility_of_priors(problem),
         *plausibility.of_roles(problem),
-        *plausibility.of_gear(problem),
-        *(f"record: {one}" for one in record_words.made(problem)),
-        *(f"record, {one}" for one in record_words.suspicions(problem, config, record_words.ALL)),
+        *plausibility.plausibility_of_gear(problem),
+        *(f"record: {one}" for one in record_made(problem)),
+        *(f"record, {one}" for one in record_suspicions(problem, config, ALL)),
     )
     return "".join("\n" + one for one in said)
 
@@ -164,7 +267,7 @@ def maxima(found: Mode, weights: NDArray[np.float64] | None, own: OwnUnits) -> s
 
 def reasons(sampled: Sampled, left: Sequence[Left]) -> tuple[str, ...]:
     """Why a run must not be believed: it did not converge, or does not fit; empty where it may be."""
-    return (*sampled.convergence.reasons, *residual_words.reasons(left))
+    return (*sampled.convergence.reasons, *fit_words.residual_reasons(left))
 
 
 def warning(sampled: Sampled, left: Sequence[Left]) -> str:

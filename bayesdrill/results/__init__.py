@@ -1,10 +1,14 @@
-"""What stays on disk: the folder of a run, its chain, the ArviZ tree, its origin."""
+"""What stays on disk: the folder of a run with its chain, the ArviZ tree, and where it comes from.
+
+What may be written at all, and how, is in `output_files`. Tables and figures are made in
+`report`.
+"""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from bayesdrill.basics.late import late
+from bayesdrill.basics.registry import late
 
 if TYPE_CHECKING:
     from bayesdrill.results.run_folder import Folder as Folder

@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 from xarray import DataTree
 
 from bayesdrill.basics.symbols import INPUTS
-from bayesdrill.engines.sampling import Sampled
+from bayesdrill.inference.derived import Derived
 from bayesdrill.inference.likelihood import Observation
-from bayesdrill.inference.problem import Problem
+from bayesdrill.inference.posterior import Problem
 from bayesdrill.inference.unknowns import of_label
-from bayesdrill.insight.derived import Derived
 from bayesdrill.record.experiment import Channel
+from bayesdrill.sampling.ensembles import Sampled
 
 Array = NDArray[np.float64]
 

@@ -9,19 +9,20 @@ from pathlib import Path
 from typing import Any
 
 import bayesdrill
-from bayesdrill.basics.software import DECISIVE, in_words, versions
+from bayesdrill.basics.software import DECISIVE, installed_versions, versions_in_words
 from bayesdrill.basics.symbols import INPUTS, noise_name
+from bayesdrill.config.job import OwnUnits
+from bayesdrill.config.records import sources
+from bayesdrill.config.resolve import assembly, experiments
+from bayesdrill.config.resolve.experiments import WHOSE
+from bayesdrill.config.schema.config import Config
+from bayesdrill.config.yaml_source import Source
 from bayesdrill.inference.likelihood import Observation
-from bayesdrill.inference.problem import Problem
+from bayesdrill.inference.posterior import Problem
 from bayesdrill.record.experiment import Experiment
 from bayesdrill.results.run_folder import VERSION_OF, mark
 from bayesdrill.rig.models.composed import constants
 from bayesdrill.rig.models.linear import Model
-from bayesdrill.setup import build, experiments, sources
-from bayesdrill.setup.config import Config
-from bayesdrill.setup.experiments import WHOSE
-from bayesdrill.setup.own_units import OwnUnits
-from bayesdrill.setup.yaml_source import Source
 
 RUN_MARK = "Run"  # by which a file says whose it is
 BURN_IN_MARK = "Burn-in"
@@ -72,7 +73,7 @@ def marks(config: Config, problem: Problem, burn_in: str) -> dict[str, str]:
         "Record": ", ".join(records(problem).values()),
         "Seed": str(config.seed),
         BURN_IN_MARK: burn_in,
-        "Versions": in_words(),
+        "Versions": versions_in_words(),
     }
 
 
@@ -157,7 +158,7 @@ def resolved(config: Config, source: Source, folder: Path) -> str:
             sections = {key: own[key] for key in experiments.SECTIONS}
             held = {"held_out": True} if config.experiments[view.label].held_out else {}
             data["experiments"][view.label] = sections | held
-        _without_foreign(sections, view.config, build.model(config))
+        _without_foreign(sections, view.config, assembly.model(config))
         for section, key in sources.named_in(sections):
             # Links are resolved first: `..` in a path goes up from where a link leads to.
             record = (source.path.parent / section[key]).resolve()
@@ -170,7 +171,7 @@ def resolved(config: Config, source: Source, folder: Path) -> str:
     yaml.width = 120
     yaml.default_flow_style = None
     yaml.dump(data, out)
-    made_by = "".join(f"# {name} {number}\n" for name, number in versions().items())
+    made_by = "".join(f"# {name} {number}\n" for name, number in installed_versions().items())
     opening = "# Every entry of the config with its default filled in, and what read it:\n"
     return f"{opening}{made_by}{out.getvalue()}"
 

@@ -4,30 +4,219 @@ from __future__ import annotations
 
 import hashlib
 import shutil
-from collections.abc import Collection, Mapping
+import struct
+import threading
+import zipfile
+import zlib
+from collections.abc import Collection, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
+from importlib.metadata import version
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Literal, Required, Self, TypedDict
 
+import numpy as np
 from filelock import FileLock, Timeout
 
-from bayesdrill.basics import own_files
-from bayesdrill.basics.errors import InputError, Problem
-from bayesdrill.basics.own_files import LOCK, OPENED, PIECES, RUN, Kind, whole
-from bayesdrill.basics.sealed import opened, sealed, typed
-from bayesdrill.engines.samplers.ensemble import Piece
-from bayesdrill.engines.sampling import Opened
-from bayesdrill.results.chain_files import (
-    AGAIN,
-    chain_image,
-    read_chain,
-    read_opened,
-    read_piece,
-    write_opened,
-    write_piece,
+from bayesdrill import output_files
+from bayesdrill.basics.errors import InputError, Issue
+from bayesdrill.output_files import (
+    LOCK,
+    OPENED,
+    PIECES,
+    RUN,
+    Kind,
+    atomic_write,
+    dumps_checksummed,
+    loads_checksummed,
+    typed,
 )
+from bayesdrill.sampling.ensembles import Opened
+from bayesdrill.sampling.samplers.ensemble import Piece, State
+
+SEAL = "checksum"
+# What NumPy, zipfile and HDF5 raise when bytes of a file are not what they were.
+DAMAGED = (
+    *(OSError, ValueError, KeyError, IndexError, TypeError, EOFError, RuntimeError, MemoryError),
+    *(AttributeError, OverflowError, NotImplementedError, SyntaxError, struct.error),
+    *(zipfile.BadZipFile, zlib.error),
+)
+AGAIN = "delete it and continue with --resume, which computes it again"
+COMPUTED_AGAIN = f"is damaged; {AGAIN}"
+
+
+def write_piece(path: Path, piece: Piece, run: str) -> None:
+    """Zip keeps a checksum of each array; `run`: the mark of the run that it is a piece of."""
+    kind, keys, *rest = piece.state.random
+    np.savez(
+        path,
+        z=piece.z,
+        log_p=piece.log_p,
+        accepted=piece.accepted,
+        failures=piece.failures,
+        seconds=piece.seconds,
+        run=run,
+        end_z=piece.state.z,
+        end_log_p=piece.state.log_p,
+        random_kind=kind,
+        random_keys=keys,
+        random_rest=np.array(rest, dtype=np.float64),
+    )
+
+
+def read_piece(path: Path) -> tuple[Piece, str | None]:
+    """And of which run it is; raises `InputError` where the file is damaged."""
+    try:
+        with path.open("rb") as raw, np.load(raw) as file:
+            position, has_gauss, cached = file["random_rest"]
+            kind, keys = str(file["random_kind"]), file["random_keys"]
+            random = (kind, keys, int(position), int(has_gauss), cached)
+            piece = _consistent(
+                Piece(
+                    z=file["z"],
+                    log_p=file["log_p"],
+                    accepted=file["accepted"],
+                    failures=int(file["failures"]),
+                    state=State(file["end_z"], file["end_log_p"], random),
+                    seconds=float(file["seconds"]),
+                )
+            )
+            return piece, str(file["run"]) if "run" in file else None
+    except DAMAGED:
+        raise InputError.one(str(path), COMPUTED_AGAIN) from None
+
+
+def write_opened(path: Path, opened: Opened, pieces: Sequence[Sequence[Piece]]) -> None:
+    """With a mark of the chain of these `pieces`, beyond which it was found."""
+    draws = () if opened.draws is None else opened.draws
+    np.savez(path, names=opened.names, pressed=opened.pressed, draws=draws, chain=_mark(pieces))
+
+
+def read_opened(path: Path, pieces: Sequence[Sequence[Piece]]) -> Opened:
+    """Raises `InputError` where the file is damaged, or of another chain."""
+    try:
+        with path.open("rb") as raw, np.load(raw) as file:
+            names, pressed = (tuple(map(str, file[name])) for name in ("names", "pressed"))
+            draws, mark = file["draws"].reshape(-1, pieces[0][0].z.shape[-1]), str(file["chain"])
+        if mark != _mark(pieces):
+            raise ValueError("of another chain")
+        return Opened(names=names, draws=draws if draws.size else None, pressed=pressed)
+    except DAMAGED:
+        raise InputError.one(str(path), f"is of another chain, or {COMPUTED_AGAIN}") from None
+
+
+def _mark(pieces: Sequence[Sequence[Piece]]) -> str:
+    """Of a chain, however it was cut."""
+    digest = hashlib.sha256()
+    for chain in pieces:
+        digest.update(np.concatenate([piece.log_p for piece in chain]))
+    return digest.hexdigest()
+
+
+def _consistent(piece: Piece) -> Piece:
+    """Itself; raises `ValueError` or `TypeError` where what it holds is not of one ensemble."""
+    steps, walkers, unknowns = piece.z.shape
+    state = piece.state
+    np.random.RandomState().set_state(state.random)
+    for values, shape in (
+        (piece.z, (steps, walkers, unknowns)),
+        (piece.log_p, (steps, walkers)),
+        (piece.accepted, (walkers,)),
+        (state.z, (walkers, unknowns)),
+        (state.log_p, (walkers,)),
+    ):
+        if values.shape != shape or not np.isfinite(values).all() or piece.seconds <= 0:
+            raise ValueError("other numbers than a chain has")
+    return piece
+
+
+def chain_image(pieces: list[list[Piece]], attributes: Mapping[str, Any]) -> bytes:
+    """The bytes of `chain.h5`, made in memory: HDF5 crashes the process when a disk fills up.
+
+    One group `ensemble_<k>` each, as `emcee.backends.HDFBackend` lays it out.
+    """
+    import h5py
+
+    # Two files of one name are never open at once, in memory either; the name is not in the bytes.
+    name = f"chain.{threading.get_native_id()}.h5"
+    with h5py.File(name, "w", driver="core", backing_store=False) as file:
+        for ensemble, parts in enumerate(pieces):
+            group = file.create_group(f"ensemble_{ensemble}")
+            _write_ensemble(group, parts, attributes)
+            seal(group)
+        file.flush()
+        return bytes(file.id.get_file_image())
+
+
+def _write_ensemble(group: Any, parts: list[Piece], attributes: Mapping[str, Any]) -> None:
+    z = np.concatenate([part.z for part in parts])
+    n_steps, n_walkers, n_dim = z.shape
+    # With checksums of their own, for whoever reads them with emcee.
+    group.create_dataset("chain", data=z, maxshape=(None, n_walkers, n_dim), fletcher32=True)
+    log_p = np.concatenate([part.log_p for part in parts])
+    group.create_dataset("log_prob", data=log_p, maxshape=(None, n_walkers), fletcher32=True)
+    group.create_dataset("accepted", data=np.sum([part.accepted for part in parts], axis=0))
+    own = {"failures": sum(part.failures for part in parts), **attributes}
+    layout = {
+        "version": version("emcee"),
+        "nwalkers": n_walkers,
+        "ndim": n_dim,
+        "has_blobs": False,
+        "iteration": n_steps,
+    }
+    group.attrs.update({**layout, **own})
+    for index, value in enumerate(parts[-1].state.random):
+        group.attrs[f"random_state_{index}"] = value
+
+
+def seal(group: Any) -> None:
+    """A checksum of an ensemble as it stands: of all numbers, and of its attributes."""
+    group.attrs[SEAL] = _checksum(_contents(group))
+
+
+def _contents(group: Any) -> dict[str, Any]:
+    """Attributes but the checksum, and datasets."""
+    values = {name: value for name, value in group.attrs.items() if name != SEAL}
+    return values | {name: group[name][:] for name in group}
+
+
+def _checksum(contents: Mapping[str, Any]) -> str:
+    digest = hashlib.sha256()
+    for name in sorted(contents):
+        value = np.ascontiguousarray(contents[name])
+        digest.update(f"{name} {value.dtype.str} {value.shape} ".encode())
+        digest.update(value)
+    return digest.hexdigest()
+
+
+def read_chain(path: Path, ensemble: int) -> tuple[Piece, str | None]:
+    """One finished ensemble, and of which run it is; raises `InputError` where the file is damaged."""
+    import h5py
+
+    try:
+        with h5py.File(path, "r") as file:
+            group = file[f"ensemble_{ensemble}"]
+            found = _contents(group)
+            if group.attrs[SEAL] != _checksum(found):
+                raise ValueError("the checksum does not fit")
+        kind, keys, position, has_gauss, cached = (found[f"random_state_{k}"] for k in range(5))
+        random = (str(kind), keys, int(position), int(has_gauss), cached)
+        z, log_p = found["chain"], found["log_prob"]
+        piece = _consistent(
+            Piece(
+                z=z,
+                log_p=log_p,
+                accepted=found["accepted"],
+                failures=int(found["failures"]),
+                state=State(z[-1], log_p[-1], random),
+                seconds=1.0,
+            )
+        )
+        return piece, found.get("run")
+    except DAMAGED:
+        raise InputError.one(str(path), COMPUTED_AGAIN) from None
+
 
 # report: nothing is added to the chain; read: nothing is written at all
 Mode = Literal["fresh", "resume", "force", "report", "read"]
@@ -115,8 +304,8 @@ class Folder:
         Raises `InputError`, also where nothing can be written: before the work, and not after.
         """
         if self.mode != "read":
-            own_files.refuse_unwritable(self.path, self.kind.folders)
-        obstacles = own_files.in_the_way(self.path, self.kind)
+            output_files.refuse_unwritable(self.path, self.kind.folders)
+        obstacles = output_files.existing_outputs(self.path, self.kind)
         if obstacles:
             raise InputError(obstacles)
         run = read_run(self.path)
@@ -134,7 +323,7 @@ class Folder:
     def _refuse_others(self) -> None:
         items = sorted(self.path.iterdir()) if self.path.is_dir() else []
         others = [item.name for item in items if not item.name.startswith(".")]
-        others += own_files.present(self.path, self.kind)
+        others += output_files.present(self.path, self.kind)
         if RUN in others:  # another run has begun since it was looked for
             self.check()
         elif others:
@@ -146,7 +335,7 @@ class Folder:
         if changes:
             way_out = "put this back, start over with --force, or give another --output"
             told = [*(f"cannot resume: {change}" for change in changes), way_out]
-            raise InputError([Problem(str(self.path), line) for line in told])
+            raise InputError([Issue(str(self.path), line) for line in told])
 
     def begin(self, **entries: Any) -> None:
         """From here on files change; with --force, what a run before has written goes now.
@@ -154,9 +343,9 @@ class Folder:
         `entries` of `run.json`, which is replaced and never missing: without it the rest would be
         taken for a folder of others by the next run, were this one killed here.
         """
-        own_files.tidy(self.path, self.kind)
+        output_files.clean_up(self.path, self.kind)
         if self.mode == "force":
-            self._open.enter_context(own_files.renewed(self.path, self.kind))
+            self._open.enter_context(output_files.renewed(self.path, self.kind))
             self._write_entries(entries)
         elif entries:
             self.write_run(**entries)
@@ -172,7 +361,7 @@ class Folder:
         Files of older versions do not say: they are believed where `run.json` knows them.
         """
         path = self.path / name
-        if run == self.run or (run is None and own_files.digest(path) == self._known(name)):
+        if run == self.run or (run is None and output_files.digest(path) == self._known(name)):
             return
         whose = f"run {run}" if run else "a run that it does not name (an older version wrote it)"
         message = f"is of {whose}, and this folder of run {self.run}; put back its own, or {AGAIN}"
@@ -191,7 +380,9 @@ class Folder:
 
     def made(self) -> list[str]:
         """Files of this run that nothing changes any more, until it is reported again."""
-        return [name for name in own_files.present(self.path, self.kind) if name != self.kind.mark]
+        return [
+            name for name in output_files.present(self.path, self.kind) if name != self.kind.mark
+        ]
 
     def take_away(self, names: Collection[str]) -> None:
         """What an earlier report of this run has written, and this one will not."""
@@ -199,13 +390,13 @@ class Folder:
             self.place(name).unlink()
 
     def write_text(self, name: str, text: str) -> None:
-        own_files.write_text(self.place(name), text)
+        output_files.write_text(self.place(name), text)
 
     def take_over(self, name: str, other: Path) -> None:
         """The file of this name that another folder holds."""
         place = self.place(name)
         place.parent.mkdir(exist_ok=True)
-        with whole(place) as path:
+        with atomic_write(place) as path:
             shutil.copyfile(other / name, path)
 
     def write_run(self, **entries: Any) -> None:
@@ -215,7 +406,7 @@ class Folder:
     def _write_entries(self, entries: Mapping[str, Any]) -> None:
         # A report under other versions leaves those that made the chain.
         marks = {"job": self.kind.job, "fingerprint": dict(self.fingerprint)}
-        self.write_text(RUN, sealed({**marks, **entries}))
+        self.write_text(RUN, dumps_checksummed({**marks, **entries}))
 
     @property
     def sampled(self) -> bool:
@@ -224,12 +415,12 @@ class Folder:
 
     def _unfinished(self) -> list[str]:
         """Pieces that are not in the chain yet."""
-        return [n for n in own_files.present(self.path, own_files.UNFINISHED) if n != RUN]
+        return [n for n in output_files.present(self.path, output_files.UNFINISHED) if n != RUN]
 
     def save(self, ensemble: int, first_step: int, piece: Piece) -> None:
         """One file a piece: an interrupted run loses at most the pieces under way."""
         (self.path / PIECES).mkdir(exist_ok=True)
-        with whole(self.place(f"{PIECES}/ensemble_{ensemble}_{first_step:09d}.npz")) as path:
+        with atomic_write(self.place(f"{PIECES}/ensemble_{ensemble}_{first_step:09d}.npz")) as path:
             write_piece(path, piece, self.run)
 
     def read_ahead(self, ensembles: int, shape: tuple[int, int]) -> None:
@@ -271,8 +462,8 @@ class Folder:
         """`chain.h5` in emcee's layout; then the pieces go."""
         if not self._unfinished():
             return  # nothing is new
-        own_files.write(self.place(CHAIN), chain_image(pieces, {"run": self.run, **attributes}))
-        own_files.take_away(self.path, own_files.UNFINISHED)
+        output_files.write(self.place(CHAIN), chain_image(pieces, {"run": self.run, **attributes}))
+        output_files.remove_outputs(self.path, output_files.UNFINISHED)
 
     def keep_opened_ends(self, found: Opened | None, pieces: list[list[Piece]]) -> None:
         """What was found beyond ends of priors, of the chain of these `pieces`; None: no end was in
@@ -280,13 +471,13 @@ class Folder:
         """
         self.take_away({OPENED})
         if found is not None:
-            with whole(self.place(OPENED)) as path:
+            with atomic_write(self.place(OPENED)) as path:
                 write_opened(path, found, pieces)
 
     def opened_ends(self, pieces: list[list[Piece]]) -> Opened | None:
         """None where nothing was kept; raises `InputError` where it is damaged or of another chain."""
         path = self.path / OPENED
-        return read_opened(path, pieces) if own_files.what(path) else None
+        return read_opened(path, pieces) if output_files.what(path) else None
 
 
 def mark(fingerprint: Mapping[str, Any]) -> str:
@@ -299,11 +490,11 @@ def mark(fingerprint: Mapping[str, Any]) -> str:
 def read_run(folder: Path) -> dict[str, Any] | None:
     """`run.json`, or None where there is none; raises `InputError` where no run of ours wrote it."""
     path = folder / RUN
-    if not own_files.what(path):
+    if not output_files.what(path):
         return None
-    own_files.refuse_endless(path)
+    output_files.refuse_endless(path)
     try:
-        entries = opened(path.read_bytes())
+        entries = loads_checksummed(path.read_bytes())
         typed(_Entries, entries)
         return entries
     except ValueError:

@@ -1,10 +1,14 @@
-"""What moves: models of rigs, kernels compiled from them, the exact response."""
+"""What moves: models of rigs, kernels compiled from them, and simulators of an experiment.
+
+`models/` has the equations, `kernels/` the machine code, `simulators/` what the channels do at
+given parameters. Nothing here is uncertain: priors, noise and densities are in `inference`.
+"""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from bayesdrill.basics.late import late
+from bayesdrill.basics.registry import late
 
 if TYPE_CHECKING:
     from bayesdrill.rig.models.driven_shaft import DrivenShaft as DrivenShaft
@@ -12,20 +16,20 @@ if TYPE_CHECKING:
     from bayesdrill.rig.models.friction import Both as Both
     from bayesdrill.rig.models.friction import Coulomb as Coulomb
     from bayesdrill.rig.models.friction import Friction as Friction
+    from bayesdrill.rig.models.friction import Named as Named
     from bayesdrill.rig.models.friction import Stribeck as Stribeck
     from bayesdrill.rig.models.linear import Linear as Linear
     from bayesdrill.rig.models.linear import Model as Model
-    from bayesdrill.rig.models.linear import Named as Named
+    from bayesdrill.rig.models.linear import MotorRoles as MotorRoles
+    from bayesdrill.rig.models.linear import Roles as Roles
+    from bayesdrill.rig.models.linear import RotorRoles as RotorRoles
+    from bayesdrill.rig.models.linear import ShaftRoles as ShaftRoles
     from bayesdrill.rig.models.long_shaft import LongShaft as LongShaft
     from bayesdrill.rig.models.motor import Motor as Motor
     from bayesdrill.rig.models.motor_shaft import Gear as Gear
     from bayesdrill.rig.models.motor_shaft import MotorShaft as MotorShaft
-    from bayesdrill.rig.models.roles import MotorRoles as MotorRoles
-    from bayesdrill.rig.models.roles import Roles as Roles
-    from bayesdrill.rig.models.roles import RotorRoles as RotorRoles
-    from bayesdrill.rig.models.roles import ShaftRoles as ShaftRoles
-    from bayesdrill.rig.models.two_rotors import TwoRotors as TwoRotors
-    from bayesdrill.rig.response import Response as Response
+    from bayesdrill.rig.models.motor_shaft import TwoRotors as TwoRotors
+    from bayesdrill.rig.simulators.exact import Response as Response
 
 __getattr__ = late(
     __name__,
@@ -40,14 +44,14 @@ __getattr__ = late(
         "LongShaft": "models.long_shaft",
         "Model": "models.linear",
         "Motor": "models.motor",
-        "MotorRoles": "models.roles",
+        "MotorRoles": "models.linear",
         "MotorShaft": "models.motor_shaft",
-        "Named": "models.linear",
-        "Response": "response",
-        "Roles": "models.roles",
-        "RotorRoles": "models.roles",
-        "ShaftRoles": "models.roles",
+        "Named": "models.friction",
+        "Response": "simulators.exact",
+        "Roles": "models.linear",
+        "RotorRoles": "models.linear",
+        "ShaftRoles": "models.linear",
         "Stribeck": "models.friction",
-        "TwoRotors": "models.two_rotors",
+        "TwoRotors": "models.motor_shaft",
     },
 )

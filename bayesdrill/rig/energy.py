@@ -19,9 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import expm
 
-from bayesdrill.rig.models.linear import Model, dynamics
-from bayesdrill.rig.models.roles import STATES
-from bayesdrill.rig.simulator import Simulator, Steps
+from bayesdrill.rig.models.linear import STATES, Model, dynamics
+from bayesdrill.rig.simulators.contract import Simulator, Steps
 
 Array = NDArray[np.float64]
 Whole = NDArray[np.intp]

@@ -10,6 +10,7 @@ from benchmarks.modes.puzzle import Puzzle
 
 def puzzles() -> tuple[Puzzle, ...]:
     t = np.arange(300) * 0.02
+    long, fine = np.arange(400) * 0.05, np.arange(1000) * 0.02
     return (
         Puzzle(
             name="square_lag",
@@ -57,6 +58,36 @@ def puzzles() -> tuple[Puzzle, ...]:
             read={"record.channels.i.mask": {"times": [[0.0, 5.3]]}},
             cells=(1024,),
             quick=True,
+        ),
+        Puzzle(
+            name="fifty_periods",
+            kind="delay",
+            shows="the lag of a tachometer under a fast square torque: nearly fifty periods",
+            config=p.alone(
+                p.channel("w_2", "rad/s", 5.0, lag=p.between(0.0, 14.0)),
+                {"j_m": 2e-3, "c_m": 8e-3},
+                {"t_m": p.measured("N*m", "t_m")},
+                simulation={"truth": {"lag_w_2": 3.0}},
+            ),
+            t=long,
+            series={"t_m": p.square(long, 0.06, 0.3)},
+            read={"record.channels.w_2.mask": {"times": [[0.0, 15.5]]}},
+            cells=(4096,),
+        ),
+        Puzzle(
+            name="fine_bits",
+            kind="delay",
+            shows="the lag of a current's sensor under bits that are far finer than its prior",
+            config=p.alone(
+                p.channel("i", "A", 0.5, lag=p.between(0.0, 14.0)),
+                {"j_m": 4e-4, "c_m": 1e-4, "k_e": 0.05, "k_T": 0.05, "r_m": 1.5, "l_m": 0.01},
+                {"v": p.measured("V", "v")},
+                simulation={"truth": {"lag_i": 1.37}},
+            ),
+            t=fine,
+            series={"v": p.repeated_bits(fine, 5.0, 0.02, 127, 11)},
+            read={"record.channels.i.mask": {"times": [[0.0, 15.3]]}},
+            cells=(8192,),
         ),
         Puzzle(
             name="late_supply",

@@ -36,7 +36,7 @@ class Modes:
     """`tops (M, D)`: physical, where each mode is highest, and `masses (M,)`, the largest first.
 
     `index (N, D)` of the cells that hold all of it, whole numbers of `steps (D,)` from `low (D,)` in the
-    coordinates of the sampler, and their `labels (N,)`.
+    coordinates of the sampler, and their `labels (N,)`.  `log_z`: the log of what all of it holds.
     """
 
     tops: Array
@@ -46,6 +46,7 @@ class Modes:
     low: Array
     steps: Array
     evaluations: int
+    log_z: float
 
     def above(self, share: float) -> Ints:
         return np.flatnonzero(self.masses > share)
@@ -145,7 +146,7 @@ def _parted(
     highest = [np.flatnonzero(labels == m)[np.argmax(f[labels == m])] for m in range(len(order))]
     return Modes(
         tops=theta[highest], masses=masses[order], index=index, labels=labels, low=low, steps=steps,
-        evaluations=evaluations,
+        evaluations=evaluations, log_z=float(np.log(weights.sum()) + f.max() + np.log(steps).sum()),
     )  # fmt: skip
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from bayesdrill.sampling.evidence import Evidence
 from benchmarks.modes.grid import Modes
 from benchmarks.modes.puzzle import Puzzle
 
@@ -18,6 +19,7 @@ Array = NDArray[np.float64]
 SHOWN = 0.02  # of the posterior: what holds more has to be found ...
 WITHIN = 0.2  # ... with its mass, so much of itself off, and ...
 ERRORS = 3.0  # ... so many standard errors of independent draws
+GRID, FAR = 5e-3, 4.0  # of the log evidence: what the grid may be off, and standard errors
 REASON = re.compile(r"\b(maxim\w+|modes?|alias\w*|elsewhere|two places|places that)\b")
 
 
@@ -35,6 +37,15 @@ class Outcome:
     draws: int
     reasons: tuple[str, ...]
     seconds: float
+    evidence: Evidence | None = None
+
+    @property
+    def weighed(self) -> bool:
+        """Whether the evidence, if it is told, is that of the grid."""
+        if self.evidence is None:
+            return True
+        off = self.evidence.log_z - self.evidence.steps - self.modes.log_z
+        return abs(off) < GRID + FAR * self.evidence.error
 
     @property
     def status(self) -> int:
@@ -55,8 +66,8 @@ class Outcome:
 
     @property
     def passed(self) -> bool:
-        """Every mode, or the reason for what is missing."""
-        return self.warned or not self.missed
+        """Every mode and their evidence, or the reason for what is missing."""
+        return self.warned or (not self.missed and self.weighed)
 
 
 def run(puzzle: Puzzle, folder: Path, finer: int = 1) -> Outcome:
@@ -78,4 +89,5 @@ def run(puzzle: Puzzle, folder: Path, finer: int = 1) -> Outcome:
         draws=ran.sampled.draws.shape[0] * ran.sampled.draws.shape[1],
         reasons=reasons,
         seconds=seconds,
+        evidence=ran.evidence,
     )

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 import bayesdrill as bd
+from bayesdrill.config.records import simulation
 from bayesdrill.inference.posterior import Posterior
-from bayesdrill.setup import simulating
 from benchmarks.modes import grid
 from benchmarks.modes.grid import Modes
 from benchmarks.zoo.row import Entry
@@ -68,7 +68,7 @@ class Puzzle:
         config, source = parsed(path.with_suffix(".yaml"), self._text(self._making, path))
         empty = {spec.column: np.arange(len(self.t)) for spec in config.record.channels.values()}
         path.write_text(as_csv({"t": self.t, **empty, **self.series}), encoding="utf-8")
-        return self._with_blanks(simulating.simulate(config, source, self.seed))
+        return self._with_blanks(simulation.simulate(config, source, self.seed))
 
     def load(self, folder: Path) -> bd.Case:
         """Writes record and config to `folder`, and reads them as a user would."""

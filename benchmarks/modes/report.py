@@ -27,6 +27,7 @@ def line(outcome: Outcome) -> str:
     some = known.above(SHOWN)
     true, found = (" ".join(f"{x:.3f}" for x in of[some]) for of in (known.masses, outcome.found))
     wrong = f"wrong: {len(outcome.missed)} of {len(some)}" if outcome.missed else ""
+    wrong += "" if outcome.weighed else " wrong evidence"
     texts = (wrong, *(reason[:90] for reason in outcome.reasons))
     said = ("" if outcome.passed else "FAILS ") + "; ".join(text for text in texts if text)
     names, seconds = ", ".join(outcome.unknowns), f"{outcome.seconds:.1f}"

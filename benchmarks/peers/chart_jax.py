@@ -13,7 +13,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from bayesdrill.commands.pipeline import Job
+from bayesdrill.config.job import Job
 from benchmarks import modal
 from benchmarks.modal import COORDINATES, Known
 from benchmarks.peers.response_jax import Density, log_likelihood

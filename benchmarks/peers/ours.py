@@ -9,7 +9,7 @@ import numpy as np
 import xarray
 
 from bayesdrill.basics.progress import Silent
-from bayesdrill.commands import pipeline
+from bayesdrill.tasks import pipeline
 from benchmarks import problem, verdict
 from benchmarks.verdict import Result
 

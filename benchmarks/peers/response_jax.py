@@ -16,7 +16,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from bayesdrill.commands.pipeline import Job
+from bayesdrill.config.job import Job
 from bayesdrill.rig.models.motor_shaft import MotorShaft
 
 jax.config.update("jax_enable_x64", True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from bayesdrill.basics.own_files import whole
+from bayesdrill.output_files import atomic_write
 from benchmarks.zoo.makers import ROOT
 from benchmarks.zoo.row import Row
 from benchmarks.zoo.texts import as_yaml, parsed
@@ -28,7 +28,7 @@ def write(row: Row, folder: Path) -> tuple[Path, Path]:
         (first, source.text),
         (second, text(row, row.seed + SECOND, "../")),
     ):
-        with whole(path) as aside:
+        with atomic_write(path) as aside:
             aside.write_text(content, encoding="utf-8")
     return first, second
 

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdrill.setup import build, simulating
-from bayesdrill.setup.config import Config
+from bayesdrill.config.records import simulation
+from bayesdrill.config.resolve import assembly, channel_noise
+from bayesdrill.config.schema.config import Config
 
 Array = NDArray[np.float64]
 
@@ -33,11 +34,11 @@ class DryFriction:
         self, config: Config, t: Array, v: Array, rng: np.random.Generator
     ) -> dict[str, Array]:
         """The columns of the channels of `config`, with their noise, under the voltage `v (T,)`."""
-        rig = build.model(config)
-        x = self.states(rig.i_m, simulating.truth(config, rig), t, v)  # type: ignore[attr-defined]
+        rig = assembly.model(config)
+        x = self.states(rig.i_m, simulation.truth(config, rig), t, v)  # type: ignore[attr-defined]
         columns = {}
         for entry, spec in zip(
-            build.channels(config, rig), config.record.channels.values(), strict=True
+            channel_noise.channels(config, rig), config.record.channels.values(), strict=True
         ):
             clean = sum(
                 weight * x[:, rig.states.index(state)]

@@ -11,10 +11,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from bayesdrill.config.records import simulation
+from bayesdrill.config.schema.config import Config
+from bayesdrill.config.yaml_source import Source
 from bayesdrill.record.experiment import times
-from bayesdrill.setup import simulating
-from bayesdrill.setup.config import Config
-from bayesdrill.setup.yaml_source import Source
 from benchmarks.zoo.friction import DryFriction
 from benchmarks.zoo.plant import Plant
 from benchmarks.zoo.row import Entry
@@ -38,7 +38,7 @@ class Steady:
     available = True
 
     def record(self, config: Config, source: Source, path: Path) -> str:
-        return simulating.simulate(config, source, config.seed)
+        return simulation.simulate(config, source, config.seed)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -61,7 +61,7 @@ class Driven:
         # Channels are filled in by the simulation, which reads times and inputs from the record.
         empty = {spec.column: np.arange(len(t)) for spec in config.record.channels.values()}
         path.write_text(as_csv({"t": t, **empty, **inputs}), encoding="utf-8")
-        text = simulating.simulate(config, source, config.seed)
+        text = simulation.simulate(config, source, config.seed)
         return _later(text, tuple(inputs), self.late) if self.late else text
 
 

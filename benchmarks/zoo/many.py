@@ -10,9 +10,9 @@ from pathlib import Path
 
 import numpy as np
 
+from bayesdrill.config.schema.config import Config
+from bayesdrill.config.yaml_source import Source
 from bayesdrill.inference.posterior import Posterior
-from bayesdrill.setup.config import Config
-from bayesdrill.setup.yaml_source import Source
 from benchmarks.modes import collection
 from benchmarks.modes.grid import Modes
 from benchmarks.modes.judge import SHOWN

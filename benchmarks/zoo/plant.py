@@ -9,9 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import expm
 
+from bayesdrill.config.records import simulation
+from bayesdrill.config.resolve import assembly, quantities
+from bayesdrill.config.schema.config import Config
 from bayesdrill.rig.models.linear import dynamics
-from bayesdrill.setup import build, given_inputs, simulating
-from bayesdrill.setup.config import Config
 
 Array = NDArray[np.float64]
 
@@ -30,8 +31,8 @@ class Plant:
     @classmethod
     def of(cls, config: Config, dt: float) -> Self:
         """Without a load; exact for a voltage that is held, or goes straight, for `dt` [s]."""
-        model = build.model(config)
-        linear = model.linear(simulating.truth(config, model))
+        model = assembly.model(config)
+        linear = model.linear(simulation.truth(config, model))
         n = len(model.states)
         whole = np.zeros((n + 3, n + 3))  # and: one, the voltage, its change in a step
         whole[:n, :n] = dynamics(linear, model.states, 1)[0]
@@ -40,7 +41,7 @@ class Plant:
             whole[k, n + 1] = linear.B.get((state, "v"), 0.0)
         whole[n + 1, n + 2] = 1.0 / dt
         after = expm(whole * dt)
-        measured = given_inputs.measured(config)
+        measured = quantities.measured_input(config)
         return cls(
             states=model.states,
             first_order=any(spec.hold == "first" for spec in measured.values()),

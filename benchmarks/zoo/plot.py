@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from bayesdrill.report import style
+from bayesdrill.report import scales, style
 from benchmarks.zoo.table import Measured
 
 ROW = 0.155  # inches
@@ -28,14 +28,14 @@ def figure(every: Sequence[Measured], seconds: float, folder: Path) -> None:
     shown = list(reversed(every))
     height = ROW * len(shown) + ABOVE + BELOW
     with style.styled():
-        made = Figure(figsize=(style.DOUBLE, height))
-        width = (style.DOUBLE - LEFT - GAP - RIGHT) / 2
+        made = Figure(figsize=(scales.DOUBLE, height))
+        width = (scales.DOUBLE - LEFT - GAP - RIGHT) / 2
         panels = [
             made.add_axes(
                 (
-                    left / style.DOUBLE,
+                    left / scales.DOUBLE,
                     BELOW / height,
-                    width / style.DOUBLE,
+                    width / scales.DOUBLE,
                     ROW * len(shown) / height,
                 )
             )

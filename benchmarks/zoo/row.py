@@ -11,8 +11,8 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdrill.setup.config import Config
-from bayesdrill.setup.yaml_source import Source
+from bayesdrill.config.schema.config import Config
+from bayesdrill.config.yaml_source import Source
 
 Array = NDArray[np.float64]
 Entry = dict[str, Any]  # a part of a config, as YAML has it

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from bayesdrill.setup.yaml_source import read
+from bayesdrill.config.yaml_source import read
 from benchmarks.zoo import entries as e
 from benchmarks.zoo.makers import ROOT, Driven, Steady
 from benchmarks.zoo.row import Entry, Row

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from bayesdrill.basics.own_files import whole
+from bayesdrill.output_files import atomic_write
 from benchmarks.zoo.judge import Agreement, Outcome
 
 HEAD = (
@@ -73,7 +73,7 @@ def merged(
 
 
 def save(every: Sequence[Measured], path: Path) -> None:
-    with whole(path) as aside, aside.open("w", newline="", encoding="utf-8") as file:
+    with atomic_write(path) as aside, aside.open("w", newline="", encoding="utf-8") as file:
         writer = csv.DictWriter(file, HEAD, lineterminator="\n")
         writer.writeheader()
         for one in every:

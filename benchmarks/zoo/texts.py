@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 from ruamel.yaml import YAML
 
-from bayesdrill.setup.config import Config
-from bayesdrill.setup.yaml_source import Source, parse
+from bayesdrill.config.schema.config import Config
+from bayesdrill.config.yaml_source import Source, parse
 from benchmarks.zoo.row import Entry
 
 Array = NDArray[np.float64]

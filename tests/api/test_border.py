@@ -20,7 +20,7 @@ from oracles import NOMINAL
 from systems import ROOT
 
 import bayesdrill as bd
-from bayesdrill.api.overlay import Overlay
+from bayesdrill.api.comparison import Overlay
 
 CONFIG = ROOT / "configs" / "nominal_step.yaml"
 CLOSED = io.StringIO()

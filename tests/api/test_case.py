@@ -18,10 +18,9 @@ from grouping import for_each
 from oracles import NOMINAL, by_expm
 
 import bayesdrill as bd
-from bayesdrill.record.formats.csv import read
-from bayesdrill.record.formats.dialect import CsvOptions
+from bayesdrill.config import job
+from bayesdrill.record.formats.csv import CsvOptions, read
 from bayesdrill.rig.models.motor_shaft import MotorShaft
-from bayesdrill.setup import in_memory
 
 ROOT = Path(__file__).parents[2]
 CONFIG = ROOT / "configs" / "nominal_step.yaml"
@@ -258,7 +257,7 @@ def test_figures_and_the_tree_of_arviz() -> None:
 def test_columns_as_text_read_back_the_same(tmp_path: Path) -> None:
     columns = {"t": np.array([0.0, 0.1, 1 / 3]), "w_1": np.array([1e-9, -2.5, 1e12])}
     file = tmp_path / "record.csv"
-    file.write_text(in_memory.as_csv(columns))
+    file.write_text(job.arrays_as_csv(columns))
     table = read(file, CsvOptions())
     for name, values in columns.items():
         assert np.array_equal(table.variables[name], values)
@@ -346,7 +345,7 @@ def test_a_figure_that_fails_is_told_when_a_run_is_saved(
         raise ValueError("cannot do this")
 
     with monkeypatch.context() as patch:
-        patch.setattr("bayesdrill.report.derived_words.shown", fail)
+        patch.setattr("bayesdrill.report.sections.physics_words.derived_shown", fail)
         with pytest.warns(
             UserWarning, match=r"figures/corner \(ValueError: cannot do this\)"
         ) as told:

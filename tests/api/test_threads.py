@@ -12,8 +12,8 @@ import pytest
 from cases import run
 
 import bayesdrill as bd
-from bayesdrill.basics import own_files
-from bayesdrill.report import style
+from bayesdrill import output_files
+from bayesdrill.report import scales, style
 
 THREADS = 3
 OF_THE_MOMENT = ("run.json", "posterior.nc")  # when it was made stands in them
@@ -21,7 +21,7 @@ OF_THE_MOMENT = ("run.json", "posterior.nc")  # when it was made stands in them
 
 def contents(folder: Path) -> dict[str, str]:
     files = [path for path in folder.rglob("*") if path.is_file()]
-    return {str(path.relative_to(folder)): own_files.digest(path) for path in files}
+    return {str(path.relative_to(folder)): output_files.digest(path) for path in files}
 
 
 def saved(folder: Path) -> Path | bd.InputError:
@@ -71,11 +71,11 @@ def test_of_threads_that_save_to_one_folder_one_does(tmp_path: Path) -> None:
 
 def test_files_of_two_threads_grow_apart(tmp_path: Path) -> None:
     def write() -> Path:
-        with own_files.whole(tmp_path / "table.csv") as aside:
+        with output_files.atomic_write(tmp_path / "table.csv") as aside:
             aside.write_text("theirs")
             return aside
 
-    with ThreadPoolExecutor(1) as pool, own_files.whole(tmp_path / "table.csv") as mine:
+    with ThreadPoolExecutor(1) as pool, output_files.atomic_write(tmp_path / "table.csv") as mine:
         mine.write_text("mine")
         assert pool.submit(write).result() != mine
     assert (tmp_path / "table.csv").read_text() == "mine"
@@ -86,7 +86,7 @@ def test_one_thread_draws_at_a_time() -> None:
     seen = []
 
     def draw() -> None:
-        with style.styled(style.SINGLE):
+        with style.styled(scales.SINGLE):
             seen.append(matplotlib.rcParams["font.size"])
 
     with ThreadPoolExecutor(1) as pool:

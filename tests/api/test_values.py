@@ -17,10 +17,10 @@ from systems import ROOT
 import bayesdrill as bd
 from bayesdrill.basics.values import alike
 from bayesdrill.rig.kernels import compile_kernels
-from bayesdrill.rig.kernels.dense import compile_dense
-from bayesdrill.rig.kernels.filtering import compile_filtering
-from bayesdrill.rig.kernels.steadily import compile_steadily
-from bayesdrill.rig.kernels.stepping import compile_stepping
+from bayesdrill.rig.kernels.irregular import compile_dense
+from bayesdrill.rig.kernels.kalman_filter import compile_filtering
+from bayesdrill.rig.kernels.steady_state_kalman import compile_steadily
+from bayesdrill.rig.kernels.time_stepping import compile_stepping
 
 COMPILERS = (compile_kernels, compile_dense, compile_filtering, compile_steadily, compile_stepping)
 CONFIGS = ROOT / "configs"

@@ -12,8 +12,7 @@ from grouping import for_each
 from ruamel.yaml import YAML
 
 import bayesdrill
-from bayesdrill.basics.bibliography import Work
-from bayesdrill.basics.citation import ARVIZ, BAYESDRILL, EMCEE, PAPER, citation
+from bayesdrill.basics.software import ARVIZ, BAYESDRILL, EMCEE, PAPER, Work, citation
 
 ROOT = Path(__file__).parents[2]
 

@@ -3,7 +3,7 @@ from __future__ import annotations
 import pytest
 from grouping import for_each
 
-from bayesdrill.basics.expressions import linear_combination
+from bayesdrill.basics.formulas import linear_combination
 
 STATES = ("theta_1", "theta_2", "w_1", "w_2", "i")
 

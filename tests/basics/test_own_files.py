@@ -13,15 +13,22 @@ import pytest
 from grouping import for_each
 from systems import cli, listing, results, small
 
-from bayesdrill.basics import own_files
+from bayesdrill import output_files
 from bayesdrill.basics.errors import InputError
-from bayesdrill.basics.own_files import POSTERIOR, RECORD, RUN, Kind, whole
-from bayesdrill.basics.sealed import opened, sealed
+from bayesdrill.output_files import (
+    POSTERIOR,
+    RECORD,
+    RUN,
+    Kind,
+    atomic_write,
+    dumps_checksummed,
+    loads_checksummed,
+)
 from bayesdrill.results.run_folder import Folder, Mode
 
 KINDS = [
-    *(POSTERIOR, own_files.CALIBRATE, own_files.paper(("one", "two"))),
-    *(own_files.MAP, own_files.OVERLAY),
+    *(POSTERIOR, output_files.CALIBRATE, output_files.paper_files(("one", "two"))),
+    *(output_files.MAP, output_files.OVERLAY),
 ]
 # In a results folder of any kind; a trailing slash: an empty folder.
 STRANGERS = [
@@ -83,7 +90,7 @@ def test_force_takes_what_such_a_run_writes_and_nothing_else(
         assert left == kept
         assert (out / "chain.h5.old").is_dir()
         assert all(after[name] == before[name] for name in kept - {RUN})
-        run = opened((out / RUN).read_bytes())
+        run = loads_checksummed((out / RUN).read_bytes())
         assert (run["status"], run["job"], run["fingerprint"]) == (
             "running",
             kind.job,
@@ -221,7 +228,7 @@ def test_a_file_is_replaced_and_nothing_else(tmp_path_factory: pytest.TempPathFa
         put(tmp_path / "here", "record.csv")
         spoil(path)
         before = listing(tmp_path)
-        with pytest.raises(InputError, match="never replaced"), whole(path) as aside:
+        with pytest.raises(InputError, match="never replaced"), atomic_write(path) as aside:
             aside.write_text("new")
         assert listing(tmp_path) == before
 
@@ -237,8 +244,8 @@ def test_a_file_that_would_not_be_known_again_is_not_written(tmp_path: Path) -> 
 
 def test_what_is_sealed_is_opened_and_a_changed_bit_is_never_believed() -> None:
     data = {"a": [1, 2.5e-300, float("inf")], "b": {"ü": None, "c": (True, "x" * 40)}}
-    content = sealed(data).encode()
-    once = opened(content)
+    content = dumps_checksummed(data).encode()
+    once = loads_checksummed(content)
     assert once["b"] == {"ü": None, "c": [True, "x" * 40]}
     rng = np.random.default_rng(3)
     found = 0
@@ -246,7 +253,7 @@ def test_what_is_sealed_is_opened_and_a_changed_bit_is_never_believed() -> None:
         damaged = bytearray(content)
         damaged[place] ^= 1 << int(bit)
         try:
-            assert opened(bytes(damaged)) == once
+            assert loads_checksummed(bytes(damaged)) == once
         except ValueError:
             found += 1
     assert found > 400
@@ -257,7 +264,7 @@ def test_what_was_never_sealed_is_an_error() -> None:
 
     def check(content: bytes) -> None:
         with pytest.raises(ValueError):  # noqa: PT011
-            opened(content)
+            loads_checksummed(content)
 
     for_each({str(content): (content,) for content in cases}, check)
 
@@ -313,7 +320,7 @@ def test_a_place_that_cannot_be_written_is_found_before_the_work(
     elif command in ("report", "compare"):
         given = [tmp_path / "one", tmp_path / "two"]
     before = listing(tmp_path)
-    monkeypatch.setattr(own_files.tempfile, "TemporaryFile", read_only)
+    monkeypatch.setattr(output_files.tempfile, "TemporaryFile", read_only)
     ran = cli(command, *given, "-o", out)
     assert (ran.status, ran.out) == (2, "")
     message = "nothing can be written here (Read-only file system); give another --output"

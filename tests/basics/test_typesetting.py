@@ -12,8 +12,9 @@ import pytest
 from grouping import for_each
 from matplotlib.mathtext import MathTextParser
 
-from bayesdrill.basics import symbols, typesetting, units
+from bayesdrill.basics import symbols, units
 from bayesdrill.basics.symbols import Symbol, product_latex
+from bayesdrill.config import latex as config_latex
 
 REFUSED = (
     *(
@@ -79,7 +80,7 @@ def test_what_would_leave_its_formula_is_refused_with_a_way_out() -> None:
 
     def check(latex: str) -> None:
         with pytest.raises(ValueError, match="figures and tables cannot write") as caught:
-            typesetting.check(named(latex))
+            config_latex.check(named(latex))
         assert latex in str(caught.value)
         assert r"such as \omega_1" in str(caught.value)
 
@@ -90,7 +91,7 @@ def test_what_is_taken_can_stand_in_products_and_with_labels() -> None:
     """Mutant killed: a power after a power, at which mathtext raises while a figure is drawn."""
 
     def check(latex: str) -> None:
-        typesetting.check(named(latex))
+        config_latex.check(named(latex))
         parse = MathTextParser("path").parse
         parse(f"${product_latex((2, -3), [named(latex), named(latex)])}$")
         parse(f"${symbols.raised(latex, r'\mathrm{slow}')}$")
@@ -113,14 +114,14 @@ def test_a_unit_is_nothing_but_a_unit() -> None:
 
 def test_powers_of_signs_can_be_drawn() -> None:
     def check(unit: str) -> None:
-        typesetting.check(named("x", units.shown(unit).latex))
+        config_latex.check(named("x", units.shown(unit).latex))
 
     for_each({unit: (unit,) for unit in ["\u00b0\u00b2", "\u00b0**2"]}, check)
 
 
 def _formula(rng: random.Random, depth: int = 0) -> str:
     """Of all that may stand in one, mostly in places where it may not."""
-    words = f"{typesetting._ACCENTS}|{typesetting._LETTERS}|{typesetting._OTHERS}".split("|")
+    words = f"{config_latex._ACCENTS}|{config_latex._LETTERS}|{config_latex._OTHERS}".split("|")
     kind = rng.random()
     if depth > 3 or kind < 0.5:
         return rng.choice([*(f"\\{word} " for word in words), *"abx01^__^'()[]|/+-=,.*@ <>!?:;"])
@@ -142,7 +143,7 @@ def test_latex_takes_what_is_taken(tmp_path: Path) -> None:
     while len(rows) < 400:
         text = "".join(_formula(rng) for _ in range(rng.randint(1, 3)))
         try:
-            typesetting.check(named(text))
+            config_latex.check(named(text))
         except ValueError:
             continue
         rows.append(text)

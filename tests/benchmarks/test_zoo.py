@@ -14,10 +14,11 @@ import numpy as np
 import pytest
 from together import together
 
+from bayesdrill.config.job import prepare
+from bayesdrill.config.records import simulation
+from bayesdrill.config.resolve import assembly
 from bayesdrill.record.experiment import Experiment
-from bayesdrill.rig.response import Response
-from bayesdrill.setup import build, simulating
-from bayesdrill.setup.job import prepare
+from bayesdrill.rig.simulators.exact import Response
 from benchmarks.modes import collection
 from benchmarks.modes.judge import SHOWN
 from benchmarks.zoo import folder, judge, plot, report, rows, runs, table
@@ -262,8 +263,8 @@ def test_what_is_run_again_takes_the_place_of_what_was(tmp_path: Path) -> None:
 def _noiseless(job_path: Path) -> tuple[Experiment, np.ndarray, np.ndarray]:
     """Experiment, true parameters in the model's order, and the exact signals."""
     job = prepare(job_path)
-    rig = build.model(job.config)
-    truth = simulating.truth(job.config, rig)
+    rig = assembly.model(job.config)
+    truth = simulation.truth(job.config, rig)
     theta = np.array([[truth[name] for name in rig.parameters]])
     return job.problem.experiment, theta[0], Response(rig, job.problem.experiment).signals(theta)[0]
 
@@ -288,7 +289,7 @@ def test_without_friction_the_integrator_gives_the_packages_response(tmp_path: P
     path, _ = folder.write(row("dry_friction"), tmp_path)
     experiment, theta, signals = _noiseless(path)
     config, _ = parsed(path, path.read_text(encoding="utf-8"))
-    rig = build.model(config)
+    rig = assembly.model(config)
     truth = dict(zip(rig.parameters, theta, strict=True)) | {"t_f": 0.0}
     quiet = Response(rig, experiment).signals(np.array([list(truth.values())]))[0]
     n = 150

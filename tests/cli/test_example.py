@@ -9,9 +9,9 @@ import systems
 from together import together
 
 import bayesdrill as bd
-from bayesdrill.basics.citation import citation
-from bayesdrill.basics.sealed import sealed
-from bayesdrill.setup import examples
+from bayesdrill.api import files
+from bayesdrill.basics.software import citation
+from bayesdrill.output_files import dumps_checksummed
 
 CONFIGS = systems.ROOT / "configs"
 
@@ -21,7 +21,7 @@ def test_the_examples_are_those_of_the_checkout_and_run(tmp_path: Path) -> None:
     made = systems.cli("example", folder)
     assert made.status == 0
     there = {path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()}
-    assert there == {*examples.FILES}
+    assert there == {*files.FILES}
     assert all((folder / name).read_bytes() == (CONFIGS / name).read_bytes() for name in there)
     assert f"'{folder}/nominal_step.yaml'" in made.out  # as a shell takes it
     assert systems.cli("check", folder / "nominal_step.yaml").status == 0
@@ -31,7 +31,7 @@ def test_every_config_of_the_checkout_is_an_example() -> None:
     """Whoever adds one adds it to the list."""
     named = {CONFIGS / "schema.json", *CONFIGS.glob("example_*.yaml")}
     named |= {*(CONFIGS / "paper").glob("*.yaml"), *(CONFIGS / "paper" / "records").glob("*.csv")}
-    assert {path.relative_to(CONFIGS).as_posix() for path in named} <= {*examples.FILES}
+    assert {path.relative_to(CONFIGS).as_posix() for path in named} <= {*files.FILES}
 
 
 def test_nothing_is_overwritten_and_nothing_written_beside_it(tmp_path: Path) -> None:
@@ -50,7 +50,7 @@ def test_nothing_is_overwritten_and_nothing_written_beside_it(tmp_path: Path) ->
 def test_other_files_of_the_folder_stay(tmp_path: Path) -> None:
     (tmp_path / "notes.txt").write_text("mine")
     made = bd.example(tmp_path)
-    assert len(made.files) == len(examples.FILES)
+    assert len(made.files) == len(files.FILES)
     assert (tmp_path / "notes.txt").read_text() == "mine"
     assert "bayesdrill check" in repr(made)
 
@@ -73,7 +73,7 @@ def test_what_is_no_folder_is_not_written_through(name: str, tmp_path: Path) -> 
 def test_a_package_without_its_examples_says_so(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(examples, "PACKAGE", tmp_path / "bayesdrill")
+    monkeypatch.setattr(files, "PACKAGE", tmp_path / "bayesdrill")
     with pytest.raises(bd.InputError, match="install bayesdrill again"):
         bd.example(tmp_path / "here")
     assert not [*tmp_path.iterdir()]
@@ -89,14 +89,14 @@ def test_what_is_installed_is_cited(form: str) -> None:
 
 
 def test_a_run_is_cited_with_its_own_versions(tmp_path: Path) -> None:
-    (tmp_path / "run.json").write_text(sealed(OURS | {"versions": {"emcee": "3.0.2"}}))
+    (tmp_path / "run.json").write_text(dumps_checksummed(OURS | {"versions": {"emcee": "3.0.2"}}))
     assert "emcee 3.0.2 " in systems.cli("cite", tmp_path).out
 
 
 @together("entries", [None, OURS])
 def test_a_folder_without_a_finished_run_is_not_cited(entries: dict | None, tmp_path: Path) -> None:
     if entries is not None:
-        (tmp_path / "run.json").write_text(sealed(entries))
+        (tmp_path / "run.json").write_text(dumps_checksummed(entries))
     said = systems.cli("cite", tmp_path)
     assert (said.status, said.out) == (2, "")
     assert "no finished run is here" in said.err

@@ -19,9 +19,9 @@ from systems import STOPPING
 from together import together
 
 from bayesdrill.basics.errors import InputError
-from bayesdrill.engines import workers
-from bayesdrill.engines.workers import Crew
 from bayesdrill.guard import INPUT_WRONG, INTERRUPTED, guarded, saved_in
+from bayesdrill.sampling import workers
+from bayesdrill.sampling.workers import Crew
 
 
 def test_a_worker_that_is_killed_ends_in_a_message(capsys: pytest.CaptureFixture[str]) -> None:

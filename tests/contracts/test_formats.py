@@ -16,8 +16,8 @@ from together import together
 
 from bayesdrill.basics.entries import entries_of
 from bayesdrill.basics.errors import InputError
+from bayesdrill.config.schema.records import RecordSpec
 from bayesdrill.record.formats import FORMATS, format_of
-from bayesdrill.setup.experiment_entries import RecordSpec
 
 COLUMNS = {"t": np.array([0.0, 0.1, 1 / 3]), "w_1": np.array([1e-9, -2.5, 1e12])}
 

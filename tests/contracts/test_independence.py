@@ -16,13 +16,18 @@ from proposals import over, rough
 from targets import TARGETS, Target
 from together import together
 
-from bayesdrill.engines.samplers import independence
-from bayesdrill.engines.samplers.ensemble import Piece, State, advance
-from bayesdrill.engines.samplers.independence import Proposal, Remembered
-from bayesdrill.engines.samplers.mixture import Mixture, fitted, mixture
-from bayesdrill.engines.samplers.moves import alone
-from bayesdrill.engines.samplers.ridge import fit, frame
-from bayesdrill.engines.samplers.weighing import LONG, Weighed
+from bayesdrill.sampling.samplers import independence
+from bayesdrill.sampling.samplers.ensemble import Piece, State, advance, alone
+from bayesdrill.sampling.samplers.independence import (
+    LONG,
+    Mixture,
+    Proposal,
+    Remembered,
+    Weighed,
+    fitted,
+    mixture,
+)
+from bayesdrill.sampling.samplers.ridge import fit, frame
 
 FAIL = 1e-6
 STEPS = 12

@@ -17,10 +17,9 @@ from proposals import rough
 from targets import TARGETS, Target
 from together import together
 
-from bayesdrill.engines.samplers.ensemble import Piece, State, advance, everywhere
-from bayesdrill.engines.samplers.independence import Proposal
-from bayesdrill.engines.samplers.moves import MOVES, mixture
-from bayesdrill.setup.config import SamplerSpec
+from bayesdrill.config.schema.config import SamplerSpec
+from bayesdrill.sampling.samplers.ensemble import MOVES, Piece, State, advance, everywhere, mixture
+from bayesdrill.sampling.samplers.independence import Proposal
 
 FAIL = 1e-6  # one false alarm in a million
 WALKERS = 4000

@@ -20,19 +20,18 @@ from rigs import experiment, unknown
 from together import together
 
 from bayesdrill.inference import laplace
+from bayesdrill.inference.laplace import PosteriorSurface
 from bayesdrill.inference.likelihood import Likelihood
 from bayesdrill.inference.noise import NOISES
-from bayesdrill.inference.noise.contract import Noise, Noisy
+from bayesdrill.inference.noise.contract import Noise, Noisy, square
 from bayesdrill.inference.noise.mixed import Mixed, Part
-from bayesdrill.inference.noise.numbers import square
 from bayesdrill.inference.noise.white import White
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.priors import Uniform
-from bayesdrill.inference.surface import PosteriorSurface
 from bayesdrill.inference.unknowns import ParameterSpace
 from bayesdrill.record.experiment import Channel
 from bayesdrill.rig.models.motor_shaft import PARAMETERS, MotorShaft
-from bayesdrill.rig.response import Response
+from bayesdrill.rig.simulators.exact import Response
 
 Array = NDArray[np.float64]
 SIGMA = (0.3, 0.02)  # unequal

@@ -9,10 +9,10 @@ import numpy as np
 from together import together
 
 from bayesdrill.basics.entries import entries_of, made
-from bayesdrill.engines.optimisers import OPTIMISERS
-from bayesdrill.engines.optimisers.contract import Task
-from bayesdrill.inference.coordinates import Coordinates
-from bayesdrill.setup.config import MapSpec
+from bayesdrill.config.schema.config import MapSpec
+from bayesdrill.inference.unknowns import Coordinates
+from bayesdrill.sampling.optimisers import OPTIMISERS
+from bayesdrill.sampling.optimisers.contract import Task
 
 TOP, SD = np.array([6.0, 0.02]), np.array([0.5, 0.003])  # unequal, off the origin
 START = np.array([3.5, 0.035])

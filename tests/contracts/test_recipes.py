@@ -17,11 +17,11 @@ from pictures import clashes, drawn
 from together import together
 
 import bayesdrill as bd
-from bayesdrill.basics import own_files
-from bayesdrill.basics.own_files import POSTERIOR
+from bayesdrill import output_files
+from bayesdrill.output_files import POSTERIOR
 from bayesdrill.report.figures import FIGURES, drawings
+from bayesdrill.report.scales import WIDTHS
 from bayesdrill.report.view import View
-from bayesdrill.report.widths import WIDTHS
 
 OWN = [name for name in FIGURES if not name.startswith("toy_")]
 T = np.linspace(0.0, 4.0, 161)
@@ -128,8 +128,8 @@ def test_it_is_drawn_and_says_what_it_shows(name: str) -> None:
     figure = here(name, showing(name, run()).config.output.size)
     assert figure.axes
     assert labels(figure)
-    for end in own_files.FORMATS:
-        assert POSTERIOR.made(f"{own_files.FIGURES}/{name}.{end}")
+    for end in output_files.FORMATS:
+        assert POSTERIOR.made(f"{output_files.FIGURES}/{name}.{end}")
 
 
 @together("size", WIDTHS)

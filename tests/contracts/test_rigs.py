@@ -19,12 +19,12 @@ from together import together
 
 from bayesdrill.basics import symbols
 from bayesdrill.basics.entries import entries_of, made
-from bayesdrill.rig import vocabulary
+from bayesdrill.config.schema.config import ModelSpec, Parameters
+from bayesdrill.rig import models
 from bayesdrill.rig.models import MODELS
 from bayesdrill.rig.models.composed import with_all
 from bayesdrill.rig.models.linear import Model, dynamics
-from bayesdrill.rig.response import Response
-from bayesdrill.setup.config import ModelSpec, Parameters
+from bayesdrill.rig.simulators.exact import Response
 
 N, DT = 40, 0.004
 POINT = np.exp(np.random.default_rng(7).uniform(-0.2, 0.2, 50))
@@ -60,8 +60,8 @@ def test_its_names_have_symbols_and_places_in_a_config(name: str) -> None:
     rig = RIGS[name]
     kind: Any = type(rig)
     assert rig.name == kind.name == name.removesuffix(" with all")
-    assert {*rig.parameters} <= {*vocabulary.PARAMETERS} & {*Parameters.model_fields}
-    assert {*rig.states} <= {*vocabulary.STATES}
+    assert {*rig.parameters} <= {*models.PARAMETERS} & {*Parameters.model_fields}
+    assert {*rig.states} <= {*models.STATES}
     assert {*rig.inputs} <= {*symbols.INPUTS}
     assert {one.name for one in rig.declares} <= {*rig.parameters, *rig.offers, *rig.states}
     fields = {field.name for field in dataclasses.fields(kind)} - {"added"}
@@ -86,7 +86,7 @@ def test_its_frictions_brake_and_are_told_apart(name: str) -> None:
         rows = {row for row, column in columns if column == one.name}
         assert one.against in rows <= {one.against, *rig.inner}
         assert columns[one.against, one.name] < 0
-        assert one.holds is None or vocabulary.STATES[one.holds].unit == "rad"
+        assert one.holds is None or models.STATES[one.holds].unit == "rad"
         assert {*one.law.parameters} <= {*rig.parameters}
         assert {*one.law.seen} <= {*rig.states, *rig.inputs}
         assert one.where

@@ -20,23 +20,22 @@ import numpy as np
 from oracles import NOMINAL
 
 import bayesdrill as bd
+from bayesdrill.analysis import edits, plausibility
+from bayesdrill.analysis.causes import Instead
+from bayesdrill.analysis.energy import accounts, curve, rubbings
+from bayesdrill.analysis.identifiability.frictions import RIVALS, stops_below
+from bayesdrill.analysis.identifiability.information import Scenery
+from bayesdrill.analysis.latent_torque import follows, shakings
 from bayesdrill.basics import symbols
-from bayesdrill.insight import candidates, derived, plausibility
-from bayesdrill.insight.energy import accounts
-from bayesdrill.insight.following import follows
-from bayesdrill.insight.identifiability.frictions import RIVALS, stops_below
-from bayesdrill.insight.identifiability.scenes import Scenery
-from bayesdrill.insight.instead import Instead
-from bayesdrill.insight.rubbing import curve, rubbings
-from bayesdrill.insight.shaking import shakings
-from bayesdrill.report import energy_words, nuisance_words, record_words, torque_words, words
-from bayesdrill.report.rubbed import effort_symbol, speed_symbol
-from bayesdrill.report.torque_shown import shown
+from bayesdrill.inference import derived
+from bayesdrill.report import words
+from bayesdrill.report.sections import fit_words, physics_words, torque_words
+from bayesdrill.report.sections.physics_words import effort_symbol, speed_symbol
+from bayesdrill.report.sections.torque_words import torque_shown
 from bayesdrill.rig import MotorShaft, energy
 from bayesdrill.rig.models import MODELS
-from bayesdrill.rig.models.linear import Model
-from bayesdrill.rig.models.roles import STATES, USUAL, Roles, RotorRoles
-from bayesdrill.setup.rungs import Ladder
+from bayesdrill.rig.models.linear import STATES, USUAL, Model, Roles, RotorRoles
+from bayesdrill.selection import Ladder
 
 ROOT = Path(__file__).parents[2]
 TOYS = ROOT / "tests" / "toys"
@@ -87,13 +86,16 @@ def of_record(of: bd.Case) -> Iterator[Any]:
     theta = posterior.space.vector(posterior.space.start)
     roles = problem.model.roles
     yield words.model(problem)
-    yield record_words.suspicions(problem, of.job.config)
-    yield [*plausibility.of_nominal(problem), *plausibility.of_gear(problem)]
+    yield words.record_suspicions(problem, of.job.config)
+    yield [
+        *plausibility.plausibility_of_nominal(problem),
+        *plausibility.plausibility_of_gear(problem),
+    ]
     yield derived.at(problem, theta[None])
-    tried = candidates.of_rig(posterior.likelihood.observations, posterior.space, theta)
+    tried = edits.rig_candidates(posterior.likelihood.observations, posterior.space, theta)
     yield [*map(repr, tried)]
-    every = [Instead(parameter=roles[role], value=0.1, lost=1.0) for role in candidates.LACKS]
-    yield [[*nuisance_words.instead(one, roles)] for one in every]
+    every = [Instead(parameter=roles[role], value=0.1, lost=1.0) for role in edits.LACKS]
+    yield [[*fit_words.instead(one, roles)] for one in every]
     rungs = Ladder.of(of.job).first()
     rungs += Ladder.of(of.job).beyond(("friction_both",))
     yield [(one.name, one.about, one.source.data) for one in rungs]
@@ -105,7 +107,7 @@ def of_friction(of: bd.Case) -> Iterator[Any]:
     theta, none = posterior.space.vector(posterior.space.start), np.empty((0, len(problem.names)))
     model, full = problem.model, posterior.space.full(theta[None])
     scenery = Scenery(posterior.likelihood)
-    yield plausibility.of_course(scenery, theta)
+    yield plausibility.plausibility_of_course(scenery, theta)
     found = of.identify()
     yield [str(found), repr(found.study.remedies)]
     (one,), (rubs,) = posterior.likelihood.observations, rubbings(posterior, theta, none)
@@ -115,8 +117,11 @@ def of_friction(of: bd.Case) -> Iterator[Any]:
         yield [each.gear, each.stuck, each.slowest, each.effort, curve(one, each, full).sizes]
     yield stops_below(model, dict(zip(model.parameters, full[0], strict=False)))
     (account,) = accounts(posterior, theta, none)
-    yield [energy_words.table(account, model).lines, energy_words.note(account, model)]
-    balance = energy_words.balance(account, model, of.job.clock)
+    yield [
+        physics_words.energy_table(account, model).lines,
+        physics_words.energy_note(account, model),
+    ]
+    balance = physics_words.energy_balance(account, model, of.job.clock)
     yield [balance.sources, [(part.kind, part.name, part.joules) for part in balance.parts]]
 
 
@@ -127,7 +132,7 @@ def of_torque(of: bd.Case) -> Iterator[Any]:
     (found,) = shakings(posterior, theta[None], np.random.default_rng(1))
     yield [found.expected, found.angle, found.gear, repr(follows(found))]
     yield torque_words.followed(found, follows(found))
-    yield [(each.label.latex, each.means) for each in shown(found, of.job.clock).against]
+    yield [(each.label.latex, each.means) for each in torque_shown(found, of.job.clock).against]
 
 
 def analyses(rig: Model, own: dict[str, str]) -> dict[str, Any]:
@@ -191,12 +196,12 @@ def unpadded(value: Any) -> Any:
 
 
 # Where names are those of inputs, of a picture of the paper's rig, or stand in for what a config lacks.
-ELSEWHERE = {"record/experiment.py", "setup/given_inputs.py", "setup/experiment_entries.py"} | {
-    "insight/identifiability/remedies.py",
+ELSEWHERE = {"record/experiment.py", "config/resolve/quantities.py", "config/schema/records.py"} | {
+    "analysis/identifiability/study.py",
     "report/schematics.py",
-    "setup/loading.py",
+    "config/loading.py",
 }
-ROOMS = ("rig/models/", "basics/symbols.py", "setup/guessing/", "paper/")
+ROOMS = ("rig/models/", "basics/symbols.py", "drafting/", "paper/")
 
 
 def test_no_module_outside_rigs_knows_a_symbol_by_its_spelling() -> None:
@@ -215,9 +220,9 @@ def test_no_module_outside_rigs_knows_a_symbol_by_its_spelling() -> None:
 
 
 def test_roles_have_names_and_no_rig_is_asked_whether_it_has_a_member() -> None:
-    for role in (*candidates.LACKS, *STATES, *energy.LOSSES, *plausibility.GEOMETRY, *RIVALS):
+    for role in (*edits.LACKS, *STATES, *energy.LOSSES, *plausibility.GEOMETRY, *RIVALS):
         assert USUAL[role] in {*symbols.PARAMETERS, *symbols.STATES}
-    assert {USUAL[role] for role in energy_words.NAMES} <= {*symbols.PARAMETERS, *symbols.INPUTS}
+    assert {USUAL[role] for role in physics_words.NAMES} <= {*symbols.PARAMETERS, *symbols.INPUTS}
     asked = re.compile(r"(?:get|has)attr\((?:model|rig|[a-z_.]+\.model|[a-z_.]+\.rig), [\"'](\w+)")
     for path in (ROOT / "bayesdrill").rglob("*.py"):
         assert not asked.findall(path.read_text()), path

@@ -12,7 +12,6 @@ from oracles import NOMINAL
 from rigs import measured, posterior, vector
 from scipy.stats import norm
 
-from bayesdrill.inference.coordinates import Coordinates
 from bayesdrill.inference.priors import (
     PRIORS,
     HalfNormal,
@@ -21,6 +20,7 @@ from bayesdrill.inference.priors import (
     TruncatedNormal,
     Uniform,
 )
+from bayesdrill.inference.unknowns import Coordinates
 
 NAMES = ("log", "linear", "mixed")
 N = 11  # nine parameters and two noise levels

@@ -9,13 +9,13 @@ import pairs
 import pytest
 from grouping import for_each
 
-from bayesdrill.engines import mode
+from bayesdrill.analysis.identifiability.information import Scenery
 from bayesdrill.inference import laplace
+from bayesdrill.inference.laplace import PosteriorSurface
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.priors import LogNormal, TruncatedNormal, Uniform
-from bayesdrill.inference.surface import PosteriorSurface
 from bayesdrill.inference.unknowns import Unknown
-from bayesdrill.insight.identifiability.scenes import Scenery
+from bayesdrill.sampling import mode_search
 
 
 def target() -> Posterior:
@@ -217,8 +217,8 @@ def test_an_end_of_a_signed_prior_is_told() -> None:
     """`at_bound` on the scale of the prior; mutant killed: ends compared by ratios alone."""
     posterior = target()
     values = dict(posterior.space.start)
-    assert "lag_twist_late" not in mode._at_bound(posterior, values)
+    assert "lag_twist_late" not in mode_search._at_bound(posterior, values)
     values["lag_twist_late"], values["offset_v_late"] = 1e-7, -0.9999
-    found = mode._at_bound(posterior, values)
+    found = mode_search._at_bound(posterior, values)
     assert {"lag_twist_late", "offset_v_late"} <= set(found)
-    assert "t_0_late" not in mode._at_bound(posterior, values | {"t_0_late": 0.0})
+    assert "t_0_late" not in mode_search._at_bound(posterior, values | {"t_0_late": 0.0})

@@ -13,17 +13,17 @@ from oracles import NOMINAL
 from rigs import experiment, unknown
 from scipy.stats import binom, multivariate_t
 
-from bayesdrill.engines.climb import climb
 from bayesdrill.inference import laplace
+from bayesdrill.inference.laplace import PosteriorSurface
 from bayesdrill.inference.likelihood import Likelihood
 from bayesdrill.inference.noise import NOISES
 from bayesdrill.inference.noise.contract import Noisy
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.priors import LogUniform, Uniform
-from bayesdrill.inference.surface import PosteriorSurface
 from bayesdrill.inference.unknowns import ParameterSpace
 from bayesdrill.rig.models.motor_shaft import PARAMETERS, MotorShaft
-from bayesdrill.rig.response import Response
+from bayesdrill.rig.simulators.exact import Response
+from bayesdrill.sampling.gauss_newton import climb
 
 FREE = ("k_e", "k_s", "j_1")
 SIGMA = (0.1, 0.1)

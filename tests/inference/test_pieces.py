@@ -8,15 +8,14 @@ from grouping import for_each
 from rubbing_cases import CASES, moved
 from stepping import experiment_of, model_of, parameters
 
-from bayesdrill.inference.coordinates import Coordinates
 from bayesdrill.inference.likelihood import Likelihood
 from bayesdrill.inference.noise.contract import Noisy
 from bayesdrill.inference.noise.white import White
-from bayesdrill.inference.pieces import ENOUGH, TRIED, chosen, step_errors
 from bayesdrill.inference.posterior import Posterior
-from bayesdrill.inference.unknowns import ParameterSpace
-from bayesdrill.rig.sensing import Sensing
-from bayesdrill.rig.stepped import TURNS, Stepped
+from bayesdrill.inference.step_error import ENOUGH, TRIED, chosen, step_errors
+from bayesdrill.inference.unknowns import Coordinates, ParameterSpace
+from bayesdrill.rig.simulators.sensors import Sensing
+from bayesdrill.rig.simulators.stepped import TURNS, Stepped
 
 NAME = "falling"
 CASE = CASES[NAME]

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from oracles import NOMINAL
 from rigs import measured, posterior
 
+from bayesdrill.config.job import SECOND
 from bayesdrill.inference.likelihood import Likelihood
 from bayesdrill.inference.residual_checks import FALSE_ALARM, Left, left
-from bayesdrill.report import residual_words as words
-from bayesdrill.setup.own_units import SECOND
+from bayesdrill.report.sections import fit_words as words
 
 Array = NDArray[np.float64]
 
@@ -66,7 +66,7 @@ def test_sizes_and_correlations_are_those_of_the_channel(rig: Likelihood) -> Non
         assert one.correlation == pytest.approx(own[1:] @ own[:-1] / (own @ own), abs=1e-9)
         spread = rig.response.experiment.y[:, k].std()
         assert one.share == pytest.approx(np.sqrt(np.mean(own**2)) / spread, rel=0.02)
-    first, second = words.sentences(found, SECOND).splitlines()
+    first, second = words.residual_sentences(found, SECOND).splitlines()
     assert first.startswith("fit: of what each channel does the MAP leaves unexplained ")
     assert f"{100 * found[1].share:.2g} % ({found[1].channel})" in first
     assert second.startswith("fit: what the MAP leaves looks like the noise (rms ")
@@ -77,8 +77,8 @@ def test_a_channel_that_does_nothing_has_no_share(rig: Likelihood) -> None:
     flat[:, 0] = 3.0
     found = left(rig.with_alone(response=rig.response.with_record(flat)), AT)
     assert np.isnan(found[0].share)
-    assert "theta_1" not in words.sentences(found, SECOND).splitlines()[0]
-    assert words.as_data(found)[0]["rms_over_spread"] is None
+    assert "theta_1" not in words.residual_sentences(found, SECOND).splitlines()[0]
+    assert words.residual_data(found)[0]["rms_over_spread"] is None
 
 
 def test_a_wrong_sigma_is_told_in_its_channel(rig: Likelihood) -> None:
@@ -93,11 +93,16 @@ def test_a_wrong_sigma_is_told_in_its_channel(rig: Likelihood) -> None:
         found = left(with_residuals(rig, residuals), AT)
         assert [getattr(one, which) for one in found] == [False, False, True, False]
         assert not any(one.correlated or one.far for one in found)
-        text = words.sentences(found, SECOND).split("\n", 1)[1]
+        text = words.residual_sentences(found, SECOND).split("\n", 1)[1]
         assert says in text
         assert f"w_1 {found[2].rms:.3g}" in text
         assert "theta" not in text
-        assert [one["says"] != [] for one in words.as_data(found)] == [False, False, True, False]
+        assert [one["says"] != [] for one in words.residual_data(found)] == [
+            False,
+            False,
+            True,
+            False,
+        ]
 
     for_each({str(case): case for case in cases}, check)
 
@@ -114,7 +119,7 @@ def test_what_the_model_misses_is_told_with_unknown_noise_too() -> None:
     found = left(rig.with_alone(response=rig.response.with_record(y)), theta)
     assert [one.correlated for one in found] == [False, False, False, True]
     assert not any(one.large or one.small or one.far for one in found)
-    text = words.sentences(found, SECOND)
+    text = words.residual_sentences(found, SECOND)
     assert f"with the next w_2 {found[3].correlation:.3g}" in text
     assert "looks like" not in text
 
@@ -137,12 +142,16 @@ def test_a_differenced_column_and_one_bad_sample_are_told(rig: Likelihood) -> No
     assert [one.correlated for one in found] == [False, True, False, False]
     assert found[1].correlation == pytest.approx(-2 / 3, abs=0.15)
     assert [one.far for one in found] == [True, False, False, False]
-    assert f"theta_1 5.5 at {rig.response.experiment.t[20]:.4g} s" in words.sentences(found, SECOND)
+    assert f"theta_1 5.5 at {rig.response.experiment.t[20]:.4g} s" in words.residual_sentences(
+        found, SECOND
+    )
 
 
 def test_the_worst_channel_comes_first(rig: Likelihood) -> None:
     found = left(with_residuals(rig, white(5) * [2.0, 1.0, 9.0, 4.0]), AT)
-    assert re.search(r"in sigmas: w_1 \S+, w_2 \S+, theta_1 \S+ \(", words.sentences(found, SECOND))
+    assert re.search(
+        r"in sigmas: w_1 \S+, w_2 \S+, theta_1 \S+ \(", words.residual_sentences(found, SECOND)
+    )
 
 
 def test_an_exact_fit_leaves_less_than_noise(rig: Likelihood) -> None:
@@ -161,7 +170,7 @@ def test_a_fit_that_leaves_far_more_than_the_noise_is_not_believed(rig: Likeliho
         assert [one.large for one in found] == [False, False, True, False]
         assert [one.unbelievable for one in found] == [False, False, not believed, False]
         more = "the fit leaves more than the noise, in sigmas: w_1 1.6"
-        assert words.reasons(found) == (() if believed else (more,))
+        assert words.residual_reasons(found) == (() if believed else (more,))
 
     for_each({str(case): case for case in [(1.4, True), (1.6, False)]}, check)
 
@@ -180,7 +189,7 @@ def test_what_is_not_white_by_far_is_not_believed(rig: Likelihood) -> None:
         found = left(with_residuals(rig, residuals), AT)
         assert found[1].correlated
         assert not any(one.large for one in found)
-        reasons = words.reasons(found)
+        reasons = words.residual_reasons(found)
         assert reasons == () if believed else "is not white noise" in reasons[0]
         if not believed:
             assert f"with the next theta_2 {found[1].correlation:.3g}" in reasons[0]
@@ -190,4 +199,4 @@ def test_what_is_not_white_by_far_is_not_believed(rig: Likelihood) -> None:
 
 def test_a_fit_that_leaves_too_little_is_believed(rig: Likelihood) -> None:
     """A sigma that is too large makes sds too large."""
-    assert words.reasons(left(with_residuals(rig, 0.3 * white(5)), AT)) == ()
+    assert words.residual_reasons(left(with_residuals(rig, 0.3 * white(5)), AT)) == ()

@@ -16,19 +16,19 @@ from oracles import NOMINAL, ORDER
 from rigs import STATES, experiment, posterior, unknown, vector
 
 from bayesdrill.inference import laplace
+from bayesdrill.inference.laplace import PosteriorSurface
 from bayesdrill.inference.likelihood import Likelihood
-from bayesdrill.inference.noise.shaken import ShakenObservation
 from bayesdrill.inference.noise.white import White
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.priors import LogUniform, Uniform
-from bayesdrill.inference.surface import PosteriorSurface
+from bayesdrill.inference.state_space import ShakenObservation
 from bayesdrill.inference.unknowns import ParameterSpace, Unknown
-from bayesdrill.rig.choosing import simulator
-from bayesdrill.rig.filtered import Filtered
-from bayesdrill.rig.missing_torque import MissingTorque
+from bayesdrill.rig.models.latent_torque import MissingTorque
 from bayesdrill.rig.models.motor_shaft import MotorShaft
-from bayesdrill.rig.response import Response
-from bayesdrill.rig.sensing import Sensing
+from bayesdrill.rig.simulators import simulator
+from bayesdrill.rig.simulators.exact import Response
+from bayesdrill.rig.simulators.kalman import Filtered
+from bayesdrill.rig.simulators.sensors import Sensing
 
 FOUR = {name: {name: 1.0} for name in STATES[:4]}
 SIZE, TIME = 0.05, 0.3

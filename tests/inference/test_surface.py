@@ -12,10 +12,10 @@ from oracles import NOMINAL, ORDER
 from rigs import unknown, vector
 
 from bayesdrill.basics.formulas import expression
+from bayesdrill.inference.laplace import Expansion, PosteriorSurface, joined
 from bayesdrill.inference.likelihood import Likelihood
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.priors import HalfNormal, LogNormal, Prior, TruncatedNormal, Uniform
-from bayesdrill.inference.surface import Expansion, PosteriorSurface, joined
 from bayesdrill.inference.unknowns import ParameterSpace
 
 FAMILIES: dict[str, Prior] = {

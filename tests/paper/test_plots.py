@@ -10,15 +10,10 @@ from pictures import clashes, drawn, marked, within, xy
 from together import together
 
 from bayesdrill.basics.symbols import PARAMETERS
-from bayesdrill.paper.pages.plots import (
-    SHORT,
-    fit_paper_figure,
-    readings_figure,
-    verification_figure,
-)
-from bayesdrill.paper.studies import printed
-from bayesdrill.paper.studies.forward import READINGS, Reading
-from bayesdrill.paper.studies.verification import Cell, Verification
+from bayesdrill.paper import printed
+from bayesdrill.paper.forward import READINGS, Reading
+from bayesdrill.paper.plots import SHORT, fit_paper_figure, readings_figure, verification_figure
+from bayesdrill.paper.verification import Cell, Verification
 from bayesdrill.record.experiment import Channel, Experiment
 
 Array = NDArray[np.float64]

@@ -15,25 +15,15 @@ from oracles import NOMINAL, ORDER, by_expm, skewed
 from rigs import experiment, measured, posterior, vector
 from together import together
 
-from bayesdrill.engines.workers import Crew
+from bayesdrill.analysis import plausibility
+from bayesdrill.config import loading
 from bayesdrill.inference.priors import Uniform
-from bayesdrill.insight import plausibility
-from bayesdrill.paper.searches.pairwise import Pairwise
-from bayesdrill.paper.studies import (
-    bounds,
-    causes,
-    forward,
-    heuristic,
-    made,
-    misfit,
-    printed,
-    shaft,
-    simultaneous,
-)
-from bayesdrill.paper.studies import verification as study
-from bayesdrill.paper.studies.trapezoid import SIX_STATES, integrate, six_states
-from bayesdrill.paper.studies.truths import truth_of
-from bayesdrill.setup import loading
+from bayesdrill.paper import forward, precision, printed, searches
+from bayesdrill.paper import verification as study
+from bayesdrill.paper.forward import SIX_STATES, integrate, six_states
+from bayesdrill.paper.plugins import Pairwise
+from bayesdrill.paper.precision import truth_of
+from bayesdrill.sampling.workers import Crew
 
 ROOT = Path(__file__).parents[2]
 PAPER = ROOT.parent / "shared" / "paper" / "ENIEF2013-3496_paper.tex"
@@ -123,10 +113,10 @@ def test_bounds_are_those_of_numeric_slopes() -> None:
     ]
     rows_ = np.stack([slope.ravel() for slope in slopes])
     expected = np.sqrt(np.diag(np.linalg.inv(rows_ @ rows_.T)))
-    assert bounds.bounds(target.likelihood, truth) == pytest.approx(expected, rel=1e-5)
+    assert precision.bounds(target.likelihood, truth) == pytest.approx(expected, rel=1e-5)
 
 
-@together("way", study.WAYS)
+@together("way", precision.WAYS)
 @together("sigma", [0.001, 0.3])
 def test_estimates_are_those_of_least_squares(way: str, sigma: float) -> None:
     """Negative ones too.  Mutant killed: the prior kept in the density (it ends at zero)."""
@@ -135,10 +125,10 @@ def test_estimates_are_those_of_least_squares(way: str, sigma: float) -> None:
     truth = np.array([NOMINAL[name] for name in TWO])
     indices = (3, 4, 5)
     found = study.estimates(target, way, sigma, truth, np.array([1e-3, 1e-2]), 7, indices)
-    scale = sigma * bounds.bounds(target.likelihood, truth)
+    scale = sigma * precision.bounds(target.likelihood, truth)
     negative = 0
     for row, index in zip(found, indices, strict=True):
-        own = made.record(made.with_sigma(target, sigma), truth, 7, index)
+        own = precision.made_record(precision.with_sigma(target, sigma), truth, 7, index)
         y = own.likelihood.response.experiment.y
 
         def rest(steps: np.ndarray, y: np.ndarray = y) -> np.ndarray:
@@ -158,15 +148,15 @@ def test_distance_from_the_truth_is_split_along_the_symmetries() -> None:
     ]
     truth = vector(skewed())
     moved = truth * np.exp(0.7 * np.array(symmetries[0]) - 0.3 * np.array(symmetries[1]))
-    scales, rest, distance = simultaneous.apart(moved, truth, symmetries)
+    scales, rest, distance = searches.distinct_ends(moved, truth, symmetries)
     assert scales == pytest.approx((0.7, -0.3))
     assert rest == pytest.approx(0.0, abs=1e-12)
     moved[ORDER.index("k_e")] *= np.exp(0.6)  # which no symmetry has
-    scales, rest, further = simultaneous.apart(moved, truth, symmetries)
+    scales, rest, further = searches.distinct_ends(moved, truth, symmetries)
     assert scales == pytest.approx((0.7, -0.3))
     assert rest == pytest.approx(0.6 / 3.0)
     assert further > distance
-    assert simultaneous.apart(moved, truth, [])[1:] == pytest.approx((further, further))
+    assert searches.distinct_ends(moved, truth, [])[1:] == pytest.approx((further, further))
 
 
 def test_misfit_is_the_papers() -> None:
@@ -174,8 +164,8 @@ def test_misfit_is_the_papers() -> None:
     experiment = target.likelihood.response.experiment
     states = by_expm(skewed(), experiment.t, np.zeros(5), 8.0, 0.0)[:, :4]
     per = (((experiment.y - states) / [0.02, 0.03, 0.05, 0.04]) ** 2).mean()
-    assert misfit.per_number(target, vector(skewed())) == pytest.approx(per, rel=1e-8)
-    task = misfit.task(target)
+    assert precision.misfit_per_number(target, vector(skewed())) == pytest.approx(per, rel=1e-8)
+    task = precision.misfit_task(target)
     theta = np.array([vector(NOMINAL), 1.1 * vector(NOMINAL), 3 * vector(NOMINAL)])
     inside = task.density(theta)
     assert inside[:2] == pytest.approx(target.likelihood(theta[:2]))
@@ -189,9 +179,11 @@ def test_path_of_the_heuristic_begins_and_ends_at_its_misfits() -> None:
     start = {name: 1.15 * NOMINAL[name] for name in names}
     target = replace(target, space=target.space.with_start(start))
     with Crew(target, 1) as crew:
-        found = heuristic.run(crew, target, own, 5000, 3, 5)
-    assert found.misfits[0] == pytest.approx(misfit.per_number(target, found.guess))
-    assert found.misfits[-1] == pytest.approx(misfit.per_number(target, found.estimate), rel=1e-6)
+        found = searches.run_heuristic(crew, target, own, 5000, 3, 5)
+    assert found.misfits[0] == pytest.approx(precision.misfit_per_number(target, found.guess))
+    assert found.misfits[-1] == pytest.approx(
+        precision.misfit_per_number(target, found.estimate), rel=1e-6
+    )
     assert np.all(np.diff(found.misfits) <= 1e-9)
     assert found.misfits[-1] < 0.01 * found.misfits[0]
     assert len(np.unique(found.others[:, 0])) == 3
@@ -204,11 +196,11 @@ def test_products_do_not_change_with_the_scales_and_missing_physics_is_exact() -
     for group, factor in (("j_m c_m k_s j_1 t_f k_T", 1.7), ("l_m r_m k_T", 0.6)):
         factors[[ORDER.index(name) for name in group.split()]] *= factor
     draws = guess * factors * np.exp(1e-9 * np.random.default_rng(1).standard_normal((50, 9)))
-    for cause in causes.causes(target, guess, guess * factors, draws):
+    for cause in printed.causes(target, guess, guess * factors, draws):
         assert cause.heuristic == pytest.approx(1.0)
         assert cause.posterior == pytest.approx(1.0)
         assert cause.alone < np.inf
-    found = {c.quantity: c for c in causes.causes(target, guess, guess, draws)}
+    found = {c.quantity: c for c in printed.causes(target, guess, guess, draws)}
     # j_m grows by 7e-3/64 to 5.09375e-4, r_m by 0.2 to 0.53.
     assert found["k_s/j_m"].both == pytest.approx(4 / 5.09375)
     assert found["r_m/l_m"].r_s == pytest.approx(0.53 / 0.33)
@@ -221,7 +213,7 @@ def test_tones_of_the_shaft_are_those_of_finite_elements() -> None:
     j_1, j_2, n = 28.3e-3, 0.0256, 400
     area = np.pi * plausibility.SHAFT_DIAMETER**4 / 32
     length = plausibility.SHAFT_LENGTH / n
-    spring, disc = plausibility.STEEL * area / length, shaft.DENSITY * area * length
+    spring, disc = plausibility.STEEL * area / length, printed.DENSITY * area * length
     stiffness, inertia = np.zeros((n + 1, n + 1)), np.zeros((n + 1, n + 1))
     for k in range(n):
         stiffness[k : k + 2, k : k + 2] += spring * np.array([[1, -1], [-1, 1]])
@@ -229,7 +221,7 @@ def test_tones_of_the_shaft_are_those_of_finite_elements() -> None:
     inertia[0, 0] += j_1
     inertia[-1, -1] += j_2
     squares = scipy.linalg.eigh(stiffness, inertia, eigvals_only=True, subset_by_index=[1, 3])
-    found = shaft.tones(j_1, j_2, 3)
+    found = printed.tones(j_1, j_2, 3)
     expected = np.sqrt(squares) / (2 * np.pi)
     assert [tone.distributed for tone in found] == pytest.approx(expected, rel=1e-4)
     assert found[0].distributed / found[0].lumped == pytest.approx(1.0, abs=1e-6)
@@ -247,7 +239,7 @@ def test_truth_is_known_only_of_a_record_that_comes_out_again(tmp_path: Path) ->
         {name: cell.value for name, cell in printed.NINE_PARAMETERS.items()}
     )
     seen = truth("measured.yaml")
-    assert seen == pytest.approx(causes.with_missing(j_2=causes.J_2, r_s=causes.R_S))
+    assert seen == pytest.approx(printed.with_missing(j_2=printed.J_2, r_s=printed.R_S))
     assert seen["j_m"] == pytest.approx(5.09375e-4)  # 7e-3/64 more
     assert seen["r_m"] == pytest.approx(0.53)
     mend(folder / "measured.yaml", "nominal:", f"model: {TWO_ROTORS}\n\nnominal:")

@@ -13,11 +13,9 @@ from numpy.typing import NDArray
 from pictures import SYMBOLS, clashes, drawn, marked, posterior, within, xy
 from together import together
 
-from bayesdrill.paper.pages.search_plots import convergence_figure, simultaneous_figure
-from bayesdrill.paper.pages.table_plot import table_3_figure
-from bayesdrill.paper.studies.heuristic import Heuristic
-from bayesdrill.paper.studies.simultaneous import End
-from bayesdrill.report.log_axes import set_decades
+from bayesdrill.paper.plots import convergence_figure, simultaneous_figure, table_3_figure
+from bayesdrill.paper.searches import End, Heuristic
+from bayesdrill.report.style import set_decades
 
 Array = NDArray[np.float64]
 

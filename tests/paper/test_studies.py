@@ -13,31 +13,20 @@ from oracles import NOMINAL, ORDER, by_expm, matrices, skewed
 from rigs import STATES, experiment, measured, posterior, vector
 from together import together
 
-from bayesdrill.engines.convergence import Targets
-from bayesdrill.engines.optimisers.contract import Optimum, Task
-from bayesdrill.engines.sampling import Plan
-from bayesdrill.engines.workers import Crew
-from bayesdrill.inference.coordinates import Coordinates
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.priors import Uniform
-from bayesdrill.paper.searches.fminsearch import Fminsearch
-from bayesdrill.paper.studies import (
-    bounds,
-    causes,
-    control,
-    forward,
-    heuristic,
-    made,
-    misfit,
-    printed,
-    simultaneous,
-    stepped,
-)
-from bayesdrill.paper.studies import verification as study
-from bayesdrill.paper.studies.trapezoid import SIX_STATES, integrate, six_states
-from bayesdrill.paper.studies.verification import Cell, Verification
+from bayesdrill.inference.unknowns import Coordinates
+from bayesdrill.paper import forward, precision, printed, searches
+from bayesdrill.paper import verification as study
+from bayesdrill.paper.forward import SIX_STATES, integrate, six_states
+from bayesdrill.paper.plugins import Fminsearch
+from bayesdrill.paper.verification import Cell, Verification
 from bayesdrill.rig.models.motor_shaft import MotorShaft
-from bayesdrill.rig.response import Response
+from bayesdrill.rig.simulators.exact import Response
+from bayesdrill.sampling.convergence import Targets
+from bayesdrill.sampling.ensembles import Plan
+from bayesdrill.sampling.optimisers.contract import Optimum, Task
+from bayesdrill.sampling.workers import Crew
 
 Array = NDArray[np.float64]
 
@@ -103,7 +92,7 @@ def test_the_integrators_error_in_each_channel() -> None:
     record = experiment(81, 0.02, measures=measures, start=start)
     x = by_expm(skewed(), record.t, np.array([0.3, 0.0, 0.0, -1.0, 4.0]), 8.0, 0.0)
     exact = np.stack([x[:, 0] - x[:, 1], x[:, 3], 2 * x[:, 4]], axis=1)
-    found, steps = forward.signals(MotorShaft(), record, vector(skewed()))
+    found, steps = forward.exact_signals(MotorShaft(), record, vector(skewed()))
     off = found - exact
     assert np.abs(off).max() < 0.03 * np.abs(exact).max()
     for k, error in enumerate(forward.errors(record, skewed())):
@@ -119,7 +108,7 @@ def test_the_integrator_starts_where_the_state_is_given() -> None:
     record = experiment(41, 0.02, first=0.5, t_start=0.1, start=start)
     at_start = np.array([0.3, 0.0, 0.0, -1.0, 0.0])
     exact = by_expm(skewed(), record.t - 0.1, at_start, 8.0, 0.0)
-    found, _ = forward.signals(MotorShaft(), record, vector(skewed()))
+    found, _ = forward.exact_signals(MotorShaft(), record, vector(skewed()))
     assert found.shape == exact.shape
     assert np.abs(found - exact)[:, :4].max() < 0.05 * np.abs(exact[:, :4]).max()
 
@@ -127,7 +116,7 @@ def test_the_integrator_starts_where_the_state_is_given() -> None:
 def test_a_measured_voltage_is_not_taken_for_none() -> None:
     record = experiment(41, constant={"t_1": 0.0}, series={"v": 8 + np.sin(np.arange(41.0))})
     with pytest.raises(ValueError, match="v must be constant"):
-        forward.signals(MotorShaft(), record, vector(NOMINAL))
+        forward.exact_signals(MotorShaft(), record, vector(NOMINAL))
 
 
 # The misfit, exact and with the integrator
@@ -140,11 +129,16 @@ def test_records_have_the_misfit_that_is_expected_in_nineteen_of_twenty() -> Non
     """
     rig = target(("k_s",), UNEVEN, 40, at(("k_s",), 1.0))
     truth = vector(NOMINAL)[[ORDER.index("k_s")]]
-    found = np.array([misfit.per_number(made.record(rig, truth, 5, k), truth) for k in range(400)])
-    low, high = misfit.expected(rig.likelihood.numbers)
+    found = np.array(
+        [
+            precision.misfit_per_number(precision.made_record(rig, truth, 5, k), truth)
+            for k in range(400)
+        ]
+    )
+    low, high = precision.expected_misfit(rig.likelihood.numbers)
     assert 0.92 < np.mean((low < found) & (found < high)) < 0.98
     squares = np.random.default_rng(3).standard_normal((8000, 25)) ** 2
-    low, high = misfit.expected(25)
+    low, high = precision.expected_misfit(25)
     for tail in (squares.mean(axis=1) < low, squares.mean(axis=1) > high):
         assert np.mean(tail) == pytest.approx(0.025, abs=0.007)  # four standard deviations
 
@@ -169,15 +163,15 @@ def test_the_misfit_with_the_integrator_is_its_own(boxed: Posterior) -> None:
         expected.append(np.mean((off / UNEVEN) ** 2))
     theta = rows * [NOMINAL[name] for name in BOX]
     for one, per in zip(theta, expected, strict=True):
-        assert stepped.per_number(boxed.likelihood, one) == pytest.approx(per, rel=1e-9)
-    found = stepped.task(misfit.task(boxed), boxed.likelihood).density(theta)
+        assert forward.stepped_misfit(boxed.likelihood, one) == pytest.approx(per, rel=1e-9)
+    found = forward.stepped_task(precision.misfit_task(boxed), boxed.likelihood).density(theta)
     assert found == pytest.approx(-0.5 * y.size * np.array(expected))
 
 
 def test_a_search_with_the_integrator_ends_at_the_priors(boxed: Posterior) -> None:
     """Mutant killed: a density beyond them."""
     theta = np.array([[1.6, 1.0], [1.0, 0.4], [1.0, 1.0]]) * [NOMINAL[name] for name in BOX]
-    found = stepped.task(misfit.task(boxed), boxed.likelihood).density(theta)
+    found = forward.stepped_task(precision.misfit_task(boxed), boxed.likelihood).density(theta)
     assert list(found[:2]) == [-np.inf, -np.inf]
     assert np.isfinite(found[2])
 
@@ -187,13 +181,15 @@ def test_the_heuristic_ends_lower_in_the_misfit_that_it_searches() -> None:
     names = ("k_e", "t_f")
     rig = target(names, np.full(4, 0.002), 101, at(names, 1.1, 0.9))
     with Crew(rig, 1) as crew:
-        found = heuristic.run(crew, rig, Fminsearch(), 400, 1, 5)
-    own = [stepped.per_number(rig.likelihood, x) for x in (found.stepped, found.estimate)]
-    exact = [misfit.per_number(rig, x) for x in (found.stepped, found.estimate)]
+        found = searches.run_heuristic(crew, rig, Fminsearch(), 400, 1, 5)
+    own = [forward.stepped_misfit(rig.likelihood, x) for x in (found.stepped, found.estimate)]
+    exact = [precision.misfit_per_number(rig, x) for x in (found.stepped, found.estimate)]
     assert found.stepped_misfit == pytest.approx(own[0])
     assert own[0] < 0.8 * own[1]
     assert exact[1] < 0.8 * exact[0]
-    assert found.others_misfits == pytest.approx([misfit.per_number(rig, found.others[0])])
+    assert found.others_misfits == pytest.approx(
+        [precision.misfit_per_number(rig, found.others[0])]
+    )
 
 
 def test_with_a_measured_voltage_the_heuristic_has_no_end_by_the_integrator() -> None:
@@ -205,7 +201,7 @@ def test_with_a_measured_voltage_the_heuristic_has_no_end_by_the_integrator() ->
     )
     driven = likelihood.with_alone(response=Response(MotorShaft(), own))
     with Crew(measured := replace(rig, likelihood=driven), 1) as crew:
-        found = heuristic.run(crew, measured, Fminsearch(), 60, 1, 5)
+        found = searches.run_heuristic(crew, measured, Fminsearch(), 60, 1, 5)
     assert (found.stepped, found.stepped_misfit) == (None, None)
     assert found.misfits[-1] < found.misfits[0]
 
@@ -285,30 +281,30 @@ def test_each_search_ends_low_in_the_misfit_of_its_own_record_and_model(
 ) -> None:
     """Mutants killed: an exact record for the integrator's own; noise where there is to be none."""
     rig, found, truth, _ = verified
-    sized = made.with_sigma(rig, sigma)
-    noisy, clean = made.record(sized, truth, 3, 0), made.clean(sized, truth)
+    sized = precision.with_sigma(rig, sigma)
+    noisy, clean = precision.made_record(sized, truth, 3, 0), precision.clean_record(sized, truth)
     p = vector(NOMINAL)
-    own = forward.signals(MotorShaft(), rig.likelihood.response.experiment, p)[0]
+    own = forward.exact_signals(MotorShaft(), rig.likelihood.response.experiment, p)[0]
     y, exact = (x.likelihood.response.experiment.y for x in (noisy, clean))
     record = {
-        "trapezoid_both": made.of(sized, own + y - exact),
+        "trapezoid_both": precision.record_of(sized, own + y - exact),
         "trapezoid_fit": noisy,
-        "weights_only_trapezoid": made.of(sized, own),
+        "weights_only_trapezoid": precision.record_of(sized, own),
     }
     ends = {name: column(found, sigma, lambda c, n=name: getattr(c, n)) for name in record}
     beside = 0.2 / rig.likelihood.numbers  # how high a search may stop: less than what noise does
     for name, its in record.items():
         left = {
-            other: stepped.per_number(its.likelihood, end)
+            other: forward.stepped_misfit(its.likelihood, end)
             for other, end in {**ends, "truth": truth}.items()
         }
         assert left[name] <= min(left.values()) + beside
         if sigma == 0.001 and name != "weights_only_trapezoid":
             (other,) = {"trapezoid_both", "trapezoid_fit"} - {name}
             assert left[name] + beside < left[other]  # small noise: the records differ by more
-    assert stepped.per_number(record["weights_only_trapezoid"].likelihood, truth) == 0.0
+    assert forward.stepped_misfit(record["weights_only_trapezoid"].likelihood, truth) == 0.0
     weights = column(found, sigma, lambda c: c.weights_only)
-    assert misfit.per_number(clean, weights) < 0.5 * beside
+    assert precision.misfit_per_number(clean, weights) < 0.5 * beside
 
 
 # Starts all over, and the control
@@ -330,12 +326,12 @@ def test_ends_of_searches_are_told_apart_by_their_misfits(
     Mutants killed: `reached` the other way round, `best` a hundred times as easy.
     """
     truth = np.array([NOMINAL[name] for name in swinging.space.free])
-    rig = made.record(made.with_sigma(swinging, sigma), truth, 8, 0)
+    rig = precision.made_record(precision.with_sigma(swinging, sigma), truth, 8, 0)
     with Crew(rig, 1) as crew:
-        ends = simultaneous.many(crew, rig, truth, ((1, -1),), 4, 3)
+        ends = searches.many_searches(crew, rig, truth, ((1, -1),), 4, 3)
     assert [end.way for end in ends] == 4 * ["fminsearch"] + 4 * ["scaled"]
     numbers = 4 * 401
-    low, high = misfit.expected(numbers)
+    low, high = precision.expected_misfit(numbers)
     far = [end for end in ends if end.scales[0] > 0.3]
     near = [end for end in ends if end not in far]
     assert far
@@ -349,7 +345,7 @@ def test_ends_of_searches_are_told_apart_by_their_misfits(
         assert end.distance**2 == pytest.approx(end.scales[0] ** 2 + end.rest**2)
         assert end.settled
     assert all(end.reached and end.best and low < end.misfit < high for end in near)
-    assert min(end.misfit for end in ends) <= misfit.per_number(rig, truth)
+    assert min(end.misfit for end in ends) <= precision.misfit_per_number(rig, truth)
     if sigma == 20.0:
         assert all(end.reached and not end.best for end in far)
         assert max(end.misfit - near[0].misfit for end in far) < 100 * 4.0 / numbers
@@ -357,9 +353,9 @@ def test_ends_of_searches_are_told_apart_by_their_misfits(
         assert not any(end.reached or end.best for end in far)
         assert min(end.misfit for end in far) > high
     first = Fminsearch()(
-        misfit.task(rig), rig.space.vector(rig.space.start), simultaneous.EVALUATIONS
+        precision.misfit_task(rig), rig.space.vector(rig.space.start), searches.EVALUATIONS
     )
-    assert ends[0].misfit == pytest.approx(misfit.per_number(rig, first.theta))
+    assert ends[0].misfit == pytest.approx(precision.misfit_per_number(rig, first.theta))
 
 
 def test_the_control_tells_the_largest_of_what_a_search_makes_of_records_with_that_noise() -> None:
@@ -383,15 +379,15 @@ def test_the_control_tells_the_largest_of_what_a_search_makes_of_records_with_th
 
     sigmas = (0.02, 0.5)
     with Crew(rig, 1) as crew:
-        found = control.control(crew, rig, off, 77, sigmas, 3, 9)
+        found = searches.control(crew, rig, off, 77, sigmas, 3, 9)
     assert seen == pytest.approx(np.repeat(sigmas, 3), rel=0.15)  # four standard deviations
     assert len(set(seen)) == 6
     assert [(c.sigma, c.parameter, c.records) for c in found] == [
         (sigma, name, 3) for sigma in sigmas for name in names
     ]
     assert [c.largest_percent for c in found] == pytest.approx([30.0, 4.0, 30.0, 4.0])
-    again = made.record(made.with_sigma(rig, 0.5), truth, 9, 1)
-    per = misfit.per_number(again, truth)
+    again = precision.made_record(precision.with_sigma(rig, 0.5), truth, 9, 1)
+    per = precision.misfit_per_number(again, truth)
     assert seen[4] == pytest.approx(0.5 * np.exp(0.5 * (per - 1)))
 
 
@@ -401,7 +397,7 @@ def test_the_control_tells_the_largest_of_what_a_search_makes_of_records_with_th
 def test_the_implied_noise_is_that_at_which_the_bound_is_the_deviation() -> None:
     """Back from its rows; and deviations that are the bounds at a noise lead to that."""
     one = {"c_m": 37.1, "k_e": 0.29}
-    found = {line.row: line for line in bounds.implied_noise(one)}
+    found = {line.row: line for line in precision.implied_noise(one)}
     for line in found.values():
         for name in one:
             percent, noise = getattr(line, f"{name}_percent"), getattr(line, f"noise_{name}")
@@ -417,7 +413,7 @@ def test_the_implied_noise_is_that_at_which_the_bound_is_the_deviation() -> None
         assert each.min() < rms < each.max()
     # A rig whose bounds are the printed deviations of one row, at a noise of 3.
     row = printed.TWO_PARAMETERS[0.1]
-    same = bounds.implied_noise({name: row[name].deviation / 100 / 3.0 for name in one})[2]
+    same = precision.implied_noise({name: row[name].deviation / 100 / 3.0 for name in one})[2]
     assert (same.noise_c_m, same.noise_k_e) == pytest.approx((3.0, 3.0))
 
 
@@ -437,7 +433,7 @@ def damping(p: dict[str, float]) -> float:
 def test_the_end_of_a_step_and_the_damping_are_those_of_the_equations() -> None:
     rigs = [skewed(), NOMINAL]
     many = {name: np.array([p[name] for p in rigs]) for name in ORDER}
-    found = causes.quantities(MotorShaft(), many, {"v": 8.0}, 2)
+    found = printed.quantities(MotorShaft(), many, {"v": 8.0}, 2)
     late = [by_expm(p, np.array([1000.0]), np.zeros(5), 8.0, 0.0)[0, 3] for p in rigs]
     assert found["w_end"] == pytest.approx(late, rel=1e-6)
     assert found["w_end"] == pytest.approx([speed(p) for p in rigs])
@@ -451,10 +447,10 @@ def test_a_quantity_that_the_config_gives_is_none_of_the_records() -> None:
     rig = target(names, UNEVEN, 31, at(names, 1.1, 0.9))
     mode = rig.space.vector(at(names, 1.0, 1.0))
     draws = mode * np.exp(0.1 * np.random.default_rng(3).standard_normal((200, 2)))
-    found = {cause.quantity: cause for cause in causes.causes(rig, mode, 1.1 * mode, draws)}
+    found = {cause.quantity: cause for cause in printed.causes(rig, mode, 1.1 * mode, draws)}
     for name, cause in found.items():
         known = (cause.posterior, cause.hdi_low, cause.hdi_high, cause.alone)
-        if set(causes.PRODUCTS.get(name, names)) & set(names):
+        if set(printed.PRODUCTS.get(name, names)) & set(names):
             assert np.all(np.isfinite(known)), name
         else:
             assert known == (None,) * 4, name
@@ -487,10 +483,10 @@ def test_what_a_record_says_alone_is_its_information_without_any_prior(
     following = (logs(1e-5) - logs(-1e-5)) / 2e-5
     exponents = {
         name: np.array([powers.get(x, 0.0) for x in ORDER])
-        for name, powers in causes.PRODUCTS.items()
+        for name, powers in printed.PRODUCTS.items()
     } | dict(zip(("w_end", "zeta"), following, strict=True))
     draws = point * np.exp(0.1 * np.random.default_rng(1).standard_normal((500, 9)))
-    found = {c.quantity: c for c in causes.causes(rig, point, 1.1 * point, draws)}
+    found = {c.quantity: c for c in printed.causes(rig, point, 1.1 * point, draws)}
     assert set(found) == set(exponents)
     infinite = set()
     for name, own in exponents.items():

@@ -19,23 +19,18 @@ from oracles import ORDER
 from rigs import experiment
 from together import together
 
-from bayesdrill.basics import own_files
+from bayesdrill import output_files
+from bayesdrill.analysis.verdict import Quantity, Verdict
 from bayesdrill.basics.symbols import PARAMETERS
-from bayesdrill.insight.verdict import Quantity, Verdict
-from bayesdrill.paper.pages import report
-from bayesdrill.paper.pages import tables as pages
-from bayesdrill.paper.pages.cells import Table
-from bayesdrill.paper.pages.lines import lengths, lines_2, lines_3, said, ways
-from bayesdrill.paper.studies import printed
-from bayesdrill.paper.studies.bounds import Implied, Length
-from bayesdrill.paper.studies.causes import FOLLOWING, PRODUCTS, Cause
-from bayesdrill.paper.studies.control import Control
-from bayesdrill.paper.studies.findings import Findings, Misfits, Nine
-from bayesdrill.paper.studies.forward import Error, Reading
-from bayesdrill.paper.studies.heuristic import Heuristic
-from bayesdrill.paper.studies.shaft import Tone
-from bayesdrill.paper.studies.simultaneous import End
-from bayesdrill.paper.studies.verification import Cell, Verification
+from bayesdrill.paper import printed, reproduction
+from bayesdrill.paper import reproduction as pages
+from bayesdrill.paper.findings import Findings, Misfits, Nine
+from bayesdrill.paper.forward import Error, Reading
+from bayesdrill.paper.precision import Implied, Length
+from bayesdrill.paper.printed import FOLLOWING, PRODUCTS, Cause, Tone
+from bayesdrill.paper.searches import Control, End, Heuristic
+from bayesdrill.paper.study_tables import Table, lengths, lines_2, lines_3, said, ways
+from bayesdrill.paper.verification import Cell, Verification
 
 RNG = np.random.default_rng(11)
 NAMES = ("k_s", "t_f", "j_m", "l_m", "c_m", "k_T", "j_1", "r_m", "k_e")  # in no one's order
@@ -314,10 +309,10 @@ def test_every_table_has_a_cell_below_each_head_and_a_caption() -> None:
 
 
 def test_every_file_is_one_that_a_later_force_knows() -> None:
-    drawn = [stem for stem, *_ in report._figures(findings())]
+    drawn = [stem for stem, *_ in reproduction._figures(findings())]
     written = {f"{stem}.{end}" for stem in tables() for end in ("csv", "md")}
-    assert {*written, "report.md", "report.html", *own_files.figures(*drawn)} == set(
-        own_files.paper(("one", "two")).files
+    assert {*written, "report.md", "report.html", *output_files.figure_files(*drawn)} == set(
+        output_files.paper_files(("one", "two")).files
     )
 
 

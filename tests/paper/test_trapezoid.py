@@ -9,11 +9,11 @@ from oracles import NOMINAL, skewed
 from rigs import STATES, experiment, vector
 from together import together
 
-from bayesdrill.paper.as_printed import AsPrinted
-from bayesdrill.paper.studies import trapezoid
-from bayesdrill.paper.studies.trapezoid import SIX_STATES, Solution, integrate, six_states
+from bayesdrill.paper import forward
+from bayesdrill.paper.forward import SIX_STATES, Solution, integrate, six_states
+from bayesdrill.paper.plugins import AsPrinted
 from bayesdrill.rig.models.motor_shaft import MotorShaft
-from bayesdrill.rig.response import Response
+from bayesdrill.rig.simulators.exact import Response
 
 FIVE = [SIX_STATES.index(name) for name in STATES]
 CHAIN = np.diag(np.ones(3), 1)  # x_1' = x_2, x_2' = x_3, ...
@@ -95,14 +95,12 @@ def test_the_free_interpolant_is_hermites_cubic_and_of_third_order() -> None:
     slopes = np.array(states) @ swing.T
     t = np.linspace(0.0, ends[-1], 200)
     cubic = scipy.interpolate.CubicHermiteSpline(ends, states, slopes)
-    assert trapezoid._between(ends, np.array(states), slopes, t) == pytest.approx(
-        cubic(t), abs=1e-13
-    )
+    assert forward._between(ends, np.array(states), slopes, t) == pytest.approx(cubic(t), abs=1e-13)
     errors = []
     for n in (20, 40):
         ends = np.linspace(0.0, 3.0, n + 1)
         t = np.linspace(0.0, 3.0, 1001)
-        found = trapezoid._between(ends, np.sin(ends)[:, None], np.cos(ends)[:, None], t)[:, 0]
+        found = forward._between(ends, np.sin(ends)[:, None], np.cos(ends)[:, None], t)[:, 0]
         errors.append(np.abs(found - np.sin(t)).max())
     assert errors[0] / errors[1] == pytest.approx(8.0, rel=0.1)
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from grouping import for_each
 
-from bayesdrill.record import decimation
+from bayesdrill.record import clocks
 
 RATE, FACTOR = 1000.0, 8
 T = 3.0 + np.arange(6000) / RATE
@@ -21,7 +21,7 @@ def test_slow_tones_pass_in_phase() -> None:
     """Mutants killed: samples kept half a filter off; a filter with a delay."""
 
     def check(share: float) -> None:
-        found = decimation.thinned(np.stack([tone(share), 2 - tone(share)], axis=-1), FACTOR)
+        found = clocks.decimated(np.stack([tone(share), 2 - tone(share)], axis=-1), FACTOR)
         np.testing.assert_allclose(found.y[:, 0], tone(share)[found.kept], atol=2e-4)
         np.testing.assert_allclose(found.y[:, 1], 2 - tone(share)[found.kept], atol=4e-4)
         assert np.all(np.diff(found.kept) == FACTOR)
@@ -32,7 +32,7 @@ def test_slow_tones_pass_in_phase() -> None:
 
 def test_what_would_alias_is_taken_away() -> None:
     def check(share: float) -> None:
-        found = decimation.thinned(tone(share)[:, None], FACTOR)
+        found = clocks.decimated(tone(share)[:, None], FACTOR)
         assert np.abs(found.y).max() < 2e-4
         assert found.taken == pytest.approx([np.std(tone(share)[found.kept])], rel=1e-3)
 
@@ -40,14 +40,14 @@ def test_what_would_alias_is_taken_away() -> None:
 
 
 def test_the_cutoff_that_is_named_passes_half() -> None:
-    share = decimation.cutoff(FACTOR, 1 / RATE) / NYQUIST
-    found = decimation.thinned(tone(share)[:, None], FACTOR)
+    share = clocks.cutoff(FACTOR, 1 / RATE) / NYQUIST
+    found = clocks.decimated(tone(share)[:, None], FACTOR)
     assert np.std(found.y) / np.std(tone(share)) == pytest.approx(0.5, abs=0.01)
 
 
 def test_edges_are_dropped() -> None:
-    found = decimation.thinned(np.ones((500, 1)), FACTOR)
-    half = decimation.length(FACTOR) // 2
+    found = clocks.decimated(np.ones((500, 1)), FACTOR)
+    half = clocks.filter_length(FACTOR) // 2
     assert found.kept[0] == half
     assert 500 - half - FACTOR <= found.kept[-1] < 500 - half
     np.testing.assert_allclose(found.y, 1.0, atol=1e-12)

@@ -18,7 +18,8 @@ from pyarrow import parquet
 
 import bayesdrill as bd
 from bayesdrill.basics.errors import InputError
-from bayesdrill.record.formats import FORMATS, Table, Wanted, format_of
+from bayesdrill.record.formats import FORMATS, Wanted, format_of
+from bayesdrill.record.formats.table import Table
 
 T = np.array([10.0, 10.5, 11.25, 12.0])
 W = np.array([101.25, 99.0, -98.5, 1.0 / 3.0])

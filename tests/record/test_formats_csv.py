@@ -11,8 +11,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bayesdrill.basics.errors import InputError
-from bayesdrill.record.formats import FORMATS, CsvOptions, Table, format_of
-from bayesdrill.record.formats.csv import read
+from bayesdrill.record.formats import FORMATS, format_of
+from bayesdrill.record.formats.csv import CsvOptions, read
+from bayesdrill.record.formats.table import Table
 
 NAMES = ("t [s]", "w_1 [rpm]", "theta")
 # Unequal, off the origin, negative, with exponents and whole numbers: no column can stand in

@@ -15,9 +15,9 @@ from grouping import for_each
 
 from bayesdrill.basics.entries import NoEntries
 from bayesdrill.basics.errors import InputError
-from bayesdrill.record.formats import FORMATS, Table
-from bayesdrill.record.formats.mat_nesting import DEEPEST, too_deep
-from bayesdrill.record.formats.matlab import read
+from bayesdrill.record.formats import FORMATS
+from bayesdrill.record.formats.matlab import DEEPEST, read, too_deep
+from bayesdrill.record.formats.table import Table
 
 T = np.array([10.0, 10.5, 11.25, 12.0])
 W = np.array([101.25, 99.0, -98.5, 1.0 / 3.0])

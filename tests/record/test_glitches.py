@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from grouping import for_each
 
-from bayesdrill.record import glitches
-from bayesdrill.record.formats import FORMATS, Table, format_of
+from bayesdrill.record import anomalies
+from bayesdrill.record.formats import FORMATS, format_of
+from bayesdrill.record.formats.table import Table
 
 ROOT = Path(__file__).parents[2]
 SHARED = ROOT.parent / "shared" / "data"
@@ -57,9 +58,9 @@ def test_there_are_records() -> None:
 
 def test_sound_signals_have_none() -> None:
     def check(name: str) -> None:
-        assert len(glitches.spikes(SOUND[name])) == 0
+        assert len(anomalies.spikes(SOUND[name])) == 0
         if name not in ("square", "binary sequence", "pulse width", "steps up"):  # of inputs
-            assert len(glitches.saturated(SOUND[name])) == 0
+            assert len(anomalies.saturated(SOUND[name])) == 0
 
     for_each({str(name): (name,) for name in SOUND}, check)
 
@@ -67,9 +68,9 @@ def test_sound_signals_have_none() -> None:
 def test_records_of_the_house_have_none() -> None:
     def check(path: Path) -> None:
         for name, x in _table(path).variables.items():
-            assert len(glitches.spikes(x)) == 0, name
-            assert len(glitches.saturated(x)) == 0, name
-            assert len(glitches.stuck(x)) == 0, name
+            assert len(anomalies.spikes(x)) == 0, name
+            assert len(anomalies.saturated(x)) == 0, name
+            assert len(anomalies.stuck(x)) == 0, name
 
     for_each({str(path.stem): (path,) for path in RECORDS}, check)
 
@@ -83,7 +84,7 @@ def test_spikes_are_found_where_they_were_put() -> None:
         x = clean.copy()
         for at in places:
             x[at : at + width] += sign * 4.0 * np.ptp(clean)
-        found = glitches.spikes(x)
+        found = anomalies.spikes(x)
         assert found.first.tolist() == places
         over = found.last - np.array([at + width - 1 for at in places])
         assert np.all(
@@ -108,40 +109,40 @@ def test_what_an_input_has_just_caused_is_the_rigs() -> None:
     x[1200:1204] += 2.0
     jumps = np.zeros(len(x), dtype=bool)
     jumps[399] = True
-    assert glitches.spikes(x).first.tolist() == [400, 1200]
-    assert glitches.spikes(x, jumps).first.tolist() == [1200]
+    assert anomalies.spikes(x).first.tolist() == [400, 1200]
+    assert anomalies.spikes(x, jumps).first.tolist() == [1200]
 
 
 def test_in_inputs_only_the_shortest_count() -> None:
     x = SQUARE.copy()
     x[700:705] += 80.0
     x[1500] -= 80.0
-    assert glitches.spikes(x, wide=False).first.tolist() == [1500]
+    assert anomalies.spikes(x, wide=False).first.tolist() == [1500]
 
 
 def test_stuck_samples_show_only_where_no_others_are_repeated() -> None:
     noisy = SWING + NOISE
     stuck = noisy.copy()
     stuck[800:830] = stuck[800]
-    found = glitches.stuck(stuck)
+    found = anomalies.stuck(stuck)
     assert (found.first.tolist(), found.last.tolist()) == ([800], [829])
     end = noisy.copy()
     end[-30:] = end[-30]
-    assert glitches.stuck(end).first.tolist() == [len(T) - 30]
-    assert len(glitches.stuck(np.round(stuck, 1))) == 0  # a coarse sensor repeats by itself
-    assert len(glitches.stuck(np.where(T < 1, 0.0, noisy))) == 0  # switched off
-    assert len(glitches.stuck(noisy)) == 0
+    assert anomalies.stuck(end).first.tolist() == [len(T) - 30]
+    assert len(anomalies.stuck(np.round(stuck, 1))) == 0  # a coarse sensor repeats by itself
+    assert len(anomalies.stuck(np.where(T < 1, 0.0, noisy))) == 0  # switched off
+    assert len(anomalies.stuck(noisy)) == 0
 
 
 def test_a_range_that_ends_shows_at_either_end() -> None:
     def check(digits: int) -> None:
         tone = np.round(3.0 * np.sin(5.0 * T) + NOISE + 1.0, digits)
         for clipped, end in ((np.minimum(tone, 3.0), 3.0), (np.maximum(tone, -1.0), -1.0)):
-            found = glitches.saturated(clipped)
+            found = anomalies.saturated(clipped)
             assert len(found) >= 3
             assert np.all(clipped[found.mask(len(T))] == end)
             assert found.count > 0.9 * np.sum(clipped == end)
-        assert len(glitches.saturated(tone)) == 0
+        assert len(anomalies.saturated(tone)) == 0
 
     for_each({str(digits): (digits,) for digits in [2, 12]}, check)
 
@@ -165,7 +166,7 @@ def test_the_glitches_of_a_drill_string_are_found_and_nothing_else() -> None:
     table = _table(SHARED / "ufrj_drillstring_rig" / "175_completo_1.mat")
     top = table.pick(variable="Top_Speed_Sample_175_complete")
     t = table.pick(variable="Time_Sample_175_complete")
-    found = glitches.spikes(top)
+    found = anomalies.spikes(top)
     mask = found.mask(len(top))
     assert top[~mask].min() > -10.0
     assert all(top[a : b + 1].min() < -100.0 for a, b in zip(found.first, found.last, strict=True))
@@ -177,17 +178,17 @@ def test_the_glitches_of_a_drill_string_are_found_and_nothing_else() -> None:
     assert min(dense) > 25
     assert sum(dense) > 0.7 * len(found)
     for name in ("Bit_Speed", "Bit_Torque", "WOB"):
-        assert len(glitches.spikes(table.pick(variable=f"{name}_Sample_175_complete"))) == 0
+        assert len(anomalies.spikes(table.pick(variable=f"{name}_Sample_175_complete"))) == 0
 
 
 def test_a_servo_with_coarse_sensors_has_none() -> None:
     def check(name: str) -> None:
         table = _table(SHARED / "simulated_servo" / f"{name}.csv")
         for x in table.variables.values():
-            assert len(glitches.spikes(x)) == 0
+            assert len(anomalies.spikes(x)) == 0
         for column in ("theta [deg]", "alpha [deg]"):
-            assert len(glitches.saturated(table.pick(column))) == 0
-            assert len(glitches.stuck(table.pick(column))) == 0
+            assert len(anomalies.saturated(table.pick(column))) == 0
+            assert len(anomalies.stuck(table.pick(column))) == 0
 
     for_each({name: (name,) for name in ["square", "sweep", "slow"]}, check)
 
@@ -201,15 +202,15 @@ def test_a_servo_pair_has_none_but_those_of_its_transfer() -> None:
     def check(force: str, number: int) -> None:
         table = _table(SHARED / "hsm150_servo" / f"idf_pos_0.{force}_{number}.mat")
         angle, speed, current = (table.pick(column, "data") for column in (3, 4, 7))
-        assert len(glitches.spikes(angle)) == 0
-        found = glitches.spikes(speed)
+        assert len(anomalies.spikes(angle)) == 0
+        found = anomalies.spikes(speed)
         assert set((found.first % 512).tolist()) <= {481}
         assert np.all(found.first == found.last)
-        odd = glitches.spikes(current)
+        odd = anomalies.spikes(current)
         assert odd.first.tolist() == ([16482] if (force, number) == ("065", 2) else [])
         for x in (angle, speed, current):
-            assert len(glitches.saturated(x)) == 0
-            assert len(glitches.stuck(x)) == 0
+            assert len(anomalies.saturated(x)) == 0
+            assert len(anomalies.stuck(x)) == 0
 
     for_each(
         {f"{force} {number}": (force, number) for force in ["06", "065"] for number in [1, 2, 3]},

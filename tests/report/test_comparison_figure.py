@@ -9,10 +9,9 @@ from grouping import for_each
 from matplotlib.figure import Figure
 from pictures import clashes, drawn, marked, xy
 
-from bayesdrill.insight.comparison import Contender
-from bayesdrill.insight.overlay import rows
-from bayesdrill.report.comparison_plot import comparison_figure
-from bayesdrill.setup.own_units import SI
+from bayesdrill.analysis.comparison import Contender, overlay_rows
+from bayesdrill.config.job import SI
+from bayesdrill.report.sections.comparison_figure import comparison_figure
 
 
 def models(n: int, unknowns: int, wide: float) -> list[Contender]:
@@ -32,7 +31,7 @@ def models(n: int, unknowns: int, wide: float) -> list[Contender]:
 
 
 def figure(given: list[Contender]) -> Figure:
-    return drawn(comparison_figure(given, rows([one.layer for one in given]), SI))
+    return drawn(comparison_figure(given, overlay_rows([one.layer for one in given]), SI))
 
 
 def test_no_texts_overlap() -> None:

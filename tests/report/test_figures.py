@@ -27,11 +27,11 @@ from pictures import (
 )
 from PIL import Image
 
-from bayesdrill.basics.own_files import FORMATS
 from bayesdrill.basics.symbols import PARAMETERS, Symbol
 from bayesdrill.inference.priors import Uniform
-from bayesdrill.report import style
-from bayesdrill.report.corner_plot import corner_figure
+from bayesdrill.output_files import FORMATS
+from bayesdrill.report import scales, style
+from bayesdrill.report.sections.corner_figure import corner_figure
 
 Array = NDArray[np.float64]
 
@@ -182,8 +182,8 @@ def test_corner_legend_names_contours_and_interval() -> None:
 )
 def test_ticks_are_few_distinct_and_true(middle: float, width: float) -> None:
     low, high = middle - 0.5 * width * abs(middle), middle + 0.5 * width * abs(middle)
-    scale = style.scale(low, high)
-    places, texts = style.ticks(scale.low, scale.high)
+    scale = scales.scale(low, high)
+    places, texts = scales.ticks(scale.low, scale.high)
     assert 2 <= len(places) <= 3
     assert len(set(texts)) == len(texts)
     assert max(map(len, texts)) <= 8
@@ -198,11 +198,11 @@ def test_ticks_are_few_distinct_and_true(middle: float, width: float) -> None:
 
 def test_labels_have_power_unit_and_origin() -> None:
     j_m, r_m = PARAMETERS["j_m"], PARAMETERS["r_m"]
-    assert style.axis_label(j_m, -4) == r"$j_m$ [$10^{-4}\,\mathrm{kg\,m^2}$]"
-    assert style.axis_label(r_m, 0) == r"$r_m$ [$\mathrm{\Omega}$]"
-    assert style.axis_label(j_m, -9, 4e-4).startswith(r"$j_m - 4{\cdot}10^{-4}$ [")
-    assert style.axis_label(Symbol("x", "", "x", "", ""), 0, -63.5) == "$x + 63.5$"
-    assert style.axis_label(Symbol("x", "", "x", "", ""), 0) == "$x$"
+    assert scales.axis_label(j_m, -4) == r"$j_m$ [$10^{-4}\,\mathrm{kg\,m^2}$]"
+    assert scales.axis_label(r_m, 0) == r"$r_m$ [$\mathrm{\Omega}$]"
+    assert scales.axis_label(j_m, -9, 4e-4).startswith(r"$j_m - 4{\cdot}10^{-4}$ [")
+    assert scales.axis_label(Symbol("x", "", "x", "", ""), 0, -63.5) == "$x + 63.5$"
+    assert scales.axis_label(Symbol("x", "", "x", "", ""), 0) == "$x$"
 
 
 # Files

@@ -17,9 +17,9 @@ from pictures import clashes, drawn, si
 import bayesdrill as bd
 from bayesdrill.basics.symbols import Symbol
 from bayesdrill.inference import residual_checks
-from bayesdrill.report import style
-from bayesdrill.report.fit_plot import corners, extremes, fit_figure
-from bayesdrill.report.fitted import TIME, Course, Fit, Signal, every_fit
+from bayesdrill.report import scales
+from bayesdrill.report.sections.fit_figure import corners, extremes, fit_figure
+from bayesdrill.report.sections.fit_words import TIME, Course, Fit, Signal, every_fit
 
 Array = NDArray[np.float64]
 ROOT = Path(__file__).parent.parent.parent
@@ -76,7 +76,7 @@ def test_no_texts_overlap(n_channels: int, n_samples: int) -> None:
         {
             f"{courses} courses in {width} inches": (courses, width)
             for courses in (0, 1, 2)
-            for width in (style.SINGLE, style.DOUBLE)
+            for width in (scales.SINGLE, scales.DOUBLE)
         },
         check,
     )
@@ -194,7 +194,7 @@ def test_times_of_very_many_units_are_in_seconds(
 ) -> None:
     case = bd.load(ROOT / "configs" / "example_rig.yaml")
     problem = case.job.problem
-    monkeypatch.setattr("bayesdrill.setup.own_units.MANY", many)
+    monkeypatch.setattr("bayesdrill.config.job.MANY", many)
     space, likelihood = problem.posterior.space, problem.posterior.likelihood
     at = space.vector(space.start)
     left = residual_checks.left(likelihood, at)

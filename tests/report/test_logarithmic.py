@@ -14,10 +14,9 @@ from pictures import SYMBOLS, TABLE, clashes, drawn, mode_of, posterior, si
 
 from bayesdrill.basics.symbols import PARAMETERS
 from bayesdrill.inference.priors import InUnits, LogUniform, Prior, Uniform, flat_in_logs
-from bayesdrill.report import style
-from bayesdrill.report.corner_plot import corner_figure
-from bayesdrill.report.prior_posterior_plot import prior_posterior_figure
-from bayesdrill.report.ridge_plot import Pair, ridge_figure
+from bayesdrill.report import scales
+from bayesdrill.report.sections.corner_figure import corner_figure
+from bayesdrill.report.sections.parameters_figure import Pair, prior_posterior_figure, ridge_figure
 
 PAIR = (SYMBOLS[0], SYMBOLS[6])  # j_m, flat in its log; k_s, flat itself
 LOW, HIGH = 0.02 * TABLE["j_m"], 50 * TABLE["j_m"]
@@ -118,8 +117,8 @@ def test_a_plain_axis_of_large_numbers_has_no_small_ticks() -> None:
     """Such as deviations of hundreds of per cent, which are no powers of ten."""
 
     def check(size: float) -> None:
-        assert len(style.scale(0.8 * size, size).between) == 0
-        assert len(style.scale(0.8 * size, 4 * size, log=True).between) > 3
+        assert len(scales.scale(0.8 * size, size).between) == 0
+        assert len(scales.scale(0.8 * size, 4 * size, log=True).between) > 3
 
     for_each({str(size): (size,) for size in [380.0, 3e5]}, check)
 
@@ -127,7 +126,7 @@ def test_a_plain_axis_of_large_numbers_has_no_small_ticks() -> None:
 @given(st.floats(-8, 4), st.floats(0.001, 6))
 def test_logarithmic_ticks_are_few_round_and_inside(start: float, decades: float) -> None:
     low = 10.0**start
-    scale = style.scale(low, low * 10.0**decades, log=True)
+    scale = scales.scale(low, low * 10.0**decades, log=True)
     places, texts = scale.ticks(4)
     assert 2 <= len(places) <= 4
     assert len(set(texts)) == len(texts)
@@ -140,8 +139,8 @@ def test_logarithmic_ticks_are_few_round_and_inside(start: float, decades: float
 
 
 def test_an_axis_too_short_to_be_told_from_a_plain_one_is_plain() -> None:
-    assert style.scale(1.0, 1.01, log=True).log
-    assert not style.scale(1.0, 1.0 + 1e-5, log=True).log
+    assert scales.scale(1.0, 1.01, log=True).log
+    assert not scales.scale(1.0, 1.0 + 1e-5, log=True).log
 
 
 def test_a_prior_in_other_units_is_the_same_prior() -> None:

@@ -14,13 +14,12 @@ from matplotlib.figure import Figure
 from pictures import clashes, drawn, posterior
 
 import bayesdrill as bd
-from bayesdrill.insight.overlay import Layer, rows
-from bayesdrill.report import overlay_words, style
-from bayesdrill.report.intervals_plot import intervals_figure
-from bayesdrill.report.overlay_corner_plot import overlay_corner_figure
-from bayesdrill.report.overlay_looks import LOOKS
-from bayesdrill.report.sections import as_markdown, as_text
-from bayesdrill.setup.own_units import SI
+from bayesdrill.analysis.comparison import Layer, overlay_rows
+from bayesdrill.config.job import SI
+from bayesdrill.report import style
+from bayesdrill.report.section import as_markdown, as_text
+from bayesdrill.report.sections import comparison_words
+from bayesdrill.report.sections.overlay_figure import LOOKS, intervals_figure, overlay_corner_figure
 
 CONFIG = Path(__file__).parents[2] / "configs" / "nominal_step.yaml"
 PROBLEM = bd.load(CONFIG).job.problem
@@ -54,13 +53,13 @@ def layers(n_runs: int, unknowns: int) -> list[Layer]:
 @cache
 def corner(n_runs: int, unknowns: int) -> Figure:
     given = layers(n_runs, unknowns)
-    return drawn(overlay_corner_figure(given, rows(given), SI))
+    return drawn(overlay_corner_figure(given, overlay_rows(given), SI))
 
 
 @cache
 def intervals(n_runs: int, unknowns: int) -> Figure:
     given = layers(n_runs, unknowns)
-    return drawn(intervals_figure(given, rows(given), SI))
+    return drawn(intervals_figure(given, overlay_rows(given), SI))
 
 
 def test_no_texts_overlap() -> None:
@@ -91,7 +90,7 @@ def test_runs_are_told_apart_without_colours() -> None:
 
 def test_intervals_stand_where_the_numbers_are_and_gaps_where_none_is() -> None:
     given = layers(3, 4)
-    found = rows(given)
+    found = overlay_rows(given)
     figure = drawn(intervals_figure(given, found, SI))
     for row, panel in zip(found, figure.axes, strict=True):
         bars = [line for line in panel.get_lines() if line.get_marker() == "|"]
@@ -108,7 +107,7 @@ def test_a_run_that_did_not_converge_says_so_in_legend_and_words() -> None:
         texts = [text.get_text() for text in figure.legends[0].get_texts()]
         assert texts[:2] == ["run_with_a_name_0", "run_with_a_name_1 (NOT CONVERGED)"]
     given = layers(2, 3)
-    sections = overlay_words.sections(given, rows(given), SI)
+    sections = comparison_words.overlay_sections(given, overlay_rows(given), SI)
     for text in ("\n".join(as_text(sections)), as_markdown("overlay", sections)):
         assert "run_with_a_name_1: NOT CONVERGED" in text
         assert "the ensembles disagree" in text

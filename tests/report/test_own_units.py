@@ -20,24 +20,24 @@ from oracles import NOMINAL
 from pictures import clashes, drawn, si
 
 import bayesdrill as bd
-from bayesdrill.basics import own_files, units
+from bayesdrill import output_files
+from bayesdrill.analysis.calibration import FIT, Refit, judge_calibration
+from bayesdrill.analysis.identifiability.profile import Profile
+from bayesdrill.basics import units
 from bayesdrill.basics.symbols import latex_unit, unit_product
-from bayesdrill.commands import calibrate, concluding, overlaying
-from bayesdrill.engines.mode import Other
-from bayesdrill.insight.calibration.refit import FIT, Refit
-from bayesdrill.insight.calibration.verdict import judge
-from bayesdrill.insight.identifiability.profile import Profile
-from bayesdrill.report import derived_words, figures, residual_words, tables, words
-from bayesdrill.report.intervals_plot import intervals_figure
-from bayesdrill.report.overlay_corner_plot import overlay_corner_figure
-from bayesdrill.report.overlay_report import OverlayReport
+from bayesdrill.config.job import SI, OwnUnits
+from bayesdrill.report import figures, tables, words
+from bayesdrill.report.comparison_report import OverlayReport
 from bayesdrill.report.publish import TABLES
 from bayesdrill.report.run_report import sections
-from bayesdrill.report.sections import as_markdown
+from bayesdrill.report.section import as_markdown
+from bayesdrill.report.sections import fit_words, physics_words
+from bayesdrill.report.sections.overlay_figure import intervals_figure, overlay_corner_figure
 from bayesdrill.report.view import View
 from bayesdrill.results.run_folder import Folder
 from bayesdrill.rig.models.motor_shaft import MotorShaft
-from bayesdrill.setup.own_units import SI, OwnUnits
+from bayesdrill.sampling.mode_search import Other
+from bayesdrill.tasks import calibrate, comparison, conclusions
 
 T = np.linspace(0.0, 6.0, 121)
 FACTORS = {  # of the case in users' units: how many SI each is
@@ -106,7 +106,7 @@ class Pair:
 def pair() -> Pair:
     run = users().sample()
     own, plain = (
-        concluding.concluded(one.job, run.mode, run.sampled) for one in (users(), usual())
+        conclusions.concluded(one.job, run.mode, run.sampled) for one in (users(), usual())
     )
     return Pair(own, plain)
 
@@ -201,7 +201,7 @@ def test_tables_show_what_was_found_over_the_unit_of_the_user() -> None:
         (
             ("", "unit", "nominal", "mean", "sd", "94 % HDI", "dev. %", "meaning"),
             *(
-                derived_words.table(v.units.rows(v.following), v.derived).lines
+                physics_words.derived_table(v.units.rows(v.following), v.derived).lines
                 for v in (own, plain)
             ),
         ),
@@ -259,7 +259,7 @@ def test_times_are_told_in_the_unit_of_their_column() -> None:
     left = pair().own.left[0]
     far = replace(left, farthest=9.0, rms=1.0, time=0.75, limits=replace(left.limits, most=2.0))
     clock = units.shown("ms", "s")
-    assert "theta_1 9 at 750 ms" in residual_words.sentences([far], clock)
+    assert "theta_1 9 at 750 ms" in fit_words.residual_sentences([far], clock)
 
 
 def test_figures_are_of_the_same_draws_in_these_units() -> None:
@@ -280,9 +280,9 @@ def test_figures_are_of_the_same_draws_in_these_units() -> None:
 def overlaid(first: str, second: str) -> OverlayReport:
     views = {"own": pair().own, "plain": pair().plain}
     jobs = {"own": users().job, "plain": usual().job}
-    shown = overlaying.units([jobs[first], jobs[second]])
+    shown = comparison.overlay_units([jobs[first], jobs[second]])
     layers = [
-        overlaying.layer(name, jobs[name], views[name].mode, views[name].sampled, shown)
+        comparison.overlay_layer(name, jobs[name], views[name].mode, views[name].sampled, shown)
         for name in (first, second)
     ]
     return OverlayReport(tuple(layers), shown)
@@ -336,8 +336,8 @@ def test_a_name_of_two_meanings_is_in_si() -> None:
     """Mutant killed: the unit of a length for an angle of the same name."""
     symbols = [replace(s, unit="rad") if s.name == "d" else s for s in usual().job.problem.symbols]
     other = replace(usual().job, problem=replace(usual().job.problem, symbols=tuple(symbols)))
-    assert overlaying.units([users().job, usual().job]).factor("d") == 1e-3
-    assert overlaying.units([users().job, other]).factor("d") == 1.0
+    assert comparison.overlay_units([users().job, usual().job]).factor("d") == 1e-3
+    assert comparison.overlay_units([users().job, other]).factor("d") == 1.0
 
 
 # --- files for machines --------------------------------------------------------------------------
@@ -355,7 +355,7 @@ def test_files_for_machines_are_si_whatever_the_units_of_the_config() -> None:
                 if numbers(text) and key not in ("unit", "name", "quantity"):
                     assert float(text) == pytest.approx(float(theirs[key]), rel=1e-6, abs=1e-6)
     expected = {s.name: s.unit for s in own.problem.symbols}
-    assert concluding.entries(own)["units"] == expected
+    assert conclusions.entries(own)["units"] == expected
     assert expected["sigma_theta_1"] == "rad"
 
 
@@ -499,11 +499,11 @@ def test_a_calibration_is_drawn_as_large_and_in_the_files_that_the_config_wants(
         Refit(index=k, truth=(0.0,) * 5, ranks=tuple(rng.integers(0, 100, 5).tolist()), **how)
         for k in range(60)
     ]
-    verdict = judge(names, refits, 99)
+    verdict = judge_calibration(names, refits, 99)
     for formats, size in ((["png"], "double"), (["svg"], "single")):
         output = users().job.config.output.model_copy(update={"formats": formats, "size": size})
         config = users().job.config.model_copy(update={"output": output})
-        with Folder(tmp_path, "force", {}, own_files.CALIBRATE) as folder:
+        with Folder(tmp_path, "force", {}, output_files.CALIBRATE) as folder:
             folder.write_run(status="running")
             calibrate._draw(replace(users().job, config=config), folder, verdict)
         (file,) = (tmp_path / "figures").iterdir()

@@ -19,17 +19,18 @@ from oracles import NOMINAL
 from PIL import Image
 
 import bayesdrill as bd
+from bayesdrill import output_files
+from bayesdrill.analysis.diagnostics import Row
 from bayesdrill.api.run import Judged
-from bayesdrill.basics import own_files
 from bayesdrill.basics.symbols import PARAMETERS, Symbol
 from bayesdrill.inference.priors import LogUniform, Uniform
-from bayesdrill.insight.diagnostics import Row
-from bayesdrill.report import latex, marks, provenance_words, publish, style
-from bayesdrill.report.bars import bars
-from bayesdrill.report.html import as_html
+from bayesdrill.report import publish, render, run_report, style
 from bayesdrill.report.map_report import MapReport
+from bayesdrill.report.pages import bars
+from bayesdrill.report.render import as_html
 from bayesdrill.report.run_report import sections
-from bayesdrill.report.sections import (
+from bayesdrill.report.scales import Typesetter, printed
+from bayesdrill.report.section import (
     Bar,
     Mark,
     Marks,
@@ -42,7 +43,6 @@ from bayesdrill.report.sections import (
     as_markdown,
     as_text,
 )
-from bayesdrill.report.typeset import Typesetter, printed
 from bayesdrill.report.view import View
 
 ALONE = frozenset(("meta", "img", "rect", "line", "br"))  # elements without an end
@@ -208,7 +208,7 @@ def test_a_table_is_in_doubt_where_the_fit_is_no_noise() -> None:
     for fits in (True, False):
         verdict = dataclasses.replace(agreeing, fits=fits)
         judged = dataclasses.replace(view.judged, verdict=verdict)
-        mark = marks.of_run(dataclasses.replace(view, judged=judged))[-1]
+        mark = run_report.run_marks(dataclasses.replace(view, judged=judged))[-1]
         said[fits] = (mark.text, mark.tone)
     assert said == {True: ("agrees with tables_2_3", "good"), False: ("verdict in doubt", "doubt")}
 
@@ -243,7 +243,7 @@ def test_nothing_is_good_about_a_run_that_must_not_be_believed(
     the fit alone, or of the sampler.
     """
     view = made()
-    assert [(one.text, one.tone) for one in marks.of_run(view)] == [
+    assert [(one.text, one.tone) for one in run_report.run_marks(view)] == [
         (shown[0], "bad"),
         (shown[1], "plain"),
     ]
@@ -383,7 +383,7 @@ def test_a_page_shows_the_format_that_it_can(tmp_path_factory: pytest.TempPathFa
     def check(formats: tuple[str, ...]) -> None:
         tmp_path = tmp_path_factory.mktemp("case")
         style.save(Figure(figsize=(3.4, 1.7)), tmp_path, "fit", {}, formats=formats)
-        one = Picture("fit", "a fit", own_files.shown(formats))
+        one = Picture("fit", "a fit", output_files.shown_path(formats))
         (text,) = as_markdown("t", [Section("", (one,))]).splitlines()[-1:]
         html = page(Section("s", (one,)), figures=tmp_path)
         if formats == ("pdf",):
@@ -445,7 +445,7 @@ def test_the_latex_table_has_the_numbers_to_two_digits_of_the_sd() -> None:
         values = {name: getattr(ROW, name) * scale for name in names} | {"sd": sd * abs(scale)}
         if scale < 0:
             values["hdi_low"], values["hdi_high"] = values["hdi_high"], values["hdi_low"]
-        text = latex.table([dataclasses.replace(ROW, **values)], [PARAMETERS["k_s"]])
+        text = render.latex_table([dataclasses.replace(ROW, **values)], [PARAMETERS["k_s"]])
         (line,) = (line for line in text.splitlines() if line.startswith("$k_s$"))
         power = re.search(r"10\^\{(-?\d+)\}", line)
         ten = 10.0 ** int(power[1]) if power else 1.0
@@ -465,6 +465,6 @@ def test_the_latex_table_has_the_numbers_to_two_digits_of_the_sd() -> None:
 
 
 def test_provenance_names_seed_versions_record_and_digests(saved: Path) -> None:
-    said = as_markdown("t", [provenance_words.section(run()._view, saved)])
+    said = as_markdown("t", [run_report.provenance_section(run()._view, saved)])
     for word in ("| seed | 3 |", "numpy 2", "161 samples", "`chain.h5` ", "sampler:"):
         assert word in said, word

@@ -13,14 +13,13 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from pictures import SYMBOLS, clashes, drawn
 
-from bayesdrill.insight.calibration.bands import ecdf_band
-from bayesdrill.insight.ensemble_ranks import ranks
-from bayesdrill.insight.predictive import Check
+from bayesdrill.analysis.calibration import ecdf_band
+from bayesdrill.analysis.diagnostics import ranks
+from bayesdrill.analysis.prediction import Check
 from bayesdrill.record.experiment import Channel
 from bayesdrill.report import figures, style
-from bayesdrill.report.autocorrelation_plot import autocorrelation_figure
-from bayesdrill.report.predictive_plot import predictive_figure
-from bayesdrill.report.rank_plot import rank_figure
+from bayesdrill.report.sections.convergence_figure import autocorrelation_figure, rank_figure
+from bayesdrill.report.sections.fit_figure import predictive_figure
 
 Array = NDArray[np.float64]
 

@@ -18,17 +18,17 @@ from pictures import clashes, drawn, si
 from rubbing import Rig, simulate
 
 import bayesdrill as bd
-from bayesdrill.basics.own_files import POSTERIOR
-from bayesdrill.inference.pieces import StepError
-from bayesdrill.insight.energy import AT_START, CONVERTED, STORED, accounts
-from bayesdrill.report import energy_words, step_words, style
-from bayesdrill.report.energy_plot import energy_figure, looks
+from bayesdrill.analysis.energy import AT_START, CONVERTED, STORED, accounts
+from bayesdrill.inference.step_error import StepError
+from bayesdrill.output_files import POSTERIOR
+from bayesdrill.report import scales, style
 from bayesdrill.report.figures import drawings
-from bayesdrill.report.fit_plot import fit_figure
-from bayesdrill.report.friction_plot import friction_figure
-from bayesdrill.report.rubbed import Law
 from bayesdrill.report.run_report import sections
-from bayesdrill.report.sections import as_markdown
+from bayesdrill.report.section import as_markdown
+from bayesdrill.report.sections import physics_words, verdict_words
+from bayesdrill.report.sections.fit_figure import fit_figure
+from bayesdrill.report.sections.physics_figure import energy_figure, friction_figure, looks
+from bayesdrill.report.sections.physics_words import Law
 from bayesdrill.report.view import View
 
 T = 0.04 * np.arange(250)
@@ -65,7 +65,7 @@ def view() -> View:
     return case().sample(processes=1)._view
 
 
-def figure(name: str, width: float = style.DOUBLE) -> Figure:
+def figure(name: str, width: float = scales.DOUBLE) -> Figure:
     (one,) = drawings(name, view()).values()
     return drawn(one.figure(one.arguments[0], width))
 
@@ -79,7 +79,7 @@ def test_no_texts_overlap() -> None:
     for_each(
         {
             f"{width} {name}": (width, name)
-            for width in [style.SINGLE, style.DOUBLE]
+            for width in [scales.SINGLE, scales.DOUBLE]
             for name in ["fit", "friction", "energy"]
         },
         check,
@@ -211,7 +211,7 @@ def test_a_rig_that_runs_down_brings_its_energy() -> None:
     # A motor whose terminals are at no voltage brakes, and its k_T over k_e brakes more.
     assert {*account.came} == {AT_START}
     assert account.parts[0].sd is None
-    table = energy_words.table(account, view().problem.model)
+    table = physics_words.energy_table(account, view().problem.model)
     assert table.heads == ("", "", "J", "share")
     assert table.lines[0][:2] == ("in", "stored at the start")
 
@@ -238,7 +238,7 @@ def test_parts_are_told_apart_in_grey() -> None:
     many = dataclasses.replace(
         one.arguments[0], parts=one.arguments[0].parts * 2, sources="supply, stored at the start"
     )
-    assert list(clashes(drawn(energy_figure(many, style.SINGLE)))) == []
+    assert list(clashes(drawn(energy_figure(many, scales.SINGLE)))) == []
 
 
 def test_the_report_has_a_table_of_it() -> None:
@@ -246,7 +246,7 @@ def test_the_report_has_a_table_of_it() -> None:
     assert "## Where the energy goes" in text
     assert "| out | friction at rotor 1 | " in text
     assert "k_T is not k_e" in text
-    (data,) = energy_words.as_data(view().accounts)
+    (data,) = physics_words.energy_data(view().accounts)
     assert list(data["in"]) == ["conversion", "v"] or list(data["in"]) == ["v", "conversion"]
     assert data["out"]["friction_1"]["share"] > 0.1
     assert json.loads(json.dumps(data)) == data
@@ -254,10 +254,10 @@ def test_the_report_has_a_table_of_it() -> None:
 
 def test_what_does_not_close_is_said() -> None:
     (account,) = view().accounts
-    assert "is in neither" not in energy_words.note(
+    assert "is in neither" not in physics_words.energy_note(
         dataclasses.replace(account, left=1e-4), view().problem.model
     )
-    assert "but 1.2 % of it is in neither" in energy_words.note(
+    assert "but 1.2 % of it is in neither" in physics_words.energy_note(
         dataclasses.replace(account, left=0.012), view().problem.model
     )
 
@@ -267,18 +267,18 @@ def test_what_does_not_close_is_said() -> None:
 
 def test_steps_that_are_enough_and_steps_that_are_not() -> None:
     fine = StepError(label="", channels=("w_1", "alpha"), pieces=2, errors=(0.03, 0.004))
-    said = step_words.sentences([fine])
+    said = verdict_words.step_sentences([fine])
     assert said == (
         "steps: 2 steps to a sample; 16 times as many would move samples by at most 0.03 of the noise "
         "(w_1 0.03, alpha 0.004), which does no harm"
     )
     few = StepError(label="slow", channels=("w_1",), pieces=1, errors=(0.45,))
-    said = step_words.sentences([few])
+    said = verdict_words.step_sentences([few])
     assert said.startswith("steps: TOO FEW: one step to a sample in slow; ")
     assert said.endswith("say `model: {pieces: 8}`")
-    assert step_words.wanted(dataclasses.replace(few, pieces=3, errors=(0.11,))) == 6
-    assert step_words.sentences(()) == ""
-    (data,) = step_words.as_data([few])
+    assert verdict_words.steps_wanted(dataclasses.replace(few, pieces=3, errors=(0.11,))) == 6
+    assert verdict_words.step_sentences(()) == ""
+    (data,) = verdict_words.step_data([few])
     assert data == {"experiment": "slow", "pieces": 1, "over_sigma": {"w_1": 0.45}}
 
 

@@ -12,24 +12,21 @@ from matplotlib.figure import Figure
 from pictures import SIGMAS, SYMBOLS, TABLE, clashes, drawn, mode_of, posterior, prior_of, shown, si
 from verdicts import PRIOR_SD, linear_study
 
+from bayesdrill.analysis.calibration import FIT, Refit, judge_calibration
+from bayesdrill.analysis.identifiability.profile import Profile
 from bayesdrill.basics.symbols import PARAMETERS, Symbol
 from bayesdrill.inference.priors import LogUniform, Prior
-from bayesdrill.insight.calibration.refit import FIT, Refit
-from bayesdrill.insight.calibration.verdict import judge
-from bayesdrill.insight.identifiability.profile import Profile
-from bayesdrill.report import style
-from bayesdrill.report.calibration_plot import calibration_figure
-from bayesdrill.report.corner_plot import corner_figure
-from bayesdrill.report.prior_posterior_plot import prior_posterior_figure
-from bayesdrill.report.profile_plot import profile_figure
-from bayesdrill.report.ridge_plot import Pair, ridge_figure
-from bayesdrill.report.spectrum_plot import spectrum_figure
-from bayesdrill.report.trace_plot import trace_figure
-from bayesdrill.report.warning_strip import warned
+from bayesdrill.report import scales
+from bayesdrill.report.sections.calibration_figure import calibration_figure
+from bayesdrill.report.sections.convergence_figure import trace_figure
+from bayesdrill.report.sections.corner_figure import corner_figure
+from bayesdrill.report.sections.identify_figure import profile_figure, spectrum_figure
+from bayesdrill.report.sections.parameters_figure import Pair, prior_posterior_figure, ridge_figure
+from bayesdrill.report.style import warned
 
 LOGS = {"c_m", "sigma_w_1", "sigma_i"}
 SIZES = {**TABLE, **{f"sigma_{name}": size for name, size in SIGMAS.items()}}
-WIDTHS = (style.SINGLE, style.DOUBLE)
+WIDTHS = (scales.SINGLE, scales.DOUBLE)
 QUICK, SLOW = (1, 2, 3, 9), (4, 10, 13)
 GROUPS = [
     pytest.param(QUICK, id="quick"),
@@ -77,7 +74,7 @@ def test_a_corner_is_as_wide_as_said_and_readable(many: tuple[int, ...]) -> None
 
 def test_each_axis_of_small_panels_says_its_ends() -> None:
     """Mutant killed: ends in the numbers of the log."""
-    figure = drawn_corner(9, style.SINGLE)
+    figure = drawn_corner(9, scales.SINGLE)
     below = [panel.get_xlabel().split("\n") for panel in figure.axes[-9:]]
     assert all(len(lines) == 2 and " to " in lines[1] for lines in below)
     low, high = (float(end) for end in below[1][1].split(" to "))
@@ -121,7 +118,7 @@ def test_profiles_and_calibrations_are_as_wide_as_said(many: tuple[int, ...]) ->
         ranks = np.random.default_rng(n).integers(0, 100, (60, n + 1))
         refits = [refit(k, tuple(map(int, row))) for k, row in enumerate(ranks)]
         calibration = drawn(
-            calibration_figure(judge(names, refits, 99), [*symbols.values()], inches)
+            calibration_figure(judge_calibration(names, refits, 99), [*symbols.values()], inches)
         )
         for figure in (profiles, calibration):
             assert list(clashes(figure)) == []

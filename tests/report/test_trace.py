@@ -12,8 +12,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from pictures import SYMBOLS, TABLE, clashes, drawn, mode_of, posterior, si
 
-from bayesdrill.report import style
-from bayesdrill.report.trace_plot import STRETCHES, trace_figure
+from bayesdrill.report import scales
+from bayesdrill.report.sections.convergence_figure import STRETCHES, trace_figure
 
 
 def theta_of(width: float | None = None, n: int = 9) -> np.ndarray:
@@ -23,7 +23,7 @@ def theta_of(width: float | None = None, n: int = 9) -> np.ndarray:
 def case(
     width: float | None = None,
     n: int = 9,
-    inches: float = style.DOUBLE,
+    inches: float = scales.DOUBLE,
     logs: tuple[str, ...] = (),
 ) -> Figure:
     theta = theta_of(width, n)
@@ -31,7 +31,7 @@ def case(
     return drawn(trace_figure(theta, SYMBOLS[:n], 70, TABLE, mode, logs, inches))
 
 
-@pytest.mark.parametrize("inches", [style.SINGLE, style.DOUBLE])
+@pytest.mark.parametrize("inches", [scales.SINGLE, scales.DOUBLE])
 @pytest.mark.parametrize(
     ("n", "width"),
     [

@@ -8,11 +8,15 @@ from grouping import for_each
 from pictures import SYMBOLS, TABLE, clashes, drawn, mode_of, posterior, prior_of
 from verdicts import NAMES, gaussian, verdict
 
+from bayesdrill.analysis.identifiability.structure import Structure
 from bayesdrill.basics.symbols import PARAMETERS, product_latex
-from bayesdrill.insight.identifiability.structure import Structure
-from bayesdrill.report.invariants_plot import invariants_figure
-from bayesdrill.report.prior_posterior_plot import prior_posterior_figure
-from bayesdrill.report.ridge_plot import Pair, ridge_figure, strongest_pair
+from bayesdrill.report.sections.parameters_figure import (
+    Pair,
+    invariants_figure,
+    prior_posterior_figure,
+    ridge_figure,
+    strongest_pair,
+)
 
 ALL = SYMBOLS
 PRIORS = {symbol.name: prior_of(symbol) for symbol in ALL}

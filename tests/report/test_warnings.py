@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 from grouping import for_each
 
-from bayesdrill.engines.mode import Mode, Other
+from bayesdrill.config.job import OwnUnits
 from bayesdrill.inference.residual_checks import Left, Limits
 from bayesdrill.report import words
-from bayesdrill.setup.own_units import OwnUnits
+from bayesdrill.sampling.mode_search import Mode, Other
 
 LIMITS = Limits(least=0.95, most=1.05, correlation=0.06, farthest=4.5)
 WHITE = Left(

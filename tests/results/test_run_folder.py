@@ -10,9 +10,9 @@ import pytest
 
 from bayesdrill.basics import seeds
 from bayesdrill.basics.errors import InputError
-from bayesdrill.basics.own_files import POSTERIOR
-from bayesdrill.engines.samplers.ensemble import Piece, State
+from bayesdrill.output_files import POSTERIOR
 from bayesdrill.results.run_folder import Folder, read_chain
+from bayesdrill.sampling.samplers.ensemble import Piece, State
 
 
 @pytest.fixture

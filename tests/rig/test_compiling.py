@@ -15,7 +15,7 @@ from rigs import vector
 from bayesdrill.rig.kernels import compile_kernels
 from bayesdrill.rig.kernels.compiling import machine_code
 from bayesdrill.rig.models.motor_shaft import MotorShaft
-from bayesdrill.rig.response import Response, layout
+from bayesdrill.rig.simulators.exact import Response, layout
 
 MANY = 20
 

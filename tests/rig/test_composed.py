@@ -20,15 +20,13 @@ from rigs import STATES, experiment
 
 from bayesdrill.rig.kernels.exponential import emit_exponential
 from bayesdrill.rig.kernels.recurrence import emit_response
-from bayesdrill.rig.kernels.tally import SQUARES
-from bayesdrill.rig.measured import Measured
+from bayesdrill.rig.kernels.sums import SQUARES
 from bayesdrill.rig.models import composed
-from bayesdrill.rig.models.linear import Linear, Model, dynamics
-from bayesdrill.rig.models.motor_shaft import OFFERS, MotorShaft
-from bayesdrill.rig.models.tangent import DOT, Tangent
-from bayesdrill.rig.models.two_rotors import TwoRotors
-from bayesdrill.rig.response import Response, layout
-from bayesdrill.rig.sensing import Sensing, wired
+from bayesdrill.rig.models.linear import DOT, Linear, Model, Tangent, dynamics
+from bayesdrill.rig.models.motor_shaft import OFFERS, MotorShaft, TwoRotors
+from bayesdrill.rig.simulators.exact import Response, layout
+from bayesdrill.rig.simulators.irregular import Measured
+from bayesdrill.rig.simulators.sensors import Sensing, wired
 
 I_M = 0.2
 MORE = {

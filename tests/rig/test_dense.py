@@ -11,12 +11,10 @@ from grouping import for_each
 from oracles import NOMINAL, ORDER
 from rigs import STATES, experiment, vector
 
-from bayesdrill.rig.dense import Dense
-from bayesdrill.rig.models.linear import Linear, Model
-from bayesdrill.rig.models.motor_shaft import MotorShaft
-from bayesdrill.rig.models.tangent import Tangent
-from bayesdrill.rig.models.two_rotors import TwoRotors
-from bayesdrill.rig.response import Response
+from bayesdrill.rig.models.linear import Linear, Model, Tangent
+from bayesdrill.rig.models.motor_shaft import MotorShaft, TwoRotors
+from bayesdrill.rig.simulators.exact import Response
+from bayesdrill.rig.simulators.irregular import Dense
 
 LONG = np.longdouble
 W, STEP = 9, 0.01

@@ -12,12 +12,12 @@ from grouping import for_each
 from rigs import experiment
 from scipy.integrate import solve_ivp
 
-from bayesdrill.record import angles
+from bayesdrill.record import anomalies
 from bayesdrill.record.experiment import Experiment
-from bayesdrill.rig.choosing import simulator
 from bayesdrill.rig.models.composed import with_named
 from bayesdrill.rig.models.driven_shaft import DrivenShaft
-from bayesdrill.rig.sensing import Sensing
+from bayesdrill.rig.simulators import simulator
+from bayesdrill.rig.simulators.sensors import Sensing
 
 P = {"k_s": 4.3, "j_1": 8.1e-3, "c_s": 0.021, "c_1": 0.034}
 ROCK = {"b_0": 2.1e-3, "b_1": 1.7, "b_2": 5.5, "b_3": 3.9}
@@ -105,7 +105,7 @@ def test_an_angle_straight_between_samples_is_a_speed_that_is_held() -> None:
         out.append(there.y[:, -1])
     rig, theta = shaft()
     load = np.interp(T + 0.5 * DT, T, LOAD)
-    one = measured(w_2=angles.held_speeds(angle, T), t_1=load)
+    one = measured(w_2=anomalies.held_speeds(angle, T), t_1=load)
     found = simulator(rig, one, Sensing()).signals(theta)[0]
     assert found[:, [0, 2]] == pytest.approx(np.array(out), abs=2e-8)
     assert found[:, 1] == pytest.approx(angle, rel=1e-12)

@@ -18,10 +18,9 @@ from bayesdrill.rig.models.driven_shaft import DrivenShaft
 from bayesdrill.rig.models.linear import Linear
 from bayesdrill.rig.models.long_shaft import LongShaft
 from bayesdrill.rig.models.motor import Motor
-from bayesdrill.rig.models.motor_shaft import MotorShaft
-from bayesdrill.rig.models.two_rotors import TwoRotors
-from bayesdrill.rig.sensing import Sensing
-from bayesdrill.rig.stepped import Stepped
+from bayesdrill.rig.models.motor_shaft import MotorShaft, TwoRotors
+from bayesdrill.rig.simulators.sensors import Sensing
+from bayesdrill.rig.simulators.stepped import Stepped
 
 T = 0.01 * np.arange(401)
 SENSING = Sensing(input_gains={"v": "g"}, input_offsets={"v": "o"}, input_lags={"v": "l"})

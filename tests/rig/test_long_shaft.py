@@ -9,12 +9,12 @@ from rigs import experiment
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
-from bayesdrill.rig.choosing import simulator
 from bayesdrill.rig.models.composed import with_named
 from bayesdrill.rig.models.linear import dynamics
 from bayesdrill.rig.models.long_shaft import LongShaft
 from bayesdrill.rig.models.motor_shaft import MotorShaft
-from bayesdrill.rig.sensing import Sensing
+from bayesdrill.rig.simulators import simulator
+from bayesdrill.rig.simulators.sensors import Sensing
 
 # The paper's shaft: steel, 2.4 m of 3 mm.
 LENGTH, DIAMETER, MODULUS, DENSITY = 2.4, 3e-3, 80e9, 7850.0

@@ -11,12 +11,12 @@ from oracles import NOMINAL
 from rigs import experiment, vector
 
 from bayesdrill.record.experiment import Experiment
-from bayesdrill.rig import steady
-from bayesdrill.rig.choosing import simulator
-from bayesdrill.rig.measured import Measured
+from bayesdrill.rig import steady_state
 from bayesdrill.rig.models.motor_shaft import MotorShaft
-from bayesdrill.rig.response import Response
-from bayesdrill.rig.sensing import Sensing
+from bayesdrill.rig.simulators import simulator
+from bayesdrill.rig.simulators.exact import Response
+from bayesdrill.rig.simulators.irregular import Measured
+from bayesdrill.rig.simulators.sensors import Sensing
 
 THETA = vector(NOMINAL) * np.linspace(0.85, 1.2, 9)
 MEASURES = {"alpha": {"theta_1": 1.0, "theta_2": -1.0}, "w_2": {"w_2": 8.0}, "i": {"i": 1.0}}
@@ -125,7 +125,7 @@ def test_a_steady_start_stays_steady() -> None:
 def test_a_rig_that_never_comes_to_rest_has_no_steady_state() -> None:
     """A torque on a rotor without friction; with friction it turns at torque over friction."""
     free = np.array([[[0.0, 1.0], [0.0, 0.0]], [[0.0, 1.0], [0.0, -0.5]]])
-    found = steady.states(free, np.array([[0.0, 3.0], [0.0, 3.0]]), [0])
+    found = steady_state.states(free, np.array([[0.0, 3.0], [0.0, 3.0]]), [0])
     assert np.isnan(found[0, 1])
     assert found[1] == pytest.approx([0.0, 6.0])
 

@@ -19,12 +19,12 @@ from oracles import skewed
 from rigs import experiment, vector
 
 from bayesdrill.record.experiment import Experiment
-from bayesdrill.rig.filtered import Filtered, steps_of
-from bayesdrill.rig.missing_torque import At, MissingTorque, Smoothness, pushes
 from bayesdrill.rig.models import MODELS
 from bayesdrill.rig.models.driven_shaft import DrivenShaft
+from bayesdrill.rig.models.latent_torque import At, MissingTorque, Smoothness, pushes
 from bayesdrill.rig.models.motor_shaft import MotorShaft
-from bayesdrill.rig.response import Response
+from bayesdrill.rig.simulators.exact import Response
+from bayesdrill.rig.simulators.kalman import Filtered, steps_of
 
 Array = NDArray[np.float64]
 
@@ -75,7 +75,7 @@ def test_the_likelihood_is_that_of_all_samples_together() -> None:
         seen = Response(MotorShaft(), dataclasses.replace(one, y=clean + left))
         found, of, rows = made(at, smooth, one)
         truth = shaken.log_density(left, shaken.covariance(of, rows, SIGMAS, one.t, 0.0))
-        ours = found.log_density(*told(9), seen)
+        ours = found.log_density(*told(9), seen.record)
         assert ours.sum(axis=1) == pytest.approx(np.full(9, truth), abs=1e-8)
         assert density(found, left) == pytest.approx(truth, abs=1e-8)
         plain = shaken.filtered(of, rows, SIGMAS, left, 0.02)
@@ -115,7 +115,7 @@ def test_a_start_before_the_first_sample_of_even_times() -> None:
         found, of, rows = made("rotor_1", "3/2", one)
         sigmas = SIGMAS[: len(measures)]
         truth = shaken.log_density(left, shaken.covariance(of, rows, sigmas, one.t, 0.0))
-        ours = found.log_density(told()[0], sigmas[None], seen)
+        ours = found.log_density(told()[0], sigmas[None], seen.record)
         assert ours.sum() == pytest.approx(truth, abs=1e-8)
 
     for_each({str(measures): (measures,) for measures in cases}, check)
@@ -131,7 +131,7 @@ def test_of_any_number_of_samples() -> None:
         seen = Response(MotorShaft(), dataclasses.replace(one, y=clean + left))
         found, of, rows = made("rotor_1", "3/2", one)
         truth = shaken.log_density(left, shaken.covariance(of, rows, SIGMAS, one.t, 0.0))
-        assert found.log_density(*told(), seen).sum() == pytest.approx(truth, abs=1e-8)
+        assert found.log_density(*told(), seen.record).sum() == pytest.approx(truth, abs=1e-8)
 
     for_each({str(n): (n,) for n in [2, 3, 5, 8, 13, 64, 65, 127]}, check)
 
@@ -172,7 +172,7 @@ def test_one_gain_is_as_good_as_all_of_them() -> None:
         seen = Response(MotorShaft(), dataclasses.replace(one, y=clean + left))
         white, variances = found.whiten(row, sigmas, left[None])
         truth = -0.5 * (np.log(2 * np.pi * variances) + white**2).sum()
-        assert found.log_density(row, sigmas, seen).sum() == pytest.approx(truth, abs=1e-7)
+        assert found.log_density(row, sigmas, seen.record).sum() == pytest.approx(truth, abs=1e-7)
 
     for_each(
         {
@@ -269,7 +269,7 @@ def test_a_rig_that_an_angle_holds_is_not_taken_for_one_that_turns() -> None:
         seen = Response(rig, dataclasses.replace(one, y=clean + left))
         white, variances = found.whiten(row, sigmas, left[None])
         truth = -0.5 * (np.log(2 * np.pi * variances) + white**2).sum()
-        assert found.log_density(row, sigmas, seen).sum() == pytest.approx(truth, abs=1e-8)
+        assert found.log_density(row, sigmas, seen.record).sum() == pytest.approx(truth, abs=1e-8)
 
     for_each({str(measures): (measures,) for measures in [MEASURES, {"w_2": {"w_2": 1.0}}]}, check)
 
@@ -281,7 +281,7 @@ def test_a_walker_whose_numbers_overflow_spoils_no_other() -> None:
     rows[2, 7] = 1e-300
     seen = Response(MotorShaft(), one)
     with np.errstate(all="ignore"):
-        values = found.log_density(rows, sigmas, seen)
+        values = found.log_density(rows, sigmas, seen.record)
     assert np.isnan(values[2]).any()
     assert np.isfinite(values[[0, 1, 3, 4]]).all()
     assert (values[0] == values[4]).all()

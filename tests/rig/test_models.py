@@ -12,16 +12,16 @@ from oracles import NOMINAL, skewed
 from rigs import STATES, experiment, vector
 
 from bayesdrill.basics.errors import InputError
-from bayesdrill.insight import derived
-from bayesdrill.paper.as_printed import AsPrinted
-from bayesdrill.paper.studies.trapezoid import six_states
+from bayesdrill.config import loading
+from bayesdrill.config.resolve import assembly
+from bayesdrill.config.schema.config import Config
+from bayesdrill.inference import derived
+from bayesdrill.paper.forward import six_states
+from bayesdrill.paper.plugins import AsPrinted
 from bayesdrill.rig.models import MODELS
 from bayesdrill.rig.models.linear import Linear, Model
-from bayesdrill.rig.models.motor_shaft import MotorShaft
-from bayesdrill.rig.models.two_rotors import TwoRotors
-from bayesdrill.rig.response import Response
-from bayesdrill.setup import build, loading
-from bayesdrill.setup.config import Config
+from bayesdrill.rig.models.motor_shaft import MotorShaft, TwoRotors
+from bayesdrill.rig.simulators.exact import Response
 
 ROOT = Path(__file__).parents[2]
 I_M, J_2, R_S = 0.2, 7.3e-3, 0.21
@@ -195,7 +195,7 @@ def test_a_config_gives_a_model_its_constants(tmp_path_factory: pytest.TempPathF
 
     def check(text: str, model: Model) -> None:
         tmp_path = tmp_path_factory.mktemp("case")
-        assert build.model(load(tmp_path, text)) == model
+        assert assembly.model(load(tmp_path, text)) == model
 
     for_each({case[0]: case for case in cases}, check)
 

@@ -12,12 +12,12 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
 from bayesdrill.record.experiment import Experiment
-from bayesdrill.rig.choosing import simulator
 from bayesdrill.rig.models.composed import lacking, with_named
 from bayesdrill.rig.models.linear import dynamics
 from bayesdrill.rig.models.motor import Motor
 from bayesdrill.rig.models.motor_shaft import MotorShaft
-from bayesdrill.rig.sensing import Sensing
+from bayesdrill.rig.simulators import simulator
+from bayesdrill.rig.simulators.sensors import Sensing
 
 P = {"j_m": 1.4e-4, "c_m": 9.3e-5, "t_f": 0.037}
 CIRCUIT = {"k_e": 0.061, "k_T": 0.057, "r_m": 0.41, "l_m": 9e-4}

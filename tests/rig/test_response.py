@@ -20,9 +20,9 @@ from oracles import (
 )
 from rigs import STATES, experiment, vector
 
-from bayesdrill.paper.studies.trapezoid import six_states
+from bayesdrill.paper.forward import six_states
 from bayesdrill.rig.models.motor_shaft import MotorShaft
-from bayesdrill.rig.response import Response
+from bayesdrill.rig.simulators.exact import Response
 
 START = {"theta_1": 0.7, "theta_2": -0.4, "w_1": 1.3, "w_2": -2.1, "i": 0.6}
 X0 = np.array([START[name] for name in STATES])

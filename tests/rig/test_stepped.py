@@ -12,11 +12,11 @@ from rubbing import RUBS
 from rubbing_cases import CASES, Case, moved, moved_of
 from stepping import experiment_of, model_of, parameters, states, stepped
 
-from bayesdrill.rig.choosing import simulator
 from bayesdrill.rig.models.motor_shaft import MotorShaft
-from bayesdrill.rig.response import Response
-from bayesdrill.rig.sensing import Sensing
-from bayesdrill.rig.stepped import TURNS, Stepped
+from bayesdrill.rig.simulators import simulator
+from bayesdrill.rig.simulators.exact import Response
+from bayesdrill.rig.simulators.sensors import Sensing
+from bayesdrill.rig.simulators.stepped import TURNS, Stepped
 
 W_1, W_2 = 2, 3
 QUICK = ("stick slip", "falling", "sine", "other")

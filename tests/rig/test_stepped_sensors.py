@@ -13,8 +13,8 @@ from rubbing_cases import CASES, Case, moved, moved_of
 from stepping import experiment_of, model_of, parameters, stepped
 
 from bayesdrill.rig.models.motor_shaft import MotorShaft
-from bayesdrill.rig.sensing import Sensing
-from bayesdrill.rig.stepped import Stepped
+from bayesdrill.rig.simulators.sensors import Sensing
+from bayesdrill.rig.simulators.stepped import Stepped
 
 MEASURES = {"alpha": {"theta_1": 1.0, "theta_2": -1.0}, "w_1": {"w_1": 1.0}, "w_2": {"w_2": 8.0}}
 UNEVEN = ("reversing", "static", "other")

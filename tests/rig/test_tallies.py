@@ -19,11 +19,11 @@ from scipy.special import log_ndtr
 from stepping import experiment_of, parameters, stepped
 
 from bayesdrill.record.experiment import Experiment
-from bayesdrill.rig.measured import Measured
 from bayesdrill.rig.models.motor_shaft import MotorShaft
-from bayesdrill.rig.response import Response
-from bayesdrill.rig.sensing import Sensing
-from bayesdrill.rig.simulator import Simulator
+from bayesdrill.rig.simulators.contract import Simulator
+from bayesdrill.rig.simulators.exact import Response
+from bayesdrill.rig.simulators.irregular import Measured
+from bayesdrill.rig.simulators.sensors import Sensing
 
 W = 11
 MEASURES = {"alpha": {"theta_1": 1.0, "theta_2": -1.0}, "w_2": {"w_2": 8.0}, "i": {"i": 1.0}}

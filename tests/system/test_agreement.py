@@ -14,11 +14,12 @@ from arviz_stats.base import array_stats
 
 from bayesdrill.basics import seeds
 from bayesdrill.basics.progress import Silent
-from bayesdrill.commands import pipeline
-from bayesdrill.engines.convergence import autocorrelation_time
-from bayesdrill.engines.samplers.ensemble import State, advance
+from bayesdrill.config.job import prepare
 from bayesdrill.inference import laplace
 from bayesdrill.inference.posterior import Posterior
+from bayesdrill.sampling.convergence import autocorrelation_time
+from bayesdrill.sampling.samplers.ensemble import State, advance
+from bayesdrill.tasks import pipeline
 
 CONFIG = Path(__file__).parents[2] / "configs" / "nominal_step.yaml"
 WALKERS = 128
@@ -87,7 +88,7 @@ def long_run(posterior: Posterior, start: np.ndarray, ensemble: int) -> np.ndarr
 @pytest.mark.slow
 def test_agrees_with_a_long_run_in_other_coordinates(tmp_path: Path) -> None:
     """Every mean and quartile within 4 MCSE, every sd within 5 %."""
-    job = pipeline.prepare(CONFIG)
+    job = prepare(CONFIG)
     ours = pipeline.posterior(job, tmp_path / "run", "fresh", 2, Silent())
     c = ours.sampled.convergence
     assert c.converged

@@ -8,18 +8,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from bayesdrill.analysis.identifiability import information
+from bayesdrill.analysis.identifiability.information import Scenery
+from bayesdrill.analysis.identifiability.profile import Fitter
 from bayesdrill.basics import seeds
 from bayesdrill.basics.progress import Silent
-from bayesdrill.commands import concluding, pipeline
-from bayesdrill.commands.pipeline import Job
-from bayesdrill.engines import sampling
-from bayesdrill.engines.shelf import Memory
-from bayesdrill.engines.workers import Crew
-from bayesdrill.insight.identifiability import information
-from bayesdrill.insight.identifiability.profile import Fitter
-from bayesdrill.insight.identifiability.scenes import Scenery
-from bayesdrill.setup import loading
-from bayesdrill.setup.config import Config
+from bayesdrill.config import loading
+from bayesdrill.config.job import Job, assemble
+from bayesdrill.config.schema.config import Config
+from bayesdrill.sampling import ensembles
+from bayesdrill.sampling.ensembles import Memory
+from bayesdrill.sampling.workers import Crew
+from bayesdrill.tasks import conclusions
 
 CONFIG = Path(__file__).parents[2] / "configs" / "nominal_step.yaml"
 SIGMA = 1e-3
@@ -37,13 +37,13 @@ def job(tmp_path_factory: pytest.TempPathFactory) -> Job:
             entries["parameters"][name] = "nominal"
     for channel in entries["record"]["channels"].values():
         channel["sigma"] = SIGMA
-    from bayesdrill.setup import simulating
+    from bayesdrill.config.records import simulation
 
     changed = Config.model_validate(entries)
     record = tmp_path_factory.mktemp("record") / "record.csv"
-    record.write_text(simulating.simulate(changed, source, 11))
+    record.write_text(simulation.simulate(changed, source, 11))
     entries["record"]["file"] = str(record)
-    return pipeline.assemble(Config.model_validate(entries), source)
+    return assemble(Config.model_validate(entries), source)
 
 
 def bounds_at_nominal(job: Job) -> np.ndarray:
@@ -59,8 +59,8 @@ def test_bounds_are_the_posteriors_spread(job: Job) -> None:
     posterior = job.problem.posterior
     start = posterior.space.vector(job.problem.nominal)
     with Crew(posterior, 1) as crew:
-        plan = concluding.plan(job.config)
-        sampled = sampling.sample(crew, posterior, start[None], plan, Memory(), Silent())
+        plan = conclusions.plan(job.config)
+        sampled = ensembles.sample(crew, posterior, start[None], plan, Memory(), Silent())
     assert sampled.convergence.converged
     spread = np.log(sampled.draws.reshape(-1, len(TWO))).std(axis=0)
     assert np.allclose(spread, bounds_at_nominal(job), rtol=0.1)

@@ -22,16 +22,14 @@ import systems
 from calibrations import with_misfit
 from together import together
 
-from bayesdrill.basics import own_files
+from bayesdrill import output_files
+from bayesdrill.analysis.calibration import Refit, Study, judge_calibration, refit
 from bayesdrill.basics.errors import InputError, Interrupted
 from bayesdrill.basics.progress import Silent
-from bayesdrill.basics.sealed import opened, sealed
-from bayesdrill.commands import calibrate
-from bayesdrill.insight.calibration import executors
-from bayesdrill.insight.calibration.refit import Refit, Study, refit
-from bayesdrill.insight.calibration.verdict import judge
-from bayesdrill.report import calibration_words as words
-from bayesdrill.rig.response import Response
+from bayesdrill.output_files import dumps_checksummed, loads_checksummed
+from bayesdrill.report.sections import calibration_words as words
+from bayesdrill.rig.simulators.exact import Response
+from bayesdrill.tasks import calibrate, remote
 
 TINY = (
     (
@@ -64,7 +62,7 @@ class Stopping:
 
 def here(config: Path, folder: Path, how: str = "fresh", report: object = None) -> object:
     """A calibration in this process."""
-    with executors.Local(ThreadPoolExecutor(1)) as crew:
+    with remote.Local(ThreadPoolExecutor(1)) as crew:
         try:
             job = calibrate.prepare(config)
             return calibrate.calibrate(job, folder, how, crew, report or Silent())  # type: ignore[arg-type]
@@ -157,7 +155,7 @@ def test_the_record_that_was_measured_plays_no_part(copy: Done) -> None:
 
 def test_a_calibration_leaves_a_complete_folder_and_nothing_else(done: Done) -> None:
     assert set(systems.listing(done.folder)) == FILES
-    assert {name for name in FILES if not own_files.CALIBRATE.made(name)} == {
+    assert {name for name in FILES if not output_files.CALIBRATE.made(name)} == {
         *(".lock", "figures", ".refits"),
     }
     run = run_of(done.folder)
@@ -192,10 +190,10 @@ def test_a_refit_of_another_study_is_not_believed(
     change: dict[str, object], done: Done, study: Study, tmp_path: Path
 ) -> None:
     """Sealed as the house does it, with other types, or ranks that cannot be."""
-    data = opened((done.folder / ".refits" / "000001.json").read_bytes())
-    (tmp_path / "000001.json").write_text(sealed(data))
+    data = loads_checksummed((done.folder / ".refits" / "000001.json").read_bytes())
+    (tmp_path / "000001.json").write_text(dumps_checksummed(data))
     assert [each.index for each in calibrate.saved(tmp_path, study)] == [1]
-    (tmp_path / "000001.json").write_text(sealed({**data, **change}))
+    (tmp_path / "000001.json").write_text(dumps_checksummed({**data, **change}))
     with pytest.raises(InputError, match=r"000001.json: is damaged; delete it"):
         calibrate.saved(tmp_path, study)
 
@@ -269,8 +267,8 @@ def test_the_status_is_the_verdict(copy: Done) -> None:
     status = command(copy.config, copy.folder, "--resume").status
     assert status == (0 if run_of(copy.folder)["calibrated"] else 3)
     for path in (copy.folder / ".refits").glob("*.json"):
-        data = opened(path.read_bytes())
-        path.write_text(sealed({**data, "ranks": [0, 0, 0]}))
+        data = loads_checksummed(path.read_bytes())
+        path.write_text(dumps_checksummed({**data, "ranks": [0, 0, 0]}))
     ran = command(copy.config, copy.folder, "--resume")
     assert ran.status == 3
     assert "not calibrated: ranks of" in ran.out
@@ -335,7 +333,7 @@ def test_a_worker_of_a_cluster_that_is_killed_costs_nothing(done: Done, tmp_path
                     os.kill(pids[1], signal.SIGKILL)
 
         job = calibrate.prepare(done.config)
-        with executors.dask(cluster.scheduler_address) as crew:
+        with remote.dask_executor(cluster.scheduler_address) as crew:
             found = calibrate.calibrate(job, folder, "fresh", crew, Killing())
     assert killed.is_set()
     assert [each.index for each in found.refits] == list(range(10))
@@ -377,7 +375,7 @@ def test_without_distributed_a_scheduler_is_refused(done: Done, tmp_path: Path) 
 
 def refits(study: Study, n: int, folder: Path) -> list[Refit]:
     folder.mkdir()
-    with executors.local(2) as crew:
+    with remote.local_executor(2) as crew:
         return calibrate.run(study, n, folder / ".refits", crew, Silent())
 
 
@@ -392,7 +390,7 @@ def pair(tmp_path_factory: pytest.TempPathFactory) -> Study:
 @pytest.mark.slow
 def test_the_right_likelihood_is_calibrated(pair: Study, tmp_path: Path) -> None:
     """200 refits; kills a walker's move, a prior, a Jacobian or a noise that is not what it says."""
-    found = judge(pair.names, refits(pair, 200, tmp_path / "right"), pair.draws)
+    found = judge_calibration(pair.names, refits(pair, 200, tmp_path / "right"), pair.draws)
     assert found.calibrated, words.verdict(found)
 
 
@@ -403,6 +401,6 @@ def test_the_right_likelihood_is_calibrated(pair: Study, tmp_path: Path) -> None
 def test_a_wrong_likelihood_is_not(factor: float, shape: str, pair: Study, tmp_path: Path) -> None:
     """2 is the 1/2 of the misfit forgotten: the posterior is too narrow by sqrt 2."""
     broken = with_misfit(pair, factor)
-    found = judge(pair.names, refits(broken, 200, tmp_path / "wrong"), pair.draws)
+    found = judge_calibration(pair.names, refits(broken, 200, tmp_path / "wrong"), pair.draws)
     assert not found.calibrated
     assert f"({shape})" in words.verdict(found)

@@ -11,7 +11,7 @@ import pytest
 import systems
 
 import bayesdrill as bd
-from bayesdrill.basics.sealed import opened, sealed
+from bayesdrill.output_files import dumps_checksummed, loads_checksummed
 
 AWAY = ("  time: {column: t, unit: s}", "  time: {column: t, unit: s}\n  held_out: [3, 4]")
 HELD = ("  j_1: {prior: uniform, low: 0.5, high: 1.5, relative: true}", "  j_1: 0.02")
@@ -104,9 +104,9 @@ def test_what_is_held_out_is_no_evidence_and_another_record(runs: Path) -> None:
 @pytest.mark.slow
 def test_a_run_without_evidence_says_how_to_get_it(runs: Path) -> None:
     path = runs / "given" / "run.json"
-    run = opened(path.read_bytes())
+    run = loads_checksummed(path.read_bytes())
     before = run.pop("log_evidence")
-    path.write_text(sealed(run))
+    path.write_text(dumps_checksummed(run))
     ran = systems.cli("compare", runs / "given", runs / "unsure", "-o", runs / "out")
     assert ran.status == 2
     assert "has no log evidence" in ran.err

@@ -28,7 +28,7 @@ from oracles import NOMINAL
 from ruamel.yaml import YAML
 from together import together
 
-from bayesdrill.setup import loading
+from bayesdrill.config import loading
 
 # Of all other pages: mostly the same commands for the same configs.
 README = ROOT / "README.md"

@@ -14,9 +14,9 @@ import xarray
 from matplotlib.figure import Figure
 
 import bayesdrill as bd
-from bayesdrill.commands import calibrate
+from bayesdrill.config.job import prepare
 from bayesdrill.results import provenance
-from bayesdrill.setup.job import prepare
+from bayesdrill.tasks import calibrate
 
 
 @pytest.fixture(scope="module")

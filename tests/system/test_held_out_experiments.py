@@ -13,7 +13,7 @@ from scipy.stats import norm
 from together import together
 
 import bayesdrill as bd
-from bayesdrill.insight.prediction_scores import held_out
+from bayesdrill.analysis.prediction import held_out
 
 SIGMA = 0.1
 CONFIG = """\

@@ -14,15 +14,14 @@ import pytest
 import systems
 from together import together
 
-from bayesdrill.basics import own_files
+from bayesdrill import output_files, selection
 from bayesdrill.basics.errors import Interrupted
 from bayesdrill.basics.progress import Silent
-from bayesdrill.basics.sealed import opened, sealed
-from bayesdrill.commands import laddering
-from bayesdrill.insight.calibration import executors
-from bayesdrill.setup import loading, rungs
-from bayesdrill.setup.job import prepare
-from bayesdrill.setup.rungs import Ladder, Rung
+from bayesdrill.config import loading
+from bayesdrill.config.job import prepare
+from bayesdrill.output_files import dumps_checksummed, loads_checksummed
+from bayesdrill.selection import Ladder, Rung
+from bayesdrill.tasks import ladder, remote
 
 CONFIG = """\
 name: turned
@@ -79,9 +78,9 @@ class Stopping:
 
 def here(config: Path, folder: Path, how: str = "fresh", report: object = None) -> object:
     """A ladder in this process."""
-    with executors.Local(ThreadPoolExecutor(1)) as crew:
+    with remote.Local(ThreadPoolExecutor(1)) as crew:
         try:
-            return laddering.ladder(prepare(config), folder, how, crew, report or Silent())  # type: ignore[arg-type]
+            return ladder.ladder(prepare(config), folder, how, crew, report or Silent())  # type: ignore[arg-type]
         finally:
             crew.shutdown(cancel_futures=True)
 
@@ -124,7 +123,7 @@ class Told:
 WORTH = {"friction_motor": 50.0, "friction_both": 100.0, "voltage_drop": 40.0, "ar1": 30.0}
 
 
-class Guessing(laddering._Climb):
+class Guessing(ladder._Climb):
     """Nothing is sampled: each part is worth so much, damping beside friction alone; `enough` is all."""
 
     enough = 150.0
@@ -153,7 +152,7 @@ def test_as_long_as_more_than_noise_is_left_the_ladder_goes_on(
     assert most == rounds + 1
     wanted = "friction_both-ar1" if rounds == 1 else "friction_both-damping_shaft-ar1"
     assert best.name == wanted
-    assert set(climb.done) <= set(rungs.names())
+    assert set(climb.done) <= set(selection.rung_names())
 
 
 @pytest.mark.slow
@@ -200,9 +199,9 @@ def test_rungs_and_what_is_said_of_them_are_verified(done: Done, tmp_path: Path)
         table = copy / "out" / place
         lines = table.read_text().splitlines()
         table.write_text("\n".join([lines[0], lines[2], lines[1], *lines[3:]]) + "\n")
-        run = opened((table.parent / "run.json").read_bytes())
-        run["files"][table.name] = own_files.digest(table)
-        (table.parent / "run.json").write_text(sealed(run))
+        run = loads_checksummed((table.parent / "run.json").read_bytes())
+        run["files"][table.name] = output_files.digest(table)
+        (table.parent / "run.json").write_text(dumps_checksummed(run))
         found = systems.cli("verify", copy / "out")
         assert found.status == 2
         assert f"{table}: does not follow from the chain" in found.err, found.err
@@ -254,7 +253,7 @@ def test_processes_and_a_cluster_come_to_the_same(done: Done, tmp_path: Path) ->
         distributed.LocalCluster(
             n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None
         ) as cluster,
-        executors.dask(cluster.scheduler_address) as crew,
+        remote.dask_executor(cluster.scheduler_address) as crew,
     ):
-        laddering.ladder(prepare(done.config), tmp_path / "three", "fresh", crew, Silent())
+        ladder.ladder(prepare(done.config), tmp_path / "three", "fresh", crew, Silent())
     assert (tmp_path / "three" / "comparison.csv").read_bytes() == table

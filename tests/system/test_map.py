@@ -15,8 +15,7 @@ from oracles import NOMINAL, by_expm
 from pictures import clashes, drawn
 
 import bayesdrill as bd
-from bayesdrill.basics.own_files import digest
-from bayesdrill.basics.sealed import opened, sealed
+from bayesdrill.output_files import digest, dumps_checksummed, loads_checksummed
 from bayesdrill.rig.models.motor_shaft import MotorShaft
 
 Array = NDArray[np.float64]
@@ -93,7 +92,7 @@ def test_a_maximum_of_arrays_is_kept_with_its_record(tmp_path: Path) -> None:
         rows = {row["name"]: row for row in csv.DictReader(file)}
     assert {name: float(row["map"]) for name, row in rows.items()} == dict(best().values)
     assert float(rows["k_s"]["nominal"]) == NOMINAL["k_s"]
-    assert opened((out / "map.json").read_bytes())["values"] == dict(best().values)
+    assert loads_checksummed((out / "map.json").read_bytes())["values"] == dict(best().values)
 
 
 def test_the_fit_is_drawn(tmp_path: Path) -> None:
@@ -146,9 +145,9 @@ def test_what_does_not_belong_to_a_maximum_is_named(config: Path) -> None:
     first, second, rest = text.split("\n", 2)
     (out / "prediction.csv").write_text("\n".join([first, second.replace("0,", "0.1,", 1), rest]))
     assert "prediction.csv: was changed" in systems.cli("verify", out).err
-    run = opened((out / "run.json").read_bytes())
+    run = loads_checksummed((out / "run.json").read_bytes())
     run["files"] = {name: digest(out / name) for name in run["files"]}
-    (out / "run.json").write_text(sealed(run))
+    (out / "run.json").write_text(dumps_checksummed(run))
     assert "prediction.csv: does not follow from map.json" in systems.cli("verify", out).err
     (out / "prediction.csv").write_text(text)
     lines = (config.parent / "small.csv").read_text().splitlines()
@@ -167,7 +166,7 @@ def test_a_fit_that_must_not_be_believed_ends_as_its_posterior_does(tmp_path: Pa
     assert page.index("DO NOT BELIEVE these numbers:") < page.index("fit: ")
     found = bd.load(config).find_map()
     assert found.reasons[0].startswith("the fit leaves more than the noise, in sigmas: w_1 ")
-    assert opened((out / "run.json").read_bytes())["reasons"] == list(found.reasons)
+    assert loads_checksummed((out / "run.json").read_bytes())["reasons"] == list(found.reasons)
     assert best().reasons == ()
     assert "BELIEVE" not in best().table
 

@@ -9,8 +9,10 @@ import pytest
 import systems
 from together import together
 
+from bayesdrill.config import loading
+from bayesdrill.config.records import reading, simulation
+from bayesdrill.config.resolve import assembly
 from bayesdrill.rig.models.motor_shaft import PARAMETERS as NINE
-from bayesdrill.setup import build, loading, reading, simulating, writing
 
 W_1 = "    w_1: {column: w_1, unit: rad/s, sigma: 0.05}\n"
 
@@ -168,9 +170,9 @@ FORMS = {
 def test_a_simulated_record_is_written_as_its_config_reads_it(form: str, tmp_path: Path) -> None:
     path = systems.small(tmp_path, ("  file: small.csv", f"  file: other.txt\n  {FORMS[form]}"))
     config, source = loading.load(path)
-    grid = simulating.grid(config, source)
+    grid = simulation.grid(config, source)
     y = np.random.default_rng(3).normal(size=(len(grid.t), 2)) * [1e-3, 1e4]
-    text = writing.as_text(config, source, grid, y)
+    text = simulation.record_text(config, source, grid, y)
     (tmp_path / "other.txt").write_text(text, encoding="utf-8")
     read = reading.read(config, source)
     np.testing.assert_allclose(read.t, grid.t, rtol=1e-8)
@@ -263,7 +265,7 @@ def nominal_of(
     given = [("map: {", f"nominal: {say}\nmap: {{")] if say else []
     path = systems.small(folder, *changes, *given)
     config, _ = loading.load(path)
-    return path, set(build.compared(config)), build.compared_with(config)
+    return path, set(assembly.compared(config)), assembly.compared_with(config)
 
 
 OWN_VALUES = "j_m: 1, c_m: 1, k_e: 0.2, k_T: 0.2, r_m: 1, l_m: 1, k_s: 1, j_1: 0.1, t_f: 1"

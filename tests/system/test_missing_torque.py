@@ -15,13 +15,12 @@ from scipy.io import loadmat
 from together import together
 
 import bayesdrill as bd
+from bayesdrill.analysis.identifiability.torque_confounding import scaled
+from bayesdrill.analysis.latent_torque import Shaking, follows, shakings
 from bayesdrill.basics import seeds
 from bayesdrill.inference import laplace
 from bayesdrill.inference.posterior import Posterior
-from bayesdrill.insight.following import follows
-from bayesdrill.insight.identifiability.standing_in import scaled
-from bayesdrill.insight.shaking import Shaking, shakings
-from bayesdrill.report import torque_words
+from bayesdrill.report.sections import torque_words
 
 Array = NDArray[np.float64]
 

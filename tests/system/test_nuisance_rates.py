@@ -10,8 +10,8 @@ from nuisance_records import write
 from scipy.stats import binom
 
 import bayesdrill as bd
+from bayesdrill.analysis.causes import causes
 from bayesdrill.inference import residual_checks
-from bayesdrill.insight.causes import causes
 
 RECORDS = 100
 INSIDE = 0.94  # of the intervals looked at

@@ -12,8 +12,7 @@ import pytest
 import systems
 
 import bayesdrill as bd
-from bayesdrill.basics.own_files import digest
-from bayesdrill.basics.sealed import opened, sealed
+from bayesdrill.output_files import digest, dumps_checksummed, loads_checksummed
 
 J_1 = "  j_1: {prior: uniform, low: 0.5, high: 1.5, relative: true}"
 CHANGES = {
@@ -125,9 +124,9 @@ def test_nothing_is_overwritten_unasked(runs: Path) -> None:
 
 
 def forged(folder: Path) -> None:
-    run = opened((folder / "run.json").read_bytes())
+    run = loads_checksummed((folder / "run.json").read_bytes())
     run["files"] = {name: digest(folder / name) for name in run["files"]}
-    (folder / "run.json").write_text(sealed(run))
+    (folder / "run.json").write_text(dumps_checksummed(run))
 
 
 def test_what_does_not_belong_to_an_overlay_is_named(runs: Path) -> None:

@@ -13,8 +13,8 @@ import pytest
 import systems
 from together import together
 
-from bayesdrill.basics.sealed import sealed
-from bayesdrill.paper.studies.printed import NINE_PARAMETERS
+from bayesdrill.output_files import dumps_checksummed
+from bayesdrill.paper.printed import NINE_PARAMETERS
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
@@ -64,7 +64,7 @@ def test_results_are_not_overwritten_unasked(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(ROOT)
-    (tmp_path / "run.json").write_text(sealed({"job": "paper", "fingerprint": {}}))
+    (tmp_path / "run.json").write_text(dumps_checksummed({"job": "paper", "fingerprint": {}}))
     ran = systems.cli("paper", "--output", str(tmp_path))
     assert ran.status == 2
     assert "exist already" in ran.err
@@ -148,7 +148,7 @@ def test_what_is_no_folder_of_studies_is_told(given: str, monkeypatch: pytest.Mo
 
 def test_a_report_of_these_results_says_what_makes_it(tmp_path: Path) -> None:
     (tmp_path / "run.json").write_text(
-        sealed({"status": "running", "job": "paper", "fingerprint": {}})
+        dumps_checksummed({"status": "running", "job": "paper", "fingerprint": {}})
     )
     ran = systems.cli("report", str(tmp_path))
     assert ran.status == 2

@@ -70,5 +70,5 @@ def test_an_unfinished_run_is_not_published(tmp_path: Path) -> None:
     kept = tmp_path / "kept"
     kept.mkdir()
     with pytest.raises(FileNotFoundError, match="not finished"):
-        results.publish(folder, kept, results.own_files.POSTERIOR)
+        results.publish(folder, kept, results.output_files.POSTERIOR)
     assert kept.exists()

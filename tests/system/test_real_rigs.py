@@ -17,9 +17,9 @@ from scipy.optimize import least_squares
 from scipy.signal import lfilter
 
 import bayesdrill as bd
-from bayesdrill.insight.identifiability.scenes import Scenery
-from bayesdrill.insight.repeats import repeats
-from bayesdrill.setup.job import prepare
+from bayesdrill.analysis.comparison import repeats
+from bayesdrill.analysis.identifiability.information import Scenery
+from bayesdrill.config.job import prepare
 
 SHARED = ROOT.parent / "shared" / "data"
 STRING = SHARED / "ufrj_drillstring_rig" / "175_completo_1.mat"

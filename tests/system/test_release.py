@@ -13,8 +13,8 @@ import systems
 from releases import Dist
 
 import bayesdrill
-from bayesdrill.basics.citation import RELEASED
-from bayesdrill.setup import examples
+from bayesdrill.api import files as api_files
+from bayesdrill.basics.software import RELEASED
 
 ROOT = systems.ROOT
 LARGEST = {".whl": 1_200_000, ".gz": 4_000_000}  # bytes; on the way to whoever installs it
@@ -55,7 +55,7 @@ def test_the_wheel_holds_the_package_and_its_examples_alone(dist: Dist) -> None:
     assert {name.split("/")[0] for name in names} == {"bayesdrill", about}
     files = [path for path in (ROOT / "bayesdrill").rglob("*.*") if path.is_file()]
     own = {path.relative_to(ROOT).as_posix() for path in files if path.suffix != ".pyc"}
-    bundled = {f"bayesdrill/examples/{name}" for name in examples.FILES}
+    bundled = {f"bayesdrill/examples/{name}" for name in api_files.FILES}
     assert own | bundled | {"bayesdrill/py.typed"} <= {*names}
     assert not [name for name in names if "pycache" in name or "test" in name]
     assert f"{about}/licenses/LICENSE" in names

@@ -24,10 +24,8 @@ import xarray
 from emcee.backends import HDFBackend
 from together import together
 
-from bayesdrill.basics.own_files import POSTERIOR
-from bayesdrill.basics.sealed import opened, sealed
-from bayesdrill.results.chain_files import seal
-from bayesdrill.results.run_folder import Folder
+from bayesdrill.output_files import POSTERIOR, dumps_checksummed, loads_checksummed
+from bayesdrill.results.run_folder import Folder, seal
 
 ALL_FIGURES = ("figures: []", "figures: null")  # to draw takes longer than all else of a small run
 # Targets that cannot be met, so that a run goes on to the end of its steps.
@@ -226,10 +224,10 @@ def test_the_summary_has_a_row_for_every_unknown(done: Done) -> None:
 
 
 BROKEN = {
-    "figures/corner": "report.derived_words.shown",
-    "figures/trace": "report.trace_plot.trace_figure",
-    "derived.csv": "report.derived_words.as_csv",
-    "verdict.csv": "report.verdict_words.as_csv",
+    "figures/corner": "report.sections.physics_words.derived_shown",
+    "figures/trace": "report.sections.convergence_figure.trace_figure",
+    "derived.csv": "report.sections.physics_words.derived_csv",
+    "verdict.csv": "report.sections.verdict_words.verdict_csv",
     "posterior.nc": "results.arviz_tree.make_tree",
     "figures/fit": "results.arviz_tree.make_tree",
 }
@@ -665,9 +663,9 @@ def test_resuming_something_else_names_what_changed_and_both_values(
 def test_resuming_under_another_version_of_what_decides_the_chain(package: str, copy: Done) -> None:
     """A chain is one chain: refused, with both versions. A report adds nothing, and may."""
     now = version(package)
-    run = opened((copy.folder / "run.json").read_bytes())
+    run = loads_checksummed((copy.folder / "run.json").read_bytes())
     run["fingerprint"][f"the version of {package}"] = "0.0.1"
-    (copy.folder / "run.json").write_text(sealed(run))
+    (copy.folder / "run.json").write_text(dumps_checksummed(run))
     before = systems.listing(copy.folder)
     ran = posterior(copy.config, copy.folder, "--resume")
     assert_refused(ran, f"the version of {package} was 0.0.1 and is {now}", "--force")

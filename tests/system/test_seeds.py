@@ -10,11 +10,11 @@ import pytest
 from together import together
 
 from bayesdrill.basics.progress import Silent
-from bayesdrill.commands import concluding, searching
-from bayesdrill.engines import mode, sampling
-from bayesdrill.engines.shelf import Memory
-from bayesdrill.engines.workers import Crew
-from bayesdrill.setup.job import prepare
+from bayesdrill.config.job import prepare
+from bayesdrill.sampling import ensembles, mode_search
+from bayesdrill.sampling.ensembles import Memory
+from bayesdrill.sampling.workers import Crew
+from bayesdrill.tasks import conclusions, find_map
 from benchmarks.zoo import folder, rows
 
 SEEDS = 16
@@ -34,12 +34,12 @@ def test_means_scatter_as_their_errors_say(tmp_path: Path, name: str) -> None:
     job = prepare(folder.write(row, tmp_path)[0])
     posterior = job.problem.posterior
     means, errors = [], []
-    tops = mode.tops(posterior, searching.find_mode(job, 2, Silent()))
-    plan = concluding.plan(job.config)
+    tops = mode_search.tops(posterior, find_map.find_mode(job, 2, Silent()))
+    plan = conclusions.plan(job.config)
     with Crew(posterior, 2) as crew:
         for seed in range(SEEDS):
             own = dataclasses.replace(plan, seed=seed)
-            sampled = sampling.sample(crew, posterior, tops, own, Memory(), Silent())
+            sampled = ensembles.sample(crew, posterior, tops, own, Memory(), Silent())
             assert sampled.convergence.converged, sampled.convergence.reasons
             draws = sampled.draws.reshape(-1, tops.shape[1])
             means.append(draws.mean(axis=0))

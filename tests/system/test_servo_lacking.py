@@ -11,8 +11,8 @@ import pytest
 from together import together
 
 import bayesdrill as bd
+from bayesdrill.analysis.causes import causes
 from bayesdrill.inference import residual_checks
-from bayesdrill.insight.causes import causes
 
 SHARED = Path(__file__).resolve().parents[3] / "shared" / "data" / "simulated_servo"
 TRUTH = {"t_cm": 2.5e-3, "t_c1": 6e-3}  # rotor 1 has 12e-3 N m at rest

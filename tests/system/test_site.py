@@ -15,10 +15,10 @@ from ruamel.yaml import YAML
 
 import bayesdrill as bd
 from bayesdrill.cli import app
+from bayesdrill.config import loading
+from bayesdrill.config.schema.config import Config
 from bayesdrill.rig.models import MODELS
 from bayesdrill.rig.models.linear import dynamics
-from bayesdrill.setup import loading
-from bayesdrill.setup.config import Config
 from docs import check_site, reference
 
 YAML_SAFE = YAML(typ="safe", pure=True)

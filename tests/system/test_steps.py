@@ -11,10 +11,10 @@ from oracles import NOMINAL
 from ruamel.yaml import YAML
 
 import bayesdrill as bd
-from bayesdrill.inference import pieces
-from bayesdrill.inference.pieces import step_errors
-from bayesdrill.rig.stepped import TURNS
-from bayesdrill.setup.job import Job
+from bayesdrill.config.job import Job
+from bayesdrill.inference import step_error
+from bayesdrill.inference.step_error import step_errors
+from bayesdrill.rig.simulators.stepped import TURNS
 
 T = np.linspace(0.0, 4.0, 161)
 STRIBECK = {"t_cm": 0.01, "t_sm": 0.03, "w_sm": 20.0}
@@ -50,8 +50,8 @@ def run(*, known: bool = False) -> bd.Run:
     return case(known=known).sample()
 
 
-def taken(job: Job) -> dict[str, pieces.Taken]:
-    return pieces.taken(job.problem.posterior)
+def taken(job: Job) -> dict[str, step_error.Taken]:
+    return step_error.taken(job.problem.posterior)
 
 
 def test_there_are_as_many_as_the_maximum_wants() -> None:
@@ -90,8 +90,8 @@ def test_the_evidence_is_that_of_the_rig_and_not_of_its_steps() -> None:
     at = np.linspace(x.mean() - 8 * x.std(), x.mean() + 8 * x.std(), 400)
     prior = posterior.space.priors["j_1"]
 
-    def log_z(steps: dict[str, pieces.Taken]) -> float:
-        logs = pieces.taking(posterior, steps).likelihood(at[:, None])
+    def log_z(steps: dict[str, step_error.Taken]) -> float:
+        logs = step_error.taking(posterior, steps).likelihood(at[:, None])
         whole = np.trapezoid(np.exp(logs - logs.max()), at) / (prior.high - prior.low)
         return float(logs.max() + np.log(whole))
 

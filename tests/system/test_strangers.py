@@ -10,10 +10,10 @@ import systems
 from systems import ROOT, cli, listing
 from together import together
 
-from bayesdrill.basics import own_files
+from bayesdrill import output_files
 from bayesdrill.basics.errors import InputError
-from bayesdrill.basics.own_files import POSTERIOR
-from bayesdrill.setup import simulating
+from bayesdrill.config.records import simulation
+from bayesdrill.output_files import POSTERIOR
 
 
 def refused(*arguments: str | Path, below: Path, says: str) -> None:
@@ -52,7 +52,7 @@ def test_a_folder_is_known_by_more_than_the_name_of_a_file_in_it(
 @together("option", ["", "--force", "--resume"])
 def test_a_calibration_and_a_posterior_do_not_mix(option: str, tmp_path: Path) -> None:
     config = systems.small(tmp_path / "rig")
-    for command, kind in (("posterior", own_files.CALIBRATE), ("calibrate", POSTERIOR)):
+    for command, kind in (("posterior", output_files.CALIBRATE), ("calibrate", POSTERIOR)):
         folder = systems.results(tmp_path / kind.job, kind)
         says = f"these are results of `bayesdrill {kind.job}`; give another --output"
         refused(command, config, "-o", folder, *option.split(), below=tmp_path, says=says)
@@ -69,7 +69,7 @@ def test_a_calibration_and_a_posterior_do_not_mix(option: str, tmp_path: Path) -
     ids=["notes", "run.json", "posterior"],
 )
 def test_paper_leaves_what_it_has_not_made(
-    kind: own_files.Kind | None,
+    kind: output_files.Kind | None,
     names: list[str],
     says: str,
     option: str,
@@ -88,7 +88,7 @@ def test_paper_looks_into_the_folders_of_its_posteriors_first(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(ROOT)
-    out = systems.results(tmp_path / "out", own_files.paper(("estimates", "measured")))
+    out = systems.results(tmp_path / "out", output_files.paper_files(("estimates", "measured")))
     write(out, "measured/thesis.tex")
     refused("paper", "--force", "-o", out, below=tmp_path, says="other files (thesis.tex)")
     (out / "measured").rename(tmp_path / "measured")
@@ -106,14 +106,14 @@ def test_identify_overwrites_its_own_files_when_told_to(tmp_path: Path) -> None:
     write(out, "notes.md")
     assert cli(*command, "--profile", "k_e").status == 0
     written = {name for name in listing(out) if (out / name).is_file()}
-    drawn = own_files.figures("spectrum", "profiles")
+    drawn = output_files.figure_files("spectrum", "profiles")
     assert written == {"notes.md", "identify.md", *drawn}
     first = (out / "identify.md").read_bytes()
     refused(*command, below=tmp_path, says="exists already; give --force")
     write(out, "figures/photo.jpg")
     assert cli(*command, "--force").status == 0
     left = {name for name in listing(out) if (out / name).is_file()}
-    assert left == written - set(own_files.figures("profiles")) | {"figures/photo.jpg"}
+    assert left == written - set(output_files.figure_files("profiles")) | {"figures/photo.jpg"}
     assert (out / "identify.md").read_bytes() != first
 
 
@@ -182,5 +182,5 @@ def test_simulate_replaces_nothing_but_a_record(name: str, force: bool, tmp_path
     says = never.get(name, "is no record with these columns" if force else "exists already")
     before = listing(tmp_path)
     with pytest.raises(InputError, match=says):
-        simulating.save("t,theta_1\n0,0\n", tmp_path / name, tmp_path / "none.csv", force=force)
+        simulation.save("t,theta_1\n0,0\n", tmp_path / name, tmp_path / "none.csv", force=force)
     assert listing(tmp_path) == before

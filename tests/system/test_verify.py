@@ -17,9 +17,10 @@ import systems
 from together import together
 
 import bayesdrill as bd
-from bayesdrill.basics.sealed import opened, sealed
-from bayesdrill.commands.pipeline import check_record, prepare
-from bayesdrill.results.chain_files import seal
+from bayesdrill.config.job import prepare
+from bayesdrill.output_files import dumps_checksummed, loads_checksummed
+from bayesdrill.results.run_folder import seal
+from bayesdrill.tasks.find_map import check_record
 
 DRAWN = ("figures: []", "figures: [corner, trace]")
 
@@ -52,11 +53,11 @@ def text(path: Path, old: str, new: str) -> None:
 
 def forged(folder: Path) -> None:
     """The digests of what is there now: somebody has taken pains."""
-    run = opened((folder / "run.json").read_bytes())
-    from bayesdrill.basics.own_files import digest
+    run = loads_checksummed((folder / "run.json").read_bytes())
+    from bayesdrill.output_files import digest
 
     run["files"] = {name: digest(folder / name) for name in run["files"]}
-    (folder / "run.json").write_text(sealed(run))
+    (folder / "run.json").write_text(dumps_checksummed(run))
 
 
 def edited_table(rig: Path) -> None:
@@ -370,9 +371,9 @@ def test_results_never_stand_beside_a_file_of_their_record(tmp_path: Path) -> No
 
 def resealed(path: Path, change: Callable[[dict[str, Any]], object]) -> None:
     """Of other content, with a checksum that fits."""
-    data = opened(path.read_bytes())
+    data = loads_checksummed(path.read_bytes())
     change(data)
-    path.write_text(sealed(data))
+    path.write_text(dumps_checksummed(data))
 
 
 DAMAGED = "map.json: is damaged; delete it"

@@ -12,9 +12,12 @@ import pytest
 import systems
 from together import together
 
+from bayesdrill.config import loading
+from bayesdrill.config.job import Job, prepare
+from bayesdrill.config.records import simulation
+from bayesdrill.config.resolve import assembly, channel_noise, quantities
+from bayesdrill.config.schema.config import Config
 from bayesdrill.inference import residual_checks
-from bayesdrill.setup import build, loading, number_objects, simulating
-from bayesdrill.setup.job import Job, prepare
 from benchmarks.zoo import folder, judge, rows, runs
 from benchmarks.zoo.__main__ import arguments
 from benchmarks.zoo.makers import ROOT, Driven, Otherwise, Rubbing
@@ -178,7 +181,7 @@ def test_every_config_is_valid(row: Row, tmp_path: Path) -> None:
     path.write_text(folder.text(row, row.seed), encoding="utf-8")
     config, _ = loading.load(path)
     assert config.name == row.name
-    usual = loading.Config.model_fields["sampler"].default
+    usual = Config.model_fields["sampler"].default
     usual = usual.model_copy(update={"walkers": config.sampler.walkers})  # as the rig has it
     assert config.sampler == usual or "sampler" in row.config
 
@@ -208,15 +211,15 @@ def test_the_bundled_row_has_the_bundled_record(tmp_path: Path) -> None:
 def residuals_at_truth(job: Job) -> tuple[residual_checks.Left, ...]:
     """What the record leaves at the values that it was made of."""
     config, space = job.config, job.problem.posterior.space
-    rig = build.model(config)
-    values = {**space.start, **simulating.truth(config, rig)}
+    rig = assembly.model(config)
+    values = {**space.start, **simulation.truth(config, rig)}
     made: Any = config.simulation
     if made is not None:
-        factors = {e.channel.name: e.factor for e in build.channels(config, rig)}
+        factors = {e.channel.name: e.factor for e in channel_noise.channels(config, rig)}
         values |= {f"sigma_{name}": s * factors[name] for name, s in made.sigma.items()}
         values |= made.truth
         for name, value in made.quantities.items():
-            values[name] = value * number_objects.quantity(name, config.quantities[name]).factor
+            values[name] = value * quantities.quantity(name, config.quantities[name]).factor
     return residual_checks.left(job.problem.posterior.likelihood, space.vector(values))
 
 

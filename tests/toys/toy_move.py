@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdrill.engines import halves
+from bayesdrill.sampling import halves
 
 Array = NDArray[np.float64]
 

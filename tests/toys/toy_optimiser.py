@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from bayesdrill.engines import Optimum, Task
 from bayesdrill.inference import laplace
+from bayesdrill.sampling import Optimum, Task
 
 Array = NDArray[np.float64]
 

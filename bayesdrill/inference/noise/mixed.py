@@ -10,8 +10,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdrill.inference.noise.contract import Noise, Residuals
-from bayesdrill.inference.noise.numbers import square
+from bayesdrill.inference.noise.contract import Noise, Residuals, square
 from bayesdrill.inference.unknowns import Unknown
 
 Array = NDArray[np.float64]

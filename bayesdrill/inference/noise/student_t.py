@@ -19,8 +19,7 @@ from scipy.special import digamma, gammaln, ndtri, polygamma, stdtr
 
 from bayesdrill.basics.entries import LARGEST
 from bayesdrill.basics.symbols import Symbol
-from bayesdrill.inference.noise.contract import Noisy, Residuals
-from bayesdrill.inference.noise.numbers import Numbers, of_pairs
+from bayesdrill.inference.noise.contract import Noisy, Numbers, Residuals, of_pairs
 from bayesdrill.inference.noise.white import White
 from bayesdrill.inference.priors import LogUniform
 from bayesdrill.inference.unknowns import Unknown

@@ -10,10 +10,9 @@ from typing import Any
 from bayesdrill.basics.entries import NoEntries, check_entries
 from bayesdrill.basics.errors import InputError, did_you_mean
 from bayesdrill.basics.registry import Registry
-from bayesdrill.record.formats import csv, hdf5, matlab, npz, parquet
-from bayesdrill.record.formats.csv import check_options
+from bayesdrill.record.formats import arrays, csv, matlab
+from bayesdrill.record.formats.csv import CsvOptions, check_options
 from bayesdrill.record.formats.csv import table as text_table
-from bayesdrill.record.formats.dialect import CsvOptions
 from bayesdrill.record.formats.table import Table, variable_name
 
 __all__ = [
@@ -51,15 +50,15 @@ def _read_matlab(path: Path, _: NoEntries, wanted: Wanted) -> Table:
 
 
 def _read_hdf5(path: Path, _: NoEntries, wanted: Wanted) -> Table:
-    return hdf5.read(path, wanted)
+    return arrays.read_hdf5(path, wanted)
 
 
 def _read_npz(path: Path, _: NoEntries, wanted: Wanted) -> Table:
-    return npz.read(path, wanted)
+    return arrays.read_npz(path, wanted)
 
 
 def _read_parquet(path: Path, _: NoEntries, wanted: Wanted) -> Table:
-    return parquet.read(path, wanted)
+    return arrays.read_parquet(path, wanted)
 
 
 def _is_format(_: str, member: Any) -> None:

@@ -1,15 +1,19 @@
-"""What a walk through a file of named arrays gathers, whatever wrote it."""
+"""Files of named arrays: HDF5, `numpy.savez` and Parquet. What is pickled in one is never opened."""
 
 from __future__ import annotations
 
+import importlib
+import zipfile
+from collections.abc import Collection
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from bayesdrill.basics.sizes import LARGEST_FILE
-from bayesdrill.record.formats.table import Array, Table
+from bayesdrill.basics.errors import InputError
+from bayesdrill.output_files import LARGEST_FILE
+from bayesdrill.record.formats.table import Array, Table, keys_of, read_bytes
 
 _NUMERIC = "fiub"
 """numpy dtype kinds of real numbers and logicals."""
@@ -80,3 +84,236 @@ def too_large(shape: tuple[int, ...], itemsize: int) -> str:
         return ""
     most = f"at most {LARGEST_FILE / 1e6:.0f} MB are read"
     return f"takes {size / 1e6:.0f} MB; {most}: save fewer columns, or resample to a lower rate"
+
+
+_HDF5_MAGIC = b"\x89HDF\r\n\x1a\n"
+
+
+def read_hdf5(path: Path, wanted: Collection[str] | None = None) -> Table:
+    """Read the `wanted` datasets (fields of records under dotted names; None: all).
+
+    Attributes, also one called `unit`, are not looked at.  Raises InputError when it cannot be read.
+    """
+    import h5py
+
+    head = read_bytes(path, 16)
+    if head.startswith(b"MATLAB 7.3"):
+        raise InputError.one(
+            str(path), "is a MATLAB file; give it the ending .mat, or say the format: mat"
+        )
+    found = Found()
+    used = None if wanted is None else {form for name in wanted for form in _records(name)}
+    try:
+        with h5py.File(path, "r") as file:
+            _walk("", file, used, found)
+    except Exception as error:  # damaged bytes come up as anything
+        raise InputError.one(str(path), _broken(head, str(Damaged(error)))) from error
+    return found.table(path)
+
+
+def _records(name: str) -> tuple[str, ...]:
+    """`table.speed` is a field of `table`, or has a point in its own name."""
+    parts = name.lstrip("/").split(".")
+    return tuple(".".join(parts[:count]) for count in range(1, len(parts) + 1))
+
+
+def _broken(head: bytes, reason: str) -> str:
+    if head.startswith(_HDF5_MAGIC):
+        return f"the HDF5 file is damaged or cut short ({reason}); copy or save it again"
+    return "is not an HDF5 file; save it with h5py, or give it the ending of what it is"
+
+
+def _walk(prefix: str, group: Any, wanted: Collection[str] | None, found: Found) -> None:
+    import h5py
+
+    for member in group:
+        name = f"{prefix}{member}"
+        if not isinstance(group.get(member, getlink=True), h5py.HardLink):
+            found.ignored[name] = f"is a link to elsewhere; {ITSELF}"
+            continue
+        item = group[member]
+        if isinstance(item, h5py.Group):
+            address = h5py.h5o.get_info(item.id).addr
+            if address in found.structs:  # a walk might have no end
+                found.ignored[name] = "is the same group under a second name; give the first"
+                continue
+            found.structs.add(address)
+            _walk(f"{name}/", item, wanted, found)
+        elif wanted is not None and name not in wanted:
+            found.unread.append(name)
+        elif reason := _unfit_dataset(item):
+            found.ignored[name] = reason
+        else:
+            found.add_fields(name, np.asarray(item[()]))
+
+
+def _unfit_dataset(item: Any) -> str:
+    """Why an item holds no plain numbers of its own, if so."""
+    import h5py
+
+    if not isinstance(item, h5py.Dataset):
+        return "is a named type, not numbers"
+    if item.is_virtual or item.external:
+        return f"has its numbers in other files; {ITSELF}"
+    if missing := _filters_missing(item):
+        return f"is compressed by {missing}, which is not here; save it with gzip, or plain"
+    if item.shape is None:
+        return "is empty"
+    if h5py.check_string_dtype(item.dtype) is not None or item.dtype.kind == "S":
+        return "is text, not numbers"
+    if item.dtype.kind == "O":
+        return "holds references or rows of unequal length; save it as a plain array of double"
+    return too_large(item.shape, item.dtype.itemsize)
+
+
+def _filters_missing(item: Any) -> str:
+    from h5py import h5z
+
+    plan = item.id.get_create_plist()
+    filters = [plan.get_filter(at) for at in range(plan.get_nfilters())]
+    names = [name.decode(errors="replace") or f"filter {code}" for code, _, _, name in filters]
+    here = [h5z.filter_avail(code) for code, *_ in filters]
+    return ", ".join(name for name, known in zip(names, here, strict=True) if not known)
+
+
+_ZIP = b"PK\x03\x04"
+_HEADERS = {
+    (1, 0): np.lib.format.read_array_header_1_0,
+    (2, 0): np.lib.format.read_array_header_2_0,
+}
+
+
+def read_npz(path: Path, wanted: Collection[str] | None = None) -> Table:
+    """Read the `wanted` arrays (fields of records under dotted names; None: all of numbers).
+
+    Raises InputError when it cannot be read.
+    """
+    head = read_bytes(path, 8)
+    if not head.startswith(_ZIP):
+        raise InputError.one(str(path), _other(head))
+    used = None if wanted is None else {name.split(".")[0] for name in wanted} | {*wanted}
+    found = Found()
+    try:
+        with zipfile.ZipFile(path) as file:
+            for member in file.namelist():
+                name = member.removesuffix(".npy")
+                if name == member:
+                    found.ignored[name] = "is no array"
+                elif used is not None and name not in used:
+                    found.unread.append(name)
+                else:
+                    _add(name, file, member, found)
+    except Exception as error:  # damaged bytes come up as anything
+        reason = f"is damaged or cut short ({Damaged(error)}); copy or save it again"
+        raise InputError.one(str(path), f"the .npz file {reason}") from error
+    if not found.variables and not found.unread and all(map(_no_array, found.ignored.values())):
+        raise InputError.one(str(path), "is a zip archive without arrays; save it with numpy.savez")
+    return found.table(path)
+
+
+def _no_array(reason: str) -> bool:
+    return reason == "is no array"
+
+
+def _other(head: bytes) -> str:
+    if head.startswith(b"\x93NUMPY"):
+        return "holds one array without a name; save it with numpy.savez('run.npz', t=t, w_1=w_1)"
+    return "is not an .npz file; save it with numpy.savez('run.npz', t=t, w_1=w_1)"
+
+
+def _add(name: str, file: zipfile.ZipFile, member: str, found: Found) -> None:
+    """The head of an array says what it is, before anything of it is opened."""
+    with file.open(member) as stream:
+        version: Any = np.lib.format.read_magic(stream)
+        if version not in _HEADERS:
+            found.ignored[name] = "has names of fields beyond Latin letters; save plain arrays"
+            return
+        shape, _, dtype = _HEADERS[version](stream)
+    if dtype.hasobject:
+        found.ignored[name] = (
+            "holds Python objects, which are never opened, as they can run code; save plain "
+            f"numbers: {name}=np.asarray({name}, float)"
+        )
+    elif dtype.kind in "US":
+        found.ignored[name] = "is text, not numbers"
+    elif dtype.kind in "mM":
+        found.ignored[name] = (
+            f"holds dates or durations; save seconds: ({name} - {name}[0]) / np.timedelta64(1, 's')"
+        )
+    elif reason := too_large(shape, dtype.itemsize):
+        found.ignored[name] = reason
+    else:
+        with file.open(member) as stream:
+            found.add_fields(name, np.lib.format.read_array(stream, allow_pickle=False))
+
+
+_PARQUET_MAGIC = b"PAR1"
+_MISSING = (
+    "a Parquet file needs the package pyarrow, which is missing; install it with pip install "
+    "'bayesdrill[parquet]', or save the record as CSV"
+)
+
+
+def read_parquet(path: Path, wanted: Collection[str] | None = None) -> Table:
+    """Read the `wanted` columns (None: all); cells without a value become NaN.
+
+    Raises InputError when it cannot be read, or without `pyarrow`.
+    """
+    if read_bytes(path, 4) != _PARQUET_MAGIC:
+        message = "is not a Parquet file; save it as one, or give it the ending of what it is"
+        raise InputError.one(str(path), message)
+    try:
+        importlib.import_module("pyarrow.parquet")
+    except ImportError:
+        raise InputError.one(str(path), _MISSING) from None
+    try:
+        return _table(path, wanted)
+    except Exception as error:  # damaged bytes come up as anything
+        reason = f"is damaged or cut short ({Damaged(error)}); copy or save it again"
+        raise InputError.one(str(path), f"the Parquet file {reason}") from error
+
+
+def _table(path: Path, wanted: Collection[str] | None) -> Table:
+    from pyarrow import float64, parquet
+
+    with parquet.ParquetFile(path, pre_buffer=False) as file:
+        schema, rows = file.schema_arrow, file.metadata.num_rows
+        keys, ignored = keys_of(schema.names)
+        kinds = dict(zip(keys, schema.types, strict=True))
+        unfit = {
+            name: why for name, kind in kinds.items() if (why := _unfit_column(name, kind, rows))
+        }
+        fit = [name for name in keys if name not in unfit and (wanted is None or name in wanted)]
+        # By their names, unless two have the same one.
+        content = file.read(columns=None if ignored else fit, use_threads=False)
+        places = {name: (keys if ignored else fit).index(name) for name in fit}
+        variables = {
+            name: np.ascontiguousarray(content.column(at).cast(float64(), safe=False).to_numpy())
+            for name, at in places.items()
+        }
+    return Table(
+        path=path,
+        variables=variables,
+        lines=np.arange(1, rows + 1),
+        called="row",
+        columns=tuple(keys),
+        ignored=ignored | unfit,
+        unread=tuple(name for name in keys if name not in variables and name not in unfit),
+    )
+
+
+def _unfit_column(name: str, kind: Any, rows: int) -> str:
+    """Why a column holds no numbers, if so."""
+    from pyarrow import types
+
+    if types.is_temporal(kind):
+        return (
+            f"holds dates, times or durations ({kind}); save seconds since the start as numbers, in "
+            f"pandas (df[{name!r}] - df[{name!r}].iloc[0]).dt.total_seconds()"
+        )
+    if any(
+        is_one(kind)
+        for is_one in (types.is_integer, types.is_floating, types.is_boolean, types.is_decimal)
+    ):
+        return too_large((rows,), 8)
+    return f"is of type {kind}, not numbers; save it as a column of double"

@@ -1,19 +1,263 @@
-"""Text tables: find out how a file is written, then read it, or say exactly what is wrong."""
+"""Text tables: find the delimiter and the decimal sign, then read numbers, or say exactly what is
+wrong.
+"""
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 import re
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
+from typing import Annotated, Literal
 
 import numpy as np
+from pydantic import Field
 
-from bayesdrill.basics.errors import InputError, Problem
-from bayesdrill.record.formats import dialect as dialects
-from bayesdrill.record.formats.dialect import CsvOptions, Dialect
-from bayesdrill.record.formats.numbers import parse
-from bayesdrill.record.formats.table import Table, keys_of
-from bayesdrill.record.formats.text import Lines, decode, lines_of, short, split, to_number
+from bayesdrill.basics.entries import MOST
+from bayesdrill.basics.errors import InputError, Issue
+from bayesdrill.record.formats.table import Array, Table, keys_of
+from bayesdrill.record.formats.text import (
+    Lines,
+    advice_of_cells,
+    decode,
+    lines_of,
+    short,
+    split,
+    to_number,
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CsvOptions:
+    """How a text table is written; None means find out.
+
+    `delimiter` is one character, a blank meaning runs of white space; `decimal` is "." or ",";
+    `skip_rows` counts lines of the file, blank ones and comments too.
+    """
+
+    delimiter: Annotated[str, Field(description="Default: found out")] | None = None
+    decimal: Annotated[Literal[".", ","], Field(description="Default: found out")] | None = None
+    header: Annotated[bool, Field(description="Default: found out")] | None = None
+    skip_rows: Annotated[int, Field(ge=0, le=MOST, description="Lines before the table")] = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Dialect:
+    """How cells are told apart (None: runs of white space) and how numbers are written."""
+
+    separator: str | None
+    decimal: str
+
+
+# In order of preference among dialects that explain a file equally well.
+_DIALECTS = tuple(
+    Dialect(*pair)
+    for pair in [
+        ("\t", "."), ("\t", ","), (";", "."), (";", ","), ("|", "."), ("|", ","),
+        (",", "."), (None, "."), (None, ","),
+    ]
+)  # fmt: skip
+
+
+def without_empty_tail(lines: Lines, dialect: Dialect) -> Lines:
+    """Drop the `;;;;` lines that spreadsheets add at the end; elsewhere they are missing rows."""
+    count = len(lines.texts)
+    while count > 1 and not lines.texts[count - 1].strip(f' "{dialect.separator or ""}'):
+        count -= 1
+    return dataclasses.replace(lines, texts=lines.texts[:count], numbers=lines.numbers[:count])
+
+
+def find_dialect(texts: Sequence[str], options: CsvOptions) -> Dialect:
+    """The dialect under which most cells of a sample are numbers in rows of equal width."""
+    sample = [*texts[:50], *texts[50:][-50:]]
+    candidates = [*_DIALECTS, *([Dialect(",", ",")] if _quoted_commas(sample) else [])]
+    if options.delimiter is not None:
+        separator = None if options.delimiter == " " else options.delimiter
+        candidates = [Dialect(separator, "."), Dialect(separator, ",")]
+    if options.decimal is not None:
+        separators = dict.fromkeys(one.separator for one in candidates)
+        candidates = [Dialect(sep, options.decimal) for sep in separators if sep != options.decimal]
+    return max(candidates, key=lambda dialect: _score(sample, dialect))
+
+
+def _quoted_commas(sample: Sequence[str]) -> bool:
+    """Whether `"0,05","1,25"` stands there, unlike `"1,234"`, which may be a thousand."""
+    cells = re.findall(r'"([-+]?\d+,\d+)(?:[eE][-+]?\d+)?"', "\n".join(sample))
+    return not all(re.fullmatch(r"[-+]?[1-9]\d{0,2},\d{3}", cell) for cell in cells)
+
+
+def _score(sample: Sequence[str], dialect: Dialect) -> tuple[float, bool]:
+    rows = [split(line, dialect.separator) for line in sample]
+    width = Counter(map(len, rows)).most_common(1)[0][0]
+    shares = [
+        sum(to_number(cell, dialect.decimal) is not None for cell in row) / width
+        if len(row) == width
+        else 0.0
+        for row in rows
+    ]
+    # A header of the right width speaks for a dialect nearly as much as a row of numbers does,
+    # unless it is a single cell that looks like several.
+    if (
+        len(rows[0]) == width
+        and not shares[0]
+        and (width > 1 or not re.search(r"[,;|\t]", sample[0]))
+    ):
+        shares[0] = 0.9
+    score = sum(shares)
+    # Anything can be read as a single column, so that reading has to be without a fault.
+    if width == 1 and min(shares) < 0.9:
+        score /= 2
+    return round(score, 9), width > 1
+
+
+def decimal_of(texts: Sequence[str]) -> str | None:
+    """A comma that the sample did not show, because the rig stood still there."""
+    commas = any("," in line for line in texts)
+    return "," if commas and not any("." in line for line in texts) else None
+
+
+def usual_width(texts: Sequence[str], dialect: Dialect) -> int:
+    sample = [*texts[:500], *texts[500:][-500:]]
+    widths = Counter(len(split(line, dialect.separator)) for line in sample)
+    return widths.most_common(1)[0][0]
+
+
+def without_trailing_delimiter(body: Lines, header: str | None, dialect: Dialect) -> Lines:
+    """Strip a delimiter that ends every row, unless the header names a column after it."""
+    mark = dialect.separator
+    if mark is None:
+        return body
+    texts = [line.rstrip(" ") for line in body.texts]
+    if not all(line.endswith(mark) for line in texts):
+        return body
+    width = usual_width(texts, dialect)
+    if header is not None:
+        names = split(header, mark)
+        if len(names) == width and names[-1].strip():
+            return body
+    return Lines(path=body.path, texts=[line[:-1] for line in texts], numbers=body.numbers)
+
+
+_CHUNK = 20_000
+"""Rows parsed at once: bounds the memory of the cells, and the slow path to the chunk in fault."""
+_SHOWN = 5
+_LONG = 10_000  # letters of a line, from which on each cell is looked at before it is read
+
+
+class _Faults:
+    """Counts what is wrong and keeps the first few, so that a wholly wrong file stays cheap."""
+
+    def __init__(self, what: str) -> None:
+        self.what = what
+        self.count = 0
+        self.first: list[Issue] = []
+
+    def add(self, place: str, message: str) -> None:
+        self.count += 1
+        if len(self.first) < _SHOWN:
+            self.first.append(Issue(place, message))
+
+    def report(self, path: Path, advice: str) -> list[Issue]:
+        if not self.count:
+            return []
+        more = self.count - len(self.first)
+        head = f"and {more} more {self.what}; " if more else ""
+        return [*self.first, Issue(str(path), f"{head}{advice}")]
+
+
+def parse(body: Lines, dialect: Dialect, names: Sequence[str]) -> Array:
+    """All rows as `(T, n)`. Raises InputError with every kind of fault found."""
+    careful = _Careful(body, dialect, names)
+    parts = []
+    for start in range(0, len(body.texts), _CHUNK):
+        texts = body.texts[start : start + _CHUNK]
+        rows = [split(line, dialect.separator) for line in texts]
+        usual = max(map(len, texts)) <= _LONG
+        part = _parse_fast(rows, dialect, len(names)) if usual else None
+        parts.append(careful.parse(rows, start) if part is None else part)
+    careful.raise_if_faulty()
+    return np.concatenate(parts)
+
+
+def _parse_fast(rows: list[list[str]], dialect: Dialect, width: int) -> Array | None:
+    """Rows without any fault and without empty cells; None sends the chunk the slow way."""
+    if set(map(len, rows)) != {width}:
+        return None
+    flat = list(chain.from_iterable(rows))
+    text = "\n".join(flat)
+    if "_" in text or (dialect.decimal == "," and "." in text):
+        return None
+    if dialect.decimal == ",":
+        flat = text.replace(",", ".").split("\n")
+    try:
+        return np.fromiter(map(float, flat), np.float64, len(flat)).reshape(len(rows), width)
+    except ValueError:
+        return None
+
+
+class _Careful:
+    """The slow way, which collects what is wrong with rows and cells."""
+
+    def __init__(self, body: Lines, dialect: Dialect, names: Sequence[str]) -> None:
+        self._body, self._dialect, self._names = body, dialect, names
+        self._cells: list[str] = []  # the first that are no numbers
+        self._ragged = _Faults("rows with a wrong number of cells")
+        self._bad = _Faults("cells without a number")
+
+    def parse(self, rows: list[list[str]], start: int) -> Array:
+        """`(len(rows), n)`; `start` is the index of the first row."""
+        values = np.full((len(rows), len(self._names)), np.nan)
+        for i, row in enumerate(rows):
+            if len(row) != len(self._names):
+                message = f"{len(row)} cells where {len(self._names)} are due"
+                self._ragged.add(self._body.place(start + i), message)
+                continue
+            for j, cell in enumerate(row):
+                value = to_number(cell, self._dialect.decimal)
+                if value is None:
+                    message = (
+                        f"column {short(self._names[j])}: {short(cell.strip())} is not a number"
+                    )
+                    self._bad.add(self._body.place(start + i), message)
+                    self._cells += [cell.strip()] if len(self._cells) < _SHOWN else []
+                else:
+                    values[i, j] = value
+        return values
+
+    def raise_if_faulty(self) -> None:
+        path = self._body.path
+        problems = [
+            *self._ragged.report(
+                path, "mend the rows or remove them, or check delimiter and decimal"
+            ),
+            *self._bad.report(path, self._advice()),
+        ]
+        if problems:
+            raise InputError(problems)
+
+    def _advice(self) -> str:
+        kinds = "; ".join(advice_of_cells(self._cells))
+        said = kinds or _cell_advice(self._bad, self._dialect)
+        places = {problem.place for problem in self._bad.first}
+        if places == {self._body.place(0)} and self._bad.count < _SHOWN:
+            return f"{said}; if that line is not one of the record, remove it"
+        return said
+
+
+def _cell_advice(bad: _Faults, dialect: Dialect) -> str:
+    advice = "mend the cells, or leave them empty where a sample is missing"
+    if any("," in problem.message for problem in bad.first) and dialect.decimal == ".":
+        return f"{advice}; if the comma is the decimal mark set decimal: ','"
+    if dialect.decimal == "," and any("." in problem.message for problem in bad.first):
+        return (
+            f"{advice}; numbers are read with a decimal comma, set decimal: '.' if they have none"
+        )
+    return f"{advice}; to pass over text above the numbers set skip_rows and header: false"
+
 
 _SAMPLE = 500  # rows at each end of a file
 _ROWS_OF_WORDS = 3  # below the header: units, kinds, descriptions
@@ -31,18 +275,18 @@ def table(path: Path, text: str, options: CsvOptions) -> Table:
     """Of a text that stands, or is to stand, in the file `path`."""
     check_options(path, options)
     lines = lines_of(path, text, options.skip_rows)
-    dialect = dialects.find(lines.texts, options)
-    lines = dialects.without_empty_tail(lines, dialect)
+    dialect = find_dialect(lines.texts, options)
+    lines = without_empty_tail(lines, dialect)
     header, body = _split_header(lines, dialect, options.header)
     if not body.texts:
         last = lines.numbers[-1]
         message = f"has a header but no data: nothing follows line {last}"
         raise InputError.one(str(path), f"{message}; record again, or set header: false")
     if options.decimal is None and dialect.separator != ",":
-        dialect = Dialect(dialect.separator, dialects.decimal_of(body.texts) or dialect.decimal)
-    body = dialects.without_trailing_delimiter(body, header, dialect)
+        dialect = Dialect(dialect.separator, decimal_of(body.texts) or dialect.decimal)
+    body = without_trailing_delimiter(body, header, dialect)
     _check_numbers(body, dialect)
-    width = dialects.usual_width(body.texts, dialect)
+    width = usual_width(body.texts, dialect)
     names, ignored = _names(header, lines, dialect, width)
     if header is None:
         ignored = _in_comment(lines, dialect, width)
@@ -66,7 +310,7 @@ def check_options(path: Path, options: CsvOptions) -> None:
     if options.skip_rows < 0:
         problems.append(f"skip_rows {options.skip_rows} is negative; give 0 or more")
     if problems:
-        raise InputError([Problem(str(path), text) for text in problems])
+        raise InputError([Issue(str(path), text) for text in problems])
 
 
 def _split_header(lines: Lines, dialect: Dialect, wanted: bool | None) -> tuple[str | None, Lines]:

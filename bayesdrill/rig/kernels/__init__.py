@@ -1,10 +1,8 @@
-"""Compiled kernels: a matrix exponential and a recurrence, eight walkers side by side.
+"""Compiled kernels, eight walkers side by side: what every simulator computes in the end.
 
-The kernels are written for one rig in one experiment: its formulas, the number of states, the
-entries that can differ from zero, the channels and the hold of the inputs are constants of the
-generated code, and every scalar of the recurrence is a vector of `LANES` walkers that stays in
-registers over all samples.  LLVM (through llvmlite) compiles them for the processor at hand in
-about 0.2 s; no compiler has to be installed and nothing is cached on disk.
+`recurrence` is for even times, `irregular` for uneven ones, `time_stepping` for friction,
+`kalman_filter` for a latent torque. Nothing here knows an experiment: shapes and constants come
+as arguments.
 """
 
 from __future__ import annotations
@@ -17,13 +15,11 @@ from typing import Any
 
 from llvmlite import ir
 
-from bayesdrill.rig.kernels.compiling import in_one_go, machine_code
+from bayesdrill.rig.kernels.compiling import Layout, in_one_go, machine_code
 from bayesdrill.rig.kernels.exponential import emit_exponential
 from bayesdrill.rig.kernels.lanes import LANES
-from bayesdrill.rig.kernels.layout import Layout
-from bayesdrill.rig.kernels.normal import emit_normal, scratch_size
-from bayesdrill.rig.kernels.recurrence import emit_response
-from bayesdrill.rig.kernels.tally import INTERVALS, LOGS, NEIGHBOURS, SQUARES, Tally
+from bayesdrill.rig.kernels.recurrence import emit_normal, emit_response, scratch_size
+from bayesdrill.rig.kernels.sums import INTERVALS, LOGS, NEIGHBOURS, SQUARES, Tally
 
 __all__ = ["LANES", "TALLIES", "Kernels", "Layout", "Tally", "compile_kernels", "scratch_size"]
 

@@ -1,11 +1,21 @@
-"""The matrix exponential of a model's dynamics over one span of time, for one group of walkers."""
+"""The matrix exponential of a model's dynamics over a span of time, and its action on a state by a
+Taylor series.
+
+What a matrix exponential of a short span does to a state, by its Taylor series.
+
+The matrix is divided by a number of each lane, `norm`, near the spectral radius of its absolute
+values: then no power of it overflows, and few terms are enough.
+"""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from dataclasses import dataclass
 
 from llvmlite import ir
 
+from bayesdrill.rig.kernels.compiling import Layout
 from bayesdrill.rig.kernels.lanes import (
     F64,
     I64,
@@ -18,13 +28,13 @@ from bayesdrill.rig.kernels.lanes import (
     fma,
     function,
     intrinsic,
+    largest,
     load,
     splat,
     store,
     vector,
     whole_numbers,
 )
-from bayesdrill.rig.kernels.layout import Layout
 
 TAYLOR_DEGREE = 16
 TAYLOR_NORM = 0.75  # 0.75**17 / 17! = 2e-17: the truncated series is exact to rounding below it
@@ -159,3 +169,170 @@ def _emit_product(module: ir.Module, layout: Layout) -> ir.Function:
             store(b, total, out, i * n + j)
     b.ret_void()
     return made
+
+
+DEGREE = 12
+REACH = 0.25  # largest norm times span that a series is asked for
+TAIL = 1e-16  # of a truncated series, at the ends of a cell
+BALANCINGS = 6
+DEEPEST = 50  # halvings of a span: below, it is lost in the rounding of a time
+LARGEST = 1e100  # of norms: a lane beyond has overflown
+
+Values = list[ir.Value]
+Use = Callable[[ir.Value, Values, Values], Values]
+
+
+def places_of(layout: Layout) -> list[tuple[int, int]]:
+    """(row, column) of entries of A, c and B that the rig has."""
+    entries = layout.entries([1.0] * layout.n_parameters)
+    return sorted({(row, column) for row, column, _ in entries if row < layout.n_states})
+
+
+def emit_rates(
+    b: ir.IRBuilder, layout: Layout, parameters: ir.Value, least: ir.Value, out: ir.Value
+) -> ir.Value:
+    """Entries at `places_of`, divided by norm, into `out`: norm, which is not below `least`."""
+    lanes = [Lane(b, load(b, parameters, p)) for p in range(layout.n_parameters)]
+    entries: dict[tuple[int, int], Lane | float] = {}
+    for row, column, value in layout.entries(lanes):
+        if row < layout.n_states:
+            entries[row, column] = entries.get((row, column), 0.0) + value
+    values = {
+        place: entry.value if isinstance(entry, Lane) else vector(float(entry))
+        for place, entry in entries.items()
+    }
+    norm = _emit_norm(b, layout.n_states, values)
+    fit = b.fcmp_ordered(">", norm, least)
+    fit = b.and_(fit, b.fcmp_ordered("<", norm, vector(LARGEST)))
+    norm = b.select(fit, norm, least)
+    over = b.fdiv(vector(1.0), norm)
+    for index, place in enumerate(places_of(layout)):
+        store(b, b.fmul(values[place], over), out, index)
+    return norm
+
+
+def _emit_norm(b: ir.IRBuilder, x: int, values: dict[tuple[int, int], ir.Value]) -> ir.Value:
+    """The largest sum of a row of D^-1 |A| D, which is a norm for any scales D > 0 of the states.
+
+    Units of states are of any size; each round takes for D the mean of D and |A| D, both as logs.
+    """
+    absolute = intrinsic(b.module, f"llvm.fabs.v{LANES}f64", VEC, [VEC])
+    root = intrinsic(b.module, f"llvm.sqrt.v{LANES}f64", VEC, [VEC])
+    size = {place: b.call(absolute, [value]) for place, value in values.items() if place[1] < x}
+    rounds = Loop(b, I64(BALANCINGS), [vector(1.0)] * x + [vector(math.inf)], "rounds")
+    scales, best = rounds.carried[:x], rounds.carried[x]
+    norm, new = vector(0.0), []
+    for row in range(x):
+        total = vector(0.0)
+        for column in (c for c in range(x) if (row, c) in size):
+            total = fma(b, size[row, column], scales[column], total)
+        share = b.fdiv(total, scales[row])
+        norm = b.select(b.fcmp_unordered(">", share, norm), share, norm)
+        known = b.fcmp_ordered(">", total, vector(0.0))
+        new.append(b.select(known, b.call(root, [b.fmul(total, scales[row])]), scales[row]))
+    best = b.select(b.fcmp_unordered("<", norm, best), norm, best)
+    rounds.close([*new, best])
+    return best
+
+
+@dataclass(frozen=True, slots=True)
+class Cell:
+    """Spans up to the `width` of a cell, halved in each lane until a series is short enough.
+
+    `halvings`: how often (whole numbers); `power`: 2 to that; `half`: 1/2 in lanes without any,
+    whose series begins in the middle of a cell, 0 in others; `unit`: norm times the width halved;
+    `weights`: 1/k or, beyond the degree of the lane, 0; `count`: largest degree, at least 3; `depth`:
+    most halvings.
+    """
+
+    halvings: ir.Value
+    power: ir.Value
+    half: ir.Value
+    unit: ir.Value
+    weights: ir.Value
+    count: ir.Value
+    depth: ir.Value
+
+
+def emit_cell(
+    b: ir.IRBuilder, norm: ir.Value, width: ir.Value, weights: ir.Value, *, tail: float = TAIL
+) -> Cell:
+    whole = b.fmul(norm, splat(b, width))
+    short = b.fcmp_ordered("<=", whole, vector(2 * REACH))
+    halvings = b.select(short, whole_numbers(0), emit_halvings(b, whole, REACH))
+    deep = b.icmp_signed(">", halvings, whole_numbers(DEEPEST))
+    halvings = b.select(deep, whole_numbers(DEEPEST), halvings)
+    exponent = b.add(halvings, whole_numbers(1023))
+    power = b.bitcast(b.shl(exponent, whole_numbers(52)), VEC)
+    unit = b.fdiv(whole, power)
+    half = b.select(short, vector(0.5), vector(0.0))
+    size = b.select(short, b.fmul(unit, vector(0.5)), unit)
+    degree = b.select(deep, whole_numbers(0), whole_numbers(1))
+    for k in range(1, DEGREE):
+        enough = (tail * math.factorial(k + 1)) ** (1 / (k + 1))
+        more = b.fcmp_ordered(">", size, vector(enough))
+        more = b.and_(more, b.icmp_signed("==", degree, whole_numbers(k)))
+        degree = b.add(degree, b.zext(more, INT_VEC))
+    for k in range(1, DEGREE + 1):
+        wanted = b.icmp_signed(">=", degree, whole_numbers(k))
+        store(b, b.select(wanted, vector(1 / k), vector(0.0)), weights, k)
+    count = largest(
+        b, b.select(b.icmp_signed(">", degree, whole_numbers(3)), degree, whole_numbers(3))
+    )
+    return Cell(halvings, power, half, unit, weights, count, largest(b, halvings))
+
+
+def emit_terms(
+    b: ir.IRBuilder,
+    layout: Layout,
+    rates: ir.Value,
+    values: tuple[Values, Values, Values],
+    over: ir.Value,
+    count: ir.Value,
+    start: Values,
+    use: Use,
+) -> Values:
+    """Derivatives of the state, the k-th times `over`**k (one over norm), k = 1 to `count` >= 3.
+
+    At state, inputs and slopes of inputs (`values`).  `use(k, term, carried)` gives what is
+    carried on from `start`.
+    """
+    state, inputs, slopes = values
+    x = layout.n_states
+    columns = dict(enumerate(state))
+    columns |= {x: vector(1.0)} | {x + 1 + n: value for n, value in enumerate(inputs)}
+    term = _emit_rate(b, layout, rates, columns)
+    carried = use(I64(1), term, start)
+    columns = dict(enumerate(term))
+    if layout.first_order:
+        columns |= {x + 1 + n: b.fmul(value, over) for n, value in enumerate(slopes)}
+    term = _emit_rate(b, layout, rates, columns)
+    carried = use(I64(2), term, carried)
+    more = Loop(b, b.sub(count, I64(2)), [*term, *carried], "terms")
+    term = _emit_rate(b, layout, rates, dict(enumerate(more.carried[:x])))
+    carried = use(b.add(more.index, I64(3)), term, more.carried[x:])
+    more.close([*term, *carried])
+    return carried
+
+
+def _emit_rate(
+    b: ir.IRBuilder, layout: Layout, rates: ir.Value, columns: dict[int, ir.Value]
+) -> Values:
+    found = []
+    for row in range(layout.n_states):
+        places = [(n, c) for n, (r, c) in enumerate(places_of(layout)) if r == row]
+        terms = [(load(b, rates, n), columns[c]) for n, c in places if c in columns]
+        found.append(emit_sum(b, terms))
+    return found
+
+
+def emit_sum(b: ir.IRBuilder, terms: list[tuple[ir.Value, ir.Value]]) -> ir.Value:
+    """Of products, in two halves: it takes as long as its longest chain of additions."""
+    halves = [terms[: len(terms) // 2], terms[len(terms) // 2 :]]
+    totals = []
+    for half in (half for half in halves if half):
+        total = b.fmul(*half[0])
+        for one, other in half[1:]:
+            total = fma(b, one, other, total)
+        totals.append(total)
+    return b.fadd(*totals) if len(totals) == 2 else totals[0] if totals else vector(0.0)

@@ -1,9 +1,21 @@
-"""The response of groups of walkers, sample after sample, its state in registers throughout."""
+"""The response of groups of walkers sample after sample, and its normal equations, summed up and
+never stored.
+
+The normal equations of groups of walkers: slopes of the response are summed up, never stored.
+
+Beside the state x there are its derivatives x_j in q directions of the parameters,
+
+    x_j(k + 1) = Phi x_j(k) + Phi_j x(k) + g_j + G_j (u(k), ...)
+
+with Phi_j from the exponential of the tangent's matrix.  At each sample the channels' derivatives
+are multiplied with each other and with what is left of the record.
+"""
 
 from __future__ import annotations
 
 from llvmlite import ir
 
+from bayesdrill.rig.kernels.compiling import Layout
 from bayesdrill.rig.kernels.lanes import (
     I64,
     NUMBERS,
@@ -17,8 +29,7 @@ from bayesdrill.rig.kernels.lanes import (
     store,
     vector,
 )
-from bayesdrill.rig.kernels.layout import Layout
-from bayesdrill.rig.kernels.tally import Tally
+from bayesdrill.rig.kernels.sums import Tally
 
 
 def emit_response(
@@ -125,3 +136,221 @@ def emit_drive(b: ir.IRBuilder, layout: Layout, u: ir.Value, index: ir.Value) ->
         following = b.add(index, I64(1))
         drive += [b.fsub(series(following, s), drive[s]) for s in range(layout.n_series)]
     return [splat(b, value) for value in drive]
+
+
+Values = list[ir.Value]
+Entries = dict[tuple[int, int], ir.Value]
+
+
+def scratch_size(layout: Layout, q: int) -> int:
+    """Vectors of scratch that `normal` wants, for `layout` of the tangent."""
+    x = layout.n_states // 2
+    return layout.size**2 + q * (x * (layout.size - x) + x + len(layout.channels))
+
+
+def emit_normal(
+    module: ir.Module, layout: Layout, step: ir.Function, lead: ir.Function | None
+) -> None:
+    """`normal(G, T, q, parameters, directions, scales, y, u, scratch, out)`.
+
+    `layout` is the tangent's: its first X states are the rig's, and its channels are derivatives.
+    `parameters (G, P, LANES)`, `directions (G, q, P, LANES)`, `scales (G, K, LANES)`: one over the
+    noise.  `out (G, K + q + q q, LANES)`: squares, slopes, and the lower triangle of the products.
+    """
+    blocks = [VECTORS, VECTORS, VECTORS, NUMBERS, NUMBERS, VECTORS, VECTORS]
+    w = _Writer(function(module, "normal", 3, blocks), layout)
+    groups = Loop(w.b, w.n_groups, [], "groups")
+    w.begin_group(groups.index)
+    state = w.first_state(lead)
+    phi = w.matrices(step)
+    samples = Loop(w.b, w.n_samples, state + [vector(0.0)] * w.k_count, "samples")
+    state, totals = samples.carried[: w.x_count], samples.carried[w.x_count :]
+    drive = emit_drive(w.b, layout, w.u, samples.index)
+    left = w.left(samples.index, state)
+    totals = [fma(w.b, value, value, total) for value, total in zip(left, totals, strict=True)]
+    w.each_direction(phi, state, drive, left)
+    samples.close(next_state(w.b, w.x_count, phi, state, drive) + totals)
+    for k, total in enumerate(totals):
+        store(w.b, total, w.own_out, k)
+    groups.close([])
+    w.b.ret_void()
+
+
+class _Writer:
+    """Where a group of walkers has its numbers, and the parts of the code that fills them in."""
+
+    def __init__(self, made: ir.Function, layout: Layout) -> None:
+        self.n_groups, self.n_samples, self.q, *blocks = made.args
+        self.parameters, self.directions, self.scales, self.y, self.u, self.e, self.out = blocks
+        b = self.b = ir.IRBuilder(made.append_basic_block())
+        self.layout = layout
+        self.x_count, self.k_count = layout.n_states // 2, len(layout.channels)
+        self.p_count = layout.n_parameters // 2
+        inputs = layout.size - layout.n_states  # the constant one and the sampled ones
+        self.d_count = self.x_count * (self.x_count + inputs)
+        self.d = b.gep(self.e, [I64(layout.size**2)])
+        self.slopes_x = b.gep(self.d, [b.mul(self.q, I64(self.d_count))])
+        self.slopes_s = b.gep(self.slopes_x, [b.mul(self.q, I64(self.x_count))])
+        self.both = b.alloca(VEC, I64(2 * self.p_count))
+        self.weights = [channel[self.x_count :] for channel in layout.channels]
+
+    def row(self, base: ir.Value, index: ir.Value, count: int) -> ir.Value:
+        return self.b.gep(base, [self.b.mul(index, I64(count))])
+
+    def begin_group(self, group: ir.Value) -> None:
+        b, q = self.b, self.q
+        out_count = b.add(I64(self.k_count), b.add(q, b.mul(q, q)))
+        self.group = group
+        self.own_out = b.gep(self.out, [b.mul(group, out_count)])
+        self.own_scales = self.row(self.scales, group, self.k_count)
+        self.slope_sums = b.gep(self.own_out, [I64(self.k_count)])
+        self.product_sums = b.gep(self.slope_sums, [q])
+        self._clear(self.own_out, out_count)
+        own = self.row(self.parameters, group, self.p_count)
+        for p in range(self.p_count):
+            store(b, load(b, own, p), self.both, p)
+
+    def _clear(self, base: ir.Value, count: ir.Value) -> None:
+        clear = Loop(self.b, count, [], "clear")
+        self.b.store(vector(0.0), self.b.gep(base, [clear.index]), align=8)
+        clear.close([])
+
+    def _exponential(self, of: ir.Function, direction: ir.Value) -> None:
+        """Of the tangent's matrix in this direction."""
+        b = self.b
+        row = self.row(self.directions, b.add(b.mul(self.group, self.q), direction), self.p_count)
+        for p in range(self.p_count):
+            store(b, load(b, row, p), self.both, self.p_count + p)
+        b.call(of, [self.both, self.e])
+
+    def first_state(self, lead: ir.Function | None) -> Values:
+        """Of the rig, at the first sample; those of the slopes are stored."""
+        b, layout, count = self.b, self.layout, self.x_count
+        start: Values = [vector(value) for value in layout.x0[:count]]
+        if lead is None:
+            self._clear(self.slopes_x, b.mul(self.q, I64(count)))
+            return start
+        zero = [vector(0.0)] * count
+        begun = Loop(b, self.q, [], "begun")
+        self._exponential(lead, begun.index)
+        phi, slope = _entries(b, layout, self.e)
+        mine = self.row(self.slopes_x, begun.index, count)
+        for i, value in enumerate(_next_slope(b, layout, phi, slope, start, zero, [])):
+            store(b, value, mine, i)
+        begun.close([])
+        return next_state(b, count, _entries(b, layout, self.e)[0], start, [])
+
+    def matrices(self, step: ir.Function) -> Entries:
+        """Phi; its slopes in all directions are stored."""
+        b, layout = self.b, self.layout
+        each = Loop(b, self.q, [], "matrices")
+        self._exponential(step, each.index)
+        mine = self.row(self.d, each.index, self.d_count)
+        for place, value in enumerate(_slope_values(b, layout, self.e)):
+            store(b, value, mine, place)
+        each.close([])
+        return _entries(b, layout, self.e)[0]
+
+    def left(self, sample: ir.Value, state: Values) -> Values:
+        """Of the record, over the noise."""
+        b = self.b
+        found = []
+        for k, weights in enumerate(self.weights):
+            flat = b.add(b.mul(sample, I64(self.k_count)), I64(k))
+            value = splat(b, b.load(b.gep(self.y, [flat])))
+            for weight, x in zip(weights, state, strict=True):
+                if weight != 0.0:
+                    value = fma(b, vector(-weight), x, value)
+            found.append(b.fmul(value, load(b, self.own_scales, k)))
+        return found
+
+    def each_direction(self, phi: Entries, state: Values, drive: Values, left: Values) -> None:
+        """Sums with what is left and with the directions up to this one; then the next slopes."""
+        b, layout = self.b, self.layout
+        each = Loop(b, self.q, [], "each")
+        own_x = self.row(self.slopes_x, each.index, self.x_count)
+        own_s = self.row(self.slopes_s, each.index, self.k_count)
+        own_d = self.row(self.d, each.index, self.d_count)
+        slope_x = [load(b, own_x, i) for i in range(self.x_count)]
+        seen = []
+        for k, weights in enumerate(self.weights):
+            value = vector(0.0)
+            for weight, x in zip(weights, slope_x, strict=True):
+                if weight != 0.0:
+                    value = fma(b, vector(weight), x, value)
+            seen.append(b.fmul(value, load(b, self.own_scales, k)))
+            store(b, seen[k], own_s, k)
+        _add_products(b, b.gep(self.slope_sums, [each.index]), seen, left)
+        row = b.gep(self.product_sums, [b.mul(each.index, self.q)])
+        pairs = Loop(b, b.add(each.index, I64(1)), [], "pairs")
+        other_s = self.row(self.slopes_s, pairs.index, self.k_count)
+        others = [load(b, other_s, k) for k in range(self.k_count)]
+        _add_products(b, b.gep(row, [pairs.index]), seen, others)
+        pairs.close([])
+        slope = {place: load(b, own_d, n) for n, place in enumerate(_slope_places(layout))}
+        for i, value in enumerate(_next_slope(b, layout, phi, slope, state, slope_x, drive)):
+            store(b, value, own_x, i)
+        each.close([])
+
+
+def _add_products(b: ir.IRBuilder, place: ir.Value, ones: Values, others: Values) -> None:
+    total = b.load(place, align=8)
+    for one, other in zip(ones, others, strict=True):
+        total = fma(b, one, other, total)
+    b.store(total, place, align=8)
+
+
+def _slope_places(layout: Layout) -> list[tuple[int, int]]:
+    """(row, column) of the entries of Phi_j, g_j and G_j that can differ from zero.
+
+    Rows count the rig's states, columns go on with the inputs after them.
+    """
+    x, reach = layout.n_states // 2, layout.reach
+    columns = [*range(x), *range(2 * x, layout.size)]
+    return [(i, n) for i in range(x) for n, column in enumerate(columns) if reach[x + i][column]]
+
+
+def _slope_values(b: ir.IRBuilder, layout: Layout, e: ir.Value) -> Values:
+    x, size = layout.n_states // 2, layout.size
+    found = []
+    for i, n in _slope_places(layout):
+        column = n if n < x else n + x
+        found.append(load(b, e, (x + i) * size + column))
+    return found
+
+
+def _entries(b: ir.IRBuilder, layout: Layout, e: ir.Value) -> tuple[Entries, Entries]:
+    """Phi with its inputs' columns, and their derivatives, from the tangent's exponential."""
+    x, size, reach = layout.n_states // 2, layout.size, layout.reach
+    phi = {}
+    for i in range(x):
+        for n in range(size - x):
+            column = n if n < x else n + x
+            if reach[i][column]:
+                phi[i, n] = load(b, e, i * size + column)
+    slope = dict(zip(_slope_places(layout), _slope_values(b, layout, e), strict=True))
+    return phi, slope
+
+
+def _next_slope(
+    b: ir.IRBuilder,
+    layout: Layout,
+    phi: Entries,
+    slope: Entries,
+    state: Values,
+    slope_x: Values,
+    drive: Values,
+) -> Values:
+    x = layout.n_states // 2
+    following = []
+    for i in range(x):
+        total = slope.get((i, x), vector(0.0))
+        for n, value in [*enumerate(state), *enumerate(drive, start=x + 1)]:
+            if (i, n) in slope:
+                total = fma(b, slope[i, n], value, total)
+        other = vector(0.0)
+        for n, value in enumerate(slope_x):
+            if (i, n) in phi:
+                other = fma(b, phi[i, n], value, other)
+        following.append(b.fadd(total, other))
+    return following

@@ -1,4 +1,4 @@
-"""Friction that is dry: efforts against a speed, or a current, that can stop it and do no more.
+"""Friction that is dry, and the physics that a rig takes where its parameter is named.
 
     at' = ... - (entry of B) * T         T = sgn(at) size   while it moves,
                                          |T| <= size        while it sticks
@@ -16,7 +16,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdrill.basics.arithmetic import exp, size
+from bayesdrill.basics.duals import exp, size
 from bayesdrill.basics.symbols import Symbol
 
 Named = Mapping[str, NDArray[np.float64] | float]

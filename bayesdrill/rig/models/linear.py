@@ -1,19 +1,108 @@
-"""The contract of a model: linear dynamics with named states, inputs and parameters."""
+"""The contract of a model: linear dynamics with named states, inputs and parameters, and the
+tangent of such a model.
+
+Roles: what a rig calls the speed of rotor 1, the friction at its motor, the stiffness of its shaft.
+
+Whatever looks at a rig from outside asks for these, and knows no symbol by its spelling.  They are the
+names of `basics.symbols` where a rig says nothing else; a role whose name is none of a rig's states,
+inputs or parameters is one that it has not.
+
+The tangent of a rig: a model whose extra states are the derivatives of the rig's own.
+
+    x' = A x + B u + c        x_dot' = A x_dot + A_dot x + B_dot u + c_dot
+
+for a direction in the space of parameters.  Its response is the exact sensitivity of the rig's
+response, by the same kernels: no step size, no difference of nearly equal numbers.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from operator import attrgetter
 from types import MappingProxyType
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from bayesdrill.basics.duals import Dual, dual
 from bayesdrill.basics.symbols import Symbol
-from bayesdrill.rig.models.friction import Friction
-from bayesdrill.rig.models.friction import Named as Named
-from bayesdrill.rig.models.roles import USUAL, Roles
+from bayesdrill.rig.models.friction import Friction, Named
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MotorRoles:
+    """`angle`, `speed`: behind the gear; `voltage`, `torque`: inputs; `friction`: of constant sign;
+    `static` friction is lost over the speed `fading`; `series`: a resistance; `drop`: a voltage.
+    """
+
+    angle: str = "theta_2"
+    speed: str = "w_2"
+    current: str = "i"
+    voltage: str = "v"
+    torque: str = "t_m"
+    damping: str = "c_m"
+    friction: str = "t_f"
+    sliding: str = "t_cm"
+    static: str = "t_sm"
+    fading: str = "w_sm"
+    back_emf: str = "k_e"
+    torque_constant: str = "k_T"
+    resistance: str = "r_m"
+    series: str = "r_s"
+    inductance: str = "l_m"
+    drop: str = "v_d"
+    efficiency: str = "eta"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ShaftRoles:
+    stiffness: str = "k_s"
+    damping: str = "c_s"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RotorRoles:
+    """`load`: an input; `static` friction is lost over the speed `fading`."""
+
+    angle: str = "theta_1"
+    speed: str = "w_1"
+    load: str = "t_1"
+    inertia: str = "j_1"
+    damping: str = "c_1"
+    sliding: str = "t_c1"
+    static: str = "t_s1"
+    fading: str = "w_s1"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Roles:
+    """`gear`: the field of the rig with its gear reduction factor, at most 1."""
+
+    motor: MotorRoles = field(default_factory=MotorRoles)
+    shaft: ShaftRoles = field(default_factory=ShaftRoles)
+    rotor: RotorRoles = field(default_factory=RotorRoles)
+    gear: str = "i_m"
+
+    def __getitem__(self, role: str) -> str:
+        """The name of a role such as `motor.speed`; raises `AttributeError` where there is none."""
+        found: str = attrgetter(role)(self)
+        return found
+
+    def at(self, place: str) -> MotorRoles | RotorRoles:
+        """`motor`, or `rotor_1`."""
+        return self.motor if place == "motor" else self.rotor
+
+    @property
+    def speeds(self) -> Mapping[str, str]:
+        """Of angles."""
+        return {one.angle: one.speed for one in (self.rotor, self.motor)}
+
+
+USUAL = Roles()
+STATES = ("rotor.angle", "rotor.speed", "motor.angle", "motor.speed", "motor.current")
+
 
 Array = NDArray[np.float64]
 Offers = Mapping[str, tuple[str, ...]]
@@ -172,3 +261,56 @@ class Around(Model):
     @property
     def geared(self) -> bool:
         return self.rig.geared
+
+
+DOT = "_dot"
+
+
+@dataclass(frozen=True, slots=True)
+class Tangent(Around):
+    """Of `rig`: its parameters and, named with `_dot`, the direction of the derivative."""
+
+    @property
+    def name(self) -> str:
+        return f"tangent of {self.rig.name}"
+
+    @property
+    def declares(self) -> tuple[Symbol, ...]:
+        return ()
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        return _with_dots(self.rig.parameters)
+
+    @property
+    def states(self) -> tuple[str, ...]:
+        return _with_dots(self.rig.states)
+
+    @property
+    def frictions(self) -> tuple[()]:
+        """None of its own: the columns of the rig's, and their derivatives, stand in its `B`."""
+        return ()
+
+    def linear(self, p: Named) -> Linear:
+        duals: Any = {name: Dual(p[name], p[name + DOT]) for name in self.rig.parameters}
+        rig = self.rig.linear(duals)
+        a: dict[tuple[str, str], Any] = {}
+        b: dict[tuple[str, str], Any] = {}
+        c: dict[str, Any] = {}
+        for (row, column), entry in rig.A.items():
+            a[row, column] = a[row + DOT, column + DOT] = dual(entry).value
+            if isinstance(entry, Dual):
+                a[row + DOT, column] = entry.slope
+        for (row, name), entry in rig.B.items():
+            b[row, name] = dual(entry).value
+            if isinstance(entry, Dual):
+                b[row + DOT, name] = entry.slope
+        for row, entry in rig.c.items():
+            c[row] = dual(entry).value
+            if isinstance(entry, Dual):
+                c[row + DOT] = entry.slope
+        return Linear(A=a, B=b, c=c)
+
+
+def _with_dots(names: tuple[str, ...]) -> tuple[str, ...]:
+    return (*names, *(name + DOT for name in names))

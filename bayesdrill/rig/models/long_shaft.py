@@ -26,8 +26,8 @@ from pydantic import Field
 
 from bayesdrill.basics.symbols import Symbol
 from bayesdrill.rig.models.composed import Names
-from bayesdrill.rig.models.friction import Friction
-from bayesdrill.rig.models.linear import Linear, Model, Named, Offers
+from bayesdrill.rig.models.friction import Friction, Named
+from bayesdrill.rig.models.linear import Linear, Model, Offers
 from bayesdrill.rig.models.motor_shaft import OFFERS, PARAMETERS, Gear, MotorShaft, Power
 
 MOST = 4

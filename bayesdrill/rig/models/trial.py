@@ -98,7 +98,7 @@ def _rubs(rig: Any) -> None:
         try:
             one.law.size(p, some, seen)
         except Exception as error:
-            wanted = "its law wants what it does not name, or more than `basics.arithmetic`"
+            wanted = "its law wants what it does not name, or more than `basics.duals`"
             why = f"{type(error).__name__}: {error}"
             raise ValueError(f"the friction {one.name}: {wanted} ({why})") from None
 

@@ -1,0 +1,32 @@
+"""What to believe: identifiability, verdict, causes of a bad fit, physics, comparison,
+calibration.
+
+All of it looks at a `Problem` and at draws, and says it in numbers. Sentences, tables and
+figures of it are in `report`.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from bayesdrill.basics.registry import late
+
+if TYPE_CHECKING:
+    from bayesdrill.analysis.identifiability.information import Scenery as Scenery
+    from bayesdrill.analysis.identifiability.information import (
+        from_sensitivities as from_sensitivities,
+    )
+    from bayesdrill.analysis.identifiability.structure import Exponents as Exponents
+    from bayesdrill.analysis.identifiability.study import study_of as study_of
+    from bayesdrill.analysis.verdict import Verdict as Verdict
+
+__getattr__ = late(
+    __name__,
+    {
+        "Exponents": "identifiability.structure",
+        "Scenery": "identifiability.information",
+        "Verdict": "verdict",
+        "from_sensitivities": "identifiability.information",
+        "study_of": "identifiability.study",
+    },
+)

@@ -1,0 +1,479 @@
+"""Simulation-based calibration: many simulated records refitted, where the truth ranks, and one
+verdict on all.
+
+How far uniform ranks wander by chance: exact bands for their distribution and for counts.
+
+With the right posterior the rank of a true value among L draws is uniform on 0 ... L (Talts et al.
+2018).  The band for the empirical distribution function of N ranks is that of Saeilynoja, Buerkner
+and Vehtari (2022): pointwise binomial intervals of one level, chosen so that the whole function
+stays inside with the wanted probability, which their recursion gives exactly.
+
+One refit: unknowns from the prior, a record of them, its posterior, the ranks of the truth.
+
+`refit` is a function of the study and the index alone: it can run anywhere, and run again.
+
+One verdict on all ranks, wrong with at most `FALSE_ALARM` where the posterior is right.
+
+Half of that chance goes to the rank bands, shared equally by the quantities, and half to the
+credible intervals, shared equally by unknowns and levels: a union bound, as the ranks of one refit
+depend on each other.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import math
+import pickle
+import threading
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import bdtr, gammaln
+from threadpoolctl import threadpool_limits
+
+from bayesdrill.basics import seeds, software
+from bayesdrill.basics.errors import InputError
+from bayesdrill.basics.progress import SILENT
+from bayesdrill.inference import laplace, step_error
+from bayesdrill.inference.posterior import Posterior
+from bayesdrill.sampling import mode_search
+from bayesdrill.sampling.ensembles import Memory, Plan, Sampled, sample
+from bayesdrill.sampling.optimisers.contract import Optimiser
+from bayesdrill.sampling.workers import Crew
+
+Array = NDArray[np.float64]
+Counts = NDArray[np.int64]
+
+PLAIN = 3.0  # standard errors from which a shift or a spread of the ranks is named
+
+
+def rank(truth: float, draws: Array, rng: np.random.Generator) -> int:
+    """How many of `draws (L,)` are below `truth`, 0 to L; ties are broken at random."""
+    below, equal = int((draws < truth).sum()), int((draws == truth).sum())
+    return below + int(rng.integers(equal + 1))
+
+
+def shape(ranks: Counts, n_draws: int) -> str | None:
+    """What is wrong with a posterior whose `ranks (N,)` are not uniform; None where unclear.
+
+    By the mean and the spread of the ranks: a shift spreads them too, to one end alone.
+    """
+    u = (ranks + 0.5) / (n_draws + 1) - 0.5
+    n = len(u)
+    moved = float(u.mean()) * np.sqrt(12.0 * n)
+    spread = (float((u**2).mean()) - 1.0 / 12.0) * np.sqrt(180.0 * n)
+    if max(abs(moved), abs(spread)) < PLAIN:
+        return None
+    if abs(moved) >= max(PLAIN, 0.5 * abs(spread)):
+        return "posterior too low" if moved > 0 else "posterior too high"
+    return "posterior too narrow" if spread > 0 else "posterior too wide"
+
+
+def shape_of_fit(ranks: Counts, n_draws: int) -> str | None:
+    """The same for the log likelihood, of which only too much or too little can be said.
+
+    Draws that crowd around the best fit all fit the record better than the truth does.
+    """
+    u = (ranks + 0.5) / (n_draws + 1) - 0.5
+    moved = float(u.mean()) * np.sqrt(12.0 * len(u))
+    if abs(moved) < PLAIN:
+        return None
+    return "posterior too wide" if moved > 0 else "posterior too narrow"
+
+
+HALVINGS = 40  # of the interval in which the pointwise level is sought
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Band:
+    """Of `n` ranks, between `low` and `high` (both allowed) are below `(i + 1) / (L + 1)`, each `(L,)`.
+
+    `false_alarm`: the exact probability that uniform ranks leave it somewhere.
+    """
+
+    n: int
+    shares: Array
+    low: Counts
+    high: Counts
+    false_alarm: float
+
+    def counts(self, ranks: Counts) -> Counts:
+        """How many of `ranks (n,)` are below each share: `(L,)`."""
+        n_draws = len(self.shares)
+        return np.cumsum(np.bincount(ranks, minlength=n_draws + 1))[:n_draws]
+
+    def reach(self, ranks: Counts) -> float:
+        """The farthest departure from uniform, in half-widths of the band: above 1 is outside."""
+        expected = self.n * self.shares
+        away = self.counts(ranks) - expected
+        room = np.where(away > 0, self.high, self.low) - expected
+        open_ended = np.where(away > 0, self.high == self.n, self.low == 0)  # none can be outside
+        room = np.where(room == 0.0, np.copysign(0.5, away), room)
+        return float(np.max(away / room, where=~open_ended, initial=0.0))
+
+    def holds(self, ranks: Counts) -> bool:
+        found = self.counts(ranks)
+        return bool(np.all((found >= self.low) & (found <= self.high)))
+
+
+@functools.cache
+def ecdf_band(n: int, n_draws: int, false_alarm: float) -> Band:
+    """The narrowest band that `n` uniform ranks among `n_draws` leave with at most `false_alarm`."""
+    shares = np.arange(1, n_draws + 1) / (n_draws + 1)
+    table = bdtr(np.arange(n + 1)[:, None], n, shares)  # (n + 1, L): P(count <= row)
+    inside, outside = 0.0, 1.0  # levels: at the first the band holds often enough
+    low, high = _pointwise(table, inside)
+    for _ in range(HALVINGS):
+        level = 0.5 * (inside + outside) if inside > 0 else 0.1 * outside
+        tried = _pointwise(table, level)
+        if _stays(n, shares, *tried) >= 1.0 - false_alarm:
+            inside, (low, high) = level, tried
+        else:
+            outside = level
+    held = _stays(n, shares, low, high)
+    return Band(n=n, shares=shares, low=low, high=high, false_alarm=1.0 - held)
+
+
+@functools.cache
+def count_band(n: int, share: float, false_alarm: float) -> tuple[int, int]:
+    """The counts of `n` independent events of probability `share` to be expected, ends included."""
+    low, high = _pointwise(bdtr(np.arange(n + 1)[:, None], n, np.array([share])), false_alarm)
+    return int(low[0]), int(high[0])
+
+
+def _pointwise(table: Array, level: float) -> tuple[Counts, Counts]:
+    """Binomial intervals that leave at most `level / 2` out on either side."""
+    low = (table <= 0.5 * level).sum(axis=0)
+    high = (table < 1.0 - 0.5 * level).sum(axis=0)
+    return low, np.minimum(high, len(table) - 1)
+
+
+def _stays(n: int, shares: Array, low: Counts, high: Counts) -> float:
+    """The probability that the counts of `n` uniforms stay between `low` and `high` at all shares.
+
+    Counts are a Markov chain: of those still above one share, each is below the next one
+    independently.
+    """
+    log_factorial = gammaln(np.arange(n + 1) + 1.0)
+    have, probability, before = np.array([0]), np.array([1.0]), 0.0
+    for share, first, last in zip(shares, low, high, strict=True):
+        if last < first:
+            return 0.0
+        p = (share - before) / (1.0 - before)
+        now = np.arange(first, last + 1)
+        more = now[None, :] - have[:, None]
+        left = n - have[:, None]
+        new = np.maximum(more, 0)
+        log_p = (
+            log_factorial[left]
+            - log_factorial[new]
+            - log_factorial[left - np.minimum(new, left)]
+            + new * np.log(p)
+            + (left - new) * np.log1p(-p)
+        )
+        probability = probability @ np.where(more >= 0, np.exp(log_p), 0.0)
+        have, before = now, share
+    return float(probability.sum())
+
+
+FIT = "log likelihood"  # the quantity that depends on the record (Modrak et al. 2023)
+TRIES = 1000  # draws from the prior until the model has a finite response
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Study:
+    """What is repeated: `posterior` without its record, how its mode is sought and it is sampled.
+
+    `draws`: L, among which the truth is ranked; `starts`: searches for the mode, at most.
+    """
+
+    posterior: Posterior
+    optimiser: Optimiser
+    starts: int
+    evaluations: int
+    plan: Plan
+    draws: int
+    seed: int
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the quantities that are ranked."""
+        return (*self.posterior.space.free, FIT)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Refit:
+    """`truth` and `ranks` in the order of `Study.names`; no ranks where nothing could be sampled.
+
+    `reasons`: why it has not converged; `seconds` it took, which is no part of the result.
+    """
+
+    index: int
+    truth: tuple[float, ...]
+    ranks: tuple[int, ...]
+    r_hat: float
+    ess: float
+    steps: int
+    reasons: tuple[str, ...]
+    seconds: float = field(compare=False)
+
+    @property
+    def converged(self) -> bool:
+        return not self.reasons
+
+
+def refit(study: Study, index: int) -> Refit:
+    """Refit `index`, counted from 0; the truth is used to make the record and to be ranked."""
+    begun = time.perf_counter()
+    rng = seeds.stream(study.seed, "calibrate", index)
+    theta, posterior = _simulated(study.posterior, rng)
+    seed = int(rng.integers(2**32))
+    truth = np.array([*theta, posterior.likelihood(theta[None])[0]])
+    found = Refit(
+        index=index,
+        truth=tuple(map(float, truth)),
+        ranks=(),
+        r_hat=np.inf,
+        ess=0.0,
+        steps=0,
+        reasons=(),
+        seconds=0.0,
+    )
+    try:
+        _, sampled = fitted(study, posterior, seed)
+    except ValueError as error:  # numbers fail far from any reasonable record
+        found = dataclasses.replace(found, reasons=(f"nothing could be sampled: {error}",))
+    else:
+        found = dataclasses.replace(
+            found,
+            ranks=_ranks(study, posterior, truth, sampled, rng),
+            r_hat=float(sampled.convergence.r_hat.max()),
+            ess=float(sampled.convergence.ess_bulk.min()),
+            steps=sampled.convergence.steps,
+            reasons=sampled.convergence.reasons,
+        )
+    return dataclasses.replace(found, seconds=time.perf_counter() - begun)
+
+
+def _simulated(posterior: Posterior, rng: np.random.Generator) -> tuple[Array, Posterior]:
+    """Unknowns `(D,)` from the prior, and the posterior of a record that they made."""
+    likelihood = posterior.likelihood
+    for _ in range(TRIES):
+        theta = posterior.space.draw(1, rng)
+        signals = likelihood.every_signal(theta)
+        # Where the model overflows the posterior is zero: such unknowns are no part of the prior.
+        if all(np.all(np.isfinite(each)) for each in signals):
+            break
+    else:
+        message = f"the model has no finite response at {TRIES} draws from the priors; narrow them"
+        raise InputError.one("parameters", message)
+    made = [
+        one.with_record(one.draw(each, theta, rng)[0])
+        for one, each in zip(likelihood.observations, signals, strict=True)
+    ]
+    simulated = dataclasses.replace(likelihood, observations=tuple(made))
+    return theta[0], dataclasses.replace(posterior, likelihood=simulated)
+
+
+def fitted(study: Study, posterior: Posterior, seed: int) -> tuple[mode_search.Mode, Sampled]:
+    """From all maxima that are found, as a posterior of its own is."""
+    draws = posterior.space.draw(mode_search.SCOUTS, seeds.stream(seed, "scout"))
+    scouted = mode_search.scouts(posterior, draws)
+    found = mode_search.summarise(posterior, (_best(study, posterior, seed),), scouted)
+    tops = mode_search.tops(posterior, found)
+    posterior = step_error.taking(posterior, found.pieces)
+    plan = dataclasses.replace(study.plan, seed=seed)
+    with Crew(posterior, 1) as crew:
+        sampled = sample(crew, posterior, tops, plan, Memory(), SILENT)
+        return found, sampled.doubted(found.doubts)
+
+
+def _best(study: Study, posterior: Posterior, seed: int) -> mode_search.Search:
+    """Searches from the most promising starts, until one is seen to have arrived.
+
+    That is when two agree, or one leaves no more residuals than known noise explains: maxima that
+    are somewhere else are for scouts to find.
+    """
+    points = mode_search.starts(posterior, study.starts, seeds.stream(seed, "map"))
+    points = points[np.argsort(-posterior.density(points), kind="stable")]
+    found: list[mode_search.Search] = []
+    for point in points:
+        found.append(mode_search.search(posterior, study.optimiser, study.evaluations, point))
+        best = max(found, key=lambda search: search.log_posterior)
+        near = best.log_posterior - mode_search.SAME_LOG_DENSITY
+        if sum(search.log_posterior > near for search in found) >= 2:
+            break
+        if _explained(posterior, posterior.space.vector(best.end)):
+            break
+    return best
+
+
+def _explained(posterior: Posterior, theta: Array) -> bool:
+    """Whether the noise, where all of it is known, explains what `theta (D,)` leaves."""
+    likelihood = posterior.likelihood
+    known = not any(one.unknowns for one in likelihood.observations)
+    return known and laplace.excess(posterior, theta) <= 1.0 + np.sqrt(2.0 / likelihood.numbers)
+
+
+def _ranks(
+    study: Study, posterior: Posterior, truth: Array, sampled: Sampled, rng: np.random.Generator
+) -> tuple[int, ...]:
+    """Among L of the nearly independent draws, picked at random."""
+    pool = sampled.draws.reshape(-1, len(truth) - 1)
+    draws = pool[rng.choice(len(pool), study.draws, replace=len(pool) < study.draws)]
+    values = np.column_stack([draws, posterior.likelihood(draws)])
+    return tuple(rank(x, column, rng) for x, column in zip(truth, values.T, strict=True))
+
+
+# A process computes one refit at a time, whoever asks: limits on threads hold for all of it.
+_ONE_AT_A_TIME = threading.Lock()
+
+
+def packed(study: Study) -> bytes:
+    """What `work` wants: compiled code is left out, and is made once by each process."""
+    return pickle.dumps(study)
+
+
+_unpacked = functools.lru_cache(maxsize=1)(pickle.loads)
+
+
+def same_software(versions: Mapping[str, str]) -> None:
+    """Raises `InputError` where this process has another."""
+    if wrong := software.unlike(software.installed_versions(), versions):
+        raise InputError.one("a worker", f"it has {', '.join(wrong)}; install the same there")
+
+
+def work(packed: bytes, versions: Mapping[str, str], index: int) -> Refit:
+    """A task for any process that has the same software; raises `InputError` in any other."""
+    same_software(versions)
+    with _ONE_AT_A_TIME, threadpool_limits(1):
+        return refit(_unpacked(packed), index)
+
+
+FALSE_ALARM = 0.01  # of the whole verdict
+LEVELS = (0.5, 0.8, 0.94)  # of the credible intervals
+MOST_NOT_CONVERGED = 0.05  # of the refits; with more there is no verdict
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Interval:
+    """How many truths lay in the central interval of probability `share`; `low` to `high` is chance."""
+
+    share: float
+    inside: int
+    low: int
+    high: int
+
+    @property
+    def holds(self) -> bool:
+        return self.low <= self.inside <= self.high
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Quantity:
+    """One unknown, or the log likelihood (which has no `intervals`); `ranks (N,)`.
+
+    `shape`: what is wrong, where it can be told; None for uniform ranks.
+    """
+
+    name: str
+    ranks: Counts
+    reach: float
+    holds: bool
+    shape: str | None
+    intervals: tuple[Interval, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Verdict:
+    """`not_converged`: indices of refits that missed their targets, `lost`: of those without ranks."""
+
+    n_draws: int
+    band: Band
+    quantities: tuple[Quantity, ...]
+    refits: int
+    not_converged: tuple[int, ...]
+    lost: tuple[int, ...]
+
+    @property
+    def calibrated(self) -> bool:
+        return not self.faults and not self.doubts
+
+    @cached_property
+    def faults(self) -> tuple[str, ...]:
+        """What chance does not explain, worst first."""
+        found = []
+        for quantity in sorted(self.quantities, key=lambda q: -q.reach):
+            if not quantity.holds:
+                why = f" ({quantity.shape})" if quantity.shape else ""
+                found.append(f"ranks of {quantity.name} leave the band{why}")
+        for quantity in self.quantities:
+            for interval in quantity.intervals:
+                if not interval.holds:
+                    found.append(
+                        f"{100 * interval.share:.3g} % intervals of {quantity.name} hold the truth in "
+                        f"{100 * interval.inside / self.band.n:.0f} % of the refits"
+                    )
+        return tuple(found)
+
+    @cached_property
+    def doubts(self) -> tuple[str, ...]:
+        """Why nothing can be said, however good the ranks look."""
+        found = []
+        if len(self.not_converged) > MOST_NOT_CONVERGED * self.refits:
+            found.append(
+                f"{len(self.not_converged)} of {self.refits} refits did not converge (at most "
+                f"{100 * MOST_NOT_CONVERGED:g} % may)"
+            )
+        if self.lost:
+            found.append(f"{len(self.lost)} of {self.refits} refits gave no draws at all")
+        return tuple(found)
+
+
+def judge_calibration(names: Sequence[str], refits: Sequence[Refit], n_draws: int) -> Verdict:
+    """`names` of the quantities, the log likelihood last; `refits` in the order of their index."""
+    ranked = [refit for refit in refits if refit.ranks]
+    table = np.array([refit.ranks for refit in ranked], dtype=np.int64).reshape(-1, len(names))
+    band = ecdf_band(len(ranked), n_draws, 0.5 * FALSE_ALARM / len(names))
+    n_unknown = len(names) - 1
+    quantities = []
+    for column, name in enumerate(names):
+        ranks, unknown = table[:, column], column < n_unknown
+        told = (shape if unknown else shape_of_fit)(ranks, n_draws) if len(ranks) else None
+        holds = band.holds(ranks)
+        quantities.append(
+            Quantity(
+                name=name,
+                ranks=ranks,
+                reach=band.reach(ranks),
+                holds=holds,
+                shape=None if holds else told,
+                intervals=_intervals(ranks, n_draws, n_unknown) if unknown else (),
+            )
+        )
+    return Verdict(
+        n_draws=n_draws,
+        band=band,
+        quantities=tuple(quantities),
+        refits=len(refits),
+        not_converged=tuple(refit.index for refit in refits if not refit.converged),
+        lost=tuple(refit.index for refit in refits if not refit.ranks),
+    )
+
+
+def _intervals(ranks: Counts, n_draws: int, n_unknown: int) -> tuple[Interval, ...]:
+    """Between two of the sorted draws, so that their probability is exact: 25/100 ... 75/100."""
+    found = []
+    for level in LEVELS:
+        out = math.floor(0.5 * (1.0 - level) * (n_draws + 1) + 0.5)
+        share = 1.0 - 2 * out / (n_draws + 1)
+        inside = int(((ranks >= out) & (ranks <= n_draws - out)).sum())
+        alarm = 0.5 * FALSE_ALARM / (n_unknown * len(LEVELS))
+        low, high = count_band(len(ranks), share, alarm)
+        found.append(Interval(share=share, inside=inside, low=low, high=high))
+    return tuple(found)

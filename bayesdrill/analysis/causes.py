@@ -1,0 +1,383 @@
+"""What would explain what the fit leaves, and whether the nominal table may be right after all.
+
+What would explain what the fit leaves: sensors, the start, efforts that the rig lacks.
+
+What is not unknown yet becomes so with a wide prior, all of it together, and the maximum is sought again
+from the MAP.
+
+Whether the table may be right after all: physics that the rig lacks, tried with the table's values.
+
+What the rig is held without bends the parameters that it has, and the fit may well look like noise.  So
+before a table is blamed, each thing that the rig offers and has not is tried by itself: parameters
+are held at their nominal values, within their tolerances, and all else is sought again.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+from bayesdrill.analysis.edits import Candidate, Kind, Widened, widened
+from bayesdrill.inference.laplace import PosteriorSurface
+from bayesdrill.inference.posterior import Posterior, Problem
+from bayesdrill.sampling.gauss_newton import climb
+
+Array = NDArray[np.float64]
+
+CAUSE_STEPS = 60  # uphill
+TRIED = (0.0, 3.0, -3.0)  # samples: lags from which it is sought
+SURE = 5.0  # sds, of what is named
+NOISE = 1.1  # mean square over the noise's, below which nothing more is tried
+WORTH = 0.3  # of what is unexplained so far, that each thing named must explain
+ROUNDING = 1e-12
+EXPLAINS = 0.5  # of what the fit leaves beyond noise: with less, nothing is named
+MOST_NAMED = 5
+PROMISES = (
+    0.3  # of what is left, to first order, for what is worth a search beside another cause ...
+)
+HOPE = 0.1  # ... and for the first one
+ALIKE = 0.1  # of what is left: two explanations that differ by less are equals
+
+SENSORS: frozenset[Kind] = frozenset({"gain", "offset", "lag", "input offset", "input lag"})
+LATE: frozenset[Kind] = frozenset({"input lag"})
+NEARLY = (
+    0.97  # of what the fit leaves: where late inputs alone explain it, nothing else need be late
+)
+STAGES: tuple[frozenset[Kind], ...] = (
+    LATE,
+    SENSORS,
+    SENSORS | {"start"},
+    SENSORS | {"rig"},
+    SENSORS | {"rig", "start"},
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Cause:
+    """One of those: `of` a channel, an input or a state of one `experiment`, or the parameter that the
+    rig lacks; `value`, `sd` in SI.
+    """
+
+    kind: Kind
+    of: str
+    experiment: str
+    value: float
+    sd: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Causes:
+    """`share`: of what is left beyond noise, that they explain together, or, where the noise is unknown,
+    of what passed for it; `found`: what matters; `rest`: the mean square that they leave, over the
+    noise's; `beyond`: what of it is more than noise or, where that is unknown, what still passes for it;
+    `other`: explains as much.
+    """
+
+    share: float
+    rest: float
+    found: tuple[Cause, ...]
+    beyond: float = 0.0
+    other: Causes | None = None
+
+    @property
+    def explains(self) -> bool:
+        return self.share >= EXPLAINS and bool(self.found)
+
+    @property
+    def lacking(self) -> tuple[str, ...]:
+        """Parameters that the rig lacks."""
+        return tuple(one.of for one in self.found if one.kind == "rig")
+
+
+def causes(posterior: Posterior, theta: Array) -> Causes | None:
+    """At the MAP `theta (D,)`; None where nothing can be tried.
+
+    What takes more to explain must leave so much less.  Where sensors and the start explain it, what
+    the rig lacks may do so as well.
+    """
+    best: Causes | None = None
+    known = not any(one.unknowns for one in posterior.likelihood.observations)
+    for kinds in STAGES:
+        found = _tried(posterior, theta, kinds)
+        if found is not None and (best is None or found.beyond < (1.0 - WORTH) * best.beyond):
+            best = found
+        enough = best is not None and kinds == LATE and best.share > NEARLY
+        if enough or (best is not None and known and best.rest < NOISE):
+            break
+    if best is None or not best.explains or best.lacking:
+        return best
+    rig = _Trial.of(posterior, theta, frozenset({"rig"}))
+    other = rig.outcome() if rig is not None and rig.promises(PROMISES) else None
+    alike = other is not None and other.explains and other.share > best.share - ALIKE
+    return dataclasses.replace(best, other=other) if alike else best
+
+
+def _tried(posterior: Posterior, theta: Array, kinds: frozenset[Kind]) -> Causes | None:
+    trial = _Trial.of(posterior, theta, kinds)
+    return trial.outcome() if trial is not None and trial.promises(HOPE) else None
+
+
+@dataclass(frozen=True, slots=True)
+class _Trial:
+    """Of what is `wide`, from the MAP `theta (D,)` of `posterior` on."""
+
+    posterior: Posterior
+    theta: Array
+    wide: Widened
+    count: _Left
+
+    @classmethod
+    def of(cls, posterior: Posterior, theta: Array, kinds: frozenset[Kind]) -> _Trial | None:
+        """None where there is nothing to try, or nothing to explain."""
+        wide = widened(posterior, theta, kinds)
+        if not wide.every:
+            return None
+        count = _Left.of(posterior, theta, wide.posterior)
+        return cls(posterior, theta, wide, count) if count.before > count.floor else None
+
+    @property
+    def tried(self) -> slice:
+        """Places of what is tried among the unknowns."""
+        first = len(self.theta) - len(self.posterior.space.columns("noise"))
+        return slice(first, first + len(self.wide.every))
+
+    def starts(self) -> Array:
+        """In coordinates: with each lag from which it is sought."""
+        every = self.wide.every
+        lags = TRIED if any(c.step for c in every) else (0.0,)
+        full = [self._with([c.at(lag) for c in every]) for lag in lags]
+        return self.wide.posterior.coordinates.from_physical(np.array(full))
+
+    def _with(self, tried: Sequence[float]) -> Array:
+        """The MAP, and these of what is tried."""
+        m = self.tried.start
+        return np.concatenate([self.theta[:m], tried, self.theta[m:]])
+
+    def promises(self, least: float) -> bool:
+        """Whether it would explain so much of what is left, were the response straight: at the MAP, and
+        of inputs that alone may be late from each lag, as what is late by many samples is bent.
+        """
+        surface = PosteriorSurface(self.wide.posterior, physical=True)
+        starts = self.starts()
+        late = all(one.kind in LATE for one in self.wide.every)
+        u = np.clip(starts if late else starts[:1], surface.low, surface.high)
+        here, value = surface.expand(u, np.eye(u.shape[1])), surface.value(u)
+        free = np.ones(u.shape[1], dtype=bool)
+        reached = [
+            height + _gain(slope, curvature, free)
+            for height, slope, curvature in zip(value, here.slope, here.curvature, strict=True)
+        ]
+        free[self.tried] = False
+        without = value[0] + _gain(here.slope[0], here.curvature[0], free)
+        return bool(2.0 * (max(reached) - without) > least * (self.count.before - self.count.floor))
+
+    def outcome(self) -> Causes | None:
+        """None where it comes to nothing."""
+        posterior, wider, count = self.posterior, self.wide.posterior, self.count
+        surface = PosteriorSurface(wider, physical=True)
+        top = climb(surface, self.starts(), CAUSE_STEPS)
+        which = int(np.argmax(top.value))
+        if not np.isfinite(top.value[which]):
+            return None
+        u = top.u[[which]]
+        there = wider.coordinates.to_physical(u)[0]
+        rest = (
+            count.at(wider, there, self._with([c.neutral for c in self.wide.every])) / count.numbers
+        )
+        explained = count.before / count.numbers - rest
+        if explained <= 0:
+            return None
+        curvature = surface.expand(u, np.eye(len(there))).curvature[0]
+        share = min(explained * count.numbers / (count.before - count.floor), 1.0)
+        beyond = max(rest - 1.0, 0.0)
+        if not count.floor:
+            beyond = _narrowed(posterior, self.theta, wider, there)
+            share = 1.0 - beyond
+        named = self._named(there, curvature, SURE**2 * max(1.0, rest))
+        return Causes(share=share, rest=rest, found=named, beyond=beyond)
+
+    def _named(self, there: Array, curvature: Array, least: float) -> tuple[Cause, ...]:
+        """At the maximum `there (E,)`, where the cost is bent by `curvature (E, E)`."""
+        every, m = self.wide.every, self.tried.start
+        # In units of what each would be known to alone, so that its diagonal is one.
+        own = 1.0 / np.sqrt(np.maximum(np.diag(curvature), 1e-300))
+        steps = own * self.wide.posterior.coordinates.slopes(there[None])[0]
+        scaled = curvature * own[:, None] * own
+        inverse = np.linalg.pinv(scaled, hermitian=True)
+        sds = np.maximum(steps * np.sqrt(np.maximum(np.diag(inverse), 0.0)), 1e-300)
+        off = (there[self.tried] - [c.neutral for c in every]) / steps[self.tried]
+        return tuple(
+            Cause(kind=c.kind, of=c.of, experiment=c.label, value=float(there[k]), sd=float(sds[k]))
+            for group in _chosen(scaled, m, off, every, least)
+            for k, c in enumerate(every, start=m)
+            if c.group == group
+        )
+
+
+def _gain(slope: Array, curvature: Array, free: NDArray[np.bool_]) -> float:
+    """Of the log density, by a step of what is `free (D,)` alone."""
+    own = 1.0 / np.sqrt(np.maximum(np.diag(curvature)[free], 1e-300))
+    scaled = curvature[np.ix_(free, free)] * own[:, None] * own + ROUNDING * np.eye(len(own))
+    return float(0.5 * (slope[free] * own) @ np.linalg.solve(scaled, slope[free] * own))
+
+
+def _narrowed(posterior: Posterior, theta: Array, wider: Posterior, there: Array) -> float:
+    """The mean square of an unknown noise at `there (E,)`, over that at the MAP `theta (D,)`."""
+    pairs = ((posterior.likelihood, theta), (wider.likelihood, there))
+    before, after = (float(one(at[None])[0]) / one.numbers for one, at in pairs)
+    return math.exp(min(2.0 * (before - after), 0.0))
+
+
+def _chosen(
+    scaled: Array, m: int, off: Array, every: Sequence[Candidate], least: float
+) -> list[tuple[str, str]]:
+    """What matters most, one after the other: of the same thing in all experiments together.
+
+    `off (n,)`: how far each is from what it is without it; the costs of that are taken as quadratic,
+    all else as free to adapt.
+    """
+    groups, chosen = list(dict.fromkeys(c.group for c in every)), list[tuple[str, str]]()
+    now = _cost(scaled, m, off, [True] * len(every))
+    while len(chosen) < MOST_NAMED:
+        rest = [group for group in groups if group not in chosen]
+        if not rest:
+            break
+        costs = [
+            _cost(scaled, m, off, [c.group not in (*chosen, group) for c in every])
+            for group in rest
+        ]
+        best = int(np.argmin(costs))
+        if now - costs[best] < max(least, WORTH * now):
+            break
+        chosen.append(rest[best])
+        now = costs[best]
+    return chosen
+
+
+def _cost(scaled: Array, m: int, off: Array, held: Sequence[bool]) -> float:
+    """Of holding these `off` where the fit wants them, with all others free, as `scaled` has it."""
+    kept = m + np.flatnonzero(held)
+    free = np.setdiff1d(np.arange(len(scaled)), kept)
+    inner = scaled[np.ix_(free, free)] + ROUNDING * np.eye(len(free))
+    cross = scaled[np.ix_(free, kept)]
+    left = scaled[np.ix_(kept, kept)] - cross.T @ np.linalg.solve(inner, cross)
+    by = off[np.flatnonzero(held)]
+    return float(by @ left @ by)
+
+
+@dataclass(frozen=True, slots=True)
+class _Left:
+    """Sums of squares over the noise of the MAP, of the samples that both likelihoods see; `before`: of
+    the MAP; `floor`: what noise alone leaves of it, zero where
+    it is unknown.
+    """
+
+    seen: list[NDArray[np.bool_]]
+    before: float
+    floor: float
+
+    @classmethod
+    def of(cls, posterior: Posterior, theta: Array, wider: Posterior) -> _Left:
+        known = not any(one.unknowns for one in posterior.likelihood.observations)
+        seen = [one.experiment.seen for one in wider.likelihood.observations]
+        floor = float(sum(each.sum() for each in seen)) if known else 0.0
+        without = cls(seen=seen, before=0.0, floor=floor)
+        return dataclasses.replace(without, before=without.at(posterior, theta, theta))
+
+    @property
+    def numbers(self) -> float:
+        return float(sum(each.sum() for each in self.seen))
+
+    def at(self, posterior: Posterior, theta: Array, best: Array) -> float:
+        """What `theta (D,)` leaves, over the noise at `best (D,)`, the MAP among these unknowns."""
+        full, total = posterior.space.full(theta[None]), 0.0
+        for one, seen in zip(posterior.likelihood.observations, self.seen, strict=True):
+            left = one.whiten(one.residuals(full).samples, best[None])[0]
+            total += float((np.where(seen, left, 0.0) ** 2).sum())
+        return total
+
+
+INSTEAD_STEPS = 40  # uphill
+SHARES = (0.02, 0.2)  # of what it can be, from which it is sought
+AS_WELL = 0.01  # of records of a rig that is so: more is lost by holding the table
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Instead:
+    """`parameter` that the rig lacks, and its `value` [SI] where all nominal values hold; `lost`: of the
+    log likelihood, against the MAP, which has none of it; negative where it fits better.
+    """
+
+    parameter: str
+    value: float
+    lost: float
+
+
+def instead(problem: Problem, theta: Array) -> Instead | None:
+    """What fits the record with the table about as well as the MAP `theta (D,)` without; the best."""
+    posterior = problem.posterior
+    wide = widened(posterior, theta, frozenset({"rig"}))
+    held = [k for k, name in enumerate(posterior.space.free) if name in problem.nominal]
+    if not wide.every or not held or not _allowed(problem):
+        return None
+    limit = 0.5 * float(chi2.isf(AS_WELL, len(held)))
+    bare = _held(problem, wide, theta, held, None)
+    if bare is None or bare[1] <= limit:
+        return None  # the table needs no help
+    best: Instead | None = None
+    for which, one in enumerate(wide.every):
+        found = _held(problem, wide, theta, held, which)
+        if found is not None and found[1] <= min(limit, limit if best is None else best.lost):
+            best = Instead(parameter=one.of, value=found[0], lost=found[1])
+    return best
+
+
+def _allowed(problem: Problem) -> bool:
+    """Whether the priors allow the table at all."""
+    priors, off = problem.posterior.space.priors, problem.tolerance
+    return all(
+        prior.low <= value * (1.0 + off.get(name, 0.0))
+        and value * (1.0 - off.get(name, 0.0)) <= prior.high
+        for name, value in problem.nominal.items()
+        for prior in [priors.get(name)]
+        if prior is not None
+    )
+
+
+def _held(
+    problem: Problem, wide: Widened, theta: Array, held: list[int], which: int | None
+) -> tuple[float, float] | None:
+    """With one of what is tried, or with nothing: its value, and what is lost."""
+    space, wider = problem.posterior.space, wide.posterior
+    m = len(theta) - len(space.columns("noise"))
+    start = np.concatenate([theta[:m], [c.neutral for c in wide.every], theta[m:]])
+    ends = np.stack([start, start])
+    for k in held:
+        name = space.free[k]
+        off = problem.tolerance.get(name, 0.0)
+        ends[:, k] = problem.nominal[name] * np.array([1.0 - off, 1.0 + off])
+    surface = PosteriorSurface(wider, physical=True)
+    fixed = np.zeros(len(start), dtype=bool)
+    fixed[[*held, *range(m, m + len(wide.every))]] = True
+    rows = np.repeat(start[None], len(SHARES), axis=0)
+    if which is not None:
+        fixed[m + which] = False
+        rows[:, m + which] = [wide.every[which].prior.high * share for share in SHARES]
+    low, high = np.clip(wider.coordinates.from_physical(ends), surface.low, surface.high)
+    surface.low = np.where(fixed, low, surface.low)
+    surface.high = np.where(fixed, high, surface.high)
+    top = climb(surface, wider.coordinates.from_physical(rows), INSTEAD_STEPS)
+    there = wider.coordinates.to_physical(top.u)
+    likely = wider.likelihood(there)
+    if not np.isfinite(likely).any():
+        return None
+    k = int(np.nanargmax(likely))
+    before = float(problem.posterior.likelihood(theta[None])[0])
+    value = 0.0 if which is None else float(there[k, m + which])
+    return value, before - float(likely[k])

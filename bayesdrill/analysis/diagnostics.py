@@ -1,0 +1,255 @@
+"""What the draws say of each unknown, whether priors of others lean on it, and whether ensembles
+see the same.
+
+Whether ensembles see the same: ranks of the draws of each among those of all.
+
+Ranks as ArviZ plots them: where all ensembles draw from one distribution, the ranks of each are uniform
+(Vehtari et al. 2021; Saeilynoja, Buerkner and Vehtari 2022).  How far chance takes them is found by
+dealing the ranks out anew: tables of the same numbers of draws in all ensembles and all bins.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import rankdata
+
+from bayesdrill.inference.derived import hdi
+from bayesdrill.inference.posterior import Problem
+from bayesdrill.inference.priors import Prior, spread
+from bayesdrill.sampling.convergence import Convergence, thinned
+from bayesdrill.sampling.mode_search import Mode
+
+Array = NDArray[np.float64]
+
+
+Word = Literal["determined", "weak", "through others", "prior only"]
+
+PRIOR_ONLY_SHRINKAGE = 0.1  # below it, and ...
+PRIOR_ONLY_DISTANCE = 0.1  # ... nearer to the prior than this: the record says nothing
+DETERMINED_SHRINKAGE = 0.5
+
+END_MASS = 0.05  # of the prior, at an end of it; half of the draws there is a crowd
+RISING = 0.25  # of the draws are nearer than half the median where their density is flat
+
+MEANING: dict[Word, str] = {
+    "determined": "the record, with what is believed of the others, narrows the prior to less than half",
+    "weak": "the record narrows the prior, but to no less than half",
+    "through others": "narrower than the prior only by the priors of others: the record knows ratios",
+    "prior only": "the posterior is just the prior: this record does not determine it",
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Row:
+    """One unknown, SI. `deviation` is of the mean from the nominal value, relative.
+
+    `shrinkage`: 1 - sd / sd of the prior.  `nominal` and `deviation` are None for noise levels.
+    `pressed_against`: the end of the prior that the draws crowd at, or None.
+    """
+
+    name: str
+    unit: str
+    nominal: float | None
+    map: float
+    mean: float
+    sd: float
+    hdi_low: float
+    hdi_high: float
+    deviation: float | None
+    r_hat: float
+    ess_bulk: float
+    ess_tail: float
+    shrinkage: float
+    word: Word
+    pressed_against: float | None
+
+
+def summarise(
+    problem: Problem, draws: Array, mode: Mode, convergence: Convergence
+) -> tuple[Row, ...]:
+    """A row for each unknown, from nearly independent physical draws `(E, N, D)`."""
+    rows = []
+    for d, symbol in enumerate(problem.symbols):
+        x = draws[..., d].ravel()
+        nominal = problem.nominal.get(symbol.name)
+        mean, sd = float(x.mean()), float(x.std(ddof=1))
+        low, high = hdi(x)
+        prior = problem.posterior.space.priors[symbol.name]
+        shrinkage = 1.0 - sd / spread(prior)
+        rows.append(
+            Row(
+                name=symbol.name,
+                unit=symbol.unit,
+                nominal=nominal,
+                map=mode.values[symbol.name],
+                mean=mean,
+                sd=sd,
+                hdi_low=low,
+                hdi_high=high,
+                deviation=None if nominal is None else mean / nominal - 1.0,
+                r_hat=float(convergence.r_hat[d]),
+                ess_bulk=float(convergence.ess_bulk[d]),
+                ess_tail=float(convergence.ess_tail[d]),
+                shrinkage=shrinkage,
+                word=_word(shrinkage, distance_to_prior(x, prior)),
+                pressed_against=pressed_against(x, prior),
+            )
+        )
+    return tuple(rows)
+
+
+def distance_to_prior(x: Array, prior: Prior) -> float:
+    """Kolmogorov distance between draws `(N,)` and the prior."""
+    shares = np.linspace(0.0, 1.0, 201)[1:-1]
+    below = np.searchsorted(np.sort(x), prior.quantile(shares)) / len(x)
+    return float(np.max(np.abs(below - shares)))
+
+
+def pressed_against(x: Array, prior: Prior) -> float | None:
+    """The end of `prior` that draws `(N,)` crowd at, as if they wanted past it, or None.
+
+    Half of them lie in the last `END_MASS` of the prior's mass, and they get denser towards the end
+    both along x and relative to the prior.  What the corners of a box of priors do alone is weaker:
+    where all nine parameters share one scale, a marginal rises like its eighth power, and 37 % of it
+    lie in the last twentieth.
+    """
+    if prior.vanishes_at_ends:
+        return None
+    middle = float(np.median(x))
+    for end, sign in ((prior.low, 1.0), (prior.high, -1.0)):
+        if not math.isfinite(end):
+            continue
+
+        def at(mass: float, sign: float = sign) -> float:
+            """The point that has this mass of the prior between itself and the end."""
+            return float(prior.quantile(np.array(mass if sign > 0 else 1.0 - mass)))
+
+        if sign * (middle - at(END_MASS)) > 0:
+            continue
+        halves = (0.5 * (end + middle), at(0.5 * _mass_between(at, middle, sign)))
+        if all(np.mean(sign * (half - x) > 0) > RISING for half in halves):
+            return end
+    return None
+
+
+def _mass_between(at: Callable[[float], float], x: float, sign: float) -> float:
+    """The mass of the prior between its end and `x`, by bisection of its logarithm."""
+    low, high = -40.0, 0.0
+    for _ in range(60):
+        mid = 0.5 * (low + high)
+        low, high = (mid, high) if sign * (at(math.exp(mid)) - x) < 0 else (low, mid)
+    return math.exp(high)
+
+
+def _word(shrinkage: float, distance: float) -> Word:
+    if shrinkage < PRIOR_ONLY_SHRINKAGE and distance < PRIOR_ONLY_DISTANCE:
+        return "prior only"
+    return "determined" if shrinkage > DETERMINED_SHRINKAGE else "weak"
+
+
+MOSTLY = 0.8  # of the variance of the ranks
+NAMED = 0.3  # share of an unknown in that, as a standardised slope
+MOST_DRAWS = 4000  # looked at
+
+
+def leaning(rows: Sequence[Row], draws: Array) -> Mapping[str, tuple[str, ...]]:
+    """By the name of an unknown that is called determined, those left to their priors that explain
+    most of what is left of it: were their priors wider, so would its posterior be.
+
+    `draws (N, D)`, in the order of `rows`.  By ranks, so that no ridge need be straight.
+    """
+    alone = [d for d, row in enumerate(rows) if row.word == "prior only"]
+    if not alone:
+        return {}
+    some = draws[:: max(1, len(draws) // MOST_DRAWS)]
+    ranks = rankdata(some, axis=0)
+    z = (ranks - ranks.mean(axis=0)) / np.maximum(ranks.std(axis=0), 1e-300)
+    found = {}
+    for d, row in enumerate(rows):
+        if row.word != "determined":
+            continue
+        slopes, *_ = np.linalg.lstsq(z[:, alone], z[:, d])
+        if 1 - np.mean((z[:, d] - z[:, alone] @ slopes) ** 2) >= MOSTLY:
+            found[row.name] = tuple(
+                rows[k].name for k, slope in zip(alone, slopes, strict=True) if abs(slope) > NAMED
+            )
+    return found
+
+
+Counts = NDArray[np.int64]
+
+BINS = 50
+TABLES, BLOCK = 20_000, 2_000  # dealt out, so many at a time
+FALSE_ALARM = 0.01  # of sound runs leave the band with any ensemble in any unknown, at most
+APART = 2  # autocorrelation times between draws that count as independent
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Ranks:
+    """Of one unknown: `counts (E, BINS)` of each ensemble's draws, in bins of as many draws of all.
+
+    `room (BINS - 1,)`: how far the counts below each share go from the expected by chance.
+    """
+
+    counts: Counts
+    room: Array
+
+    @property
+    def draws(self) -> int:
+        """Of each ensemble."""
+        return int(self.counts[0].sum())
+
+    @property
+    def away(self) -> Array:
+        """Counts below each share, less those expected: `(E, BINS - 1)`."""
+        return np.cumsum(self.counts, axis=1)[:, :-1] - self.draws * SHARES
+
+    @property
+    def holds(self) -> NDArray[np.bool_]:
+        """Of which ensembles `(E,)` chance explains the ranks."""
+        return np.asarray(np.all(np.abs(self.away) <= self.room, axis=1))
+
+
+SHARES = np.arange(1, BINS) / BINS
+
+
+def independent(theta: Array, burn_in: int, tau: float) -> Array:
+    """Of chains `(E, S, W, D)` the draws `(E, N, D)` that have forgotten each other."""
+    kept = theta.shape[1] - burn_in
+    return thinned(theta, burn_in, max(1, min(math.ceil(APART * tau), kept // 2)))
+
+
+def ranks(draws: Array, rng: np.random.Generator) -> tuple[Ranks, ...]:
+    """For each unknown, of independent draws `(E, N, D)` of two or more ensembles."""
+    from arviz_stats.base import array_stats  # late: it takes half a second to load
+
+    room = _room(draws.shape[0], draws.shape[1], FALSE_ALARM / draws.shape[2], rng)
+    total, found = draws.shape[0] * draws.shape[1], []
+    for d in range(draws.shape[2]):
+        rank = array_stats.compute_ranks(draws[..., d], axis=None)  # type: ignore[no-untyped-call]
+        bins = np.ceil(BINS * rank / total).astype(np.int64) - 1
+        counts = np.stack([np.bincount(row, minlength=BINS) for row in bins])
+        found.append(Ranks(counts=counts, room=room))
+    return tuple(found)
+
+
+def _room(n_ensembles: int, n: int, false_alarm: float, rng: np.random.Generator) -> Array:
+    """Half-widths that any of the ensembles leaves with this probability."""
+    from scipy.stats import random_table
+
+    total = n_ensembles * n
+    ends = np.floor(np.arange(BINS + 1) * total / BINS).astype(np.int64)
+    spread = np.sqrt(n * SHARES * (1.0 - SHARES) * (total - n) / (total - 1))
+    table = random_table(np.diff(ends), np.full(n_ensembles, n))
+    farthest = []
+    for _ in range(TABLES // BLOCK):
+        dealt = np.cumsum(table.rvs(BLOCK, random_state=rng), axis=1)[:, :-1]
+        away = np.abs(dealt - (n * SHARES)[:, None]) / spread[:, None]
+        farthest.append(away.max(axis=(1, 2)))
+    return np.asarray(spread * np.quantile(np.concatenate(farthest), 1.0 - false_alarm))

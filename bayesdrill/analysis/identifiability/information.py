@@ -1,0 +1,322 @@
+"""Exact sensitivities of what is measured, and how well they determine unknowns: Fisher and
+Cramer-Rao.
+
+Exact sensitivities of what is measured, in these experiments and in ones that might be made.
+
+A scene is the experiments as they are, or with further channels, or with inputs changed half-way.
+What is unknown of sensors and starts is taken out of the sensitivities: what is left of them is what
+the record says of the rig, whatever these are.
+
+How well a record determines unknowns and products of their powers: Fisher and Cramer-Rao.
+
+All in the logs of the unknowns, so that a standard deviation of 0.01 is one per cent.  The
+information is kept as its square root R (information = R' R): squaring would lose the digits that
+tell a badly determined direction from one that is not determined at all.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayesdrill.inference.laplace import natural_spread
+from bayesdrill.inference.likelihood import Likelihood, Observation
+from bayesdrill.inference.unknowns import MOVES
+from bayesdrill.record.experiment import of_states
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Scene:
+    """`extra`: states that are measured too, each with its sigma; `late`: what is added to inputs in the
+    second half of each record; `times`: what inputs are multiplied with throughout.
+    """
+
+    extra: Mapping[str, float] = field(default_factory=dict)
+    late: Mapping[str, float] = field(default_factory=dict)
+    times: Mapping[str, float] = field(default_factory=dict)
+
+
+AS_IT_IS = Scene()
+
+
+class Scenery:
+    """Sensitivities of a likelihood's rig at physical points `theta`, in any scene."""
+
+    def __init__(self, likelihood: Likelihood) -> None:
+        self.likelihood = likelihood
+        self._stages = tuple(_Stage(one) for one in likelihood.observations)
+        model = likelihood.observations[0].response.model
+        self.states, self.inputs = model.states, model.inputs
+        space = likelihood.space
+        moving = [space.unknowns[k] for k in space.columns(*MOVES)]
+        self.unknowns = tuple(u.name for u in moving if u.role in ("rig", "quantity"))
+        self.nuisances = tuple(u.name for u in moving if u.role not in ("rig", "quantity"))
+        self.prior_spreads = np.array([natural_spread(u) for u in moving])
+        self._known = 1.0 / self.prior_spreads[len(self.unknowns) :]
+
+    def usual_input(self, name: str) -> float:
+        """The mean of an input over the records."""
+        means = [stage.usual_input(name) for stage in self._stages]
+        return float(np.mean(means))
+
+    def sensitivities(self, theta: Array, scene: Scene = AS_IT_IS) -> Array:
+        """d channel / d log unknown over sigma at `theta (D,)`: `(n, m)`, of the m unknowns of the rig.
+
+        What nuisances explain of them, as freely as their priors allow, is taken away.  Not finite
+        where the response overflows.
+        """
+        return self._of_rig(self.every(theta, scene))
+
+    def repeated(self, theta: Array, scene: Scene) -> Array:
+        """`sensitivities` of all records, and of as many others of the same sensors in a scene."""
+        return self._of_rig(np.vstack([self.every(theta), self.every(theta, scene)]))
+
+    def alone(self, rows: Array, rest: Array) -> tuple[Array, Array]:
+        """`R (m, m)` and `b (m,)` of rows `(n, m + k)`, and what is left over the noise, `rest (n,)`.
+
+        These rows alone know the rig's unknowns as `R' R`, and would move them by `R^-1 b`, whatever the
+        nuisances are.
+        """
+        m = len(self.unknowns)
+        matrix = self._with_priors(np.insert(rows, m, rest, axis=1), m + 1)
+        found = without(matrix, m + 1)
+        return found[:m, :m], found[:m, m]
+
+    def _of_rig(self, rows: Array) -> Array:
+        m = len(self.unknowns)
+        if not self.nuisances or not np.isfinite(rows).all():
+            return rows[:, :m]
+        return without(self._with_priors(rows, m), m)
+
+    def _with_priors(self, rows: Array, before: int) -> Array:
+        """Of nuisances, which stand in the columns from `before` on."""
+        held = np.hstack([np.zeros((len(self._known), before)), np.diag(self._known)])
+        return np.vstack([rows, held])
+
+    def every(self, theta: Array, scene: Scene = AS_IT_IS) -> Array:
+        """`(n, m + k)`: of nuisances as well, on their natural scale."""
+        parts = self.each(theta, scene)
+        return parts[0] if len(parts) == 1 else np.concatenate(parts)
+
+    def each(self, theta: Array, scene: Scene = AS_IT_IS) -> list[Array]:
+        """`every` of each experiment by itself."""
+        space = self.likelihood.space
+        full, along = space.full(theta[None]), space.slopes(theta[None])
+        return [stage.whitened(full, along, theta, scene) for stage in self._stages]
+
+    def motions(self, theta: Array, scene: Scene = AS_IT_IS) -> list[Array]:
+        """The states of each experiment, `(T, X)`."""
+        space = self.likelihood.space
+        full, along = space.full(theta[None]), space.slopes(theta[None])
+        return [stage.states(full, along, scene) for stage in self._stages]
+
+    def swing(self, theta: Array, motion: Array, which: int) -> float:
+        """Of the channels of one experiment: their spread over the noise, the median."""
+        one = self.likelihood.observations[which]
+        sigma = one.scales(theta[None])[0]
+        return float(
+            np.median((motion @ one.experiment.weights(self.states).T).std(axis=0) / sigma)
+        )
+
+
+def without(rows: Array, m: int) -> Array:
+    """The first m columns of `rows (n, m + k)`, without what the others explain of them: `(m, m)`."""
+    k = rows.shape[1] - m
+    turned = np.linalg.qr(np.hstack([rows[:, m:], rows[:, :m]]), mode="r")
+    left = turned[k:, k:]
+    return np.asarray(np.vstack([left, np.zeros((m - len(left), m))]) if len(left) < m else left)
+
+
+class _Stage:
+    """One experiment with its states for further channels, whose inputs can all be changed."""
+
+    def __init__(self, one: Observation) -> None:
+        model, experiment = one.response.model, one.experiment
+        self._one, self._states, self._k = one, model.states, len(experiment.channels)
+        n = len(experiment.t)
+        self._base = {name: experiment.series.get(name, np.zeros(n)) for name in model.inputs}
+        self._late = (np.arange(n) >= n // 2).astype(float)
+        every = of_states(model.states)
+        shown = dataclasses.replace(
+            experiment,
+            y=np.zeros((n, self._k + len(every))),
+            channels=(*experiment.channels, *every),
+            series=self._base,
+        )
+        self._response = one.response.of(shown)
+
+    def usual_input(self, name: str) -> float:
+        return float(self._one.experiment.constant.get(name, 0.0) + self._base[name].mean())
+
+    def whitened(self, full: Array, along: Array, theta: Array, scene: Scene) -> Array:
+        """Rows over the noise, zero where nothing was measured: `(n, m + k)`."""
+        slopes = self._run(full, along, scene)[1]
+        rows = self._one.informed(slopes[:, :, : self._k], theta)
+        places = [self._states.index(name) for name in scene.extra]
+        more = slopes[:, :, [self._k + place for place in places]]
+        if places:
+            rows = np.concatenate([rows, more / np.array([*scene.extra.values()])], axis=2)
+        return np.asarray(rows.reshape(len(rows), -1).T)
+
+    def _pushed(self, name: str, scene: Scene) -> Array:
+        u, constant = self._base[name], self._one.experiment.constant.get(name, 0.0)
+        more = (scene.times.get(name, 1.0) - 1.0) * (u + constant)
+        return np.asarray(u + more + scene.late.get(name, 0.0) * self._late)
+
+    def states(self, full: Array, along: Array, scene: Scene) -> Array:
+        return self._run(full, along, scene)[0][:, self._k :]
+
+    def _run(self, full: Array, along: Array, scene: Scene) -> tuple[Array, Array]:
+        """Signals `(T, K + X)` and slopes `(q, T, K + X)`."""
+        response = self._response
+        if scene.late or scene.times:
+            response = response.with_series({n: self._pushed(n, scene) for n in self._base})
+        signals, slopes = response.course(self._one.told(full), self._one.told(along))
+        return signals[0], slopes[0]
+
+
+RANK_TOLERANCE = 1e-11  # of the largest singular value; exact nulls come out at 1e-16
+BLIND = 1e-6  # share of a direction that may lie in the blind ones before its bound is infinite
+MOST_FACTORS = 3  # in a simple product
+
+
+@dataclass(frozen=True, slots=True)
+class Information:
+    """`root (m, m)`: of the information of the record about `names`, in logs."""
+
+    names: tuple[str, ...]
+    root: Array
+
+    def bound(self, exponents: Array) -> float:
+        """Cramer-Rao bound of the sd of the log of a product of powers; inf if not determined."""
+        return float(self.bounds_of(exponents[None])[0])
+
+    def bounds(self) -> Array:
+        """Of each unknown: `(m,)`."""
+        return self.bounds_of(np.eye(len(self.names)))
+
+    def bounds_of(self, exponents: Array) -> Array:
+        """`bound` of many products, `(n, m) -> (n,)`."""
+        _, values, rows = np.linalg.svd(self.root)
+        seen = values > RANK_TOLERANCE * values[0]
+        along = exponents @ rows.T
+        hidden = np.linalg.norm(along[:, ~seen], axis=1)
+        known = np.linalg.norm(along[:, seen] / values[seen], axis=1)
+        return np.where(hidden > BLIND * np.linalg.norm(exponents, axis=1), np.inf, known)
+
+    def with_knowledge(self, exponents: Array, sd: float) -> Information:
+        """The log of a product of powers known to `sd` from elsewhere."""
+        return Information(self.names, root_of(np.vstack([self.root, exponents / sd])))
+
+    def with_priors(self, sd: Array) -> Information:
+        """Priors taken as Gaussian in the logs, with these standard deviations `(m,)`."""
+        return Information(self.names, root_of(np.vstack([self.root, np.diag(1.0 / sd)])))
+
+    @property
+    def n_blind(self) -> int:
+        """Independent products of which the record says nothing."""
+        values = np.linalg.svd(self.root, compute_uv=False)
+        return int(np.sum(values <= RANK_TOLERANCE * values[0]))
+
+
+def from_sensitivities(names: tuple[str, ...], sensitivities: Array) -> Information:
+    """From d signal / d log unknown over sigma, `(n, m)`."""
+    return Information(names, root_of(sensitivities))
+
+
+def root_of(rows: Array) -> Array:
+    """`(n, m) -> (m, m)` with the same `rows' rows`."""
+    m = rows.shape[1]
+    reduced = np.linalg.qr(rows, mode="r")
+    return np.asarray(np.vstack([reduced, np.zeros((m - len(reduced), m))]))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Direction:
+    """A principal direction of the information, its largest exponent 1.
+
+    `sd`: Cramer-Rao bound of the sd of the log of the product; inf where the record is blind.
+    """
+
+    exponents: tuple[float, ...]
+    sd: float
+
+
+def directions(information: Information) -> tuple[Direction, ...]:
+    """The sloppy spectrum: independent products, from the best determined to the worst."""
+    _, values, rows = np.linalg.svd(information.root)
+    found = []
+    for value, row in zip(values, rows, strict=True):
+        largest = row[np.argmax(np.abs(row))]
+        blind = value <= RANK_TOLERANCE * values[0]
+        sd = float("inf") if blind else float(1.0 / (value * np.abs(largest)))
+        found.append(Direction(exponents=tuple(map(float, row / largest)), sd=sd))
+    return tuple(found)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Product:
+    """A simple product of powers: `sd` of its log with record and priors, `prior_sd` before.
+
+    `bound`: from the record alone, inf if it does not determine the product.  `price`: of what is left
+    of the prior's sd, each factor.
+    """
+
+    exponents: tuple[int, ...]
+    sd: float
+    prior_sd: float
+    bound: float
+
+    @property
+    def price(self) -> float:
+        return self.sd / self.prior_sd * sum(map(abs, self.exponents))
+
+
+def products(information: Information, prior_sd: Array, candidates: Array) -> tuple[Product, ...]:
+    """As many independent ones of the `candidates (n, m)` as there are, the most narrowed first.
+
+    Each is the one that the record narrows most of those independent of the ones before it; a
+    factor more has to pay for itself.
+    """
+    joint = information.with_priors(prior_sd)
+    spread = np.linalg.inv(joint.root)
+    rank = np.linalg.matrix_rank(candidates) if len(candidates) else 0
+    sd = np.linalg.norm(candidates @ spread, axis=1)
+    before = np.linalg.norm(candidates * prior_sd, axis=1)
+    price = sd / before * np.abs(candidates).sum(axis=1)
+    chosen: list[int] = []
+    for index in np.argsort(price, kind="stable"):
+        if len(chosen) == rank:
+            break
+        if np.linalg.matrix_rank(candidates[[*chosen, index]]) > len(chosen):
+            chosen.append(int(index))
+    return tuple(
+        Product(
+            exponents=tuple(int(x) for x in candidates[k]),
+            sd=float(sd[k]),
+            prior_sd=float(before[k]),
+            bound=information.bound(candidates[k]),
+        )
+        for k in chosen
+    )
+
+
+def simple_exponents(m: int) -> Array:
+    """All products of up to three unknowns with exponents up to 2, the first one positive."""
+    rows = []
+    for size in range(1, min(MOST_FACTORS, m) + 1):
+        for places in itertools.combinations(range(m), size):
+            for powers in itertools.product((1, -1, 2, -2), repeat=size):
+                if powers[0] > 0 and math.gcd(*powers) == 1:
+                    row = np.zeros(m)
+                    row[list(places)] = powers
+                    rows.append(row)
+    return np.array(rows)

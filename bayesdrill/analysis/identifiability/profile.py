@@ -1,0 +1,273 @@
+"""Profile likelihood: one parameter held, all others fitted anew, over the range of its prior.
+
+Fits are least squares with exact sensitivities, in logs, inside the ends of the priors; each starts
+where its neighbour ended.  Noise levels that are unknown are held at what the best fit leaves.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import brentq, lsq_linear
+
+from bayesdrill.analysis.identifiability import information
+from bayesdrill.analysis.identifiability.information import Scenery
+from bayesdrill.inference.posterior import Posterior
+from bayesdrill.inference.priors import Prior
+
+Array = NDArray[np.float64]
+Shape = Literal["bounded", "one-sided", "flat", "at the bound"]
+
+THRESHOLD = 1.92  # half the 95 % quantile of chi-squared with one degree of freedom
+NEAR = (0.5, 1.0, 1.5, 2.0, 3.0, 5.0)  # grid points around the best fit, in its sd, and ...
+FAR = 8  # ... this many more on the way to each end of the prior
+FAR_ENOUGH = 25.0  # of a loss: nobody looks further out
+TAIL = 5e-4  # where a prior without ends is taken to end
+AT_BOUND = 1e-3  # relative
+AT_END = 1e-9  # of a log: the same place
+MOST_STEPS = 50
+ENOUGH = 1e-5  # of the sum of squares: a fit that gains less is done
+PROBE = 0.1  # share of a step over which it is seen how the residuals bend
+MOST_BEND = 1.5  # of the step itself: what would turn it further is left out
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Profile:
+    """`values (n,)` physical, `loss (n,)`: the best log likelihood minus the profile's.
+
+    `low`, `high`: where the loss passes `THRESHOLD`; None where it does not inside the prior.
+    """
+
+    name: str
+    values: Array
+    loss: Array
+    best: float
+    low: float | None
+    high: float | None
+    shape: Shape
+
+    def over(self, factor: float) -> Profile:
+        """In a unit of so many of this one."""
+        ends = (None if x is None else x / factor for x in (self.low, self.high))
+        low, high = ends
+        values, best = self.values / factor, self.best / factor
+        return replace(self, values=values, best=best, low=low, high=high)
+
+
+class Fitter:
+    """Least squares over all that moves, on its natural scale, inside the priors: logs of the rig's
+    unknowns, then what sensors and starts leave open.
+    """
+
+    def __init__(self, posterior: Posterior, scenery: Scenery, theta: Array) -> None:
+        self._likelihood = posterior.likelihood.pinned(theta)
+        same = self._likelihood is posterior.likelihood
+        self._scenery = scenery if same else Scenery(self._likelihood)
+        self._coordinates = posterior.coordinates
+        self._m = len(scenery.unknowns) + len(scenery.nuisances)
+        self._noise = theta[self._m :]
+        moving = posterior.space.unknowns[: self._m]
+        ends = np.array([_ends(one.prior) for one in moving]).T
+        self.low, self.high = self._natural(ends)
+        self.best = self._fit(self._natural(theta[None, : self._m])[0], None)
+        if len(self._noise):
+            self._learn_noise()
+            self.best = self._fit(self.best.logs, None)
+
+    def held(self, start: Array, column: int, value: float) -> Fitted:
+        """The fit with the log of one unknown held at `value`."""
+        logs = start.copy()
+        logs[column] = value
+        return self._fit(logs, column)
+
+    def spread(self) -> Array:
+        """Standard deviations of the logs at the best fit, the range of the prior at most."""
+        rows = self._jacobian(self.best.logs)
+        names = (*self._scenery.unknowns, *self._scenery.nuisances)
+        known = information.from_sensitivities(names, rows)
+        return known.with_priors((self.high - self.low) / np.sqrt(12.0)).bounds()
+
+    def _fit(self, logs: Array, held: int | None) -> Fitted:
+        """Gauss and Newton with damping, and steps that bend as the residuals do.
+
+        Ridges are thin and bent: a straight step along one has to be short, and many are wanted.
+        """
+        free = np.array([k for k in range(self._m) if k != held], dtype=np.intp)
+        logs = np.clip(logs, self.low, self.high)
+        if held is not None:
+            logs[held] = np.clip(logs[held], self.low[held], self.high[held])
+        residuals = self._residuals(logs)
+        damping = 1e-8
+        for _ in range(MOST_STEPS if len(free) else 0):
+            rows = self._jacobian(logs)[:, free]
+            turned, reduced = np.linalg.qr(np.column_stack([rows, residuals]))
+            before = residuals @ residuals
+            while damping < 1e8:
+                step = self._step(reduced, logs[free], free, damping)
+                probe = self._residuals(self._moved(logs, free, PROBE * step)) - residuals
+                bent = (2.0 / PROBE) * (probe / PROBE - rows @ step)
+                reduced_bent = np.column_stack([reduced[:, :-1], turned.T @ bent])
+                bend = self._step(reduced_bent, logs[free], free, damping)
+                if np.linalg.norm(bend) <= MOST_BEND * np.linalg.norm(step):
+                    step = step + 0.5 * bend
+                there = self._moved(logs, free, step)
+                found = self._residuals(there)
+                if found @ found < before:
+                    break
+                damping *= 10.0
+            else:
+                break
+            logs, residuals, damping = there, found, max(0.1 * damping, 1e-12)
+            if before - residuals @ residuals < ENOUGH:
+                break
+        return Fitted(logs, float(0.5 * residuals @ residuals))
+
+    def _step(self, reduced: Array, logs: Array, free: NDArray[np.intp], damping: float) -> Array:
+        """The damped linear least-squares step that stays inside the priors."""
+        m = len(free)
+        scale = np.linalg.norm(reduced[:, :m], axis=0)
+        scale = np.maximum(scale, 1e-12 * max(float(scale.max()), 1e-300))
+        matrix = np.vstack([reduced[:, :m], np.sqrt(damping) * np.diag(scale)])
+        target = -np.append(reduced[:, m], np.zeros(m))
+        low = np.minimum(self.low[free] - logs, 0.0) - 1e-12
+        high = np.maximum(self.high[free] - logs, 0.0) + 1e-12
+        bounded = lsq_linear(matrix, target, bounds=(low, high), method="bvls")
+        return np.asarray(bounded.x)
+
+    def _moved(self, logs: Array, free: NDArray[np.intp], step: Array) -> Array:
+        moved = logs.copy()
+        moved[free] = np.clip(logs[free] + step, self.low[free], self.high[free])
+        return moved
+
+    def _natural(self, moving: Array) -> Array:
+        """Of `(n, m)`, without the noise."""
+        with_noise = np.column_stack([moving, np.tile(self._noise, (len(moving), 1))])
+        return self._coordinates.to_natural(with_noise)[:, : self._m]
+
+    def physical(self, logs: Array) -> Array:
+        """Of `(n, m)` on the natural scale."""
+        with_noise = np.column_stack([logs, np.zeros((len(logs), len(self._noise)))])
+        return self._coordinates.from_natural(with_noise)[:, : self._m]
+
+    def along(self, column: int, values: Array) -> Array:
+        """One unknown in SI, of `values (n,)` on its natural scale."""
+        rows = np.zeros((len(values), self._m))
+        rows[:, column] = values
+        return self.physical(rows)[:, column]
+
+    def _theta(self, logs: Array) -> Array:
+        """All unknowns `(D,)`, of `logs (m,)`."""
+        return np.append(self.physical(logs[None])[0], self._noise)
+
+    def _residuals(self, logs: Array) -> Array:
+        residuals = self._likelihood.whitened(self._theta(logs))
+        return np.asarray(np.nan_to_num(residuals, nan=1e6, posinf=1e6, neginf=-1e6))
+
+    def _jacobian(self, logs: Array) -> Array:
+        slopes = self._scenery.every(self._theta(logs))
+        return np.nan_to_num(slopes, posinf=0.0, neginf=0.0)
+
+    def _learn_noise(self) -> None:
+        """Unknown noise levels, from what the best fit leaves."""
+        theta = self._theta(self.best.logs)
+        full, found = self._likelihood.space.full(theta[None]), theta.copy()
+        for one in self._likelihood.observations:
+            left = one.residuals(full).samples[0]
+            found[one.own] = one.fitted(left, theta)
+        self._noise = found[self._m :]
+
+
+@dataclass(frozen=True, slots=True)
+class Fitted:
+    """`logs (m,)` of the unknowns; `cost`: minus the log likelihood, up to a constant."""
+
+    logs: Array
+    cost: float
+
+
+def _ends(prior: Prior) -> tuple[float, float]:
+    """Of the support; where that has no end, or zero for one of a log, of nearly all of the prior."""
+    bounded = np.isfinite(prior.low) and prior.low != 0
+    low = prior.low if bounded else float(prior.quantile(np.array(TAIL)))
+    high = prior.high if np.isfinite(prior.high) else float(prior.quantile(np.array(1 - TAIL)))
+    return low, high
+
+
+def profile(fitter: Fitter, names: tuple[str, ...], column: int) -> Profile:
+    """Of the unknown in `column`."""
+    best = fitter.best
+    centre, sd = best.logs[column], fitter.spread()[column]
+    down = _side(fitter, column, centre, sd, fitter.low[column])
+    up = _side(fitter, column, centre, sd, fitter.high[column])
+    logs = np.array([*(x for x, _ in reversed(down)), centre, *(x for x, _ in up)])
+    fits = [*(fit for _, fit in reversed(down)), best, *(fit for _, fit in up)]
+    costs = np.array([fit.cost for fit in fits])
+    lowest = int(np.argmin(costs))  # a neighbour may have found better than the first fit
+    loss = costs - costs[lowest]
+    low = _crossing(fitter, column, logs, fits, loss, costs[lowest], range(lowest, 0, -1))
+    high = _crossing(fitter, column, logs, fits, loss, costs[lowest], range(lowest, len(logs) - 1))
+    return Profile(
+        name=names[column],
+        values=fitter.along(column, logs),
+        loss=loss,
+        best=float(fitter.along(column, logs[[lowest]])[0]),
+        low=None if low is None else float(fitter.along(column, np.array([low]))[0]),
+        high=None if high is None else float(fitter.along(column, np.array([high]))[0]),
+        shape=_shape(low, high, logs, lowest),
+    )
+
+
+def _side(
+    fitter: Fitter, column: int, centre: float, sd: float, end: float
+) -> list[tuple[float, Fitted]]:
+    """From the best fit to one end of the prior, each from the one before; none where it is there."""
+    if abs(end - centre) < AT_END:
+        return []
+    sign = 1.0 if end > centre else -1.0
+    near = [centre + sign * k * sd for k in NEAR if k * sd < abs(end - centre)]
+    reached = near[-1] if near else centre
+    far = np.linspace(reached, end, FAR + 1)[1:]
+    found: list[tuple[float, Fitted]] = []
+    start = fitter.best.logs
+    for value in [*near, *map(float, far)]:
+        fit = fitter.held(start, column, value)
+        found.append((value, fit))
+        start = fit.logs
+        if fit.cost - fitter.best.cost > FAR_ENOUGH:
+            break
+    return found
+
+
+def _crossing(
+    fitter: Fitter,
+    column: int,
+    logs: Array,
+    fits: list[Fitted],
+    loss: Array,
+    lowest: float,
+    outward: range,
+) -> float | None:
+    """Where the loss first passes the threshold on the way out."""
+    step = outward.step
+    for k in outward:
+        if loss[k] < THRESHOLD <= loss[k + step]:
+
+            def excess(value: float, start: Array = fits[k].logs) -> float:
+                return float(fitter.held(start, column, value).cost - lowest - THRESHOLD)
+
+            # Relative to the bracket: a well-known log changes in its last digits only.
+            near = 1e-4 * abs(logs[k + step] - logs[k])
+            return float(brentq(excess, logs[k], logs[k + step], xtol=near, rtol=1e-14))
+    return None
+
+
+def _shape(low: float | None, high: float | None, logs: Array, lowest: int) -> Shape:
+    if low is None and high is None:
+        return "flat"
+    at_end = min(logs[lowest] - logs[0], logs[-1] - logs[lowest]) < AT_BOUND
+    if low is not None and high is not None:
+        return "bounded"
+    return "at the bound" if at_end else "one-sided"

@@ -1,0 +1,300 @@
+"""Exact scaling symmetries of a posterior, and unknowns that are known only as far as held numbers
+are right.
+
+Exact scaling symmetries: products of powers of the unknowns that no measured signal shows.
+
+Found in the null space of the log-sensitivities at several points of the prior, written with small
+whole exponents, and each one proven by scaling: twice the factor, the same response to rounding.
+
+Unknowns that a record knows only as far as numbers that the config holds are right.
+
+A number that is held settles a scale that no signal shows: were it another, so would be all that is
+told through it, and the record would look the same.  Unless the record hardly shows that number: then
+priors settle the scale, held or not.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import math
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayesdrill.analysis.identifiability.information import RANK_TOLERANCE, Information, Scenery
+from bayesdrill.inference.likelihood import Likelihood
+from bayesdrill.inference.posterior import Posterior
+from bayesdrill.inference.priors import Uniform
+from bayesdrill.inference.unknowns import Unknown
+from bayesdrill.rig.models import PARAMETERS
+from bayesdrill.rig.models.linear import Model
+
+Array = NDArray[np.float64]
+Exponents = tuple[int, ...]
+
+SAME_RESPONSE = 1e-9  # relative to the largest value of each channel
+SAME_DIRECTION = 1e-6  # null directions of different points are equal to this
+LARGEST_DENOMINATOR = 6
+MOST_BASES = 5000
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Structure:
+    """`symmetries`: proven exponents of the unknowns, sparsest first.  `invariants`: independent
+    products that nothing of this changes.  `unexplained`: further directions that no signal shows,
+    but that are no product of powers with small whole exponents, or not the same one everywhere.
+    """
+
+    names: tuple[str, ...]
+    symmetries: tuple[Exponents, ...]
+    invariants: tuple[Exponents, ...]
+    unexplained: int
+
+    def invariants_of(self, names: Collection[str]) -> tuple[Exponents, ...]:
+        """Independent products of these unknowns alone that nothing of this changes, sparsest first."""
+        own = [k for k, name in enumerate(self.names) if name in names]
+        m = len(self.names)
+        changed = _complement(np.array(self.invariants, dtype=float).reshape(-1, m), m)[:, own]
+        found = [
+            dict(zip(own, e, strict=True)) for e in sparse_basis(_complement(changed, len(own)))
+        ]
+        return tuple(tuple(powers.get(k, 0) for k in range(m)) for powers in found)
+
+
+def null_space(sensitivities: Sequence[Array]) -> Array:
+    """Directions of log unknowns that change nothing at any of the points: `(n, m)` rows.
+
+    Points at which nothing moves, as of a rig that sticks from the start, say nothing.
+    """
+    moving = [s / size for s in sensitivities if (size := np.linalg.norm(s)) > 0]
+    if not moving:
+        return np.eye(sensitivities[0].shape[1])
+    reduced = [np.linalg.qr(s, mode="r") for s in moving]
+    _, values, rows = np.linalg.svd(np.concatenate(reduced))
+    rank = int(np.sum(values > RANK_TOLERANCE * values[0]))
+    return np.asarray(rows[rank:])
+
+
+def analyse(
+    names: tuple[str, ...],
+    sensitivities: Sequence[Array],
+    unchanged: Callable[[Exponents], bool],
+) -> Structure:
+    """`sensitivities`: `(T K, m)` at several points; `unchanged`: proves one candidate."""
+    null = null_space(sensitivities)
+    found = sparse_basis(null)
+    proven = tuple(exponents for exponents in found if unchanged(exponents))
+    each = [null_space([one]) for one in sensitivities if one.any()]
+    blind = min(map(len, each), default=len(null))
+    if blind > len(null):  # of a sum only the sum may show: its direction turns with its terms
+        hidden = np.concatenate(each)
+    elif len(proven) == len(null):
+        hidden = np.array(proven, dtype=float).reshape(-1, len(names))
+    else:
+        hidden = null
+    rest = _complement(hidden, len(names))
+    return Structure(
+        names=names,
+        symmetries=proven,
+        invariants=sparse_basis(rest),
+        unexplained=blind - len(proven),
+    )
+
+
+def sparse_basis(rows: Array) -> tuple[Exponents, ...]:
+    """Independent vectors of the span of `rows (n, m)` with small whole entries, sparsest first.
+
+    Fewer than n where the span has no such basis.
+    """
+    n, m = rows.shape
+    candidates: set[Exponents] = set()
+    for pivots in itertools.islice(itertools.combinations(range(m), n), MOST_BASES):
+        block = rows[:, pivots]
+        if n == 0 or np.linalg.cond(block) > 1e8:
+            continue
+        for row in np.linalg.solve(block, rows):
+            exponents = _whole(row)
+            if exponents is not None:
+                candidates.add(exponents)
+    chosen: list[Exponents] = []
+    for candidate in sorted(candidates, key=_complexity):
+        if np.linalg.matrix_rank(np.array([*chosen, candidate], dtype=float)) > len(chosen):
+            chosen.append(candidate)
+    return tuple(chosen)
+
+
+def doubled(theta: Array, exponents: Exponents) -> Array:
+    """`theta (..., D)` with each unknown times 2 to its exponent, which rounds nothing."""
+    powers = np.zeros(theta.shape[-1])
+    powers[: len(exponents)] = exponents
+    return np.asarray(theta * 2.0**powers)
+
+
+def same_response(one: Array, other: Array) -> bool:
+    """Signals `(W, T, K)` that agree to rounding."""
+    size = np.abs(one).max(axis=(0, 1))
+    return bool(np.all(np.abs(one - other) <= SAME_RESPONSE * size))
+
+
+def _complement(rows: Array, m: int) -> Array:
+    """All directions at right angles to `rows (n, m)`."""
+    if len(rows) == 0:
+        return np.eye(m)
+    _, values, directions = np.linalg.svd(rows)
+    return np.asarray(directions[int(np.sum(values > SAME_DIRECTION * values[0])) :])
+
+
+def _whole(row: Array) -> Exponents | None:
+    """The row times the least factor that makes all entries whole; None if there is none."""
+    near = [Fraction(float(x)).limit_denominator(LARGEST_DENOMINATOR) for x in row]
+    if any(abs(float(f) - x) > 1e-6 for f, x in zip(near, row, strict=True)):
+        return None
+    factor = math.lcm(*(f.denominator for f in near))
+    whole = [int(f * factor) for f in near]
+    divisor = math.gcd(*whole)
+    if divisor == 0:
+        return None
+    sign = 1 if sum(whole) > 0 or (sum(whole) == 0 and next(x for x in whole if x) > 0) else -1
+    return tuple(sign * x // divisor for x in whole)
+
+
+def _complexity(exponents: Exponents) -> tuple[int, int, Exponents]:
+    used = sum(x != 0 for x in exponents)
+    return used, sum(abs(x) for x in exponents), tuple(-x for x in exponents)
+
+
+PRIOR_POINTS = 4  # beside the start: where symmetries are looked for and proven
+MOST_DRAWS = 100  # of the prior, to find that many with a finite response
+
+
+def structure_of(
+    posterior: Posterior, scenery: Scenery, theta: Array, rng: np.random.Generator
+) -> Structure:
+    """At `theta (D,)` and at draws from the prior."""
+    drawn = posterior.space.draw(MOST_DRAWS, rng)
+    finite = drawn[np.isfinite(posterior.density(drawn))][:PRIOR_POINTS]
+    points = np.vstack([theta, finite])
+    likelihood = posterior.likelihood
+    here = likelihood.every_signal(points)
+
+    def unchanged(exponents: Exponents) -> bool:
+        there = likelihood.every_signal(doubled(points, exponents))
+        return all(map(same_response, here, there))
+
+    sensitivities = [scenery.sensitivities(point) for point in points]
+    return analyse(scenery.unknowns, sensitivities, unchanged)
+
+
+NEAR = 0.5, 1.5  # times what is held: where the structure is looked at
+MOSTLY = 0.5  # of a scale, what priors settle; of the largest part, what is named as well
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Resting:
+    """With `exponents` of `names`, of which the last are `held`, no measured signal changes.
+
+    `following (m, m)`: of unknowns, by how much the mean of each log follows the middle of each prior.
+    """
+
+    names: tuple[str, ...]
+    exponents: Exponents
+    held: tuple[str, ...]
+    following: Array
+
+    @property
+    def unknown(self) -> tuple[str, ...]:
+        """Those that are known through what is held."""
+        named = zip(self.names, self.exponents, strict=True)
+        return tuple(name for name, e in named if e and name not in self.held)
+
+    @property
+    def through(self) -> tuple[str, ...]:
+        named = zip(self.names, self.exponents, strict=True)
+        return tuple(name for name, e in named if e and name in self.held)
+
+    @property
+    def narrowest(self) -> str:
+        """The unknown that the record narrows most."""
+        left = dict(zip(self.names, np.diag(self.following), strict=False))
+        return min(self.unknown, key=left.__getitem__)
+
+    def scales(self, names: Sequence[str], exponents: Sequence[float]) -> bool:
+        """Whether a product of powers is another where what is held is."""
+        own = dict(zip(self.names, self.exponents, strict=True))
+        return sum(own[name] * e for name, e in zip(names, exponents, strict=True)) != 0
+
+    def priors(self, names: Sequence[str], exponents: Sequence[float]) -> tuple[str, ...]:
+        """Whose priors settle a product of powers that this scales; none where what is held does.
+
+        What priors do together follows them all, and what is held the rest of the way.
+        """
+        m = len(self.following)
+        given = dict(zip(names, exponents, strict=True))
+        powers = np.array([given.get(name, 0.0) for name in self.names[:m]])
+        scale, follows = np.array(self.exponents[:m]), powers @ self.following
+        if follows @ scale / (powers @ scale) < MOSTLY:
+            return ()
+        large = np.abs(follows) >= MOSTLY * np.abs(follows).max()
+        return tuple(name for name, one in zip(self.names, large, strict=False) if one)
+
+
+def resting(
+    posterior: Posterior,
+    theta: Array,
+    known: Information,
+    prior_sd: Array,
+    rng: np.random.Generator,
+) -> tuple[Resting, ...]:
+    """At `theta (D,)`; `rng` draws the points at which the structure is looked at.
+
+    `known` of the record there, `prior_sd (m,)` of the logs.
+
+    Where few are held and many rest on them: who holds most of a rig knows that the rest is told
+    through it.
+    """
+    space, model = posterior.space, posterior.likelihood.observations[0].response.model
+    held = tuple(name for name in model.parameters if space.fixed.get(name, 0.0) > 0.0)
+    if not held:
+        return ()
+    first = len(space.columns("rig", "quantity"))
+    wider = _freed(posterior, model, held, first)
+    at = np.insert(theta, first, [space.fixed[name] for name in held])
+    found = structure_of(wider, Scenery(wider.likelihood), at, rng)
+    follows = following(known, prior_sd)
+    every = (
+        Resting(names=found.names, exponents=e, held=held, following=follows)
+        for e in found.symmetries
+    )
+    return tuple(one for one in every if 0 < len(one.through) <= len(one.unknown))
+
+
+def following(known: Information, prior_sd: Array) -> Array:
+    """`(m, m)`: by how much the mean of each log follows the middle of each prior."""
+    spread = np.linalg.inv(known.with_priors(prior_sd).root)
+    return np.asarray(spread @ spread.T / prior_sd**2)
+
+
+def _freed(posterior: Posterior, model: Model, held: tuple[str, ...], first: int) -> Posterior:
+    """With what is held unknown, behind the rig's other unknowns, of which `first` is the number."""
+    space, (low, high) = posterior.space, NEAR
+    known = {one.name: one for one in (*PARAMETERS.values(), *model.declares)}
+    new = tuple(
+        Unknown(
+            symbol=known[name],
+            role="rig",
+            prior=Uniform(low=low * space.fixed[name], high=high * space.fixed[name]),
+            start=space.fixed[name],
+        )
+        for name in held
+    )
+    wider = dataclasses.replace(
+        space,
+        unknowns=(*space.unknowns[:first], *new, *space.unknowns[first:]),
+        fixed={name: value for name, value in space.fixed.items() if name not in held},
+    )
+    likelihood = Likelihood.joint(wider, posterior.likelihood.observations)
+    return Posterior(space=wider, likelihood=likelihood, coordinates=wider.coordinates())

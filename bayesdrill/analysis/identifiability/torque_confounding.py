@@ -1,0 +1,203 @@
+"""What a missing torque can stand in for: parameters that a record would show without it, and what
+helps.
+
+The Fisher information of all unknowns together, of mean and covariance, as the curvature that a
+record drawn at the point has (Gauss and Newton), with what the priors know; beside it that of the
+same record, had the rig no missing torque.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayesdrill.analysis.identifiability.structure import Exponents
+from bayesdrill.inference.laplace import PosteriorSurface
+from bayesdrill.inference.likelihood import Likelihood, Observation, Torque
+from bayesdrill.inference.posterior import Posterior
+from bayesdrill.record.experiment import Channel, frozen
+from bayesdrill.rig import models
+from bayesdrill.rig.models.latent_torque import SIZE, At, pushes
+
+Array = NDArray[np.float64]
+Seeds = NDArray[np.int64]
+
+FALLS = 3.0  # times: how much worse an sd is with the torque, for a parameter that is named
+KNOWN = 0.5  # of the prior's sd: with no more left a parameter is known, torque or not
+HELPS = 2.0  # times: by how much better, for what is proposed
+SENSOR = 0.01  # of its spread: noise of a sensor that is proposed
+NOTHING = 1e-9  # times its size: a torque that is none
+DRAWN = 2  # records, over which curvatures are averaged
+MOST = 3  # proposals
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Help:
+    """`kind` hold: a parameter by name; measure: a state.  `shrink`: times by which the sd would
+    fall.
+    """
+
+    kind: str
+    name: str
+    shrink: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StandIn:
+    """The sd of a log with the torque, without it, and before the record."""
+
+    name: str
+    at: At
+    sd: float
+    alone: float
+    before: float
+    helps: tuple[Help, ...]
+
+
+def stand_ins(
+    posterior: Posterior, theta: Array, before: Array, rng: np.random.Generator
+) -> tuple[StandIn, ...]:
+    """Of the rig's parameters at `theta (D,)`; `before (D,)`: sds of logs under the priors."""
+    every = posterior.likelihood.observations
+    torques = [one.torque for one in every if one.torque]
+    if not torques:
+        return ()
+    seeds = rng.integers(2**32, size=DRAWN)
+    known = _known(posterior, theta, before, seeds)
+    if not np.isfinite(known).all():
+        return ()
+    names = posterior.space.free
+    rig = [k for k, one in enumerate(posterior.space.unknowns) if one.role in ("rig", "quantity")]
+    sds = np.sqrt(np.diag(np.linalg.inv(known)))
+    alone = _alone(posterior, theta, before, seeds, rig)
+    worse = [k for k in rig if sds[k] > FALLS * alone[k] and sds[k] > KNOWN * before[k]]
+    if not worse:
+        return ()
+    more = {
+        state: _measured(posterior, theta, before, seeds, state) for state in _unseen(posterior)
+    }
+    return tuple(
+        StandIn(
+            name=names[k],
+            at=torques[0].filtered.torque.at,
+            sd=float(sds[k]),
+            alone=float(alone[k]),
+            before=float(before[k]),
+            helps=_helps(
+                k, known, sds, [names[j] if j in rig else "" for j in range(len(names))], more
+            ),
+        )
+        for k in worse
+    )
+
+
+def scaled(posterior: Posterior, symmetries: Sequence[Exponents]) -> tuple[tuple[str, ...], ...]:
+    """Of each symmetry that changes the inertia on which a torque acts: what goes with it, the
+    size of the torque among it.
+    """
+    for one in posterior.likelihood.observations:
+        if one.torque:
+            rig, torque = one.torque.filtered.model, one.torque.filtered.torque
+            names = posterior.space.free
+            size = next((name for name in names if name.startswith(SIZE)), SIZE)
+            found = []
+            for exponents in symmetries:
+                powers = dict(zip(names, exponents, strict=False))
+                p = {name: 2.0 ** powers.get(name, 0) for name in rig.parameters}
+                ones = dict.fromkeys(rig.parameters, 1.0)
+                push = pushes(rig, torque, p, rig.linear(p))
+                if push != pushes(rig, torque, ones, rig.linear(ones)):
+                    found.append((*(n for n, e in powers.items() if e), size))
+            return tuple(found)
+    return ()
+
+
+def _helps(
+    k: int, known: Array, sds: Array, names: list[str], more: dict[str, Array]
+) -> tuple[Help, ...]:
+    found = []
+    for j, name in enumerate(names):
+        if name and j != k:
+            rest = [i for i in range(len(sds)) if i != j]
+            held = np.linalg.inv(known[np.ix_(rest, rest)])
+            sd = float(np.sqrt(held[rest.index(k), rest.index(k)]))
+            found.append(Help(kind="hold", name=name, shrink=float(sds[k]) / sd))
+    for state, information in more.items():
+        sd = float(np.sqrt(np.linalg.inv(information)[k, k]))
+        found.append(Help(kind="measure", name=state, shrink=float(sds[k]) / sd))
+    good = sorted((one for one in found if one.shrink > HELPS), key=lambda one: -one.shrink)
+    return tuple(good[:MOST])
+
+
+def _known(posterior: Posterior, theta: Array, before: Array, seeds: Seeds) -> Array:
+    """Information in logs `(D, D)`, priors included."""
+    full, total = posterior.space.full(theta[None]), np.diag(1.0 / before**2)
+    coordinates = posterior.coordinates
+    steps = coordinates.natural(theta[None])[0] / coordinates.slopes(theta[None])[0]
+    for seed in seeds:
+        rng = np.random.default_rng(seed)
+        drawn = [
+            one.with_record(one.draw(one.signals(full), theta[None], rng)[0])
+            for one in posterior.likelihood.observations
+        ]
+        likelihood = dataclasses.replace(posterior.likelihood, observations=tuple(drawn))
+        surface = PosteriorSurface(dataclasses.replace(posterior, likelihood=likelihood))
+        curvature = surface.of_record(theta[None], np.diag(steps))[1][0]
+        total = total + curvature / len(seeds)
+    return np.asarray(total)
+
+
+def _alone(
+    posterior: Posterior, theta: Array, before: Array, seeds: Seeds, rig: list[int]
+) -> Array:
+    """Sds of all `(D,)`, if there were no torque: it is known to be nothing."""
+    levels = [k for k, name in enumerate(posterior.space.free) if name.startswith(SIZE)]
+    small = [
+        one.torque.times(NOTHING) if one.torque else one
+        for one in posterior.likelihood.observations
+    ]
+    likelihood = dataclasses.replace(posterior.likelihood, observations=tuple(small))
+    there = theta.copy()
+    there[levels] *= NOTHING
+    known = _known(dataclasses.replace(posterior, likelihood=likelihood), there, before, seeds)
+    sds = np.full(len(theta), np.inf)
+    sds[rig] = np.sqrt(np.diag(np.linalg.inv(known)))[rig]
+    return sds
+
+
+def _unseen(posterior: Posterior) -> list[str]:
+    """States that no channel shows by itself."""
+    one = posterior.likelihood.observations[0]
+    seen = {name for c in one.experiment.channels for name in c.weights if len(c.weights) == 1}
+    return [name for name in one.response.model.states if name not in seen]
+
+
+def _measured(posterior: Posterior, theta: Array, before: Array, seeds: Seeds, state: str) -> Array:
+    """Information, if every record showed this state too."""
+    full = posterior.space.full(theta[None])
+    more = [
+        _with(one, one.torque, full, state) if one.torque else one
+        for one in posterior.likelihood.observations
+    ]
+    likelihood = Likelihood(tuple(more), posterior.space)
+    return _known(dataclasses.replace(posterior, likelihood=likelihood), theta, before, seeds)
+
+
+def _with(one: Observation, torque: Torque, full: Array, state: str) -> Observation:
+    symbol = models.STATES[state]
+    channel = Channel(
+        name=f"state {state}", weights={state: 1.0}, unit=symbol.unit, latex="", latex_unit=""
+    )
+    experiment, t_count = one.experiment, len(one.experiment.t)
+    wider = dataclasses.replace(
+        experiment,
+        channels=(*experiment.channels, channel),
+        y=frozen(np.column_stack([experiment.y, np.zeros(t_count)])),
+    )
+    response = one.response.of(wider)
+    spread = float(response.signals(one.told(full))[0, :, -1].std())
+    return torque.showing(response, SENSOR * spread or 1.0)

@@ -1,0 +1,389 @@
+"""Whether values can be those of a real rig, and priors that end at the table or reach too far.
+
+Whether values can be those of a real rig: energy, the shaft's geometry, poles, sampling.
+
+Findings are sentences with their numbers; none is an error.
+
+Priors that end where the table stands, opened there: draws can then lie beyond a nominal value.
+
+Against an end of a prior a tail cannot be counted: a box that begins at the nominal value has no draw
+below it, however well the record agrees.  What the record says there is seen where the prior goes on.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayesdrill.analysis.diagnostics import Row, pressed_against
+from bayesdrill.analysis.identifiability.information import Information, Scenery
+from bayesdrill.basics.progress import Reporter
+from bayesdrill.inference.posterior import Posterior, Problem
+from bayesdrill.inference.priors import Prior, spread, spread_of_log
+from bayesdrill.rig import models
+from bayesdrill.rig.models.linear import STATES, Model, MotorRoles, Roles, dynamics
+from bayesdrill.sampling.ensembles import Memory, Opened, Plan, Sampled, sample
+from bayesdrill.sampling.proposal.learning import Nowhere
+from bayesdrill.sampling.workers import Crew
+
+Array = NDArray[np.float64]
+
+APPRECIABLE = 0.05  # relative
+MOST_DRAWS = 2000  # whose poles are looked at
+UNSTABLE = 1e-9  # of the largest pole: a real part above it is no rounding
+FEW = 0.01  # of the draws
+UNHEARD_OF = 1e-6  # of a prior, at each end
+SAME_GEAR = 0.02  # relative: data sheets round
+
+# The paper's Table 1.  It calls 188 mm the radius of rotor 1, but only as a diameter does it give
+# the inertia printed beside it.  The modulus is that of steel; the paper gives none.
+SHAFT_LENGTH, SHAFT_DIAMETER, STEEL = 2.4, 3e-3, 79.3e9  # m, m, Pa
+ROTOR_MASS, ROTOR_DIAMETER = 6.4, 0.188  # kg, m
+GEOMETRY: Mapping[str, tuple[float, str]] = {  # by roles
+    "shaft.stiffness": (
+        STEEL * math.pi * SHAFT_DIAMETER**4 / (32 * SHAFT_LENGTH),
+        "a steel shaft of 2.4 m and 3 mm has",
+    ),
+    "rotor.inertia": (ROTOR_MASS * ROTOR_DIAMETER**2 / 8, "a disc of 6.4 kg and 188 mm across has"),
+}
+
+
+def plausibility_of_priors(problem: Problem) -> Iterator[str]:
+    """Nominal values that are where a prior has as good as nothing, though it does not exclude them."""
+    for name, prior in problem.posterior.space.priors.items():
+        if (value := problem.nominal.get(name)) is None:
+            continue
+        low, high = (float(x) for x in prior.quantile(np.array([UNHEARD_OF, 1 - UNHEARD_OF])))
+        if not low <= value <= high and prior.low < value < prior.high:
+            yield (
+                f"the prior of {name} goes from {low:.4g} to {high:.4g} with all but "
+                f"{100 * 2 * UNHEARD_OF:g} % of it, and the nominal value {value:.4g} is far outside: "
+                "one of the two, or its unit, is wrong"
+            )
+
+
+def of_roles(problem: Problem) -> Iterator[str]:
+    """States that have none, which whatever asks for speeds and currents does not see."""
+    model = problem.model
+    known = {model.roles[role] for role in STATES}
+    if others := [name for name in model.outer if name not in known]:
+        yield (
+            f"roles: {model.name} does not say what {', '.join(others)} is to it, so that friction, "
+            "energy and missing torques are not looked at there; name it in the rig's `roles`"
+        )
+
+
+def plausibility_of_gear(problem: Problem) -> Iterator[str]:
+    """Channels that turn neither with the shaft nor, by the gear of the model, with the motor."""
+    model = problem.model
+    motor, gear = model.roles.motor, model.gear_ratio
+    if not model.geared:
+        return
+    every = [c for one in problem.observations for c in one.experiment.channels]
+    for channel in {c.name: c for c in every}.values():
+        match list(channel.weights.items()):
+            case [(motor.speed | motor.angle as state, float(times))]:
+                apart = min(abs(abs(times) * own - 1) for own in (1.0, gear))
+                if apart > SAME_GEAR:
+                    yield (
+                        f"{channel.name} measures {times:g} * {state}, but the motor turns "
+                        f"{1 / gear:.4g} times as fast as the shaft (model.{model.roles.gear}: "
+                        f"{gear:.4g}); one of the two is not that of this rig"
+                    )
+
+
+def plausibility_of_nominal(problem: Problem) -> tuple[str, ...]:
+    """Of nominal values, or where there are none of held ones and those at the start.
+
+    What the config gives itself is not held against the paper's rig.
+    """
+    space = problem.posterior.space
+    values = {**space.start, **problem.nominal, **space.fixed}
+    values |= {name: float(relation.value(values)) for name, relation in space.relations.items()}
+    table = {name for name in problem.published if values[name] == problem.nominal[name]}
+    model = problem.model
+    found = poles(model, {name: np.array([values[name]]) for name in model.parameters})[0]
+    return (
+        *_energy_of_nominal(
+            {n: x for n, x in values.items() if n in model.parameters}, model.roles
+        ),
+        *_geometry({name: x for name, x in values.items() if name in table}, model.roles),
+        *_poles(found[None], _step(problem), model),
+    )
+
+
+def plausibility_of_draws(problem: Problem, draws: Array, known: Information) -> tuple[str, ...]:
+    """Of posterior draws `(N, D)`; `known` says what the record alone determines."""
+    model = problem.model
+    rig = problem.posterior.likelihood.rig(draws[:: max(1, len(draws) // MOST_DRAWS)])
+    values = dict(zip(model.parameters, rig.T, strict=True))
+    energy = _energy_of_draws(values, known, model.roles)
+    return (*energy, *_poles(poles(model, values), _step(problem), model))
+
+
+def plausibility_of_course(scenery: Scenery, theta: Array) -> tuple[str, ...]:
+    """Of the motion at unknowns `theta (D,)`: whether friction brakes all the time."""
+    likelihood = scenery.likelihood
+    rig = likelihood.observations[0].response.model
+    motor = rig.roles.motor
+    if motor.friction not in rig.parameters or motor.speed not in scenery.states:
+        return ()
+    friction = float(likelihood.rig(theta[None])[0, rig.parameters.index(motor.friction)])
+    speeds = [motion[:, scenery.states.index(motor.speed)] for motion in scenery.motions(theta)]
+    other_way = [np.sign(friction) * w < -APPRECIABLE * np.abs(w).max() for w in speeds]
+    share = float(np.mean(np.concatenate(other_way)))
+    if share <= FEW:
+        return ()
+    return (
+        f"friction: in {_percent(share)} of the record the motor turns the other way, and "
+        f"{motor.friction}, which keeps its sign, drives instead of braking; cut these samples off "
+        f"(record.window), turn the signs of {motor.voltage} and of all channels if it always turns so, "
+        f"or hold {motor.friction} at 0 and name {motor.sliding}, friction that changes its sign",
+    )
+
+
+def _step(problem: Problem) -> float:
+    """The shortest of the usual steps of all records."""
+    return min(one.experiment.dt for one in problem.observations)
+
+
+def poles(model: Model, values: Mapping[str, Array]) -> NDArray[np.complex128]:
+    """Eigenvalues of the dynamics at parameters `(W,)` each: `(W, X)`, in 1/s."""
+    size = len(next(iter(values.values())))
+    matrix = dynamics(model.linear(values), model.states, size)
+    return np.asarray(np.linalg.eigvals(matrix), dtype=np.complex128)
+
+
+def _ideal(motor: MotorRoles) -> str:
+    given, taken = motor.torque_constant, motor.back_emf
+    return (
+        f"in SI units the two are equal in an ideal motor, and losses make {given} the smaller one; "
+        f"{given}, {taken}, the supply or the gear reduction is not what it is taken to be"
+    )
+
+
+def _energy_of_nominal(values: Mapping[str, float], roles: Roles) -> list[str]:
+    given, taken = roles.motor.torque_constant, roles.motor.back_emf
+    if not {given, taken} <= {*values}:
+        return []
+    ratio = values[given] / values[taken]
+    if ratio <= 1 + APPRECIABLE:
+        return []
+    return [
+        f"energy: {given} = {values[given]:.4g} N m/A is {ratio:.3g} times {taken} = "
+        f"{values[taken]:.4g} V s/rad, so the motor would give {ratio:.3g} times the power that it "
+        f"takes up; {_ideal(roles.motor)}"
+    ]
+
+
+def _energy_of_draws(values: Mapping[str, Array], known: Information, roles: Roles) -> list[str]:
+    given, taken = roles.motor.torque_constant, roles.motor.back_emf
+    if not {given, taken} <= {*values}:
+        return []
+    ratio = values[given] / values[taken]
+    share = float(np.mean(ratio > 1 + APPRECIABLE))
+    if share <= FEW:
+        return []
+    powers = np.array([{given: 1.0, taken: -1.0}.get(name, 0.0) for name in known.names])
+    blind = bool(powers.any()) and not math.isfinite(known.bound(powers))
+    whence = (
+        "; the record cannot show this ratio, so it is what the priors and what is held allow"
+        if blind
+        else f"; {_ideal(roles.motor)}"
+    )
+    return [
+        f"energy: {given} is more than {100 * APPRECIABLE:g} % above {taken} in {_percent(share)} of "
+        f"the draws (median ratio {np.median(ratio):.3g}), where the motor would give more power than "
+        f"it takes up{whence}"
+    ]
+
+
+def _geometry(values: Mapping[str, float], roles: Roles) -> list[str]:
+    found = []
+    for role, (expected, what) in GEOMETRY.items():
+        name = roles[role]
+        value = values.get(name, expected)
+        if abs(value / expected - 1) > APPRECIABLE:
+            unit = models.PARAMETERS[name].plain_unit
+            found.append(
+                f"geometry: {name} = {value:.4g} {unit} is {100 * (value / expected - 1):+.0f} % off "
+                f"what the paper's dimensions give; {what} {expected:.3g} {unit}"
+            )
+    return found
+
+
+def _poles(every: NDArray[np.complex128], step: float, model: Model) -> list[str]:
+    """`every (W, X)`; one row for nominal values, draws otherwise."""
+    found = []
+    size = np.abs(every).max(axis=1)
+    largest = every.real.max(axis=1)
+    share = float(np.mean(largest > UNSTABLE * size))
+    if share > 0:
+        found.append(
+            f"stability: a pole lies in the right half plane{_in(every, share)}, at most "
+            f"{largest.max():.3g} 1/s: the rig would run away by itself"
+        )
+    decay = np.abs(every.real).max(axis=1)
+    share = float(np.mean(decay * step > 1))
+    if share > FEW:
+        middle, motor = float(np.median(decay)), model.roles.motor
+        found.append(
+            f"sampling: the fastest motion dies out within {1e3 / middle:.3g} ms (pole at "
+            f"{-middle:.3g} 1/s), the record has a sample every {1e3 * step:.3g} ms{_in(every, share)}: "
+            f"what sets it, mostly {motor.inductance}/{motor.resistance}, is seen only through slower "
+            "motions"
+        )
+    turns = np.abs(every.imag).max(axis=1) / (2 * math.pi)
+    share = float(np.mean(2 * turns * step > 1))
+    if share > FEW:
+        found.append(
+            f"sampling: an oscillation of {np.median(turns):.3g} Hz is faster than half of the "
+            f"{1 / step:.4g} samples per second{_in(every, share)}: the record shows a false frequency"
+        )
+    return found
+
+
+def _in(every: NDArray[np.complex128], share: float) -> str:
+    return "" if len(every) == 1 else f" (in {_percent(share)} of the draws)"
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.3g} %"
+
+
+NEAR = 0.05  # of the prior between nominal value and end, or less
+TAIL, SIGMA = 1e-3, 2.28e-2  # shares of the draws at three and two sigma of a normal
+REACH = math.log(10.0)  # an end is moved by the prior's own range, but by no more than this factor
+
+
+def with_open_ends(
+    sampled: Sampled,
+    posterior: Posterior,
+    nominal: Mapping[str, float],
+    maxima: Array,
+    plan: Plan,
+    report: Reporter,
+) -> Sampled:
+    """With what is seen beyond ends of priors that are in the way, where ensembles have converged."""
+    if not sampled.convergence.converged:
+        return sampled
+    draws = sampled.draws.reshape(-1, maxima.shape[1])
+    beyond = open_ends(posterior, nominal, draws, maxima, plan, report)
+    return dataclasses.replace(sampled, beyond=beyond)
+
+
+def not_kept(sampled: Sampled, posterior: Posterior, nominal: Mapping[str, float]) -> Opened | None:
+    """What is known of ends in the way where a run has kept nothing from beyond: no more than names."""
+    if not sampled.convergence.converged:
+        return None
+    draws = sampled.draws.reshape(-1, len(posterior.space.free))
+    names = tuple(_in_the_way(posterior, nominal, draws))
+    return Opened(names=names, draws=None, pressed=names, kept=False) if names else None
+
+
+def open_ends(
+    posterior: Posterior,
+    nominal: Mapping[str, float],
+    draws: Array,
+    maxima: Array,
+    plan: Plan,
+    report: Reporter,
+) -> Opened | None:
+    """From physical draws `(N, D)` and maxima `(M, D)`; None where no end is in the way."""
+    priors = _in_the_way(posterior, nominal, draws)
+    if not priors:
+        return None
+    beyond = dataclasses.replace(posterior, space=posterior.space.with_priors(priors))
+    names = tuple(priors)
+    report.say(
+        f"priors of {', '.join(names)} end near nominal values: once more without these ends"
+    )
+    try:
+        with Crew(beyond, 1) as crew:
+            sampled = sample(crew, beyond, maxima, plan, Memory(), report)
+    except Nowhere:
+        return Opened(names=names, draws=None, pressed=names)
+    if not sampled.convergence.converged:
+        return Opened(names=names, draws=None, pressed=names)
+    found = sampled.draws.reshape(-1, draws.shape[1])
+    columns = dict(zip(posterior.space.free, found.T, strict=True))
+    crowded = [name for name in names if pressed_against(columns[name], priors[name]) is not None]
+    return Opened(names=names, draws=found, pressed=tuple(crowded))
+
+
+def _in_the_way(
+    posterior: Posterior, nominal: Mapping[str, float], draws: Array
+) -> dict[str, Prior]:
+    """Priors that end too near to their nominal values, with these ends moved."""
+    space = posterior.space
+    wider = {
+        name: _wider(prior, nominal[name], draws[:, column])
+        for column, (name, prior) in enumerate(space.priors.items())
+        if name in nominal
+    }
+    return {name: prior for name, prior in wider.items() if prior is not space.priors[name]}
+
+
+def _wider(prior: Prior, nominal: float, draws: Array) -> Prior:
+    """The same density with the ends moved that are near the nominal value and that draws feel."""
+    ends = []
+    for end, sign in ((prior.low, 1.0), (prior.high, -1.0)):
+        ends.append(end)
+        if not (0 < end < math.inf and _near(prior, nominal, sign) and _felt(end, draws, sign)):
+            continue
+        own = math.log(prior.high / prior.low) if prior.low > 0 else REACH
+        past = 2.0 * max(sign * math.log(end / nominal), 0.0)
+        ends[-1] = end * math.exp(-sign * max(min(own, REACH), past))
+    low, high = ends
+    return prior if (low, high) == (prior.low, prior.high) else prior.extended(low, high)
+
+
+def _near(prior: Prior, nominal: float, sign: float) -> bool:
+    """Whether little of the prior lies between nominal value and its lower (upper: -1) end."""
+    share = float(prior.quantile(np.array(NEAR if sign > 0 else 1.0 - NEAR)))
+    return sign * (nominal - share) <= 0
+
+
+def _felt(end: float, draws: Array, sign: float) -> bool:
+    """Whether the end cuts off what draws `(N,)` show of a tail: farther out it does no harm."""
+    logs = sign * np.log(draws)
+    far, less = np.quantile(logs, [TAIL, SIGMA])
+    return bool(far - sign * math.log(end) < less - far)
+
+
+DECADES = 2.1  # of a log-uniform prior, or of one that is as wide: with more it is vague
+TIMES = 100.0  # as wide as what was found is large, where it is no matter of factors
+NARROWED = 0.5  # of its width: an unknown of which more is left costs little, however wide
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Vague:
+    """The prior of `name`: so many `decades` wide, or `times` as wide as what was found is large."""
+
+    name: str
+    decades: float | None = None
+    times: float | None = None
+
+
+def vague(rows: Sequence[Row], draws: Array, priors: Mapping[str, Prior]) -> tuple[Vague, ...]:
+    """Of unknowns that the record narrows; `draws (N, D)` in the order of `rows`."""
+    found = (_vague(row.name, x, priors[row.name]) for row, x in zip(rows, draws.T, strict=True))
+    return tuple(one for one in found if one is not None)
+
+
+def _vague(name: str, x: Array, prior: Prior) -> Vague | None:
+    if prior.in_logs:
+        wide = spread_of_log(prior)
+        decades = wide * math.sqrt(12.0) / math.log(10.0)
+        if decades > DECADES and float(np.log(x).std()) < NARROWED * wide:
+            return Vague(name=name, decades=decades)
+    wide = spread(prior)
+    times = wide / math.sqrt(float(np.mean(x**2)))
+    if times > TIMES and float(x.std()) < NARROWED * wide:
+        return Vague(name=name, times=times)
+    return None

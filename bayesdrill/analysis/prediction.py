@@ -1,0 +1,201 @@
+"""Whether the record is as the posterior predicts it, and how well draws predict samples (held
+out, PSIS-LOO).
+
+Whether the record is as the posterior predicts it: where each sample lies in its own prediction.
+
+The probability integral transform (PIT) of a sample is the share of its prediction below it; where model
+and noise are right they are uniform.  Each is of the posterior without that sample, for a sample that
+helps to predict itself is predicted too well: draws weigh as one over what they give that sample, but
+none more than the root of their number times the mean (Ionides 2008).  Pareto smoothing would refuse
+samples at which all draws agree, such as the first of a rig at rest.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import logsumexp, ndtr
+
+from bayesdrill.analysis.calibration import Band, ecdf_band, shape
+from bayesdrill.inference.likelihood import Likelihood, Observation
+from bayesdrill.inference.posterior import Posterior
+from bayesdrill.inference.residual_checks import Left
+from bayesdrill.record.experiment import Channel
+
+Array = NDArray[np.float64]
+
+BINS = 100
+MOST_CHECKED = 2000  # samples of a channel that are looked at
+FALSE_ALARM = 0.01  # of records of the model, with its noise, leave any band, at most
+SAYS = {
+    "posterior too low": "measured lies above",
+    "posterior too high": "measured lies below",
+    "posterior too narrow": "prediction too narrow",
+    "posterior too wide": "prediction too wide",
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Check:
+    """Of one channel: `pit (T,)`, and the band of their distribution; `label`: of its experiment."""
+
+    channel: Channel
+    pit: Array
+    band: Band
+    label: str = ""
+
+    @property
+    def ranks(self) -> NDArray[np.int64]:
+        """In which of `BINS` equal parts of its prediction each sample lies."""
+        return np.minimum((BINS * self.pit).astype(np.int64), BINS - 1)
+
+    @property
+    def holds(self) -> bool:
+        return self.band.holds(self.ranks)
+
+    @property
+    def says(self) -> str:
+        """What is wrong with the prediction; empty where chance explains all."""
+        if self.holds:
+            return ""
+        return SAYS.get(shape(self.ranks, BINS - 1) or "", "not as predicted")
+
+
+def checks(likelihood: Likelihood, theta: Array) -> tuple[Check, ...]:
+    """Of each channel, by draws `theta (N, D)`."""
+    every = [
+        (one, *found) for one in likelihood.observations for found in _pits(likelihood, one, theta)
+    ]
+    lengths = {len(pit) for *_, pit in every}
+    bands = {n: ecdf_band(n, BINS - 1, FALSE_ALARM / len(every)) for n in lengths}
+    return tuple(
+        Check(channel=channel, label=one.label, pit=pit, band=bands[len(pit)])
+        for one, channel, pit in every
+    )
+
+
+def _pits(
+    likelihood: Likelihood, one: Observation, theta: Array
+) -> Iterator[tuple[Channel, Array]]:
+    pit = leave_one_out_check(likelihood, one, theta)
+    for k, channel in enumerate(one.experiment.channels):
+        seen = ~np.isnan(pit[:, k])
+        if seen.any():
+            yield channel, pit[seen, k]
+
+
+def leave_one_out_check(likelihood: Likelihood, one: Observation, theta: Array) -> Array:
+    """PITs `(T, K)` of at most `MOST` samples, evenly spaced; NaN where nothing was measured.
+
+    What is left of a sample is whitened, so that each counts on those before it where the noise
+    remembers them.
+    """
+    rest = one.residuals(likelihood.space.full(theta)).samples
+    n = len(one.experiment.t)
+    seen = np.unique(np.linspace(0, n - 1, min(n, MOST_CHECKED)).round().astype(int))
+    below = ndtr(one.whiten(rest, theta)[:, seen])
+    log_p = one.pointwise(rest, theta)[:, seen]
+    weights = np.exp(log_p.min(axis=0) - log_p)
+    weights = np.minimum(weights, weights.mean(axis=0) * len(theta) ** 0.5)
+    return np.asarray((weights * below).sum(axis=0) / weights.sum(axis=0))
+
+
+DRAWS = 800  # looked at
+MOST_SCORED = 50_000  # samples whose densities are kept for all draws
+AGREED = 1e-12  # of the log densities of a sample: all draws give it the same
+BAD = 0.7  # of Pareto's k, from which on a sample leans on a few draws
+FEW = 0.01  # of the samples may
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HeldOut:
+    """`score`: sum of the logs of the predictive densities of so many `samples`, SI; `each (n,)`."""
+
+    score: float
+    samples: int
+    each: Array
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LeftOut:
+    """Of each sample without itself: `elpd`, its parts `each (n,)`, and the share that is `doubtful`."""
+
+    elpd: float
+    each: Array
+    doubtful: float
+
+
+def held_out(posterior: Posterior, theta: Array) -> HeldOut | None:
+    """By draws `theta (N, D)`: stretches and whole experiments; None where nothing is held out."""
+    theta, found = _some(theta), []
+    full, likelihood = posterior.space.full(theta), posterior.likelihood
+    stretches = [(one, one.experiment.held_out) for one in likelihood.observations]
+    for one, held in (*stretches, *((one, one.experiment.y) for one in likelihood.apart)):
+        if held is not None:
+            rest = held - one.signals(full)
+            # By itself: what remembers is not told what stands beside it.
+            log_p = one.on(held).pointwise(rest, theta)[:, ~np.isnan(held)]
+            found.append(logsumexp(log_p, axis=0) - np.log(len(theta)))
+    if not found:
+        return None
+    each = np.concatenate(found)
+    return HeldOut(score=float(each.sum()), samples=len(each), each=each)
+
+
+def leave_one_out(posterior: Posterior, theta: Array, left: tuple[Left, ...]) -> LeftOut | str:
+    """By draws `theta (N, D)`; or why that would tell nothing."""
+    if refusal := _refusal(posterior, theta, left):
+        return refusal
+    from arviz_stats.base import array_stats  # late: it takes half a second to load
+
+    smoothed: Any = array_stats.psislw
+    theta = _some(theta)
+    full, found = posterior.space.full(theta), []
+    for one in posterior.likelihood.observations:
+        log_p = one.pointwise(one.residuals(full).samples, theta)
+        found.append(log_p[:, one.experiment.seen].T)
+    log_p = np.concatenate(found)
+    each, told = log_p.mean(axis=1), np.zeros(len(log_p))
+    differ = np.ptp(log_p, axis=1) > AGREED  # of those at rest nothing is to be smoothed
+    log_w, told[differ] = smoothed(log_p[differ])
+    each[differ] = logsumexp(log_w + log_p[differ], axis=1)
+    return LeftOut(elpd=float(each.sum()), each=each, doubtful=float((told > BAD).mean()))
+
+
+def _refusal(posterior: Posterior, theta: Array, left: tuple[Left, ...]) -> str:
+    """Empty where samples tell nothing of each other but by the unknowns."""
+    observations = posterior.likelihood.observations
+    if sum(one.numbers for one in observations) > MOST_SCORED:
+        return f"more than {MOST_SCORED} samples"
+    if any(remembers(one, theta) for one in observations):
+        return "its noise remembers: a sample that is left out is told by those beside it"
+    coloured = [one for one in left if one.correlated]
+    if coloured:
+        worst = max(coloured, key=lambda one: abs(one.correlation))
+        return (
+            f"what it leaves is not white (correlation of neighbours {worst.correlation:.2f} in "
+            f"{worst.name}): a sample that is left out is told by those beside it"
+        )
+    return ""
+
+
+def remembers(one: Observation, theta: Array) -> bool:
+    """Whether its noise says of a sample what those before it were, at the first of `theta (N, D)`."""
+    if one.white:
+        return False
+    first, seen = theta[:1], one.experiment.seen
+    samples = np.where(seen, np.zeros((2, *seen.shape)), np.nan)
+    for k, sigma in enumerate(one.scales(first)[0]):
+        rows = np.flatnonzero(seen[:, k])
+        samples[1, rows[len(rows) // 2], k] = sigma
+    quiet, struck = one.whiten(samples, np.repeat(first, 2, axis=0))
+    felt = np.abs(struck - quiet)[samples[1] == 0.0]
+    return bool(np.nanmax(felt, initial=0.0) > AGREED)
+
+
+def _some(theta: Array) -> Array:
+    return theta[:: max(1, -(-len(theta) // DRAWS))]

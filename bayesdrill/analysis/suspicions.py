@@ -1,0 +1,260 @@
+"""What a record looks like that was read with a wrong column, unit, counter or moment.
+
+What a record looks like that was read with a wrong column, unit or counter.
+
+Findings are sentences; none is an error, and none is said of what may as well be sound.
+
+What the moment at which a step is given has to do with the unknowns: half a sample of it.
+
+A step that is given between two samples leaves a fit that looks like noise, and moves what is inferred.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayesdrill.analysis.identifiability.information import Scenery, root_of
+from bayesdrill.inference.likelihood import Observation
+from bayesdrill.inference.posterior import Problem
+from bayesdrill.record import anomalies
+from bayesdrill.record.clocks import usual_step
+from bayesdrill.record.experiment import Channel, Experiment
+from bayesdrill.rig.models.linear import Model, driven, dynamics
+
+Array = NDArray[np.float64]
+
+BITS = (12, 14, 16, 24, 32)  # of counters
+CALM = 0.4  # of a period: a larger step can only be a counter that ran over, and a smaller one none
+LIKE = 0.98  # R^2, of two columns that are one motion in different units
+FAR = 1.5  # times: no error of a sensor is that large
+FACTORS = (
+    (180 / math.pi, "degrees for radians (57.3)"),
+    (30 / math.pi, "rpm for rad/s (9.55)"),
+    (2 * math.pi, "revolutions for radians (6.28)"),
+    (1000.0, "thousandths for the whole, as mA for A (1000)"),
+)  # or the other way round
+NEAR = 0.05  # of a factor between two columns, logarithmic
+NEAR_OF_START = 0.2  # which may itself be off
+
+
+def suspicions_of_record(
+    experiment: Experiment, factors: Sequence[float], model: Model
+) -> tuple[str, ...]:
+    """Of the columns alone; `factors (K,)`: SI units in one unit of each channel's column."""
+    found = []
+    for channel, values, factor in zip(experiment.channels, experiment.y.T, factors, strict=True):
+        seen = ~np.isnan(values)
+        found += _overrun(channel, experiment.t[seen], values[seen], factor)
+    return (*found, *_pairs(experiment, model))
+
+
+def suspicions_of_start(problem: Problem) -> tuple[str, ...]:
+    """Channels that are the start's prediction times what a wrong unit would bring."""
+    space = problem.posterior.space
+    full = space.full(space.vector(space.start)[None])
+    found = []
+    for one in problem.observations:
+        found += _of_start(one, one.signals(full)[0], problem.model.gear_ratio)
+    return tuple(found)
+
+
+def _of_start(one: Observation, predicted: Array, gear: float) -> list[str]:
+    found = []
+    every = zip(one.experiment.channels, one.experiment.y.T, predicted.T, strict=True)
+    for channel, measured, expected in every:
+        y, p = measured[~np.isnan(measured)], expected[~np.isnan(measured)]
+        power = float(p @ p)
+        if not (math.isfinite(power) and power > 0):
+            continue
+        times = float(y @ p) / power
+        alike = 1 - float(np.sum((y - times * p) ** 2)) / float(y @ y)
+        named = _named(times, NEAR_OF_START, gear)
+        if alike > LIKE and named:
+            found.append(
+                f"unit: {channel.name} is {times:.3g} times what the start values predict; was it "
+                f"{named}? See its unit, its column and `measures`"
+            )
+    return found
+
+
+def _named(times: float, near: float, gear: float) -> str:
+    """Mistakes that would bring this factor, the nearest first; empty where there is none."""
+    if times == 0 or 1 / FAR < times < FAR:
+        return ""
+    size = abs(math.log(abs(times)))
+    turns = max(gear, 1 / gear)
+    geared = [(turns, f"a side of the gear for the other ({turns:.4g})")] if turns > FAR else []
+    known = (*FACTORS, *geared)
+    apart = sorted((abs(size - math.log(factor)), said) for factor, said in known)
+    units = " or ".join(said for off, said in apart if off < near)
+    signs = "a sign" if times < 0 and (units or size < math.log(FAR)) else ""
+    return " and ".join(said for said in (units, signs) if said)
+
+
+def _overrun(channel: Channel, t: Array, y: Array, factor: float) -> list[str]:
+    """Jumps by the whole range of a counter, or by one turn, between steps that are small."""
+    steps = np.abs(np.diff(y / factor))
+    turn = 2 * math.pi / factor if channel.unit == "rad" else math.nan
+    periods = [(2.0**bits, f"2^{bits} counts") for bits in BITS] + [(turn, "one turn")]
+    for period, said in periods:
+        jumps = np.abs(steps - period) < CALM * period
+        if np.any(jumps) and np.all(steps[~jumps] < CALM * period) and _goes_on(y, jumps):
+            first = int(np.argmax(jumps))
+            return [
+                f"overflow: {channel.name} jumps by about {period:.6g}, {said}, "
+                f"{int(np.sum(jumps))} times, first at {t[first + 1]:.6g} s; a counter that ran over? "
+                f"Say wraps: {period:.6g} at {channel.name}, or unwrap the column: "
+                f"np.unwrap(x, period={period:.6g})"
+            ]
+    return []
+
+
+def _goes_on(y: Array, jumps: NDArray[np.bool_]) -> bool:
+    """Whether the motion before each jump goes on after it, against it, and nothing takes it back."""
+    steps, at = np.diff(y), np.flatnonzero(jumps)
+    before = steps[np.maximum(at - 1, 0)]
+    spikes = jumps[1:] & jumps[:-1]
+    return not np.any(spikes) and bool(np.mean(np.sign(steps[at]) * np.sign(before)) <= 0)
+
+
+def _pairs(experiment: Experiment, model: Model) -> list[str]:
+    """An angle and a speed of the same thing: the angle has to grow as the speed says."""
+    found = []
+    of = list(zip(experiment.channels, experiment.y.T, strict=True))
+    for angle, a in of:
+        for speed, w in of:
+            ratio = _ratio(angle, speed, model.roles.speeds)
+            both = ~np.isnan(a) & ~np.isnan(w)
+            if ratio is not None and np.sum(both) > 2:
+                t = experiment.t[both]
+                turned = w[both] * ratio
+                found += _pair(angle.name, a[both], speed.name, turned, t, model.gear_ratio)
+            if ratio is not None and both.all() and experiment.uniform:
+                found += _differenced(angle.name, a, speed.name, w, experiment.dt)
+    return found
+
+
+def _differenced(angle: str, a: Array, speed: str, w: Array, dt: float) -> list[str]:
+    if not anomalies.differenced(a, w, dt):
+        return []
+    return [
+        f"derived: the noise of {speed} is that of differences of {angle}; if it is no measurement of "
+        f"its own, it must not count twice: say derived_from: {angle} at {speed}, or leave it out"
+    ]
+
+
+def _ratio(angle: Channel, speed: Channel, speeds: Mapping[str, str]) -> float | None:
+    """How many times the speed's motion the angle's is, if it is the same one."""
+    turned = {speeds.get(name, name): x for name, x in angle.weights.items() if x}
+    moved = {name: x for name, x in speed.weights.items() if x}
+    if not all(name in speeds for name, x in angle.weights.items() if x):
+        return None
+    if not turned or turned.keys() != moved.keys():
+        return None
+    ratios = [turned[name] / moved[name] for name in turned]
+    return ratios[0] if max(ratios) - min(ratios) < 1e-9 * abs(ratios[0]) else None
+
+
+def _pair(angle: str, a: Array, speed: str, w: Array, t: Array, gear: float) -> list[str]:
+    times, alike = _slope(_summed(w, t), a)
+    if alike > LIKE and 1 / FAR < times < FAR:
+        return []
+    back, backwards = _slope(_summed(a, t), w)
+    if backwards > LIKE and abs(back - 1) < 2 * NEAR:
+        return [
+            f"columns: {speed} grows as the sum of {angle} over time would, and not the other way "
+            "round; are the two columns swapped?"
+        ]
+    named = _named(times, NEAR, gear)
+    if alike < LIKE or not named:
+        return []
+    return [
+        f"unit: {angle} grows {times:.3g} times as fast as {speed} says; is one of them {named}? "
+        "See their units, columns and `measures`"
+    ]
+
+
+def _summed(x: Array, t: Array) -> Array:
+    """The integral from the first of the times `t (T,)` on, `(T,)`."""
+    return np.concatenate([[0.0], np.cumsum((x[1:] + x[:-1]) * np.diff(t) / 2)])
+
+
+def _slope(x: Array, y: Array) -> tuple[float, float]:
+    """Of a straight line through `y` over `x`, and its R^2."""
+    x, y = x - x.mean(), y - y.mean()
+    across, size = float(x @ y), float(x @ x) * float(y @ y)
+    return (across / float(x @ x), across**2 / size) if size > 0 else (math.nan, 0.0)
+
+
+MATTERS = 0.5  # sds, of a shift that is worth a word
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Moment:
+    """By how many of its sds each unknown of the rig would move, if the inputs came `seconds` later."""
+
+    seconds: float
+    shifts: tuple[tuple[str, float], ...]
+
+    @property
+    def worst(self) -> tuple[str, float]:
+        return max(self.shifts, key=lambda one: abs(one[1]))
+
+    @property
+    def matters(self) -> bool:
+        return abs(self.worst[1]) > MATTERS
+
+
+def half_a_sample(scenery: Scenery, theta: Array) -> Moment | None:
+    """At `theta (D,)`; None where the moment is unknown, or all channels have lags of their own."""
+    every = scenery.likelihood.observations
+    if not scenery.unknowns or any(_told(one) for one in every):
+        return None
+    half = 0.5 * min(_step(one.experiment) for one in every)
+    motions = scenery.motions(theta)
+    pairs = zip(every, motions, strict=True)
+    late = np.concatenate([_later(one, scenery, theta, motion).ravel() for one, motion in pairs])
+    rows = scenery.every(theta)
+    if not (np.isfinite(half) and np.isfinite(rows).all() and np.isfinite(late).all()):
+        return None
+    matrix = np.vstack([rows, np.diag(1.0 / scenery.prior_spreads)])
+    target = np.append(half * late, np.zeros(rows.shape[1]))
+    moved = np.linalg.lstsq(matrix, target, rcond=None)[0]
+    sds = np.linalg.norm(np.linalg.inv(root_of(matrix)), axis=1)
+    m = len(scenery.unknowns)
+    ratio = (moved / sds)[:m]
+    return Moment(seconds=half, shifts=tuple(zip(scenery.unknowns, map(float, ratio), strict=True)))
+
+
+def _step(experiment: Experiment) -> float:
+    """The usual one between two samples of an input or, where all are constant, of a channel."""
+    if experiment.series:
+        return min(experiment.input_steps.get(name, experiment.dt) for name in experiment.series)
+    return min(usual_step(experiment.t[seen]) for seen in experiment.seen.T)
+
+
+def _told(one: Observation) -> bool:
+    sensing = one.response.sensing
+    every_input = bool(sensing.input_lags) and len(sensing.input_lags) == len(one.experiment.series)
+    every_channel = len(sensing.lags) == len(one.experiment.channels)
+    return sensing.delay is not None or every_input or every_channel
+
+
+def _later(one: Observation, scenery: Scenery, theta: Array, motion: Array) -> Array:
+    """d signal / d delay over the noise, where it was measured: minus how fast each channel changes."""
+    experiment, model = one.experiment, one.response.model
+    told = one.told(scenery.likelihood.space.full(theta[None]))[0]
+    named = dict(zip(model.parameters, told[: len(model.parameters)], strict=True))
+    linear, n = model.linear(named), len(experiment.t)
+    given = {
+        name: experiment.constant.get(name, 0.0) + experiment.series.get(name, 0.0)
+        for name in model.inputs
+    }
+    change = motion @ dynamics(linear, model.states, 1)[0].T
+    change = change + driven(linear, model.states, n, given)
+    return one.informed(-change[None] @ experiment.weights(model.states).T, theta)

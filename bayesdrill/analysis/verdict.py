@@ -1,0 +1,458 @@
+"""The verdict: what the posterior says of the nominal table, how far draws are from it, and where
+it says nothing.
+
+The verdict: what the posterior says of the nominal table, and where it can say nothing.
+
+All in logs of the unknowns.  Quantities are the parameters, and independent products of their
+powers that no exact symmetry changes: as many as the record can show at all.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import lsq_linear
+from scipy.special import ndtr, ndtri
+from scipy.stats import chi2, differential_entropy, norm
+
+from bayesdrill.analysis import plausibility
+from bayesdrill.analysis.diagnostics import Row, Word, summarise
+from bayesdrill.analysis.identifiability.information import (
+    Information,
+    Scenery,
+    products,
+    simple_exponents,
+)
+from bayesdrill.analysis.identifiability.structure import Exponents
+from bayesdrill.analysis.identifiability.study import Study, study_of
+from bayesdrill.basics import seeds
+from bayesdrill.basics.values import checked
+from bayesdrill.config.schema.config import Asked, Thresholds
+from bayesdrill.inference import residual_checks
+from bayesdrill.inference.derived import hdi
+from bayesdrill.inference.posterior import Problem
+from bayesdrill.inference.residual_checks import Left
+from bayesdrill.sampling import mode_search
+from bayesdrill.sampling.ensembles import Opened, Sampled
+from bayesdrill.sampling.mode_search import Mode
+
+Array = NDArray[np.float64]
+
+FARTHEST, STEP = 3.0, 0.25  # sigma: tails are counted up to here, ...
+LEAST_BEYOND = 25  # ... where at least so many draws lie beyond
+FAR_OUT = 1000.0  # a squared distance whose tail probability no longer fits into a float
+PRIOR_BINS = 100  # of equal mass, for the density of a product under the prior
+
+
+def tension(logs: Array, low: float, high: float) -> float:
+    """Sigmas between draws `(N,)` and the nearest value from `low` to `high`.
+
+    The two-sided tail probability of that value, as sigmas of a normal; where too few draws lie
+    beyond it to be counted, the tail goes on as wide as it was up to there, or wider.
+    """
+    middle = float(np.median(logs))
+    value = min(max(middle, low), high)
+    side = np.sign(value - middle)
+    if side == 0:
+        return 0.0
+    top = min(FARTHEST, float(-ndtri(min(LEAST_BEYOND / len(logs), 0.4))))
+    scores = np.linspace(0.0, top, max(3, round(top / STEP) + 1))
+    places = np.abs(np.quantile(logs, ndtr(side * scores)) - middle)
+    distance = abs(value - middle)
+    if distance <= places[-1]:
+        return float(np.interp(distance, places, scores))
+    last = (places[-1] - places[-2]) / (scores[-1] - scores[-2])
+    sd = max(float(places[-1]) / top, float(last), 1e-300)
+    return top + (distance - float(places[-1])) / sd
+
+
+def joint_tension(logs: Array, powers: Array, ends: Array) -> float:
+    """Sigmas between draws `(N, K)` of products with `powers (K, m)` and the nearest point at which
+    every factor is within its tolerance, `ends (m, 2)`.
+
+    Of the Mahalanobis distance: the share of draws at least as far out, as sigmas of a normal; where
+    too few are, chi-squared says how many would be.
+    """
+    centre = logs.mean(axis=0)
+    scale = logs.std(axis=0)
+    root = np.linalg.cholesky(np.atleast_2d(np.cov((logs / scale).T))) * scale[:, None]
+    spread = np.linalg.solve(root, (logs - centre).T)
+    middle = np.linalg.solve(root, centre)
+    wide = ends[:, 1] > ends[:, 0]
+    if wide.any():
+        matrix = np.linalg.solve(root, powers[:, wide])
+        nearest = lsq_linear(matrix, middle, bounds=(ends[wide, 0], ends[wide, 1]))
+        middle = middle - matrix @ nearest.x
+    squared = float(middle @ middle)
+    beyond = int(np.sum(np.sum(spread**2, axis=0) >= squared))
+    if beyond >= LEAST_BEYOND:
+        return float(norm.isf(0.5 * beyond / len(logs)))
+    if squared > FAR_OUT:
+        return math.sqrt(squared)
+    p = min(float(chi2.sf(squared, len(powers))), LEAST_BEYOND / len(logs))
+    return float(norm.isf(0.5 * p))
+
+
+def bits_gained(logs: Array, prior_logs: Array) -> float:
+    """Kullback-Leibler divergence from prior to posterior, in bits, from draws of both.
+
+    Entropy of the posterior from spacings of its sorted draws (Ebrahimi's, nearly unbiased), density
+    of the prior from bins of equal mass.  Below zero only by chance, and then zero.
+    """
+    edges = np.quantile(prior_logs, np.linspace(0.0, 1.0, PRIOR_BINS + 1))
+    log_density = -math.log(PRIOR_BINS) - np.log(np.maximum(np.diff(edges), 1e-300))
+    bins = np.clip(np.searchsorted(edges, logs) - 1, 0, PRIOR_BINS - 1)
+    return max(0.0, (-_entropy(logs) - float(log_density[bins].mean())) / math.log(2.0))
+
+
+def _entropy(logs: Array) -> float:
+    """In nats; where one value is repeated over and over (a stuck walker), of the distinct ones."""
+    sd = float(logs.std()) or 1e-300
+    with np.errstate(divide="ignore"):
+        entropy = float(differential_entropy(logs / sd, method="ebrahimi"))
+    if not np.isfinite(entropy):
+        entropy = float(differential_entropy(np.unique(logs) / sd, method="ebrahimi"))
+    return entropy + math.log(sd)
+
+
+Says = Literal["agrees", "disagrees", "in doubt", "not determined", "pressed against the prior"]
+
+FALSE_ALARM = 0.01  # of records of a rig that is nominal: any "disagrees" at all
+BORROWED = 0.25  # sd over the prior's: below, something much better known stands behind a symmetry
+PRIOR_DRAWS = 100_000
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Quantity:
+    """A product of powers of the unknowns, SI; `deviation` of the mean, relative to `nominal`.
+
+    `tolerance`: relative ends.  `tension`: sigmas between posterior and the nearest value within
+    tolerance.  `beyond`: probability of a deviation past the tolerance, None without one.
+    `sd_ratio`: sd of the log over the prior's.  `bits`: information gained on the prior.  `blind`: an
+    exact symmetry changes it, so that no record of these channels can show it.
+    """
+
+    exponents: Exponents
+    nominal: float
+    tolerance: tuple[float, float]
+    mean: float
+    sd: float
+    hdi_low: float
+    hdi_high: float
+    deviation: float
+    tension: float
+    beyond: float | None
+    sd_ratio: float
+    bits: float
+    blind: bool
+    says: Says
+
+
+@checked
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Verdict:
+    """`limit`: sigmas from which a quantity disagrees.  `joint`: sigmas between posterior and table
+    over the determined products together, None if there are not two.  `fits`: the fit leaves nothing
+    but noise; where it does not, what would disagree is *in doubt*: it counts on the model, against
+    which the fit is evidence.  `opened`: unknowns whose priors end so near to their nominal values
+    that tensions are counted with these ends opened.
+    """
+
+    names: tuple[str, ...]
+    parameters: tuple[Quantity, ...]
+    products: tuple[Quantity, ...]
+    limit: float
+    joint: float | None
+    fits: bool = True
+    opened: tuple[str, ...] = ()
+
+    def saying(self, says: Says) -> tuple[Quantity, ...]:
+        """Parameters and products, each once."""
+        every = {quantity.exponents: quantity for quantity in (*self.products, *self.parameters)}
+        return tuple(quantity for quantity in every.values() if quantity.says == says)
+
+    @property
+    def far(self) -> tuple[Quantity, ...]:
+        """What is farther from the table than chance, whoever is to blame."""
+        return (*self.saying("disagrees"), *self.saying("in doubt"))
+
+    @property
+    def far_together(self) -> bool:
+        return self.joint is not None and self.joint > self.limit
+
+    @property
+    def agrees(self) -> bool:
+        return not self.far_together and not self.far
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Judgement:
+    """`findings`: sentences of `physics` on the posterior."""
+
+    study: Study
+    verdict: Verdict
+    findings: tuple[str, ...]
+
+
+def judgement(
+    problem: Problem,
+    asked: Asked,
+    scenery: Scenery,
+    mode: Array,
+    draws: Array,
+    rows: Sequence[Row],
+    beyond: Opened | None,
+    *,
+    fits: bool,
+) -> Judgement | None:
+    """From the MAP `(D,)` and draws `(N, D)`; None where no unknown has a nominal value.
+
+    `beyond`: what is seen where priors end too near to nominal values; `fits`: see `Verdict`.
+    """
+    posterior = problem.posterior
+    if not any(name in problem.nominal for name in scenery.unknowns):
+        return None
+    found = study_of(scenery, posterior, mode, asked, "the MAP")
+    space, m = posterior.space, len(found.names)
+    prior_draws = space.draw(PRIOR_DRAWS, seeds.stream(asked.seed, "identify", 1))
+    prior_draws = prior_draws[np.isfinite(space.log_prior(prior_draws))]
+    verdict = judge(
+        found,
+        draws[:, :m],
+        prior_draws[:, :m],
+        problem.nominal,
+        problem.tolerance,
+        [row.name for row in rows if row.pressed_against is not None],
+        asked.thresholds,
+        beyond,
+        fits=fits,
+    )
+    findings = (
+        *plausibility.plausibility_of_draws(problem, draws, found.information),
+        *plausibility.plausibility_of_course(scenery, mode),
+    )
+    return Judgement(study=found, verdict=verdict, findings=findings)
+
+
+def judge(
+    study: Study,
+    draws: Array,
+    prior_draws: Array,
+    nominal: Mapping[str, float],
+    tolerance: Mapping[str, float],
+    pressed: Collection[str],
+    thresholds: Thresholds,
+    beyond: Opened | None = None,
+    *,
+    fits: bool = True,
+) -> Verdict:
+    """From nearly independent physical draws `(N, m)` of `study.names`, and of their prior.
+
+    Quantities with an unknown that has no nominal value are left out; `pressed` names unknowns whose
+    draws crowd at an end of their prior.  Tensions are counted in the draws of `beyond`.
+    """
+    m, free = len(study.names), beyond is None or beyond.draws is not None
+    names = () if beyond is None else beyond.names
+    crowd = {*pressed} if beyond is None else {*pressed} - {*names} | {*beyond.pressed}
+    seen = draws if beyond is None or beyond.draws is None else beyond.draws[:, :m]
+    table = np.array([math.log(nominal.get(name, math.nan)) for name in study.names])
+    scene = _Scene(
+        study=study,
+        known=study.information,
+        logs=np.log(draws) - table,
+        seen=np.log(seen) - table,
+        prior_logs=np.log(prior_draws) - table,
+        table=table,
+        ends=np.array([_ends(tolerance.get(name, 0.0)) for name in study.names]),
+        pressed=np.array([name in crowd for name in study.names]),
+        unseen=np.array([not free and name in names for name in study.names]),
+        thresholds=thresholds,
+        fits=fits,
+    )
+    units = [tuple(int(x) for x in row) for row in np.eye(m, dtype=int)[np.isfinite(table)]]
+    chosen = basis(study, nominal)
+    looked_at = dict.fromkeys((*units, *chosen))
+    shown = {e: scene.shows(e) for e in looked_at}
+    limit = sigma_limit(1 + sum(shown.values()))
+    found = {e: scene.quantity(e, shown=shown[e], limit=limit) for e in looked_at}
+    return Verdict(
+        names=study.names,
+        parameters=tuple(found[e] for e in units),
+        products=tuple(found[e] for e in chosen),
+        limit=limit,
+        joint=scene.joint([e for e in chosen if shown[e] and not scene.hides(e)]),
+        fits=fits,
+        opened=names if free else (),
+    )
+
+
+def basis(study: Study, among: Collection[str]) -> tuple[Exponents, ...]:
+    """Independent products of unknowns `among` these alone that no symmetry changes: all there are.
+
+    First those that the record narrows, the most narrowed first, then the sparsest: where others take
+    part in what is narrowed most of all, the rest would not span what it tells of these.
+    """
+    simple = simple_exponents(len(study.names))
+    foreign = [name not in among for name in study.names]
+    simple = simple[~simple[:, foreign].any(axis=1)]
+    simple = simple[np.isfinite(study.information.bounds_of(simple))]
+    before = np.array([parameter.prior_sd for parameter in study.parameters])
+    best = products(study.information, before, simple)
+    chosen = [product.exponents for product in best if product.price < 1.0]
+    for exponents in study.structure.invariants_of(among):
+        if np.linalg.matrix_rank(np.array([*chosen, exponents], dtype=float)) > len(chosen):
+            chosen.append(exponents)
+    return tuple(chosen)
+
+
+def sigma_limit(n: int) -> float:
+    """So that `n` looks together pass it by chance with probability `FALSE_ALARM` at most."""
+    return float(norm.isf(0.5 * FALSE_ALARM / n))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Scene:
+    """`logs`, `prior_logs`: of the draws over the nominal values; `ends (m, 2)` of the tolerance.
+
+    `seen`: as `logs`, but beyond ends that are in the way; of those `unseen` it shows nothing.
+    """
+
+    study: Study
+    known: Information
+    logs: Array
+    seen: Array
+    prior_logs: Array
+    table: Array
+    ends: Array
+    pressed: NDArray[np.bool_]
+    unseen: NDArray[np.bool_]
+    thresholds: Thresholds
+    fits: bool
+
+    def shows(self, exponents: Exponents) -> bool:
+        """Whether record and priors determine it: not its own prior, not the corners of the priors."""
+        powers = np.array(exponents, dtype=float)
+        before = np.array([parameter.prior_sd for parameter in self.study.parameters])
+        linear = self.known.with_priors(before).bound(powers) / np.linalg.norm(before * powers)
+        drawn = self._sd_ratio(exponents)
+        if self._blind(exponents):
+            return bool(max(linear, drawn) < BORROWED)
+        if self.thresholds.judge(linear) == "left to the prior":
+            return False
+        return self.thresholds.judge(drawn) == "determined"
+
+    def quantity(self, exponents: Exponents, *, shown: bool, limit: float) -> Quantity:
+        logs = _combined(self.logs, exponents)
+        nominal = math.exp(_combined(self.table, exponents))
+        low, high = self._tolerance(exponents)
+        far = tension(_combined(self.seen, exponents), low, high)
+        x = nominal * np.exp(logs)
+        near, distant = hdi(x)
+        mean = float(x.mean())
+        alone = np.count_nonzero(exponents) == 1
+        crowded = alone and bool(self.pressed[np.flatnonzero(exponents)[0]])
+        crowded |= self.hides(exponents)
+        return Quantity(
+            exponents=exponents,
+            nominal=nominal,
+            tolerance=(math.expm1(low), math.expm1(high)),
+            mean=mean,
+            sd=float(x.std(ddof=1)),
+            hdi_low=near,
+            hdi_high=distant,
+            deviation=mean / nominal - 1.0,
+            tension=far,
+            beyond=float(np.mean((logs < low) | (logs > high))) if high > low else None,
+            sd_ratio=self._sd_ratio(exponents),
+            bits=bits_gained(logs, _combined(self.prior_logs, exponents)),
+            blind=self._blind(exponents),
+            says=_says(crowded=crowded, shown=shown, far=far > limit, fits=self.fits),
+        )
+
+    def joint(self, products: list[Exponents]) -> float | None:
+        if len(products) < 2:
+            return None
+        powers = np.array(products, dtype=float)
+        used = np.any(powers != 0, axis=0)
+        ends = np.where(used[:, None], self.ends, 0.0)
+        logs = np.where(used, self.seen, 0.0) @ powers.T
+        return joint_tension(logs, powers, ends)
+
+    def hides(self, exponents: Exponents) -> bool:
+        """Whether an end of a prior is in the way that could not be opened."""
+        return bool(self.unseen[np.flatnonzero(exponents)].any())
+
+    def _blind(self, exponents: Exponents) -> bool:
+        return not math.isfinite(self.known.bound(np.array(exponents, dtype=float)))
+
+    def _sd_ratio(self, exponents: Exponents) -> float:
+        before = _combined(self.prior_logs, exponents)
+        return float(_combined(self.logs, exponents).std() / before.std())
+
+    def _tolerance(self, exponents: Exponents) -> tuple[float, float]:
+        """Ends of the log: every factor at the end of its own tolerance."""
+        powers = np.array(exponents)[:, None] * self.ends
+        return float(powers.min(axis=1).sum()), float(powers.max(axis=1).sum())
+
+
+def _says(*, crowded: bool, shown: bool, far: bool, fits: bool) -> Says:
+    if crowded:
+        return "pressed against the prior"
+    if not shown:
+        return "not determined"
+    if not far:
+        return "agrees"
+    return "disagrees" if fits else "in doubt"
+
+
+def _ends(tolerance: float) -> tuple[float, float]:
+    return math.log1p(-tolerance), math.log1p(tolerance)
+
+
+def _combined(logs: Array, exponents: Exponents) -> Array:
+    """Only of the factors: the others may have no nominal value."""
+    used = np.flatnonzero(exponents)
+    return np.asarray(logs[..., used] @ np.array(exponents, dtype=float)[used])
+
+
+def reconciled(rows: Sequence[Row], verdict: Verdict) -> tuple[Row, ...]:
+    """Draws alone cannot tell what the record narrows from what the priors of others do.
+
+    So the verdict, which can, has the word where both say something of an unknown.
+    """
+    judged = {
+        verdict.names[quantity.exponents.index(1)]: quantity for quantity in verdict.parameters
+    }
+    return tuple(
+        dataclasses.replace(row, word=_word(row, judged[row.name])) if row.name in judged else row
+        for row in rows
+    )
+
+
+def _word(row: Row, quantity: Quantity) -> Word:
+    match quantity.says:
+        case "agrees" | "disagrees" | "in doubt":
+            return "determined"
+        case "not determined" if row.word == "determined":
+            return "through others" if quantity.blind else "weak"
+    return row.word
+
+
+def conclude(
+    problem: Problem, asked: Asked, found: Mode, sampled: Sampled, scenery: Scenery
+) -> tuple[tuple[Row, ...], tuple[Left, ...], Judgement | None]:
+    """A row for each unknown, one for each channel, and the verdict where there is a table."""
+    target = problem.posterior
+    rows = summarise(problem, sampled.draws, found, sampled.convergence)
+    tops = mode_search.tops(target, found)
+    draws = sampled.draws.reshape(-1, tops.shape[1])
+    left = residual_checks.left(target.likelihood, tops[0])
+    fits = residual_checks.like_noise(left)
+    judged = judgement(problem, asked, scenery, tops[0], draws, rows, sampled.beyond, fits=fits)
+    return rows if judged is None else reconciled(rows, judged.verdict), left, judged

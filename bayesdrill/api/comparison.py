@@ -1,0 +1,273 @@
+"""Several runs: side by side, as models of one record, and as a ladder of models."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from bayesdrill.analysis.comparison import Contender, Decision, Row
+from bayesdrill.api import arguments
+from bayesdrill.api import run as single
+from bayesdrill.api.case import load
+from bayesdrill.api.run import for_notebooks
+from bayesdrill.basics.errors import InputError
+from bayesdrill.basics.progress import SILENT, Reporter
+from bayesdrill.basics.values import Value, checked
+from bayesdrill.config.job import Job
+from bayesdrill.report.comparison_report import FIGURE, ComparisonReport, OverlayReport
+from bayesdrill.report.section import as_markdown
+from bayesdrill.tasks import comparison
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from bayesdrill.tasks.ladder import Outcome
+
+
+@checked
+@dataclass(frozen=True, slots=True, eq=False)
+class Ladder(Value):
+    """The config as given, and what may be missing from it, one thing at a time."""
+
+    job: Job
+
+    def place(self, folder: str | Path | None = None) -> Path:
+        """Where `run` leaves its results."""
+        usual = Path("results") / f"{self.job.config.name}-ladder"
+        return usual if folder is None else Path(folder).expanduser()
+
+    def run(
+        self,
+        folder: str | Path | None = None,
+        *,
+        resume: bool = False,
+        force: bool = False,
+        processes: int | None = 1,
+        scheduler: str | None = None,
+        report: Reporter | None = None,
+    ) -> Outcome:
+        """`folder`: `results/<name>-ladder` by default; `scheduler`: address of a Dask cluster.
+
+        Its `report` has the `decision`, its `config` is what to go on with.  Raises `InputError`, and
+        `Interrupted` when asked to stop; rungs that are done are kept.
+        """
+        from bayesdrill.tasks import ladder
+
+        how, place = arguments.mode(resume=resume, force=force), self.place(folder)
+        with arguments.crew(processes, scheduler) as crew:
+            return ladder.ladder(self.job, place, how, crew, report or SILENT)
+
+
+@checked
+def ladder(config: str | Path) -> Ladder:
+    """Of a config and its record; raises `InputError` with all that is wrong with them."""
+    return Ladder(load(Path(config).expanduser()).job)
+
+
+@checked
+@dataclass(frozen=True, eq=False, repr=False)
+class Overlay(Value):
+    """What several runs say of their unknowns, side by side.
+
+    `runs`: where each is, None where it is in no folder.
+    """
+
+    report: OverlayReport
+    runs: tuple[Path | None, ...]
+
+    @property
+    def rows(self) -> tuple[Row, ...]:
+        """Of each unknown: where each run has it, SI, and how far apart they are, in sds."""
+        return self.report.rows
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """Why some run must not be believed; empty where all may be."""
+        return self.report.reasons
+
+    @property
+    def text(self) -> str:
+        return self.report.text
+
+    def plot(self, name: str = "corner") -> Figure:
+        """`corner`, or `intervals`.  Raises `InputError` where there is no such figure."""
+        found = arguments.known(self.report.figures, name, "plot", "figure of these runs")
+        return for_notebooks(found.drawn())
+
+    def place(self, folder: str | Path | None = None) -> Path:
+        """Where `save` leaves its results: `results/<name>-<name>` by default."""
+        usual = comparison.default_overlay_folder([layer.name for layer in self.report.layers])
+        return usual if folder is None else Path(folder).expanduser()
+
+    def save(self, folder: str | Path | None = None, *, force: bool = False) -> Path:
+        """Table, page and figures.
+
+        Raises `InputError` where something else is there, or an overlay and not `force`.
+        """
+        place = self.place(folder)
+        comparison.publish_overlay(self.report, self.runs, place, force=force)
+        return place
+
+    def __str__(self) -> str:
+        return self.text
+
+    def _repr_markdown_(self) -> str:
+        brief = [section for section in self.report.sections if section.brief]
+        return as_markdown(self.report.title, brief)
+
+    __repr__ = __str__
+
+
+@checked
+def overlay(runs: Sequence[single.Run | str | Path], names: Sequence[str] | None = None) -> Overlay:
+    """Of two runs or more, of any records, priors and rigs: runs in memory, or folders of them.
+
+    `names`: by default those of the folders and cases.  Raises `InputError`.
+    """
+    comparison.check_number_overlaid(len(runs))
+    own, opened, places = named_runs(runs, names)
+    units = comparison.overlay_units([one.job for one in opened])
+    layers = [
+        comparison.overlay_layer(name, one.job, one.mode, one.sampled, units)
+        for name, one in zip(own, opened, strict=True)
+    ]
+    return Overlay(OverlayReport(tuple(layers), units), tuple(places))
+
+
+def named_runs(
+    every: Sequence[single.Run | str | Path], names: Sequence[str] | None
+) -> tuple[list[str], list[single.Run], list[Path | None]]:
+    """Their names, all different; the runs; and where they are."""
+    if names is not None and len(names) != len(every):
+        raise InputError.one("names", f"{len(names)} names of {len(every)} runs")
+    opened = [one if isinstance(one, single.Run) else single.open(one) for one in every]
+    places = [None if isinstance(one, single.Run) else Path(one).expanduser() for one in every]
+    usual = [
+        one.job.config.name if place is None else place.resolve().name
+        for one, place in zip(opened, places, strict=True)
+    ]
+    return comparison.distinct([str(name) for name in names or usual]), opened, places
+
+
+@checked
+def check_overlay_place(
+    folders: Sequence[str | Path], output: str | Path | None = None, *, force: bool = False
+) -> Path:
+    """Where the overlay of these would be saved; raises `InputError` where it cannot be."""
+    comparison.check_number_overlaid(len(folders))
+    places = [Path(folder).expanduser() for folder in folders]
+    names = comparison.distinct([place.resolve().name for place in places])
+    usual = comparison.default_overlay_folder(names)
+    target = usual if output is None else Path(output).expanduser()
+    comparison.check_overlay_folder(target, places, force=force)
+    return target
+
+
+@checked
+@dataclass(frozen=True, eq=False, repr=False)
+class Comparison(Value):
+    """What several models say of one record, and which is the more probable.
+
+    `runs`: where each is, None where it is in no folder.
+    """
+
+    report: ComparisonReport
+    runs: tuple[Path | None, ...]
+
+    @property
+    def models(self) -> tuple[Contender, ...]:
+        """Of each run its `evidence`, what its fit leaves (`left`), `held_out` and `loo`."""
+        return self.report.models
+
+    @property
+    def decision(self) -> Decision:
+        """`word`: model, noise, both, either, priors or neither; `best`: which of the models."""
+        return self.report.decision
+
+    @property
+    def best(self) -> str:
+        return self.report.best.name
+
+    @property
+    def log_evidence(self) -> dict[str, float]:
+        return {one.name: one.log_z for one in self.models}
+
+    @property
+    def rows(self) -> tuple[Row, ...]:
+        """Of each unknown: where each run has it, SI, and how far apart they are, in sds."""
+        return self.report.rows
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """Why the most probable model must not be believed; empty where it may be."""
+        return self.report.reasons
+
+    @property
+    def text(self) -> str:
+        return self.report.text
+
+    def plot(self) -> Figure:
+        """Log odds, what each leaves of each channel, and where it has each unknown."""
+        return for_notebooks(self.report.figures[FIGURE].drawn())
+
+    def place(self, folder: str | Path | None = None) -> Path:
+        """Where `save` leaves its results: `results/compare-<name>-<name>` by default."""
+        usual = comparison.default_comparison_folder([one.name for one in self.models])
+        return usual if folder is None else Path(folder).expanduser()
+
+    def save(self, folder: str | Path | None = None, *, force: bool = False) -> Path:
+        """Table, page and figure.
+
+        Raises `InputError` where something else is there, or a comparison and not `force`.
+        """
+        place = self.place(folder)
+        comparison.publish_comparison(self.report, self.runs, place, force=force)
+        return place
+
+    def __str__(self) -> str:
+        return self.text
+
+    def _repr_markdown_(self) -> str:
+        brief = [section for section in self.report.sections if section.brief]
+        return as_markdown(self.report.title, brief)
+
+    __repr__ = __str__
+
+
+@checked
+def compare(
+    runs: Sequence[single.Run | str | Path], names: Sequence[str] | None = None
+) -> Comparison:
+    """Of two runs or more of one record: runs in memory, or folders of them.
+
+    The first is what the others are held against.  `names`: by default those of the folders and cases.
+    Raises `InputError`, also where records are not the same.
+    """
+    comparison.check_number_compared(len(runs))
+    own, opened, places = named_runs(runs, names)
+    jobs = [one.job for one in opened]
+    where = [name if place is None else str(place) for name, place in zip(own, places, strict=True)]
+    comparison.check_same_record(where, [job.problem for job in jobs])
+    units = comparison.overlay_units(jobs)
+    models = [
+        comparison.contender(name, place, one.job, one.mode, one.sampled, units)
+        for name, place, one in zip(own, where, opened, strict=True)
+    ]
+    return Comparison(ComparisonReport(tuple(models), units), tuple(places))
+
+
+@checked
+def check_comparison_place(
+    folders: Sequence[str | Path], output: str | Path | None = None, *, force: bool = False
+) -> Path:
+    """Where the comparison of these would be saved; raises `InputError` where it cannot be."""
+    comparison.check_number_compared(len(folders))
+    places = [Path(folder).expanduser() for folder in folders]
+    names = comparison.distinct([place.resolve().name for place in places])
+    target = (
+        comparison.default_comparison_folder(names) if output is None else Path(output).expanduser()
+    )
+    comparison.check_comparison_folder(target, places, force=force)
+    return target

@@ -1,0 +1,420 @@
+"""The command line: parse, call, print; nothing else. `guard` says what the exit status means.
+
+The command line: parse, call, print; nothing else.
+
+`guard` says what the exit status means.
+"""
+
+from __future__ import annotations
+
+import io
+import sys
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from bayesdrill import __version__
+from bayesdrill.guard import INPUT_WRONG, NOT_CONVERGED, finish, guarded, saved_in, say
+
+app = typer.Typer(
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+    help="What a record says about the nine parameters of a torsional drilling rig.",
+)
+
+
+def output_option(what: str) -> Any:
+    return typer.Option("--output", "-o", help=what)
+
+
+ConfigPath = Annotated[Path, typer.Argument(metavar="CONFIG", help="Experiment config (YAML).")]
+Force = Annotated[bool, typer.Option("--force", help="Discard what is there and start over.")]
+Scheduler = Annotated[
+    str | None,
+    typer.Option(metavar="ADDRESS", help="Of a Dask cluster, such as tcp://host:8786."),
+]
+Processes = Annotated[
+    int | None, typer.Option(min=1, max=256, help="Processes; the result does not depend on it.")
+]
+
+
+def _tell_version(wanted: bool) -> None:
+    """Eager, so that `--version` needs no command."""
+    if wanted:
+        typer.echo(f"bayesdrill {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def top(
+    _: Annotated[
+        bool,
+        typer.Option(
+            "--version", callback=_tell_version, is_eager=True, help="Print the version and stop."
+        ),
+    ] = False,
+) -> None:
+    pass
+
+
+@app.command(epilog="Example: bayesdrill example my_rig")
+def example(
+    folder: Annotated[
+        Path, typer.Argument(metavar="FOLDER", help="Nothing in it is overwritten.")
+    ] = Path("configs"),
+) -> None:
+    """Write the bundled configs and records into a folder, to begin with."""
+    with guarded():
+        from bayesdrill.api.files import example as write
+
+        say(str(write(folder)))
+
+
+@app.command(epilog="Example: bayesdrill init configs/records/example_rig.csv --output my_rig.yaml")
+def init(
+    records: Annotated[list[Path], typer.Argument(metavar="RECORD...", help="What was measured.")],
+    output: Annotated[Path | None, output_option("The config; default: beside the record.")] = None,
+    voltage: Annotated[
+        float | None,
+        typer.Option(metavar="VOLTS", help="The supply, where it is constant and in no column."),
+    ] = None,
+    gear: Annotated[
+        float | None, typer.Option(metavar="N", help="Of a gear N:1 between motor and shaft.")
+    ] = None,
+    force: Annotated[bool, typer.Option("--force", help="Overwrite a config.")] = False,
+) -> None:
+    """Look at records and write a first config for them, with every guess marked and its reason."""
+    with guarded():
+        from bayesdrill.api.files import init as write
+
+        say(str(write(records, output, voltage=voltage, gear=gear, force=force)))
+
+
+@app.command(epilog="Example: bayesdrill check configs/nominal_step.yaml")
+def check(config: ConfigPath) -> None:
+    """Validate config and record and say what would run; samples nothing, writes nothing."""
+    with guarded():
+        from bayesdrill.api.case import load
+
+        say(load(config).preview())
+
+
+@app.command(epilog="Example: bayesdrill identify configs/nominal_step.yaml --profile k_s")
+def identify(
+    config: ConfigPath,
+    profile: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--profile", metavar="NAME", help="Profile likelihood of a parameter, or of `all`."
+        ),
+    ] = None,
+    at_map: Annotated[
+        bool,
+        typer.Option("--at-map", help="At the MAP, which is searched first; default: the start."),
+    ] = False,
+    output: Annotated[
+        Path | None, output_option("Folder for text and figures; default: print only.")
+    ] = None,
+    force: Annotated[
+        bool, typer.Option("--force", help="Overwrite text and figures of an `identify` before.")
+    ] = False,
+    processes: Processes = None,
+) -> None:
+    """Say what this record can and cannot determine, and what would help; samples nothing."""
+    with guarded():
+        from bayesdrill.api.case import load
+        from bayesdrill.basics.progress import reporter
+
+        case = load(config)
+        if output is not None:
+            case.check_place(output, force=force)
+        with reporter() as report:
+            at = case.find_map(processes=processes, report=report) if at_map else None
+            findings = case.identify(profile or [], at=at, report=report)
+        say(findings.text)
+        if output is not None:
+            say("\nwritten: " + findings.save(output, force=force))
+
+
+@app.command("map", epilog="Example: bayesdrill map configs/nominal_step.yaml")
+def map_(
+    config: ConfigPath,
+    output: Annotated[
+        Path | None, output_option("Folder for values, prediction and fit; default: none.")
+    ] = None,
+    force: Force = False,
+    processes: Processes = None,
+) -> None:
+    """Search the maximum of the posterior (MAP) and print it; writes what it predicts if asked to."""
+    with guarded():
+        from bayesdrill.api.case import load
+        from bayesdrill.api.run import Best
+        from bayesdrill.basics.progress import reporter
+
+        case = load(config)
+        if output is not None:
+            Best.check_place(output, force=force)
+        with reporter() as report:
+            best = case.find_map(processes=processes, report=report)
+        say(best.table)
+        if output is not None:
+            place = best.save(output, force=force)
+            say(f"results: {place}/ (report.html, map.md, prediction*.csv, figures/)")
+        if best.reasons:
+            raise typer.Exit(NOT_CONVERGED)
+
+
+@app.command(epilog="Example: bayesdrill posterior configs/nominal_step.yaml --output results/mine")
+def posterior(
+    config: ConfigPath,
+    output: Annotated[Path | None, output_option("Default: results/<name>.")] = None,
+    resume: Annotated[
+        bool,
+        typer.Option("--resume", help="Continue an interrupted run, or extend a finished one."),
+    ] = False,
+    force: Force = False,
+    processes: Processes = None,
+) -> None:
+    """MAP, sampling, diagnostics, tables and figures: the main job."""
+    with guarded():
+        from bayesdrill.api.arguments import mode
+        from bayesdrill.api.case import load
+        from bayesdrill.basics.progress import reporter
+
+        mode(resume=resume, force=force)  # before the record is read
+        case = load(config)
+        with saved_in(case.place(output)), reporter() as report:
+            outcome = case.run(
+                output, resume=resume, force=force, processes=processes, report=report
+            )
+        finish(outcome)
+
+
+@app.command(epilog="Example: bayesdrill calibrate configs/nominal_step.yaml")
+def calibrate(
+    config: ConfigPath,
+    output: Annotated[Path | None, output_option("Default: results/<name>-calibration.")] = None,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Go on with an interrupted calibration, or extend one.")
+    ] = False,
+    force: Force = False,
+    processes: Processes = None,
+    scheduler: Scheduler = None,
+) -> None:
+    """Test the posterior of a config: refit simulated records, and see where the truth ranks."""
+    with guarded():
+        from bayesdrill.api.arguments import mode
+        from bayesdrill.api.files import calibration
+        from bayesdrill.basics.progress import reporter
+
+        mode(resume=resume, force=force)
+        case = calibration(config)
+        with saved_in(case.place(output)), reporter() as report:
+            outcome = case.run(
+                output,
+                resume=resume,
+                force=force,
+                processes=processes,
+                scheduler=scheduler,
+                report=report,
+            )
+        say(outcome.said)
+        say(f"results: {outcome.folder}/ (report.html, summary.md, figures/, ranks.csv)")
+        if not outcome.verdict.calibrated:
+            raise typer.Exit(NOT_CONVERGED)
+
+
+@app.command(epilog="Example: bayesdrill report results/nominal_step")
+def report(
+    folders: Annotated[
+        list[Path], typer.Argument(metavar="FOLDER...", help="Of finished runs, one or several.")
+    ],
+    output: Annotated[
+        Path | None, output_option("Default: of one where it is, of several results/<name>-<name>.")
+    ] = None,
+    force: Force = False,
+    processes: Processes = None,
+) -> None:
+    """Make tables and figures again from a stored chain; of several runs, lay them over each other."""
+    with guarded():
+        from bayesdrill.api import files
+        from bayesdrill.basics.progress import reporter
+
+        if len(folders) > 1:
+            _lay_over(folders, output, force=force)
+            return
+        with reporter() as told:
+            outcome = files.publish(
+                folders[0], output, force=force, processes=processes, report=told
+            )
+        finish(outcome)
+
+
+def _lay_over(folders: list[Path], output: Path | None, *, force: bool) -> None:
+    from bayesdrill.api.comparison import check_overlay_place, overlay
+
+    place = check_overlay_place(folders, output, force=force)
+    found = overlay(folders)
+    found.save(place, force=force)
+    say(found.text)
+    say(f"results: {place}/ (report.html, overlay.md, overlay.csv, figures/)")
+    if found.reasons:
+        raise typer.Exit(NOT_CONVERGED)
+
+
+@app.command(epilog="Example: bayesdrill compare results/nominal_step results/damped")
+def compare(
+    folders: Annotated[
+        list[Path],
+        typer.Argument(metavar="FOLDER...", help="Of finished runs of one record, two or more."),
+    ],
+    output: Annotated[Path | None, output_option("Default: results/compare-<name>-<name>.")] = None,
+    force: Force = False,
+) -> None:
+    """Say which model of a record is the more probable, and whether model or noise makes it so."""
+    with guarded():
+        from bayesdrill.api.comparison import check_comparison_place
+        from bayesdrill.api.comparison import compare as compared
+
+        place = check_comparison_place(folders, output, force=force)
+        found = compared(folders)
+        found.save(place, force=force)
+        say(found.text)
+        say(f"results: {place}/ (report.html, comparison.md, comparison.csv, figures/)")
+        if found.reasons:
+            raise typer.Exit(NOT_CONVERGED)
+
+
+@app.command(epilog="Example: bayesdrill ladder configs/nominal_step.yaml")
+def ladder(
+    config: ConfigPath,
+    output: Annotated[Path | None, output_option("Default: results/<name>-ladder.")] = None,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Go on with an interrupted ladder.")
+    ] = False,
+    force: Force = False,
+    processes: Processes = None,
+    scheduler: Scheduler = None,
+) -> None:
+    """Try what a config may be missing (noise, friction, damping), compare, and recommend a config."""
+    with guarded():
+        from bayesdrill.api.arguments import mode
+        from bayesdrill.api.comparison import ladder as made
+        from bayesdrill.basics.progress import reporter
+
+        mode(resume=resume, force=force)
+        every = made(config)
+        with saved_in(every.place(output)), reporter() as report:
+            outcome = every.run(
+                output,
+                resume=resume,
+                force=force,
+                processes=processes,
+                scheduler=scheduler,
+                report=report,
+            )
+        say(outcome.said)
+        say(f"results: {outcome.folder}/ (report.html, comparison.md, recommended.yaml, ...)")
+        if outcome.report.reasons:
+            raise typer.Exit(NOT_CONVERGED)
+
+
+@app.command(epilog="Example: bayesdrill verify results/nominal_step")
+def verify(
+    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="Folder of a finished run.")],
+) -> None:
+    """Say whether config, record, tables and figures of a run still belong together."""
+    with guarded():
+        from bayesdrill.api import files
+
+        found = files.verify(folder)
+        say(found.said, err=not found.together)
+        if not found.together:
+            raise typer.Exit(INPUT_WRONG)
+
+
+class CitationForm(StrEnum):
+    text = "text"
+    bibtex = "bibtex"
+    cff = "cff"
+
+
+@app.command(epilog="Example: bayesdrill simulate configs/nominal_step.yaml --output my_record.csv")
+def simulate(
+    config: ConfigPath,
+    output: Annotated[Path | None, output_option("Default: what the config names.")] = None,
+    seed: Annotated[int | None, typer.Option(min=0, help="Default: the config's.")] = None,
+    force: Annotated[bool, typer.Option("--force", help="Overwrite simulated records.")] = False,
+) -> None:
+    """Make a record from the config (of several experiments, one each): response plus noise, as CSV."""
+    with guarded():
+        from bayesdrill.api import files
+
+        made = files.simulate(config, output, seed=seed, force=force)
+        for path, samples in made.files.items():
+            say(f"{path}: {samples} samples")
+
+
+@app.command(epilog="Example: bayesdrill paper --output results/paper")
+def paper(
+    configs: Annotated[
+        Path, typer.Argument(metavar="FOLDER", help="With the configs of the studies.")
+    ] = Path("configs/paper"),
+    output: Annotated[
+        Path, typer.Option("--output", "-o", help="Folder for tables and figures.")
+    ] = Path("results/paper"),
+    force: Force = False,
+    processes: Processes = None,
+) -> None:
+    """Repeat the studies of the paper, each beside what a full posterior says of it (minutes)."""
+    with guarded():
+        from bayesdrill.api.arguments import workers
+        from bayesdrill.basics.progress import reporter
+        from bayesdrill.paper.run import reproduce
+
+        with saved_in(output, "start over with --force"), reporter() as report:
+            done = reproduce(configs, output, workers(processes), report, force=force)
+        say("\n".join(done.said))
+        say(f"results: {done.folder}/ (report.html, report.md, tables, figures/, two posteriors)")
+        if not done.converged:
+            raise typer.Exit(NOT_CONVERGED)
+
+
+@app.command(epilog="Example: bayesdrill schema > schema.json")
+def schema() -> None:
+    """Print the JSON schema of configs, for editors that complete and check them."""
+    with guarded():
+        from bayesdrill.api import files
+
+        typer.echo(files.schema(), nl=False)
+
+
+@app.command(epilog="Example: bayesdrill cite results/nominal_step --format bibtex")
+def cite(
+    folder: Annotated[
+        Path | None,
+        typer.Argument(metavar="FOLDER", help="Of a run; default: what is installed."),
+    ] = None,
+    form: Annotated[
+        CitationForm, typer.Option("--format", help="To read, for BibTeX, or as CITATION.cff.")
+    ] = CitationForm.text,
+) -> None:
+    """Say how to cite bayesdrill and what a run stands on."""
+    with guarded():
+        from bayesdrill.api.files import citation
+
+        say(getattr(citation(folder), form.value).rstrip("\n"))
+
+
+def main() -> None:
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):  # names of files need not be text
+            stream.reconfigure(errors="backslashreplace")
+    command = typer.main.get_command(app)
+    for option in command.params:
+        if option.name == "show_completion":
+            option.hidden = True  # type: ignore[attr-defined]
+    command()

@@ -1,1 +1,0 @@
-"""What the commands do, one after the other: identify, posterior, report, calibrate."""

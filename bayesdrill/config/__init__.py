@@ -1,0 +1,36 @@
+"""A config becomes objects, or every mistake of it at once.
+
+`schema/` says what may be written, `loading` reads it, `consistency/` finds what contradicts
+itself, `records/` reads the files that are named, `resolve/` and `job` build the `Problem`.
+Nothing here samples.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from bayesdrill.basics.registry import late
+
+if TYPE_CHECKING:
+    from bayesdrill.config.job import Job as Job
+    from bayesdrill.config.records.reading import path_of as path_of
+    from bayesdrill.config.records.simulation import simulate as simulate
+    from bayesdrill.config.records.simulation import truth as truth
+    from bayesdrill.config.resolve.assembly import model as model
+    from bayesdrill.config.resolve.assembly import optimiser as optimiser
+    from bayesdrill.config.schema.config import Config as Config
+    from bayesdrill.config.yaml_source import Source as Source
+
+__getattr__ = late(
+    __name__,
+    {
+        "Config": "schema.config",
+        "Job": "job",
+        "Source": "yaml_source",
+        "model": "resolve.assembly",
+        "optimiser": "resolve.assembly",
+        "path_of": "records.reading",
+        "simulate": "records.simulation",
+        "truth": "records.simulation",
+    },
+)

@@ -1,0 +1,72 @@
+"""What LaTeX of users may hold: formulas that matplotlib and LaTeX both know, and nothing that
+leaves its cell.
+"""
+
+from __future__ import annotations
+
+import re
+
+from bayesdrill.basics.symbols import Symbol, raised
+
+DEEPEST = 8  # braces inside each other
+
+# What matplotlib's mathtext and LaTeX both know, and nothing that reads, writes, defines or leaves a
+# formula: `table.tex` is made of it.
+_ACCENTS = "hat|bar|dot|ddot|tilde|vec|check|breve|acute|grave|widehat|widetilde|overline"
+_LETTERS = (
+    "alpha|beta|gamma|delta|epsilon|zeta|eta|theta|iota|kappa|lambda|mu|nu|xi|pi|rho|sigma|tau|upsilon|"
+    "phi|chi|psi|omega|varepsilon|vartheta|varpi|varrho|varsigma|varphi|"
+    "Gamma|Delta|Theta|Lambda|Xi|Pi|Sigma|Upsilon|Phi|Psi|Omega|"
+    "mathrm|mathit|mathbf|mathsf|mathtt|mathcal|"
+    "infty|partial|nabla|ell|hbar|prime|circ|ast|star|bullet|perp|parallel"
+)
+_OTHERS = (
+    "frac|sqrt|left|right|quad|qquad|langle|rangle|cdot|times|pm|mp|to|rightarrow|leftarrow|"
+    "max|min|sin|cos|tan|exp|log|ln"
+)
+_KNOWN = re.compile(rf"{_ACCENTS}|{_LETTERS}|{_OTHERS}|[,:;! %#_{{}}]")
+_COMMAND = re.compile(r"\\([A-Za-z]+|.?)", re.DOTALL)
+_BARE = re.compile(  # an index or an accent, and what LaTeX takes for its letter only in braces
+    rf"(?:[_^]|\\(?:{_ACCENTS})(?![A-Za-z]))"
+    rf"(?! *(?:[{{A-Za-z0-9*+-]|\\(?:{_LETTERS})(?![A-Za-z])))"
+)
+
+
+def check(symbol: Symbol) -> None:
+    """Raises `ValueError`, with a message for the user, for what figures and tables cannot write."""
+    from matplotlib.mathtext import MathTextParser  # late: it takes half a second to load
+
+    for text in (symbol.latex, rf"\mathrm{{{symbol.latex_unit}}}" if symbol.latex_unit else "1"):
+        try:
+            _check_latex(text)
+            shown = (text, raised(text, "2"), f"{{{text}}}^{{2}}")  # alone, and in products
+            MathTextParser("path").parse(" ".join(f"${one}$" for one in shown), 72)
+        except Exception as error:  # a parser of formulas meets bad ones with many kinds
+            why = str(error).splitlines()[-1].partition(": ")[2] or str(error)
+            raise ValueError(
+                f"figures and tables cannot write '{text}' ({why}); use what LaTeX and matplotlib's "
+                r"mathtext both know, such as \omega_1 or \mathrm{ab}, in single quotes and without "
+                "dollars"
+            ) from None
+
+
+def _check_latex(text: str) -> None:
+    """Raises `ValueError` for what would not stay in its formula, its cell of a table or its line."""
+    if not text.isprintable():
+        raise ValueError("a character that cannot be printed")
+    for name in _COMMAND.findall(text):
+        if not _KNOWN.fullmatch(name):
+            raise ValueError(rf"\{name} is none of the commands that may stand there")
+    plain, depth = _COMMAND.sub(" ", text), 0
+    for letter in plain:
+        if not letter.isascii() or letter in '&%#$~"`':
+            raise ValueError(f"{letter} cannot stand there")
+        depth += (letter == "{") - (letter == "}")
+        if not 0 <= depth <= DEEPEST:
+            break
+    if depth:
+        raise ValueError("braces that do not match, or too many")
+    if bare := _BARE.search(text.replace(r"\_", " ")):
+        raise ValueError(f"what stands after {bare[0]} needs braces")
+    if "'" in text.partition("^")[2]:  # which LaTeX may take for another power of the same letter
+        raise ValueError("a ' after a ^")

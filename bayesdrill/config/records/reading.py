@@ -1,0 +1,312 @@
+"""From the files of a record to an `Experiment` in SI: all that is wrong with them, at once."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayesdrill import output_files
+from bayesdrill.basics import units
+from bayesdrill.basics.entries import made
+from bayesdrill.basics.errors import InputError
+from bayesdrill.config.records import column_cleaning, sources
+from bayesdrill.config.records.column_cleaning import Column, Findings
+from bayesdrill.config.records.sources import Clock, Sources, location_of
+from bayesdrill.config.resolve import assembly, channel_noise, quantities
+from bayesdrill.config.schema.config import Config
+from bayesdrill.config.schema.records import (
+    AngleColumn,
+    InputColumn,
+    RecordSpec,
+    Series,
+    between,
+    windows,
+)
+from bayesdrill.config.yaml_source import Place, Source
+from bayesdrill.record import anomalies, clocks
+from bayesdrill.record.experiment import (
+    Experiment,
+    Odd,
+    calendar,
+    check_length,
+    check_series,
+    frozen,
+    raise_if_any,
+)
+from bayesdrill.record.formats.csv import CsvOptions
+from bayesdrill.record.formats.table import Table
+
+Array = NDArray[np.float64]
+
+FAR = 1000  # times its own length after the initial state, and a record has times of a clock
+
+
+def path_of(config: Config, source: Source) -> Path:
+    """The record's own file."""
+    return sources.path_of(config, source)
+
+
+def csv_options(record: RecordSpec) -> CsvOptions:
+    """How a text file is written, as far as the config says so."""
+    return made(CsvOptions, record)
+
+
+def read(config: Config, source: Source, table: Table | None = None) -> Experiment:
+    """Raises `InputError` with the places in the config and the rows of the files.
+
+    `table`: what the record's file would hold, where there is none.
+    """
+    return _Reader(config, source, table).experiment()
+
+
+class _Reader:
+    """One pass over a record: columns are picked and judged one by one, problems collected."""
+
+    def __init__(self, config: Config, source: Source, table: Table | None) -> None:
+        self._config = config
+        self._source = source
+        self._sources = Sources(config, source, table)
+        self._findings = Findings()
+
+    def experiment(self) -> Experiment:
+        config, findings = self._config, self._findings
+        model = assembly.model(config)
+        measured = channel_noise.channels(config, model)
+        columns = self._columns()
+        t = self._times()
+        y = self._signals(t, columns)
+        try:
+            output_files.check_record(len(t), y.shape[1])
+        except ValueError as error:
+            raise InputError([self._source.problem(("record", "file"), str(error))]) from None
+        held = self._held_out(t, y)
+        series, turned = self._inputs(t, columns)
+        raise_if_any(self._sources.problems)
+        levels = channel_noise.scatter(config, measured, len(t))
+        n_unknown = len(assembly.space(config, model, levels).free)
+        shortened_by = "file" if config.record.window is None else "window"
+        label = self._sources.label(("record", shortened_by))
+        raise_if_any(check_length(label, np.sum(~np.isnan(y), axis=0).tolist(), n_unknown))
+        found = Experiment(
+            t=frozen(t),
+            y=frozen(y),
+            channels=tuple(entry.channel for entry in measured),
+            constant=quantities.constant_input(config, model),
+            series={name: frozen(values) for name, values in series.items()},
+            first_order=any(map(_straight, quantities.measured_input(config).values())),
+            start=assembly.initial_state(config, model) | turned,
+            t_start=self._t_start(t, has_series=bool(series)),
+            told=tuple(findings.told),
+            odd=tuple(findings.odd),
+            held_out=None if held is None else frozen(held),
+            input_steps={
+                name: clocks.usual_step(
+                    columns["inputs", quantities.input_entry(config, name)].clock.t
+                )
+                for name in series
+            },
+        )
+        return self._decimated(found)
+
+    def _decimated(self, found: Experiment) -> Experiment:
+        wanted = self._config.record.decimate
+        if wanted is None:
+            return found
+        refusal = sources.refuse_decimation(found, wanted.factor, filtered=wanted.filter)
+        if refusal:
+            raise InputError([self._source.problem(("record", "decimate"), refusal)])
+        return (sources.decimated_experiment if wanted.filter else sources.samples_left)(
+            found, wanted.factor
+        )
+
+    def _columns(self) -> dict[Place, Column]:
+        """All that are named, with NaN where no number is used."""
+        every = sources.file_entries(self._config)
+        found = {place: self._column(place, spec) for place, spec in every.items()}
+        raise_if_any(list(dict.fromkeys(self._sources.problems)))
+        columns = {place: column for place, column in found.items() if column is not None}
+        inputs = [column for column in columns.values() if column.is_input]
+        column_cleaning.find_derivatives(columns, self._findings)
+        return {
+            place: column_cleaning.judged(
+                one, column_cleaning.caused(one.clock, inputs), self._findings
+            )
+            for place, one in columns.items()
+        }
+
+    def _times(self) -> Array:
+        """Of all clocks."""
+        own = [clock.t[clock.inside] for clock in self._sources.clocks if clock.inside.any()]
+        if len(own) == 1:
+            return own[0]
+        t = clocks.union(own)
+        self._findings.told.append(
+            f"{len(t)} times of {len(own)} clocks ({', '.join(str(len(one)) for one in own)} samples); "
+            "times nearer than 1e-9 of a step are one"
+        )
+        close = clocks.crowded(t, own)
+        if not math.isnan(close):
+            said = f"clocks: two of the record's times, at {close:.10g} s, are nearly the same"
+            do = "; one clock, written with different digits? Then give both columns the same `time:`"
+            self._findings.odd.append(Odd(said=said, where=(), do=do))
+        return t
+
+    def _signals(self, t: Array, columns: dict[Place, Column]) -> Array:
+        """`(T, K)` SI, NaN where a channel has no sample."""
+        measured = channel_noise.channels(self._config, assembly.model(self._config))
+        y = np.full((len(t), len(measured)), np.nan)
+        for k, entry in enumerate(measured):
+            one = columns["record", "channels", entry.channel.name]
+            inside = one.clock.inside
+            y[self._rows(t, one.clock.t[inside]), k] = one.values[inside] * entry.factor
+        spans = windows(self._config.record.window)
+        if len(spans) > 1:
+            y[~between(t, spans)] = np.nan
+        return y
+
+    def _held_out(self, t: Array, y: Array) -> Array | None:
+        """Samples that are taken out of `y`, which is changed: NaN where none is."""
+        spans = windows(self._config.record.held_out)
+        if not spans:
+            return None
+        away = between(t, spans)
+        held = np.where(away[:, None], y, np.nan)
+        y[away] = np.nan
+        count = int(np.sum(~np.isnan(held)))
+        place: Place = ("record", "held_out")
+        if count == 0:
+            self._sources.add(place, "no sample lies in it; give times of the record [s]")
+        elif np.isnan(y).all(axis=0).any():
+            self._sources.add(place, "leaves nothing of a channel; hold less out")
+        self._findings.told.append(f"{count} samples are held out, and are no evidence")
+        return held
+
+    def _rows(self, t: Array, clock: Array) -> NDArray[np.intp]:
+        return clocks.places(t, clock) if self._sources.several else np.arange(len(t))
+
+    def _inputs(
+        self, t: Array, columns: dict[Place, Column]
+    ) -> tuple[dict[str, Array], dict[str, float]]:
+        """SI, at every time; and the angles at which those begin that are imposed as angles."""
+        series, begin = dict[str, Array](), dict[str, float]()
+        for name, spec in quantities.measured_input(self._config).items():
+            entry = quantities.input_entry(self._config, name)
+            one = columns["inputs", entry]
+            missing = int(np.isnan(one.values).sum())
+            if missing:
+                self._findings.told.append(
+                    f"{entry}: {missing} samples are bridged, hold: {spec.hold}"
+                )
+            values = column_cleaning.bridged(self._sources, one)
+            values = values * units.factor(spec.unit, quantities.input_unit(entry))
+            if isinstance(spec, AngleColumn):
+                clock = one.clock.t
+                begin[entry] = float(np.interp(t[0], clock, values))
+                values = anomalies.held_speeds(values, clock)
+            series[name] = values if not self._sources.several else self._held(t, one, values)
+        return series, begin
+
+    def _held(self, t: Array, one: Column, values: Array) -> Array:
+        """Of an input on a clock of its own: exact, as its own times are among those of the record."""
+        clock, slack = one.clock.t, 1e-9 * float(np.ptp(t)) / len(t)
+        straight = isinstance(one.spec, InputColumn) and one.spec.hold == "first"
+        rule = "" if isinstance(one.spec, AngleColumn) else ", or `hold: zero`"
+        late, early = clock[0] > t[0] + slack, clock[-1] < t[-1] - slack
+        if late or (early and straight):
+            message = (
+                f"{one.name} is known from {clock[0]:g} to {clock[-1]:g} s, and the record goes from "
+                f"{t[0]:g} to {t[-1]:g} s; give a record.window inside both"
+            )
+            self._sources.add(one.place, message + ("" if late else rule))
+        elif early:
+            self._findings.told.append(f"{one.name}: held after its last sample at {clock[-1]:g} s")
+        return clocks.held(t, clock, values, first_order=_straight(one.spec))
+
+    def _column(self, place: Place, spec: Series) -> Column | None:
+        clock, values = self._sources.clock(place), self._sources.column(place, spec)
+        if values is None or clock is None:
+            return None
+        if len(values) != clock.n_rows:
+            message = f"{len(values)} values, but the time has {clock.n_rows}; name one recording's"
+            self._sources.add(location_of(place, spec), message)
+            return None
+        values, masked = (
+            values[clock.rows],
+            column_cleaning.masked(self._sources, place, spec, clock),
+        )
+        used = np.where(masked, np.nan, values) if masked.any() else values
+        missing = int(np.sum(np.isnan(values) & ~masked))
+        if masked.any():
+            self._findings.told.append(
+                f"{place[-1]}: {int(masked.sum())} samples are masked (mask)"
+            )
+        if missing and not isinstance(spec, InputColumn):
+            self._findings.told.append(f"{place[-1]}: {missing} missing samples are left out")
+        record = self._config.record
+        allowed = spec.missing if isinstance(spec, InputColumn) else record.missing
+        if missing and allowed is None:
+            self._check(place, spec, clock, np.where(masked, 0.0, values), missing=False)
+        else:
+            self._check(place, spec, clock, used, missing=True)
+        one = Column(place, spec, clock, used)
+        return column_cleaning.unwrapped(self._sources, one, _turn(spec), self._findings)
+
+    def _check(
+        self, place: Place, spec: Series, clock: Clock, values: Array, *, missing: bool
+    ) -> None:
+        """That there are numbers, or that they may be missing."""
+        is_input = isinstance(spec, InputColumn)
+        word = (
+            "bridge them (missing: hold)" if is_input else "leave them out (record.missing: drop)"
+        )
+        self._sources.problems += check_series(
+            self._sources.label(location_of(place, spec)),
+            f"column {spec.column if spec.column is not None else spec.variable!r}",
+            values,
+            clock.where,
+            varying=not is_input,
+            missing=missing,
+            instead=f", or {word}" if np.isnan(values).any() else "",
+        )
+
+    def _t_start(self, time: Array, *, has_series: bool) -> float:
+        """With measured inputs nothing is known before the first sample: the state is given there."""
+        if has_series:
+            return float(time[0])
+        begin = self._config.initial.time
+        if begin is None:
+            begin = 0.0 if self._config.record.window is None else float(time[0])
+        if begin > time[0] + 1e-9 * max(1.0, abs(time[0])):
+            place: Place = (
+                ("initial", "time") if self._config.initial.time is not None else ("record",)
+            )
+            message = (
+                f"the initial state is at {begin:g} s, after the first sample at {time[0]:g} s; give "
+                "`initial: {time: ...}` at or before it"
+            )
+            raise InputError([self._source.problem(place, message)])
+        if self._config.initial.time is None and time[0] - begin > FAR * (time[-1] - time[0]):
+            message = (
+                f"the record begins at {time[0]:.10g} s, and the initial state is at {begin:g} s by "
+                "default; if these are times of a clock, give `initial: {time: ...}`"
+                f"{calendar(time)}"
+            )
+            raise InputError([self._source.problem(("record", "time"), message)])
+        return min(begin, float(time[0]))
+
+
+def _straight(spec: Series) -> bool:
+    """Whether an input goes from one sample straight to the next; of an angle, its speed does not."""
+    angle = isinstance(spec, AngleColumn)
+    return isinstance(spec, InputColumn) and spec.hold == "first" and not angle
+
+
+def _turn(spec: Series) -> float:
+    """How much of a column's unit one turn is; NaN where it is no angle."""
+    try:
+        return 2 * math.pi / units.factor(spec.unit, "rad")
+    except ValueError:
+        return math.nan

@@ -1,0 +1,320 @@
+"""Records made from a config: the exact response at given parameters, noise with a seed, and their
+text.
+"""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import io
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayesdrill import output_files
+from bayesdrill.basics import seeds, units
+from bayesdrill.basics.errors import InputError, Issue
+from bayesdrill.config.records import reading, sources
+from bayesdrill.config.resolve import assembly, channel_noise, quantities, sensors
+from bayesdrill.config.resolve.experiments import View, views
+from bayesdrill.config.schema.config import Config
+from bayesdrill.config.schema.records import ChannelSpec, Column, TimeColumn
+from bayesdrill.config.yaml_source import Place, Source
+from bayesdrill.inference import step_error
+from bayesdrill.inference.noise.mixed import of_record
+from bayesdrill.inference.unknowns import ParameterSpace, Unknown, of_label
+from bayesdrill.record.experiment import Experiment, frozen, raise_if_any, times
+from bayesdrill.record.formats import format_of
+from bayesdrill.record.formats.csv import check_options
+from bayesdrill.record.formats.csv import table as text_table
+from bayesdrill.rig.models.linear import Model
+from bayesdrill.rig.simulators import simulator
+
+Array = NDArray[np.float64]
+
+DIGITS = 9
+SAME = 1e-8  # of the largest number in a column
+
+
+@dataclass(frozen=True, slots=True)
+class _Column:
+    """`values` as the config reads them, under the name that stands at `place`."""
+
+    place: Place
+    name: str
+    values: Array
+
+
+def check_form(config: Config, source: Source, target: Path | None) -> None:
+    """That the config can read what is written to `target`, by default its own record, at all.
+
+    Raises `InputError`: it is text, with a header.
+    """
+    record, wrong = config.record, ""
+    place: Place = ("record", "file")
+    try:
+        kind = record.format or format_of(target or reading.path_of(config, source))
+        check_options(Path(), reading.csv_options(record))
+        wrong = "" if kind == "csv" else "a simulated record is text; name a .csv file"
+    except InputError as error:
+        wrong = error.problems[0].message
+    if not wrong:
+        place, wrong = _impossible(config)
+    if not wrong and reading.csv_options(record).header is False:
+        place, wrong = ("record", "header"), "a simulated record has a header; remove this entry"
+    if wrong:
+        raise InputError([source.problem(place, wrong)])
+
+
+def _impossible(config: Config) -> tuple[Place, str]:
+    """What a simulated record cannot have; empty where there is nothing."""
+    for place, spec in sources.file_entries(config).items():
+        if spec.file is not None or spec.time is not None:
+            entry: Place = (*place, "file" if spec.file is not None else "time")
+            return entry, "a simulated record is one file with one time; remove this entry"
+        if isinstance(spec, ChannelSpec) and spec.derived_from is not None:
+            message = "a simulated record has measured channels only; remove this channel"
+            return (*place, "derived_from"), message
+    if config.record.decimate is not None:
+        return (
+            "record",
+            "decimate",
+        ), "a simulated record would be decimated again; remove this entry"
+    return ("record", "file"), ""
+
+
+def record_text(config: Config, source: Source, experiment: Experiment, y: Array) -> str:
+    """Channels `y (T, K)` in the units of their columns, with time and inputs of `experiment`."""
+    columns = _columns(config, source, experiment, y)
+    record = reading.csv_options(config.record)
+    mark = record.delimiter or (";" if record.decimal == "," else ",")
+    head, body = io.StringIO(), io.StringIO()
+    csv.writer(head, delimiter=mark, lineterminator="\n").writerow([c.name for c in columns])
+    np.savetxt(body, np.stack([c.values for c in columns], axis=-1), f"%.{DIGITS}g", mark)
+    numbers = body.getvalue()
+    if record.decimal == ",":
+        numbers = numbers.replace(".", ",")
+    text = "# simulated\n" * record.skip_rows + head.getvalue() + numbers
+    _check_read_back(config, source, text, columns)
+    return text
+
+
+def _columns(config: Config, source: Source, experiment: Experiment, y: Array) -> list[_Column]:
+    columns = []
+    time = config.record.time
+    if isinstance(time, TimeColumn):
+        place: Place = ("record", "time")
+        values = experiment.t / units.factor(time.unit, "s")
+        columns.append(_Column(place, _name(source, place, time), values))
+    for (name, spec), channel in zip(config.record.channels.items(), y.T, strict=True):
+        place = ("record", "channels", name)
+        columns.append(_Column(place, _name(source, place, spec), channel))
+    for name, given in quantities.measured_input(config).items():
+        place = ("inputs", quantities.input_entry(config, name))
+        factor = units.factor(given.unit, quantities.input_unit(place[1]))
+        values = quantities.inputs_as_given(config, experiment, name) / factor
+        columns.append(_Column(place, _name(source, place, given), values))
+    return columns
+
+
+def _name(source: Source, place: Place, spec: Column) -> str:
+    if isinstance(spec.column, str):
+        return spec.column
+    raise InputError(
+        [source.problem(place, "a simulated record is a CSV file with named columns; give a name")]
+    )
+
+
+def _check_read_back(config: Config, source: Source, text: str, columns: list[_Column]) -> None:
+    """Names and marks that a reader takes for something else."""
+    path = reading.path_of(config, source)
+    try:
+        table = text_table(path, text, reading.csv_options(config.record))
+        for column in columns:
+            found = table.pick(column.name)
+            if not np.allclose(found, column.values, rtol=0, atol=SAME * np.ptp(column.values)):
+                raise InputError.one("", f"column {column.name!r} would come out otherwise")
+    except InputError as error:
+        first = error.problems[0].message
+        message = f"the record could not be read as this config reads it: {first}"
+        raise InputError([source.problem(("record",), message)]) from None
+
+
+def simulate(config: Config, source: Source, seed: int, target: Path | None = None) -> str:
+    """Of the only experiment; see `one`."""
+    return simulate_one(View("", config, source), seed, target)
+
+
+def simulate_all(
+    config: Config, source: Source, seed: int, output: Path | None = None
+) -> dict[Path, str]:
+    """Records of all experiments, by where they go: the files that the config names, or `output`; of
+    several, files of those names in the folder `output`.  Raises `InputError` with all that is wrong.
+    """
+    made, problems = dict[Path, str](), list[Issue]()
+    for index, view in enumerate(views(config, source)):
+        own = reading.path_of(view.config, view.source)
+        target = own if output is None else output / own.name if view.label else output
+        try:
+            if target in made:
+                message = (
+                    f"another experiment is simulated into {target} too; give each its own file"
+                )
+                raise InputError([view.source.problem(("record", "file"), message)])
+            made[target] = simulate_one(view, seed, target, index)
+        except InputError as error:
+            problems += error.problems
+    raise_if_any(list(dict.fromkeys(problems)))
+    return made
+
+
+def simulate_one(view: View, seed: int, target: Path | None = None, index: int = 0) -> str:
+    """A record as text that the config itself reads, from `target` or by default its own record.
+
+    Times and measured inputs are those of the config's `simulation:` grid, or else of its record.
+    True values are nominal, or the config's fixed ones, unless `simulation:` names them; what is
+    tied follows from them, and sensors are where their priors start.
+    """
+    config, source = view.config, view.source
+    check_form(config, source, target)
+    experiment = grid(config, source)
+    rig = assembly.model(config)
+    measured = channel_noise.channels(config, rig)
+    sensing = sensors.sensing(config, rig)
+    response = simulator(rig, experiment, sensing, step_error.MOST)
+    values = truth(config, rig, view.label) | _told(view, rig)
+    full = np.array([[values[name] for name in response.parameters]])
+    signals = response.signals(full)[0]
+    known = [_known(config, source, entry) for entry in measured]
+    noise = of_record(channel_noise.noise(known, len(signals)), experiment.t, experiment.seen)
+    observed = sensors.observation(config, response, noise)
+    own = [_true_of_noise(view, unknown) for unknown in observed.unknowns]
+    rng = seeds.stream(seed, "record", index)
+    space = ParameterSpace(
+        model=response.parameters, unknowns=observed.unknowns, fixed=dict(values)
+    )
+    noisy = observed.placed(space).draw(signals[None], np.array([own]), rng)[0]
+    y = noisy / np.array([entry.factor for entry in measured])
+    return record_text(config, source, experiment, y)
+
+
+def save(text: str, target: Path, record: Path, *, force: bool) -> None:
+    """See `check_place`."""
+    check_place(text, target, record, force=force)
+    output_files.write_text(target, text)
+
+
+def check_place(text: str, target: Path, record: Path, *, force: bool) -> None:
+    """Never over `record`, which the config names: that may be what was measured."""
+    output_files.refuse_other_than_file(target)
+    output_files.refuse_unwritable(target.parent)
+    if target.exists():
+        if record.exists() and target.samefile(record):
+            message = "the record that the config names is never overwritten; give another --output"
+            raise InputError.one(str(target), message)
+        if not force:
+            raise InputError.one(str(target), "exists already; give --force or another --output")
+        header = text.partition("\n")[0].encode()
+        with target.open("rb") as file:
+            if file.readline(len(header) + 2).rstrip(b"\r\n") != header:
+                message = "is no record with these columns, and is kept; give another --output"
+                raise InputError.one(str(target), message)
+
+
+def grid(config: Config, source: Source) -> Experiment:
+    """Times and inputs, those of `simulation:` or else of the record; what was measured is no matter."""
+    simulation: Any = config.simulation
+    series = list(quantities.measured_input(config))
+    if simulation is None or simulation.duration is None:
+        return reading.read(config, source)
+    if series:
+        raise InputError(
+            [
+                source.problem(
+                    ("simulation", "duration"),
+                    f"the input {series[0]} is measured, so the times are those of the record; remove "
+                    "`duration:` and `rate:`",
+                )
+            ]
+        )
+    rig = assembly.model(config)
+    t = times(simulation.duration, simulation.rate)
+    channels = tuple(entry.channel for entry in channel_noise.channels(config, rig))
+    return Experiment(
+        t=frozen(t),
+        y=frozen(np.zeros((len(t), len(channels)))),
+        channels=channels,
+        constant=quantities.constant_input(config, rig),
+        series={},
+        first_order=False,
+        start=assembly.initial_state(config, rig),
+        t_start=min(0.0, config.initial.time or 0.0),
+    )
+
+
+def truth(config: Config, rig: Model, label: str = "") -> dict[str, float]:
+    """What a simulated record is made of: the parameters of `rig`, SI.
+
+    `label`: of the experiment that may have some of its own.
+    """
+    space = assembly.space(config, rig, [])
+    simulation: Any = config.simulation
+    named = {name: getattr(simulation, name, None) for name in rig.parameters}
+    given = simulation.truth if simulation else {}
+    named |= {n: x for n in rig.parameters if (x := _given(given, n, label)) is not None}
+    values = {**space.start, **assembly.compared(config), **space.fixed}
+    for name, value in simulation.quantities.items() if simulation else ():
+        values[name] = value * quantities.quantity(name, config.quantities[name]).factor
+    values |= {name: value for name, value in named.items() if value is not None}
+    for name in rig.parameters:
+        if name in space.relations and named[name] is None:
+            values[name] = float(space.relations[name].value(values))
+    return values
+
+
+def _told(view: View, rig: Model) -> dict[str, float]:
+    """What is true of sensors and the start, SI; of a free start zero, unless it is given."""
+    simulation: Any = view.config.simulation
+    given = simulation.truth if simulation else {}
+    free = sensors.free_states(view.config, rig)
+    found = {sensors.state_name(name): 0.0 for name in free}
+    factors = dict.fromkeys(found, 1.0)
+    for each in (sensors.sensor_specs(entry) for entry in sensors.sensor_entries(view.config, rig)):
+        found[each.name], factors[each.name] = each.start, each.factor
+    own = {name: _given(given, name, view.label) for name in found}
+    return found | {name: x * factors[name] for name, x in own.items() if x is not None}
+
+
+def _true_of_noise(view: View, unknown: Unknown) -> float:
+    """As `simulation.truth` has it, or where its search would start."""
+    simulation: Any = view.config.simulation
+    value = _given(simulation.truth if simulation else {}, unknown.name, view.label)
+    low, high = unknown.between or (unknown.prior.low, unknown.prior.high)
+    if value is None or low < value < high:
+        return unknown.start if value is None else value
+    message = f"{value:g} is impossible; give a number between {low:g} and {high:g}"
+    raise InputError([view.source.problem(("simulation", "truth", unknown.name), message)])
+
+
+def _given(values: Mapping[str, float], name: str, label: str) -> float | None:
+    """That of the experiment, or of all of them."""
+    return values.get(of_label(name, label), values.get(name))
+
+
+def _known(config: Config, source: Source, entry: channel_noise.Measured) -> channel_noise.Measured:
+    """With the sigma of `simulation:`, where the noise is unknown."""
+    if isinstance(entry.noisy.sigma, float):
+        return entry
+    simulation: Any = config.simulation
+    name = entry.channel.name
+    if simulation is None or name not in simulation.sigma:
+        message = (
+            f"the noise of this channel is unknown; add `simulation: {{sigma: {{{name}: ...}}}}`"
+        )
+        raise InputError([source.problem(("record", "channels", name, "sigma"), message)])
+    sigma = float(simulation.sigma[name]) * entry.factor
+    return dataclasses.replace(entry, noisy=dataclasses.replace(entry.noisy, sigma=sigma))

@@ -1,0 +1,310 @@
+"""The files of a record: each is read once, its times are made a clock in SI, and samples are
+thinned on request.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayesdrill import output_files
+from bayesdrill.basics import units
+from bayesdrill.basics.entries import made
+from bayesdrill.basics.errors import InputError, Issue, encodable
+from bayesdrill.config.resolve import quantities
+from bayesdrill.config.schema.config import Config
+from bayesdrill.config.schema.records import Column, FileSpec, Series, TimeColumn, TimeRate, windows
+from bayesdrill.config.yaml_source import Place, Source
+from bayesdrill.record import clocks
+from bayesdrill.record.clocks import on_grid
+from bayesdrill.record.experiment import Experiment, check_time, frozen
+from bayesdrill.record.formats import FORMATS, format_of
+from bayesdrill.record.formats.table import Table, variable_name
+
+Array = NDArray[np.float64]
+
+ELSEWHERE = "; if the times of this file stand elsewhere, give this entry its own `time:`"
+
+
+def file_entries(config: Config) -> dict[Place, Series]:
+    """Channels, then measured inputs, by their places."""
+    channels = {("record", "channels", name): s for name, s in config.record.channels.items()}
+    inputs = quantities.measured_input(config).items()
+    return channels | {("inputs", quantities.input_entry(config, name)): s for name, s in inputs}
+
+
+def file_of(spec: Series) -> FileSpec | None:
+    """The file of its own, if it has one; None stands for the record's."""
+    return FileSpec(path=spec.file) if isinstance(spec.file, str) else spec.file
+
+
+def path_of(config: Config, source: Source, file: FileSpec | None = None) -> Path:
+    """The record's file, or another one: relative paths start at the folder of the config."""
+    return source.path.parent / (config.record.file if file is None else file.path)
+
+
+def files(config: Config) -> list[FileSpec | None]:
+    """All that are read, the record's own first, each once."""
+    return list(dict.fromkeys([None, *map(file_of, file_entries(config).values())]))
+
+
+def paths(config: Config, source: Source) -> list[Path]:
+    return [path_of(config, source, file) for file in files(config)]
+
+
+def named_in(data: dict[str, Any]) -> list[tuple[dict[str, Any], str]]:
+    """Of a config as plain data: each mapping that names a file, and the key that does."""
+    inputs = [one for one in data["inputs"].values() if isinstance(one, dict)]
+    sections = [data["record"], *data["record"]["channels"].values(), *inputs]
+    having = [(section, section["file"]) for section in sections if "file" in section]
+    return [(file, "path") if isinstance(file, dict) else (s, "file") for s, file in having]
+
+
+def name_in(folder: Path, file: Path) -> str:
+    """How a config in `folder` names `file`; raises `InputError` where YAML cannot."""
+    name = Path(os.path.relpath(file, folder)).as_posix()
+    if encodable(name) != name:
+        message = "is not UTF-8, and no config can name it; rename the file or the folder"
+        raise InputError.one(str(file), message)
+    return name
+
+
+def named(config: Config) -> str:
+    """All of them, for a reader."""
+    every = [config.record.file if file is None else file.path for file in files(config)]
+    return ", ".join(f"`{Path(one).name}`" for one in every)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Clock:
+    """Times `t (n,)` s of the `rows (n,)` of a table that has `n_rows`; `inside`: of the windows' span.
+
+    Of several clocks each keeps a row on either side of that span, so that inputs are known at its ends.
+    """
+
+    table: Table
+    t: Array
+    rows: NDArray[np.intp]
+    inside: NDArray[np.bool_]
+    n_rows: int
+
+    def where(self, index: int) -> str:
+        return self.table.where(int(self.rows[index]))
+
+    @property
+    def numbers(self) -> NDArray[np.int64]:
+        """Of the rows, as messages give them."""
+        lines = self.table.lines
+        return np.asarray(self.rows + 1 if lines is None else lines[self.rows], dtype=np.int64)
+
+
+class Sources:
+    """Tables and clocks of all columns; problems are collected."""
+
+    def __init__(self, config: Config, source: Source, given: Table | None) -> None:
+        self.problems: list[Issue] = []
+        self._config, self._source = config, source
+        self._given = given
+        self._tables: dict[FileSpec | None, Table | None] = {}
+        self._clocks: dict[object, Clock | None] = {}
+        self._spans = windows(config.record.window)
+        every = file_entries(config)
+        self._keys = {place: (file_of(s), s.time) for place, s in every.items()}
+        self.several = len(set(self._keys.values())) > 1
+        for place, spec in every.items():
+            key = self._keys[place]
+            if key not in self._clocks:
+                self._clocks[key] = self._clock(place, spec)
+
+    def label(self, place: Place) -> str:
+        return self._source.problem(place, "").place
+
+    def add(self, place: Place, message: str) -> None:
+        self.problems.append(self._source.problem(place, message))
+
+    def clock(self, place: Place) -> Clock | None:
+        return self._clocks[self._keys[place]]
+
+    @property
+    def clocks(self) -> list[Clock]:
+        return [clock for clock in self._clocks.values() if clock is not None]
+
+    def column(self, place: Place, spec: Column) -> Array | None:
+        """All rows of a channel or an input, as they stand in the file."""
+        table = self._tables.get(self._keys[place][0])
+        return None if table is None else self._pick(place, spec, table)
+
+    def _pick(self, place: Place, spec: Column, table: Table, instead: str = "") -> Array | None:
+        try:
+            return table.pick(
+                spec.column, spec.variable, place=self.label(location_of(place, spec))
+            )
+        except InputError as error:
+            self.problems += [Issue(p.place, f"{p.message}{instead}") for p in error.problems]
+            return None
+
+    def _clock(self, place: Place, spec: Series) -> Clock | None:
+        table = self._table(place, spec)
+        if table is None:
+            return None
+        own = spec.time is not None
+        time, time_place = spec.time or self._config.record.time, (*place, "time")
+        if not own:
+            time_place = ("record", "time") if spec.file is None else (*place, "file")
+        if isinstance(time, TimeRate):
+            values = self._pick(place, spec, table)
+            raw = None if values is None else np.arange(len(values)) / time.rate
+            offset = time.offset or 0.0
+        else:
+            instead = ELSEWHERE if spec.file is not None and not own else ""
+            values, factor = (
+                self._pick(time_place, time, table, instead),
+                units.factor(time.unit, "s"),
+            )
+            raw, offset = None if values is None else values * factor, (time.offset or 0.0) * factor
+        if raw is None:
+            return None
+        return self._windowed(place, time_place, table, raw + offset if offset else raw)
+
+    def _windowed(self, place: Place, time_place: Place, table: Table, raw: Array) -> Clock | None:
+        rows, inside = np.arange(len(raw)), np.ones(len(raw), dtype=np.bool_)
+        if self._spans:
+            begin, end = min(a for a, _ in self._spans), max(b for _, b in self._spans)
+            slack = 1e-9 * max(abs(begin), abs(end))
+            inside = (raw >= begin - slack) & (raw <= end + slack)
+            if not inside.any() and place[0] == "record":
+                message = f"no sample lies in it: the record goes from {raw[0]:g} to {raw[-1]:g} s"
+                self.add(("record", "window"), message)
+                return None
+            around = [
+                np.flatnonzero(raw < begin - slack)[-1:],
+                np.flatnonzero(raw > end + slack)[:1],
+            ]
+            beside = around if self.several else [rows[:0], rows[:0]]
+            rows = np.concatenate([beside[0], np.flatnonzero(inside), beside[1]])
+        clock = Clock(table, raw[rows], rows, inside[rows], len(raw))
+        found = check_time(self.label(time_place), clock.t, clock.where)
+        self.problems += found
+        # With wrong times a column can still be judged, and all that is wrong is told at once.
+        t = clock.t if found else on_grid(clock.t)
+        return Clock(table, t, rows, inside[rows], len(raw))
+
+    def _table(self, place: Place, spec: Series) -> Table | None:
+        file = file_of(spec)
+        if file not in self._tables:
+            self._tables[file] = self._read(place, file)
+        return self._tables[file]
+
+    def _read(self, place: Place, file: FileSpec | None) -> Table | None:
+        at_file: Place = ("record", "file") if file is None else (*place, "file")
+        if self._given is not None:
+            if file is None:
+                return self._given
+            self.add(at_file, "the record is given as arrays; give this column as one of them")
+            return None
+        path, written = path_of(self._config, self._source, file), file or self._config.record
+        try:
+            output_files.check_file(path)
+            kind = FORMATS[written.format or format_of(path)]
+            return kind.read(path, made(kind.options, written), self._wanted(file))
+        except ValueError as error:
+            self.add(at_file, str(error))
+        except InputError as error:
+            label = self.label(at_file)
+            self.problems += [Issue(label, str(problem)) for problem in error.problems]
+        return None
+
+    def _wanted(self, file: FileSpec | None) -> set[str] | None:
+        """Variables that the config names in a file; None where it leaves one to be found out."""
+        specs = [s for s in file_entries(self._config).values() if file_of(s) == file]
+        times = [spec.time or self._config.record.time for spec in specs]
+        columns = [*specs, *(time for time in times if isinstance(time, TimeColumn))]
+        names = {variable_name(spec.column, spec.variable) for spec in columns}
+        return None if None in names else {name for name in names if name is not None}
+
+
+def location_of(place: Place, spec: Column) -> Place:
+    """The entry that says which numbers are meant."""
+    return (*place, "column" if spec.column is not None else "variable")
+
+
+LEFT = 10  # samples
+
+
+def refuse_decimation(experiment: Experiment, factor: int, *, filtered: bool) -> str:
+    """Why it cannot be thinned, and what to do; empty where it can."""
+    rows = len(experiment.t)
+    if not filtered:
+        fewest, need = min(experiment.counts), (LEFT - 1) * factor + 1
+        return _too_few(fewest, need) if fewest < need else ""
+    if not experiment.uniform:
+        return (
+            "a filter needs equal time steps, and these are not; remove it, say `filter: false`, "
+            "or cut the record at gaps"
+        )
+    if not experiment.seen.all():
+        k = int(np.argmin(experiment.counts))
+        return (
+            f"a filter needs every sample, and {rows - experiment.counts[k]} of {experiment.names[k]} "
+            "are missing, masked or outside the windows; remove it, say `filter: false`, or name one "
+            "window without them"
+        )
+    need = clocks.filter_length(factor) + (LEFT - 1) * factor
+    return _too_few(rows, need) if rows < need else ""
+
+
+def _too_few(there: int, need: int) -> str:
+    return f"{there} samples are too few: {need} leave {LEFT}; take a smaller factor"
+
+
+def decimated_experiment(experiment: Experiment, factor: int) -> Experiment:
+    """Channels filtered, and one sample of `factor` left.
+
+    Inputs that are measured stay as they are at every time, as the rig follows each of their steps:
+    between samples that are left, channels are not measured.
+    """
+    dt, names = experiment.dt, experiment.names
+    found = clocks.decimated(experiment.y, factor)
+    if experiment.series:
+        t, y = experiment.t, np.full_like(experiment.y, np.nan)
+        y[found.kept] = found.y
+    else:
+        t, y = experiment.t[found.kept], found.y
+    taps, half = clocks.filter_length(factor), clocks.cutoff(factor, dt)
+    taken = ", ".join(
+        f"{sd:.3g} {one.unit} of {one.name}"
+        for sd, one in zip(found.taken, experiment.channels, strict=True)
+    )
+    told = (
+        f"{', '.join(names)}: filtered and decimated, one sample of {factor} is left "
+        f"({len(found.kept)} of {len(experiment.t)}); the filter is a zero-phase FIR of {taps} samples, "
+        f"half of the amplitude at {half:.6g} Hz, and {taps // 2} samples at either end are dropped; it "
+        f"took away (sd) {taken}; sigma is the noise of what is left; the model is not filtered"
+    )
+    return dataclasses.replace(experiment, t=frozen(t), y=frozen(y), told=(*experiment.told, told))
+
+
+def samples_left(experiment: Experiment, factor: int) -> Experiment:
+    """As they are: of each channel its first sample, and then one of `factor`."""
+    seen = experiment.seen
+    taken = seen & ((np.cumsum(seen, axis=0) - 1) % factor == 0)
+    t, y = experiment.t, np.where(taken, experiment.y, np.nan)
+    held = experiment.held_out
+    if not experiment.series and held is None:
+        rows = taken.any(axis=1)
+        t, y = t[rows], y[rows]
+    counts = ", ".join(
+        f"{np.count_nonzero(taken[:, k])} of {np.count_nonzero(seen[:, k])} of {name}"
+        for k, name in enumerate(experiment.names)
+    )
+    told = (
+        f"decimated without a filter: one sample of {factor} is left ({counts}), as it was measured; "
+        "what is faster than half the new rate stays in it, and sigma is the noise of a single sample"
+    )
+    return dataclasses.replace(experiment, t=frozen(t), y=frozen(y), told=(*experiment.told, told))

@@ -1,0 +1,302 @@
+"""Several experiments in one config: each as a config of its own, and how each begins."""
+
+from __future__ import annotations
+
+import copy
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayesdrill.config.resolve import sensors
+from bayesdrill.config.resolve.sensors import Declared
+from bayesdrill.config.schema.config import Config
+from bayesdrill.config.yaml_source import Place, Source
+from bayesdrill.inference.priors import Prior, TruncatedNormal
+from bayesdrill.inference.unknowns import of_label
+from bayesdrill.record.experiment import Experiment, frozen
+from bayesdrill.rig import models
+from bayesdrill.rig.models.friction import Named
+from bayesdrill.rig.models.linear import Model
+from bayesdrill.rig.simulators.sensors import Sensing
+
+SECTIONS = ("record", "inputs", "initial")  # which an experiment may have of its own
+EXPERIMENTS = "experiments"
+WHOSE = ("shared", "own")  # of what the experiments have in common, or each for itself
+
+
+@dataclass(frozen=True, slots=True)
+class View:
+    """One experiment: `label` is its name, empty where there is only one."""
+
+    label: str
+    config: Config
+    source: Source
+
+
+def views(config: Config, source: Source) -> tuple[View, ...]:
+    """Of a config that is valid."""
+    if not config.experiments:
+        return (View("", config, source),)
+    return tuple(
+        View(label, Config.model_validate(own.data), own) for label, own in split(source).items()
+    )
+
+
+def split(source: Source) -> dict[str, Source]:
+    """Of a config with experiments, what each reads as if it were alone; by name."""
+    named = source.data.get(EXPERIMENTS)
+    if not isinstance(named, Mapping):
+        return {}
+    return {
+        label: _alone(source, label, own)
+        for label, own in named.items()
+        if isinstance(own, Mapping)  # what is none is told of by its own entry
+    }
+
+
+def bare(source: Source) -> Source:
+    """Of a config whose experiments are none: what else it says."""
+    return _alone(source, "", {})
+
+
+def join_experiments(source: Source, alone: Mapping[str, Source]) -> dict[str, Any]:
+    """The config of all: at its top the first experiment, and under each name all that is its own."""
+    named = source.data[EXPERIMENTS]
+    named = dict(named) if isinstance(named, Mapping) else named
+    first = next(iter(alone.values()), source)
+    for label, own in alone.items():
+        named[label] = {**named[label], **{k: own.data[k] for k in SECTIONS if k in own.data}}
+    kept = {key: source.data[key] for key in WHOSE if key in source.data}
+    return {**first.data, EXPERIMENTS: named, **kept}
+
+
+def experiment_configs(config: Config, label: str) -> Config:
+    """The config of one experiment, of one that is `together`."""
+    if not label:
+        return config
+    data = config.model_dump(exclude_unset=True, exclude={EXPERIMENTS, *WHOSE, *SECTIONS})
+    own = config.experiments[label].model_dump(exclude_unset=True, include=set(SECTIONS))
+    return Config.model_validate(data | own)
+
+
+def held_out(config: Config) -> list[str]:
+    """Names of experiments that are no evidence."""
+    return [label for label, one in config.experiments.items() if one.held_out]
+
+
+def common_or_own(config: Config, name: str, label: str) -> str:
+    """What an unknown of one experiment is called among those of all."""
+    return name if name in config.shared else of_label(name, label)
+
+
+def _alone(source: Source, label: str, own: Mapping[str, Any]) -> Source:
+    data = {k: v for k, v in source.data.items() if k not in (EXPERIMENTS, *WHOSE)}
+    data = copy.deepcopy(data)
+    for section in [name for name in SECTIONS if name in own]:
+        data[section] = _over(data.get(section), own[section])
+    lines, moved = dict(source.lines), dict[Place, Place]()
+    prefix: Place = (EXPERIMENTS, label)
+    for place, line in source.lines.items():
+        if place[:2] == prefix and len(place) > 2:
+            lines[place[2:]], moved[place[2:]] = line, place
+    return dataclasses.replace(source, data=data, lines=lines, repeated=(), moved=moved)
+
+
+def _over(common: Any, own: Any) -> Any:
+    """`own` entries in the place of common ones, mapping by mapping."""
+    if not (isinstance(common, Mapping) and isinstance(own, Mapping)):
+        return copy.deepcopy(own)
+    if _chosen(own) and _chosen(common) != _chosen(own):
+        return copy.deepcopy(own)  # another kind of entry: nothing of the common one fits
+    merged = {key: value for key, value in common.items() if key not in own}
+    return {**merged, **{key: _over(common.get(key), value) for key, value in own.items()}}
+
+
+def _chosen(entry: Mapping[str, Any]) -> str:
+    """Which kind a number or column is, where it says so."""
+    return next((key for key in ("prior", "value", "rate") if key in entry), "")
+
+
+Array = NDArray[np.float64]
+
+WIDE = 2.0  # times what a channel of the same kind spans: sd of the prior of a free state
+FURTHEST = 1e-6  # of the prior of a lag lies beyond what is left out of the start
+FIRST = 5  # samples that show whether a record begins in motion
+SURELY = 12.0  # times the noise
+APPRECIABLE = 0.2  # of what the channel does later
+USUAL = 0.025  # of the prior of a lag, on either side, may lie beyond the record
+QUICK = 0.99  # of the steps of an angle are no faster than the speed that is taken of it
+
+
+def free_start(name: str, experiment: Experiment, model: Model, values: Named) -> Declared:
+    """Of a state a normal prior around what the first samples say, as wide as the channels go; where no
+    channel tells of it, as wide as the inputs would drive it at parameters `values`.
+    """
+    unit = models.STATES[name].unit
+    middle, width = _measured(name, experiment)
+    if width is None:
+        width = {"rad": _angle, "rad/s": _speed}.get(unit, _other)(experiment, unit)
+    if not width:
+        width = _driven(name, experiment, model, values)
+    if not (math.isfinite(width) and width > 0):
+        raise ValueError(
+            f"no channel says how far {name} may be from zero at the start; give it a prior, such as "
+            f"`{name}: {{prior: normal, mean: 0, sd: 1}}`"
+        )
+    prior = TruncatedNormal(middle, WIDE * width, -math.inf, math.inf)
+    return Declared(symbol=sensors.symbol_of_state(name), role="start", value=prior, start=middle)
+
+
+def _seen(experiment: Experiment, unit: str) -> list[tuple[Mapping[str, float], Array]]:
+    found = zip(experiment.channels, experiment.y.T, strict=True)
+    return [(c.weights, y[~np.isnan(y)]) for c, y in found if c.unit == unit]
+
+
+def _measured(name: str, experiment: Experiment) -> tuple[float, float | None]:
+    """First value and span of a channel that measures this state alone; of an angle that only
+    another one tells, that one's first value: the two turn together.
+    """
+    unit = models.STATES[name].unit
+    middle = 0.0
+    for weights, y in _seen(experiment, unit):
+        if set(weights) == {name}:
+            return float(y[0] / weights[name]), float(np.ptp(y) / abs(weights[name]))
+        if len(weights) == 1 and unit in ("rad", "rad/s"):
+            middle = float(y[0] / next(iter(weights.values())))
+    return middle, None
+
+
+def _angle(experiment: Experiment, unit: str) -> float:
+    spans = [float(np.ptp(y)) for _, y in _seen(experiment, unit)]
+    if spans:
+        return max(spans)
+    duration = float(experiment.t[-1] - experiment.t[0])
+    return duration * max(
+        (float(np.abs(y).max()) for _, y in _seen(experiment, "rad/s")), default=0
+    )
+
+
+def _speed(experiment: Experiment, unit: str) -> float:
+    found = [float(np.abs(y).max()) for _, y in _seen(experiment, unit)]
+    for k, channel in enumerate(experiment.channels):
+        if channel.unit == "rad":
+            seen = ~np.isnan(experiment.y[:, k])
+            steps = np.diff(experiment.y[seen, k]) / np.diff(experiment.t[seen])
+            found.append(float(np.quantile(np.abs(steps), QUICK)) if len(steps) else 0.0)
+    return max(found, default=0.0)
+
+
+def _other(experiment: Experiment, unit: str) -> float:
+    return max((float(np.abs(y).max()) for _, y in _seen(experiment, unit)), default=0.0)
+
+
+def _driven(name: str, experiment: Experiment, model: Model, values: Named) -> float:
+    """Where the inputs would hold it, if nothing else moved; where there are none, what turns would."""
+    linear = model.linear(values)
+    decay = abs(float(linear.A.get((name, name), 0.0)))
+    largest = {n: abs(x) for n, x in experiment.constant.items()}
+    largest |= {n: float(np.abs(u).max()) for n, u in experiment.series.items()}
+    push = sum(
+        abs(float(value)) * largest.get(of, 0.0)
+        for (row, of), value in linear.B.items()
+        if row == name
+    )
+    if push == 0:
+        for other in (n for n in model.states if models.STATES[n].unit == "rad/s"):
+            seen = [(w[other], y) for w, y in _seen(experiment, "rad/s") if w.get(other)]
+            speeds = [float(np.abs(y / weight).max()) for weight, y in seen]
+            speed = max(speeds, default=_speed(experiment, "rad/s"))
+            push = max(push, abs(float(linear.A.get((name, other), 0.0))) * speed)
+    return push / decay if decay > 0 else 0.0
+
+
+def start_beyond_lags(
+    experiment: Experiment, sensing: Sensing, values: Mapping[str, float | Prior]
+) -> Experiment:
+    """Without the samples that show what no record tells: of a rig that moves at the start, what was
+    before it; of an input that the record shows late, what came after its end.
+    """
+    y, told = np.array(experiment.y), list(experiment.told)
+    late = sensing.shifts or bool(sensing.input_lags)
+    moves, t = late and sensing.moves(experiment.start), experiment.t
+    felt = [_ends(values[name]) for name in sensing.input_lags.values()]
+    first = min([0.0, *(low for low, _ in felt)])
+    last = max([0.0, *(high for _, high in felt)])
+    if sensing.delay is not None:
+        last += _ends(values[sensing.delay])[1]
+    for k, channel in enumerate(experiment.channels):
+        own = sensing.lags.get(channel.name)
+        least, most = (0.0, 0.0) if own is None else _ends(values[own])
+        seen = ~np.isnan(y[:, k])
+        before = seen & (t < experiment.t_start + last + most) & moves
+        after = seen & (t > t[-1] + first + least + 1e-9 * experiment.dt) & (first < 0.0)
+        for those, what in (
+            (before, "was before the start (lag)"),
+            (after, "an input did after the end of the record (lag)"),
+        ):
+            if those.any():
+                y[those, k] = np.nan
+                count = f"{channel.name}: {int(those.sum())} samples"
+                told.append(f"{count} are left out, as they may show what {what}")
+    if len(told) == len(experiment.told):
+        return experiment
+    return dataclasses.replace(experiment, y=frozen(y), told=tuple(told))
+
+
+def start_too_late(lag: Declared, experiment: Experiment) -> str:
+    """What is wrong with a lag, or a delay, that the record is too short for."""
+    duration = float(experiment.t[-1] - experiment.t_start)
+    ends = np.array([lag.value] * 2)
+    if not isinstance(lag.value, float):
+        ends = lag.value.quantile(np.array([USUAL, 1 - USUAL]))
+    if np.abs(ends).max() < duration:
+        return ""
+    return (
+        f"lags from {ends[0]:.4g} to {ends[1]:.4g} s are allowed, and the record has {duration:.4g} s: "
+        "what it shows would be no answer to its inputs; check the unit, or narrow the prior"
+    )
+
+
+def unsaid_motion(experiment: Experiment, sigmas: Sequence[float]) -> str:
+    """A channel that shows a motion at the start, of a rig that is taken to be at rest; empty for none.
+
+    `sigmas (K,)`: of the noise, or of where a search for it begins.
+    """
+    every = zip(experiment.channels, experiment.y.T, sigmas, strict=True)
+    for channel, y, sigma in every:
+        seen = ~np.isnan(y)
+        first, t = y[seen][:FIRST], experiment.t[seen][:FIRST]
+        if len(first) < FIRST:
+            continue
+        reach = float(np.ptp(y[seen]))
+        if channel.unit == "rad/s":
+            size, error = float(np.mean(first)), sigma / math.sqrt(FIRST)
+        elif channel.unit == "rad":
+            spread = float(np.sqrt(((t - t.mean()) ** 2).sum()))
+            slope = float(np.polyfit(t - t.mean(), first, 1)[0])
+            size, error = slope, sigma / spread
+            reach = reach / float(experiment.t[-1] - experiment.t[0])
+        else:
+            continue
+        if abs(size) > SURELY * error and abs(size) > APPRECIABLE * reach:
+            return (
+                f"{channel.name} changes by {size:.3g} {_per_second(channel.unit)} at its beginning"
+            )
+    return ""
+
+
+def _per_second(unit: str) -> str:
+    return "rad/s" if unit == "rad" else f"{unit} (its value there)"
+
+
+def _ends(value: float | Prior) -> tuple[float, float]:
+    """As small, and as large, as a lag may be."""
+    if isinstance(value, float):
+        return value, value
+    low, high = value.quantile(np.array([FURTHEST, 1 - FURTHEST]))
+    return float(low), float(high)

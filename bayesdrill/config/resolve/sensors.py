@@ -1,0 +1,374 @@
+"""What a config says of sensors, of the start and of a latent torque, as numbers and priors in SI,
+by name.
+
+What a config says of sensors and of the start, as numbers and priors in SI, by name.
+
+The steps raise `ValueError` with a message for the user.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Literal
+
+import numpy as np
+
+from bayesdrill.basics import symbols, units
+from bayesdrill.basics.symbols import Symbol
+from bayesdrill.config.resolve import quantities
+from bayesdrill.config.resolve.quantities import prior, start
+from bayesdrill.config.schema.config import Config
+from bayesdrill.config.schema.numbers import (
+    PositiveLogNormal,
+    Quantity,
+    SignedNormal,
+    SignedPrior,
+    SignedTruncatedNormal,
+    SignedUniform,
+)
+from bayesdrill.config.schema.records import InputColumn, InputQuantity
+from bayesdrill.config.yaml_source import Place
+from bayesdrill.inference.likelihood import Observation
+from bayesdrill.inference.noise.contract import Noise
+from bayesdrill.inference.priors import LogNormal, Prior, TruncatedNormal, Uniform
+from bayesdrill.inference.state_space import ShakenObservation
+from bayesdrill.inference.unknowns import Role, Unknown, labelled
+from bayesdrill.rig import models
+from bayesdrill.rig.models.latent_torque import SIZE, TIME, MissingTorque, pushes
+from bayesdrill.rig.models.linear import Model
+from bayesdrill.rig.simulators.contract import Simulator
+from bayesdrill.rig.simulators.kalman import Filtered, steps_of
+from bayesdrill.rig.simulators.sensors import Sensing
+
+SYMBOLS = (
+    Symbol(SIZE, "N*m", "s_d", r"N\,m", "size of the missing torque: its standard deviation"),
+    Symbol(TIME, "s", r"\tau_d", "s", "time after which the missing torque is forgotten"),
+)
+
+
+ENTRIES: Mapping[str, str] = MappingProxyType({SIZE: "size", TIME: "time"})
+
+
+def latent_torque(config: Config) -> MissingTorque | None:
+    given = config.missing_torque
+    return None if given is None else MissingTorque(at=given.at, smoothness=given.smoothness)
+
+
+def latent_torque_numbers(config: Config) -> dict[str, float | Unknown]:
+    """Size and time; raises `ValueError`."""
+    return {name: latent_torque_number(config, entry) for name, entry in ENTRIES.items()}
+
+
+def latent_torque_number(config: Config, entry: str) -> float | Unknown:
+    """One of them, `size` or `time`."""
+    symbol = next(one for one in SYMBOLS if ENTRIES[one.name] == entry)
+    spec = getattr(config.missing_torque, entry)
+    if isinstance(spec, float | int):
+        return float(spec)
+    if spec.relative:
+        raise ValueError(f"it has no nominal value; write its prior in {symbol.plain_unit}")
+    built = prior(spec, 1.0)
+    return Unknown(symbol=symbol, role="noise", prior=built, start=start(spec, built))
+
+
+def latent_torque_unknowns(config: Config) -> tuple[Unknown, ...]:
+    """Those of a config that has a missing torque; raises `ValueError`."""
+    if config.missing_torque is None:
+        return ()
+    return tuple(one for one in latent_torque_numbers(config).values() if isinstance(one, Unknown))
+
+
+def observation(config: Config, response: Simulator, noise: Noise, label: str = "") -> Observation:
+    """With the missing torque that the config has; raises `ValueError` where it cannot be.
+
+    Parameters and unknowns are called as in an experiment that has no others beside it.
+    """
+    acts, parameters = latent_torque(config), response.parameters
+    levels = [one.name for one in noise.unknowns]
+    if acts is None:
+        return Observation(
+            response=response, noise=noise, parameters=parameters, levels=levels, label=label
+        )
+    if not noise.white:
+        raise ValueError(
+            "beside a missing torque the noise of every channel has to be white: they could hardly be "
+            "told apart; remove `noise:` of the channels, or this entry"
+        )
+    if said := refuse_latent_torque(response.model, acts, response.sensing):
+        raise ValueError(said)
+    steps_of(response.experiment)
+    return ShakenObservation(
+        response=response,
+        noise=noise,
+        filtered=Filtered(response.model, acts, response.experiment),
+        process=latent_torque_numbers(config),
+        parameters=parameters,
+        levels=[*levels, *(one.name for one in latent_torque_unknowns(config))],
+        label=label,
+    )
+
+
+def refuse_latent_torque(model: Model, acts: MissingTorque, sensing: Sensing) -> str:
+    """Why a rig can have no missing torque; empty where it can."""
+    odd = [*sensing.gains, *sensing.lags]
+    if odd:
+        return (
+            "a missing torque allows for no gain and no lag of a sensor "
+            f"({', '.join(odd)}); mend the column, or remove this entry"
+        )
+    try:
+        one = dict.fromkeys(model.parameters, 1.0)
+        pushes(model, acts, one, model.linear(one))
+    except ValueError as error:
+        return str(error)
+    return ""
+
+
+Kind = Literal["gain", "offset", "lag", "delay", "state"]
+Spec = float | Quantity | SignedPrior
+
+FEWEST = 1e-9  # of a prior's sd: below it, numbers hold no more than one value
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Entry:
+    """One entry of the config: `of` names the channel, input or state; `unit` is its own, in SI `si`.
+
+    A delay is that of all inputs; the lag of an input is its own.
+    """
+
+    place: Place
+    kind: Kind
+    of: str
+    name: str
+    spec: Spec
+    unit: str
+    si: str
+    latex: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Declared:
+    """A number of a sensor or a start, SI: held, or unknown with a `start` for searches."""
+
+    symbol: Symbol
+    role: Role
+    value: float | Prior
+    start: float
+    factor: float = 1.0
+    unit: str = ""
+
+    @property
+    def name(self) -> str:
+        return self.symbol.name
+
+    def of(self, label: str, name: str) -> Declared:
+        """The same of one of several experiments; unless it has the same name in all of them."""
+        if name == self.name:
+            return self
+        return dataclasses.replace(self, symbol=labelled(self.symbol, label, name))
+
+
+def sensor_entries(config: Config, model: Model) -> Iterator[Entry]:
+    """In the order in which they are unknown: channels, inputs, the start."""
+    for name, spec in config.record.channels.items():
+        if spec.derived_from is not None:
+            continue
+        place: Place = ("record", "channels", name)
+        si = _unit_of(name, spec.measures, model)
+        yield from _of_column(place, name, spec, spec.unit, si, _latex(name))
+    for name, symbol in symbols.INPUTS.items():
+        given = getattr(config.inputs, name)
+        if isinstance(given, InputColumn | InputQuantity):
+            alone = len(quantities.measured_input(config)) == 1
+            found = _of_column(("inputs", name), name, given, given.unit, symbol.unit, symbol.latex)
+            for one in found:
+                late = one.kind == "lag" and alone
+                yield dataclasses.replace(one, kind="delay") if late else one
+    if config.inputs.t_0 is not None:
+        yield Entry(
+            place=("inputs", "t_0"),
+            kind="delay",
+            of="",
+            name="t_0",
+            spec=config.inputs.t_0,
+            unit="s",
+            si="s",
+            latex="t_0",
+        )
+    yield from _of_states(config, model)
+
+
+def _of_column(
+    place: Place, name: str, spec: object, unit: str, si: str, latex: str
+) -> Iterator[Entry]:
+    kinds: tuple[tuple[Kind, str, str, str], ...] = (
+        ("gain", "1", "1", "g"),
+        ("offset", unit, si, "b"),
+        ("lag", "s", "s", r"\tau"),
+    )
+    for kind, own, own_si, sign in kinds:
+        given = getattr(spec, kind, None)
+        if given is None:
+            continue
+        yield Entry(
+            place=(*place, kind),
+            kind=kind,
+            of=name,
+            name=f"{kind}_{name}",
+            spec=given,
+            unit=own,
+            si=own_si,
+            latex=rf"{sign}_{{{latex}}}",
+        )
+
+
+def _of_states(config: Config, model: Model) -> Iterator[Entry]:
+    """Those with a prior; what is held or `free` is said elsewhere."""
+    for name in model.outer:
+        given, symbol = getattr(config.initial, name), symbol_of_state(name)
+        if isinstance(given, SignedPrior):
+            yield Entry(
+                place=("initial", name),
+                kind="state",
+                of=name,
+                name=symbol.name,
+                spec=given,
+                unit=symbol.unit,
+                si=symbol.unit,
+                latex=symbol.latex,
+            )
+
+
+def state_name(state: str) -> str:
+    return f"{state}_0"
+
+
+def free_states(config: Config, model: Model) -> tuple[str, ...]:
+    """States of the start whose priors the record has to give; an angle that is imposed has none."""
+    initial = config.initial
+    own = [name for name in model.outer if name not in quantities.imposed_inputs(config)]
+    words = [name for name in own if getattr(initial, name) == "free"]
+    if initial.state == "free":
+        words += [name for name in own if name not in initial.model_fields_set]
+    return tuple(dict.fromkeys(name for name in own if name in words))
+
+
+def sensor_specs(entry: Entry) -> Declared:
+    """In SI."""
+    unit = getattr(entry.spec, "unit", None) or entry.unit
+    factor = 1.0 if entry.kind == "gain" else units.factor(unit, entry.si)
+    value, start = _value(entry.spec, factor)
+    if entry.kind == "gain" and (value == 0 or (not isinstance(value, float) and _crosses(value))):
+        raise ValueError(
+            "a gain of zero shows nothing; keep its prior on one side of zero, such as `prior: "
+            "log_normal, median: 1, sd_log: 0.02`"
+        )
+    symbol = Symbol(
+        entry.name, entry.si, entry.latex, symbols.latex_unit(entry.si), _meaning(entry)
+    )
+    role: Role = "start" if entry.kind == "state" else "sensor"
+    return Declared(symbol=symbol, role=role, value=value, start=start, factor=factor, unit=unit)
+
+
+def _crosses(prior: Prior) -> bool:
+    low, high = prior.quantile(np.array([1e-6, 1 - 1e-6]))
+    return bool(low <= 0 <= high)
+
+
+def _value(spec: Spec, factor: float) -> tuple[float | Prior, float]:
+    if isinstance(spec, Quantity):
+        return spec.value * factor, spec.value * factor
+    if isinstance(spec, float | int):
+        return float(spec) * factor, float(spec) * factor
+    built = _prior(spec, factor)
+    spread = float(np.ptp(built.quantile(np.array([0.16, 0.84]))))
+    middle = float(built.quantile(np.array([0.5]))[0])
+    if not spread > FEWEST * abs(middle):
+        raise ValueError(f"{built.describe()}: this is one number; hold it, or mend the prior")
+    begin = middle if spec.start is None else spec.start * factor
+    if not np.isfinite(built.logpdf(np.array([begin]))[0]):
+        raise ValueError(
+            f"the start {spec.start:g} is outside the prior; move it, or widen the prior"
+        )
+    return built, begin
+
+
+def _prior(spec: SignedPrior, factor: float) -> Prior:
+    if isinstance(spec, SignedUniform | SignedTruncatedNormal) and not spec.low < spec.high:
+        raise ValueError(f"low {spec.low:g} is not below high {spec.high:g}; exchange or mend them")
+    match spec:
+        case SignedUniform():
+            return Uniform(spec.low * factor, spec.high * factor)
+        case SignedNormal():
+            return TruncatedNormal(spec.mean * factor, spec.sd * factor, -math.inf, math.inf)
+        case SignedTruncatedNormal():
+            ends = spec.low * factor, spec.high * factor
+            return TruncatedNormal(spec.mean * factor, spec.sd * factor, *ends)
+        case PositiveLogNormal():
+            return LogNormal(spec.median * factor, spec.sd_log)
+
+
+def _unit_of(name: str, measures: str | None, model: Model) -> str:
+    """SI unit of a channel; of one that is misspelt, none."""
+    for state in model.states:
+        if state == name or (measures is not None and state in measures):
+            return models.STATES[state].unit
+    return "1"
+
+
+def _latex(name: str) -> str:
+    known = models.STATES.get(name)
+    return known.latex if known else symbols.own_symbol(name, "1", None, "").latex
+
+
+def _meaning(entry: Entry) -> str:
+    return {
+        "gain": f"gain of the sensor of {entry.of}",
+        "offset": f"offset of {entry.of}",
+        "lag": f"lag of the sensor of {entry.of}",
+        "delay": f"delay of {entry.of or 'the inputs'}",
+        "state": f"{entry.of} at the start",
+    }[entry.kind]
+
+
+def sensing(config: Config, model: Model) -> Sensing:
+    """By the names of single experiments."""
+    found = list(sensor_entries(config, model))
+    delays = [entry for entry in found if entry.kind == "delay"]
+    single = [entry for entry in found if entry.kind == "lag" and entry.place[0] == "inputs"]
+    if len(delays) > 1 or (delays and single):
+        raise ValueError(
+            "all inputs have one delay, `t_0:`, or each that is measured its own, `lag:`; give one of "
+            "the two"
+        )
+
+    def of(kind: Kind, *, inputs: bool) -> dict[str, str]:
+        return {
+            e.of: e.name for e in found if e.kind == kind and (e.place[0] == "inputs") == inputs
+        }
+
+    states = {name: state_name(name) for name in free_states(config, model)}
+    return Sensing(
+        gains=of("gain", inputs=False),
+        offsets=of("offset", inputs=False),
+        lags=of("lag", inputs=False),
+        input_gains=of("gain", inputs=True),
+        input_offsets=of("offset", inputs=True),
+        input_lags=of("lag", inputs=True),
+        delay=delays[0].name if delays else None,
+        states=of("state", inputs=False) | states,
+        steady=config.initial.state == "steady",
+    )
+
+
+def symbol_of_state(name: str) -> Symbol:
+    """Of a state at the start."""
+    known = models.STATES[name]
+    return Symbol(
+        state_name(name), known.unit, rf"{known.latex}(0)", known.latex_unit, f"{name} at the start"
+    )

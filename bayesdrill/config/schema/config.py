@@ -1,0 +1,310 @@
+"""The experiment config as validated records, its defaults, and its JSON schema.
+
+The experiment config as validated records: what may stand in a YAML file, and its defaults.
+
+Strict: unknown keys, wrong types and values out of range are errors.  What needs more than one
+entry to be judged (a start inside its prior, symbols of the model, units) is in `consistency`.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+from pydantic import BeforeValidator, Discriminator, Field, Tag, create_model
+
+from bayesdrill.basics import symbols
+from bayesdrill.basics.entries import (
+    LARGEST,
+    MOST,
+    Count,
+    Latex,
+    NonNegative,
+    Number,
+    Positive,
+    Strict,
+    chosen,
+)
+from bayesdrill.config.schema.numbers import (
+    QuantitySpec,
+    SigmaSpec,
+    ending,
+    held,
+    parameter_spec,
+    shape,
+)
+from bayesdrill.config.schema.records import (
+    MOST_NAMED,
+    ExperimentSpec,
+    Initial,
+    Inputs,
+    OutputSpec,
+    RecordSpec,
+    named_state,
+)
+from bayesdrill.rig import models
+from bayesdrill.rig.models import MODELS
+from bayesdrill.sampling.optimisers import OPTIMISERS
+
+Class = Literal["determined", "weak", "left to the prior"]
+
+
+class MissingTorqueSpec(Strict):
+    """A torque that the rig's equations are without, as a Gaussian process."""
+
+    at: Literal["motor", "rotor_1"] = Field(
+        description="The inertia on which it acts; at the motor, on its own side of the gear."
+    )
+    smoothness: Literal["1/2", "3/2"] = Field(
+        "3/2", description="Of Matern: 1/2 jumps about, 3/2 has a rate."
+    )
+    size: SigmaSpec = Field(description="Its standard deviation [N m]: a number or a prior.")
+    time: SigmaSpec = Field(description="After which it is forgotten [s]: a number or a prior.")
+
+
+Searches = Annotated[int, Field(ge=1, le=1000)]
+MOST_PIECES = 1000  # a sample; 64 is the most that is taken by itself
+
+
+class DerivedSpec(Strict):
+    formula: str = Field(description="Of parameters and quantities, such as sqrt(k_s/j_1).")
+    unit: str = "1"
+    latex: Latex | None = Field(None, description="How figures write it, without dollars.")
+
+
+def _formula_alone(value: Any) -> Any:
+    return {"formula": value} if isinstance(value, str) else value
+
+
+class ModelBase(Strict):
+    """A rig and its constants; each model has some of them, with its own defaults."""
+
+    name: str = Field("motor_shaft", description="The model.")
+    pieces: Annotated[int, Field(ge=1, le=MOST_PIECES)] | None = Field(
+        None,
+        description="Steps between two samples of a rig that rubs; default: as many as keep their error "
+        "below a tenth of the noise.",
+    )
+
+
+def _per_symbol(
+    name: str, base: type[Strict], kind: Callable[[symbols.Symbol], Any], doc: str
+) -> type[Strict]:
+    """`kind` of a symbol: what may stand there."""
+    fields: dict[str, Any] = {
+        symbol.name: (
+            kind(symbol) | None,
+            Field(None, description=f"{symbol.meaning} [{symbol.unit}]"),
+        )
+        for symbol in models.PARAMETERS.values()
+    }
+    model: type[Strict] = create_model(name, __base__=base, __doc__=doc, **fields)
+    return model
+
+
+Named = Annotated[list[str], Field(max_length=MOST_NAMED)]
+
+
+Tolerance = Annotated[float, Field(ge=0, lt=1)]
+
+
+class _ToleranceBase(Strict):
+    default: Tolerance = 0.0
+
+
+Tolerances = _per_symbol(
+    "Tolerances",
+    _ToleranceBase,
+    lambda _: Tolerance,
+    "Of single nominal values, and of all others.",
+)
+ToleranceSpec = Annotated[
+    Annotated[Tolerance, Tag("<number>")] | Annotated[Tolerances, Tag("<mapping>")],  # type: ignore[valid-type]
+    Discriminator(shape),
+]
+
+
+class _NominalBase(Strict):
+    table: str | None = Field(
+        None, description=f"Default: {symbols.DEFAULT_NOMINAL}, where the config relies on a table."
+    )
+    tolerance: ToleranceSpec = Field(
+        0.0, description="Relative, of the nominal values: one number, or by symbol and `default`."
+    )
+
+
+class _SimulationBase(Strict):
+    duration: Positive | None = Field(None, description="[s]; default: the times of the record.")
+    rate: Positive | None = Field(None, description="[Hz]")
+    sigma: Annotated[
+        dict[str, Positive], Field(description="Of channels whose sigma is unknown.")
+    ] = Field(default_factory=dict)
+    quantities: Annotated[
+        dict[str, Positive],
+        Field(description="True values, in their units; default: where their priors start."),
+    ] = Field(default_factory=dict)
+    truth: Annotated[
+        dict[str, Number],
+        Field(
+            description="Of sensors, starts, what noise has beside its sigma, and what is own of an "
+            "experiment, by the names of the unknowns, in their units; default: where priors start."
+        ),
+    ] = Field(default_factory=dict)
+
+
+Parameters = _per_symbol(
+    "Parameters",
+    Strict,
+    lambda symbol: parameter_spec(held(symbol)),
+    "A prior, a number, `nominal`, a tie or a formula; what the model only offers is off unless it is "
+    "named.",
+)
+Nominal = _per_symbol(
+    "Nominal",
+    _NominalBase,
+    lambda symbol: ending(symbol, Positive),
+    "A table and what differs from it.",
+)
+Simulation = _per_symbol(
+    "Simulation", _SimulationBase, held, "Grid and true values of `bayesdrill simulate`."
+)
+
+
+def _named_table(value: Any) -> Any:
+    return {"table": value} if isinstance(value, str) else value
+
+
+class MapBase(Strict):
+    """How the maximum of the posterior is searched."""
+
+    method: str = Field("nelder_mead", description="The optimiser.")
+    starts: Searches = Field(
+        4, description="The first is the configured one, the rest from the prior."
+    )
+    evaluations: Count = Field(8000, description="The most that one start may spend.")
+
+
+if TYPE_CHECKING:
+    ModelSpec = ModelBase
+    MapSpec = MapBase
+else:  # with what the members of the registries bring
+    ModelSpec = chosen("ModelSpec", ModelBase, "name", MODELS.usable())
+    MapSpec = chosen("MapSpec", MapBase, "method", OPTIMISERS.usable())
+
+
+class SamplerSpec(Strict):
+    ensembles: Annotated[int, Field(ge=4, le=MOST)] = 4
+    walkers: Annotated[int, Field(ge=4, le=MOST)] = Field(
+        256, description="Of each ensemble; where a rig rubs 96, and 16 more with each experiment."
+    )
+    moves: Annotated[dict[str, NonNegative], Field(min_length=1)] = Field(
+        default_factory=lambda: {
+            "differential_evolution": 0.09,
+            "stretch": 0.01,
+            "independence": 0.9,
+        }
+    )
+    r_hat: Annotated[float, Field(gt=1, le=LARGEST)] = 1.01
+    n_tau: Positive = Field(50.0, description="Steps kept, in autocorrelation times.")
+    ess: Positive = Field(4000.0, description="Bulk effective sample size of every unknown.")
+    max_steps: Annotated[int, Field(ge=100, le=MOST)] = 50_000
+
+
+class CalibrationSpec(Strict):
+    refits: Annotated[int, Field(ge=10, le=100_000)] = Field(
+        200, description="Simulated records, each refitted."
+    )
+    draws: Annotated[int, Field(ge=19, le=100_000)] = Field(
+        99, description="Nearly independent draws among which a true value is ranked."
+    )
+    starts: Searches = Field(16, description="Searches for the MAP of a refit, at most.")
+    n_tau: Positive = Field(20.0, description="As in `sampler`, for a refit.")
+    ess: Positive = Field(400.0, description="As in `sampler`, for a refit.")
+    max_steps: Annotated[int, Field(ge=100, le=MOST)] = Field(
+        5000, description="As in `sampler`, for a refit."
+    )
+
+
+class IdentifySpec(Strict):
+    of_interest: list[str] = Field(
+        default_factory=list,
+        description="Parameters by whose uncertainty remedies are ranked; default: all unknown ones.",
+    )
+    determined: Annotated[float, Field(gt=0, lt=1)] = Field(
+        0.5, description="Determined: the record brings the sd below this share of the prior's."
+    )
+    left_to_prior: Annotated[float, Field(gt=0, le=1)] = Field(
+        0.9, description="Left to the prior: the sd stays above this share of the prior's."
+    )
+
+
+class Config(Strict):
+    """An experiment: a record, a rig, what is believed of it, and how to find out more."""
+
+    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$", max_length=100)]
+    seed: Annotated[int, Field(ge=0, lt=2**64)]
+    record: RecordSpec
+    inputs: Inputs
+    initial: Annotated[Initial, BeforeValidator(named_state)] = Initial()
+    experiments: Annotated[dict[str, ExperimentSpec], Field(max_length=MOST_NAMED)] = Field(
+        default_factory=dict,
+        description="Several experiments with one rig, by name; each needs a record.",
+    )
+    shared: Named = Field(
+        default_factory=list,
+        description="Unknowns of sensors, starts and noise that all experiments have in common.",
+    )
+    own: Named = Field(
+        default_factory=list,
+        description="Parameters of the rig that are another unknown in each experiment.",
+    )
+    model: ModelSpec = ModelSpec()
+    nominal: Annotated[Nominal, BeforeValidator(_named_table)] = Nominal()  # type: ignore[valid-type]
+    parameters: Parameters  # type: ignore[valid-type]
+    quantities: Annotated[dict[str, QuantitySpec], Field(max_length=MOST_NAMED)] = Field(
+        default_factory=dict, description="What formulas of parameters name beside parameters."
+    )
+    derived: Annotated[
+        dict[str, Annotated[DerivedSpec, BeforeValidator(_formula_alone)]],
+        Field(max_length=MOST_NAMED),
+    ] = Field(default_factory=dict, description="Formulas that are computed for every draw.")
+    missing_torque: MissingTorqueSpec | None = Field(
+        None, description="What the rig's equations leave out, as a torque over time."
+    )
+    map: MapSpec = MapSpec()
+    sampler: SamplerSpec = SamplerSpec()
+    output: OutputSpec = OutputSpec()
+    identify: IdentifySpec = IdentifySpec()
+    calibration: CalibrationSpec = CalibrationSpec()
+    simulation: Simulation | None = None  # type: ignore[valid-type]
+
+
+def json_schema() -> str:
+    schema = Config.model_json_schema()
+    schema["$schema"] = "https://json-schema.org/draft/2020-12/schema"
+    schema["title"] = "bayesdrill experiment config"
+    return json.dumps(schema, indent=2, ensure_ascii=False) + "\n"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Thresholds:
+    """Of the ratio of an sd with the record to the prior's, both of logs."""
+
+    determined: float = 0.5
+    left_to_prior: float = 0.9
+
+    def judge(self, ratio: float) -> Class:
+        if ratio < self.determined:
+            return "determined"
+        return "weak" if ratio < self.left_to_prior else "left to the prior"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Asked:
+    """What is asked of a study: `of_interest` of all unknowns, its words, and its random points."""
+
+    of_interest: tuple[str, ...] = ()
+    thresholds: Thresholds = Thresholds()
+    seed: int = 0

@@ -1,0 +1,369 @@
+"""What a config may say of one experiment: its files and columns, its inputs, its start, and its
+figures.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BeforeValidator, Discriminator, Field, Tag, create_model
+
+from bayesdrill.basics import symbols
+from bayesdrill.basics.entries import MOST, Count, Number, Positive, Strict, chosen
+from bayesdrill.config.schema.numbers import (
+    Quantity,
+    Sensed,
+    SensorSpec,
+    SigmaSpec,
+    StateSpec,
+    shape,
+)
+from bayesdrill.inference.noise import NOISES
+from bayesdrill.record.formats import FORMATS
+from bayesdrill.rig import models
+
+Array = NDArray[np.float64]
+
+MOST_SPANS = 1000
+
+
+def _word_or_mapping(value: Any) -> str:
+    return "<word>" if isinstance(value, str) else "<mapping>"
+
+
+def _flag_or_number(value: Any) -> str:
+    return "<flag>" if isinstance(value, bool) else "<number>"
+
+
+def _one_or_several(value: Any) -> str:
+    several = isinstance(value, list) and any(isinstance(one, list) for one in value)
+    return "<several>" if several else "<one>"
+
+
+Window = Annotated[list[Number], Field(min_length=2, max_length=2)]
+Rows = Annotated[list[Count], Field(min_length=2, max_length=2)]
+Windows = Annotated[
+    Annotated[Window, Tag("<one>")]
+    | Annotated[list[Window], Field(min_length=1, max_length=MOST_SPANS), Tag("<several>")],
+    Discriminator(_one_or_several),
+]
+
+
+class FileBase(Strict):
+    """A file beside that of the record, and how it is written."""
+
+    path: str = Field(description="Relative to the folder of the config.")
+    format: str | None = Field(None, description="Default: by the file's ending.")
+
+
+if TYPE_CHECKING:
+    FileSpec = FileBase
+else:
+    _column_options = {name: one.options for name, one in FORMATS.usable().items()}
+    FileSpec = chosen("FileSpec", FileBase, "format", _column_options)
+
+FileEntry = Annotated[
+    Annotated[str, Tag("<word>")] | Annotated[FileSpec, Tag("<mapping>")],
+    Discriminator(_word_or_mapping),
+]
+
+
+class MaskSpec(Strict):
+    """Samples of one column that are not used."""
+
+    glitches: bool = Field(False, description="Spikes, as `check` lists them.")
+    rows: Annotated[list[Rows], Field(max_length=MOST_SPANS)] = Field(
+        default_factory=list, description="From and to: rows by the numbers that messages give."
+    )
+    times: Annotated[list[Window], Field(max_length=MOST_SPANS)] = Field(
+        default_factory=list, description="From and to, both ends [s]."
+    )
+
+
+MaskEntry = Annotated[
+    Annotated[Literal["glitches"], Tag("<word>")] | Annotated[MaskSpec, Tag("<mapping>")],
+    Discriminator(_word_or_mapping),
+]
+
+
+def _time_shape(value: Any) -> str:
+    """A time entry without `rate` is a column, however its keys are misspelt."""
+    rate = "rate" in value if isinstance(value, dict) else isinstance(value, TimeRate)
+    return "<mapping>" if rate else "<column>"
+
+
+class Column(Strict):
+    """Where numbers stand: a column or variable by name, or a column number from 1."""
+
+    column: str | Count | None = None
+    variable: str | None = Field(
+        None, description="Of a file of arrays; dotted for fields, a path in HDF5."
+    )
+    unit: str
+
+
+class TimeColumn(Column):
+    offset: Number | None = Field(None, description="Is added to all times, in their unit.")
+
+
+class TimeRate(Strict):
+    rate: Positive = Field(description="Samples per second, for records without a time column.")
+    offset: Number | None = Field(None, description="Time of the first sample [s].")
+
+
+TimeSpec = Annotated[
+    Annotated[TimeColumn, Tag("<column>")] | Annotated[TimeRate, Tag("<mapping>")],
+    Discriminator(_time_shape),
+]
+
+
+class Series(Column, Sensed):
+    """A column of the record's file, or of another one with times of its own."""
+
+    file: FileEntry | None = Field(None, description="Default: that of the record.")
+    time: TimeSpec | None = Field(None, description="Default: as for the record.")
+    mask: MaskEntry | None = Field(None, description="Samples that are not used.")
+
+
+WrapsEntry = Annotated[
+    Annotated[bool, Tag("<flag>")] | Annotated[Positive, Tag("<number>")],
+    Discriminator(_flag_or_number),
+]
+
+
+class InputColumn(Series):
+    hold: Literal["zero", "first"] = Field(
+        "zero", description="Between samples: constant (zero) or linear (first order)."
+    )
+    missing: Literal["hold"] | None = Field(
+        None, description="`hold`: missing samples are bridged as `hold:` says; default: an error."
+    )
+
+
+class AngleColumn(InputColumn):
+    """An angle that is imposed."""
+
+    hold: Literal["first"] = Field("first", description="It is straight between samples.")
+    wraps: WrapsEntry | None = Field(
+        None, description="It begins again: `true` after a turn, or after so much [unit]."
+    )
+
+
+class DecimateSpec(Strict):
+    """One sample of `factor`, after a filter that lets nothing alias, or as it is."""
+
+    factor: Annotated[int, Field(ge=2, le=1000)]
+    filter: bool = Field(
+        True,
+        description="`false`: samples as they are, for what a filter would smear, as kinks of friction; "
+        "what is faster than half the new rate stays in as noise.",
+    )
+
+
+def between(t: Array, spans: list[tuple[float, float]]) -> NDArray[np.bool_]:
+    """Which times `(T,)` lie in one of them, both ends among them."""
+    slack = 1e-9 * max((abs(x) for span in spans for x in span), default=0.0)
+    inside = np.zeros(len(t), dtype=bool)
+    for begin, end in spans:
+        inside |= (t >= begin - slack) & (t <= end + slack)
+    return inside
+
+
+def windows(given: list[float] | list[list[float]] | None) -> list[tuple[float, float]]:
+    """From and to of each [s]; none where the whole record is used."""
+    if not given:
+        return []
+    pairs: Any = given if isinstance(given[0], list) else [given]
+    return [(float(one[0]), float(one[1])) for one in pairs]
+
+
+def mask(given: MaskSpec | str | None) -> MaskSpec:
+    if isinstance(given, str):
+        return MaskSpec(glitches=True)
+    return given or MaskSpec()
+
+
+MOST_NAMED = 50  # channels, quantities, formulas; names in a figure
+Format = Literal["pdf", "png", "svg"]
+
+
+def _usual_formats() -> list[Format]:
+    return ["pdf", "png"]
+
+
+class OutputSpec(Strict):
+    predictive_draws: Annotated[int, Field(ge=10, le=MOST)] = Field(
+        125, description="Per ensemble, with pointwise log likelihood and predictive samples."
+    )
+    figures: Annotated[list[str], Field(max_length=MOST_NAMED)] | None = Field(
+        None, description="Which are drawn, by name; default: all but those on request."
+    )
+    parameters: Annotated[list[str], Field(min_length=1, max_length=MOST_NAMED)] | None = Field(
+        None, description="Unknowns of corner, trace and prior_posterior; default: all."
+    )
+    corner: Annotated[list[str], Field(min_length=1, max_length=MOST_NAMED)] | None = Field(
+        None,
+        description="Unknowns and derived quantities of the corner plot; default: `parameters`.",
+    )
+    size: Literal["single", "double"] = Field(
+        "double", description="Width of figures: 3.4 in, one column of a page, or 7 in."
+    )
+    formats: Annotated[list[Format], Field(min_length=1, max_length=3)] = Field(
+        default_factory=_usual_formats, description="Of the files of figures."
+    )
+    dpi: Annotated[int, Field(ge=50, le=1200)] = Field(
+        220, description="Pixels to an inch, of png and of dots in the others."
+    )
+
+
+def _shape(value: Any) -> str:
+    """Which member of a union an entry is meant to be, before and after it is validated."""
+    if isinstance(value, dict):
+        return "<column>" if "column" in value or "variable" in value else "<mapping>"
+    return "<column>" if isinstance(value, Column) else shape(value)
+
+
+class InputQuantity(Quantity):
+    """A constant input, and how far it may be from what it is said to be."""
+
+    gain: SensorSpec | None = None
+    offset: SensorSpec | None = Field(None, description="In its unit: a number or a prior.")
+
+
+InputSpec = Annotated[
+    Annotated[Number, Tag("<number>")]
+    | Annotated[InputQuantity, Tag("<mapping>")]
+    | Annotated[InputColumn, Tag("<column>")],
+    Discriminator(_shape),
+]
+
+
+def _said(name: str) -> str:
+    """Of an input."""
+    one = symbols.INPUTS[name]
+    return f"{one.meaning} [{one.plain_unit}]"
+
+
+class NoiseBase(Strict):
+    """How what the rig does not explain is distributed."""
+
+    name: str = Field("white", description="The kind.")
+
+
+if TYPE_CHECKING:
+    NoiseSpec = NoiseBase
+else:
+    _kinds = {name: kind.Entries for name, kind in NOISES.usable().items()}
+    NoiseSpec = chosen("NoiseSpec", NoiseBase, "name", _kinds)
+
+
+def _named_noise(value: Any) -> Any:
+    return {"name": value} if isinstance(value, str) else value
+
+
+class ChannelSpec(Series):
+    measures: str | None = Field(
+        None,
+        description="Linear combination of theta_1, theta_2, w_1, w_2, i; default: the channel's name.",
+    )
+    sigma: SigmaSpec = Field(
+        description="Noise standard deviation in the column's unit, or its prior when unknown."
+    )
+    noise: Annotated[NoiseSpec, BeforeValidator(_named_noise)] = NoiseSpec()
+    wraps: WrapsEntry | None = Field(
+        None,
+        description="An angle that begins again: `true` after a turn, or after so much [unit].",
+    )
+    derived_from: str | None = Field(
+        None, description="The channel of which this one is the derivative: it is no evidence."
+    )
+
+
+class RecordBase(Strict):
+    """Where the numbers are, and what they are."""
+
+    file: str = Field(description="Relative to the folder of the config.")
+    format: str | None = Field(None, description="Default: by the file's ending.")
+    time: TimeSpec
+    window: Windows | None = Field(
+        None, description="Use the samples from the first to the second time [s] only; or several."
+    )
+    held_out: Windows | None = Field(
+        None,
+        description="Samples from the first to the second time [s], or several such stretches, that are "
+        "no evidence: `compare` says how well each model predicts them.",
+    )
+    missing: Literal["drop"] | None = Field(
+        None, description="`drop`: of a channel, missing samples are left out; default: an error."
+    )
+    decimate: DecimateSpec | None = None
+    channels: Annotated[dict[str, ChannelSpec], Field(min_length=1, max_length=MOST_NAMED)]
+
+
+if TYPE_CHECKING:
+    RecordSpec = RecordBase
+else:
+    _experiment_options = {name: one.options for name, one in FORMATS.usable().items()}
+    RecordSpec = chosen("RecordSpec", RecordBase, "format", _experiment_options)
+
+
+class Inputs(Strict):
+    """Those of the rig: which it has, and wants, is for its model to say."""
+
+    v: InputSpec | None = Field(None, description=_said("v"))
+    t_1: InputSpec = Field(0.0, description=_said("t_1"))
+    w_2: InputSpec | None = Field(None, description=_said("w_2"))
+    theta_2: AngleColumn | None = Field(
+        None,
+        description="[rad] In the place of w_2: the angle that is imposed, as it was measured.",
+    )
+    t_m: InputSpec | None = Field(None, description=_said("t_m"))
+    wob: InputSpec | None = Field(None, description=_said("wob"))
+    t_0: SensorSpec | None = Field(
+        None,
+        description="[s] how much later than recorded all inputs act; of constant ones, the moment at "
+        "which they are switched on.",
+    )
+
+
+class _InitialBase(Strict):
+    time: Number | None = Field(
+        None,
+        description="[s] default: 0 with constant inputs, the first sample with measured ones.",
+    )
+    state: Literal["given", "steady", "free"] = Field(
+        "given",
+        description="given: what is not named is zero; steady: turning steadily under the first inputs; "
+        "free: what is not named is unknown, with priors as wide as the channels.",
+    )
+
+
+_states: dict[str, Any] = {
+    name: (StateSpec, 0.0) for name in models.STATES if name not in models.INNER
+}
+Initial: type[_InitialBase] = create_model(
+    "Initial",
+    __base__=_InitialBase,
+    __doc__="The state at `time`: of each state a number, a prior or `free`.",
+    **_states,
+)
+
+
+def named_state(value: Any) -> Any:
+    return {"state": value} if isinstance(value, str) else value
+
+
+class ExperimentSpec(Strict):
+    """What is its own of one experiment of several; the rest is as at the top of the config."""
+
+    record: dict[str, Any] = Field(default_factory=dict, description="Entries as in `record:`.")
+    inputs: dict[str, Any] = Field(default_factory=dict, description="Entries as in `inputs:`.")
+    initial: dict[str, Any] | str = Field(
+        default_factory=dict, description="Entries as in `initial:`."
+    )
+    held_out: bool = Field(
+        False,
+        description="No sample of it is evidence: `compare` says how well each model predicts it.",
+    )

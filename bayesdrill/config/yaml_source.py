@@ -1,0 +1,238 @@
+"""YAML 1.2 text as plain data with the line of every entry, and the errors of a config with their
+places.
+"""
+
+from __future__ import annotations
+
+import io
+import warnings
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from bayesdrill import output_files
+from bayesdrill.basics.errors import InputError, Issue, did_you_mean
+
+Place = tuple[str | int, ...]
+
+# More than any config of a rig needs: beyond them stands a mistake, or what would take for ever.
+MOST_BYTES = 100_000
+MOST_ENTRIES = 5000  # an alias counts as all that it stands for
+LONGEST_KEY = 100  # letters
+LONGEST_VALUE = 2000
+LONGEST_NUMBER = 40
+
+
+@dataclass(frozen=True, slots=True)
+class Source:
+    """`lines`: 1-based line of the key (or list item) at each place; `repeated` keys as problems;
+    `moved`: where entries stand that are read as if they stood elsewhere.
+    """
+
+    path: Path
+    text: str
+    data: Any
+    lines: Mapping[Place, int]
+    repeated: tuple[Issue, ...]
+    moved: Mapping[Place, Place] = field(default_factory=dict)
+
+    def problem(self, place: Place, message: str) -> Issue:
+        """Labelled `file:line: a.b.c`; the line is that of the nearest entry that has one."""
+        known = place
+        while known not in self.lines and known:
+            known = known[:-1]
+        stands = (*self.moved.get(known, known), *place[len(known) :])
+        dotted = ".".join(str(part) for part in stands)
+        label = f"{self.path}:{self.lines.get(known, 1)}" if self.lines else str(self.path)
+        return Issue(f"{label}: {dotted}" if dotted else label, message)
+
+
+def read(path: Path) -> Source:
+    """Raises `InputError` where the file cannot be read or is not YAML."""
+    output_files.refuse_endless(path)
+    try:
+        with path.open("rb") as file:
+            raw = file.read(MOST_BYTES + 1)
+    except FileNotFoundError:
+        message = "there is no such file; check the path (`bayesdrill example` writes some to copy)"
+        raise InputError.one(str(path), message) from None
+    except IsADirectoryError:
+        raise InputError.one(str(path), "this is a folder; name the .yaml file in it") from None
+    except (OSError, ValueError) as error:  # ValueError: a NUL in the path
+        reason = getattr(error, "strerror", None) or error
+        raise InputError.one(str(path), f"cannot be read: {reason}") from None
+    if len(raw) > MOST_BYTES:
+        message = f"holds more than {MOST_BYTES // 1000} kB, which no config needs; name a config"
+        raise InputError.one(str(path), message)
+    try:
+        text = raw.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        raise InputError.one(str(path), "this is not a text file in UTF-8") from None
+    return parse(path, io.StringIO(text, newline=None).read())
+
+
+def parse(path: Path, text: str) -> Source:
+    from ruamel.yaml import YAML
+    from ruamel.yaml.error import MarkedYAMLError, ReusedAnchorWarning, YAMLError
+    from ruamel.yaml.reader import ReaderError
+
+    yaml = YAML(typ="safe", pure=True)
+    yaml.allow_duplicate_keys = True
+    walk = _Walk(path, yaml.constructor)
+    try:
+        with warnings.catch_warnings():
+            # Of an anchor given twice, the later one counts from there on.
+            warnings.simplefilter("ignore", ReusedAnchorWarning)
+            root = YAML(typ="safe", pure=True).compose(text)
+        if root is not None:
+            walk.on(root, ())
+        data = None if root is None else yaml.constructor.construct_document(root)
+    except MarkedYAMLError as error:
+        mark = error.problem_mark or error.context_mark
+        line = mark.line + 1 if mark else 1
+        raise InputError.one(f"{path}:{line}", _explain(error, text, line)) from None
+    except ReaderError as error:
+        line = text.count("\n", 0, error.position) + 1
+        message = f"the character U+{error.character:04X} cannot stand in YAML; remove it"
+        raise InputError.one(f"{path}:{line}", message) from None
+    except RecursionError:
+        message = (
+            "entries are nested too deeply, or an alias (`*`) stands inside its own anchor (`&`)"
+        )
+        raise InputError.one(str(path), f"{message}; write them out flat") from None
+    except (YAMLError, ValueError) as error:
+        raise InputError.one(str(path), f"this is not YAML: {str(error).splitlines()[0]}") from None
+    if not isinstance(data, dict):
+        raise InputError.one(
+            str(path), "a config is a mapping such as `name: my_rig`; see `bayesdrill schema`"
+        )
+    return Source(path, text, data, walk.lines, tuple(walk.repeated))
+
+
+@dataclass(slots=True)
+class _Walk:
+    """Through all nodes: notes lines and repeated keys, refuses what no config needs.
+
+    `constructor` of the document, which every plain value is tried with: so its line is known.
+    """
+
+    path: Path
+    constructor: Any
+    lines: dict[Place, int] = field(default_factory=dict)
+    repeated: list[Issue] = field(default_factory=list)
+    entries: int = 0
+
+    def on(self, node: Any, place: Place) -> None:
+        from ruamel.yaml.nodes import MappingNode, SequenceNode
+
+        if isinstance(node, MappingNode):
+            for key, value in node.value:
+                self.on(value, self._key(key, place))
+        elif isinstance(node, SequenceNode):
+            for index, value in enumerate(node.value):
+                here = (*place, index)
+                self._note(here, value)
+                self.on(value, here)
+        else:
+            self._value(node)
+
+    def _note(self, place: Place, node: Any) -> None:
+        self.lines[place] = node.start_mark.line + 1
+        self.entries += 1
+        if self.entries > MOST_ENTRIES:
+            message = f"holds more than {MOST_ENTRIES} entries, each alias (`*`) written out"
+            raise InputError.one(str(self.path), f"{message}; no config needs as many")
+
+    def _key(self, key: Any, place: Place) -> Place:
+        """Every key is made text, as `5:` or `~:` is no number or null."""
+        from ruamel.yaml.nodes import ScalarNode
+
+        if not isinstance(key, ScalarNode):
+            raise self._refusal(
+                key, "a list or mapping cannot be a key; write a word before the colon"
+            )
+        if len(key.value) > LONGEST_KEY:
+            message = f"this key has {len(key.value)} letters; write at most {LONGEST_KEY}"
+            raise self._refusal(key, message)
+        self._readable(key)
+        if key.tag != "tag:yaml.org,2002:merge":
+            key.tag = "tag:yaml.org,2002:str"
+        here = (*place, key.value)
+        if here in self.lines:
+            dotted = ".".join(str(part) for part in here)
+            message = f"this key stands already in line {self.lines[here]}; keep one of them"
+            line = key.start_mark.line + 1
+            self.repeated.append(Issue(f"{self.path}:{line}: {dotted}", message))
+        self._note(here, key)
+        return here
+
+    def _value(self, node: Any) -> None:
+        from ruamel.yaml.error import YAMLError
+
+        text, kind = node.value, str(node.tag).rpartition(":")[2]
+        most = LONGEST_NUMBER if kind == "int" else LONGEST_VALUE
+        if len(text) > most:
+            what = "a number of {} digits" if kind == "int" else "a value of {} letters"
+            raise self._refusal(node, f"{what.format(len(text))}; write at most {most}")
+        self._readable(node)
+        try:
+            self.constructor.construct_object(node)
+        except YAMLError:
+            raise
+        except Exception:  # text that does not suit its tag comes up as anything
+            message = f"'{text[:LONGEST_NUMBER]}' cannot be read as {kind}; put text in quotes"
+            raise self._refusal(node, message) from None
+
+    def _readable(self, node: Any) -> None:
+        """Letters that no path, unit or formula can hold, and no file can be written with."""
+        if "\0" in node.value or any("\ud800" <= letter <= "\udfff" for letter in node.value):
+            raise self._refusal(node, "a NUL or half a character stands here; remove it")
+
+    def _refusal(self, node: Any, message: str) -> InputError:
+        return InputError.one(f"{self.path}:{node.start_mark.line + 1}", message)
+
+
+def _explain(error: Any, text: str, line: int) -> str:
+    rows = text.splitlines()
+    row = rows[line - 1] if line <= len(rows) else ""
+    if "\t" in row[: len(row) - len(row.lstrip())]:
+        return "a tab stands in the indentation; YAML wants spaces"
+    problem = str(error.problem or error.context or "not YAML")
+    if "mapping values are not allowed" in problem:
+        return "a second `key:` on one line, or wrong indentation; put each key on its own line"
+    return f"this is not YAML: {problem}; check indentation, quotes and the space after each colon"
+
+
+class Collector:
+    """Runs steps that raise `ValueError` for the user, and files their messages under a place."""
+
+    def __init__(self, source: Source, spoilt: frozenset[Place]) -> None:
+        self.problems: list[Issue] = []
+        self.source = source
+        self._spoilt = spoilt
+
+    def add(self, place: Place, message: str) -> None:
+        if not self.spoilt(place):
+            self.problems.append(self.source.problem(place, message))
+
+    def spoilt(self, place: Place) -> bool:
+        """Whether something was said already of this entry, of one in it, or of one around it."""
+        return any(self._touches(place, other) for other in self._spoilt)
+
+    def run[T](self, place: Place, step: Callable[..., T], *arguments: Any) -> T | None:
+        try:
+            return step(*arguments)
+        except ValueError as error:
+            self.add(place, str(error))
+            return None
+
+    def expect(self, place: Place, name: str, known: Collection[str], message: str) -> None:
+        """That `name`, which stands at `place`, is one of `known`; the nearest is proposed."""
+        if name not in known:
+            self.add(place, f"{message}{did_you_mean(name, known)}")
+
+    @staticmethod
+    def _touches(place: Place, other: Place) -> bool:
+        shared = min(len(place), len(other))
+        return place[:shared] == other[:shared]

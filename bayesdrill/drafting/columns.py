@@ -1,0 +1,306 @@
+"""The columns of a file, and what a head says in some languages: what it measures, where, and in
+which unit.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+import unicodedata
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayesdrill.basics import units
+from bayesdrill.record.formats.table import Table
+
+LONGEST = 200  # letters of a head, or of a unit
+ROTOR, GEARBOX, MOTOR, TWIST = "rotor 1", "gearbox", "motor", "twist"
+
+SI = {
+    "time": "s",
+    "angle": "rad",
+    "speed": "rad/s",
+    "voltage": "V",
+    "current": "A",
+    "torque": "N*m",
+    "force": "N",
+}
+
+# As heads of columns write them, without blanks and in small letters.
+_UNITS = {
+    "rad": "rad radian radians",
+    "deg": "deg degree degrees ° grad grados graus gradi degre degres",
+    "revolution": "rev turn turns revolution revolutions umdrehungen",
+    "rad/s": "rad/s rad/sec rads radps rads-1 rads^-1 rad*s^-1 rad.s-1 rads⁻¹",
+    "deg/s": "deg/s °/s deg/sec degs dps grad/s degs-1 degs^-1",
+    "rpm": "rpm 1/min u/min min-1 min^-1 min⁻¹ r/min rev/min upm tr/min giri/min",
+    "revolution/s": "rev/s rps u/s tr/s",
+    "V": "v volt volts",
+    "mV": "mv",
+    "A": "a amp amps ampere",
+    "mA": "ma",
+    "s": "s sec secs second seconds sek sekunden segundos",
+    "ms": "ms msec millis milliseconds millisekunden",
+    "us": "us µs μs usec micros microseconds",
+    "N*m": "nm n*m n·m n.m n-m",
+    "mN*m": "mnm",
+    "N": "n newton",
+}
+_UNIT_OF = {written: unit for unit, all_ in _UNITS.items() for written in all_.split()}
+_KIND_OF = {
+    **dict.fromkeys(("rad", "deg", "revolution"), "angle"),
+    **dict.fromkeys(("rad/s", "deg/s", "rpm", "revolution/s"), "speed"),
+    "V": "voltage",
+    "mV": "voltage",
+    "A": "current",
+    "mA": "current",
+    "s": "time",
+    "ms": "time",
+    "us": "time",
+    "N*m": "torque",
+    "mN*m": "torque",
+    "N": "force",
+}
+
+_KINDS = {
+    "time": "time zeit temps tempo tiempo timestamp clock seconds",
+    "angle": "angle theta phi winkel drehwinkel pos position angolo angulo posicao posicion th alpha",
+    "speed": "speed omega drehzahl vel velocity rpm geschwindigkeit winkelgeschwindigkeit vitesse "
+    "velocidad velocidade velocita rotacao spd thetadot phidot dtheta dphi w1 w2 wm gyro dps",
+    "voltage": "volt volts voltage spannung tensao voltaje tensione supply ua um uin vin vm",
+    "current": "current strom corrente corriente courant amp amps ia im",
+    "torque": "torque moment drehmoment couple coppia torsionmoment",
+    "force": "force kraft wob forca fuerza weight",
+}
+_LETTERS = {"t": "time", "w": "speed", "n": "speed", "u": "voltage", "v": "voltage", "i": "current"}
+_PLACES = {
+    ROTOR: "rotor bit load last disc disk scheibe bottom lower meissel carga broca trepan end 1",
+    GEARBOX: "gear gearbox top table shaft output getriebe abtrieb welle upper eixo arbre redutor 2",
+    MOTOR: "motor mot m antrieb moteur engine",
+    TWIST: "twist torsion verdrehung verdrillung deflection torcao torsione alpha windup",
+}
+_WANTED = "ref reference soll set setpoint cmd command desired target sollwert"
+
+
+def _words(groups: dict[str, str]) -> dict[str, str]:
+    return {word: group for group, all_ in groups.items() for word in all_.split()}
+
+
+_KIND_WORDS, _PLACE_WORDS = _words(_KINDS), _words(_PLACES)
+_GREEK = str.maketrans({"θ": "theta ", "φ": "phi ", "ϕ": "phi ", "ω": "omega ", "\u03b1": "alpha "})
+
+
+@dataclass(frozen=True, slots=True)
+class Meaning:
+    """`kind` and `place` are empty where the head does not say; `unit` as a config has it.
+
+    `wanted`: what a controller asked for, not what happened; `strange`: a unit that is none;
+    `symbol`: of the state that the head names as a config does.
+    """
+
+    kind: str = ""
+    place: str = ""
+    unit: str = ""
+    wanted: bool = False
+    strange: str = ""
+    symbol: str = ""
+    word: str = ""
+
+
+_SYMBOLS = {
+    "theta_1": ("angle", ROTOR),
+    "theta_2": ("angle", GEARBOX),
+    "w_1": ("speed", ROTOR),
+    "w_2": ("speed", GEARBOX),
+    "i": ("current", ""),
+}
+
+
+def meaning(head: str, unit_below: str = "") -> Meaning:
+    """Of the head of a column, and of what a row of units below it has; a long one says nothing."""
+    if max(len(head), len(unit_below)) > LONGEST:
+        return Meaning()
+    base, unit, strange = _apart(head)
+    if unit_below and not unit:
+        unit = unit_of(unit_below)
+        strange = "" if unit else unit_below
+    tokens = _tokens(base)
+    if base in _SYMBOLS and not strange:
+        kind, place = _SYMBOLS[base]
+        if not unit or kind_of(unit) == kind:
+            return Meaning(kind, place, unit, symbol=base, word=base)
+    if not unit and not strange:
+        tokens, unit = _unit_at_the_end(tokens)
+    kind, word = _kind(tokens)
+    if unit:
+        kind = kind_of(unit)
+    place = next((_PLACE_WORDS[t] for t in tokens if t in _PLACE_WORDS), "")
+    if any(_PLACE_WORDS.get(t) == TWIST for t in tokens):
+        place, kind = TWIST, kind or "angle"
+    wanted = any(t in _WANTED.split() for t in tokens)
+    return Meaning(kind, place, unit, wanted, strange, word=word)
+
+
+def unit_of(written: str) -> str:
+    """As configs write it; empty where no rig has it."""
+    plain = written.strip().strip("[]()").replace(" ", "")
+    known = _UNIT_OF.get(plain) or _UNIT_OF.get(plain.lower(), "")
+    if known or not plain:
+        return known
+    return plain if kind_of(plain) else ""
+
+
+def kind_of(unit: str) -> str:
+    if unit in _KIND_OF:
+        return _KIND_OF[unit]
+    for kind, si in SI.items():
+        try:
+            units.factor(unit, si)
+        except ValueError:
+            continue
+        return kind
+    return ""
+
+
+def _apart(head: str) -> tuple[str, str, str]:
+    """Name, unit and what stands where a unit would: `n [rpm]`, `w (rad/s)`, `n / rpm`, `n in rpm`."""
+    text = head.strip()
+    found = re.fullmatch(r"(.*?)\s*[\[(]\s*([^\])]*?)\s*[\])]", text)
+    found = found or re.fullmatch(r"(.*?\S)(?:\s+/\s+|\s+in\s+)(\S+)", text)
+    if found is None:
+        return text, "", ""
+    base, written = found[1], found[2]
+    unit = unit_of(written)
+    if unit:
+        return base, unit, ""
+    if any(token in _PLACE_WORDS or token in _KIND_WORDS for token in _tokens(written)):
+        return f"{base} {written}", "", ""
+    return base, "", written
+
+
+def _tokens(text: str) -> list[str]:
+    spelled = unicodedata.normalize("NFKD", text.translate(_GREEK))
+    spelled = "".join(letter for letter in spelled if not unicodedata.combining(letter))
+    parts = re.findall(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+|°", spelled.replace("ß", "ss"))
+    return [part.lower() for part in parts]
+
+
+def _unit_at_the_end(tokens: list[str]) -> tuple[list[str], str]:
+    """`phi_deg`, `w_rad_s`, `U_V`: a letter alone only where it is of the kind that the rest names."""
+    if len(tokens) < 2:
+        return tokens, ""
+    if len(tokens) > 2 and tokens[-1] in ("s", "sec", "min") and tokens[-2] in _UNIT_OF:
+        pair = f"{tokens[-2]}/{tokens[-1]}"
+        if pair in _UNIT_OF:
+            return tokens[:-2], _UNIT_OF[pair]
+    last = tokens[-1]
+    unit = _UNIT_OF.get(last, "")
+    if len(last) == 1 and unit and _kind(tokens[:-1])[0] != _KIND_OF[unit]:
+        return tokens, ""
+    return (tokens[:-1], unit) if unit else (tokens, "")
+
+
+def _kind(tokens: list[str]) -> tuple[str, str]:
+    """The kind, and the word that says it; a letter alone says it at the beginning only."""
+    found = [(t, _KIND_WORDS[t]) for t in tokens if t in _KIND_WORDS]
+    turns = any(kind == "angle" for _, kind in found)
+    if turns and (tokens[0] == "d" or {"dot", "dt", "rate"} & {*tokens}):
+        return "speed", f"{found[0][0]} dot"
+    # `angular speed`, `Position velocity`: the later kind is what is measured.
+    if found:
+        return found[-1][1], found[-1][0]
+    if tokens and tokens[0] in _LETTERS:
+        return _LETTERS[tokens[0]], tokens[0]
+    return "", ""
+
+
+Array = NDArray[np.float64]
+
+LEAST = 20  # samples, below which nothing is guessed
+LARGEST = 1e12  # number that is believed
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Seen:
+    """One column `(T,)`; `address`: the entries of a config that name it."""
+
+    name: str
+    address: Mapping[str, str | int]
+    values: Array
+    says: Meaning
+
+
+def look(table: Table) -> tuple[list[Seen], dict[str, str]]:
+    """Columns of one length, most of the file's, and why others are left out."""
+    seen, left_out = [], dict(table.ignored)
+    heads = _units_below(table)
+    for position, (name, values) in enumerate(table.variables.items(), start=1):
+        if values.ndim == 1:
+            number = _number(table, name, position)
+            column = name if number is None else number
+            says = _says(name if number is None else "", heads.get(name, ""))
+            seen.append(Seen(name, {"column": column}, values, says))
+        elif values.shape[1] > max(values.shape[0], LEAST):
+            size = f"{values.shape[0]} x {values.shape[1]}"
+            left_out[name] = f"is {size}; save it with a row for each sample"
+        else:
+            seen += [
+                Seen(f"{name}, column {k + 1}", {"variable": name, "column": k + 1}, one, Meaning())
+                for k, one in enumerate(values.T)
+            ]
+    lengths = Counter(len(one.values) for one in seen if len(one.values) >= LEAST)
+    usual = max(lengths, key=lambda length: (lengths[length], length), default=LEAST)
+    for one in seen:
+        if len(one.values) != usual:
+            left_out[one.name] = f"has {_values(len(one.values))}, not {usual}"
+    return [one for one in seen if len(one.values) == usual], left_out
+
+
+def believable(values: Array) -> bool:
+    """Squares of it can be computed with."""
+    largest = float(np.abs(values).max())
+    return largest == 0 or 1 / LARGEST < largest < LARGEST
+
+
+def _says(name: str, unit_below: str) -> Meaning:
+    """Of `rig.rotor.w`, the last part first; what that leaves open the whole may say."""
+    last = re.split(r"\.(?=[^\W\d])", name)[-1]
+    says, whole = meaning(last, unit_below), meaning(name, unit_below)
+    if last == name or says.strange:
+        return says
+    return dataclasses.replace(
+        says,
+        kind=says.kind or whole.kind,
+        place=says.place or whole.place,
+        word=says.word or whole.word,
+    )
+
+
+def _number(table: Table, name: str, position: int) -> int | None:
+    """Of a column of a text without a header, or with an empty or repeated head."""
+    if table.lines is None:
+        return None
+    if found := re.fullmatch(r"\(column (\d+)\)", name):
+        return int(found[1])
+    return position if name == str(position) else None
+
+
+def _values(count: int) -> str:
+    return "one value" if count == 1 else f"{count} values"
+
+
+def _units_below(table: Table) -> dict[str, str]:
+    """By name, what stands in a row of units between the head of a text and its first row."""
+    if table.lines is None or not len(table.lines) or table.lines[0] < 3:
+        return {}
+    with table.path.open(encoding="utf-8", errors="replace") as file:
+        lines = [file.readline().strip() for _ in range(int(table.lines[0]) - 1)]
+    for mark in ";\t,|":
+        head, below = ([c.strip(' "') for c in line.split(mark)] for line in lines[-2:])
+        if len(below) == len(head) == len(table.variables) > 1 and head[0] in table.variables:
+            return dict(zip(table.variables, below, strict=True))
+    return {}

@@ -1,0 +1,369 @@
+"""Lines of a draft's `record:` and `inputs:`, with the numbers of sensors, their comments and
+reasons.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import textwrap
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from bayesdrill.basics.errors import printable
+from bayesdrill.drafting import roles
+from bayesdrill.drafting.columns import TWIST
+from bayesdrill.drafting.record_files import Experiment, Experiments
+from bayesdrill.drafting.roles import WIDE, Channel, Lag, Start
+from bayesdrill.drafting.signals import Sensor
+from bayesdrill.drafting.timing import Timing
+from bayesdrill.record import clocks
+
+REVIEW = "REVIEW: "
+WIDTH = 110
+_PLAIN = re.compile(r"(?![-\d%/]|\.(?!\.?/))[\w./%°-]+(?: [\w./%°-]+)*", re.ASCII)
+_KEPT = "\x1f"  # a blank in code, at which no line is broken
+_WORDS = {"yes", "no", "on", "off", "true", "false", "null", "y", "n"}
+
+
+def scalar(value: str | int | float) -> str:
+    if not isinstance(value, str):
+        return f"{value:.6g}" if isinstance(value, float) else str(value)
+    if _PLAIN.fullmatch(value) and value.lower() not in _WORDS:
+        return value
+    return json.dumps(value, ensure_ascii=False)
+
+
+def comment(text: str, indent: int = 0) -> list[str]:
+    whole = re.sub("`[^`]*`", lambda code: code[0].replace(" ", _KEPT), printable(text))
+    lead = " " * indent + "# "
+    lines = textwrap.wrap(
+        whole, WIDTH, initial_indent=lead, subsequent_indent=lead, break_on_hyphens=False
+    )
+    return [line.replace(_KEPT, " ") for line in lines]
+
+
+def review(doubts: Iterable[str], indent: int) -> list[str]:
+    return [line for one in doubts if one for line in comment(REVIEW + one, indent)]
+
+
+SUPPLY = 0.02  # of its largest value, that a measured voltage may be off by: sd
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Found:
+    """All that a config says: `starts` by experiment; `name`: of a file, as the config has it."""
+
+    those: Experiments
+    starts: Mapping[str, Start]
+    lag: Lag | None
+    voltage: float | None
+    name: Callable[[Path], str]
+
+    @property
+    def several(self) -> bool:
+        return len(self.those.every) > 1
+
+    @property
+    def lead(self) -> Experiment:
+        return self.those.lead
+
+    @property
+    def channels(self) -> Sequence[Channel]:
+        return self.lead.of.found.channels
+
+    @property
+    def dt(self) -> float:
+        """The longest step, s."""
+        return max(
+            file.part.dt for one in self.those.every for file in (one.of, one.inputs) if file
+        )
+
+    @property
+    def measured(self) -> bool:
+        """Whether an input varies: a column, and not a number."""
+        every = [one.of.found for one in self.those.every]
+        v = self.voltage is None and any(one.v is not None and one.v.varies for one in every)
+        return v or any(one.t_1 is not None for one in every)
+
+    def of(self, name: str) -> list[tuple[str, Sensor]]:
+        """The sensors of one channel, with the experiments' names."""
+        return [
+            (one.label, c.sensor)
+            for one in self.those.every
+            for c in one.of.found.channels
+            if c.name == name
+        ]
+
+
+def record_entries(found: Found) -> list[str]:
+    missing = [one for c in found.channels for _, one in found.of(c.name) if one.raw.missing]
+    start = found.starts[found.lead.label]
+    alone = [] if found.several else [f"  file: {scalar(found.name(found.lead.of.path))}"]
+    return [
+        "record:",
+        *alone,
+        *_time(found),
+        *([] if found.several else window(start)),
+        *(_missing(missing) if missing else ()),
+        "  channels:",
+        *(line for one in found.channels for line in _channel(found, one)),
+        *_left_out(found.lead.of.left_out),
+    ]
+
+
+def address(sensor: Sensor) -> str:
+    return ", ".join(f"{key}: {scalar(value)}" for key, value in sensor.seen.address.items())
+
+
+def time_entry(time: Timing) -> str:
+    if time.column is None:
+        return f"time: {{rate: {time.rate:.6g}}}"
+    where = ", ".join(f"{key}: {scalar(value)}" for key, value in time.column.address.items())
+    return f"time: {{{where}, unit: {time.unit}}}"
+
+
+def _time(found: Found) -> list[str]:
+    time, doubts = found.lead.of.time, [found.lead.of.time.doubt]
+    if time.column is None:
+        return [*review(doubts, 2), f"  {time_entry(time)}"]
+    every = [_uneven(one.of.part.t) for one in found.those.every]
+    even = ", ".join(one for one in (f"{time.rate:.6g} samples a second", time.why) if one)
+    said = next((uneven for uneven in every if uneven), even)
+    return [*comment(said, 2), *review(doubts, 2), f"  {time_entry(time)}"]
+
+
+def _uneven(t: np.ndarray) -> str:
+    said = clocks.in_words(clocks.on_grid(t))
+    odd = "missing in" in said or "unequal" in said
+    return f"{said}; they are used as they are, and nothing is resampled" if odd else ""
+
+
+def window(start: Start) -> list[str]:
+    if start.window is None:
+        return []
+    return [*review([start.window_doubt], 2), f"  window: {span(start)}    # s"]
+
+
+def span(start: Start) -> str:
+    low, high = (f"{one:.12g}" for one in start.window or (0.0, 0.0))
+    return f"[{low}, {high}]"
+
+
+def _missing(those: Sequence[Sensor]) -> list[str]:
+    names = ", ".join(dict.fromkeys(one.name for one in those))
+    doubt = f"samples without a number, of {names}, are left out, each of its own channel alone"
+    return [*review([doubt], 2), "  missing: drop"]
+
+
+def _channel(found: Found, one: Channel) -> list[str]:
+    sensor, every = one.sensor, found.of(one.name)
+    noise = [other.noise for _, other in every]
+    entries = [address(sensor), f"unit: {scalar(sensor.unit)}"]
+    if one.measures:
+        entries.append(f"measures: {one.measures}")
+    doubts, more = _as_it_came(every, counted=not one.derived)
+    late_doubt, late = _lag(found, one)
+    zero_doubt, zero = _zero(found, one)
+    head = [*(line for why in sensor.why for line in comment(why, 4)), *review(sensor.doubts, 4)]
+    if one.derived:
+        doubt = (
+            f"it is made of differences of {one.derived}, and would count the same numbers twice"
+        )
+        more, last = [*more, f"derived_from: {one.derived}"], "sigma: 1    # means nothing here"
+        return [
+            *head,
+            *review([*doubts, doubt], 4),
+            f"    {one.name}: {{{', '.join([*entries, *more])},",
+            f"      {last.partition('    ')[0]}}}{last.partition('sigma: 1')[2]}",
+        ]
+    low, high = f"{min(noise) / WIDE:.3g}", f"{max(noise) * WIDE:.3g}"
+    told = f"the noise is not said; {_from_to(noise)} {sensor.unit} differ from sample to sample"
+    return [
+        *head,
+        *review([*doubts, late_doubt, zero_doubt, told], 4),
+        *_slow(found, one, late),
+        f"    {one.name}: {{{', '.join([*entries, *more])},",
+        *(f"      {entry}," for entry in (late, zero) if entry),
+        f"      sigma: {{prior: log_uniform, low: {low}, high: {high}}}}}",
+    ]
+
+
+def _from_to(numbers: Sequence[float]) -> str:
+    low, high = f"{min(numbers):.3g}", f"{max(numbers):.3g}"
+    return low if low == high else f"{low} to {high}"
+
+
+def _as_it_came(
+    every: Sequence[tuple[str, Sensor]], *, counted: bool
+) -> tuple[list[str], list[str]]:
+    """What masks and turns it needs: doubts and entries."""
+    doubts, entries = [], []
+    spiky = [(label, one.raw.glitches) for label, one in every if one.raw.glitches]
+    if spiky and counted:
+        count = ", ".join(f"{n} in {label}" if label else f"{n}" for label, n in spiky)
+        doubts.append(
+            f"samples that leave its course and are back at once, {count}, look like the sensor's, and "
+            "are not used; a real impact looks alike"
+        )
+        entries.append("mask: glitches")
+    period = max(one.raw.wraps for _, one in every)
+    if period:
+        doubts.append(f"it begins again after {period:.6g}, and is unwrapped")
+        entries.append(f"wraps: {period:.10g}")
+    return doubts, entries
+
+
+def _lag(found: Found, one: Channel) -> tuple[str, str]:
+    """An unknown lag where columns hint at one."""
+    hint = found.lag
+    if hint is None or hint.of != one.name:
+        return "", ""
+    ms = 1e3 * hint.samples * found.lead.of.part.dt
+    doubt = (
+        f"it seems to be {ms:.2g} ms late: so rotor 1's own law leaves {100 * hint.left:.2g} % of the "
+        f"twist unexplained, else {100 * hint.before:.2g} %; how late is an unknown (damping "
+        "in the shaft looks alike)"
+    )
+    return doubt, f"lag: {_late(found, hint.samples)}"
+
+
+def _late(found: Found, samples: float) -> str:
+    most = 1e3 * roles.wide(samples, found.lead.of.part.dt)
+    return f"{{prior: uniform, low: 0, high: {most:.6g}, unit: ms}}"
+
+
+def _slow(found: Found, one: Channel, late: str) -> list[str]:
+    """A lag to be thought of, where nothing hints at one."""
+    if late or one.sensor.place != TWIST:
+        return []
+    said = "nothing hints at a delay; if its electronics is slower than that of the others, add"
+    return [*comment(said, 4), f"    #   lag: {_late(found, 0.0)}"]
+
+
+def _zero(found: Found, one: Channel) -> tuple[str, str]:
+    every = [start.zeros.get(one.name, 0.0) for start in found.starts.values()]
+    if not any(every):
+        return "", ""
+    doubt = "at rest, but not at zero: where it counts from is an unknown"
+    return doubt, f"offset: {{prior: normal, mean: 0, sd: {max(every):.2g}}}"
+
+
+def _left_out(left_out: Mapping[str, str]) -> list[str]:
+    if not left_out:
+        return []
+    because: dict[str, list[str]] = {}
+    for name, why in left_out.items():
+        because.setdefault(why, []).append(name)
+    rows = [
+        line
+        for why, names in because.items()
+        for line in comment(f"- {'; '.join(names)}: {why}", 2)
+    ]
+    return ["  # Not used:", *rows]
+
+
+UNKNOWN = "  # v: 8.0"  # to be written by the user
+
+
+def input_entries(found: Found) -> list[str]:
+    return ["inputs:", *_voltage(found), *_load(found), *_moment(found)]
+
+
+def constant_input(found: Found) -> dict[str, str]:
+    """The voltage of each experiment that has a constant one of its own."""
+    every = {one.label: one.of.found.v for one in found.those.every}
+    if found.voltage is not None or any(v is None or v.varies for v in every.values()):
+        return {}
+    return {
+        label: f"{{value: {v.raw.x[0]:.6g}, unit: {v.unit}}}"
+        for label, v in every.items()
+        if v is not None
+    }
+
+
+def _voltage(found: Found) -> list[str]:
+    v = found.lead.of.found.v
+    if found.voltage is not None:
+        return [f"  v: {found.voltage:.6g}    # V, as it was given, constant from the start on"]
+    if v is None:
+        doubt = (
+            "no column is a voltage. Write the supply here, in V: a number if it was constant, else "
+            "`{column: ..., unit: V, hold: zero}`; `bayesdrill check` asks for it"
+        )
+        return [*review([doubt, *_imposed(found)], 2), UNKNOWN]
+    head = [*(line for why in v.why for line in comment(why, 2)), *review(v.doubts, 2)]
+    if known := constant_input(found):
+        doubt = f"{v.name} is the same in every row, taken as there from the start on"
+        return [*head, *review([doubt], 2), f"  v: {known[found.lead.label]}"]
+    hold = (
+        "between samples it is taken as it was (zero); a supply that moves smoothly needs `first`"
+    )
+    largest = max(
+        float(abs(one.of.found.v.raw.x).max())
+        for one in found.those.every
+        if one.of.found.v is not None
+    )
+    off = f"what the motor gets may differ from it: an unknown, {100 * SUPPLY:g} % of its largest value"
+    return [
+        *head,
+        *review([hold, off], 2),
+        *_column(found, "v", v),
+        f"      offset: {{prior: normal, mean: 0, sd: {SUPPLY * largest:.2g}}}}}",
+    ]
+
+
+def _imposed(found: Found) -> list[str]:
+    """What else may move the rig, where the motion of the gearbox is known and no voltage is."""
+    top = [one.name for one in found.channels if one.name in ("w_2", "theta_2")]
+    if not top:
+        return []
+    return [
+        f"or {top[0]} was imposed, whatever moved it: then it is no channel but an input, `{top[0]}: "
+        "{column: ..., unit: ...}`, of `model: {name: driven_shaft}`, which has no motor (docs/rigs.md)"
+    ]
+
+
+def _load(found: Found) -> list[str]:
+    t_1 = found.lead.of.found.t_1
+    if t_1 is None:
+        return ["  t_1: 0.0    # N m, load on rotor 1: no column is one"]
+    head = [*(line for why in t_1.why for line in comment(why, 2)), *review(t_1.doubts, 2)]
+    (entry,) = _column(found, "t_1", t_1)
+    return [*head, f"{entry.removesuffix(',')}}}"]
+
+
+def _column(found: Found, name: str, like: Sensor) -> list[str]:
+    """Without its end."""
+    every = [getattr(one.of.found, name) for one in found.those.every]
+    entries = [address(like), f"unit: {scalar(like.unit)}", "hold: zero"]
+    if any(one is not None and one.raw.missing for one in every):
+        entries.append("missing: hold")
+    return [f"  {name}: {{{', '.join([*file_entries(found, name), *entries])},"]
+
+
+def file_entries(found: Found, name: str) -> list[str]:
+    """Of an input that stands in another file than the channels."""
+    lead = found.lead
+    if lead.inputs is None or getattr(lead.inputs.found, name) is None:
+        return []
+    own = time_entry(lead.inputs.time)
+    file = [] if found.several else [f"file: {scalar(found.name(lead.inputs.path))}"]
+    return [*file, *([own] if own != time_entry(lead.of.time) else [])]
+
+
+def _moment(found: Found) -> list[str]:
+    """Unknown within a sample; of a constant voltage that was there before, there is none."""
+    starts: Sequence[Start] = list(found.starts.values())
+    if not found.measured and any(one.moving for one in starts):
+        return []
+    before, after = (max(one.switched[k] for one in starts) * found.dt for k in (0, 1))
+    doubt = (
+        "when it acts is known to one sample at best, and an error of half a one shifts j_m by many "
+        "standard deviations: an unknown"
+    )
+    entry = f"  t_0: {{prior: uniform, low: {-before:.4g}, high: {after:.4g}}}    # s"
+    return [*review([doubt], 2), entry]

@@ -1,1 +1,0 @@
-"""The proposal of the ensembles, learnt from the density before the first step."""

@@ -1,1 +1,0 @@
-"""Samplers: they see a batch log density, start points and a random stream, and nothing else."""

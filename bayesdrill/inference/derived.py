@@ -1,0 +1,271 @@
+"""What follows from the unknowns at every draw: poles, the steady state, formulas of the config.
+
+Nothing here is inferred: a draw of the unknowns has one value of each derived quantity, so their
+posterior is that of the unknowns.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayesdrill.basics import symbols
+from bayesdrill.basics.symbols import Symbol, product_latex, unit_product
+from bayesdrill.inference.posterior import Problem
+from bayesdrill.record.experiment import usual_inputs
+from bayesdrill.rig import models
+from bayesdrill.rig.models.friction import Named
+from bayesdrill.rig.models.linear import Linear, Model, driven, dynamics
+from bayesdrill.rig.steady_state import angles_of, ends, turning, turns
+
+Array = NDArray[np.float64]
+
+HDI_PROBABILITY = 0.94
+_TRIED = 1000  # draws from the priors, at which formulas are tried
+_LARGEST = 1e150  # whose square is still a number
+_FAST = 100.0  # times the slowest pair: what swings so fast is within a part, and nobody sees it
+_FLAT = 1e-7  # relative imaginary part below which a pole is real: rounding of a double one
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Derived:
+    """`values (E, N, Q)` at draws `(E, N)`, NaN where a draw has no such value; SI.
+
+    `nominal`: at the nominal parameters; NaN where a quantity without nominal value is named.
+    """
+
+    symbols: tuple[Symbol, ...]
+    values: Array
+    nominal: Mapping[str, float]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Row:
+    """One derived quantity, SI; `share` of the draws have it, and the numbers are of those."""
+
+    name: str
+    unit: str
+    nominal: float | None
+    mean: float
+    sd: float
+    hdi_low: float
+    hdi_high: float
+    deviation: float | None
+    share: float
+
+
+def impossible(problem: Problem) -> dict[str, str]:
+    """Why a formula of the config can have no mean or sd, by name; tried at draws from the priors."""
+    if not problem.derived:
+        return {}
+    values = at(problem, problem.posterior.space.draw(_TRIED, np.random.default_rng(0)))
+    found = {}
+    for own in problem.derived:
+        x = values[own.symbol.name]
+        x = np.abs(x[np.isfinite(x)])
+        if not len(x):
+            what = f"is no number at any of {_TRIED} draws from the priors; mend the formula"
+        elif x.max() > _LARGEST:
+            what = (
+                f"reaches {x.max():.3g} where the priors allow it, too large for a mean; rescale it"
+            )
+        else:
+            continue
+        found[own.symbol.name] = f"'{own.expression.text}' {what}"
+    return found
+
+
+def derive(problem: Problem, draws: Array) -> Derived:
+    """At physical draws `(E, N, D)`: what is tied, poles and steady state, the config's formulas."""
+    values = at(problem, draws.reshape(-1, draws.shape[-1]))
+    shape = draws.shape[:2]
+    columns = [np.broadcast_to(values[name], shape[0] * shape[1]) for name in values]
+    return Derived(
+        symbols=described(problem),
+        values=np.stack([column.reshape(shape) for column in columns], axis=-1),
+        nominal=_nominal(problem),
+    )
+
+
+def with_products(
+    derived: Derived, problem: Problem, draws: Array, exponents: Sequence[Sequence[int]]
+) -> Derived:
+    """And products of powers of the first unknowns at draws `(E, N, D)`, such as `k_s_over_j_1`."""
+    known = {symbol.name: symbol for symbol in problem.symbols}
+    described_, columns, nominal = list(derived.symbols), [derived.values], dict(derived.nominal)
+    for powers in exponents:
+        names = list(problem.names[: len(powers)])
+        factors = [(known[n], e) for n, e in zip(names, powers, strict=True) if e]
+        if len(factors) < 2:  # an unknown by itself has its own row already
+            continue
+        name = _product_name({n.name: e for n, e in factors})
+        if name in nominal:  # of the config's own
+            name += "_"
+        described_.append(
+            Symbol(
+                name=name,
+                unit=unit_product([n.unit for n, _ in factors], [e for _, e in factors]),
+                latex=product_latex(powers, problem.symbols),
+                latex_unit="SI",
+                meaning="a product of powers that no exact symmetry changes",
+            )
+        )
+        logs = np.log(draws[..., : len(powers)]) @ np.array(powers, dtype=float)
+        columns.append(np.exp(logs)[..., None])
+        values = [problem.nominal.get(n.name, np.nan) ** e for n, e in factors]
+        nominal[name] = float(np.prod(values))
+    return Derived(
+        symbols=tuple(described_), values=np.concatenate(columns, axis=-1), nominal=nominal
+    )
+
+
+def _product_name(exponents: Mapping[str, int]) -> str:
+    """A name that files and Python know: `r_m_t_f_squared_over_k_s`."""
+    powers = {1: "", 2: "_squared", 3: "_cubed"}
+    above, below = (
+        "_".join(
+            name + powers.get(s * e, f"_to_{s * e}") for name, e in exponents.items() if s * e > 0
+        )
+        for s in (1, -1)
+    )
+    return f"{above or 'one'}_over_{below}" if below else above
+
+
+def described(problem: Problem) -> tuple[Symbol, ...]:
+    """In the order of the values."""
+    tied = [models.PARAMETERS[name] for name in problem.posterior.space.relations]
+    return (*tied, *symbols.DERIVED.values(), *(own.symbol for own in problem.derived))
+
+
+def at(problem: Problem, theta: Array) -> dict[str, Array]:
+    """By name, each `(W,)`, at physical unknowns `(W, D)`."""
+    space = problem.posterior.space
+    named = space.named(theta)
+    tied = {name: np.broadcast_to(named[name], len(theta)) for name in space.relations}
+    return tied | _following(problem, named, len(theta))
+
+
+def _following(problem: Problem, named: Named, n: int) -> dict[str, Array]:
+    model, first = problem.model, problem.observations[0]
+    told = first.named(model.parameters)
+    p = {name: np.broadcast_to(named[told[name]], n) for name in model.parameters}
+    linear = model.linear(p)
+    found = {
+        **poles(model, linear, n),
+        **steady(model, linear, n, usual_inputs(first.experiment)),
+    }
+    known: dict[str, Array | float] = {**named, **found}
+    for own in problem.derived:
+        value = np.broadcast_to(own.expression.value(known), n)
+        found[own.symbol.name] = known[own.symbol.name] = np.where(
+            np.isfinite(value), value, np.nan
+        )
+    return found
+
+
+def _nominal(problem: Problem) -> dict[str, float]:
+    """What has no nominal value, such as a quantity with a prior, leaves none to what names it."""
+    space = problem.posterior.space
+    named: dict[str, Array | float] = dict.fromkeys(
+        (*space.model, *space.free, *space.fixed), np.nan
+    )
+    held = {name: value for name, value in space.fixed.items() if name not in space.model}
+    named |= {**held, **problem.nominal}
+    found = {name: float(x[0]) for name, x in _following(problem, named, 1).items()}
+    return {name: problem.nominal.get(name, np.nan) for name in space.relations} | found
+
+
+def poles(model: Model, linear: Linear, n: int) -> dict[str, Array]:
+    """Natural frequency and damping ratio of the least damped pair, and time constants.
+
+    The pole at zero, of a rig that can turn as a whole, is taken out before: only differences of
+    angles matter.  NaN where there is no pair, or not the poles that a time constant means.
+    """
+    matrix = dynamics(linear, model.states, n)
+    angles = angles_of(model)
+    if turns(matrix, angles):
+        first, *others = angles
+        matrix[:, others] -= matrix[:, [first]]
+        matrix = np.delete(np.delete(matrix, first, axis=1), first, axis=2)
+    bad = ~np.isfinite(matrix).all(axis=(1, 2))
+    matrix[bad] = 0.0
+    found = np.linalg.eigvals(matrix)
+    size = np.abs(found)
+    with np.errstate(all="ignore"):
+        swings = np.abs(found.imag) > _FLAT * size
+        slowest = np.where(swings, size, np.inf).min(axis=1, keepdims=True)
+        seen = swings & (size <= _FAST * slowest)
+        damping = np.where(seen, -found.real / size, np.inf)
+        least = np.argmin(damping, axis=1)[:, None]
+        times = np.where(swings, np.nan, -1.0 / found.real)
+    none = ~swings.any(axis=1)
+    fastest = np.argmax(np.where(swings & ~seen, 0.0, size), axis=1)[:, None]
+    current = model.roles.motor.current in model.states
+    slow = (~swings).sum(axis=1) == (2 if current else 1)  # of the current, and of the motor
+    values = {
+        "omega_n": np.where(none, np.nan, np.take_along_axis(size, least, axis=1)[:, 0]),
+        "zeta": np.where(none, np.nan, np.take_along_axis(damping, least, axis=1)[:, 0]),
+        "tau_e": np.take_along_axis(times, fastest, axis=1)[:, 0] if current else _none(n),
+        "tau_m": np.where(slow, np.max(np.where(swings, -np.inf, times), axis=1), np.nan),
+    }
+    return {name: np.where(bad, np.nan, value) for name, value in values.items()}
+
+
+def steady(model: Model, linear: Linear, n: int, inputs: Mapping[str, float]) -> dict[str, Array]:
+    """Speed and current that the rig ends with at constant inputs.
+
+    All angles turn alike then; a rig that is held by its angles stands still.  NaN where there is
+    no such state.
+    """
+    matrix = dynamics(linear, model.states, n)
+    pushed = driven(linear, model.states, n, inputs)
+    angles = angles_of(model)
+    turned = turns(matrix, angles)
+    found = ends(turning(matrix, angles) if turned else matrix, pushed)
+    speed = found[:, angles[0]] if turned else 0.0 * found[:, angles[0]]
+    current = model.roles.motor.current in model.states
+    at_end = found[:, model.states.index(model.roles.motor.current)] if current else _none(n)
+    return {"w_end": speed, "i_end": at_end}
+
+
+def _none(n: int) -> Array:
+    return np.full(n, np.nan)
+
+
+def summarise(derived: Derived) -> tuple[Row, ...]:
+    """A row for each quantity that some draw has."""
+    rows = []
+    for q, symbol in enumerate(derived.symbols):
+        every = derived.values[..., q].ravel()
+        x = every[np.isfinite(every)]
+        if len(x) < 2:
+            continue
+        nominal: float | None = derived.nominal.get(symbol.name, np.nan)
+        nominal = nominal if nominal is not None and np.isfinite(nominal) else None
+        low, high = hdi(x)
+        mean = float(x.mean())
+        rows.append(
+            Row(
+                name=symbol.name,
+                unit=symbol.unit,
+                nominal=nominal,
+                mean=mean,
+                sd=float(x.std(ddof=1)),
+                hdi_low=low,
+                hdi_high=high,
+                deviation=mean / nominal - 1.0 if nominal else None,
+                share=len(x) / len(every),
+            )
+        )
+    return tuple(rows)
+
+
+def hdi(x: Array, probability: float = HDI_PROBABILITY) -> tuple[float, float]:
+    """The narrowest interval that holds this share of the draws `(N,)`."""
+    from arviz_stats.base import array_stats  # late: it takes half a second to load
+
+    low, high = array_stats.hdi(x, prob=probability, axis=0)  # type: ignore[no-untyped-call]
+    return float(low), float(high)

@@ -1,0 +1,256 @@
+"""The likelihood of a record with a latent torque: a state-space model, by a Kalman filter.
+
+What the simulator leaves is then a Gaussian process whose covariance follows from the rig: a
+likelihood of its own kind, of a state space, and no noise of residuals.  Slopes are exact; the
+curvature is that of Gauss and Newton of the whitened residuals, with what their standard
+deviations change, which on average is the Fisher information.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayesdrill.inference.likelihood import Directions, Observation
+from bayesdrill.inference.noise.mixed import Mixed, Part
+from bayesdrill.inference.noise.white import White
+from bayesdrill.inference.unknowns import ParameterSpace, Unknown
+from bayesdrill.rig.models.latent_torque import SIZE, TIME
+from bayesdrill.rig.simulators.contract import Simulator
+from bayesdrill.rig.simulators.kalman import Filtered
+
+Array = NDArray[np.float64]
+
+MOST_BYTES = 6e7  # of slopes at a time
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ShakenObservation(Observation):
+    """`noise`: of the sensors, white; `filtered`: of the simulator's rig and experiment; `process`: of
+    `SIZE` and `TIME` of the torque, the number or the unknown.
+
+    All `own (W, n + P)` are its unknowns, and then the parameters of the simulator.  `fixed (P,)`:
+    those that count instead, where given: the covariance is that of one rig, whatever the
+    residuals are of.
+    """
+
+    filtered: Filtered
+    process: Mapping[str, float | Unknown]
+    space: ParameterSpace | None = None
+    fixed: tuple[float, ...] | None = None
+
+    def placed(self, space: ParameterSpace) -> ShakenObservation:
+        return dataclasses.replace(Observation.placed(self, space), space=space)
+
+    def simulated(self, response: Simulator, parameters: Sequence[str]) -> ShakenObservation:
+        filtered = Filtered(response.model, self.filtered.torque, response.experiment)
+        return dataclasses.replace(
+            self, response=response, parameters=parameters, filtered=filtered
+        )
+
+    @property
+    def unknowns(self) -> tuple[Unknown, ...]:
+        own = (u for u in self.process.values() if isinstance(u, Unknown))
+        return (*self.noise.unknowns, *own)
+
+    @property
+    def white(self) -> bool:
+        return False
+
+    @property
+    def kind(self) -> str:
+        """As it was called when it was a noise: by that results know it."""
+        return (
+            f"Shaken(within={self.noise!r}, filtered={self.filtered!r}, torque={self.process!r}, "
+            "pinned=None)"
+        )
+
+    @property
+    def torque(self) -> ShakenObservation:
+        return self
+
+    def pinned(self, theta: Array) -> ShakenObservation:
+        assert self.space is not None
+        told = self.told(self.space.full(theta[None]))[0]
+        return dataclasses.replace(self, fixed=tuple(map(float, told)))
+
+    def times(self, factor: float) -> ShakenObservation:
+        size = self.process[SIZE]
+        if isinstance(size, Unknown):
+            return self
+        return dataclasses.replace(self, process={**self.process, SIZE: size * factor})
+
+    def showing(self, response: Simulator, sigma: float) -> ShakenObservation:
+        k, n = self.noise.n_channels, len(response.experiment.t)
+        more = White(n_samples=n, known={0: sigma}, n_channels=1)
+        noise = Mixed((Part(self.noise, tuple(range(k))), Part(more, (k,))))
+        made = dataclasses.replace(self, noise=noise)
+        return made.simulated(response, self.parameters)
+
+    # What it is told.
+
+    def _own(self, theta: Array, full: Array | None = None) -> Array:
+        assert self.space is not None
+        told = self.told(self.space.full(theta) if full is None else full)
+        return np.concatenate([theta[:, self.own], told], axis=1)
+
+    def _levels(self, own: Array) -> Array:
+        return own[..., : len(self.noise.unknowns)]
+
+    def _of_process(self, own: Array) -> Array:
+        """Of the rig and its torque, `(..., P + 2)`."""
+        first, count = len(self.unknowns), len(self.filtered.model.parameters)
+        rig = own[..., first : first + count]
+        if self.fixed is not None:
+            rig = np.broadcast_to(np.array(self.fixed[:count]), (*own.shape[:-1], count))
+        return np.concatenate([rig, self._sizes(own)], axis=-1)
+
+    def _sizes(self, own: Array) -> Array:
+        """Size and time of the torque, `(..., 2)`."""
+        out = np.empty((*own.shape[:-1], 2))
+        column = len(self.noise.unknowns)
+        for k, name in enumerate((SIZE, TIME)):
+            value = self.process[name]
+            if isinstance(value, Unknown):
+                out[..., k] = own[..., column]
+                column += 1
+            else:
+                out[..., k] = value
+        return out
+
+    def _scales(self, own: Array) -> Array:
+        return self.noise.scales(self._levels(own))
+
+    def sizes(self, theta: Array) -> Array:
+        return self._sizes(theta[:, self.own])
+
+    def scales(self, theta: Array) -> Array:
+        """Of the sensors alone."""
+        return self._scales(theta[:, self.own])
+
+    # Densities.
+
+    def by_channel(self, full: Array, theta: Array) -> Array:
+        own, record = self._own(theta, full), self.response.record
+        if self.fixed is None and record is not None:
+            return self.filtered.log_density(self._of_process(own), self._scales(own), record)
+        return np.asarray(np.nansum(self._pointwise(self.residuals(full).samples, own), axis=1))
+
+    def pointwise(self, samples: Array, theta: Array) -> Array:
+        return self._pointwise(samples, self._own(theta))
+
+    def _pointwise(self, samples: Array, own: Array) -> Array:
+        white, variances = self._whitened(samples, own)
+        return np.asarray(-0.5 * (math.log(2 * math.pi) + np.log(variances) + white**2))
+
+    def whiten(self, samples: Array, theta: Array) -> Array:
+        return self._whitened(samples, self._own(theta))[0]
+
+    def inform(self, shifts: Array, theta: Array) -> Array:
+        return np.nan_to_num(self.whiten(shifts, theta))
+
+    def draw(self, signals: Array, theta: Array, rng: np.random.Generator) -> Array:
+        own = self._own(theta)
+        with np.errstate(all="ignore"):
+            found = self.filtered.draw(self._of_process(own), self._scales(own), rng)[1]
+        return np.asarray(signals + found)
+
+    def smooth(self, samples: Array, theta: Array) -> Array:
+        own = self._own(theta)
+        with np.errstate(all="ignore"):
+            found = self.filtered.smooth(self._of_process(own), self._scales(own), samples)
+        return np.asarray(found)
+
+    def followed(self, full: Array, theta: Array) -> Array:
+        signals = self.signals(full)
+        states = self.smooth(self.experiment.y - signals, theta)
+        return signals + np.asarray(states @ np.array(self.filtered.noisy.channels).T)
+
+    def known(self, samples: Array, theta: Array, rng: np.random.Generator) -> tuple[Array, Array]:
+        own = self._own(theta)
+        with np.errstate(all="ignore"):
+            fresh, shown = self.filtered.draw(self._of_process(own), self._scales(own), rng)
+        drawn = fresh + self.smooth(samples - shown, theta)
+        return drawn, np.asarray(drawn @ np.array(self.filtered.noisy.channels).T)
+
+    def again(self, signals: Array, theta: Array, rng: np.random.Generator) -> Array:
+        moved = self.known(self.experiment.y - signals, theta, rng)[1]
+        return self.noise.draw(signals + moved, self._levels(theta[:, self.own]), rng)
+
+    def _whitened(self, samples: Array, own: Array) -> tuple[Array, Array]:
+        with np.errstate(all="ignore"):
+            return self.filtered.whiten(self._of_process(own), self._scales(own), samples)
+
+    # Slopes.
+
+    def expand(self, at: Directions) -> Iterator[tuple[Array, Array]]:
+        """Of all together, as parameters are in the covariance too."""
+        levels = (at.slopes[:, None, :] * at.columns.T)[..., self.own]
+        along = at.along
+        if along is None:
+            along = np.zeros((*levels.shape[:2], at.full.shape[1]))
+        turned = self.told(along)
+        signals, shifts = self.response.course(self.told(at.full), turned)
+        left = np.nan_to_num(self.experiment.y - signals)
+        own = self._own(at.theta, at.full)
+        yield self._slopes(left, -shifts, own, np.concatenate([levels, turned], axis=-1))
+
+    def _slopes(self, left: Array, slopes: Array, own: Array, along: Array) -> tuple[Array, Array]:
+        """Slope `(W, q)` and curvature `(W, q, q)` of the log likelihood, where `left (W, T, K)`
+        changes by `slopes (W, q, T, K)` and what it is told, `own`, by `along (W, q, n + P)`.
+        """
+        n, q = along.shape[:2]
+        slope, curvature = np.empty((n, q)), np.empty((n, q, q))
+        chunk = max(1, int(MOST_BYTES / (64 * q * max(left[0].size, 1))))
+        for rows in (slice(k, k + chunk) for k in range(0, n, chunk)):
+            slope[rows], curvature[rows] = self._expanded(
+                left[rows], slopes[rows], own[rows], along[rows]
+            )
+        return slope, curvature
+
+    def _expanded(
+        self, left: Array, slopes: Array, own: Array, along: Array
+    ) -> tuple[Array, Array]:
+        n, q = along.shape[:2]
+        told, levels = np.repeat(own, q, axis=0), along.reshape(n * q, -1)
+        with np.errstate(all="ignore"):
+            found = self.filtered.slopes(
+                (self._of_process(told), self._slopes_of_process(levels)),
+                (self._scales(told), self._slopes_of_scales(levels)),
+                (np.repeat(left, q, axis=0), slopes.reshape(n * q, *left.shape[1:])),
+            )
+        white, change, variance, wider = (part.reshape(n, q, -1) for part in found)
+        ratio = 0.5 * wider / variance
+        slope = -(white * change).sum(axis=-1) - ratio.sum(axis=-1)
+        return slope, change @ change.swapaxes(1, 2) + ratio @ ratio.swapaxes(1, 2)
+
+    def _slopes_of_process(self, along: Array) -> Array:
+        """What is held does not move."""
+        found = self._of_process(along)
+        count = found.shape[-1] - 2
+        if self.fixed is not None:
+            found[..., :count] = 0.0
+        for k, name in enumerate((SIZE, TIME)):
+            if not isinstance(self.process[name], Unknown):
+                found[..., count + k] = 0.0
+        return found
+
+    def _slopes_of_scales(self, along: Array) -> Array:
+        return self._scales(along) - self._scales(np.zeros_like(along))
+
+    def expected(self, theta: Array) -> Array:
+        own, count = self._own(theta[None]), len(self.unknowns)
+        along = np.zeros((1, count, own.shape[1]))
+        along[:, range(count), range(count)] = own[:, :count]
+        shape = self.experiment.y.shape
+        curvature = self._slopes(np.zeros((1, *shape)), np.zeros((1, count, *shape)), own, along)[1]
+        return np.asarray(2.0 * np.diagonal(curvature[0]))
+
+    def fitted(self, samples: Array, theta: Array) -> Array:
+        """As they are: of one record the levels cannot be told in a sum."""
+        return theta[self.own]

@@ -1,0 +1,200 @@
+"""How fine the steps of a rig with friction have to be, and what they cost in truth."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayesdrill.inference.likelihood import Likelihood, Observation
+from bayesdrill.inference.posterior import Posterior
+from bayesdrill.rig.simulators.contract import Simulator, Stepping
+from bayesdrill.rig.simulators.stepped import TURNS
+
+Array = NDArray[np.float64]
+Taken = tuple[int, int]  # steps to a sample, and parts of those in which something turns
+
+FINER = 16  # times as many pieces are taken for the truth
+ENOUGH = 0.1  # of the noise: what steps may do to a sample
+SAFE = 0.5  # of that, where they are chosen: elsewhere than where they are looked at in the end
+POINTS, SCATTER = (
+    8,
+    0.1,
+)  # that are looked at: as many as take no longer than one; and how far they are
+STRANGE = 1  # of them, which need not have enough
+MOST = 64
+# Pieces, and parts of those in which something turns, that are taken by themselves.
+TRIED = ((1, 1), *((pieces, TURNS) for pieces in (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, MOST)))
+MOST_STEPS = 4_000_000  # that a truth may take
+WEIGHED, LEAST = 1000, 16  # draws for the evidence, and where a truth is dear
+AT_ONCE = 50  # of them
+ALL_STEPS = 400_000_000  # that the truths of these may take together
+HALF = 2  # of the steps of the truth: what it lacks is about as far as from there to it
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StepError:
+    """`errors (K,)`: the most that steps do to a sample of each channel, in sd of its noise."""
+
+    label: str
+    channels: tuple[str, ...]
+    pieces: int
+    errors: tuple[float, ...]
+
+    @property
+    def worst(self) -> float:
+        return max(self.errors)
+
+    @property
+    def fine(self) -> bool:
+        return self.worst <= ENOUGH
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EvidenceShift:
+    """What the truth adds to a log evidence that was found in steps, and its standard error."""
+
+    added: float
+    error: float
+
+
+def evidence_shift(posterior: Posterior, draws: Array) -> EvidenceShift | None:
+    """From its draws `(N, D)`, physical; None where nothing is stepped, or no truth is finite.
+
+    The ratio of the evidences is the mean over the posterior of the ratio of the likelihoods, in finer
+    steps and in its own.
+    """
+    every = _stepped(posterior.likelihood)
+    if not every:
+        return None
+    steps = sum(_steps(_truth(one.response)).pieces * len(one.experiment.t) for one in every)
+    most = min(max(ALL_STEPS // steps, LEAST), WEIGHED)
+    some = draws[:: max(1, -(-len(draws) // most))]
+    here, found = _log_likelihood(posterior, some), []
+    for part in (HALF, 1):
+        finer = _finer(posterior, part)
+        logs = np.nan_to_num(_log_likelihood(finer, some) - here, nan=-np.inf)
+        top = float(logs.max())
+        if not math.isfinite(top):
+            return None
+        weights = np.exp(logs - top)
+        found.append(top + math.log(weights.mean()))
+    spread = float(weights.std(ddof=1) / weights.mean()) / math.sqrt(len(weights))
+    return EvidenceShift(added=found[1], error=math.hypot(spread, found[1] - found[0]))
+
+
+def _finer(posterior: Posterior, part: int) -> Posterior:
+    return _with(
+        posterior, lambda one: dataclasses.replace(one, response=_truth(one.response, part))
+    )
+
+
+def _log_likelihood(posterior: Posterior, draws: Array) -> Array:
+    """In turn: noise that asks for samples keeps all of them."""
+    parts = np.array_split(draws, -(-len(draws) // AT_ONCE))
+    return np.concatenate([posterior.likelihood(some) for some in parts])
+
+
+def step_errors(likelihood: Likelihood, theta: Array) -> tuple[StepError, ...]:
+    """Of all experiments that are stepped, at `theta (D,)`."""
+    full = likelihood.space.full(theta[None])
+    return tuple(_error(one, full, theta) for one in _stepped(likelihood))
+
+
+def chosen(posterior: Posterior, theta: Array, most: int = MOST) -> Posterior:
+    """With as few pieces, of `TRIED` up to `most`, as are enough at `theta (D,)` and at other points
+    about it.
+    """
+    points = _about(posterior, theta)
+    full = posterior.likelihood.space.full(points)
+    tried = [(pieces, turns) for pieces, turns in TRIED if pieces <= most]
+    return _with(posterior, lambda one: _fine(one, tried, full, points))
+
+
+def taken(posterior: Posterior) -> dict[str, Taken]:
+    """By the labels of experiments, where they were chosen."""
+    every = (*posterior.likelihood.observations, *posterior.likelihood.apart)
+    steps = [(one.label, one.response.stepping) for one in every]
+    return {label: (own.pieces, own.turns) for label, own in steps if own and own.chosen}
+
+
+def taking(posterior: Posterior, steps: Mapping[str, Taken]) -> Posterior:
+    """With steps as `taken` told them; the very same where they are what it takes."""
+    if steps.items() <= taken(posterior).items():
+        return posterior
+    return _with(posterior, lambda one: _in(one, *steps[one.label]) if one.label in steps else one)
+
+
+def _with(posterior: Posterior, made: Callable[[Observation], Observation]) -> Posterior:
+    """With other observations where they are stepped."""
+    likelihood = posterior.likelihood
+    every, apart = (
+        tuple(made(one) if one.response.stepping else one for one in some)
+        for some in (likelihood.observations, likelihood.apart)
+    )
+    likelihood = dataclasses.replace(likelihood, observations=every, apart=apart)
+    return dataclasses.replace(posterior, likelihood=likelihood)
+
+
+def _in(one: Observation, pieces: int, turns: int) -> Observation:
+    return dataclasses.replace(one, response=one.response.finer(pieces, turns, chosen=True))
+
+
+def _about(posterior: Posterior, theta: Array) -> Array:
+    """`theta` first, `(POINTS, D)`: at one point alone speeds may turn where it does no harm."""
+    rng = np.random.default_rng(0)
+    share = rng.uniform(-SCATTER, SCATTER, (POINTS, len(theta)))
+    share[0] = 0.0
+    ends = [(prior.low, prior.high) for prior in posterior.space.priors.values()]
+    low, high = np.array(ends).reshape(-1, 2).T
+    return np.clip(theta * (1.0 + share), low, high)
+
+
+def _stepped(likelihood: Likelihood) -> list[Observation]:
+    return [one for one in likelihood.observations if one.response.stepping]
+
+
+def _steps(response: Simulator) -> Stepping:
+    """Of one that has some."""
+    assert response.stepping
+    return response.stepping
+
+
+def _fine(one: Observation, tried: Sequence[Taken], full: Array, theta: Array) -> Observation:
+    made = one
+    for pieces, turns in tried:
+        made = _in(one, pieces, turns)
+        worst = np.sort(_errors(made, full, theta).max(axis=1))
+        if not worst[-1 - STRANGE] > SAFE * ENOUGH:
+            break
+    return made
+
+
+def _error(one: Observation, full: Array, theta: Array) -> StepError:
+    return StepError(
+        label=one.label,
+        channels=one.experiment.names,
+        pieces=_steps(one.response).pieces,
+        errors=tuple(map(float, _errors(one, full, theta[None])[0])),
+    )
+
+
+def _truth(response: Simulator, part: int = 1) -> Simulator:
+    """`FINER` times as fine or as `MOST_STEPS` allow, twice at least; `part`: by so much less."""
+    pieces = _steps(response).pieces
+    allowed = MOST_STEPS // (pieces * len(response.experiment.t))
+    return response.finer(pieces * max(1, max(2, min(FINER, allowed)) // part))
+
+
+def _errors(one: Observation, full: Array, theta: Array) -> Array:
+    """The most that steps do to a sample `(W, K)`, over its sd.  A walker that overflows has none."""
+    response, told = one.response, one.told(full)
+    truth = _truth(response).signals(told)
+    off = np.abs(response.signals(told) - truth)
+    with np.errstate(invalid="ignore"):
+        shares = np.where(response.experiment.seen, off / one.scales(theta)[:, None], 0.0)
+    return np.asarray(np.nan_to_num(shares).max(axis=1))

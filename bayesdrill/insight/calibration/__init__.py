@@ -1,1 +1,0 @@
-"""Simulation-based calibration: many simulated records refitted, and where the truth ranks."""

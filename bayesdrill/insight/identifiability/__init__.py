@@ -1,1 +1,0 @@
-"""What a record can say of the unknowns, before a single sample is drawn."""

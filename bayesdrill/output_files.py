@@ -1,0 +1,473 @@
+"""The files that bayesdrill writes: their exact names, atomic writes, checksummed JSON, and limits
+of size.
+
+Nothing else in a folder of a user's is ever touched.
+
+What is ours to write, by exact name: the files of each kind of run, and what stands in their way.
+
+Everything that replaces or removes a file goes through here, and touches nothing else: no file of
+another name, nothing through a link, no folder that holds something of others.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import re
+import shutil
+import stat
+import tempfile
+import threading
+from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any, cast
+
+from bayesdrill.basics.errors import InputError, Issue, encodable
+from bayesdrill.basics.registry import Registry
+
+RUN = "run.json"  # says whose a folder is
+LOCK = ".lock"
+FIGURES = "figures"
+PIECES = ".pieces"
+REFITS = ".refits"
+RECOMMENDED = "recommended.yaml"  # of a ladder
+OPENED = "opened.npz"  # draws beyond ends of priors, where these are in the way
+RECORD = "record.csv"  # of a case that was made without any file
+CONFIG_FILE, RESOLVED_FILE = "config.yaml", "config.resolved.yaml"
+CONFIGS = (CONFIG_FILE, RESOLVED_FILE)
+
+
+@dataclass(frozen=True, slots=True)
+class Kind:
+    """What `bayesdrill <job>` writes into its folder; `#` stands for a number.
+
+    `mark`: by this file, which is never taken away, the folder is known; `nested`: folders of runs
+    of their own; `again`: what can be done where results exist; `kept`: what it writes once and no
+    later run takes away.
+    """
+
+    job: str
+    mark: str
+    files: tuple[str, ...]
+    nested: tuple[str, ...] = ()
+    again: str = "continue them with --resume, or start over with --force"
+    kept: tuple[str, ...] = ()
+
+    @property
+    def folders(self) -> tuple[str, ...]:
+        return (*{name.split("/")[0]: None for name in self.files if "/" in name}, *self.nested)
+
+    def made(self, name: str) -> bool:
+        return _among(name, (self.mark, *self.files, *self.kept))
+
+
+def numbered[T](stem: str, every: Sequence[T]) -> dict[str, T]:
+    """By the stems of files: one keeps the name, several have numbers, as `#` in a `Kind` has it."""
+    if len(every) == 1:
+        return {stem: every[0]}
+    return {f"{stem}_{k}": one for k, one in enumerate(every, start=1)}
+
+
+FORMATS = ("pdf", "png", "svg")  # of figures
+USUAL = FORMATS[:2]
+
+
+def figure_files(*stems: str, formats: Iterable[str] = USUAL) -> tuple[str, ...]:
+    return tuple(f"{FIGURES}/{stem}.{end}" for stem in stems for end in formats)
+
+
+def shown_path(formats: Iterable[str]) -> str:
+    """Of these, the one that a page can show best."""
+    return min(formats, key=("png", "svg", "pdf").index)
+
+
+UNFINISHED = Kind("posterior", RUN, (f"{PIECES}/ensemble_#_#.npz",))
+
+# What a report is made from, beside the config with all defaults.
+GROUND = Kind("posterior", RUN, ("chain.h5", "map.json", CONFIG_FILE, *UNFINISHED.files))
+
+
+# Figures of a run, by name, and the module of `report` whose `draw_<name>` draws each.  Those on
+# request are drawn where a config names them.
+USUALLY_DRAWN = {
+    "corner": "sections.corner_figure",
+    "invariants": "sections.parameters_figure",
+    "ridge": "sections.parameters_figure",
+    "trace": "sections.convergence_figure",
+    "prior_posterior": "sections.parameters_figure",
+    "friction": "sections.physics_figure",
+    "energy": "sections.physics_figure",
+    "torque": "sections.physics_figure",
+    "fit": "sections.fit_figure",  # last: its draws take a while
+}
+ON_REQUEST = {
+    "rank": "sections.convergence_figure",
+    "autocorrelation": "sections.convergence_figure",
+    "predictive_check": "sections.fit_figure",
+}
+OWN_FIGURES = USUALLY_DRAWN | ON_REQUEST
+RUN_FIGURES: Registry[str] = Registry("figure", OWN_FIGURES)
+
+
+POSTERIOR = Kind(
+    "posterior",
+    RUN,
+    (
+        *("chain.h5", OPENED, "map.json", *CONFIGS, "posterior.nc", "summary.csv", "summary.md"),
+        *("derived.csv", "verdict.csv", "torque.csv", "table.tex", "report.html"),
+        *figure_files(*RUN_FIGURES, "fit_#", "friction_#", "energy_#", "torque_#", formats=FORMATS),
+        *UNFINISHED.files,
+    ),
+    kept=(RECORD,),  # its config may be started over from this very folder
+)
+CALIBRATE = Kind(
+    "calibrate",
+    RUN,
+    (
+        *(*CONFIGS, "ranks.csv", "summary.md", "report.html"),
+        *(*figure_files("calibration", formats=FORMATS), f"{REFITS}/#.json"),
+    ),
+)
+OVERLAY = Kind(
+    "report",
+    RUN,
+    ("overlay.csv", "overlay.md", "report.html", *figure_files("corner", "intervals")),
+    again="make them anew with --force, or give another --output",
+)
+COMPARE = Kind(
+    "compare",
+    RUN,
+    ("comparison.csv", "comparison.md", "report.html", *figure_files("comparison")),
+    again="make them anew with --force, or give another --output",
+)
+MAP = Kind(
+    "map",
+    RUN,
+    (
+        *("map.json", "map.md", "map.csv", "report.html"),
+        *("prediction.csv", "prediction_#.csv"),
+        *CONFIGS,
+        *figure_files("fit", "fit_#", formats=FORMATS),
+    ),
+    again="make them anew with --force, or give another --output",
+    kept=(RECORD,),
+)
+IDENTIFY = Kind("identify", "identify.md", figure_files("spectrum", "profiles", formats=FORMATS))
+
+
+def ladder_files(rungs: Sequence[str]) -> Kind:
+    """Of models of one record, each of which has a posterior in a folder of its own."""
+    return Kind(
+        "ladder",
+        RUN,
+        (*COMPARE.files, *CONFIGS, RECOMMENDED),
+        nested=tuple(rungs),
+    )
+
+
+def paper_files(records: Sequence[str]) -> Kind:
+    """Of the studies of the paper; each of `records` has a posterior in a folder of its own."""
+    tables = (
+        *("table_1", "inconsistencies", "matrix", "integrator", "table_2", "implied", "lengths"),
+        *("simultaneous", "control", "misfits", "shaft"),
+        *(f"{stem}_{name}" for name in records for stem in ("table_3", "products", "verdict")),
+    )
+    drawn = (
+        *("rig", "heuristic", "matrix", "table_2", "simultaneous", "convergence"),
+        *(f"{stem}_{name}" for name in records for stem in ("fit", "table_3")),
+    )
+    return Kind(
+        "paper",
+        RUN,
+        (
+            *(f"{stem}.{end}" for stem in tables for end in ("csv", "md")),
+            *("report.md", "report.html", *figure_files(*drawn)),
+        ),
+        nested=tuple(records),
+        again="make them anew with --force, or give another --output",
+    )
+
+
+def present(folder: Path, kind: Kind) -> list[str]:
+    """Files and folders in `folder` that bear a name of this kind, whatever they are."""
+    names = _names(folder, ("", *kind.folders))
+    return [name for name in names if kind.made(name) and not _among(name, kind.kept)]
+
+
+def existing_outputs(folder: Path, kind: Kind) -> list[Issue]:
+    """Links, folders, devices and pipes where a run has its files, and files where its folders."""
+    wrong = [
+        Issue(
+            str(folder / name), f"{found}, which no run writes; move it, or give another --output"
+        )
+        for name in (LOCK, *present(folder, kind))
+        if (found := _no_file(folder / name))
+    ]
+    for name in kind.folders:
+        found = what(folder / name)
+        if found not in ("", "a folder"):
+            message = (
+                f"{found}, where a run has a folder of its own; move it, or give another --output"
+            )
+            wrong.append(Issue(str(folder / name), message))
+    return wrong
+
+
+def remove_outputs(folder: Path, kind: Kind) -> None:
+    """What such a run has written, all but its mark; then its folders, where nothing is left."""
+    for name in present(folder, kind):
+        if name != kind.mark and what(folder / name) == "a file":
+            (folder / name).unlink()
+    for name in kind.folders:
+        if what(folder / name) == "a folder":
+            with suppress(OSError):  # something of others is in it
+                (folder / name).rmdir()
+
+
+@contextmanager
+def renewed(folder: Path, kind: Kind) -> Iterator[None]:
+    """Takes away what such a run has written; what the block writes anew has the mode bits of before."""
+    before = {
+        name: (folder / name).lstat().st_mode
+        for name in present(folder, kind)
+        if what(folder / name) == "a file"
+    }
+    remove_outputs(folder, kind)
+    try:
+        yield
+    finally:
+        for name, mode in before.items():
+            if what(folder / name) == "a file":
+                (folder / name).chmod(stat.S_IMODE(mode))
+
+
+def clean_up(folder: Path, kind: Kind) -> None:
+    """What a run that was killed had begun to write; the folder must be locked."""
+    for name in _names(folder, ("", *kind.folders)):
+        if (of := _finished(name)) and kind.made(of) and what(folder / name) == "a file":
+            (folder / name).unlink()
+
+
+def digest(path: Path) -> str:
+    """Of what a file holds."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()[:16]
+
+
+@contextmanager
+def atomic_write(path: Path) -> Iterator[Path]:
+    """A path to write to, renamed to `path` when the block ends well and removed otherwise.
+
+    What it replaces hands its mode bits on.
+    """
+    refuse_other_than_file(path)
+    # Of this thread, and so of this process too.
+    aside = path.with_name(f".{path.stem}.{threading.get_native_id()}.aside{path.suffix}")
+    try:
+        yield aside
+        with aside.open("rb") as file:
+            os.fsync(file.fileno())
+        if path.exists():
+            shutil.copymode(path, aside)
+        aside.replace(path)
+    except OSError as error:
+        error.filename = str(path)
+        raise
+    finally:
+        aside.unlink(missing_ok=True)
+
+
+def write(path: Path, content: bytes) -> None:
+    """A whole file, made in memory: libraries that write themselves fall over where a disk fills up."""
+    with atomic_write(path) as aside:
+        aside.write_bytes(content)
+
+
+def write_text(path: Path, text: str) -> None:
+    """A whole file in UTF-8."""
+    write(path, encodable(text).encode())
+
+
+def refuse_other_than_file(path: Path) -> None:
+    """Raises `InputError` for links, folders, devices and pipes."""
+    if found := _no_file(path):
+        message = f"{found}, which is never replaced; give another --output"
+        raise InputError.one(str(path), message)
+
+
+def refuse_unwritable(folder: Path, below: Iterable[str] = ()) -> None:
+    """Raises `InputError` where no file can be made in `folder`, or in those `below` that are there.
+
+    It is tried, as mode bits do not know of read-only disks; nothing is left behind, and no folder made.
+    """
+    parents = (folder, *folder.absolute().parents)
+    nearest = next(one for one in parents if os.path.lexists(one))
+    for place in (nearest, *(folder / name for name in below if (folder / name).is_dir())):
+        if not place.is_dir():
+            raise InputError.one(str(folder), "a file is in the way; give another --output")
+        try:
+            with tempfile.TemporaryFile(dir=place):
+                pass
+        except OSError as error:
+            message = f"nothing can be written here ({error.strerror}); give another --output"
+            raise InputError.one(str(place), message) from None
+
+
+def refuse_endless(path: Path) -> None:
+    """Raises `InputError` for devices and pipes, also behind links: opening may never end."""
+    try:
+        mode = path.stat().st_mode
+    except (OSError, ValueError):  # it is not there, or has a NUL in its path, as its reader says
+        return
+    if not stat.S_ISREG(mode) and not stat.S_ISDIR(mode):
+        raise InputError.one(str(path), "is a device or a pipe, which may have no end; give a file")
+
+
+def what(path: Path) -> str:
+    """`a file`, `a folder`, ...; empty where there is nothing.  Links are not followed."""
+    try:
+        mode = path.lstat().st_mode
+    except (FileNotFoundError, NotADirectoryError, ValueError):  # ValueError: a NUL in the name
+        return ""
+    if stat.S_ISREG(mode):
+        return "a file"
+    if stat.S_ISDIR(mode):
+        return "a folder"
+    return "a link" if stat.S_ISLNK(mode) else "a device or pipe"
+
+
+def _names(folder: Path, below: Iterable[str]) -> list[str]:
+    """What lies in `folder` and those `below` that are no links, as relative names."""
+    found = []
+    for name in below:
+        if what(folder / name) == "a folder" or (not name and folder.is_dir()):
+            found += [f"{name}/{one}" if name else one for one in os.listdir(folder / name)]
+    return sorted(found)
+
+
+def _among(name: str, patterns: Iterable[str]) -> bool:
+    return any(_pattern(one).fullmatch(name) for one in patterns)
+
+
+def _finished(name: str) -> str:
+    """The file that something left aside by `whole` was to become."""
+    match = re.fullmatch(r"((?:.*/)?)\.(.*)\.\d+\.aside(\.[^./]*)", name)
+    return "".join(match.groups()) if match else ""
+
+
+def _pattern(name: str) -> re.Pattern[str]:
+    return re.compile(re.escape(name).replace(r"\#", r"\d+"), re.ASCII)
+
+
+def _no_file(path: Path) -> str:
+    """What `path` is, unless it is a file or nothing."""
+    found = what(path)
+    return "" if found == "a file" else found
+
+
+LARGEST_FILE = 1_000_000_000  # bytes of a record: five million numbers as text are a tenth of that
+LARGEST_GUESSED = 100_000_000  # bytes of one that `init` looks at, for up to half a minute
+MOST_COLUMNS = 300  # each of which `init` may hold against each other
+MOST_SAMPLES = 1_000_000
+MOST_MEASURED = 5_000_000  # numbers of a record: samples times channels
+MOST_OF_CHAIN = 64_000_000  # numbers of a chain, half a gigabyte
+LEAST_STEPS = 200  # that a chain must have room for
+MOST_PREDICTED = 20_000_000  # numbers, 80 MB; as many log likelihoods go with them
+
+
+def check_file(path: Path, largest: int = LARGEST_FILE) -> None:
+    """Raises `InputError` beyond `largest` bytes or without an end; a missing one is for its reader."""
+    refuse_endless(path)
+    try:
+        size = path.stat().st_size
+    except (OSError, ValueError):
+        return
+    if size > largest:
+        message = (
+            f"has {size / 1e6:.0f} MB; at most {largest / 1e6:.0f} MB are read: resample to a "
+            "lower rate, shorten the record, or save fewer variables"
+        )
+        raise InputError.one(str(path), message)
+
+
+def check_record(samples: float, channels: int) -> None:
+    """Raises `ValueError` with a message for the user."""
+    if samples > MOST_SAMPLES or samples * channels > MOST_MEASURED:
+        raise ValueError(
+            f"{samples:.6g} samples of {channels} channels; at most {MOST_SAMPLES} samples and "
+            f"{MOST_MEASURED} numbers are taken: resample to a lower rate, or shorten the record"
+        )
+
+
+def check_guessed(samples: int, columns: int) -> None:
+    """Raises `ValueError` with a message for the user."""
+    if samples > MOST_SAMPLES or columns > MOST_COLUMNS:
+        raise ValueError(
+            f"{samples} samples of {columns} columns; `init` looks at {MOST_SAMPLES} samples and "
+            f"{MOST_COLUMNS} columns at most: save those of the rig alone, at a lower rate or for a "
+            "shorter time, or write a config by hand"
+        )
+
+
+def check_chain(ensembles: int, walkers: int, unknowns: int) -> None:
+    """Raises `ValueError` with a message for the user."""
+    if steps_of_chain(ensembles, walkers, unknowns) < LEAST_STEPS:
+        raise ValueError(
+            f"{ensembles} ensembles of {walkers} walkers with {unknowns} unknowns: {LEAST_STEPS} steps "
+            f"would be more than {MOST_OF_CHAIN} numbers, which is all that a chain may hold; take fewer"
+        )
+
+
+def steps_of_chain(ensembles: int, walkers: int, unknowns: int) -> int:
+    """As many as a chain may have."""
+    return MOST_OF_CHAIN // (ensembles * walkers * unknowns)
+
+
+def predictive_draws(wanted: int, ensembles: int, numbers: int) -> int:
+    """Of each ensemble: `wanted`, or as many as may be predicted, and one at least."""
+    return max(1, min(wanted, MOST_PREDICTED // (ensembles * numbers)))
+
+
+SEAL = "checksum"
+
+
+def dumps_checksummed(data: Mapping[str, Any]) -> str:
+    """As text, with a checksum of all entries as the last of them."""
+    return json.dumps({**data, SEAL: _checksum(data)}, indent=2) + "\n"
+
+
+def loads_checksummed(content: bytes) -> dict[str, Any]:
+    """The entries of what `sealed` gave; raises `ValueError` where they are not the same."""
+    try:
+        data = json.loads(content.decode("utf-8"))
+        seal = data.pop(SEAL, None) if isinstance(data, dict) else None
+        if seal is None or seal != _checksum(data):
+            raise ValueError("the checksum does not fit")
+    except RecursionError:
+        raise ValueError("nested too deep") from None
+    return dict(data)
+
+
+def typed[T](kind: type[T], entries: Mapping[str, Any]) -> T:
+    """The dataclass or typed dict of `opened` entries; raises `ValueError` where types are not right."""
+    # Half a character, of the name of a file, is none in the text that is validated.
+    text = json.dumps(entries, ensure_ascii=False).encode("utf-8", "replace")
+    found: T = _adapter(cast("Hashable", kind)).validate_json(text, strict=True)
+    return found
+
+
+@cache
+def _adapter(kind: Hashable) -> Any:
+    from pydantic import TypeAdapter  # late: few commands read such files
+
+    return TypeAdapter(cast("type", kind))
+
+
+def _checksum(data: Mapping[str, Any]) -> str:
+    # Over the text that reading and writing again gives: tuples have become lists by then.
+    text = json.dumps(json.loads(json.dumps(data)), sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()[:16]

@@ -1,0 +1,176 @@
+"""All that the studies of the paper find, as one record, and their configs, checked before
+anything runs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayesdrill import output_files
+from bayesdrill.analysis import Verdict
+from bayesdrill.basics import InputError, Issue
+from bayesdrill.config import Config, Job, Source, job, loading
+from bayesdrill.config import optimiser as optimiser_of
+from bayesdrill.paper import printed
+from bayesdrill.paper.forward import Error, Reading
+from bayesdrill.paper.precision import Implied, Length
+from bayesdrill.paper.printed import Cause, Tone
+from bayesdrill.paper.searches import Control, End, Heuristic
+from bayesdrill.paper.verification import Verification
+from bayesdrill.record import Experiment
+from bayesdrill.sampling import Optimiser
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Misfits:
+    """The paper's misfit per measured number of one record, of which there are `numbers`.
+
+    `others`: the largest of the heuristic's from other starts.  `stepped`: where it ends with the
+    paper's integrator, computed with that; None with a measured input.
+    `truth`: None where it is not known.  95 % of records have it between `low` and `high` there.
+    """
+
+    record: str
+    numbers: int
+    guess: float
+    heuristic: float
+    others: float
+    stepped: float | None
+    map: float
+    truth: float | None
+    low: float
+    high: float
+
+    @property
+    def explained(self) -> bool:
+        """Whether the best fit leaves no more than noise."""
+        return self.map <= self.high
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Nine:
+    """The nine-parameter study of one record; vectors `(D,)` of `names`, physical, SI.
+
+    `draws (N, D)`: of the posterior; `signals (T, K)`: of the heuristic's estimate; `given`: the
+    parameters that were not searched, each with its value or formula.
+    """
+
+    name: str
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    given: tuple[str, ...]
+    experiment: Experiment
+    heuristic: Heuristic
+    signals: Array
+    truth: Array | None
+    draws: Array
+    verdict: Verdict
+    misfits: Misfits
+    causes: tuple[Cause, ...]
+    converged: bool
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Findings:
+    """`ends`: of simultaneous searches, whose distances are from the truth of `searched`."""
+
+    readings: tuple[Reading, ...]
+    errors: tuple[Error, ...]
+    verification: Verification
+    lengths: tuple[Length, ...]
+    implied: tuple[Implied, ...]
+    searched: str
+    symmetries: tuple[tuple[str, ...], ...]
+    ends: tuple[End, ...]
+    control: tuple[Control, ...]
+    nines: tuple[Nine, ...]
+    tones: tuple[Tone, ...]
+
+    @property
+    def converged(self) -> bool:
+        return self.verification.converged and all(nine.converged for nine in self.nines)
+
+
+TWO = "two_parameters.yaml"
+NINES = ("estimates.yaml", "measured.yaml")
+MAKERS = ("estimates.yaml", "missing_physics.yaml")  # make records, whose truth is known
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Studies:
+    """`pairwise`: the heuristic for the unknowns of each of `nines`; `makers` made the records."""
+
+    two: Job
+    nines: tuple[Job, ...]
+    pairwise: tuple[Optimiser, ...]
+    makers: tuple[tuple[Config, Source], ...]
+
+
+def prepare(configs: Path) -> Studies:
+    """Raises `InputError` with all that would stop them later."""
+    if not configs.is_dir():
+        message = (
+            f"no such folder; give the one that holds {', '.join((TWO, *NINES))}, "
+            "or have it written by `bayesdrill example`"
+        )
+        raise InputError.one(str(configs), message)
+    two, *nines = (job.prepare(configs / name) for name in (TWO, *NINES))
+    makers = tuple(loading.load(configs / name) for name in MAKERS)
+    problems = [*_of_noise((two, *nines)), *_of_two(two), *_of_nines(nines)]
+    if problems:
+        raise InputError(problems)
+    pairwise = tuple(_pairwise(nine) for nine in nines)
+    return Studies(two=two, nines=tuple(nines), pairwise=pairwise, makers=makers)
+
+
+def _of_noise(jobs: Sequence[Job]) -> list[Issue]:
+    return [
+        own.source.problem(
+            ("record", "channels"),
+            "the paper's misfit needs known noise; give each sigma as a number",
+        )
+        for own in jobs
+        if own.problem.posterior.likelihood.noise.unknowns
+    ]
+
+
+def _of_two(two: Job) -> list[Issue]:
+    problems = []
+    if set(two.problem.names) != set(printed.START):
+        message = (
+            f"Table 2 has the unknowns {' and '.join(printed.START)}; give a prior to these alone"
+        )
+        problems.append(two.source.problem(("parameters",), message))
+    if two.problem.experiment.series:
+        message = "Table 2 is simulated under a constant voltage; give each input as a number"
+        problems.append(two.source.problem(("inputs",), message))
+    return problems
+
+
+def _of_nines(nines: Sequence[Job]) -> list[Issue]:
+    taken, problems = {output_files.FIGURES}, []
+    for nine in nines:
+        if len(set(nine.problem.names) & set(printed.NINE_PARAMETERS)) < 2:
+            message = "the heuristic needs two unknown parameters or more; give a prior to more"
+            problems.append(nine.source.problem(("parameters",), message))
+        name = nine.config.name.casefold()  # as some file systems do
+        if name in taken:
+            message = f"{name} is the name of something else in the results; give another"
+            problems.append(nine.source.problem(("name",), message))
+        taken.add(name)
+    return problems
+
+
+def _pairwise(nine: Job) -> Optimiser:
+    own = nine.config.map.model_copy(update={"method": "pairwise"})
+    repeated = nine.config.model_copy(update={"map": own})
+    found = optimiser_of(repeated)
+    found.check(nine.problem.names)
+    return found

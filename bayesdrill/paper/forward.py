@@ -1,0 +1,309 @@
+"""The paper's forward model beside the exact one: its printed matrix, its integrator (MATLAB's
+ode23t), its misfit.
+
+The paper's integrator: MATLAB's ode23t, of which this is the same kind, written anew.
+
+The trapezoidal rule with steps that fit a tolerance, for `x' = A x + f` with both constant:
+
+    x_new - x = (h/2)(x' + x'_new),  so  x_new = x + (1 - h A/2)^-1 h x'
+
+- The local error is -(h^3/12) x''' ; x''' is twice the second divided difference of the slopes x' at
+  this step's two ends and the one before (at the start, where there is none, of x'' = A x').
+- A step stands if that is at most `rtol` times the size of each state, a size of at least
+  `atol / rtol`.  It is then kept as it is, so that nothing has to be factorised, unless a step at
+  least `WORTHWHILE` times as long will do.
+- What dies out much faster than a step rings on in this rule, with changing sign, and the error sees
+  it: a rig with a thousandth of the inductance takes three times as many steps.
+- The "free" interpolant between two ends is the cubic with their values and slopes (Hermite).  The
+  rule itself takes the cubic's third power away: what is left is the parabola in `_between`.
+
+Hosea and Shampine (Appl. Numer. Math. 20, 1996) for the rule, its interpolant and its error;
+Shampine and Reichelt (SIAM J. Sci. Comput. 18, 1997) for the suite: tolerances, the longest step of
+a tenth of the interval, and a first step from `rtol` and the first slope.  MATLAB's safety factors
+are not all published, so its steps are alike and not the same.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayesdrill.inference import Likelihood, derived
+from bayesdrill.paper.plugins import AsPrinted
+from bayesdrill.record import Experiment, regular
+from bayesdrill.rig import Model, MotorShaft, Named, Response
+from bayesdrill.sampling import Task
+
+Array = NDArray[np.float64]
+
+SIX_STATES = ("theta_1", "theta_2", "q", "w_1", "w_2", "i")
+
+LONGEST = 0.1  # of the interval
+SAFETY = 0.8  # of the step that would just fit
+WORTHWHILE, MOST = 1.2, 5.0  # a longer step is taken from the first, at most the second
+LEAST = 0.2  # to which a step is cut at once
+STRETCH = 1.1  # a last step may be as much longer as this to end the interval
+THIRD = 1 / 3  # errors grow as h^3
+
+
+@dataclass(frozen=True, slots=True)
+class Solution:
+    """`x (T, X)`, NaN from where no step was short enough; steps taken, and tried in vain."""
+
+    x: Array
+    steps: int
+    rejected: int
+
+
+def six_states(model: Model, p: Named, inputs: Mapping[str, float]) -> tuple[Array, Array]:
+    """`A (6, 6)` and constant forcing `(6,)` with the charge q, in the paper's order: `SIX_STATES`.
+
+    `p`: numbers by name, SI; `inputs` not named are zero.
+    """
+    index = {name: k for k, name in enumerate(SIX_STATES)}
+    linear = model.linear(p)
+    matrix, forcing = np.zeros((6, 6)), np.zeros(6)
+    matrix[index["q"], index["i"]] = 1.0
+    for (row, column), value in linear.A.items():
+        matrix[index[row], index[column]] = value
+    for row, value in linear.c.items():
+        forcing[index[row]] += value
+    for (row, name), value in linear.B.items():
+        forcing[index[row]] += value * inputs.get(name, 0.0)
+    return matrix, forcing
+
+
+def integrate(
+    matrix: Array, forcing: Array, x0: Array, t: Array, rtol: float = 1e-3, atol: float = 1e-6
+) -> Solution:
+    """`x' = matrix x + forcing` from `x0 (X,)` at `t[0]`, at the increasing times `t (T,)`.
+
+    Raises `ValueError` where times do not increase or a tolerance is not positive.
+    """
+    if not (rtol > 0 and atol > 0):
+        raise ValueError(f"tolerances {rtol:g} and {atol:g} must be positive")
+    if len(t) == 0 or not np.all(np.diff(t) > 0):
+        raise ValueError("times must increase")
+    with np.errstate(all="ignore"):  # what overflows is found out by its error, which is no number
+        ends, states, slopes, rejected = _march(matrix, forcing, x0, t, rtol, atol)
+        x = _between(np.array(ends), np.array(states), np.array(slopes), t)
+    return Solution(x=x, steps=len(ends) - 1, rejected=rejected)
+
+
+def _march(
+    matrix: Array, forcing: Array, x0: Array, t: Array, rtol: float, atol: float
+) -> tuple[list[float], list[Array], list[Array], int]:
+    """Ends of the steps, states and slopes there, and how many steps were tried in vain."""
+    now, end = float(t[0]), float(t[-1])
+    least = atol / rtol
+    x = np.array(x0, dtype=np.float64)
+    slope = matrix @ x + forcing
+    size = np.maximum(np.abs(x), least)
+    ends, states, slopes, rejected = [now], [x], [slope], 0
+    longest = LONGEST * (end - now)
+    h = _first_step(float(np.max(np.abs(slope) / size)), rtol, longest)
+    made, inverse = 0.0, matrix  # the step that `inverse` is for
+    # Slope of the slope over the step before; at the start, the true one, as of a step of length 0.
+    bend, before = matrix @ slope, 0.0
+    while now < end:
+        if STRETCH * h >= end - now:
+            h = end - now
+        if not h > 16 * np.spacing(max(abs(now), abs(end))) and h < end - now:
+            break
+        if h != made:
+            inverse, made = _inverse(matrix, h), h
+        x_new = x + inverse @ (h * slope)
+        slope_new = matrix @ x_new + forcing
+        bend_new = (slope_new - slope) / h
+        size_new = np.abs(x_new)
+        error = float(
+            np.max(np.abs(bend_new - bend) / np.maximum(np.maximum(size, size_new), least))
+        )
+        error *= h**3 / (6 * (h + before))
+        if not error <= rtol:  # nor if it is no number
+            rejected += 1
+            fitting = SAFETY * (rtol / error) ** THIRD
+            h *= max(fitting, LEAST) if math.isfinite(fitting) else LEAST
+            continue
+        now = end if h == end - now else now + h
+        x, slope, size, bend, before = x_new, slope_new, size_new, bend_new, h
+        ends.append(now)
+        states.append(x)
+        slopes.append(slope)
+        factor = min(SAFETY * (rtol / error) ** THIRD, MOST) if error > 0 else MOST
+        if factor >= WORTHWHILE:
+            h = min(factor * h, longest)
+    return ends, states, slopes, rejected
+
+
+def _first_step(rate: float, rtol: float, longest: float) -> float:
+    """As long as a third-order error of the relative `rate` of change allows."""
+    return min(longest, SAFETY * rtol**THIRD / rate) if rate > 0 else longest
+
+
+def _inverse(matrix: Array, h: float) -> Array:
+    """(1 - h A/2)^-1; no numbers where there is none, which is then a step in vain."""
+    left = np.eye(len(matrix)) - 0.5 * h * matrix
+    try:
+        return np.linalg.inv(left)
+    except np.linalg.LinAlgError:
+        return np.full_like(left, np.nan)
+
+
+def _between(ends: Array, states: Array, slopes: Array, t: Array) -> Array:
+    """The interpolant at `t`; NaN behind the last end."""
+    k = np.clip(np.searchsorted(ends, t, side="left") - 1, 0, max(len(ends) - 2, 0))
+    after = np.minimum(k + 1, len(ends) - 1)
+    h = ends[after] - ends[k]
+    run = t - ends[k]
+    turn = np.divide(run**2, 2 * h, out=np.zeros_like(run), where=h > 0)
+    x = states[k] + run[:, None] * slopes[k] + turn[:, None] * (slopes[after] - slopes[k])
+    x[t > ends[-1]], x[t == ends[0]] = np.nan, states[0]
+    return np.asarray(x)
+
+
+GEAR = 1 / MotorShaft().i_m  # the right i_n; the models read it as i_m unless told
+READINGS: Mapping[str, tuple[str, AsPrinted]] = {
+    "right": (
+        "A(5,1) over j_m, A(6,5) with 1/i_m: the equations",
+        AsPrinted(a_51="j_m", i_n=GEAR),
+    ),
+    "a_51": ("A(5,1) over j_1 as printed, i_n read as 1/i_m", AsPrinted(i_n=GEAR)),
+    "i_n": ("A(5,1) over j_m, i_n read as i_m", AsPrinted(a_51="j_m")),
+    "printed": ("as printed, i_n read as i_m", AsPrinted()),
+}  # names, and what they mean
+FOLLOWED = 30.0  # s; the speed of theta_2 has settled by then but for a swing that dies out
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Reading:
+    """A way to read the printed matrix: the speed of theta_2 [rad/s] at `time` [s] and in the end.
+
+    `error`: largest distance of the paper's integrator from the exact speed until `time`, `steps`
+    its steps; `curve (T,)`: the speed at times `t (T,)` [s].
+    """
+
+    name: str
+    matrix: str
+    time: float
+    w_2: float
+    w_2_trapezoid: float
+    w_end: float
+    error: float
+    steps: int
+    t: Array
+    curve: Array
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Error:
+    """Of the paper's integrator in one channel of the record, at its default tolerances."""
+
+    channel: str
+    largest: float
+    rms: float
+    steps: int
+
+
+def readings(experiment: Experiment, p: Mapping[str, float]) -> tuple[Reading, ...]:
+    """The same step with each reading, at parameters `p` (SI), followed for `FOLLOWED` s."""
+    experiment = regular(experiment, FOLLOWED, 1 / experiment.dt)
+    found = []
+    for name, (matrix, model) in READINGS.items():
+        exact = Response(model, experiment).signals(_row(model, p))[0]
+        w_2 = exact[:, experiment.names.index("w_2")]
+        stepped, steps = exact_signals(model, experiment, _row(model, p)[0])
+        approximate = stepped[:, experiment.names.index("w_2")]
+        end = derived.steady(model, model.linear(p), 1, experiment.constant)["w_end"]
+        found.append(
+            Reading(
+                name=name,
+                matrix=matrix,
+                time=float(experiment.t[-1]),
+                w_2=float(w_2[-1]),
+                w_2_trapezoid=float(approximate[-1]),
+                w_end=float(end[0]),
+                error=float(np.abs(approximate - w_2).max()),
+                steps=steps,
+                t=experiment.t,
+                curve=w_2,
+            )
+        )
+    return tuple(found)
+
+
+def errors(experiment: Experiment, p: Mapping[str, float]) -> tuple[Error, ...]:
+    """Of the integrator on the corrected model."""
+    model = MotorShaft()
+    exact = Response(model, experiment).signals(_row(model, p))[0]
+    stepped, steps = exact_signals(model, experiment, _row(model, p)[0])
+    off = stepped - exact
+    return tuple(
+        Error(
+            channel=name,
+            largest=float(np.abs(off[:, k]).max()),
+            rms=float(np.sqrt(np.mean(off[:, k] ** 2))),
+            steps=steps,
+        )
+        for k, name in enumerate(experiment.names)
+    )
+
+
+def exact_signals(model: Model, experiment: Experiment, p: Array) -> tuple[Array, int]:
+    """Channels `(T, K)` as the paper integrates, at parameters `p (P,)`; and the steps taken.
+
+    Raises `ValueError` unless all inputs are constant, as they are in the paper.
+    """
+    if experiment.series:
+        raise ValueError(f"{', '.join(experiment.series)} must be constant")
+    named = dict(zip(model.parameters, p, strict=True))
+    matrix, forcing = six_states(model, named, experiment.constant)
+    start = np.array([experiment.start.get(name, 0.0) for name in SIX_STATES])
+    lead = [experiment.t_start] if experiment.t_start < experiment.t[0] else []
+    solution = integrate(matrix, forcing, start, np.array([*lead, *experiment.t]))
+    weights = [
+        [channel.weights.get(name, 0.0) for name in SIX_STATES] for channel in experiment.channels
+    ]
+    return solution.x[len(lead) :] @ np.array(weights).T, solution.steps
+
+
+def _row(model: Model, p: Mapping[str, float]) -> Array:
+    return np.array([[p[name] for name in model.parameters]])
+
+
+def applies(likelihood: Likelihood) -> bool:
+    """Whether all inputs are constant, as in the paper."""
+    return not likelihood.response.experiment.series
+
+
+def stepped_signals(likelihood: Likelihood, theta: Array) -> Array:
+    """The channels without noise, `(T, K)`, at `theta (D,)`."""
+    (full,) = likelihood.space.full(theta[None])
+    return exact_signals(likelihood.response.model, likelihood.response.experiment, full)[0]
+
+
+def stepped_misfit(likelihood: Likelihood, theta: Array) -> float:
+    """As `Likelihood.per_number`, at one point `(D,)`; for known noise."""
+    sigma = likelihood.noise.scales(np.empty((1, 0)))
+    off = stepped_signals(likelihood, theta) - likelihood.response.experiment.y
+    return float(np.mean((off / sigma) ** 2))
+
+
+def stepped_task(exact: Task, likelihood: Likelihood) -> Task:
+    """The same task with the integrator's misfit; `exact` says where the density is above zero."""
+
+    def density(theta: Array) -> Array:
+        inside = exact.density(theta) > -np.inf
+        half = 0.5 * likelihood.numbers
+        values = [
+            -half * stepped_misfit(likelihood, row) if good else -np.inf
+            for row, good in zip(theta, inside, strict=True)
+        ]
+        return np.asarray(np.nan_to_num(values, nan=-np.inf, neginf=-np.inf))
+
+    return dataclasses.replace(exact, density=density)

@@ -1,1 +1,0 @@
-"""What people look at of the paper: its tables, figures and text."""

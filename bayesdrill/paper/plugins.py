@@ -1,0 +1,222 @@
+"""What the paper brings by entry points: its printed matrix with two errors, MATLAB's fminsearch,
+and its pairwise search.
+
+The matrix that the paper prints, with its two errors: to see what they do, never to be believed.
+
+    w_2' = (i_m^2 k_s/j_1) theta_1 - (i_m^2 k_s/j_m) theta_2 - (c_m/j_m) w_2 + (i_m k_T/j_m) i
+           - i_m t_f/j_m
+    i'   = -(i_n k_e/l_m) w_2 - (r_m/l_m) i + v/l_m
+
+Sandoval, Cunha Jr and Sampaio (ENIEF 2013), the matrix below the state vector; the other rows are
+those of `motor_shaft`.  Wrong in it, by the paper's own equations:
+
+A(5,1)  stands over j_1; the equation of the second angle has j_m, as has A(5,2) beside it.  With
+        j_1 the shaft pulls at the motor although it is not twisted, as if a spring held the motor
+        to the room: the rig stops after 14 turns, its motor stalled with the current v/r_m.
+A(6,5)  has `i_n`, which the paper does not define.  The motor's speed is w_2/i_m, so 1/i_m is
+        right; `i_n` read as `i_m`, the only similar symbol, makes the counter-voltage i_m^2 (1/64)
+        of what it is.
+
+Speeds in rad/s at the nominal values and 8 V, from rest:
+
+    A(5,1) over   A(6,5) with   w_1, w_2 at 10 s   w_2 at 30 s   both in the end
+    j_m           1/i_m             13.4,   16.3         15.90     15.91   right
+    j_1           1/i_m             -4.5,    2.6          0.07      0      (w_1 swings for minutes)
+    j_m           i_m              661.1,  658.1        660.3     660.3
+    j_1           i_m             -244.3,   10.8         -0.4       0      as printed
+
+Nelder-Mead as MATLAB's fminsearch runs it by default, on the unknowns as they are.
+
+What it minimises is the paper's misfit (-2 log density, up to a constant).  Both tolerances are
+absolute, 1e-4, and both must be met: those on the unknowns are coarser than a damping of 1e-4 and
+finer than what a record says of a resistance.  Kept to show what follows from that.
+
+The paper's heuristic: Nelder-Mead on two unknowns at a time, pair after pair, round and round.
+
+Sandoval, Cunha Jr and Sampaio (ENIEF 2013), section 5.2: ten iterations on (t_f, j_m), ten on
+(j_m, c_m), and so on to (j_1, t_f), each from where the last one ended; again, until the misfit is
+steady.  Where parameters can stand in for each other it ends at a low misfit and at values that
+depend on its start: use it to repeat the paper, not to find the MAP.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Annotated, ClassVar, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from bayesdrill.basics import Count, Positive, Symbol, did_you_mean
+from bayesdrill.rig import Gear, Linear, Model, MotorShaft, Named
+from bayesdrill.sampling import Optimum, Run, Task, descend
+
+
+@dataclass(frozen=True, slots=True)
+class AsPrinted(Model):
+    """`i_n` None: read as `i_m`; 1/i_m is right.  `a_51`: what A(5,1) stands over; j_m is right."""
+
+    i_m: Gear = 1 / 8
+    i_n: Annotated[
+        Positive | None, Field(description="The undefined factor in A(6,5); without it: i_m.")
+    ] = None
+    a_51: Annotated[Literal["j_1", "j_m"], Field(description="What A(5,1) stands over.")] = "j_1"
+
+    name: ClassVar[str] = "as_printed"
+    declares: ClassVar[tuple[Symbol, ...]] = ()
+    parameters: ClassVar[tuple[str, ...]] = MotorShaft.parameters
+    states: ClassVar[tuple[str, ...]] = MotorShaft.states
+    inputs: ClassVar[tuple[str, ...]] = MotorShaft.inputs
+
+    def linear(self, p: Named) -> Linear:
+        right = MotorShaft(self.i_m).linear(p)
+        i_n = self.i_m if self.i_n is None else self.i_n
+        printed = {
+            ("w_2", "theta_1"): self.i_m**2 * p["k_s"] / p[self.a_51],
+            ("i", "w_2"): -i_n * p["k_e"] / p["l_m"],
+        }
+        return Linear(A={**right.A, **printed}, B=right.B, c=right.c)
+
+
+Array = NDArray[np.float64]
+
+TOLERANCE = 1e-4  # TolX and TolFun
+PER_UNKNOWN = 200  # MaxIter and MaxFunEvals, times the number of unknowns
+
+
+@dataclass(frozen=True, slots=True)
+class Fminsearch:
+    """As it stops by default: it is there to be seen, and not polished."""
+
+    polished: ClassVar[bool] = False
+
+    def check(self, unknown: Sequence[str]) -> None:
+        """It searches whatever is unknown."""
+
+    def __call__(self, task: Task, start: Array, evaluations: int) -> Optimum:
+        most = PER_UNKNOWN * len(start)
+        run = descend(
+            lambda theta: misfit(task, theta),
+            start,
+            xatol=TOLERANCE,
+            fatol=TOLERANCE,
+            maxiter=most,
+            maxfev=min(most, evaluations),
+        )
+        return Optimum(
+            theta=run.x,
+            value=-0.5 * run.lowest,
+            evaluations=run.evaluations,
+            settled=run.stopped,
+            history=tuple(-0.5 * low for low in run.history),
+        )
+
+
+def misfit(task: Task, theta: Array) -> float:
+    """The paper's misfit, up to a constant; inf where the density is zero."""
+    return -2.0 * task.at(theta)
+
+
+Pairs = Sequence[Sequence[str]]
+_Pair = Annotated[list[str], Field(min_length=2, max_length=2)]
+
+ORDER = ("t_f", "j_m", "c_m", "k_e", "k_T", "r_m", "l_m", "k_s", "j_1")  # the paper's
+
+
+def circle(names: Sequence[str]) -> Pairs:
+    """The paper's pairs of those unknowns: each with the next, and the last with the first."""
+    rest = [name for name in names if name not in ORDER]
+    chain = [*(name for name in ORDER if name in names), *rest]
+    if len(chain) < 2:
+        raise ValueError("pairs need two unknowns; there is only one, so use nelder_mead")
+    return tuple(zip(chain, [*chain[1:], chain[0]], strict=True))[
+        : len(chain) if len(chain) > 2 else 1
+    ]
+
+
+@dataclass(frozen=True, slots=True)
+class Pairwise:
+    """`iterations` of each pair; a cycle that lowers the misfit by less than `steady` is the last."""
+
+    pairs: (
+        Annotated[
+            list[_Pair],
+            Field(
+                min_length=1,
+                max_length=1000,
+                description="Unknowns that are searched together, in this order.",
+            ),
+        ]
+        | None
+    ) = None
+    iterations: Annotated[Count, Field(description="Of each pair.")] = 10
+    steady: Annotated[
+        Positive, Field(description="Ends when a cycle lowers the misfit by less.")
+    ] = 0.01
+
+    polished: ClassVar[bool] = False
+
+    def check(self, unknown: Sequence[str]) -> None:
+        pairs = self.pairs or circle(unknown)
+        for name in (name for pair in pairs for name in pair):
+            if name not in unknown:
+                hint = did_you_mean(name, unknown)
+                raise ValueError(f"'{name}' in `pairs:` is not unknown{hint}")
+        twice = [first for first, second in pairs if first == second]
+        if twice:
+            raise ValueError(f"`pairs:` has {twice[0]} with itself; name two different unknowns")
+        idle = [name for name in unknown if not any(name in pair for pair in pairs)]
+        if idle:
+            raise ValueError(
+                f"no pair has {', '.join(idle)}, which would stay at the start; add it"
+            )
+
+    def __call__(self, task: Task, start: Array, evaluations: int) -> Optimum:
+        pairs = self.pairs or circle(task.names)
+        return _maximise(task, start, evaluations, pairs, self.iterations, self.steady)
+
+
+def _maximise(
+    task: Task, start: Array, evaluations: int, pairs: Pairs, iterations: int, steady: float
+) -> Optimum:
+    theta, spent, settled = start.copy(), 0, False
+    columns = [[task.names.index(name) for name in pair] for pair in pairs]
+    history: list[float] = []
+    while not settled and spent < evaluations:
+        cycle: list[Run] = []
+        for pair in columns:
+            if spent == evaluations:
+                break
+            run = descend(
+                partial(_misfit, task, theta, pair),
+                theta[pair],
+                xatol=TOLERANCE,
+                fatol=TOLERANCE,
+                maxiter=iterations,
+                maxfev=evaluations - spent,
+            )
+            theta = _with(theta, pair, run.x)
+            spent += run.evaluations
+            history += run.history
+            cycle.append(run)
+        settled = spent < evaluations and cycle[0].first - cycle[-1].lowest < steady
+    return Optimum(
+        theta=theta,
+        value=-0.5 * cycle[-1].lowest,
+        evaluations=spent,
+        settled=settled,
+        history=tuple(-0.5 * low for low in history),
+    )
+
+
+def _misfit(task: Task, theta: Array, pair: list[int], values: Array) -> float:
+    return misfit(task, _with(theta, pair, values))
+
+
+def _with(theta: Array, pair: list[int], values: Array) -> Array:
+    changed = theta.copy()
+    changed[pair] = values
+    return changed

@@ -1,0 +1,214 @@
+"""The paper's misfit and how well an estimate can do at all: Cramer-Rao bounds, and records of
+known truth.
+
+What is known of a record's truth: the record is made anew, and must be the one there is.
+
+So a measured record that takes the place of a simulated one has no truth, whatever configs say.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+from bayesdrill.analysis import Scenery, from_sensitivities
+from bayesdrill.basics import seeds
+from bayesdrill.config import Config, Source, path_of, simulate
+from bayesdrill.config import model as model_of
+from bayesdrill.config import truth as simulated_truth
+from bayesdrill.inference import Likelihood, Posterior
+from bayesdrill.paper import printed
+from bayesdrill.paper.plugins import Fminsearch
+from bayesdrill.record import regular
+from bayesdrill.rig import Model, MotorShaft, Response, TwoRotors
+from bayesdrill.sampling import THOROUGH, Optimiser, Task, mode_search
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Length:
+    """Relative Cramer-Rao bounds at sigma 1 of a record of `duration` s at `rate` Hz, by unknown."""
+
+    duration: float
+    rate: float
+    bounds: Mapping[str, float]
+
+
+def bounds(likelihood: Likelihood, truth: Array) -> Array:
+    """Cramer-Rao bounds of the unknowns `(D,)`, physical, for noise of sigma 1 in every channel."""
+    scenery = Scenery(likelihood)
+    sigma = likelihood.sigmas(truth[None])[0]
+    rows = scenery.sensitivities(truth)
+    each = (rows.reshape(-1, len(sigma), rows.shape[1]) * sigma[:, None]).reshape(rows.shape)
+    known = from_sensitivities(scenery.unknowns, each)
+    return np.asarray(known.bounds() * truth)
+
+
+def at_sigma_1(likelihood: Likelihood, truth: Mapping[str, float]) -> dict[str, float]:
+    """`bounds` relative to the truth, by unknown."""
+    theta = likelihood.space.vector(truth)
+    relative = bounds(likelihood, theta) / theta
+    return dict(zip(likelihood.space.free, map(float, relative), strict=True))
+
+
+def lengths(
+    likelihood: Likelihood, truth: Mapping[str, float], grid: Sequence[tuple[float, float]]
+) -> tuple[Length, ...]:
+    """Of records of (duration [s], rate [Hz]), otherwise like the one there is."""
+    found = []
+    for duration, rate in grid:
+        experiment = regular(likelihood.response.experiment, duration, rate)
+        response = Response(likelihood.response.model, experiment)
+        noise = likelihood.noise.for_length(len(experiment.t))
+        longer = likelihood.with_alone(response=response, noise=noise)
+        found.append(Length(duration=duration, rate=rate, bounds=at_sigma_1(longer, truth)))
+    return tuple(found)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Implied:
+    """Deviations of Table 2 in per cent, and the noise whose Cramer-Rao bound each is.
+
+    `row`: the sigma_n of Table 2, `rms` over all of them, or `bound`: the bounds at 0.001.
+    """
+
+    row: str
+    c_m_percent: float
+    k_e_percent: float
+    ratio: float
+    noise_c_m: float
+    noise_k_e: float
+
+
+def implied_noise(one: Mapping[str, float]) -> tuple[Implied, ...]:
+    """Given the relative bounds at sigma 1: what noise the printed deviations would come from."""
+    table = {
+        f"{sigma:g}": {name: cell.deviation for name, cell in row.items()}
+        for sigma, row in printed.TWO_PARAMETERS.items()
+    }
+    squares = {
+        name: float(np.mean([row[name] ** 2 for row in table.values()])) for name in printed.START
+    }
+    table["rms"] = {name: math.sqrt(square) for name, square in squares.items()}
+    table["bound"] = {name: 100 * 1e-3 * one[name] for name in printed.START}
+    return tuple(
+        Implied(
+            row=label,
+            c_m_percent=row["c_m"],
+            k_e_percent=row["k_e"],
+            ratio=row["c_m"] / row["k_e"],
+            noise_c_m=row["c_m"] / 100 / one["c_m"],
+            noise_k_e=row["k_e"] / 100 / one["k_e"],
+        )
+        for label, row in table.items()
+    )
+
+
+WAYS: Mapping[str, Optimiser] = {
+    "fminsearch": Fminsearch(),
+    "scaled": THOROUGH,
+}
+SHARE = 0.95  # of records have a misfit within `expected` at their truth
+
+
+def misfit_task(posterior: Posterior) -> Task:
+    """The likelihood alone, where the priors have a density: they bound a search, no more."""
+    whole = mode_search.task(posterior)
+
+    def density(theta: Array) -> Array:
+        both = whole.density(theta)
+        inside = both > -np.inf
+        both[inside] -= posterior.space.log_prior(theta)[inside]
+        return both
+
+    return dataclasses.replace(whole, density=density)
+
+
+def misfit_per_number(posterior: Posterior, theta: Array) -> float:
+    """The misfit at `theta (D,)` over the count of what was measured: 1 where only noise is left."""
+    return float(posterior.likelihood.per_number(theta[None])[0])
+
+
+def expected_misfit(numbers: int) -> tuple[float, float]:
+    """Where the misfit per number is at the truth, in all but one of twenty records."""
+    low, high = chi2.ppf([0.5 - 0.5 * SHARE, 0.5 + 0.5 * SHARE], numbers) / numbers
+    return float(low), float(high)
+
+
+def made_record(posterior: Posterior, truth: Array, seed: int, index: int) -> Posterior:
+    """With record `index` of the rig `truth (D,)`: its noise is the same for every sigma but in size."""
+    rng = seeds.stream(seed, "study", index)
+    y = posterior.likelihood.signals(truth[None])
+    return record_of(posterior, posterior.likelihood.noise.draw(y, np.empty((1, 0)), rng)[0])
+
+
+def clean_record(posterior: Posterior, truth: Array) -> Posterior:
+    """With a record without noise."""
+    return record_of(posterior, posterior.likelihood.signals(truth[None])[0])
+
+
+def with_sigma(posterior: Posterior, sigma: float) -> Posterior:
+    """With this noise in every channel."""
+    likelihood = posterior.likelihood
+    known = dict.fromkeys(range(likelihood.noise.n_channels), sigma)
+    noise = dataclasses.replace(likelihood.noise, known=known)
+    return dataclasses.replace(posterior, likelihood=likelihood.with_alone(noise=noise))
+
+
+def record_of(posterior: Posterior, y: Array) -> Posterior:
+    """With the record `y (T, K)`."""
+    likelihood = posterior.likelihood
+    own = likelihood.with_alone(response=likelihood.response.with_record(y))
+    return dataclasses.replace(posterior, likelihood=own)
+
+
+SAME = 1e-6  # relative, and absolute: records hold nine digits
+
+
+def truth_of(
+    config: Config, source: Source, makers: Sequence[tuple[Config, Source]]
+) -> dict[str, float] | None:
+    """Parameters of its model with which its record was simulated by one of `makers`.
+
+    Of a rig with more to it, those of the paper's model that it is the same as.
+    """
+    path, own = path_of(config, source), model_of(config)
+    for other, its_source in makers:
+        if path_of(other, its_source).resolve() != path.resolve():
+            continue
+        text = path.read_text(encoding="utf-8", errors="replace")
+        if _same(simulate(other, its_source, other.seed), text):
+            rig = model_of(other)
+            return _of_model(own, rig, simulated_truth(other, rig))
+    return None
+
+
+def _of_model(own: Model, rig: Model, values: dict[str, float]) -> dict[str, float] | None:
+    """The parameters of `own` that make it the `rig` with these `values`; None if it cannot be told."""
+    if own == rig:
+        return values
+    if isinstance(own, MotorShaft) and isinstance(rig, TwoRotors) and own.i_m == rig.i_m:
+        return {name: float(x) for name, x in rig.whole(values).items()}
+    return None
+
+
+def _same(text: str, other: str) -> bool:
+    """Of two CSV records."""
+    heads, *rows = text.strip().splitlines()
+    other_heads, *other_rows = other.strip().splitlines()
+    if heads != other_heads or len(rows) != len(other_rows):
+        return False
+    try:
+        one, two = (
+            np.array([r.split(",") for r in table], dtype=float) for table in (rows, other_rows)
+        )
+    except ValueError:  # other numbers than a simulation writes
+        return False
+    return one.shape == two.shape and np.allclose(one, two, rtol=SAME, atol=SAME)

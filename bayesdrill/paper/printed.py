@@ -1,0 +1,384 @@
+"""What the paper prints, what follows from it by arithmetic, and what missing physics would do to
+it.
+
+What the paper prints: its tables as they stand, and what follows from them by arithmetic alone.
+
+Sandoval, Cunha Jr and Sampaio (ENIEF 2013), Tables 1 to 3.
+
+What Table 3 says in quantities that a record can show, and what missing physics would do to them.
+
+An inertia j_2 at the output of the gearbox and a resistance r_s in series make the rig another one
+of the same model: with j_m + i_m^2 j_2 and r_m + r_s (`models.two_rotors`).  So they move products
+of the paper's parameters by factors known beforehand, and a fit of the paper's model finds those.
+
+Torsion of the shaft as a continuum, which the paper proposes, beside the spring of its model.
+
+    I rho theta_tt = G I theta_xx
+    at x = 0: J_1 theta_tt = G I theta_x;  at x = L: J_2 theta_tt = -G I theta_x
+
+with I = pi d^4/32, c^2 = G/rho, and a_n = J_n c w/(G I):
+    (a_1 + a_2) cos(w L/c) + (1 - a_1 a_2) sin(w L/c) = 0.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from decimal import Decimal
+from types import MappingProxyType
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayesdrill.analysis import Scenery, from_sensitivities, plausibility
+from bayesdrill.basics import symbols
+from bayesdrill.inference import Posterior, derived, hdi
+from bayesdrill.record import usual_inputs
+from bayesdrill.rig import Model, MotorShaft, Named, TwoRotors
+
+START = MappingProxyType({"c_m": 1e-3, "k_e": 1e-2})  # of the two-parameter study
+
+
+@dataclass(frozen=True, slots=True)
+class Estimate:
+    """As printed, digit by digit: an estimate (SI) and its deviation in per cent, without a sign."""
+
+    text: str
+    percent: str
+
+    @property
+    def value(self) -> float:
+        return float(self.text)
+
+    @property
+    def deviation(self) -> float:
+        return float(self.percent)
+
+
+def half_digit(text: str) -> float:
+    """Half a unit of the last digit of a number as printed: how far its rounding may have moved it."""
+    exponent = Decimal(text).as_tuple().exponent
+    assert isinstance(exponent, int)  # a number
+    return float(Decimal(5).scaleb(exponent - 1))
+
+
+# Table 2, by sigma_n.
+TWO_PARAMETERS: Mapping[float, Mapping[str, Estimate]] = MappingProxyType(
+    {
+        0.001: {"c_m": Estimate("18.9e-5", "0.77"), "k_e": Estimate("601.6e-4", "0.0064")},
+        0.01: {"c_m": Estimate("19.1e-5", "0.77"), "k_e": Estimate("601.6e-4", "0.0068")},
+        0.1: {"c_m": Estimate("19.0e-5", "0.60"), "k_e": Estimate("601.6e-4", "0.0051")},
+        1.0: {"c_m": Estimate("18.9e-5", "0.82"), "k_e": Estimate("601.9e-4", "0.0061")},
+    }
+)
+
+# Table 3, in its order; its initial guesses are the nominal table `tables_2_3`.
+NINE_PARAMETERS: Mapping[str, Estimate] = MappingProxyType(
+    {
+        "j_m": Estimate("5.0e-4", "28.0"),
+        "c_m": Estimate("18.0e-5", "6.6"),
+        "k_e": Estimate("587.7e-4", "2.3"),
+        "k_T": Estimate("1.3e-1", "5.0"),
+        "r_m": Estimate("5.3e-1", "60.0"),
+        "l_m": Estimate("0.8e-3", "23.3"),
+        "k_s": Estimate("2.7e-1", "3.0"),
+        "j_1": Estimate("29.8e-3", "5.4"),
+        "t_f": Estimate("1.0e-1", "0.0"),
+    }
+)
+
+GUESS = symbols.NOMINAL["tables_2_3"].values
+TABLE_1 = symbols.NOMINAL["table_1"].values
+MENDED: Mapping[str, str] = MappingProxyType(
+    {
+        "k_s": "the guess of Table 3; the shaft's geometry supports it",
+        "c_m": "the guess of Table 3, which the deviations of Table 2 refer to",
+    }
+)  # where Table 1 is not believed, and what is believed instead
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Nominal:
+    """A line of Table 1, SI: what it prints, what is the nominal value here, and why."""
+
+    parameter: str
+    unit: str
+    printed: float
+    nominal: float
+    says: str
+
+
+def table_1() -> tuple[Nominal, ...]:
+    return tuple(
+        Nominal(
+            parameter=name,
+            unit=symbols.PARAMETERS[name].plain_unit,
+            printed=value,
+            nominal=GUESS[name],
+            says="" if value == GUESS[name] else MENDED[name],
+        )
+        for name, value in TABLE_1.items()
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Inconsistency:
+    """`printed` and `implied`: two numbers of the paper for one thing; `says`: our reading."""
+
+    what: str
+    printed: float
+    implied: float
+    unit: str
+    says: str
+
+
+def inconsistencies() -> tuple[Inconsistency, ...]:
+    """Those that numbers show; what is wrong with the matrix is in `models.as_printed`."""
+    return (*_of_tables(), *_of_rig(), *_of_table_2(), *_of_table_3())
+
+
+def _of_tables() -> list[Inconsistency]:
+    found = []
+    for name, reading in MENDED.items():
+        found.append(
+            Inconsistency(
+                what=f"{name}: Table 1, and the initial guess of Table 3",
+                printed=TABLE_1[name],
+                implied=GUESS[name],
+                unit=symbols.PARAMETERS[name].plain_unit,
+                says=reading,
+            )
+        )
+    return found
+
+
+def _of_rig() -> list[Inconsistency]:
+    stiffness, disc = (
+        plausibility.GEOMETRY[role][0] for role in ("shaft.stiffness", "rotor.inertia")
+    )
+    modulus = plausibility.STEEL * TABLE_1["k_s"] / stiffness
+    return [
+        Inconsistency(
+            what="k_s: Table 1, and G pi d^4/(32 L) of a steel shaft (G 79.3 GPa)",
+            printed=TABLE_1["k_s"],
+            implied=stiffness,
+            unit="N m/rad",
+            says=f"0.26; 0.30 would need a shear modulus of {modulus / 1e9:.1f} GPa",
+        ),
+        Inconsistency(
+            what="j_1: Table 1, and m r^2/2 with 188 mm as the radius, as printed",
+            printed=TABLE_1["j_1"],
+            implied=4 * disc,
+            unit="kg m^2",
+            says=f"188 mm is the diameter, which gives {disc:.4f} kg m^2",
+        ),
+        Inconsistency(
+            what="k_T: Table 1, and k_e, which it equals in SI units in an ideal motor",
+            printed=TABLE_1["k_T"],
+            implied=TABLE_1["k_e"],
+            unit="N m/A",
+            says=f"{TABLE_1['k_T'] / TABLE_1['k_e']:.3f} times as much mechanical power as the back-EMF "
+            "takes from the current: k_T, k_e, v or i_m is not what it is said to be",
+        ),
+    ]
+
+
+def _of_table_2() -> list[Inconsistency]:
+    return [
+        odd
+        for sigma, row in TWO_PARAMETERS.items()
+        for name, cell in row.items()
+        if (odd := _odd(f"{name} in Table 2 at sigma_n {sigma:g}: deviation", name, cell))
+    ]
+
+
+def _of_table_3() -> list[Inconsistency]:
+    return [
+        odd
+        for name, cell in NINE_PARAMETERS.items()
+        if (odd := _odd(f"{name} in Table 3: deviation", name, cell))
+    ]
+
+
+def _odd(what: str, name: str, cell: Estimate) -> Inconsistency | None:
+    """A printed deviation that the estimate printed beside it excludes, however they were rounded."""
+    plain = 100 * abs(cell.value / GUESS[name] - 1)
+    half, digit = 100 * half_digit(cell.text) / GUESS[name], half_digit(cell.percent)
+    if plain - half <= cell.deviation + digit and cell.deviation - digit <= plain + half:
+        return None
+    return Inconsistency(
+        what=what,
+        printed=cell.deviation,
+        implied=plain,
+        unit="%",
+        says=f"{cell.value:g} is {plain:.2g} % from {GUESS[name]:g}, give or take {half:.2g} for its "
+        "rounding",
+    )
+
+
+def implied(name: str) -> float:
+    """The estimate of Table 3 with the digits that its percentage has, SI."""
+    return GUESS[name] * (1.0 + signed_deviation(name) / 100)
+
+
+def signed_deviation(name: str) -> float:
+    """That of Table 3 in per cent, with the sign that its estimate has."""
+    cell = NINE_PARAMETERS[name]
+    return math.copysign(cell.deviation, cell.value - GUESS[name])
+
+
+Array = NDArray[np.float64]
+
+# The seven products that neither symmetry changes, and some that follow from them.
+PRODUCTS: Mapping[str, Mapping[str, int]] = {
+    "k_s/j_1": {"k_s": 1, "j_1": -1},
+    "k_s/j_m": {"k_s": 1, "j_m": -1},
+    "c_m/j_m": {"c_m": 1, "j_m": -1},
+    "t_f/j_m": {"t_f": 1, "j_m": -1},
+    "k_e": {"k_e": 1},
+    "r_m/l_m": {"r_m": 1, "l_m": -1},
+    "k_T/(l_m j_m)": {"k_T": 1, "l_m": -1, "j_m": -1},
+    "k_T/(r_m j_m)": {"k_T": 1, "r_m": -1, "j_m": -1},
+    "r_m j_m/(k_T k_e)": {"r_m": 1, "j_m": 1, "k_T": -1, "k_e": -1},
+}
+FOLLOWING = ("w_end", "zeta")  # of `derived`: no products, but no symmetry changes them either
+J_2, R_S = 7.0e-3, 0.2  # kg m^2, ohm
+STEP = 1e-4  # of a log, for slopes
+GIVEN = 1e-9  # logs of draws that all lie within this are rounding alone
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Cause:
+    """A quantity over its value at the initial guesses of the paper.
+
+    `table_3`: of the printed estimates, `table_3_digits` of those with the digits of the percentages;
+    `j_2`, `r_s`, `both`: of a rig with that missing; `k_T`: of one whose k_T equals k_e; the rest: of
+    the record, by the heuristic and the posterior (median, and 94 % HDI of the logarithm).  `alone`:
+    Cramer-Rao bound of the sd of its log without any prior, at the MAP; inf if not determined.  None
+    where the config itself gives the quantity, so that the record says nothing of it.
+    """
+
+    quantity: str
+    table_3: float
+    table_3_digits: float
+    j_2: float
+    r_s: float
+    both: float
+    k_T: float
+    heuristic: float
+    posterior: float | None
+    hdi_low: float | None
+    hdi_high: float | None
+    alone: float | None
+
+
+def causes(posterior: Posterior, mode: Array, estimate: Array, draws: Array) -> tuple[Cause, ...]:
+    """From the MAP and the heuristic's estimate `(D,)`, and draws `(N, D)`."""
+    inputs = usual_inputs(posterior.likelihood.response.experiment)
+    guess = quantities(MotorShaft(), GUESS, inputs, 1)
+    rigs: dict[str, Mapping[str, float]] = {
+        "table_3": {n: e.value for n, e in NINE_PARAMETERS.items()},
+        "table_3_digits": {n: implied(n) for n in GUESS},
+        "j_2": with_missing(j_2=J_2),
+        "r_s": with_missing(r_s=R_S),
+        "both": with_missing(j_2=J_2, r_s=R_S),
+        "k_T": {**GUESS, "k_T": GUESS["k_e"]},
+    }
+    columns = {name: quantities(MotorShaft(), rig, inputs, 1) for name, rig in rigs.items()}
+    columns["heuristic"] = _at(posterior, estimate[None], inputs)
+    drawn = _at(posterior, draws, inputs)
+    alone = _alone(posterior, mode, inputs)
+    found = []
+    for name, value in guess.items():
+        logs = np.log(drawn[name] / value)
+        logs = logs[np.isfinite(logs)]
+        there = np.ptp(logs) > GIVEN
+        low, high = np.exp(hdi(logs)).tolist() if there else (None, None)
+        found.append(
+            Cause(
+                quantity=name,
+                **{column: float((own[name] / value)[0]) for column, own in columns.items()},
+                posterior=float(np.exp(np.median(logs))) if there else None,
+                hdi_low=low,
+                hdi_high=high,
+                alone=alone[name] if there else None,
+            )
+        )
+    return tuple(found)
+
+
+def quantities(model: Model, p: Named, inputs: Mapping[str, float], n: int) -> dict[str, Array]:
+    """By name, each `(n,)`, SI; NaN where a draw has no such value."""
+    found = {
+        name: np.asarray(math.prod(np.asarray(p[q]) ** float(e) for q, e in powers.items()))
+        for name, powers in PRODUCTS.items()
+    }
+    # With arrays, whatever is held: the poles are those of n rigs.
+    rigs = {name: np.broadcast_to(np.asarray(p[name], dtype=float), n) for name in model.parameters}
+    linear = model.linear(rigs)
+    both = {**derived.poles(model, linear, n), **derived.steady(model, linear, n, inputs)}
+    every = {**found, **{name: both[name] for name in FOLLOWING}}
+    return {name: np.broadcast_to(x, n) for name, x in every.items()}
+
+
+def with_missing(*, j_2: float = 0.0, r_s: float = 0.0) -> dict[str, float]:
+    """The nominal rig with these, as a rig of the paper's model."""
+    whole = TwoRotors(j_2=j_2, r_s=r_s).whole(GUESS)
+    return {name: float(x) for name, x in whole.items()}
+
+
+def _at(posterior: Posterior, theta: Array, inputs: Mapping[str, float]) -> dict[str, Array]:
+    """At unknowns `(W, D)`."""
+    model = posterior.likelihood.response.model
+    return quantities(model, posterior.space.named(theta), inputs, len(theta))
+
+
+def _alone(posterior: Posterior, mode: Array, inputs: Mapping[str, float]) -> dict[str, float]:
+    scenery = Scenery(posterior.likelihood)
+    names = scenery.unknowns
+    known = from_sensitivities(names, scenery.sensitivities(mode))
+    steps = STEP * np.eye(len(names), len(mode))
+    up, down = (_at(posterior, mode * np.exp(sign * steps), inputs) for sign in (1, -1))
+    with np.errstate(invalid="ignore"):
+        slopes = {name: (np.log(up[name]) - np.log(down[name])) / (2 * STEP) for name in up}
+    return {
+        name: known.bound(slope) if np.isfinite(slope).all() else float("nan")
+        for name, slope in slopes.items()
+    }
+
+
+DENSITY = 7850.0  # kg/m^3, of steel; the paper gives none
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Tone:
+    """A natural frequency [Hz] of the free shaft with both inertias; `lumped`: of the spring."""
+
+    mode: int
+    distributed: float
+    lumped: float | None
+
+
+def tones(j_1: float, j_2: float, n: int) -> tuple[Tone, ...]:
+    """The first `n` with inertias `j_1` and `j_2` [kg m^2] at the ends of the paper's shaft."""
+    from scipy.optimize import brentq
+
+    area = math.pi * plausibility.SHAFT_DIAMETER**4 / 32
+    speed = math.sqrt(plausibility.STEEL / DENSITY)
+    stiffness = plausibility.STEEL * area / plausibility.SHAFT_LENGTH
+
+    def residue(phase: float) -> float:
+        """At w L/c = phase; a_n is then J_n phase over the inertia of the shaft itself."""
+        own = DENSITY * area * plausibility.SHAFT_LENGTH
+        a_1, a_2 = j_1 * phase / own, j_2 * phase / own
+        return (a_1 + a_2) * math.cos(phase) + (1 - a_1 * a_2) * math.sin(phase)
+
+    lumped = math.sqrt(stiffness * (1 / j_1 + 1 / j_2)) / (2 * math.pi)
+    found = []
+    for mode in range(1, n + 1):
+        low, high = (mode - 1) * math.pi + 1e-9, mode * math.pi - 1e-9
+        phase = brentq(residue, low, high, xtol=1e-15, rtol=1e-14)
+        frequency = phase * speed / plausibility.SHAFT_LENGTH / (2 * math.pi)
+        found.append(Tone(mode=mode, distributed=frequency, lumped=lumped if mode == 1 else None))
+    return tuple(found)

@@ -1,1 +1,0 @@
-"""The ways in which the paper searches: kept to show where they end."""

@@ -1,0 +1,246 @@
+"""Samples that the sensor made, not the rig: spikes, stuck counts, ends of a range, angles that
+begin again, differences.
+
+Samples that the sensor made, not the rig: spikes, stuck counts, ends of a range.
+
+A spike leaves the signal and comes back to it within `LONGEST` samples, about as fast as it left.  It is
+judged against a running median, which keeps steps and follows ramps, and against the largest tenth of
+what the signal itself leaves of that median: fast oscillations, quantised speeds, trains of pulses are
+their own yardstick.  What only follows a jump of an input is the rig's.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+LONGEST = (2, 6, 20)  # samples of a spike, by the width of the median it is judged against
+HIGH = 6.0  # times the usual departure
+USUAL = 0.9  # quantile of departures that is usual
+AS_FAST = 3.0  # times: the way back against the way there
+SWING = 0.5  # of the height, to the other side: an oscillation, not a spike
+BACK = 0.35  # of the height: how near the signal is afterwards to where it was
+JUMP = 0.2  # of an input's range within one step
+FEWEST = 60  # samples, to judge anything
+
+LONG = 10  # samples of a run of one value, at least
+RARE = 0.05  # share of steps that may be zero in a channel that has noise
+CLIPPED = 3  # samples of a run at an end of the range, at least
+MANY = 10  # of all such samples, at least
+STEEP = 2.5  # last digits in a step: so fast no signal turns round
+
+
+@dataclass(frozen=True, slots=True)
+class Spans:
+    """Samples `first[j]` to `last[j]`, both ends, of a column."""
+
+    first: NDArray[np.intp]
+    last: NDArray[np.intp]
+
+    def __len__(self) -> int:
+        return len(self.first)
+
+    @property
+    def count(self) -> int:
+        """Of samples."""
+        return int(np.sum(self.last - self.first + 1))
+
+    def mask(self, n: int) -> Mask:
+        """`(n,)`."""
+        edges = np.zeros(n + 1, dtype=np.intp)
+        np.add.at(edges, self.first, 1)
+        np.add.at(edges, self.last + 1, -1)
+        return np.cumsum(edges)[:n] > 0
+
+
+def spans(mask: Mask) -> Spans:
+    """Runs of what is true."""
+    padded = np.concatenate([[False], mask, [False]])
+    edges = np.flatnonzero(padded[1:] != padded[:-1])
+    return Spans(edges[::2], edges[1::2] - 1)
+
+
+def spikes(x: Array, caused: Mask | None = None, *, wide: bool = True) -> Spans:
+    """In `x (T,)`, numbers all; `caused (T,)`: samples at which an input has just jumped.
+
+    `wide`: also spikes of more than two samples, which in an input may be meant.
+    """
+    if len(x) < FEWEST:
+        return spans(np.zeros(len(x), dtype=np.bool_))
+    found = np.zeros(len(x), dtype=np.bool_)
+    for longest in LONGEST if wide else LONGEST[:1]:
+        found |= _spikes(x, longest, caused)
+    return spans(found)
+
+
+def stuck(x: Array) -> Spans:
+    """The longest run of one value in `x (T,)`, where noise else makes no two samples the same.
+
+    Not where the record begins: there a rig may stand still, switched off.
+    """
+    same = np.diff(x) == 0
+    runs = spans(same)
+    lengths = runs.last - runs.first + 1
+    if not len(runs):
+        return runs
+    at = int(np.argmax(lengths))
+    first, length = int(runs.first[at]), int(lengths[at]) + 1
+    others = len(same) - length + 1
+    if length < LONG or first == 0 or np.sum(same) - length + 1 > RARE * others:
+        return spans(np.zeros(0, dtype=np.bool_))
+    return Spans(np.array([first]), np.array([first + length - 1]))
+
+
+def saturated(x: Array) -> Spans:
+    """Runs of `x (T,)` at exactly its largest or its least value, which it ran into without turning."""
+    found = np.zeros(len(x), dtype=np.bool_)
+    steps = np.abs(np.diff(x))
+    if not np.any(steps):
+        return spans(found)
+    digit = float(steps[steps > 0].min())
+    for end in (float(x.max()), float(x.min())):
+        runs = spans(x == end)
+        keep = runs.last - runs.first + 1 >= CLIPPED
+        first, last = runs.first[keep], runs.last[keep]
+        inner = first[first >= 2]
+        steep = np.abs(x[inner - 1] - x[inner - 2]) > STEEP * digit
+        enough = len(first) >= 2 and int(np.sum(last - first + 1)) >= MANY
+        if end != 0.0 and enough and len(inner) and np.mean(steep) > 0.5:
+            found |= Spans(first, last).mask(len(x))
+    return spans(found)
+
+
+def _spikes(x: Array, longest: int, caused: Mask | None) -> Mask:
+    from scipy.ndimage import median_filter
+
+    away = x - median_filter(x, 4 * longest + 1, mode="nearest")
+    steps = np.abs(np.diff(x))
+    moved = steps[steps > 0]
+    usual = max(
+        float(np.quantile(np.abs(away), USUAL)), float(np.median(moved)) if len(moved) else 0.0
+    )
+    mask = np.zeros(len(x), dtype=np.bool_)
+    if usual == 0.0:
+        return mask
+    for sign in (1.0, -1.0):
+        one = sign * away
+        high = spans(one > HIGH * usual)
+        for first, last in zip(high.first.tolist(), high.last.tolist(), strict=True):
+            peak = first + int(np.argmax(one[first : last + 1]))
+            begin, end = _foot(one, peak, usual, longest)
+            if _is_spike(sign * x, one, (begin, peak, end), longest) and not (
+                caused is not None and caused[max(0, begin - longest) : peak + 1].any()
+            ):
+                mask[begin : end + 1] = True
+    return mask
+
+
+def _foot(away: Array, peak: int, usual: float, longest: int) -> tuple[int, int]:
+    """The samples around `peak` that are unusually far out."""
+    begin = end = peak
+    while begin > 0 and away[begin - 1] > usual and peak - begin <= 2 * longest:
+        begin -= 1
+    while end < len(away) - 1 and away[end + 1] > usual and end - peak <= 2 * longest:
+        end += 1
+    return begin, end
+
+
+def _is_spike(x: Array, away: Array, at: tuple[int, int, int], longest: int) -> bool:
+    begin, peak, end = at
+    if begin < 1 or end > len(x) - 2:
+        return False
+    height = away[peak]
+    wide = int(np.sum(away[begin : end + 1] > height / 2))
+    up = float(np.max(np.diff(x[begin - 1 : peak + 1])))
+    down = float(-np.min(np.diff(x[peak : end + 2])))
+    around = away[max(0, begin - longest) : end + longest + 1]
+    return (
+        wide <= longest
+        and end - begin < 2 * longest
+        and 1 / AS_FAST < down / up < AS_FAST
+        and -float(np.min(around)) < SWING * height
+        and abs(x[end + 1] - x[begin - 1]) < BACK * height
+    )
+
+
+CLEAR = 0.1  # of a period: so near half of it a jump may be one way or the other
+SHARED = 0.02  # of what a speed's own past leaves, at most, and its noise is that of the angle
+FEWEST_TURNS = 50  # samples
+AROUND = 3  # samples on either side that a filter may use
+SLOWEST = 0.95  # of the last value that a filter keeps; with all of it, sums are no differences
+
+
+def ambiguous(x: Array, period: float) -> NDArray[np.intp]:
+    """Samples before which the jump is of nearly half a period, so that its way cannot be told."""
+    jumps = np.abs(np.diff(x)) / period
+    return np.flatnonzero(np.abs(jumps - np.round(jumps)) > 0.5 - CLEAR) + 1
+
+
+def unwrapped(x: Array, period: float) -> tuple[Array, int]:
+    """`x (T,)` with every jump of more than half a period taken back, and how many there were."""
+    turns = np.round(np.diff(x) / period)
+    return x - period * np.concatenate([[0.0], np.cumsum(turns)]), int(np.sum(turns != 0))
+
+
+def held_speeds(x: Array, t: Array) -> Array:
+    """`(T,)`: an angle `x (T,)` that is straight between its samples turns at these speeds after each.
+
+    Of the last one nothing is known: it is that of the one before.
+    """
+    speeds = np.diff(x) / np.diff(t)
+    return np.append(speeds, speeds[-1:] if len(speeds) else 0.0)
+
+
+def turned(w: Array, t: Array, begin: float) -> Array:
+    """The angle `(T,)` again, of speeds `w (T,)` that are held after each sample."""
+    return np.concatenate([[begin], begin + np.cumsum(w[:-1] * np.diff(t))])
+
+
+def quotients(x: Array, t: Array) -> dict[str, Array]:
+    """Difference quotients of `x (T,)`, `(T - 2,)`, at all samples but the first and the last."""
+    slopes = np.diff(x) / np.diff(t)
+    central = (x[2:] - x[:-2]) / (t[2:] - t[:-2])
+    return {"backward": slopes[:-1], "forward": slopes[1:], "central": central}
+
+
+def nearest_quotient(x: Array, w: Array, t: Array) -> tuple[str, float]:
+    """Which difference quotient of `x` `w (T,)` is like, and its rms distance over the rms of `w`."""
+    middle = w[1:-1]
+    size = float(np.sqrt(np.mean(middle**2))) or 1.0
+    off = {
+        kind: float(np.sqrt(np.mean((middle - one) ** 2))) / size
+        for kind, one in quotients(x, t).items()
+    }
+    kind = min(off, key=lambda name: off[name])
+    return kind, off[kind]
+
+
+def differenced(x: Array, w: Array, dt: float) -> bool:
+    """Whether `w (T,)` is no measurement of its own, but differences of `x`, perhaps filtered.
+
+    What the past of `w` does not foretell is its own noise, unless the newest steps of `x` foretell it.
+    """
+    if len(x) < FEWEST_TURNS or not np.any(np.diff(w)):
+        return False
+    step, n = np.diff(x, prepend=x[0]) / dt, len(w)
+
+    def lagged(y: Array, lags: range) -> list[Array]:
+        return [y[AROUND - k : n - AROUND - k] for k in lags]
+
+    (now,) = lagged(w, range(1))
+    alone, _ = _left(now, lagged(w, range(1, AROUND + 1)))
+    both, factors = _left(now, [*lagged(w, range(1, 2)), *lagged(step, range(-AROUND, AROUND + 1))])
+    rough = alone > 1e-9 * float(np.ptp(w))  # less is rounding
+    return rough and both < SHARED * alone and float(factors[0]) < SLOWEST
+
+
+def _left(y: Array, causes: list[Array]) -> tuple[float, Array]:
+    """Standard deviation of what no sum of the causes and a constant explains, and their factors."""
+    design = np.stack([*causes, np.ones(len(y))], axis=-1)
+    factors = np.linalg.lstsq(design, y, rcond=None)[0]
+    return float(np.std(y - design @ factors)), factors

@@ -1,0 +1,189 @@
+"""Sections as one page of HTML that needs nothing beside it, and the summary as a LaTeX table."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import math
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import compress
+from pathlib import Path
+from typing import Any
+
+import jinja2
+from markupsafe import Markup
+
+import bayesdrill
+from bayesdrill.analysis.diagnostics import Row
+from bayesdrill.basics.symbols import Symbol
+from bayesdrill.inference.derived import HDI_PROBABILITY
+from bayesdrill.report.scales import DPI, Typesetter, printed, unit_of
+from bayesdrill.report.section import WORDS, Picture, Section, items
+
+_PNG_SIZE = slice(16, 24)  # of a file: width and height, big endian
+_SVG_SIZE = re.compile(rb'<svg[^>]*\bwidth="([\d.]+)pt" height="([\d.]+)pt"')
+
+
+@dataclass(frozen=True, slots=True)
+class Shown:
+    """A picture inside the page."""
+
+    url: str
+    width: int
+    height: int
+
+
+def as_html(
+    title: str,
+    what: str,
+    sections: Sequence[Section],
+    figures: Path,
+    symbols: Sequence[Symbol] = (),
+) -> str:
+    """`what`: the kind of report; `figures`: where the PNG or SVG of pictures are; those without
+    either are left out.
+    """
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("bayesdrill.report", "page"),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    set_type = Typesetter(printed(symbols))
+    helpers: dict[str, Any] = {
+        "names": set_type.plain,
+        "prose": set_type.prose,
+        "items": items,
+        "slug": slug,
+        "after": after,
+        "kind": lambda block: type(block).__name__,
+    }
+    environment.filters |= helpers
+    shown = {
+        picture.stem: _embedded(figures / f"{picture.stem}.{picture.ending}")
+        for picture in _pictures(sections)
+    }
+    return environment.get_template("report.html.j2").render(
+        title=title,
+        what=what,
+        sections=sections,
+        version=bayesdrill.__version__,
+        shown={stem: one for stem, one in shown.items() if one is not None},
+        words=WORDS,
+        style=_own(environment, "style.css"),
+        script=_own(environment, "zoom.js"),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class _Own:
+    """A style or a script of the house: what stands in the page, and by what a browser knows it."""
+
+    text: Markup
+    digest: str
+
+
+def _own(environment: jinja2.Environment, name: str) -> _Own:
+    text = environment.get_template(name).render()
+    digest = base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
+    return _Own(Markup(text), f"'sha256-{digest}'")
+
+
+def _pictures(sections: Sequence[Section]) -> Iterator[Picture]:
+    for section in sections:
+        yield from (block for block in section.blocks if isinstance(block, Picture))
+
+
+def _embedded(path: Path) -> Shown | None:
+    kinds = {".png": ("png", _size_of_png), ".svg": ("svg+xml", _size_of_svg)}
+    if path.suffix not in kinds or not path.exists():
+        return None
+    kind, size = kinds[path.suffix]
+    data = path.read_bytes()
+    url = f"data:image/{kind};base64,{base64.b64encode(data).decode()}"
+    return Shown(url, *size(data))
+
+
+def _size_of_png(data: bytes) -> tuple[int, int]:
+    size = data[_PNG_SIZE]
+    return int.from_bytes(size[:4]), int.from_bytes(size[4:8])
+
+
+def _size_of_svg(data: bytes) -> tuple[int, int]:
+    """As many pixels as a PNG of the same figure has by default."""
+    width, height = (float(points) for points in _SVG_SIZE.findall(data)[0])
+    return round(width / 72 * DPI), round(height / 72 * DPI)
+
+
+def after(text: str, known: str) -> str:
+    """What stands after a word that the title has said already."""
+    rest = text.removeprefix(known)
+    return text if rest == text else rest[:1].upper() + rest[1:]
+
+
+def slug(text: str) -> str:
+    """For names of places in the page."""
+    return re.sub(r"[^a-z0-9]+", "-", text.lower()).strip("-")
+
+
+_HEADS = (
+    *("", "unit", "nominal", "MAP", "mean (sd)"),
+    rf"{100 * HDI_PROBABILITY:.0f}\,\% HDI",
+    "the record says",
+)
+_NOMINAL = _HEADS.index("nominal")
+_USUAL = range(-1, 3)  # powers of ten that are written out
+
+_BEYOND = re.compile(r"[^\x00-\x7f]+")  # ASCII; in names, and in LaTeX outside of formulas alone
+
+
+def latex_table(rows: Sequence[Row], symbols: Sequence[Symbol], *, believed: bool = True) -> str:
+    """A `tabular` for a table of one's own, with the places of two digits of each sd.
+
+    Without what the record says, where that must not be `believed`.
+    """
+    named = {symbol.name: symbol for symbol in symbols}
+    shown = [True] * len(_HEADS)
+    shown[_NOMINAL] = any(row.nominal is not None for row in rows)
+    shown[-1] = believed
+    every = (_HEADS, *(_cells(row, named[row.name]) for row in rows))
+    lines = [" & ".join(compress(line, shown)) + r" \\" for line in every]
+    return "\n".join(_around("".join(compress("llrrrrl", shown)), lines)) + "\n"
+
+
+def _around(columns: str, lines: Sequence[str]) -> Iterator[str]:
+    yield r"% needs \usepackage{booktabs,siunitx}"
+    yield rf"\begin{{tabular}}{{@{{}}{columns}@{{}}}}"
+    yield r"\toprule"
+    yield lines[0]
+    yield r"\midrule"
+    yield from lines[1:]
+    yield r"\bottomrule"
+    yield r"\end{tabular}"
+
+
+def _cells(row: Row, symbol: Symbol) -> tuple[str, ...]:
+    power = _exponent(max(abs(row.hdi_low), abs(row.hdi_high)))
+    power = 0 if power in _USUAL else power
+    sd = row.sd / 10.0**power
+    places = max(0, 1 - _exponent(sd)) if sd > 0 else 3
+
+    def number(x: float) -> str:
+        return f"{x / 10.0**power:.{places}f}"
+
+    return (
+        f"${_BEYOND.sub(lambda beyond: rf'\text{{{beyond[0]}}}', symbol.latex)}$",
+        unit_of(power, symbol.latex_unit),
+        "--" if row.nominal is None else rf"\num{{{number(row.nominal)}}}",
+        rf"\num{{{number(row.map)}}}",
+        rf"\num{{{number(row.mean)} \pm {number(row.sd)}}}",
+        rf"\numrange{{{number(row.hdi_low)}}}{{{number(row.hdi_high)}}}",
+        row.word,
+    )
+
+
+def _exponent(x: float) -> int:
+    return math.floor(math.log10(x)) if x > 0 else 0

@@ -1,0 +1,178 @@
+"""Ranks of a calibration against chance: a panel for each quantity, and one for the intervals."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+
+from bayesdrill.analysis.calibration import Quantity, Verdict
+from bayesdrill.basics.symbols import Symbol
+from bayesdrill.config.schema.records import OutputSpec
+from bayesdrill.report import scales, style
+from bayesdrill.report.pages import Page
+
+# Inches.
+LEFT, RIGHT, ROW, GAP_X, GAP_Y = 0.62, 0.1, 1.05, 0.12, 0.12
+BOTTOM, FOOT, COVERAGE, TOP = 0.3, 0.45, 1.6, 0.34
+COLUMNS = 4
+FIT = r"\log L"
+
+INSIDE: dict[str, Any] = {"color": style.BLACK, "linewidth": 0.9}
+BAND: dict[str, Any] = {"facecolor": style.LIGHT, "linewidth": 0}
+MARKERS = ("o", "s", "^")  # of the levels
+
+
+def calibration_figure(
+    verdict: Verdict, symbols: Sequence[Symbol], width: float = scales.DOUBLE
+) -> Figure:
+    """Differences of the empirical distribution of ranks from uniform, above shares of truths in
+    credible intervals; `symbols` of the unknowns, the log likelihood is the last quantity."""
+    labels = [*(symbol.latex for symbol in symbols), FIT]
+    with style.styled(width):
+        handles = _handles(verdict)
+        figure, panels, covered = _page(len(labels), width, len(handles))
+        most = _most(verdict)
+        for panel, label, quantity in zip(panels, labels, verdict.quantities, strict=True):
+            _difference(panel, quantity, verdict)
+            _frame(panel, label, quantity, most)
+        _coverage(covered, verdict, labels[:-1])
+        _legend(figure, handles, width)
+    return figure
+
+
+def save(
+    verdict: Verdict,
+    symbols: Sequence[Symbol],
+    output: OutputSpec,
+    folder: Path,
+    note: Mapping[str, str],
+) -> None:
+    """`calibration.*` in `folder`, as large and in such files as a config asks for."""
+    figure = calibration_figure(verdict, symbols, scales.WIDTHS[output.size])
+    style.save(figure, folder, "calibration", note, formats=tuple(output.formats), dpi=output.dpi)
+
+
+def _page(n: int, width: float, n_handles: int) -> tuple[Figure, list[Axes], Axes]:
+    page = Page(
+        columns=COLUMNS,
+        width=scales.DOUBLE,
+        row=ROW,
+        left=LEFT,
+        right=RIGHT,
+        gap_x=GAP_X,
+        gap_y=GAP_Y,
+        top=TOP,
+        bottom=BOTTOM,
+        foot=COVERAGE + FOOT,
+    ).fitting(width, n_handles)
+    figure, panels = page.build(n)
+    for k, panel in enumerate(panels):
+        page.frame(panel, k, n, "normalised rank", "ECDF difference")
+    _, height = figure.get_size_inches()
+    inside = width - page.left - RIGHT
+    room = (page.left / width, BOTTOM / height, inside / width, COVERAGE / height)
+    return figure, panels, figure.add_axes(room)
+
+
+def _most(verdict: Verdict) -> float:
+    """The end of the vertical axis, the same in all panels."""
+    band, n = verdict.band, max(verdict.band.n, 1)
+    ends = [np.abs(edge / n - band.shares).max() for edge in (band.low, band.high)]
+    ends += [np.abs(band.counts(q.ranks) / n - band.shares).max() for q in verdict.quantities]
+    return float(max(ends))
+
+
+def _difference(panel: Axes, quantity: Quantity, verdict: Verdict) -> None:
+    band, n = verdict.band, max(verdict.band.n, 1)
+    shares = np.concatenate([[0.0], band.shares, [1.0]])
+
+    def away(counts: Any) -> Any:
+        return np.concatenate([[0.0], counts / n - band.shares, [0.0]])
+
+    panel.fill_between(shares, away(band.low), away(band.high), zorder=1, **BAND)
+    panel.axhline(0.0, color=style.MIDDLE, linewidth=0.5, zorder=2)
+    look = INSIDE if quantity.holds else style.OUTSIDE
+    panel.plot(shares, away(band.counts(quantity.ranks)), zorder=3, **look)
+
+
+def _frame(panel: Axes, label: str, quantity: Quantity, most: float) -> None:
+    panel.set_xlim(0, 1)
+    panel.set_ylim(-1.12 * most, 1.75 * most)  # names stand above all lines
+    style.set_ticks(panel.xaxis, np.array([0.0, 0.5, 1.0]), ["0", "0.5", "1"])
+    style.set_ticks(panel.yaxis, *scales.ticks(-1.12 * most, 1.12 * most, 3))
+    panel.text(0.04, 0.93, f"${label}$", transform=panel.transAxes, va="top")
+    if not quantity.holds:
+        word = (quantity.shape or "leaves the band").removeprefix("posterior ")
+        where: dict[str, Any] = {"transform": panel.transAxes, "va": "top", "ha": "right"}
+        panel.text(0.97, 0.93, word, fontsize=0.94 * style.letters("legend.fontsize"), **where)
+
+
+def _mark(marker: str, holds: bool) -> dict[str, Any]:
+    return {
+        "marker": marker,
+        "markersize": 3.4,
+        "markerfacecolor": "white" if holds else style.MAP_COLOUR,
+        "markeredgecolor": style.BLACK if holds else style.MAP_COLOUR,
+        "markeredgewidth": 0.8,
+    }
+
+
+def _coverage(panel: Axes, verdict: Verdict, labels: Sequence[str]) -> None:
+    n = max(verdict.band.n, 1)
+    unknown = [quantity for quantity in verdict.quantities if quantity.intervals]
+    shares = [interval.share for interval in unknown[0].intervals]
+    for share in shares:
+        panel.axhline(100 * share, color=style.MIDDLE, linewidth=0.5, zorder=0)
+    width = 0.2 * min(1.0, len(unknown) / 6)
+    for column, quantity in enumerate(unknown):
+        for k, interval in enumerate(quantity.intervals):
+            x = column + 1.1 * width * (k - 1)
+            low, high = 100 * interval.low / n, 100 * interval.high / n
+            panel.bar(x, high - low, width, bottom=low, zorder=1, **BAND)
+            panel.plot(
+                [x],
+                [100 * interval.inside / n],
+                zorder=3,
+                **_mark(MARKERS[k], interval.holds),
+            )
+    panel.set_xlim(-0.6, len(unknown) - 0.4)
+    floor = min(min(min(i.low, i.inside) for i in q.intervals) for q in unknown)
+    panel.set_ylim(max(0.0, 100 * floor / n - 6.0), 102.0)
+    style.set_ticks(panel.xaxis, np.arange(float(len(unknown))), [f"${label}$" for label in labels])
+    panel.tick_params(axis="x", length=0)
+    style.set_ticks(panel.yaxis, 100 * np.array(shares), [f"{100 * s:.3g}" for s in shares])
+    panel.set_ylabel("truths inside [%]")
+
+
+def _handles(verdict: Verdict) -> list[Any]:
+    every = verdict.quantities
+    handles: list[Any] = [Patch(label="what chance allows", **BAND)]
+    if any(q.holds for q in every):
+        handles.append(Line2D([], [], label="ranks of the truth", **INSIDE))
+    if not all(q.holds for q in every):
+        handles.append(Line2D([], [], label="ranks that leave the band", **style.OUTSIDE))
+    intervals = next(q.intervals for q in every if q.intervals)
+    for marker, interval in zip(MARKERS, intervals, strict=True):
+        label = f"{100 * interval.share:.3g} % interval"
+        handles.append(Line2D([], [], label=label, linestyle="none", **_mark(marker, True)))
+    return handles
+
+
+def _legend(figure: Figure, handles: list[Any], width: float) -> None:
+    figure.legend(
+        handles=handles,
+        loc="upper center",
+        ncols=len(handles) if width >= scales.DOUBLE else 2,
+        borderaxespad=0.3,
+        labelspacing=0.3,
+        handlelength=1.5,
+        columnspacing=1.2,
+        handletextpad=0.5,
+    )

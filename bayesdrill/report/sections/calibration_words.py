@@ -1,0 +1,129 @@
+"""What the terminal and the summary say of a calibration."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from bayesdrill.analysis.calibration import (
+    FALSE_ALARM,
+    MOST_NOT_CONVERGED,
+    Quantity,
+    Refit,
+    Verdict,
+)
+from bayesdrill.config.schema.config import Config
+from bayesdrill.inference.posterior import Problem
+from bayesdrill.report.section import Mark, Marks, Note, Picture, Section, Sentences, Table, Tone
+
+MOST_NAMED = 20  # refits that did not converge
+
+
+def opening(problem: Problem, config: Config) -> str:
+    """What is repeated, and how often."""
+    records = " and one of ".join(
+        f"{len(one.experiment.t)} samples of {', '.join(one.experiment.names)}"
+        for one in problem.observations
+    )
+    return (
+        f"calibration: {config.calibration.refits} times, unknowns from their priors, a record of "
+        f"{records} made from them, and its "
+        f"posterior\nunknown: {', '.join(problem.names)}"
+    )
+
+
+def verdict(found: Verdict) -> str:
+    """One sentence."""
+    if found.faults:
+        return f"not calibrated: {'; '.join(found.faults)}"
+    if found.doubts:
+        return f"no verdict: {'; '.join(found.doubts)}"
+    return (
+        f"calibrated: over {found.refits} refits the truth ranks among the draws as chance has it"
+    )
+
+
+def rule(found: Verdict) -> str:
+    """What the verdict is worth."""
+    return (
+        f"A right posterior would be found not calibrated in at most {100 * FALSE_ALARM:g} % of such "
+        f"studies, all {len(found.quantities)} quantities and all intervals taken together. With more "
+        f"than {100 * MOST_NOT_CONVERGED:g} % of the refits not converged nothing is called calibrated; "
+        "they stay in the ranks."
+    )
+
+
+def refits(found: Verdict, every: Sequence[Refit]) -> str:
+    """How many went wrong, which, and how."""
+    if not found.not_converged:
+        return f"all {found.refits} refits converged"
+    first = next(refit for refit in every if not refit.converged)
+    listed = ", ".join(map(str, found.not_converged[:MOST_NAMED]))
+    more = ", ..." if len(found.not_converged) > MOST_NAMED else ""
+    return (
+        f"{len(found.not_converged)} of {found.refits} refits did not converge: {listed}{more}\n"
+        f"  refit {first.index}: {first.reasons[0]}"
+    )
+
+
+def sections(found: Verdict, every: Sequence[Refit], ending: str) -> tuple[Section, ...]:
+    """The verdict first; `ending`: of the file of the figure that a page shows."""
+    says = verdict(found)
+    tone: Tone = "bad" if found.faults else "doubt" if found.doubts else "good"
+    return (
+        Section(
+            "Verdict",
+            (
+                Marks((Mark(says.split(":")[0], tone),)),
+                Sentences(f"{says[0].upper()}{says[1:]}."),
+                Note(rule(found)),
+            ),
+        ),
+        Section(
+            "Ranks",
+            (
+                table(found),
+                Note(
+                    f"Ranks are among {found.n_draws} draws. `departure / band` is the farthest "
+                    "departure of their distribution from uniform, above 1 outside of what chance "
+                    "allows; the same for intervals in brackets. Exact values: `ranks.csv`."
+                ),
+                Picture(
+                    "calibration",
+                    "Ranks of the truths among the draws, with what chance allows.",
+                    ending,
+                ),
+            ),
+        ),
+        Section("Refits", (Sentences(refits(found, every)),)),
+    )
+
+
+def table(found: Verdict) -> Table:
+    """The shares of truths in credible intervals with what chance allows."""
+    shares = found.quantities[0].intervals
+    heads = (
+        "",
+        "departure / band",
+        "ranks",
+        *(f"in {100 * each.share:.3g} % interval" for each in shares),
+    )
+    lines = tuple(_cells(q, found, len(shares)) for q in found.quantities)
+    return Table(heads, lines, frozenset(("", "ranks")))
+
+
+def _cells(quantity: Quantity, found: Verdict, n_intervals: int) -> tuple[str, ...]:
+    n = max(found.band.n, 1)
+    word = "as by chance" if quantity.holds else quantity.shape or "leave the band"
+    if not found.band.n:
+        word = "none"
+    covered = [
+        f"{100 * i.inside / n:.0f} % ({100 * i.low / n:.0f} to {100 * i.high / n:.0f})"
+        + ("" if i.holds else " **outside**")
+        for i in quantity.intervals
+    ]
+    return (
+        quantity.name,
+        f"{quantity.reach:.2f}",
+        word,
+        *(covered or [""] * n_intervals),
+    )

@@ -1,0 +1,403 @@
+"""Several runs, or models of one record, for readers: a verdict, tables, what differs, what
+predicts.
+"""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import io
+import math
+from collections.abc import Iterator, Sequence
+
+from bayesdrill.analysis.comparison import (
+    SURE,
+    Contender,
+    Decision,
+    Layer,
+    Place,
+    Row,
+    decide,
+    difference,
+    differing,
+    probabilities,
+)
+from bayesdrill.analysis.prediction import FEW, LeftOut
+from bayesdrill.config.job import OwnUnits
+from bayesdrill.inference.derived import HDI_PROBABILITY
+from bayesdrill.inference.priors import flat_in_logs
+from bayesdrill.inference.residual_checks import Left
+from bayesdrill.report.section import Note, Picture, Section, Sentences, Table
+from bayesdrill.report.sections import verdict_words
+
+
+def overlay_shown(row: Row, own: OwnUnits) -> Row:
+    """In the unit that its symbol then has."""
+    factor = own.factor(row.symbol.name)
+    if factor == 1.0:
+        return dataclasses.replace(row, symbol=own.symbol(row.symbol))
+    return dataclasses.replace(
+        row,
+        symbol=own.symbol(row.symbol),
+        places=tuple(None if place is None else _over(place, factor) for place in row.places),
+        nominal=tuple(None if value is None else value / factor for value in row.nominal),
+    )
+
+
+def _over(place: Place, factor: float) -> Place:
+    return Place(
+        mean=place.mean / factor,
+        sd=place.sd / factor,
+        low=place.low / factor,
+        high=place.high / factor,
+    )
+
+
+def in_logs(row: Row, layers: Sequence[Layer]) -> bool:
+    """Whether the prior of the first run that has this unknown is flat in its log."""
+    found = (
+        layer.problem.posterior.space.priors.get(row.symbol.name)
+        for layer in layers
+        if row.symbol in layer.problem.symbols
+    )
+    return flat_in_logs(next(found, None))
+
+
+LONGEST = 60  # letters of a setting
+SAID = 3  # unknowns that are farthest apart
+FAR = 0.5  # sds, below which nothing is said of it
+APART = "apart [sd]"
+OVERLAY_READ = (
+    "Mean and sd of each run, in the unit in which the first of them says it. "
+    f"`{APART}` is the largest difference of two means over the root mean "
+    "square of their sds: by chance two independent records of one rig are more than 2.8 apart once in "
+    "twenty times; runs of one record differ by what was believed, held and modelled."
+)
+COLUMNS = (
+    *("name", "unit", "run", "nominal", "mean", "sd"),
+    *(f"hdi{100 * HDI_PROBABILITY:.0f}_{end}" for end in ("low", "high")),
+    *("held", "apart"),
+)
+
+
+def overlay_sections(
+    layers: Sequence[Layer],
+    rows: Sequence[Row],
+    own: OwnUnits,
+    pictures: Sequence[Picture] = (),
+) -> tuple[Section, ...]:
+    """In the order in which they are read; `rows` in SI."""
+    drawn = (Section("Figures", tuple(pictures), brief=False),) if pictures else ()
+    differs = differing(layers)
+    doubts = [doubt(layer) for layer in layers if layer.warning]
+    first = Sentences("\n".join([f"{len(layers)} runs: {_names(layers)}", *doubts]))
+    said = Sentences("\n".join([*farthest(layers, rows), _what_differs(layers, differs)]))
+    return (
+        Section("", (first,)),
+        Section(
+            "",
+            (
+                overlay_table(layers, [overlay_shown(row, own) for row in rows]),
+                Note(OVERLAY_READ),
+                said,
+            ),
+        ),
+        *drawn,
+        Section("What differs between the runs", (overlay_settings(layers, differs),), brief=False),
+    )
+
+
+def overlay_csv(layers: Sequence[Layer], rows: Sequence[Row]) -> str:
+    """A line for each unknown and run that has it, SI, all digits; `apart` is of all runs."""
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    writer.writerow(COLUMNS)
+    for row in rows:
+        for layer, place, nominal in zip(layers, row.places, row.nominal, strict=True):
+            if place is not None:
+                sd = (place.sd, place.low, place.high)
+                numbers = (nominal, place.mean, *((None,) * 3 if place.held else sd))
+                last = ("yes" if place.held else "no", row.apart)
+                values = (row.symbol.name, row.symbol.unit, layer.name, *numbers, *last)
+                writer.writerow(["" if value is None else value for value in values])
+    return out.getvalue()
+
+
+def _names(layers: Sequence[Layer]) -> str:
+    return ", ".join(layer.name for layer in layers)
+
+
+def doubt(layer: Layer) -> str:
+    """What its figures carry, and why it must not be believed."""
+    because = "".join(f"\n  - {reason}" for reason in layer.reasons)
+    return f"{layer.name}: {layer.warning}{because}"
+
+
+def overlay_table(layers: Sequence[Layer], rows: Sequence[Row]) -> Table:
+    heads = ("", "unit", "nominal", *(layer.name for layer in layers), APART)
+    lines = []
+    for row in rows:
+        known = [value for value in row.nominal if value is not None]
+        nominal = "" if not known else "differs" if row.agreed is None else f"{row.agreed:.4g}"
+        apart = "" if row.apart is None else f"{row.apart:.2f}"
+        if row.pair is not None and len(layers) > 2:
+            apart += f" ({', '.join(layers[k].name for k in row.pair)})"
+        cells = map(_cell, row.places)
+        lines.append((row.symbol.name, row.symbol.plain_unit, nominal, *cells, apart))
+    return Table(heads, tuple(lines), frozenset(heads[:2])).filled("nominal", APART)
+
+
+def _cell(place: Place | None) -> str:
+    if place is None:
+        return ""
+    if place.held:
+        return f"{place.mean:.4g} held"
+    return f"{place.mean:.4g} \N{PLUS-MINUS SIGN} {place.sd:.2g}"
+
+
+def farthest(layers: Sequence[Layer], rows: Sequence[Row]) -> Iterator[str]:
+    found = [(row.apart, row) for row in rows if row.apart is not None]
+    if not found:
+        yield "no unknown is shared by two of the runs"
+        return
+    ordered = sorted(found, key=lambda one: -one[0])
+    far = [(apart, row) for apart, row in ordered if apart >= FAR]
+    if not far:
+        yield f"nowhere are two of them more than {ordered[0][0]:.2g} sd apart"
+    for apart, row in far[:SAID]:
+        assert row.pair is not None
+        one, other = (layers[k].name for k in row.pair)
+        yield f"{row.symbol.name}: {one} and {other} are {apart:.2g} sd apart"
+
+
+def _what_differs(layers: Sequence[Layer], differs: dict[str, tuple[str | None, ...]]) -> str:
+    unknown = {name for layer in layers for name in _quantities(layer)}
+    believed = [name for name in differs if name in unknown]
+    others = dict.fromkeys(_kind(name) for name in differs if name not in unknown)
+    listed = [*([f"what is believed of {', '.join(believed)}"] if believed else []), *others]
+    if not listed:
+        return "record, noise, priors and seed are the same"
+    return f"not the same: {'; '.join(listed)}"
+
+
+def _kind(setting: str) -> str:
+    """All channels, and the noise of all of them, in one word."""
+    kinds = {"the channel ": "the channels", "the noise of ": "the noise"}
+    return next((kind for start, kind in kinds.items() if setting.startswith(start)), setting)
+
+
+def _quantities(layer: Layer) -> set[str]:
+    space = layer.problem.posterior.space
+    return {*space.free, *space.fixed, *space.relations}
+
+
+def overlay_settings(
+    layers: Sequence[Layer], differs: dict[str, tuple[str | None, ...]]
+) -> Table | Note:
+    if not differs:
+        return Note("nothing")
+    heads = ("", *(layer.name for layer in layers))
+    lines = [(name, *(_short(value) for value in values)) for name, values in differs.items()]
+    return Table(heads, tuple(lines), frozenset(heads))
+
+
+def _short(value: str | None) -> str:
+    return elided(value or "", LONGEST)
+
+
+def elided(text: str, most: int) -> str:
+    """Without letters of its middle, where it has more than so many: names differ at their ends."""
+    left = most - 3
+    return text if len(text) <= most else f"{text[: left // 2]}...{text[-(left - left // 2) :]}"
+
+
+def overlay_warnings(layer: Layer) -> str:
+    """Its name, for legends, with what it must be doubted for."""
+    return f"{layer.name} ({layer.warning})" if layer.warning else layer.name
+
+
+TIMES = math.log(1e4)  # odds up to which they are said as a number
+
+COMPARISON_READ = (
+    "Log evidence: the log of how probable the record is under the model with all that its priors "
+    "allow. `against best` is the log of the odds against the most probable, where all were as likely "
+    "before; `held out` and `LOO` the difference of predictive scores to the best of the column, with "
+    "its standard error; `rms` and `correlation` those of what the MAP leaves, over the noise, in the "
+    "channel where they are worst: 1 and 0 where only noise is left."
+)
+
+
+def comparison_sections(
+    models: Sequence[Contender],
+    rows: Sequence[Row],
+    own: OwnUnits,
+    pictures: Sequence[Picture] = (),
+) -> tuple[Section, ...]:
+    """In the order in which they are read; `rows` in SI."""
+    layers = [one.layer for one in models]
+    drawn = (Section("Figures", tuple(pictures), brief=False),) if pictures else ()
+    moved = overlay_table(layers, [overlay_shown(row, own) for row in rows])
+    far = Sentences("\n".join(farthest(layers, rows)))
+    differ = overlay_settings(layers, differing(layers))
+    return (
+        Section("Verdict", (Sentences("\n".join(comparison_verdict(models))),)),
+        Section(
+            "Models",
+            (
+                comparison_table(models),
+                Note(COMPARISON_READ),
+                Sentences("\n".join(predicted(models))),
+            ),
+        ),
+        *drawn,
+        Section("How the unknowns move", (moved, Note(OVERLAY_READ), far)),
+        Section("What differs between the models", (differ,), brief=False),
+    )
+
+
+def comparison_verdict(models: Sequence[Contender]) -> Iterator[str]:
+    """Model, noise, or neither; and what makes it doubtful."""
+    found = decide(models)
+    yield f"verdict: {_decided(models, found)}"
+    best = models[found.best]
+    if best.like_noise:
+        yield f"  what {best.name} leaves looks like the noise"
+    else:
+        yield f"  what {best.name} leaves is more than noise: none of these models is the whole story"
+    for one in models:
+        if one.layer.reasons:
+            yield f"  DO NOT BELIEVE {doubt(one.layer)}".replace("\n", "\n  ")
+    if found.vague:
+        yield (
+            f"  VAGUE PRIORS: {', '.join(found.vague)}: so wide that a model may have lost by that "
+            "alone; give it the range that you believe"
+        )
+    for one in models:
+        if not one.converged:
+            yield f"  {one.name} did not converge: its evidence is rough"
+
+
+def _decided(models: Sequence[Contender], found: Decision) -> str:
+    first, best = models[found.first].name, models[found.best].name
+    gain = {name: odds(value) for name, value in found.gain.items() if math.isfinite(value)}
+    if found.word == "neither":
+        return (
+            f"NEITHER model nor noise: none is more than {odds(SURE)} times as probable as {first}"
+        )
+    lead = f"{best} is {gain['first']} times as probable as {first}"
+    if found.word == "priors":
+        return f"PRIORS: {lead}, with the same rig and the same noise"
+    rig = f"{gain.get('model', '')} times as probable as any with the rig of {first}, whatever its noise"
+    noise = f"{gain.get('noise', '')} times as probable as any with its noise, whatever the rig"
+    if found.word == "model":
+        return f"MODEL: {best} is {rig}"
+    if found.word == "noise":
+        return f"NOISE: {lead}, with the same rig, and {noise}"
+    if found.word == "both":
+        return f"MODEL AND NOISE: {best} is {rig}, and {noise}"
+    return f"MODEL OR NOISE, not told apart: {lead}, and another noise or another rig does about as well"
+
+
+def odds(log: float) -> str:
+    """`1200`, or `e^35` where nobody counts."""
+    if log > TIMES:
+        return f"e^{log:.0f}"
+    value = math.exp(log)
+    return f"{value:.0f}" if value >= 10 else f"{value:.2g}"
+
+
+def comparison_table(models: Sequence[Contender]) -> Table:
+    """The most probable first."""
+    heads = ("model", "unknowns", "log evidence", "against best", "probability")
+    more = ("held out", "LOO", "rms", "correlation")
+    top = max(one.log_z for one in models)
+    order = sorted(range(len(models)), key=lambda k: -models[k].log_z)
+    share, held, loo = probabilities(models), _held(models), _loo(models)
+    lines = []
+    for k in order:
+        one = models[k]
+        rms, correlation = worst(one.left)
+        cells = (
+            one.name + ("" if one.converged else " (NOT CONVERGED)"),
+            str(len(one.layer.problem.symbols)),
+            verdict_words.evidence_said(one.evidence),
+            f"{one.log_z - top:.1f}" if one.log_z < top else "best",
+            f"{share[k]:.3g}" if share[k] > 1e-4 else "0",
+        )
+        lines.append((*cells, held[k], loo[k], f"{rms:.3g}", f"{correlation:.2g}"))
+    return Table((*heads, *more), tuple(lines), frozenset(heads[:1]))
+
+
+def worst(left: Sequence[Left]) -> tuple[float, float]:
+    """Size over the noise and correlation, each in the channel where it is farthest from 1 or 0."""
+    rms = max((one.rms for one in left), key=lambda x: abs(math.log(max(x, 1e-300))))
+    return rms, max((one.correlation for one in left), key=abs)
+
+
+def _held(models: Sequence[Contender]) -> list[str]:
+    scores = [one.held_out for one in models]
+    best = max((one for one in scores if one), key=lambda one: one.score, default=None)
+    if best is None:
+        return ["-"] * len(models)
+    return ["-" if one is None else _apart(*difference(one, best)) for one in scores]
+
+
+def _loo(models: Sequence[Contender]) -> list[str]:
+    told = [one.loo if isinstance(one.loo, LeftOut) else None for one in models]
+    best = max((one for one in told if one), key=lambda one: one.elpd, default=None)
+    if best is None:
+        return ["refused"] * len(models)
+    return ["refused" if one is None else _apart(*difference(one, best)) for one in told]
+
+
+def _apart(value: float, error: float) -> str:
+    return "best" if value == 0.0 else f"{value:.1f} +- {error:.1f}"
+
+
+def predicted(models: Sequence[Contender]) -> Iterator[str]:
+    """Where scores come from, and why there are none."""
+    held = [one.held_out for one in models if one.held_out is not None]
+    if held:
+        names = [one.name for one in models if one.held_out is not None]
+        best = names[max(range(len(held)), key=lambda k: held[k].score)]
+        yield f"held out: {held[0].samples} samples, which {best} predicts best"
+    else:
+        yield (
+            "held out: nothing; `record: {held_out: [from, to]}` [s] in all configs keeps a stretch of "
+            "the record from the fit, to be predicted, and `held_out: true` one of several experiments"
+        )
+    refused: dict[str, list[str]] = {}
+    for one in models:
+        if isinstance(one.loo, str):
+            refused.setdefault(one.loo, []).append(one.name)
+        elif one.loo.doubtful > FEW:
+            yield f"LOO of {one.name}: {one.loo.doubtful:.0%} of the samples lean on a few draws"
+    for reason, names in refused.items():
+        yield f"LOO refused for {', '.join(names)}: {reason}"
+
+
+def comparison_csv(models: Sequence[Contender], rows: Sequence[Row]) -> str:
+    """A line for each model in the order given: SI, all digits."""
+    channels = list(dict.fromkeys(one.name for model in models for one in model.left))
+    heads = ["model", "unknowns", "converged", "log_evidence", "log_evidence_error", "log_odds"]
+    heads += ["probability", "held_out", "held_out_samples", "loo", "loo_refused"]
+    heads += [f"{what}_{name}" for name in channels for what in ("rms", "correlation")]
+    heads += [f"{row.symbol.name}_{what}" for row in rows for what in ("mean", "sd")]
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    writer.writerow(heads)
+    top, share = max(one.log_z for one in models), probabilities(models)
+    for k, one in enumerate(models):
+        own = {each.name: each for each in one.left}
+        said = [one.name, len(one.layer.problem.symbols), "yes" if one.converged else "no"]
+        said += [one.log_z, one.evidence.error, one.log_z - top, share[k]]
+        held = one.held_out
+        said += ["", ""] if held is None else [held.score, held.samples]
+        said += ["", one.loo] if isinstance(one.loo, str) else [one.loo.elpd, ""]
+        for name in channels:
+            said += [own[name].rms, own[name].correlation] if name in own else ["", ""]
+        for row in rows:
+            place = row.places[k]
+            said += ["", ""] if place is None else [place.mean, place.sd]
+        writer.writerow(said)
+    return out.getvalue()

@@ -1,0 +1,367 @@
+"""The walkers: step by step, how long they remember, and whether the ensembles see the same."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+from matplotlib.ticker import MaxNLocator
+from numpy.typing import NDArray
+
+from bayesdrill.analysis.diagnostics import FALSE_ALARM, SHARES, Ranks, independent, ranks
+from bayesdrill.basics import seeds
+from bayesdrill.basics.symbols import Symbol
+from bayesdrill.inference.priors import flat_in_logs
+from bayesdrill.report import scales, style
+from bayesdrill.report.pages import SMALL_PANELS, Page, legend_above
+from bayesdrill.report.view import Drawing, View
+from bayesdrill.sampling.convergence import WINDOW, Autocorrelation, autocorrelation
+
+Array = NDArray[np.float64]
+
+STEPS = 300  # drawn at most
+QUANTILES = (0.05, 0.5, 0.95)  # of the walkers
+EXCURSION = 1.0  # how far burn-in may stretch an axis, in widths of what comes after it
+REACH = 0.5  # and how far the nominal value may
+
+# Inches, of two columns and of one.
+ROW, LEFT, RIGHT, BOTTOM, GAP_X, GAP_Y = 1.25, 0.84, 0.12, 0.42, 0.9, 0.12
+SMALL_ROW, SMALL_LEFT, SMALL_GAP_X = 0.82, 0.68, 0.72
+LEGEND_LINE, LEGEND_MARGIN = 0.165, 0.16
+
+# Of the ensembles: greys, widths and dashes, each apart from the next in print.
+LOOKS: tuple[tuple[str, float, Any], ...] = (
+    ("0.0", 0.9, "-"),
+    ("0.5", 1.5, "-"),
+    ("0.0", 0.9, (0, (5, 2))),
+    ("0.35", 1.3, (0, (1, 1.3))),
+    ("0.0", 0.9, (0, (6, 1.5, 1, 1.5))),
+    ("0.5", 1.5, (0, (5, 2))),
+)
+STRETCHES = 45  # over which a median is averaged: in a jagged line no dashes are seen
+MARKS = 4  # numbers in a panel, of the ensembles on their medians
+MARK: dict[str, Any] = {
+    "linestyle": "none",
+    "marker": "o",
+    "markersize": 6.5,
+    "markeredgewidth": 0.5,
+}
+
+
+BURN_IN: dict[str, Any] = {
+    "facecolor": "none",
+    "edgecolor": style.MIDDLE,
+    "hatch": "////",
+    "linewidth": 0,
+}
+BANDS = 0.24  # opacity of all bands together
+
+
+def trace_figure(
+    theta: Array,
+    symbols: Sequence[Symbol],
+    burn_in: int,
+    nominal: Mapping[str, float],
+    mode: Mapping[str, float],
+    logs: Collection[str] = (),
+    width: float = scales.DOUBLE,
+) -> Figure:
+    """Medians and 5 to 95 % bands over the walkers of chains `(E, S, W, D)`, by step, in the units of
+    the symbols; the axes of the unknowns in `logs` are logarithmic.
+    """
+    n_ensembles, n_steps = theta.shape[:2]
+    steps = style.thin(n_steps, STEPS)
+    bands = np.quantile(theta[:, steps], QUANTILES, axis=2)  # (3, E, steps, D)
+    kept = steps >= min(burn_in, steps[-1])
+    known = [nominal.get(symbol.name) for symbol in symbols]
+    scales = [
+        _scale(bands[..., d], kept, value, log=symbol.name in logs)
+        for d, (symbol, value) in enumerate(zip(symbols, known, strict=True))
+    ]
+    sides = {s.side(value) for s, value in zip(scales, known, strict=True) if value is not None}
+    with style.styled(width):
+        handles = _trace_handles(n_ensembles, burn_in, sides)
+        figure, panels = _page(len(symbols), len(handles), width)
+        for d, (panel, symbol) in enumerate(zip(panels, symbols, strict=True)):
+            if burn_in > 0:
+                panel.axvspan(0, burn_in, zorder=0, **BURN_IN)
+            _ensembles(panel, steps, scales[d](bands[..., d]))
+            _values(panel, scales[d], known[d], mode.get(symbol.name))
+            _numbers(panel, scales[d], symbol, n_steps)
+        _legend(figure, handles, len(symbols), width)
+    return figure
+
+
+def _scale(
+    bands: Array, kept: NDArray[np.bool_], nominal: float | None, *, log: bool
+) -> scales.Scale:
+    """An axis for bands `(3, E, steps)`: all after burn-in, and of burn-in what is not too far."""
+    to, back = (np.log, np.exp) if log else (np.asarray, np.asarray)
+    every, after = to(bands), to(bands[..., kept])
+    low, high = float(after.min()), float(after.max())
+    width = high - low
+    low = max(float(every.min()), low - EXCURSION * width)
+    high = min(float(every.max()), high + EXCURSION * width)
+    ends = scales.reaching(float(back(low)), float(back(high)), nominal, REACH, log=log)
+    return scales.scale(*ends, log=log, margin=0.06)
+
+
+def _columns(n: int, width: float) -> int:
+    if width < scales.DOUBLE:
+        return 1 if n <= 2 else 2
+    return 1 if n == 1 else 2 if n in (2, 4) else 3
+
+
+def _page(n: int, n_handles: int, width: float) -> tuple[Figure, list[Axes]]:
+    """Panels in rows, steps at the foot of each column, room for the legend above."""
+    columns, small = _columns(n, width), width < scales.DOUBLE
+    line = LEGEND_LINE * (style.SMALL if small else 1.0)
+    page = Page(
+        columns=columns,
+        width=width if n > 1 or small else 1.3 * scales.SINGLE,
+        row=SMALL_ROW if small else ROW,
+        left=SMALL_LEFT if small else LEFT,
+        right=RIGHT,
+        gap_x=SMALL_GAP_X if small else GAP_X,
+        gap_y=GAP_Y,
+        top=LEGEND_MARGIN + line * math.ceil(n_handles / _legend_columns(n, width)),
+        bottom=BOTTOM,
+    )
+    figure, panels = page.build(n)
+    for k, panel in enumerate(panels):
+        if k + columns < n:
+            panel.tick_params(labelbottom=False)
+        else:
+            panel.set_xlabel("step")
+    return figure, panels
+
+
+def ensemble_line(ensemble: int) -> dict[str, Any]:
+    """How the lines of an ensemble look."""
+    colour, width, dashes = LOOKS[ensemble % len(LOOKS)]
+    return {"color": colour, "linestyle": dashes, "linewidth": width}
+
+
+def _ensembles(panel: Axes, steps: NDArray[np.intp], bands: Array) -> None:
+    """Bands `(3, E, steps)` in the numbers of the axis."""
+    n = bands.shape[1]
+    starts = np.unique(np.linspace(0, len(steps), STRETCHES, endpoint=False).astype(np.intp))
+    lengths = np.diff(np.append(starts, len(steps)))
+    middle = np.add.reduceat(steps, starts) / lengths
+    for ensemble, (low, median, high) in enumerate(bands.swapaxes(0, 1)):
+        look = ensemble_line(ensemble)
+        alpha = BANDS / n
+        panel.fill_between(steps, low, high, color=style.BLACK, alpha=alpha, linewidth=0, zorder=1)
+        course = np.add.reduceat(median, starts) / lengths
+        panel.plot(middle, course, zorder=2, **look)
+        if n <= 2 * MARKS:
+            _number(panel, ensemble, n, middle, course)
+
+
+def _number(panel: Axes, ensemble: int, n: int, x: Array, y: Array) -> None:
+    """Of the ensemble, on its median, and beside those of the others."""
+    each = max(1, MARKS // n)
+    places = (np.arange(each) + (ensemble + 0.5) / n) / each * len(x)
+    at = np.unique(places.astype(np.intp))
+    edge = LOOKS[ensemble % len(LOOKS)][0]
+    panel.plot(x[at], y[at], zorder=4, color="white", markeredgecolor=edge, **MARK)
+    figure = {**MARK, "marker": f"${ensemble + 1}$", "markersize": 3.6, "markeredgewidth": 0.0}
+    panel.plot(x[at], y[at], zorder=5, color=style.BLACK, **figure)
+
+
+def _values(panel: Axes, scale: scales.Scale, nominal: float | None, mode: float | None) -> None:
+    if mode is not None:
+        panel.axhline(float(scale(mode)), zorder=3, **style.MAP_LINE)
+    side = scale.side(nominal)
+    if nominal is not None and side == 0:
+        panel.axhline(float(scale(nominal)), zorder=3, **style.NOMINAL)
+    if side:
+        place, marker = (0.94, "^") if side > 0 else (0.06, "v")
+        panel.plot([0.97], [place], transform=panel.transAxes, marker=marker, **style.AWAY)
+
+
+def _numbers(panel: Axes, scale: scales.Scale, symbol: Symbol, n_steps: int) -> None:
+    panel.set_xlim(0, max(n_steps - 1, 1))
+    panel.set_ylim(scale.low, scale.high)
+    panel.xaxis.set_major_locator(MaxNLocator(3, integer=True, prune="upper"))
+    panel.xaxis.set_major_formatter(lambda step, _: f"{step:.0f}")
+    style.set_numbers(panel.yaxis, scale, 4)
+    style.side_label(panel, scale.label(symbol, "\n"))
+
+
+def _trace_handles(n_ensembles: int, burn_in: int, sides: set[int]) -> list[Line2D | Patch]:
+    handles: list[Line2D | Patch] = [
+        Line2D([], [], label=f"ensemble {k + 1}, median", **ensemble_line(k))
+        for k in range(n_ensembles)
+    ]
+    handles.append(Patch(color=style.LIGHT, linewidth=0, label="5 % to 95 % of the walkers"))
+    handles.append(Patch(label=f"burn-in: {burn_in} steps dropped", **BURN_IN))
+    handles += style.nominal_handles(sides, marker="^")
+    handles.append(Line2D([], [], label="MAP", **style.MAP_LINE))
+    return handles
+
+
+def _legend_columns(n: int, width: float) -> int:
+    return 2 if n == 1 or width < scales.DOUBLE else 3
+
+
+def _legend(figure: Figure, handles: list[Line2D | Patch], n: int, width: float) -> None:
+    figure.legend(
+        handles=handles,
+        loc="upper center",
+        ncols=_legend_columns(n, width),
+        borderaxespad=0.3,
+        labelspacing=0.3,
+        columnspacing=2.0,
+        handlelength=2.8,
+    )
+
+
+BEYOND = 2.0  # windows, the longest of which are shown
+TAU: dict[str, Any] = {"color": style.BLACK, "linestyle": (0, (4, 2)), "linewidth": 0.8}
+SUMMED: dict[str, Any] = {"color": style.FAINT, "linewidth": 0}
+
+
+def autocorrelation_figure(
+    theta: Array, symbols: Sequence[Symbol], width: float = scales.DOUBLE
+) -> Figure:
+    """Of chains after burn-in `(E, S, W, D)`: each ensemble, and all of them as `tau` is taken from."""
+    every = autocorrelation(theta)
+    lags = min(theta.shape[1], math.ceil(BEYOND * (int(every.window.max()) + 1)) + 1)
+    each = [autocorrelation(chain[None]).rho[:lags] for chain in theta]
+    low = min(0.0, float(min(rho.min() for rho in each)))
+    wide = width >= scales.DOUBLE
+    with style.styled(width):
+        handles = _autocorrelation_handles(len(each))
+        page = SMALL_PANELS.fitting(width, len(handles))
+        figure, panels = page.build(len(symbols))
+        for d, (panel, symbol) in enumerate(zip(panels, symbols, strict=True)):
+            _autocorrelation_lines(panel, every, [rho[:, d] for rho in each], d)
+            _autocorrelation_axes(panel, lags, low)
+            page.frame(panel, d, len(symbols), "lag [steps]", "autocorrelation")
+            where: dict[str, Any] = {"transform": panel.transAxes, "ha": "right", "va": "top"}
+            said = rf"${symbol.latex}$: $\tau = {every.tau[d]:.3g}$" + " steps" * wide
+            panel.text(0.97, 0.93, said, **where)
+        legend_above(figure, handles, 6 if wide else 2)
+    return figure
+
+
+def _autocorrelation_lines(
+    panel: Axes, every: Autocorrelation, each: Sequence[Array], d: int
+) -> None:
+    panel.axvspan(0, float(every.window[d]), zorder=0, **SUMMED)
+    panel.axhline(0.0, color=style.MIDDLE, linewidth=0.5, zorder=1)
+    panel.axvline(float(every.tau[d]), zorder=2, **TAU)
+    for k, rho in enumerate(each):
+        panel.plot(np.arange(len(rho)), rho, zorder=3, **ensemble_line(k) | {"linewidth": 0.8})
+
+
+def _autocorrelation_axes(panel: Axes, lags: int, low: float) -> None:
+    panel.set_xlim(0, max(lags - 1, 1))
+    panel.set_ylim(1.15 * low - 0.06, 1.3)
+    panel.xaxis.set_major_locator(MaxNLocator(4, integer=True, prune="upper"))
+    panel.xaxis.set_major_formatter(lambda step, _: f"{step:.0f}")
+    style.set_ticks(panel.yaxis, np.array([0.0, 0.5, 1.0]), ["0", "0.5", "1"])
+
+
+def _autocorrelation_handles(n_ensembles: int) -> list[Any]:
+    handles: list[Any] = [
+        Line2D([], [], label=f"ensemble {k + 1}", **ensemble_line(k) | {"linewidth": 0.8})
+        for k in range(n_ensembles)
+    ]
+    handles.append(Line2D([], [], label=r"time $\tau$", **TAU))
+    summed = rf"lags summed up for $\tau$ ({WINDOW:g} $\tau$)"
+    handles.append(Patch(label=summed, **SUMMED))
+    return handles
+
+
+NAMES = 1.7  # of the farthest line: where a panel ends, above which its name stands
+PLACES = np.concatenate([[0.0], SHARES, [1.0]])
+
+
+def rank_figure(
+    ranks: Sequence[Ranks], symbols: Sequence[Symbol], width: float = scales.DOUBLE
+) -> Figure:
+    """How many more of an ensemble's draws than expected are below each share of all, in per cent."""
+    most = 100 * max(max(np.abs(one.away).max(), one.room.max()) / one.draws for one in ranks)
+    wide = width >= scales.DOUBLE
+    with style.styled(width):
+        handles = _rank_handles(ranks)
+        page = SMALL_PANELS.fitting(width, len(handles))
+        figure, panels = page.build(len(ranks))
+        for k, (panel, one, symbol) in enumerate(zip(panels, ranks, symbols, strict=True)):
+            _rank_lines(panel, one)
+            _rank_axes(panel, symbol, float(most))
+            page.frame(panel, k, len(ranks), "rank, as a share", "ECDF difference [%]")
+        legend_above(figure, handles, 5 if wide else 2)
+    return figure
+
+
+def _rank_lines(panel: Axes, one: Ranks) -> None:
+    room = np.concatenate([[0.0], 100 * one.room / one.draws, [0.0]])
+    panel.fill_between(PLACES, -room, room, zorder=0, **style.CHANCE)
+    panel.axhline(0.0, color=style.MIDDLE, linewidth=0.5, zorder=1)
+    for k, (away, holds) in enumerate(zip(one.away, one.holds, strict=True)):
+        look = {**ensemble_line(k), "linewidth": 0.8, **({} if holds else style.OUTSIDE)}
+        line = np.concatenate([[0.0], 100 * away / one.draws, [0.0]])
+        panel.plot(PLACES, line, zorder=2 if holds else 3, **look)
+
+
+def _rank_axes(panel: Axes, symbol: Symbol, most: float) -> None:
+    panel.set_xlim(0, 1)
+    panel.set_ylim(-1.12 * most, NAMES * most)
+    style.set_ticks(panel.xaxis, np.array([0.0, 0.5, 1.0]), ["0", "0.5", "1"])
+    style.set_ticks(panel.yaxis, *scales.ticks(-1.12 * most, 1.12 * most, 5))
+    panel.text(0.03, 0.94, f"${symbol.latex}$", transform=panel.transAxes, va="top")
+
+
+def _rank_handles(ranks: Sequence[Ranks]) -> list[Any]:
+    holds = np.array([one.holds for one in ranks])  # (D, E)
+    handles: list[Any] = [
+        Line2D([], [], label=f"ensemble {k + 1}", **ensemble_line(k) | {"linewidth": 0.8})
+        for k in range(holds.shape[1])
+    ]
+    chance = f"{100 * (1 - FALSE_ALARM):g} % of chance, together"
+    handles.append(Patch(label=chance, **style.CHANCE))
+    if not holds.all():
+        handles.append(Line2D([], [], label="leaves the band", **style.OUTSIDE))
+    return handles
+
+
+TRACE = "What the walkers of each ensemble did, step by step."
+
+
+def draw_trace(run: View) -> Drawing:
+    shown, sampled = run.shown(run.config.output.parameters), run.sampled
+    logs = [name for name, prior in shown.priors.items() if flat_in_logs(prior)]
+    values = (shown.nominal, shown.mode, logs, run.width)
+    burn_in = sampled.convergence.burn_in
+    return Drawing(
+        trace_figure, (shown.of(sampled.theta), shown.symbols, burn_in, *values), says=TRACE
+    )
+
+
+RANK = "Whether the ensembles see the same: ranks of the draws of each among those of all."
+
+
+def draw_rank(run: View) -> Drawing:
+    c = run.sampled.convergence
+    draws = independent(run.sampled.theta, c.burn_in, float(c.tau.max()))
+    found = ranks(draws, seeds.stream(run.config.seed, "rank"))
+    return Drawing(rank_figure, (found, run.problem.symbols, run.width), says=RANK)
+
+
+AUTOCORRELATION = "How long the walkers remember: autocorrelation, its time and its window."
+
+
+def draw_autocorrelation(run: View) -> Drawing:
+    kept = run.sampled.theta[:, run.sampled.convergence.burn_in :]
+    return Drawing(
+        autocorrelation_figure, (kept, run.problem.symbols, run.width), says=AUTOCORRELATION
+    )

@@ -1,0 +1,479 @@
+"""The joint posterior: all marginals of one and of two unknowns, on a page with a legend."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.axis import Axis
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+from matplotlib.ticker import FixedLocator, NullFormatter
+from numpy.typing import NDArray
+
+from bayesdrill.basics.symbols import Symbol
+from bayesdrill.inference.derived import HDI_PROBABILITY, hdi
+from bayesdrill.inference.priors import Prior, flat_in_logs
+from bayesdrill.report import scales, style
+from bayesdrill.report.pages import BINS, CENTRAL, INNER, LEVELS, OUTER, central, contours
+from bayesdrill.report.scales import DOUBLE, SINGLE
+from bayesdrill.report.sections import physics_words
+from bayesdrill.report.view import Drawing, View
+
+GAP = 0.06  # between panels, in panels
+LARGEST = 2.2  # panel
+LEAST = 13.0  # points from one panel to the next: a page grows rather than have less
+LABEL = 7.8  # letters across a panel that its label and unit need, one upon the other
+UPRIGHT = 2.6  # and where they are turned by a right angle
+READABLE = 5.7  # points: below, labels are turned
+TITLE = 0.106  # inches of a title, for each point of its letters
+LEGEND = 2.35, 0.21  # inches of a legend beside, or above, of 8 points, and of a line of it
+
+
+@dataclass(frozen=True, slots=True)
+class CornerPage:
+    """Inches, and `letters` in points.
+
+    `pitch`: from one panel to the next; `compact`: symbols at the left, and at the foot upright labels
+    with the ends of each axis, instead of ticks with texts; `above`: the legend is, not in the corner.
+    """
+
+    n: int
+    width: float
+    pitch: float
+    left: float
+    right: float
+    bottom: float
+    top: float
+    letters: float
+    legend_letters: float
+    compact: bool
+    above: bool
+
+    @classmethod
+    def of(cls, n: int, width: float, lines: int) -> CornerPage:
+        """For `n` unknowns in at most `width`, with a legend of so many `lines`."""
+        compact, fits = False, _roomy(n, width)
+        if fits[1] < READABLE:
+            compact, fits = True, _compact(n, width)
+        pitch, letters, left, right, bottom = fits
+        legend_letters = 8.0 if width >= DOUBLE else 6.4
+        across, line = (size * legend_letters / 8.0 for size in LEGEND)
+        page = left + n * pitch + right
+        title = 0.02 + 0.028 * letters
+        page = max(page, left + across + right + pitch if n == 1 else 0.0)
+        above = page > width or not _beside(
+            n, (page, pitch, left, letters), across, title + lines * line
+        )
+        if above:
+            page = max(left + n * pitch + right, min(width, SINGLE))
+            rows = math.ceil(lines / 2) + 1
+        top = title + (rows * 0.75 * line if above else 0.0)
+        return cls(
+            n=n,
+            width=page,
+            pitch=pitch,
+            left=left,
+            right=right,
+            bottom=bottom,
+            top=top,
+            letters=letters,
+            legend_letters=legend_letters,
+            compact=compact,
+            above=above,
+        )
+
+    @property
+    def inside(self) -> float:
+        """All panels, and the gaps between them."""
+        return self.n * self.pitch - GAP * self.panel
+
+    @property
+    def panel(self) -> float:
+        return self.pitch / (1 + GAP)
+
+    @property
+    def height(self) -> float:
+        return self.bottom + self.inside + self.top
+
+    @property
+    def fine(self) -> float:
+        """By which lines and marks are thinner than in a large panel."""
+        return min(1.0, max(0.45, self.panel / 1.05))
+
+    @property
+    def letter(self) -> float:
+        """Of a tick, in panels."""
+        return 0.43 * self.letters / (72 * self.pitch)
+
+
+def _roomy(n: int, width: float) -> tuple[float, ...]:
+    """Pitch, letters, left, right, bottom, with ticks and labels along the panels."""
+    letters = pitch = 10.0
+    for _ in range(30):
+        left, right = 0.088 * letters, max(0.12, TITLE * letters - pitch)
+        pitch = min(LARGEST * (1 + GAP), (width - left - right) / n)
+        letters = min(10.0 if width >= DOUBLE else 8.5, 72 * pitch / LABEL)
+    return pitch, letters, left, right, 0.088 * letters
+
+
+def _compact(n: int, width: float) -> tuple[float, ...]:
+    letters, pitch = 6.0, 0.3
+    for _ in range(30):
+        left, right = 0.085 * letters, max(0.06, TITLE * letters - pitch)
+        pitch = max(LEAST / 72, (width - left - right) / n)
+        letters = min(6.5, 72 * pitch / UPRIGHT)
+    return pitch, letters, left, right, 0.17 * letters
+
+
+def _beside(n: int, page: tuple[float, ...], across: float, deep: float) -> bool:
+    """Whether a legend so broad and so deep has room in the corner, or beside a single panel."""
+    width, pitch, left, letters = page
+    if n == 1:
+        return True
+    rows = min(n, math.ceil(deep / pitch))
+    taken = left + max(rows * pitch, (rows - 1) * pitch + TITLE * letters)
+    return rows < n and width - across > taken
+
+
+Handles = list[Line2D | Patch]
+
+
+def handles(
+    *, sides: Collection[int], prior: bool, mode: bool, joint: bool, differences: bool
+) -> tuple[Handles, Handles]:
+    """Lines, then shades and notes.
+
+    `sides`: where nominal values are; `joint`: of more than one unknown; `differences`: some axes
+    count from an origin.
+    """
+    credible = f"{100 * HDI_PROBABILITY:.0f} %"
+    lines: Handles = [
+        Line2D([], [], color=style.BLACK, linewidth=0.8, label="posterior"),
+        Patch(color=style.FAINT, label=f"narrowest {credible} interval"),
+    ]
+    if prior:
+        lines.append(Line2D([], [], label="prior", **style.PRIOR_LINE))
+    lines += style.nominal_handles(sides)
+    if mode:
+        both = {**style.CROSS, "linestyle": style.MAP_LINE["linestyle"]}
+        lines.append(Line2D([], [], label="MAP", **both))
+    shades: Handles = []
+    notes = [f"titles: median and {credible} interval, as on the axes"]
+    if joint:
+        for grey, level, sds in zip((INNER, OUTER), LEVELS, (1, 2), strict=True):
+            text = rf"{100 * level:.1f} % of the draws (${sds}\sigma$ in two dimensions)"
+            shades.append(Patch(facecolor=grey, edgecolor="black", linewidth=0.7, label=text))
+        notes.append("no contour where the density is flat")
+    if differences:
+        notes.append(r"$\delta$: the difference that the axis shows")
+    return lines, shades + [Line2D([], [], linestyle="none", label=note) for note in notes]
+
+
+def legend(figure: Figure, first: Handles, second: Handles, page: CornerPage) -> None:
+    """In the empty upper right or beside a single panel; where there is no room, above."""
+    width, height = page.width, page.height
+    edge = 0.5 * min(page.right, 0.2) / width
+    shared: dict[str, Any] = {
+        "fontsize": page.legend_letters,
+        "borderaxespad": 0.0,
+        "handlelength": 2.2,
+    }
+    high = 1 - 0.07 / height
+    if page.above:
+        spread = {**shared, "labelspacing": 0.35}
+        at = (0.05 / width, high), (1.0, high)
+        figure.legend(handles=first, loc="upper left", bbox_to_anchor=at[0], **spread)
+        figure.legend(handles=second, loc="upper right", bbox_to_anchor=at[1], **spread)
+        return
+    at_corner = (1 - edge, high)
+    figure.legend(handles=[*first, *second], loc="upper right", bbox_to_anchor=at_corner, **shared)
+
+
+Array = NDArray[np.float64]
+
+
+POINTS = 2000  # drawn in a panel; contours and histograms count all draws
+REACH = 1.0  # the axis grows by this share of its width at most to show the nominal value
+CLEAR = 0.1  # of an axis, without ticks at its ends
+SMALLEST = 5.2  # letters of ticks, points
+
+
+@dataclass(frozen=True, slots=True)
+class Column:
+    """One unknown on its axis; what follows `title` are numbers on this axis, `x` is `(N,)`."""
+
+    symbol: Symbol
+    scale: scales.Scale
+    title: str
+    x: Array
+    interval: tuple[float, float]
+    nominal: float | None  # None also where it is beyond the axis, ...
+    away: int  # ... -1 below and 1 above it
+    mode: float | None
+    prior: tuple[Array, Array] | None  # places and densities
+    ends: tuple[float, float]  # of the prior, or infinite
+
+
+def corner_figure(
+    draws: Array,
+    symbols: Sequence[Symbol],
+    nominal: Mapping[str, float],
+    mode: Mapping[str, float],
+    priors: Mapping[str, Prior],
+    width: float = scales.DOUBLE,
+) -> Figure:
+    """A D by D corner of draws `(N, D)` in the units of the symbols, at most `width` inches wide.
+
+    Nominal values and priors may miss some symbols.  An unknown whose prior is flat in its log has
+    a logarithmic axis, and is counted there.
+    """
+    columns = [
+        _column(x, symbol, nominal.get(symbol.name), mode.get(symbol.name), priors.get(symbol.name))
+        for x, symbol in zip(draws.T, symbols, strict=True)
+    ]
+    with style.styled(width):
+        first, second = _explained(columns)
+        page = CornerPage.of(len(columns), width, len(first) + len(second))
+        figure = Figure(figsize=(page.width, page.height))
+        panels = _panels(figure, page)
+        for i, row in enumerate(columns):
+            _histogram(panels[i, i], row, page)
+            _marginal(panels[i, i], row, len(draws), page)
+            for j, column in enumerate(columns[:i]):
+                contours(panels[i, j], (column.x, row.x), (column.ends, row.ends), page.fine)
+                _marks(panels[i, j], column, row, page)
+        _arrange(figure, panels, columns, page)
+        _points(figure, panels, columns, page)
+        legend(figure, first, second, page)
+    return figure
+
+
+def _column(
+    x: Array, symbol: Symbol, nominal: float | None, mode: float | None, prior: Prior | None
+) -> Column:
+    scale = _scale(x, nominal, mode, log=flat_in_logs(prior))
+    density, ends = None, (-math.inf, math.inf)
+    if prior is not None:
+        ends = (float(scale(np.array(prior.low))), float(scale(np.array(prior.high))))
+        places = np.linspace(scale.low, scale.high, 401)
+        density = (places, scale.density(prior, places))
+    interval = np.array(hdi(x))
+    near, far = (float(end) for end in scale(interval))
+    away = scale.side(nominal)
+    return Column(
+        symbol=symbol,
+        scale=scale,
+        title=_title(symbol, scale, float(np.median(x)), interval),
+        x=scale(x),
+        interval=(near, far),
+        nominal=None if nominal is None or away else float(scale(nominal)),
+        away=away,
+        mode=None if mode is None else float(scale(mode)),
+        prior=density,
+        ends=ends,
+    )
+
+
+def _scale(x: Array, nominal: float | None, mode: float | None, *, log: bool) -> scales.Scale:
+    """The axis: nearly all draws, the mode, and the nominal value if it is not too far."""
+    low, high = (float(q) for q in np.quantile(x, [0.5 - CENTRAL / 2, 0.5 + CENTRAL / 2]))
+    low, high = scales.reaching(low, high, mode, log=log)
+    low, high = scales.reaching(low, high, nominal, REACH, log=log)
+    return scales.scale(low, high, log=log, margin=0.06)
+
+
+def _title(symbol: Symbol, scale: scales.Scale, median: float, interval: Array) -> str:
+    """Median and interval, in the numbers of the axis."""
+    name = ("" if scale.origin == 0 else r"\delta ") + symbol.latex
+    middle, near, far = scale.number(np.array([median, *interval]))
+    power = math.floor(math.log10(abs(middle))) if middle and not scale.origin else 0
+    if not scale.log or -2 <= power <= 2:
+        return f"${name} = {scales.with_spread(middle, near, far)}$"
+    spread = scales.with_spread(*(x / 10.0**power for x in (middle, near, far)))
+    return rf"${name} = ({spread})\,10^{{{power}}}$"
+
+
+def _panels(figure: Figure, page: CornerPage) -> NDArray[np.object_]:
+    """`(n, n)`; those above the diagonal stay empty."""
+    n, width, height = page.n, page.width, page.height
+    panels = figure.subplots(n, n, squeeze=False)
+    for above in panels[np.triu_indices(n, 1)]:
+        above.set_axis_off()
+    for panel in panels[np.tril_indices(n)]:
+        panel.tick_params(size=3.0 * page.fine, width=0.6 * page.fine)
+        for spine in panel.spines.values():
+            spine.set_linewidth(0.6 * page.fine)
+    figure.subplots_adjust(
+        left=page.left / width,
+        right=(page.left + page.inside) / width,
+        bottom=page.bottom / height,
+        top=(page.bottom + page.inside) / height,
+        wspace=GAP,
+        hspace=GAP,
+    )
+    return panels
+
+
+def _histogram(panel: Axes, column: Column, page: CornerPage) -> None:
+    """Of all draws, with bins that end where the prior does."""
+    edges = _edges(column)
+    counts, _ = np.histogram(column.x, edges)
+    panel.stairs(counts, edges, color=style.BLACK, linewidth=0.8 * page.fine)
+    panel.set_ylim(0, 1.1 * max(1.0, float(counts.max())))
+    panel.set_yticks([])
+
+
+def _points(
+    figure: Figure, panels: NDArray[np.object_], columns: Sequence[Column], page: CornerPage
+) -> None:
+    """Some draws below all panels, as one artist: each rasterised one costs a page of pixels."""
+    kept = style.thin(len(columns[0].x), round(POINTS * page.fine**2))
+    places = []
+    for i, j in itertools.combinations(range(len(columns)), 2):
+        panel = panels[j, i]
+        panel.patch.set_visible(False)
+        inside = np.stack([columns[k].scale.share(columns[k].x[kept]) for k in (i, j)], axis=-1)
+        inside = inside[np.all((inside > 0) & (inside < 1), axis=-1)]
+        box = panel.get_position()
+        places.append(box.p0 + inside * box.size)
+    if places:
+        x, y = np.concatenate(places).T
+        figure.add_artist(Line2D(x, y, transform=figure.transFigure, **_finer(style.DOTS, page)))
+
+
+def _edges(column: Column) -> Array:
+    """Of bins, as many as give `BINS`, or fewer for few draws, across the draws."""
+    low, high = central(column.x)
+    across = min(float(BINS), 2.2 * math.cbrt(len(column.x)))
+    first = max(column.scale.low, column.ends[0])
+    last = min(column.scale.high, column.ends[1])
+    n = round(across * (last - first) / (high - low))
+    return np.linspace(first, last, max(1, min(n, 4 * BINS)) + 1)
+
+
+def _marginal(panel: Axes, column: Column, n_draws: int, page: CornerPage) -> None:
+    """Interval, prior on the scale of the histogram, nominal value and mode; the title."""
+    panel.axvspan(*column.interval, color=style.FAINT, zorder=-2, linewidth=0)
+    top = panel.get_ylim()[1]
+    if column.prior is not None:
+        places, density = column.prior
+        bin_width = float(np.diff(_edges(column)[:2])[0])
+        height = density * n_draws * bin_width
+        panel.plot(places, height, **_finer(style.PRIOR_LINE, page))
+        top = max(top, 1.1 * float(height.max()))
+    panel.set_ylim(0, top)
+    if column.nominal is not None:
+        panel.axvline(column.nominal, **_finer(style.NOMINAL, page))
+    if column.away:
+        place, marker = (0.95, ">") if column.away > 0 else (0.05, "<")
+        look = _finer(style.AWAY, page)
+        panel.plot([place], [0.5], transform=panel.transAxes, marker=marker, **look)
+    if column.mode is not None:
+        panel.axvline(column.mode, **_finer(style.MAP_LINE, page))
+    panel.set_title(column.title, fontsize=page.letters, loc="left", pad=0.6 * page.letters - 1)
+
+
+def _finer(look: Mapping[str, Any], page: CornerPage) -> dict[str, Any]:
+    sizes = ("linewidth", "markersize", "markeredgewidth")
+    return {**look, **{name: look[name] * page.fine for name in sizes if name in look}}
+
+
+def _marks(panel: Axes, column: Column, row: Column, page: CornerPage) -> None:
+    """Nominal values as lines and the mode as a cross."""
+    nominal = _finer(style.NOMINAL, page)
+    if column.nominal is not None:
+        panel.axvline(column.nominal, **nominal)
+    if row.nominal is not None:
+        panel.axhline(row.nominal, **nominal)
+    if column.mode is not None and row.mode is not None:
+        panel.plot([column.mode], [row.mode], **_finer(style.CROSS, page))
+
+
+def _arrange(
+    figure: Figure, panels: NDArray[np.object_], columns: Sequence[Column], page: CornerPage
+) -> None:
+    """Ticks in every panel, their texts and the labels at the left and at the bottom only."""
+    n = len(columns)
+    for i in range(n):
+        for j in range(i + 1):
+            panel = panels[i, j]
+            panel.set_xlim(columns[j].scale.low, columns[j].scale.high)
+            _numbers(panel.xaxis, columns[j], page, outer=i == n - 1)
+            if i > j:
+                panel.set_ylim(columns[i].scale.low, columns[i].scale.high)
+                _numbers(panel.yaxis, columns[i], page, outer=j == 0)
+    if n == 1:
+        panels[0, 0].set_ylabel("density", fontsize=page.letters)
+    if page.compact:
+        _upright(panels, columns, page)
+        return
+    figure.align_xlabels(list(panels[-1]))
+    figure.align_ylabels(list(panels[1:, 0]))
+
+
+def _numbers(axis: Axis, column: Column, page: CornerPage, *, outer: bool) -> None:
+    places, texts = column.scale.ticks(clear=CLEAR, letter=page.letter)
+    outer = outer and not page.compact
+    style.set_ticks(axis, places, texts if outer else None)
+    small = column.scale.between.tolist() if page.fine == 1.0 else []
+    axis.set_minor_locator(FixedLocator(small))
+    axis.set_minor_formatter(NullFormatter())
+    if outer:
+        axis.set_tick_params(labelsize=max(0.85 * page.letters, SMALLEST), pad=0.4 * page.letters)
+        for text in axis.get_ticklabels():
+            text.set(rotation=45, ha="right", va="center_baseline", rotation_mode="anchor")
+        label = column.scale.label(column.symbol, "\n")
+        axis.set_label_text(label, fontsize=page.letters)
+        axis.labelpad = 0.2 * page.letters
+
+
+def _upright(panels: NDArray[np.object_], columns: Sequence[Column], page: CornerPage) -> None:
+    """Where panels are too small for ticks: the ends of each axis under its label."""
+    for k, column in enumerate(columns):
+        ends = [scales.short_number(float(end)) for end in column.scale.shown_ends]
+        text = f"{column.scale.label(column.symbol)}\n{ends[0]} to {ends[1]}"
+        panels[-1, k].set_xlabel(
+            text, fontsize=page.letters, rotation=90, va="top", linespacing=1.0, labelpad=2
+        )
+        if k:
+            panels[k, 0].set_ylabel(
+                f"${column.symbol.latex}$",
+                fontsize=page.letters,
+                rotation=0,
+                ha="right",
+                va="center",
+                labelpad=2,
+            )
+
+
+def _explained(columns: Sequence[Column]) -> tuple[Handles, Handles]:
+    return handles(
+        sides={column.away for column in columns if column.nominal is not None or column.away},
+        prior=any(column.prior is not None for column in columns),
+        mode=any(column.mode is not None for column in columns),
+        joint=len(columns) > 1,
+        differences=any(column.scale.origin for column in columns),
+    )
+
+
+CORNER = (
+    "The posterior of each parameter and each pair (corner plot), beside nominal values and MAP."
+)
+
+
+def draw_corner(run: View) -> Drawing:
+    own, at_map = run.units, run.best[None]
+    names = run.config.output.corner or run.config.output.parameters
+    shown = physics_words.derived_shown(run.problem, names, run.sampled.draws, run.derived, at_map)
+    draws = shown.draws / own.factors(shown.symbols)
+    nominal, mode = own.values(shown.nominal), own.values(shown.mode)
+    priors = own.priors(run.problem.posterior.space.priors)
+    given = (draws, own.symbols(shown.symbols), nominal, mode, priors, run.width)
+    return Drawing(corner_figure, given, says=CORNER)

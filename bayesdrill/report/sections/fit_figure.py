@@ -1,0 +1,482 @@
+"""The record against the model: inputs, channels, what is left, and how samples lie in their own
+prediction.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+from numpy.typing import NDArray
+from scipy.special import ndtri
+from scipy.stats import norm
+
+from bayesdrill.analysis.prediction import FALSE_ALARM, Check, checks
+from bayesdrill.basics.symbols import Symbol
+from bayesdrill.config.schema.config import Config
+from bayesdrill.inference.derived import HDI_PROBABILITY
+from bayesdrill.inference.posterior import Problem
+from bayesdrill.inference.residual_checks import Left
+from bayesdrill.output_files import numbered
+from bayesdrill.report import scales, style, words
+from bayesdrill.report.figures import FIT_ALONE
+from bayesdrill.report.pages import Page, legend_above
+from bayesdrill.report.scales import WIDTHS
+from bayesdrill.report.sections import fit_words
+from bayesdrill.report.sections.fit_words import Course, Fit, Signal, every_fit
+from bayesdrill.report.sections.physics_words import Rub
+from bayesdrill.report.view import Drawing, View, captioned
+
+FIT_SHARE = 0.6  # of the width, for the signals, where the residuals are beside them
+
+
+@dataclass(frozen=True, slots=True)
+class _Sizes:
+    """Inches: `row` of signals, `rest` of residuals, `course` of an input or a friction, `legend` above
+    signals.
+    """
+
+    row: float
+    rest: float
+    course: float
+    left: float
+    right: float
+    bottom: float
+    gap_x: float
+    gap_y: float
+    line: float
+    legend: float
+
+
+_WIDE = _Sizes(1.45, 1.45, 0.75, 0.84, 0.3, 0.42, 0.9, 0.12, 0.2, 0.6)
+_NARROW = _Sizes(0.95, 0.55, 0.55, 0.68, 0.27, 0.38, 0.0, 0.1, 0.17, 0.5)
+
+
+@dataclass(frozen=True, slots=True)
+class FitPage:
+    """`courses`: a panel for each input; `rows`: signals and residuals of each channel; `rubs`: a panel
+    for each friction.
+
+    `said`: the height in the figure, as a share, of the line that says what is constant.
+    """
+
+    figure: Figure
+    courses: list[Axes]
+    rows: list[tuple[Axes, Axes]]
+    rubs: list[Axes]
+    said: float
+    left: float
+
+    @property
+    def panels(self) -> list[Axes]:
+        return [*self.courses, *(panel for row in self.rows for panel in row), *self.rubs]
+
+
+def build_fit_page(n: int, n_courses: int, n_rubs: int, width: float, *, constant: bool) -> FitPage:
+    """For `n` channels; times are written at the foot of each column only."""
+    beside = width >= scales.DOUBLE
+    size = _WIDE if beside else _NARROW
+    channel = size.row if beside else size.row + size.gap_y + size.rest
+    inputs = n_courses * (size.course + size.gap_y) + (size.line if n_courses else 0.0)
+    said = size.line if constant and (n_courses or not beside) else 0.0  # or above the one legend
+    top = 0.06 + said + inputs + size.legend
+    rubbing = size.gap_y + size.line + n_rubs * (size.course + size.gap_y) if n_rubs else 0.0
+    height = top + n * channel + (n - 1) * size.gap_y + rubbing + size.bottom
+    figure = Figure(figsize=(width, height))
+    free = width - size.left - size.right - (size.gap_x if beside else 0.0)
+    share = FIT_SHARE * free if beside else free
+
+    def panel(x: float, y: float, w: float, h: float) -> Axes:
+        made = figure.add_axes((x / width, (height - y - h) / height, w / width, h / height))
+        made.tick_params(labelbottom=False)
+        return made
+
+    y = 0.06 + said + (size.line if n_courses else 0.0)
+    courses = [
+        panel(size.left, y + k * (size.course + size.gap_y), share, size.course)
+        for k in range(n_courses)
+    ]
+    rows = []
+    for k in range(n):
+        y = top + k * (channel + size.gap_y)
+        signals = panel(size.left, y, share, size.row)
+        if beside:
+            rest = panel(size.left + share + size.gap_x, y, free - share, size.rest)
+        else:
+            rest = panel(size.left, y + size.row + size.gap_y, share, size.rest)
+        rows.append((signals, rest))
+    y = top + n * (channel + size.gap_y) + size.line
+    rubs = [
+        panel(size.left, y + k * (size.course + size.gap_y), share, size.course)
+        for k in range(n_rubs)
+    ]
+    signals, rest = rows[-1]
+    left = rubs[-1] if rubs else signals
+    for foot in (left, rest) if beside else (rubs or [rest])[-1:]:
+        foot.tick_params(labelbottom=True)
+    return FitPage(figure, courses, rows, rubs, 1 - 0.06 / height, size.left / width)
+
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+DOTS = 3000  # measured samples drawn in a panel
+LINE_POINTS = 2000  # corners of a line
+
+SHARE = f"{100 * HDI_PROBABILITY:.0f} %"
+TAILS = (0.5 - HDI_PROBABILITY / 2, 0.5 + HDI_PROBABILITY / 2)
+SIGMAS = float(ndtri(TAILS[1]))  # 1.88: half the width of the band of the noise
+
+
+def fit_figure(fit: Fit, width: float = scales.DOUBLE) -> Figure:
+    """Inputs above; for each channel its signals, and beside them (below, in one column) residuals."""
+    t = fit.t
+    time = scales.scale(float(t[0]), float(t[-1]), margin=0.01)
+    with style.styled(width):
+        page = build_fit_page(
+            *(len(fit.signals), len(fit.courses), len(fit.rubs)), width, constant=bool(fit.constant)
+        )
+        for panel, course in zip(page.courses, fit.courses, strict=True):
+            _course(panel, course, time, t)
+        for signal, (left, right) in zip(fit.signals, page.rows, strict=True):
+            drawn = extremes(signal.model, LINE_POINTS)
+            band = _band(signal, drawn)
+            _signals(left, signal, time, t, drawn, band)
+            _residuals(right, signal, time, t)
+        for panel, rub in zip(page.rubs, fit.rubs, strict=True):
+            _rub(panel, rub, time, t)
+        _times(page, time, fit.time)
+        _legends(page, fit, beside=width >= scales.DOUBLE)
+    return page.figure
+
+
+def _band(signal: Signal, drawn: Indices) -> Array:
+    """Of what draws predict; where there are none, of the noise about the model."""
+    if signal.predictive is None:
+        return signal.model[drawn] + SIGMAS * signal.sigma * np.array([[-1.0], [1.0]])
+    return np.asarray(np.quantile(signal.predictive[:, drawn], TAILS, axis=0))
+
+
+def _times(page: FitPage, time: scales.Scale, label: Symbol) -> None:
+    first = page.rows[0][0]
+    for panel in page.panels:
+        panel.set_xlim(time.low, time.high)
+        broad = panel.get_position().width >= first.get_position().width
+        style.set_ticks(panel.xaxis, *time.ticks(5 if broad else 4))
+        if panel.xaxis.get_tick_params()["labelbottom"]:
+            panel.set_xlabel(time.label(label))
+
+
+def extremes(y: Array, most: int) -> Indices:
+    """At most `most` indices, with the least and greatest of each stretch: no peak is lost."""
+    n = len(y)
+    if n <= most:
+        return np.arange(n)
+    length = -(-n // ((most - 2) // 2))
+    starts = np.arange(0, n, length)
+    padded = np.concatenate([y, np.full(len(starts) * length - n, y[-1])]).reshape(-1, length)
+    kept = np.stack([starts + padded.argmin(axis=1), starts + padded.argmax(axis=1)])
+    return np.unique(np.concatenate([[0, n - 1], np.minimum(kept, n - 1).ravel()]))
+
+
+def measured(y: Array) -> Indices:
+    """At most `DOTS` of the samples of a channel `y (T,)`, which may have few of the record's times."""
+    seen = np.flatnonzero(~np.isnan(y))
+    return seen[style.thin(len(seen), DOTS)]
+
+
+def corners(u: Array, most: int) -> Indices:
+    """Where stairs through `u` begin, rise and end; of too many, the `extremes`."""
+    changes = np.flatnonzero(np.diff(u)) + 1
+    found = np.unique(np.concatenate([[0, len(u) - 1], changes]))
+    return found if len(found) <= most else extremes(u, most)
+
+
+DOT: dict[str, Any] = {**style.DOTS, "color": "0.45", "alpha": 0.8, "zorder": 1}
+MODEL: dict[str, Any] = {"color": style.BLACK, "linewidth": 0.9}
+EDGE: dict[str, Any] = {"color": style.BLACK, "linewidth": 0.6, "linestyle": (0, (4, 2))}
+BAND: dict[str, Any] = {"color": style.LIGHT, "linewidth": 0}
+STICKS: dict[str, Any] = {
+    "facecolor": "none",
+    "edgecolor": style.MIDDLE,
+    "hatch": "/////",
+    "linewidth": 0,
+}
+
+
+def _size(n: int) -> dict[str, float]:
+    """Dots that leave something to see of what is behind them."""
+    return {"markersize": min(3.0, max(1.0, 40 / math.sqrt(n)))}
+
+
+def _course(panel: Axes, course: Course, time: scales.Scale, t: Array) -> None:
+    """As the model takes it between samples."""
+    u = course.values
+    drawn = (extremes if course.straight else corners)(u, LINE_POINTS)
+    scale = _numbers(panel, course.label, float(u.min()), float(u.max()), 3)
+    style_of = "default" if course.straight else "steps-post"
+    panel.plot(time(t[drawn]), scale(u[drawn]), drawstyle=style_of, **MODEL)
+
+
+def _rub(panel: Axes, rub: Rub, time: scales.Scale, t: Array) -> None:
+    """Held from sample to sample, as it acts; where it sticks the panel is hatched."""
+    drawn = extremes(rub.effort, LINE_POINTS)
+    band = rub.effort[None] if rub.band is None else rub.band
+    far = max(float(np.abs(band).max()), float(np.abs(rub.effort).max()))
+    scale = _numbers(panel, rub.label, -far, far, 3)
+    for begin, end in rub.sticks:
+        panel.axvspan(float(time(begin)), float(time(end)), zorder=0, **STICKS)
+    if rub.band is not None:
+        look: dict[str, Any] = {**BAND, "step": "post", "zorder": 1}
+        panel.fill_between(time(t[drawn]), *scale(band[:, drawn]), **look)
+    panel.plot(time(t[drawn]), scale(rub.effort[drawn]), drawstyle="steps-post", zorder=2, **MODEL)
+
+
+def _signals(
+    panel: Axes, signal: Signal, time: scales.Scale, t: Array, drawn: Indices, band: Array
+) -> None:
+    """`band` `(2, len(drawn))` around the model."""
+    y, model = signal.y, signal.model
+    low = min(float(np.nanmin(y)), float(model.min()), float(band.min()))
+    high = max(float(np.nanmax(y)), float(model.max()), float(band.max()))
+    scale = _numbers(panel, signal.label, low, high)
+    panel.fill_between(time(t[drawn]), *scale(band), zorder=0, **BAND)
+    dots = measured(y)
+    panel.plot(time(t[dots]), scale(y[dots]), **(DOT | _size(len(dots))))
+    panel.plot(time(t[drawn]), scale(model[drawn]), zorder=2, **MODEL)
+
+
+def _residuals(panel: Axes, signal: Signal, time: scales.Scale, t: Array) -> None:
+    """Measured minus MAP, the band of the noise, and how much of the channel this is."""
+    rest, sigma = signal.y - signal.model, signal.sigma
+    label = Symbol("rest", "", r"\mathrm{residual}", signal.label.latex_unit, "")
+    far = max(float(np.nanmax(np.abs(rest))), SIGMAS * sigma)
+    scale = _numbers(panel, label, -far, far)
+    ends = scale(np.array([-1.0, 1.0]) * SIGMAS * sigma)
+    panel.axhspan(*ends, zorder=0, **BAND)
+    for end in ends:
+        panel.axhline(end, zorder=2, **EDGE)
+    dots = measured(rest)
+    panel.plot(time(t[dots]), scale(rest[dots]), **(DOT | _size(len(dots))))
+    panel.axhline(float(scale(0.0)), zorder=2, **MODEL)
+    if not math.isnan(signal.share):
+        panel.annotate(
+            f"unexplained: {fit_words.percent(signal.share)}",
+            (1.0, 0.5),
+            (4, 0),
+            xycoords="axes fraction",
+            textcoords="offset points",
+            rotation=90,
+            ha="left",
+            va="center",
+            size=style.letters("legend.fontsize"),
+        )
+
+
+def _numbers(
+    panel: Axes, what: scales.Labelled, low: float, high: float, most: int = 4
+) -> scales.Scale:
+    scale = scales.scale(low, high, margin=0.06)
+    panel.set_ylim(scale.low, scale.high)
+    style.set_ticks(panel.yaxis, *scale.ticks(most))
+    style.side_label(panel, scale.label(what, "\n"))
+    return scale
+
+
+HELD = "input, held from each sample to the next"
+STRAIGHT = "input, straight from each sample to the next"
+LEFT = "unexplained: rms over spread"
+
+
+def _legends(page: FitPage, fit: Fit, *, beside: bool) -> None:
+    """Above each kind of panel, what is shown in it; what is constant, in a line."""
+    dot = Line2D([], [], **{**DOT, "markersize": 3, "rasterized": False})
+    line, band = Line2D([], [], **MODEL), Patch(**BAND)
+    edged = Patch(facecolor=BAND["color"], edgecolor=style.BLACK, linewidth=0.6, linestyle="--")
+    what = "of the noise" if fit.signals[0].predictive is None else "posterior predictive"
+    at_map = " at the MAP" if beside else ""
+    noise = rf"{SHARE} of the noise ($\pm${SIGMAS:.2f} $\sigma${at_map})"
+    signals = {
+        f"measured ({fit.label})" if fit.label else "measured": dot,
+        "model at the MAP": line,
+        f"{SHARE} {what}": band,
+    }
+    rest = {noise: edged, LEFT: Line2D([], [], linestyle="none")}
+    left, right = page.rows[0]
+    if beside:
+        _legend(left, signals, 3)
+        _legend(right, {"measured minus model at the MAP": dot, **rest}, 1)
+    else:
+        _legend(left, signals | rest, 2, 0.02 - page.left / left.get_position().width)
+    if fit.rubs:
+        rubs = {"friction at the MAP": line, "it sticks": Patch(**STICKS)}
+        known = {} if fit.rubs[0].band is None else {f"{SHARE} posterior": band}
+        _legend(page.rubs[0], rubs | known, 3)
+    if fit.courses:
+        _legend(page.courses[0], {STRAIGHT if fit.courses[0].straight else HELD: line}, 1)
+    if fit.constant:
+        said = ", ".join(map(_said, *zip(*fit.constant, strict=True)))
+        size = style.letters("legend.fontsize")
+        page.figure.text(page.left, page.said, f"constant input: {said}", va="top", size=size)
+
+
+def _said(label: Symbol, value: float) -> str:
+    number = scales.latex_number(float(f"{value:.5g}"))
+    unit = rf"\,\mathrm{{{label.latex_unit}}}" if label.latex_unit else ""
+    return f"${label.latex} = {number}{unit}$"
+
+
+def _legend(panel: Axes, entries: dict[str, Any], columns: int, x: float = 0.0) -> None:
+    panel.legend(
+        list(entries.values()),
+        list(entries),
+        loc="lower left",
+        bbox_to_anchor=(x, 1.0),
+        ncols=columns,
+        borderaxespad=0.1,
+        borderpad=0.2,
+        handlelength=1.6,
+        handletextpad=0.5,
+        columnspacing=1.0,
+        labelspacing=0.2,
+    )
+
+
+PAGE = Page(
+    columns=2,
+    width=scales.DOUBLE,
+    row=1.3,
+    left=0.58,
+    right=0.12,
+    gap_x=0.66,
+    gap_y=0.16,
+    top=0.5,
+    bottom=0.42,
+)
+FARTHEST = 4.5  # sds shown; what lies beyond stands in the last bin
+BINS = 36
+NAMES = 1.7  # of the farthest line: where a panel ends, above which names stand
+INSIDE: dict[str, Any] = {"color": style.BLACK, "linewidth": 0.9}
+EXPECTED: dict[str, Any] = {**style.NOMINAL}
+FOUND: dict[str, Any] = {"facecolor": style.LIGHT, "edgecolor": style.BLACK, "linewidth": 0.7}
+
+
+def predictive_figure(checks: Sequence[Check], width: float = scales.DOUBLE) -> Figure:
+    """A row for each channel: samples in standard deviations of their prediction, and their PIT."""
+    most = max(float(np.abs(_away(one)).max()) for one in checks)
+    wide = width >= scales.DOUBLE
+    with style.styled(width):
+        handles = _handles(checks)
+        page = PAGE.fitting(width, len(handles))
+        figure, panels = page.build(2 * len(checks))
+        for k, one in enumerate(checks):
+            left, right = panels[2 * k : 2 * k + 2]
+            _densities(left, one)
+            _difference(right, one, most)
+            for panel in (left, right):
+                panel.tick_params(labelbottom=k == len(checks) - 1)
+        panels[-2].set_xlabel("measured less predicted" + ", in sds of the prediction" * wide)
+        panels[-1].set_xlabel("share of the prediction below (PIT)" if wide else "PIT")
+        legend_above(figure, handles, 4 if wide else 2)
+    return figure
+
+
+def _away(one: Check) -> Any:
+    """Lower and upper edge of the band and the record between, less the expected, in per cent."""
+    counts = np.stack([one.band.low, one.band.high, one.band.counts(one.ranks)])
+    return 100 * (counts / one.band.n - one.band.shares)
+
+
+def _densities(panel: Axes, one: Check) -> None:
+    edges = np.linspace(-FARTHEST, FARTHEST, BINS + 1)
+    tail = norm.cdf(-FARTHEST)
+    heights, _ = np.histogram(ndtri(np.clip(one.pit, tail, 1 - tail)), edges, density=True)
+    panel.stairs(heights, edges, fill=True, color=FOUND["facecolor"], zorder=1)
+    panel.stairs(heights, edges, color=FOUND["edgecolor"], linewidth=0.7, zorder=2)
+    places = np.linspace(-FARTHEST, FARTHEST, 401)
+    panel.plot(places, norm.pdf(places), zorder=3, **EXPECTED)
+    panel.set_xlim(-FARTHEST, FARTHEST)
+    panel.set_ylim(0, 1.25 * max(0.4, float(heights.max())))
+    style.set_ticks(panel.xaxis, np.arange(-4.0, 5.0, 2.0), ["\u22124", "\u22122", "0", "2", "4"])
+    style.set_ticks(panel.yaxis, np.array([]), None)
+    panel.set_ylabel("density")
+    panel.text(0.03, 0.93, f"${one.channel.latex}$", transform=panel.transAxes, va="top")
+
+
+def _difference(panel: Axes, one: Check, most: float) -> None:
+    places = np.concatenate([[0.0], one.band.shares, [1.0]])
+    low, high, found = np.pad(_away(one), ((0, 0), (1, 1)))
+    panel.fill_between(places, low, high, zorder=0, **style.CHANCE)
+    panel.axhline(0.0, color=style.MIDDLE, linewidth=0.5, zorder=1)
+    panel.plot(places, found, zorder=2, **(INSIDE if one.holds else style.OUTSIDE))
+    panel.set_xlim(0, 1)
+    panel.set_ylim(-1.12 * most, NAMES * most)
+    style.set_ticks(panel.xaxis, np.array([0.0, 0.5, 1.0]), ["0", "0.5", "1"])
+    style.set_ticks(panel.yaxis, *scales.ticks(-1.12 * most, 1.12 * most, 5))
+    panel.set_ylabel("ECDF difference [%]")
+    if one.says:
+        where: dict[str, Any] = {
+            "transform": panel.transAxes,
+            "va": "top",
+            "ha": "right",
+            "fontsize": style.letters("legend.fontsize"),
+        }
+        panel.text(0.97, 0.93, one.says, **where)
+
+
+def _handles(checks: Sequence[Check]) -> list[Any]:
+    chance = f"{100 * (1 - FALSE_ALARM):g} % of chance, together"
+    handles: list[Any] = [
+        Patch(label="record", **FOUND),
+        Line2D([], [], label="as predicted", **EXPECTED),
+        Patch(label=chance, **style.CHANCE),
+    ]
+    if any(one.holds for one in checks):
+        handles.append(Line2D([], [], label="record", **INSIDE))
+    if not all(one.holds for one in checks):
+        handles.append(Line2D([], [], label="record, leaves the band", **style.OUTSIDE))
+    return handles
+
+
+FIT = "Record, model at the MAP and posterior predictive band; beside them what is left, and the noise."
+FIT_RUBBED = f"{FIT} Below: what rubs, and when it sticks."
+
+
+def draw_fit(run: View) -> tuple[Drawing, ...]:
+    group = run.tree["posterior_predictive"]
+    draws = {str(name): np.asarray(values) for name, values in group.data_vars.items()}
+    found = every_fit(run.problem, run.config, run.best, run.left, draws, run.rubbing)
+    return _fits(found, run.width, FIT_RUBBED if run.rubbing else FIT)
+
+
+PREDICTIVE_CHECK = "Whether the record is as the posterior predicts it, channel by channel."
+
+
+def draw_predictive_check(run: View) -> Drawing:
+    draws = run.sampled.draws
+    each = words.predictive_draws(run.problem, run.config)
+    chosen = np.unique(np.linspace(0, draws.shape[1] - 1, each).astype(int))
+    theta = draws[:, chosen].reshape(-1, draws.shape[-1])
+    found = checks(run.problem.posterior.likelihood, theta)
+    return Drawing(predictive_figure, (found, run.width), says=PREDICTIVE_CHECK)
+
+
+def fits_alone(
+    problem: Problem, config: Config, best: Array, left: Sequence[Left]
+) -> dict[str, Drawing]:
+    """Of the MAP `(D,)`, without draws, by stem; `left`: what it leaves."""
+    found = every_fit(problem, config, best, left)
+    return numbered("fit", _fits(found, WIDTHS[config.output.size], FIT_ALONE))
+
+
+def _fits(every: Sequence[Fit], width: float, says: str) -> tuple[Drawing, ...]:
+    return tuple(
+        Drawing(fit_figure, (fit, width), says=captioned(fit.label, says)) for fit in every
+    )

@@ -1,0 +1,493 @@
+"""The fit for readers: its signals in the units of the user, what is left, and what would explain
+it.
+"""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import io
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import groupby
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayesdrill.analysis.causes import NOISE, Cause, Causes, Instead
+from bayesdrill.analysis.energy import Rubbing
+from bayesdrill.analysis.suspicions import Moment
+from bayesdrill.basics import symbols, units
+from bayesdrill.basics.symbols import Symbol
+from bayesdrill.basics.units import Unit
+from bayesdrill.config import job
+from bayesdrill.config.resolve import assembly, experiments
+from bayesdrill.config.schema.config import Config
+from bayesdrill.inference.likelihood import Observation
+from bayesdrill.inference.posterior import Problem
+from bayesdrill.inference.residual_checks import Left
+from bayesdrill.inference.unknowns import of_label
+from bayesdrill.output_files import numbered
+from bayesdrill.report.sections.physics_words import Rub, rubs
+from bayesdrill.rig import models
+from bayesdrill.rig.models.linear import Roles
+
+Array = NDArray[np.float64]
+
+TIME = Symbol("t", "s", "t", "s", "time")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Signal:
+    """A channel: measured (NaN where it was not) and modelled `(T,)`, `predictive (N, T)` with noise,
+    or None where there are no draws; `sigma` of the noise.
+
+    `share`: what the model leaves, of the channel's spread; NaN where it has none.
+    """
+
+    label: Symbol
+    y: Array
+    model: Array
+    predictive: Array | None
+    sigma: float
+    share: float = math.nan
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Course:
+    """A measured input `(T,)`; `straight` from one sample to the next, or held."""
+
+    label: Symbol
+    values: Array
+    straight: bool
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Fit:
+    """At times `t (T,)`; each in the unit of its label.  `constant`: inputs that do not change; `rubs`:
+    frictions; `label`: of the experiment, where there are several.
+    """
+
+    t: Array
+    time: Symbol
+    signals: tuple[Signal, ...]
+    courses: tuple[Course, ...] = ()
+    constant: tuple[tuple[Symbol, float], ...] = ()
+    rubs: tuple[Rub, ...] = ()
+    label: str = ""
+
+
+def every_fit(
+    problem: Problem,
+    config: Config,
+    best: Array,
+    left: Sequence[Left],
+    predictive: Mapping[str, Array] | None = None,
+    rubbing: Sequence[Sequence[Rubbing]] = (),
+) -> tuple[Fit, ...]:
+    """Of each experiment; see `fitted`.  `rubbing`: of each, or nothing."""
+    clock, each = job.clock_unit(config, problem), rubbing or [()] * len(problem.observations)
+    return tuple(
+        dataclasses.replace(
+            fitted(
+                one,
+                problem,
+                experiments.experiment_configs(config, one.label),
+                best,
+                left,
+                predictive,
+            ),
+            rubs=rubs(found, clock),
+        )
+        for one, found in zip(problem.observations, each, strict=True)
+    )
+
+
+def fitted(
+    one: Observation,
+    problem: Problem,
+    config: Config,
+    best: Array,
+    left: Sequence[Left],
+    predictive: Mapping[str, Array] | None = None,
+) -> Fit:
+    """Of the MAP `(D,)` and what it leaves; `predictive`: `(..., T)` of each channel, SI, by the name
+    that it has among all.  `config`: of this experiment.
+    """
+    experiment = one.experiment
+    clock = job.clock_unit(config, problem)
+    courses, constant = [], []
+    for name in (n for n in symbols.INPUTS if n in {*experiment.series, *experiment.constant}):
+        unit = job.given_unit(config, name)
+        label = dataclasses.replace(symbols.INPUTS[name], latex_unit=unit.latex)
+        if name in experiment.series:
+            values = experiment.series[name] / unit.factor
+            courses.append(Course(label=label, values=values, straight=experiment.first_order))
+        elif name != "t_1" or experiment.constant[name]:  # no load need not be said
+            constant.append((label, experiment.constant[name] / unit.factor))
+    return Fit(
+        t=experiment.t / clock.factor,
+        time=dataclasses.replace(TIME, latex_unit=clock.latex),
+        signals=_signals(one, problem, config, best, left, predictive or {}),
+        courses=tuple(courses),
+        constant=tuple(constant),
+        label=one.label,
+    )
+
+
+def _signals(
+    one: Observation,
+    problem: Problem,
+    config: Config,
+    best: Array,
+    left: Sequence[Left],
+    predictive: Mapping[str, Array],
+) -> tuple[Signal, ...]:
+    experiment = one.experiment
+    models = one.followed(problem.posterior.space.full(best[None]), best[None])[0]
+    sigmas = one.scales(best[None])[0]
+    shares = {each.channel: each.share for each in left if each.experiment == one.label}
+    found = []
+    for k, channel in enumerate(experiment.channels):
+        unit = job.channel_unit(config, channel)
+        draws = predictive.get(of_label(channel.name, one.label))
+        found.append(
+            Signal(
+                label=Symbol(channel.name, channel.unit, channel.latex, unit.latex, "channel"),
+                y=experiment.y[:, k] / unit.factor,
+                model=models[:, k] / unit.factor,
+                predictive=None
+                if draws is None
+                else draws.reshape(-1, draws.shape[-1]).astype(np.float64) / unit.factor,
+                sigma=float(sigmas[k]) / unit.factor,
+                share=shares[channel.name],
+            )
+        )
+    return tuple(found)
+
+
+DIGITS = 12
+
+
+def prediction_csv(problem: Problem, config: Config, theta: Array) -> dict[str, str]:
+    """At `theta (D,)`, by the names of files: one, or one with a number for each experiment."""
+    full, observations = problem.posterior.space.full(theta[None]), problem.observations
+    texts = [
+        _of(one, experiments.experiment_configs(config, one.label), full) for one in observations
+    ]
+    return {f"{stem}.csv": text for stem, text in numbered("prediction", texts).items()}
+
+
+def _of(one: Observation, config: Config, full: Array) -> str:
+    """A line for each sample: time, each channel as measured and as predicted without noise, and the
+    inputs; the head of a column has its unit, as in `w_1 measured [rpm]`.
+    """
+    columns = {**_time(one, config), **_channels(one, config, full)}
+    columns |= _inputs(one, config)
+    head, body = io.StringIO(), io.StringIO()
+    csv.writer(head, lineterminator="\n").writerow(columns)
+    np.savetxt(body, np.stack([*columns.values()], axis=-1), f"%.{DIGITS}g", ",")
+    return head.getvalue() + body.getvalue()
+
+
+def _time(one: Observation, config: Config) -> dict[str, Array]:
+    unit = job.time_unit(config)
+    return {f"t [{unit.name}]": one.experiment.t / unit.factor}
+
+
+def _channels(one: Observation, config: Config, full: Array) -> dict[str, Array]:
+    signals = one.signals(full)[0]
+    columns = {}
+    for k, channel in enumerate(one.experiment.channels):
+        name, unit = channel.name, job.channel_unit(config, channel)
+        columns[f"{name} measured [{unit.name}]"] = one.experiment.y[:, k] / unit.factor
+        columns[f"{name} predicted [{unit.name}]"] = signals[:, k] / unit.factor
+    return columns
+
+
+def _inputs(one: Observation, config: Config) -> dict[str, Array]:
+    experiment = one.experiment
+    every = {name: np.full(len(experiment.t), x) for name, x in experiment.constant.items()}
+    columns = {}
+    for name, values in {**every, **experiment.series}.items():
+        unit = job.given_unit(config, name)
+        columns[f"{name} [{unit.name}]"] = values / unit.factor
+    return columns
+
+
+def residual_sentences(found: Sequence[Left], clock: Unit) -> str:
+    """How much is left; that it looks like the noise, or a line for each way in which it does not.
+
+    `clock`: in which times are said.
+    """
+    lines = [f"fit: of what each channel does the MAP leaves unexplained {_shares(found)}"]
+    if large := _worst(found, "large", "rms"):
+        lines.append(
+            f"fit: the MAP leaves more than the noise, in sigmas: {_each_channel(large, 'rms')} (noise "
+            f"leaves at most {large[0].limits.most:.3g}); a unit, an input, a sigma, the end of a "
+            "prior or the model does not fit what was recorded, and every sd and verdict here is surer "
+            "than it may be"
+        )
+    if far := _worst(found, "far", "farthest"):
+        each = ", ".join(
+            f"{one.name} {one.farthest:.3g} at {one.time / clock.factor:.4g} {clock.name}"
+            for one in far
+        )
+        lines.append(
+            f"fit: single samples are farther off than noise puts them, in sigmas: {each} (noise at "
+            f"most {far[0].limits.farthest:.2g}); outliers, or something short that the model misses"
+        )
+    if correlated := _worst(found, "correlated", "correlation"):
+        lines.append(
+            "fit: what the MAP leaves is not white: correlation of one sample with the next "
+            f"{_each_channel(correlated, 'correlation')} (white noise has at most "
+            f"{correlated[0].limits.correlation:.2g} either way); the model misses something there, or "
+            "the column was filtered or differenced, and the sds are not to be trusted"
+        )
+    if small := _worst(found, "small", "rms"):
+        lines.append(
+            f"fit: the MAP leaves less than the noise, in sigmas: {_each_channel(small, 'rms')} (noise "
+            f"leaves at least {small[0].limits.least:.3g}); these sigmas are too large, or the column "
+            "was filtered"
+        )
+    if len(lines) == 1:
+        lines.append(f"fit: what the MAP leaves looks like the noise ({_range(found)})")
+    return "\n".join(lines)
+
+
+def residual_reasons(found: Sequence[Left]) -> tuple[str, ...]:
+    """Why nothing here must be believed, though the ensembles converge; empty where it may be."""
+    doubtful = [one for one in found if one.unbelievable]
+    said = []
+    if large := _worst(doubtful, "large", "rms"):
+        said.append(f"the fit leaves more than the noise, in sigmas: {_each_channel(large, 'rms')}")
+    if correlated := _worst(doubtful, "correlated", "correlation"):
+        said.append(
+            "what the fit leaves is not white noise: correlation of one sample with the next "
+            f"{_each_channel(correlated, 'correlation')}"
+        )
+    return tuple(said)
+
+
+def residual_data(found: Sequence[Left]) -> list[dict[str, Any]]:
+    """For `run.json`."""
+    return [
+        {
+            "channel": one.channel,
+            **({"experiment": one.experiment} if one.experiment else {}),
+            "rms_over_sigma": round(one.rms, 5),
+            "rms_over_spread": None if math.isnan(one.share) else round(one.share, 7),
+            "correlation": round(one.correlation, 5),
+            "farthest_over_sigma": round(one.farthest, 5),
+            "says": [
+                word
+                for word, true in (
+                    ("more than noise", one.large),
+                    ("less than noise", one.small),
+                    ("far samples", one.far),
+                    ("correlated", one.correlated),
+                )
+                if true
+            ],
+        }
+        for one in found
+    ]
+
+
+def _worst(found: Sequence[Left], which: str, by: str) -> list[Left]:
+    """Those of which it is true, the worst first."""
+    chosen = [one for one in found if getattr(one, which)]
+    return sorted(chosen, key=lambda one: abs(getattr(one, by)), reverse=which != "small")
+
+
+def _each_channel(found: Sequence[Left], what: str) -> str:
+    return ", ".join(f"{one.name} {getattr(one, what):.3g}" for one in found)
+
+
+def _shares(found: Sequence[Left]) -> str:
+    """In per cent, of channels that have a spread."""
+    seen = [one for one in found if not math.isnan(one.share)]
+    each = [f"{percent(one.share)} ({one.name})" for one in seen]
+    return ", ".join(each) or "nothing to speak of"
+
+
+def percent(share: float) -> str:
+    """Of a channel's spread about its mean."""
+    return f"{100 * share:.2g} %"
+
+
+def _range(found: Sequence[Left]) -> str:
+    sizes = [one.rms for one in found]
+    return f"rms {min(sizes):.3f} to {max(sizes):.3f} sigma"
+
+
+LAGS = ("lag", "input lag")
+WIDER = 2.0  # times what was found, of a prior that is proposed
+
+# Roles of parameters that a rig may lack.
+LACKED: Mapping[str, str] = {
+    "motor.sliding": "dry friction at the motor",
+    "rotor.sliding": "dry friction at rotor 1",
+    "motor.drop": "a voltage drop of driver and brushes",
+    "rotor.damping": "viscous damping at rotor 1",
+    "shaft.damping": "damping of the shaft",
+}
+
+
+def explained(found: Causes | None, config: Config) -> str:
+    """What would explain what the fit leaves, with the lines of a config that say so."""
+    if found is None:
+        return ""
+    if not found.explains:
+        return (
+            "fit: no gain, offset or lag of a sensor, no other start and no friction or damping that "
+            f"the rig offers explains what is left (at most {100 * found.share:.0f} % of it): look at "
+            "units, gear, inputs and the model"
+        )
+    still = f" (down to {math.sqrt(found.rest):.2g} sigma)" if found.rest > NOISE else ""
+    said = [
+        f"fit: {_percent(found.share)} of what is left beyond noise would be explained{still} by",
+        *_each_cause(found, config),
+    ]
+    if found.other is not None:
+        said += ["fit: or, as well as by these, by", *_each_cause(found.other, config)]
+    return "\n".join(said)
+
+
+def _each_cause(found: Causes, config: Config) -> Iterable[str]:
+    for (kind, of), group in groupby(found.found, key=_group):
+        yield f"  - {_said(kind, of, list(group), config)}"
+
+
+def _percent(share: float) -> str:
+    """Never more than it is."""
+    return f"{math.floor(1000 * share) / 10:.3g} %"
+
+
+def lacking(found: Causes | None, roles: Roles) -> str:
+    """What the model misses, for a verdict that stands on it; empty where nothing is known."""
+    if found is None or not found.explains:
+        return ""
+    names = found.lacking or (found.other.lacking if found.other is not None else ())
+    return " and ".join(f"{_lacked(name, roles)} ({name})" for name in names)
+
+
+def instead(found: Instead | None, roles: Roles) -> Iterable[str]:
+    """A table that may be right after all."""
+    if found is None:
+        return
+    how = "better than" if found.lost < 0 else "about as well as"
+    missing = _missing(found.parameter, found.value, roles)
+    yield (
+        f"before the table is blamed: its values with {missing} explain the "
+        f"record {how} any without; {_named(found.parameter, found.value)}, and ask again"
+    )
+
+
+def _lacked(name: str, roles: Roles) -> str:
+    return next(said for role, said in LACKED.items() if roles[role] == name)
+
+
+def _missing(name: str, value: float, roles: Roles) -> str:
+    unit = models.PARAMETERS[name].plain_unit
+    return f"{_lacked(name, roles)} of {value:.3g} {unit}"
+
+
+def _named(name: str, value: float) -> str:
+    """How a config switches it on."""
+    return f"say `parameters: {{{name}: {{prior: uniform, low: 0, high: {WIDER * value:.2g}}}}}`"
+
+
+def causes_data(found: Causes | None) -> dict[str, Any] | None:
+    """For `run.json`, SI."""
+    if found is None:
+        return None
+    return {
+        "share": round(found.share, 4),
+        "left_over_sigma": round(math.sqrt(found.rest), 4),
+        "by": [
+            {
+                "kind": one.kind,
+                "of": one.of,
+                **({"experiment": one.experiment} if one.experiment else {}),
+                "value": one.value,
+                "sd": one.sd,
+            }
+            for one in found.found
+        ],
+        **({} if found.other is None else {"or": causes_data(found.other)}),
+    }
+
+
+def instead_data(found: Instead | None) -> dict[str, Any]:
+    """An entry of `run.json`, SI, where there is something to say."""
+    if found is None:
+        return {}
+    said = {"parameter": found.parameter, "value": found.value, "log_likelihood": -found.lost}
+    return {"instead": said}
+
+
+def moment(found: Moment | None) -> Iterable[str]:
+    """How much half a sample of it matters; nothing where it hardly does."""
+    if found is None or not found.matters:
+        return
+    moved = sorted(found.shifts, key=lambda one: -abs(one[1]))
+    named = ", ".join(
+        f"{name} by {abs(shift):.2g}" for name, shift in moved[:3] if abs(shift) > 0.1
+    )
+    width = 2 * found.seconds
+    yield (
+        f"moment: inputs half a sample ({1e3 * found.seconds:.3g} ms) later than recorded would move "
+        f"{named} sds, and leave what looks like noise; where that may be, say `inputs: {{t_0: {{prior: "
+        f"uniform, low: -{width:.3g}, high: {width:.3g}}}}}`"
+    )
+
+
+def _group(cause: Cause) -> tuple[str, str]:
+    return cause.kind, "" if cause.kind == "start" else cause.of
+
+
+def _said(kind: str, of: str, group: Sequence[Cause], config: Config) -> str:
+    if kind == "start":
+        inside = {one.experiment for one in group}
+        where = f" ({', '.join(sorted(inside))})" if inside != {""} else ""
+        return f"another state at the start{where}: say `initial: free`"
+    if kind == "rig":
+        (one,) = group
+        missing = _missing(one.of, one.value, assembly.model(config).roles)
+        return f"{missing}: {_named(one.of, one.value)}"
+    each = ", ".join(
+        f"{_number(one, config)}{f' in {one.experiment}' if one.experiment else ''}"
+        for one in group
+    )
+    largest = max(group, key=lambda one: abs(one.value))
+    if kind in LAGS:
+        of = f"inputs.{of}" if kind == "input lag" else of
+        bound = WIDER * abs(largest.value)
+        low, high = (0.0, bound) if largest.value > 0 else (-bound, 0.0)
+        return f"a lag of {of}: {each}: say `lag: {{prior: uniform, low: {low:.3g}, high: {high:.3g}}}`"
+    if kind == "gain":
+        return f"a gain of {of}: {each}: say `gain: {{prior: normal, mean: 1, sd: 0.1}}`"
+    width = WIDER * abs(largest.value) / _unit(largest, config).factor
+    where = f"inputs.{of}" if kind == "input offset" else of
+    return (
+        f"an offset of {where}: {each}: say `offset: {{prior: normal, mean: 0, sd: {width:.2g}}}`"
+    )
+
+
+def _unit(cause: Cause, config: Config) -> units.Unit:
+    alone = experiments.experiment_configs(config, cause.experiment)
+    if cause.kind == "input offset":
+        return job.given_unit(alone, cause.of)
+    if cause.kind == "offset":
+        return units.shown(alone.record.channels[cause.of].unit)
+    return units.Unit("", 1.0, "")
+
+
+def _number(cause: Cause, config: Config) -> str:
+    if cause.kind in LAGS:
+        return f"{1e3 * cause.value:.3g} ms"
+    unit = _unit(cause, config)
+    return f"{cause.value / unit.factor:.3g} {symbols.plain(unit.name)}".strip()

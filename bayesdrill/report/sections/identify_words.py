@@ -1,0 +1,267 @@
+"""What a record can and cannot say, in sentences and tables."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from bayesdrill.analysis.identifiability.profile import Profile
+from bayesdrill.analysis.identifiability.structure import Exponents
+from bayesdrill.analysis.identifiability.study import Known, Remedy, Study
+from bayesdrill.basics.symbols import Symbol, fraction
+from bayesdrill.report.section import aligned
+from bayesdrill.report.sections import physics_words, torque_words
+from bayesdrill.report.sections.physics_words import listed
+
+MOST_REMEDIES = 8
+WELL = 0.5  # sd of the log, from the record alone, above which an unknown is not known well
+
+SHAPES = {
+    "bounded": "the record bounds it on both sides",
+    "one-sided": "the record bounds it on one side only; the prior does the rest",
+    "flat": "any value of its prior fits as well: the record does not determine it",
+    "at the bound": "the best fit lies at the end of its prior",
+}
+
+
+# Of a parameter without a trace of its own: beyond such a limit the others would leave their priors.
+THROUGH_OTHERS = "by the ends of the others' priors; the record alone does not determine it"
+
+
+def product(names: Sequence[str], exponents: Sequence[float]) -> str:
+    """`k_T r_m^2 / (k_s j_1)`, as one writes it by hand."""
+    above = [_power(n, e) for n, e in zip(names, exponents, strict=True) if e > 0]
+    below = [_power(n, -e) for n, e in zip(names, exponents, strict=True) if e < 0]
+    return fraction(above, below, " ")
+
+
+def full(study: Study) -> str:
+    """All that `identify` prints."""
+    rubs, stands = physics_words.friction_sentences(study.frictions), torque_words.stand_ins(study)
+    parts = [structure(study), resting(study), knowledge(study), nuisances(study)]
+    parts += [rubs, stands, remedies(study)]
+    return "\n\n".join(part for part in parts if part).rstrip()
+
+
+def structure(study: Study) -> str:
+    """The exact symmetries and what is left."""
+    found = study.structure
+    names = found.names
+    if not found.symmetries and not found.unexplained:
+        return (
+            f"structure: no exact symmetry; all of {listed(names)} leave a trace of their own in "
+            "the measured signals"
+        )
+    n = len(found.symmetries) + found.unexplained
+    lines = [
+        f"structure: {_count(n, 'exact symmetry', 'exact symmetries')}; no record "
+        "of these channels, however long or clean, shows where on it the rig is:"
+    ]
+    lines += [f"  - {line}" for line in _symmetries(study)]
+    if found.invariants:
+        products = ", ".join(product(names, e) for e in found.invariants)
+        lines.append(
+            f"what such a record can show are {len(found.invariants)} products of powers: {products}"
+        )
+    return "\n".join(lines)
+
+
+def _symmetries(study: Study) -> list[str]:
+    """A sentence for each, and one for those that are no common factor."""
+    found = study.structure
+    lines = [symmetry(found.names, e) for e in found.symmetries]
+    if found.unexplained:
+        blind = [known.exponents.index(1) for known in study.parameters if math.isinf(known.bound)]
+        lines.append(
+            f"{_count(found.unexplained, 'change', 'changes')} of several of "
+            f"{listed([found.names[k] for k in blind])} at once, by no common factor, "
+            f"{'leaves' if found.unexplained == 1 else 'leave'} every signal as it is"
+        )
+    return lines
+
+
+def symmetry(names: Sequence[str], exponents: Exponents) -> str:
+    """One symmetry as a sentence."""
+    groups: dict[int, list[str]] = {}
+    for name, exponent in zip(names, exponents, strict=True):
+        if exponent:
+            groups.setdefault(exponent, []).append(name)
+    if len(groups) == 1 and 1 in groups:
+        if len(groups[1]) == 1:
+            return f"{groups[1][0]} can be multiplied by any factor without changing any measured signal"
+        return (
+            f"{listed(groups[1])} can all be multiplied by the same factor without changing any "
+            "measured signal"
+        )
+    parts = [
+        f"{listed(groups[e])} multiplied by {_factor(e)}"
+        if e > 0
+        else f"{listed(groups[e])} divided by {_factor(-e)}"
+        for e in sorted(groups, reverse=True)
+    ]
+    return f"with {', '.join(parts)}, for any factor f, no measured signal changes"
+
+
+def resting(study: Study) -> str:
+    """A sentence for each scale that numbers which are held settle, or would."""
+    lines = []
+    for one in study.resting:
+        on = f"{listed(one.through)}, {'which is' if len(one.through) == 1 else 'which are'} held"
+        known = "known only as far as that is right"
+        if priors := one.priors((one.narrowest,), (1,)):
+            on = priors_of(priors)
+            known = (
+                f"told by these rather than by the record, which hardly shows {listed(one.through)}"
+            )
+        lines.append(
+            f"resting on {on}: {listed(one.unknown)}, {known}; {symmetry(one.names, one.exponents)}"
+        )
+    return "\n".join(lines)
+
+
+def priors_of(names: Sequence[str]) -> str:
+    """Of one or several."""
+    return f"the {'prior' if len(names) == 1 else 'priors'} of {listed(names)}"
+
+
+def knowledge(study: Study) -> str:
+    """How well parameters and simple products would be known, before sampling."""
+    lines = [
+        "what to expect (Fisher information at "
+        f"{study.at}; relative standard deviations; 'alone' is the Cramer-Rao bound of the record "
+        "without any prior):"
+    ]
+    header = ("", "with the prior", "prior", "alone", "")
+    table = [header, *(_row(study, known) for known in study.parameters)]
+    lines.append(aligned(table, left={0, 4}))
+    lines.append("what the record knows best: simple products, each independent of those above it")
+    lines.append(aligned([header, *(_row(study, k) for k in study.products)], left={0, 4}))
+    return "\n".join(lines)
+
+
+def nuisances(study: Study) -> str:
+    """Sensors and starts: how well each would be known, and what it can hardly be told from."""
+    if not study.nuisances:
+        return ""
+    lines = ["sensors and starts (standard deviations, SI):"]
+    header = ("", "with the record", "prior", "")
+    rows = [(f"  {n.name}", f"{n.sd:.2g}", f"{n.prior_sd:.2g}", n.word) for n in study.nuisances]
+    lines.append(aligned([header, *rows], left={0, 3}))
+    for one in study.nuisances:
+        if one.like:
+            each = ", ".join(f"{other} ({times:.2g} times)" for other, times in one.like)
+            lines.append(
+                f"{one.name} can hardly be told from {listed([o for o, _ in one.like])}: if it were "
+                f"known, sds would be smaller: {each}"
+            )
+    return "\n".join(lines)
+
+
+def remedies(study: Study) -> str:
+    """What would help, the best first."""
+    helpful = [r for r in study.remedies if r.breaks or r.shrink > 1.05]
+    if not helpful:
+        return "no single further measurement that was tried would help much"
+    lines = [
+        f"what would help, each alone (standard deviations of {listed(study.of_interest)} shrink "
+        "by this factor, on average):"
+    ]
+    n = len(study.structure.symmetries)
+    rows = [_remedy(study, remedy, n) for remedy in helpful[:MOST_REMEDIES]]
+    lines.append(aligned(rows, left={0, 2}))
+    return "\n".join(lines)
+
+
+def brief(study: Study) -> str:
+    """For the start of a run: the symmetries, or that there are none, and where to read on."""
+    symmetries, rests = _symmetries(study), resting(study).splitlines()
+    if not symmetries:
+        return "\n".join([_of_each(study), *rests])
+    lines = [
+        "no such record shows everything:",
+        *(f"  {line}" for line in symmetries),
+        "  `bayesdrill identify` says what would",
+    ]
+    return "\n".join([*lines, *rests])
+
+
+def _of_each(study: Study) -> str:
+    """Where no symmetry hides anything: what the record does not know well, even so."""
+    named = list(zip(study.names, study.parameters, strict=True))
+    loose = [f"{name} to {percent(known.bound)}" for name, known in named if known.bound > WELL]
+    left = [name for name, known in named if known.word != "determined"]
+    tied = [n for n in study.nuisances if n.like]
+    if not loose and not left and not tied:
+        return "the record determines every unknown"
+    parts = ["no symmetry hides an unknown from this record"]
+    if loose:
+        parts.append(f"without their priors it would know {listed(loose)} at best")
+    if left:
+        parts.append(f"with them it leaves {listed(left)} largely to the prior")
+    parts += [f"{n.name} can hardly be told from {listed([o for o, _ in n.like])}" for n in tied]
+    return "; ".join(parts)
+
+
+def profiles(found: Sequence[Profile], study: Study, shown: Sequence[Symbol]) -> str:
+    """One line each, in the units of the symbols `shown`."""
+    named = {symbol.name: symbol.plain_unit for symbol in shown}
+    open_ones = {
+        name
+        for name, known in zip(study.names, study.parameters, strict=True)
+        if math.isinf(known.bound)
+    }
+    rows = [("", "unit", "best fit", "95 % from", "to", "")]
+    for p in found:
+        low, high = ("-" if x is None else f"{x:.6g}" for x in (p.low, p.high))
+        best = "-" if p.shape == "flat" else f"{p.best:.6g}"
+        meant = SHAPES[p.shape]
+        if p.name in open_ones and p.shape in ("bounded", "one-sided"):
+            meant = THROUGH_OTHERS
+        rows.append((p.name, named[p.name], best, low, high, f"{p.shape}: {meant}"))
+    return "profile likelihood:\n" + aligned(rows, left={0, 1, 5})
+
+
+def _remedy(study: Study, remedy: Remedy, n_symmetries: int) -> tuple[str, ...]:
+    if not n_symmetries:
+        effect = ""
+    elif not remedy.breaks:
+        effect = "breaks no symmetry"
+    else:
+        left = remedy.left - study.structure.unexplained
+        effect = "no symmetry is left" if left <= 0 else f"{left} of {n_symmetries} left"
+    return (f"  {remedy.what}", f"{remedy.shrink:.1f} x", effect)
+
+
+def _row(study: Study, known: Known) -> tuple[str, ...]:
+    return (
+        f"  {product(study.names, known.exponents)}",
+        percent(known.sd),
+        percent(known.prior_sd),
+        "not at all" if math.isinf(known.bound) else percent(known.bound),
+        "through the priors of others" if _shared(known) else known.word,
+    )
+
+
+def _shared(known: Known) -> bool:
+    """Narrowed without a trace of its own: ratios are known, and the others have priors."""
+    return math.isinf(known.bound) and known.word != "left to the prior"
+
+
+def percent(sd_of_log: float) -> str:
+    """A standard deviation of a log, as a share; beyond a factor of ten it says little."""
+    value = 100.0 * sd_of_log
+    if value > 1000:
+        return "> 1000 %"
+    return f"{value:.0f} %" if value >= 10 else f"{value:.2g} %"
+
+
+def _power(name: str, exponent: float) -> str:
+    return name if exponent == 1 else f"{name}^{exponent:g}"
+
+
+def _factor(exponent: int) -> str:
+    return "f" if exponent == 1 else f"f^{exponent}"
+
+
+def _count(n: int, one: str, many: str) -> str:
+    return f"{n} {one if n == 1 else many}"

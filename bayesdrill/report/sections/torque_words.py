@@ -1,0 +1,293 @@
+"""The missing torque in words, as a table, and as data, in the units of the user."""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import io
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayesdrill.analysis.identifiability.study import Study
+from bayesdrill.analysis.identifiability.torque_confounding import StandIn
+from bayesdrill.analysis.latent_torque import TAILS, Follows, Shaking, follows
+from bayesdrill.basics import symbols
+from bayesdrill.basics.symbols import Symbol
+from bayesdrill.basics.units import Unit
+from bayesdrill.report.section import Table
+from bayesdrill.report.sections.physics_words import listed, speed_symbol
+from bayesdrill.rig import models
+
+Array = NDArray[np.float64]
+
+BINS = 24  # of a panel; each needs some samples
+FEWEST = 5
+TIME = Symbol("t", "s", "t", "s", "time")
+TORQUE = Symbol("d", "N*m", "d", r"N\,m", "missing torque")
+TURN = {
+    "motor": Symbol(
+        "turn", "1", r"\theta_3/2\pi", "", "angle of the motor within a turn, in turns"
+    ),
+    "rotor_1": Symbol(
+        "turn", "1", r"\theta_1/2\pi", "", "angle of rotor 1 within a turn, in turns"
+    ),
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Against:
+    """What a torque may follow: `values (T,)`, and by `centres (B,)` of bins its means `(B,)`,
+    with a `band (2, B)` of the means of draws.
+    """
+
+    label: Symbol
+    values: Array
+    centres: Array
+    means: Array
+    band: Array
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Shown:
+    """Of one experiment; `expected (T,)`, `band (2, T)`."""
+
+    t: Array
+    time: Symbol
+    torque: Symbol
+    expected: Array
+    band: Array
+    against: tuple[Against, ...]
+
+
+def torque_shown(found: Shaking, clock: Unit) -> Shown:
+    return Shown(
+        t=found.t / clock.factor,
+        time=dataclasses.replace(TIME, latex_unit=clock.latex),
+        torque=TORQUE,
+        expected=found.expected,
+        band=found.band,
+        against=tuple(_against(found)),
+    )
+
+
+def _against(found: Shaking) -> Iterator[Against]:
+    """Its own speed first, the other one, the angle within a turn, the inputs that were measured."""
+    for name, speed in found.speeds:
+        geared = found.gear != 1.0
+        label = speed_symbol(name, found.roles) if geared else models.STATES[name]
+        yield _binned(found, label, speed)
+    turns = found.angle / (2 * np.pi)
+    if np.ptp(turns) > 1.0:
+        yield _binned(found, TURN[found.at], turns % 1.0)
+    for name, values in found.inputs.items():
+        if name not in found.states:
+            yield _binned(found, symbols.INPUTS[name], values)
+
+
+def _binned(found: Shaking, label: Symbol, values: Array) -> Against:
+    edges = np.linspace(values.min(), values.max(), BINS + 1)
+    which = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, BINS - 1)
+    counts = np.bincount(which, minlength=BINS)
+    good = np.flatnonzero(counts >= FEWEST)
+    sums = np.zeros((len(found.draws), BINS))
+    for k in good:
+        sums[:, k] = found.draws[:, which == k].mean(axis=1)
+    means = np.bincount(which, weights=found.expected, minlength=BINS)
+    return Against(
+        label=label,
+        values=values,
+        centres=0.5 * (edges[1:] + edges[:-1])[good],
+        means=means[good] / counts[good],
+        band=np.quantile(sums[:, good], TAILS, axis=0),
+    )
+
+
+WHERE = {"motor": "at the motor (on its own side of the gear)", "rotor_1": "at rotor 1"}
+HARMLESS = 0.5  # of the noise: how far a rig that rubs may stray from what is shown of it
+FULL = 0.95  # of the samples: no word of the rest
+WIDE = 3.0  # times either way: the prior that is proposed
+HEADS = ("channel", "left without it", "left with it", "moved by it")
+READ = (
+    "Root mean squares over the spread of the channel, at the mean of the draws. *left with it*: what "
+    "remains when all samples have said what the torque was, which is the noise of the sensor where the "
+    "model is right; *moved by it*: its share of the motion. `torque.csv` has it sample by sample, and "
+    "the figure `torque` shows it."
+)
+
+
+def torque_sentence(found: Shaking) -> str:
+    of = f" in {found.label}" if found.label else ""
+    low, high = np.quantile(found.expected, (0.03, 0.97))
+    width = np.mean(found.band[1] - found.band[0]) / 2
+    sure = np.mean((found.band[0] > 0) | (found.band[1] < 0))
+    return (
+        f"missing torque{of}: {WHERE[found.at]} {low:.3g} to {high:.3g} N m in 94 % of the samples, "
+        f"each known to {width:.2g} N m; its sign is sure in {100 * sure:.0f} % of the samples"
+    )
+
+
+def beside(*, rubs: bool) -> str:
+    """Before anything is sampled; empty where nothing `rubs`."""
+    if not rubs:
+        return ""
+    return (
+        "missing torque: beside friction it is an approximation, as it moves the rig as if no friction "
+        "changed its sign; a torque much smaller than the friction is found well, of a larger one leave "
+        "the friction out, which the torque then shows"
+    )
+
+
+def strayed(found: Shaking) -> str:
+    """How good an approximation it was; empty for a rig that does not rub."""
+    every = [one for one in found.courses if np.isfinite(one.strayed)]
+    if not every:
+        return ""
+    parts = ", ".join(f"{one.strayed:.2g} (`{one.channel}`)" for one in every)
+    said = (
+        "missing torque: beside friction it is an approximation; the rig that rubs, with this torque as "
+        f"an input, goes elsewhere by {parts} of the noise, rms"
+    )
+    if max(one.strayed for one in every) <= HARMLESS:
+        return f"{said}, which does little harm"
+    return (
+        f"{said}: friction and inertia are NOT as sure as their sds say; leave the friction out, which "
+        "the torque then shows"
+    )
+
+
+def followed(found: Shaking, every: Sequence[Follows]) -> str:
+    """What the torque follows, a line for each; what it would be in the equations."""
+    taken = [one for one in every if one.taken]
+    if not taken:
+        most = f" (at most {100 * every[0].share:.0f} %: {_what(found, every[0])})" if every else ""
+        return (
+            f"missing torque: it follows no speed, angle, input or time by a law known here{most}"
+        )
+    return "\n".join(_line(found, one) for one in taken)
+
+
+def _line(found: Shaking, one: Follows) -> str:
+    size, sd = abs(one.size), f"{one.sd:.1g}"
+    against = one.size < 0
+    turning = found.turning.mean()
+    still = f" where it turns, in {100 * turning:.0f} % of the samples," if turning < FULL else ""
+    share = f"which{still} explains {100 * one.share:.0f} % of it by itself"
+    said = f"missing torque: it follows {_what(found, one)}, {share}"
+    where = {"motor": "at the motor", "rotor_1": "at rotor 1"}[found.at]
+    if one.kind == "sign" and against:
+        said += f": dry friction {where} of {size:.3g} N m (sd {sd})"
+    elif one.kind == "speed" and against:
+        said += f": viscous damping {where} of {size:.3g} N m s/rad (sd {sd})"
+    else:
+        said += f": {one.size:.3g} {UNITS[one.kind]} (sd {sd})"
+    here = found.roles.at(found.at)  # what a config names in the place of the torque
+    name = {"sign": here.sliding, "speed": here.damping}.get(one.kind)
+    if name is None or one.of != here.speed or not against:
+        return said
+    prior = f"{{prior: log_uniform, low: {size / WIDE:.2g}, high: {size * WIDE:.2g}}}"
+    return f"{said}; to have it in the equations, write `parameters: {{{name}: {prior}}}`"
+
+
+UNITS = {
+    "sign": "N m with its sign",
+    "speed": "N m s/rad",
+    "square": "N m s^2/rad^2",
+    "turn": "N m, once a turn",
+    "input": "N m per SI unit of it",
+    "constant": "N m",
+    "drift": "N m/s",
+}
+
+
+def _what(found: Shaking, one: Follows) -> str:
+    motor = one.of == found.roles.motor.speed
+    speed = f"the speed of {'the motor' if motor else 'rotor 1'}"
+    return {
+        "sign": f"the sign of {speed}",
+        "speed": speed,
+        "square": f"the square of {speed}",
+        "turn": "the angle within a turn",
+        "input": f"the input {one.of}",
+        "constant": "nothing, and is constant",
+        "drift": "the time",
+    }[one.kind]
+
+
+def stand_ins(study: Study) -> str:
+    """What a missing torque can stand in for, a line for each; empty where there is nothing."""
+    return "\n".join([*map(_scaled, study.scaled), *map(_stands_in, study.stand_ins)])
+
+
+def _scaled(names: tuple[str, ...]) -> str:
+    *others, size = names
+    every = listed(others)
+    return (
+        f"missing torque: {every} and {size} can be changed together and leave every measured signal as "
+        "it is: a stiffer spring with a larger torque cannot be told from a softer one with a smaller; "
+        f"hold one of {every}, or measure the torque"
+    )
+
+
+def _stands_in(one: StandIn) -> str:
+    do = {"hold": "holding", "measure": "a sensor of"}
+    ways = [f"{do[h.kind]} {h.name} (sd {h.shrink:.2g} times smaller)" for h in one.helps]
+    would = f"; what would tell: {', or '.join(ways)}" if ways else ""
+    return (
+        f"missing torque: {WHERE[one.at]} it can stand in for {one.name}: the sd of log {one.name} is "
+        f"{one.sd:.2g} with it, {one.alone:.2g} without it, {one.before:.2g} before the record{would}"
+    )
+
+
+def torque_table(found: Shaking) -> Table:
+    lines = [
+        (
+            one.channel,
+            *(f"{100 * x / one.spread:.3g} %" for x in (one.without, one.left, one.moved)),
+        )
+        for one in found.courses
+    ]
+    return Table(HEADS, tuple(lines), frozenset(HEADS[:1]))
+
+
+def torque_csv(every: Sequence[Shaking]) -> str | None:
+    """SI, a line for each sample; None where no torque is missing."""
+    if not every:
+        return None
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    names = list(dict.fromkeys(n for one in every for n in (*one.states, *one.inputs)))
+    writer.writerow(["experiment", "t", "torque", "sd", "low", "high", *names])
+    for one in every:
+        sds, (low, high) = one.draws.std(axis=0), one.band
+        columns = [one.states.get(n, one.inputs.get(n)) for n in names]
+        for k, t in enumerate(one.t):
+            row = [one.label, t, one.expected[k], sds[k], low[k], high[k]]
+            writer.writerow([*row, *("" if c is None else c[k] for c in columns)])
+    return out.getvalue()
+
+
+def torque_data(every: Sequence[Shaking]) -> list[dict[str, Any]]:
+    """For `run.json`."""
+    return [
+        {
+            "experiment": one.label,
+            "at": one.at,
+            "rms": float(np.sqrt(np.mean(one.expected**2))),
+            "sd": float(one.draws.std(axis=0).mean()),
+            "follows": [dataclasses.asdict(each) for each in follows(one)],
+            "channels": {
+                c.channel: {
+                    "without": c.without / c.spread,
+                    "with": c.left / c.spread,
+                    "moved": c.share,
+                    **({"strayed": c.strayed} if np.isfinite(c.strayed) else {}),
+                }
+                for c in one.courses
+            },
+        }
+        for one in every
+    ]

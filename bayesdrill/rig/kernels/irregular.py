@@ -1,0 +1,207 @@
+"""Kernels for times that are not uniform, and for walkers with starts and sensors of their own.
+
+The second family beside `misfit` and `signals`: what is constant there is an argument here.  A
+`Shape` that is `late` also has channels whose times are shifted, see `kernels.late`.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+from llvmlite import ir
+
+from bayesdrill.rig.kernels.compiling import in_one_go, machine_code
+from bayesdrill.rig.kernels.delays import Late, emit_interval
+from bayesdrill.rig.kernels.exponential import (
+    DEGREE,
+    Values,
+    emit_cell,
+    emit_exponential,
+    emit_rates,
+    places_of,
+)
+from bayesdrill.rig.kernels.knots import (
+    BLOCKS,
+    COUNTS,
+    MOST_LEVELS,
+    Arguments,
+    Machine,
+    Nodes,
+    Own,
+    Rest,
+    Shape,
+    apply,
+    emit_ladder,
+    emit_nodes,
+    emit_rest,
+    entries_of,
+    observe,
+    slots,
+)
+from bayesdrill.rig.kernels.lanes import I64, VEC, Loop, function, load, splat, store, vector
+from bayesdrill.rig.kernels.recurrence import next_state
+
+__all__ = ["BLOCKS", "COUNTS", "Kernel", "Own", "Shape", "compile_dense"]
+
+
+@dataclass(frozen=True, slots=True)
+class Kernel:
+    """A function of COUNTS and addresses of BLOCKS."""
+
+    run: Callable[..., None]
+    engine: Any  # owns the machine code
+
+
+@lru_cache(maxsize=64)
+@in_one_go
+def compile_dense(shape: Shape) -> Kernel:
+    module = ir.Module("dense")
+    exponential = emit_exponential(module, shape.layout, "exponential", None)
+    interval = emit_interval(module, shape) if shape.late else None
+    made = function(module, "dense", len(COUNTS), list(BLOCKS.values()))
+    w = _Writer(shape, made, exponential, interval)
+    groups = Loop(w.b, w.a["groups"], [], "groups")
+    w.group(groups.index)
+    groups.close([])
+    w.b.ret_void()
+    engine = machine_code(module)
+    kinds = [*[ctypes.c_int64] * len(COUNTS), *[ctypes.c_void_p] * len(BLOCKS)]
+    return Kernel(ctypes.CFUNCTYPE(None, *kinds)(engine.get_function_address("dense")), engine)
+
+
+class _Writer:
+    """Where a group has its numbers, and the parts of the code."""
+
+    def __init__(
+        self,
+        shape: Shape,
+        made: ir.Function,
+        exponential: ir.Function,
+        interval: ir.Function | None,
+    ) -> None:
+        b = self.b = ir.IRBuilder(made.append_basic_block())
+        a = self.a = Arguments(b, dict(zip([*COUNTS, *BLOCKS], made.args, strict=True)))
+        layout = self.layout = shape.layout
+        self.shape, self.exponential = shape, exponential
+        self.rates = b.alloca(VEC, I64(len(places_of(layout))))
+        self.span = b.alloca(VEC)
+        self.e = b.alloca(VEC, I64(3 * layout.size**2 + 1))
+        self.weights = b.alloca(VEC, I64(DEGREE + 1))
+        self.ladder = b.alloca(VEC, I64(MOST_LEVELS * len(entries_of(layout))))
+        self.ladder_spans = b.alloca(VEC, I64(MOST_LEVELS))
+        self.place = slots(b, layout)
+        self.end = [b.alloca(VEC) for _ in range(layout.n_states)]  # the state at the last knot
+        # Sums stay in registers, but those of late channels.
+        count = I64(shape.tally.count) if shape.tally is not None else None
+        self.totals = [b.alloca(VEC, count) for _ in shape.pattern] if count is not None else []
+        self.late = Late(b, a, shape, interval) if interval is not None else None
+        self.width, self.least = a.number(0), splat(b, a.number(1))
+
+    def group(self, group: ir.Value) -> None:
+        b, a = self.b, self.a
+        own = Own(self.shape).of(b, a["own"], group)
+        m = self._machine(own)
+        rest = self._tables(m)
+        x0 = [load(b, own["x0"], i) for i in range(self.layout.n_states)]
+        self.place.write(x0, [vector(0.0)] * self.layout.n_series)
+        begun = self.shape.tally.begun() if self.shape.tally is not None else []
+        for total in self.totals:
+            for n, value in enumerate(begun):
+                store(b, value, total, n)
+        if self.late is not None:
+            self.late.begin(m, group, own)
+        runs = Loop(b, a["runs"], [I64(0)], "runs")
+        length, share = a.whole("length", runs.index), a.real("share", runs.index)
+        table = a.row("table", a.whole("node", runs.index), len(entries_of(self.layout)))
+        inside = b.fcmp_ordered(">=", share, ir.Constant(share.type, 0.0))
+        with b.if_else(inside) as (then, otherwise):
+            with then:
+                inputs, slopes = self._observed(group, own, runs.carried[0])
+                self.place.write(self.place.read()[0], inputs)
+                emit_rest(m, rest, share, self.place, slopes)
+                state, inputs = self.place.read()
+                self.place.write(apply(m, table, state, inputs, slopes), inputs)
+            with otherwise:
+                self._equal_steps(group, own, runs.carried[0], length, table)
+        runs.close([b.add(runs.carried[0], length)])
+        if self.late is not None and self.shape.even:
+            with b.if_then(b.icmp_signed(">", a["high"], I64(0))):
+                self._after_the_last(group, own)
+        out = a.row("out", group, self.shape.out_count)
+        for k, total in enumerate(self.totals):
+            for n in range(len(begun) if not self.shape.shifted[k] else 0):
+                store(b, load(b, total, n), out, k * len(begun) + n)
+
+    def _after_the_last(self, group: ir.Value, own: dict[str, ir.Value]) -> None:
+        """Samples of shifted channels, from the state at the last knot on."""
+        b, a = self.b, self.a
+        last = b.sub(a["knots"], I64(1))
+        inputs, slopes = a.drive(self.layout, last)
+        assert self.late is not None
+        self.late.interval(
+            group, own, last, [*(load(b, at, 0) for at in self.end), *inputs], slopes
+        )
+
+    def _equal_steps(
+        self,
+        group: ir.Value,
+        own: dict[str, ir.Value],
+        first: ir.Value,
+        n: ir.Value,
+        table: ir.Value,
+    ) -> None:
+        """The exponential in registers, as far as there are some."""
+        b, kept = self.b, entries_of(self.layout)
+        phi = {where: load(b, table, place) for place, where in enumerate(kept)}
+        knots = Loop(b, n, [], "knots")
+        inputs, slopes = self._observed(group, own, b.add(first, knots.index))
+        state, before = self.place.read()
+        new = next_state(b, self.layout.n_states, phi, state, [*inputs, *slopes])
+        if self.shape.even:
+            for value, at in zip(state, self.end, strict=True):
+                store(b, value, at, 0)
+        self.place.write(new, before)
+        knots.close([])
+
+    def _observed(
+        self, group: ir.Value, own: dict[str, ir.Value], knot: ir.Value
+    ) -> tuple[Values, Values]:
+        """Inputs and their slopes from a knot on; what channels see until the next one is done."""
+        inputs, slopes = self.a.drive(self.layout, knot)
+        state, _ = self.place.read()
+        observe(
+            self.a,
+            self.shape,
+            own,
+            group,
+            knot,
+            [*state, vector(1.0), *inputs],
+            self.totals,
+        )
+        if self.late is not None:
+            if self.shape.even:
+                self.late.even(group, own, knot, [*state, vector(1.0), *inputs], slopes)
+            else:
+                self.late.interval(group, own, knot, [*state, *inputs], slopes)
+        return inputs, slopes
+
+    def _machine(self, own: dict[str, ir.Value]) -> Machine:
+        b, layout = self.b, self.layout
+        norm = emit_rates(b, layout, own["parameters"], self.least, self.rates)
+        over = b.fdiv(vector(1.0), norm)
+        product = b.module.globals["product"]
+        return Machine(
+            b, layout, self.exponential, product, own["parameters"], self.rates, norm, over,
+            self.span, self.e,
+        )  # fmt: skip
+
+    def _tables(self, m: Machine) -> Rest:
+        cell = emit_cell(self.b, m.norm, self.width, self.weights)
+        rest = Rest(cell, self.ladder, self.ladder_spans)
+        emit_ladder(m, rest, self.width)
+        emit_nodes(m, cell, Nodes(self.a, self.width))
+        return rest

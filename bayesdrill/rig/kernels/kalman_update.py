@@ -1,0 +1,297 @@
+"""Predict and update of a Kalman filter: what white noise does to the states in a step, and what a
+sample says of them.
+
+What white noise does to the states of a rig in a step: the transition, and the covariance of it.
+
+    Phi = exp(F h)      Q = q int exp(F s) g g' exp(F s)' ds  from 0 to h
+
+Over a step that is halved until a Taylor series is short; there Q is a Gauss-Legendre sum of
+squares.  Then Phi -> Phi Phi and Q -> Q + Phi Q Phi', as often as it was halved.
+
+A state, and a covariance of what is not known of it: what a sample teaches, and a step takes away.
+
+Channels are taken one after the other, so that only numbers are divided by.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from llvmlite import ir
+
+from bayesdrill.basics.duals import Dual, dual
+from bayesdrill.rig.kernels.exponential import emit_halvings
+from bayesdrill.rig.kernels.lanes import (
+    F64,
+    I64,
+    LANES,
+    VEC,
+    VECTORS,
+    Lane,
+    Loop,
+    function,
+    intrinsic,
+    largest,
+    load,
+    splat,
+    splat_whole,
+    store,
+    vector,
+    whole_numbers,
+)
+from bayesdrill.rig.kernels.numbers import (
+    Memory,
+    Number,
+    dot,
+    emit_copy,
+    emit_even,
+    emit_product,
+    fused,
+    root,
+)
+from bayesdrill.rig.models.latent_torque import TIME, Pushed
+
+DEGREE = 13
+NORM = 0.5  # 0.5**14 / 14! = 7e-16
+NODES = 9  # exact up to powers of 17
+
+
+@dataclass(frozen=True, slots=True)
+class Noisy:
+    """A rig with its torque: what kernels are specialised for.
+
+    `channels`: weights `(K, n)` of states, those of the torque last.
+    """
+
+    model: Pushed
+    channels: tuple[tuple[float, ...], ...]
+
+    @property
+    def n(self) -> int:
+        return len(self.model.states)
+
+    @property
+    def p(self) -> int:
+        return len(self.model.parameters)
+
+    @property
+    def k(self) -> int:
+        return len(self.channels)
+
+    @property
+    def own(self) -> int:
+        """States of the torque."""
+        return len(self.model.torque.states)
+
+    def seen(self, k: int) -> dict[int, float]:
+        """States of which channel k tells, with their weights."""
+        return {i: weight for i, weight in enumerate(self.channels[k]) if weight != 0.0}
+
+
+def emit_spread(module: ir.Module, noisy: Noisy, *, slopes: bool) -> ir.Function:
+    """`spread(parameters (P,), span, phi (n, n), q (n, n))`, of numbers, with slopes or without.
+
+    `span`: one vector, a length of time of each lane.
+    """
+    n = noisy.n
+    multiply = emit_product(module, (n, n, n), slopes=slopes)
+    turned = emit_even(module, n, adds=True, slopes=slopes)
+    made = function(module, "spread_d" if slopes else "spread", 0, [VECTORS] * 4)
+    parameters, span, phi, q = made.args
+    b = ir.IRBuilder(made.append_basic_block())
+    memory = Memory(b, slopes)
+    named = dict(zip(noisy.model.parameters, memory.row(parameters, noisy.p), strict=True))
+    entries = _entries(noisy, named)
+    halvings = _halvings(b, entries, n, load(b, span, 0))
+    exponent = b.shl(b.sub(whole_numbers(1023), splat_whole(b, halvings)), whole_numbers(52))
+    short = Lane(b, b.fmul(load(b, span, 0), b.bitcast(exponent, VEC)))
+    timed = {place: entry * short for place, entry in entries.items()}
+    _emit_series(memory, timed, n, phi)
+    driven = noisy.model.torque.driven(named[TIME]) * short
+    _emit_squares(memory, timed, n, q, driven)
+    spare, other = memory.room(n * n), memory.room(n * n)
+    twice = Loop(b, halvings, [], "twice")
+    b.call(multiply, [spare, phi, q])
+    b.call(turned, [q, spare, phi])
+    b.call(multiply, [other, phi, phi])
+    emit_copy(b, other, phi, n * n * memory.width)
+    twice.close([])
+    b.ret_void()
+    return made
+
+
+def _entries(noisy: Noisy, named: dict[str, Number]) -> dict[tuple[int, int], Number]:
+    states = noisy.model.states
+    linear = noisy.model.linear(named)
+    return {(states.index(r), states.index(c)): value for (r, c), value in linear.A.items()}
+
+
+def _halvings(
+    b: ir.IRBuilder, entries: dict[tuple[int, int], Number], n: int, span: ir.Value
+) -> ir.Value:
+    """At least one, the same of all lanes."""
+    absolute = intrinsic(b.module, f"llvm.fabs.v{LANES}f64", VEC, [VEC])
+    norm = vector(0.0)
+    for row in range(n):
+        total = vector(0.0)
+        for entry in (value for (i, _), value in entries.items() if i == row):
+            value = dual(entry).value
+            known = value.value if isinstance(value, Lane) else vector(float(value))
+            total = b.fadd(total, b.call(absolute, [known]))
+        norm = b.select(b.fcmp_unordered(">", total, norm), total, norm)
+    most = largest(b, emit_halvings(b, b.fmul(norm, span), NORM))
+    return b.select(b.icmp_signed(">", most, I64(1)), most, I64(1))
+
+
+def _moved(
+    entries: dict[tuple[int, int], Number], n: int, vector_: list[Number], times: Number
+) -> list[Number]:
+    found: list[Number] = []
+    for i in range(n):
+        total: Number = None
+        for (row, column), entry in entries.items():
+            if row == i:
+                total = fused(entry, vector_[column], total)
+        found.append(0.0 if total is None else total * times)
+    return found
+
+
+def _emit_series(
+    memory: Memory, timed: dict[tuple[int, int], Number], n: int, phi: ir.Value
+) -> None:
+    """exp of what is timed, a column at a time."""
+    b = memory.b
+    memory.clear(phi, n * n)
+    for i in range(n):
+        memory.put(1.0, phi, i * n + i)
+    term = memory.room(n)
+    columns = Loop(b, I64(n), [], "columns")
+    top = memory.at(phi, columns.index)
+    for i in range(n):
+        memory.put(memory.get(top, i * n), term, i)
+    orders = Loop(b, I64(DEGREE), [], "orders")
+    for i, value in enumerate(_moved(timed, n, memory.row(term, n), _over(b, orders.index))):
+        memory.put(value, term, i)
+        memory.put(memory.get(top, i * n) + value, top, i * n)
+    orders.close([])
+    columns.close([])
+
+
+def _over(b: ir.IRBuilder, index: ir.Value) -> Lane:
+    """One over the number after."""
+    number = b.sitofp(b.add(index, I64(1)), F64)
+    return Lane(b, splat(b, b.fdiv(ir.Constant(F64, 1.0), number)))
+
+
+def _emit_squares(
+    memory: Memory, timed: dict[tuple[int, int], Number], n: int, q: ir.Value, driven: Number
+) -> None:
+    """`driven` times the integral over 0 to 1."""
+    b = memory.b
+    terms = memory.room((DEGREE + 1) * n)
+    for i in range(n):
+        memory.put(1.0 if i == n - 1 else 0.0, terms, i)
+    orders = Loop(b, I64(DEGREE), [], "orders")
+    here = memory.at(terms, b.mul(orders.index, I64(n)))
+    for i, value in enumerate(_moved(timed, n, memory.row(here, n), _over(b, orders.index))):
+        memory.put(value, here, n + i)
+    orders.close([])
+    memory.clear(q, n * n)
+    nodes, weights = _gauss()
+    table = b.alloca(VEC, I64(2 * NODES))
+    for k, (node, weight) in enumerate(zip(nodes, weights, strict=True)):
+        store(b, vector(float(node)), table, 2 * k)
+        store(b, vector(float(weight)), table, 2 * k + 1)
+    each = Loop(b, I64(NODES), [], "nodes")
+    row = b.gep(table, [b.mul(each.index, I64(2))])
+    node, weight = Lane(b, load(b, row, 0)), Lane(b, load(b, row, 1))
+    point = [memory.get(terms, DEGREE * n + i) for i in range(n)]
+    for order in range(DEGREE - 1, -1, -1):
+        point = [fused(one, node, memory.get(terms, order * n + i)) for i, one in enumerate(point)]
+    for i in range(n):
+        scaled = point[i] * weight * driven
+        for j in range(n):
+            memory.put(fused(scaled, point[j], memory.get(q, i * n + j)), q, i * n + j)
+    each.close([])
+
+
+def _gauss() -> tuple[np.ndarray, np.ndarray]:
+    nodes, weights = np.polynomial.legendre.leggauss(NODES)
+    return 0.5 * (nodes + 1.0), 0.5 * weights
+
+
+def width(n: int) -> int:
+    """Numbers that `emit_taught` leaves of a channel: the gain (n,), the variance of what it shows, and
+    the root of one over it.
+    """
+    return n + 2
+
+
+def emit_taught(
+    memory: Memory,
+    noisy: Noisy,
+    k: int,
+    p: ir.Value,
+    variances: ir.Value,
+    gains: ir.Value,
+    is_seen: Number = 1.0,
+) -> None:
+    """Of channel k into `gains (K, width)`; the covariance p (n, n) loses what it teaches."""
+    n, own = noisy.n, noisy.seen(k)
+    weights = weights_of(memory.b, noisy, k)
+    shown = [dot(weights, [memory.get(p, i * n + j) for j in own]) for i in range(n)]
+    variance = dot(weights, [shown[j] for j in own], memory.get(variances, k))
+    over = is_seen / variance
+    gain = [one * over for one in shown]
+    for i in range(n):
+        for j in range(n):
+            memory.put(fused(-gain[i], shown[j], memory.get(p, i * n + j)), p, i * n + j)
+    at = k * width(n)
+    for i, one in enumerate(gain):
+        memory.put(one, gains, at + i)
+    memory.put(variance * is_seen + (1.0 - is_seen), gains, at + n)
+    memory.put(_root(memory.b, over), gains, at + n + 1)
+
+
+def met(
+    memory: Memory, noisy: Noisy, k: int, state: Sequence[Number], y: Number, gains: ir.Value
+) -> tuple[Number, list[Number]]:
+    """What channel k shows that the state does not, and the state that knows of it."""
+    n = noisy.n
+    rest = y
+    for i, weight in noisy.seen(k).items():
+        rest = fused(Lane(memory.b, vector(-weight)), state[i], rest)
+    gain = [memory.get(gains, k * width(n) + i) for i in range(n)]
+    return rest, [fused(one, rest, x) for one, x in zip(gain, state, strict=True)]
+
+
+def emit_carried(memory: Memory, n: int, p: ir.Value, phi: ir.Value, q: ir.Value) -> None:
+    """p = phi p phi' + q, where that is written."""
+    b = memory.b
+    half = emit_product(b.module, (n, n, n), slopes=memory.slopes)
+    whole = emit_even(b.module, n, adds=True, slopes=memory.slopes)
+    spare = memory.room(n * n)
+    b.call(half, [spare, phi, p])
+    emit_copy(b, q, p, n * n * memory.width)
+    b.call(whole, [p, spare, phi])
+
+
+def weights_of(b: ir.IRBuilder, noisy: Noisy, k: int) -> list[Number]:
+    """Those of the states of which channel k tells."""
+    return [Lane(b, vector(weight)) for weight in noisy.seen(k).values()]
+
+
+def root_of(memory: Memory, n: int, k: int, gains: ir.Value) -> Number:
+    """Of one over the variance of what channel k shows."""
+    return memory.get(gains, k * width(n) + n + 1)
+
+
+def _root(b: ir.IRBuilder, number: Number) -> Number:
+    value = dual(number).value
+    size = Lane(b, root(b, value.value))
+    if not isinstance(number, Dual):
+        return size
+    safe = b.select(b.fcmp_ordered("==", size.value, vector(0.0)), vector(1.0), size.value)
+    return Dual(size, number.slope * 0.5 / Lane(b, safe))

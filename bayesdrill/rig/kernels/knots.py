@@ -1,0 +1,420 @@
+"""Steps between knots that are not all equal, and what a channel sees at a knot.
+
+Steps between knots that are not all equal, for one group of walkers.
+
+A step is a node, whose exponential is in a table, and a remainder within a cell: halvings of the
+cell where that is long for a lane (`ladder`), and then a Taylor series of few terms.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from llvmlite import ir
+
+from bayesdrill.rig.kernels.compiling import Layout
+from bayesdrill.rig.kernels.exponential import DEEPEST, Cell, Values, emit_terms
+from bayesdrill.rig.kernels.lanes import (
+    F64,
+    I64,
+    LANES,
+    NUMBERS,
+    VEC,
+    VECTORS,
+    Loop,
+    floor,
+    fma,
+    gather,
+    load,
+    scatter,
+    splat,
+    splat_whole,
+    store,
+    vector,
+    whole_numbers,
+)
+from bayesdrill.rig.kernels.recurrence import next_state
+from bayesdrill.rig.kernels.sums import Tally
+
+WHOLE = I64.as_pointer()
+
+# T knots; `high`: rungs of the ladder that lead beyond the cells, of which there are `cells`, 0 where
+# no sample wants it.
+COUNTS = ("groups", "knots", "nodes", "runs", "cells", "high")
+BLOCKS = {
+    "own": VECTORS,  # (G, `Own.width`): what walkers have of their own
+    "numbers": NUMBERS,  # widths of a cell of steps and of one of shifts, least norm
+    "spans": NUMBERS,  # (N,) of nodes
+    "inside": NUMBERS,  # (N,) 1 where shares follow
+    "chained": WHOLE,  # (N,) 1 where a node is the one before and a cell
+    "node": WHOLE,  # of each run of equal steps,
+    "length": WHOLE,  # its steps,
+    "share": NUMBERS,  # and its share of a cell, -1 without
+    "u": NUMBERS,  # (T, S)
+    "slopes": NUMBERS,  # (T, S)
+    "y": NUMBERS,  # (T + 1, K), the last NaN
+    "t": NUMBERS,  # (T + 1,), the last infinity
+    "which": WHOLE,  # of the shifted channels
+    "table": VECTORS,  # scratch: nodes
+    "ladder": VECTORS,  # scratch of shifts: their ladder, ...
+    "rows": NUMBERS,  # ... and their cells
+    "out": VECTORS,  # (G, K, n) sums or (G, T + 1, K) signals
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Shape:
+    """What a kernel is specialised for.
+
+    `pattern (K, R)`: entries of the rows that may differ from zero; `tally`: None for signals;
+    `shifted (K,)`: channels whose times are; `even`: all steps are equal.
+    """
+
+    layout: Layout
+    pattern: tuple[tuple[bool, ...], ...]
+    tally: Tally | None
+    shifted: tuple[bool, ...]
+    even: bool
+
+    @property
+    def late(self) -> bool:
+        return any(self.shifted)
+
+    @property
+    def weights(self) -> int:
+        """Of each channel."""
+        return self.tally.weights if self.tally is not None else 0
+
+    @property
+    def out_count(self) -> int:
+        """Vectors of a group in `out`, where there are sums."""
+        return len(self.pattern) * (self.tally.count if self.tally is not None else 1)
+
+    @property
+    def r_count(self) -> int:
+        return self.layout.n_states + 1 + self.layout.n_series
+
+
+@dataclass(frozen=True, slots=True)
+class Own:
+    """Parts of the block `own`, and how many vectors each has."""
+
+    shape: Shape
+
+    @property
+    def parts(self) -> dict[str, int]:
+        k, x = len(self.shape.pattern), self.shape.layout.n_states
+        always = {
+            "parameters": self.shape.layout.n_parameters,
+            "x0": x,
+            "rows": k * self.shape.r_count,
+        }
+        late = {"before": x, "shift": k, "share": k, "offset": k, "head": k, "begin": k}
+        found = always | (late if self.shape.late else {})
+        return found | ({"weight": k * self.shape.weights} if self.shape.weights else {})
+
+    @property
+    def width(self) -> int:
+        return sum(self.parts.values())
+
+    def of(self, b: ir.IRBuilder, block: ir.Value, group: ir.Value) -> dict[str, ir.Value]:
+        found, place = {}, b.gep(block, [b.mul(group, I64(self.width))])
+        for name, size in self.parts.items():
+            found[name], place = place, b.gep(place, [I64(size)])
+        return found
+
+
+@dataclass(frozen=True, slots=True)
+class Arguments:
+    b: ir.IRBuilder
+    named: dict[str, ir.Value]
+
+    def __getitem__(self, name: str) -> ir.Value:
+        return self.named[name]
+
+    def row(self, name: str, index: ir.Value, count: int) -> ir.Value:
+        return self.b.gep(self.named[name], [self.b.mul(index, I64(count))])
+
+    def whole(self, name: str, index: ir.Value) -> ir.Value:
+        return self.b.load(self.b.gep(self.named[name], [index]))
+
+    real = whole
+
+    def number(self, index: int) -> ir.Value:
+        return self.b.load(self.b.gep(self.named["numbers"], [I64(index)]))
+
+    def drive(self, layout: Layout, knot: ir.Value) -> tuple[list[ir.Value], list[ir.Value]]:
+        """The sampled inputs and, with a first-order hold, their slopes."""
+        b, count = self.b, layout.n_series
+        found: list[list[ir.Value]] = []
+        for name in ("u", "slopes"):
+            mine = self.row(name, knot, count)
+            found.append([splat(b, b.load(b.gep(mine, [I64(s)]))) for s in range(count)])
+        return found[0], found[1] if layout.first_order else []
+
+    def signals_of(self, group: ir.Value, k_count: int) -> ir.Value:
+        """Where in `out` those of a group begin."""
+        size = self.b.mul(self.b.add(self.named["knots"], I64(1)), I64(k_count))
+        return self.b.gep(self.named["out"], [self.b.mul(group, size)])
+
+
+def observe(
+    a: Arguments,
+    shape: Shape,
+    own: dict[str, ir.Value],
+    group: ir.Value,
+    knot: ir.Value,
+    z: list[ir.Value],
+    totals: list[ir.Value],
+) -> None:
+    """Channels that are not late, at a knot where the state with one and inputs is `z`."""
+    b, k_count = a.b, len(shape.pattern)
+    for k in (k for k, shifted in enumerate(shape.shifted) if not shifted):
+        flat = b.add(b.mul(knot, I64(k_count)), I64(k))
+        total = vector(0.0)
+        for r in (r for r, used in enumerate(shape.pattern[k]) if used):
+            total = fma(b, load(b, own["rows"], k * shape.r_count + r), z[r], total)
+        if shape.tally is not None:
+            y = splat(b, a.real("y", flat))
+            seen = b.fcmp_ordered("ord", y, y)
+            left = b.select(seen, b.fsub(y, total), vector(0.0))
+            weights = [load(b, own["weight"], k * shape.weights + n) for n in range(shape.weights)]
+            add_to(b, shape.tally, totals[k], left, seen, weights)
+        else:
+            store(b, total, b.gep(a.signals_of(group, k_count), [flat]), 0)
+
+
+def add_to(
+    b: ir.IRBuilder,
+    tally: Tally,
+    place: ir.Value,
+    left: ir.Value,
+    seen: ir.Value,
+    weights: list[ir.Value],
+) -> None:
+    """To the tally of one channel, which stands at a place."""
+    kept = [load(b, place, n) for n in range(tally.count)]
+    for n, value in enumerate(tally.added(b, kept, left, seen, weights)):
+        store(b, value, place, n)
+
+
+def emit_seen(
+    a: Arguments,
+    shape: Shape,
+    weight: ir.Value | None,
+    group: ir.Value,
+    k: ir.Value,
+    sample: ir.Value,
+    due: ir.Value,
+    value: ir.Value,
+) -> None:
+    """What channel k sees at a sample of each lane that is `due`; sample T is none, but has a place.
+
+    `weight`: where those of the channels stand, if they have any.
+    """
+    b, k_count = a.b, len(shape.pattern)
+    if shape.tally is None:
+        sample = b.select(due, sample, splat_whole(b, a["knots"]))
+    flat = b.add(b.mul(sample, whole_numbers(k_count)), splat_whole(b, k))
+    if shape.tally is None:
+        scatter(b, value, b.bitcast(a.signals_of(group, k_count), NUMBERS), flat)
+        return
+    y = gather(b, a["y"], flat)
+    seen = b.and_(due, b.fcmp_ordered("ord", y, y))
+    left = b.select(seen, b.fsub(y, value), vector(0.0))
+    place = b.gep(a.row("out", group, shape.out_count), [b.mul(k, I64(shape.tally.count))])
+    first = b.mul(k, I64(shape.weights))
+    own = [load(b, b.gep(weight, [first]), n) for n in range(shape.weights)]
+    add_to(b, shape.tally, place, left, seen, own)
+
+
+def row_blocks(shape: Shape) -> int:
+    """Blocks of LANES numbers that a row with all inputs and slopes takes."""
+    return -(-shape.layout.size // LANES)
+
+
+MOST_LEVELS = DEEPEST
+
+
+def entries_of(layout: Layout) -> list[tuple[int, int]]:
+    """(row, column) of what tables keep of an exponential: rows of states, as far as they reach."""
+    n, reach = layout.size, layout.reach
+    return [(i, j) for i in range(layout.n_states) for j in range(n) if reach[i][j]]
+
+
+@dataclass(frozen=True, slots=True)
+class Slots:
+    """Where state and sampled inputs are between two pieces of code."""
+
+    b: ir.IRBuilder
+    state: list[ir.Value]
+    inputs: list[ir.Value]
+
+    def read(self) -> tuple[Values, Values]:
+        return (
+            [load(self.b, slot, 0) for slot in self.state],
+            [load(self.b, slot, 0) for slot in self.inputs],
+        )
+
+    def write(self, state: Values, inputs: Values) -> None:
+        for value, slot in zip([*state, *inputs], [*self.state, *self.inputs], strict=True):
+            store(self.b, value, slot, 0)
+
+
+def slots(b: ir.IRBuilder, layout: Layout) -> Slots:
+    def some(n: int) -> list[ir.Value]:
+        return [b.alloca(VEC) for _ in range(n)]
+
+    return Slots(b, some(layout.n_states), some(layout.n_series))
+
+
+@dataclass(frozen=True, slots=True)
+class Machine:
+    """What the pieces of code for one group share."""
+
+    b: ir.IRBuilder
+    layout: Layout
+    exponential: ir.Function
+    product: ir.Function
+    parameters: ir.Value
+    rates: ir.Value
+    norm: ir.Value
+    over: ir.Value
+    spans: ir.Value  # one vector
+    e: ir.Value  # three matrices
+
+
+def emit_exponential_of(m: Machine, spans: ir.Value, out: ir.Value) -> None:
+    store(m.b, spans, m.spans, 0)
+    m.b.call(m.exponential, [m.parameters, m.spans, out])
+
+
+def keep(m: Machine, e: ir.Value, table: ir.Value) -> None:
+    for place, (i, j) in enumerate(entries_of(m.layout)):
+        store(m.b, load(m.b, e, i * m.layout.size + j), table, place)
+
+
+def apply(m: Machine, table: ir.Value, state: Values, inputs: Values, slopes: Values) -> Values:
+    """A kept exponential to a state."""
+    phi = {where: load(m.b, table, place) for place, where in enumerate(entries_of(m.layout))}
+    return next_state(m.b, m.layout.n_states, phi, state, [*inputs, *slopes])
+
+
+@dataclass(frozen=True, slots=True)
+class Rest:
+    """Of spans within a cell: exponentials over its halvings, and the spans of these."""
+
+    cell: Cell
+    ladder: ir.Value
+    spans: ir.Value
+
+
+def emit_ladder(m: Machine, rest: Rest, width: ir.Value) -> None:
+    """Over `width` / 2, / 4, ...; over 0 where a lane needs none."""
+    b = m.b
+    with b.if_then(b.icmp_signed(">", rest.cell.depth, I64(0))):
+        levels = Loop(b, rest.cell.depth, [ir.Constant(F64, 0.5)], "levels")
+        number = splat_whole(b, b.add(levels.index, I64(1)))
+        wanted = b.icmp_signed(">=", rest.cell.halvings, number)
+        span = b.select(wanted, splat(b, b.fmul(width, levels.carried[0])), vector(0.0))
+        emit_level(m, rest, levels.index, span)
+        levels.close([b.fmul(levels.carried[0], ir.Constant(F64, 0.5))])
+
+
+def emit_level(m: Machine, rest: Rest, level: ir.Value, span: ir.Value) -> None:
+    b, count = m.b, len(entries_of(m.layout))
+    store(b, span, b.gep(rest.spans, [level]), 0)
+    emit_exponential_of(m, span, m.e)
+    keep(m, m.e, b.gep(rest.ladder, [b.mul(level, I64(count))]))
+
+
+@dataclass(frozen=True, slots=True)
+class Nodes:
+    """Blocks of the host, and the width of a cell."""
+
+    a: Arguments
+    width: ir.Value
+
+
+def emit_nodes(m: Machine, cell: Cell, nodes: Nodes) -> None:
+    """The table: a chained node is the one before and a cell, others have exponentials of their own."""
+    b, a, n = m.b, nodes.a, m.layout.size
+    e, hop, spare = (b.gep(m.e, [I64(k * n * n)]) for k in range(3))
+    with b.if_then(b.fcmp_ordered(">", nodes.width, ir.Constant(F64, 0.0))):
+        emit_exponential_of(m, splat(b, nodes.width), hop)
+    each = Loop(b, a["nodes"], [], "nodes")
+    linked = b.icmp_signed("!=", a.whole("chained", each.index), I64(0))
+    with b.if_else(linked) as (then, otherwise):
+        with then:
+            b.call(m.product, [spare, e, hop])
+            for i in range(n):
+                for j in (j for j in range(n) if m.layout.reach[i][j]):
+                    store(b, load(b, spare, i * n + j), e, i * n + j)
+        with otherwise:
+            middle = b.fmul(cell.half, splat(b, nodes.width))
+            inside = splat(b, a.real("inside", each.index))
+            span = fma(b, inside, middle, splat(b, a.real("spans", each.index)))
+            emit_exponential_of(m, span, e)
+    keep(m, e, a.row("table", each.index, len(entries_of(m.layout))))
+    each.close([])
+
+
+def remainder(b: ir.IRBuilder, cell: Cell, share: ir.Value) -> ir.Value:
+    """Norm times what is left of a `share` (0 to 1, of a cell) below the halvings of each lane."""
+    fine = b.fmul(share, cell.power)
+    left = b.fsub(fine, floor(b, fine))
+    return b.fmul(b.fsub(left, cell.half), cell.unit)
+
+
+def emit_rest(m: Machine, rest: Rest, share: ir.Value, place: Slots, slopes: Values) -> None:
+    """Goes on by `share` (a number, 0 to 1) of a cell, from `place` to `place`."""
+    b, layout, x = m.b, m.layout, m.layout.n_states
+    state, inputs = place.read()
+    scaled = remainder(b, rest.cell, splat(b, share))
+
+    def add(k: ir.Value, term: Values, carried: Values) -> Values:
+        share_k = b.load(b.gep(rest.cell.weights, [k]), align=8)
+        weight = b.fmul(carried[0], b.fmul(scaled, share_k))
+        totals = [fma(b, weight, one, to) for one, to in zip(term, carried[1:], strict=True)]
+        return [weight, *totals]
+
+    start = [vector(1.0), *state]
+    values = (state, inputs, slopes)
+    done = emit_terms(b, layout, m.rates, values, m.over, rest.cell.count, start, add)
+    span = b.fmul(scaled, m.over)
+    place.write(done[1 : x + 1], later(b, inputs, slopes, span))
+    with b.if_then(b.icmp_signed(">", rest.cell.depth, I64(0))):
+        levels = Loop(b, rest.cell.depth, [], "descent")
+        power = b.shl(I64(1), b.add(levels.index, I64(1)))
+        number = b.fptosi(b.fmul(share, b.sitofp(power, F64)), I64)
+        with b.if_then(b.icmp_signed("!=", b.and_(number, I64(1)), I64(0))):
+            emit_rung(m, rest, levels.index, place, slopes)
+        levels.close([])
+
+
+def emit_rung(
+    m: Machine,
+    rest: Rest,
+    level: ir.Value,
+    place: Slots,
+    slopes: Values,
+    mask: ir.Value | None = None,
+) -> None:
+    """By one level of a ladder, in all lanes or in those of a `mask`."""
+    b = m.b
+    table = b.gep(rest.ladder, [b.mul(level, I64(len(entries_of(m.layout))))])
+    span = b.load(b.gep(rest.spans, [level]), align=8)
+    state, inputs = place.read()
+    new = apply(m, table, state, inputs, slopes)
+    after = later(b, inputs, slopes, span)
+    if mask is not None:
+        new = [b.select(mask, one, old) for one, old in zip(new, state, strict=True)]
+        after = [b.select(mask, one, old) for one, old in zip(after, inputs, strict=True)]
+    place.write(new, after)
+
+
+def later(b: ir.IRBuilder, inputs: Values, slopes: Values, span: ir.Value) -> Values:
+    """Inputs with slopes, a span later; held ones as they are."""
+    if not slopes:
+        return inputs
+    return [fma(b, slope, span, u) for u, slope in zip(inputs, slopes, strict=True)]

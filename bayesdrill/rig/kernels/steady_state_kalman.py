@@ -1,0 +1,508 @@
+"""The likelihood by a Kalman filter of one settled gain: the Riccati equation by doubling, and an
+exact start.
+
+Where the gain of a Kalman filter settles, by doubling, and what a record tells of its start.
+
+The covariance P that a step leaves as it is: after 2^j steps it is H, with a transition B and what they
+teach, G (the information of their samples on the state before them).
+Two such stretches make one of twice the length:
+
+    B <- B E        E = (1 + H G)^-1 B
+    G <- G + B' G E
+    H <- H + B (1 + H G)^-1 H B'
+
+and one that goes before what a record ends in teaches, with that, G + B' G' (1 + H G')^-1 B: the
+record is put together of stretches as its length is written in twos.
+
+The likelihood of a record that a missing torque has shaken: one gain throughout, an exact start.
+
+Channel after channel of a sample, r = y - c x, x <- x + k r; then x <- Phi x + g + G u: that of the
+response, and residuals.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import math
+from dataclasses import dataclass, field
+from functools import lru_cache
+from typing import Any
+
+from llvmlite import ir
+
+from bayesdrill.rig.kernels.compiling import HARDER, Layout, in_one_go, machine_code
+from bayesdrill.rig.kernels.exponential import emit_exponential
+from bayesdrill.rig.kernels.kalman_update import (
+    Noisy,
+    emit_carried,
+    emit_spread,
+    emit_taught,
+    met,
+    root_of,
+    weights_of,
+    width,
+)
+from bayesdrill.rig.kernels.lanes import (
+    I64,
+    LANES,
+    NUMBERS,
+    VECTORS,
+    Lane,
+    Loop,
+    anywhere,
+    function,
+    load,
+    splat,
+    store,
+    vector,
+)
+from bayesdrill.rig.kernels.numbers import (
+    Memory,
+    Number,
+    dot,
+    emit_copy,
+    emit_decomposed,
+    emit_even,
+    emit_product,
+    emit_solved,
+    fused,
+)
+from bayesdrill.rig.kernels.recurrence import emit_drive, entries, next_state
+
+LEAST, MOST = 7, 44  # doublings
+SETTLED = 1e-14  # of the variance of a sample: what one more doubling may add to it
+ROUNDING = (
+    1e-15  # of a sum; after a stretch that adds no more to it, one as long as both tells nothing
+)
+MATRICES = ("p", "phi", "q", "g", "a")  # (n, n) of `Settled`
+
+
+@dataclass(frozen=True, slots=True)
+class Settled:
+    """Where `settle` leaves what it finds, places of vectors in one block."""
+
+    n: int
+    k: int
+
+    @property
+    def gains(self) -> int:
+        """`(K, width)`, see `emit_taught`."""
+        return 5 * self.n**2
+
+    @property
+    def pulls(self) -> int:
+        """`(K, n)`: what a channel shows of the state before the sample, over its variance."""
+        return self.gains + self.k * width(self.n)
+
+    @property
+    def size(self) -> int:
+        return self.pulls + self.n * self.k
+
+    def of(self, name: str) -> int:
+        return MATRICES.index(name) * self.n**2
+
+
+def emit_settle(module: ir.Module, noisy: Noisy) -> ir.Function:
+    """`settle(samples, block, variances, first)`: of Phi and Q in the `block`, all the rest of it; G is
+    that of all samples; `first (1,)` gets how many of them tell anything of the start.
+    """
+    double, gain, before = (
+        _emit_double(module, noisy),
+        _emit_gain(module, noisy),
+        _emit_before(module, noisy.n),
+    )
+    made = function(module, "settle", 1, [VECTORS, VECTORS, I64.as_pointer()])
+    samples, block, variances, first = made.args
+    b = ir.IRBuilder(made.append_basic_block())
+    n = noisy.n
+    places, memory = Settled(n, noisy.k), Memory(b, False)
+    phi, q, p, g = (memory.at(block, places.of(name)) for name in ("phi", "q", "p", "g"))
+    one, other, taught = (memory.room(n * n) for _ in range(3))
+    grown, grows = memory.room(noisy.k), b.alloca(ir.IntType(1), I64(1))
+    for k in range(noisy.k):
+        memory.put(math.inf, grown, k)
+    emit_copy(b, phi, one, n * n)
+    emit_copy(b, q, p, n * n)
+    _emit_sample(memory, noisy, variances, taught)
+    memory.clear(g, n * n)
+    b.store(samples, first)
+    entry = b.block
+    body, after = b.append_basic_block("doubling"), b.append_basic_block("settled")
+    b.branch(body)
+    b.position_at_end(body)
+    count, transition, spare = b.phi(I64), b.phi(VECTORS), b.phi(VECTORS)
+    for node, value in ((count, I64(0)), (transition, one), (spare, other)):
+        node.add_incoming(value, entry)
+    with b.if_then(b.trunc(b.lshr(samples, count), ir.IntType(1))):
+        b.call(before, [transition, taught, p, g])
+    moves = b.call(double, [transition, spare, taught, p, variances, grown, grows])
+    following = b.add(count, I64(1))
+    length = b.shl(I64(1), following)
+    told = b.and_(b.not_(b.load(grows)), b.icmp_signed("<", length, b.load(first)))
+    with b.if_then(told):
+        b.store(length, first)
+    whole = b.icmp_signed(">", length, b.load(first))
+    more = b.or_(moves, b.icmp_signed("<", count, I64(LEAST)))
+    more = b.and_(b.or_(more, b.not_(whole)), b.icmp_signed("<", count, I64(MOST)))
+    count.add_incoming(following, b.block)
+    transition.add_incoming(spare, b.block)
+    spare.add_incoming(transition, b.block)
+    b.cbranch(more, body, after)
+    b.position_at_end(after)
+    with b.if_then(b.icmp_signed("<", b.load(first), samples)):
+        emit_copy(b, taught, g, n * n)
+    b.call(gain, [block, variances])
+    b.ret_void()
+    return made
+
+
+def _emit_sample(memory: Memory, noisy: Noisy, variances: ir.Value, taught: ir.Value) -> None:
+    """What one sample teaches."""
+    b, n = memory.b, noisy.n
+    memory.clear(taught, n * n)
+    for k in range(noisy.k):
+        over = Lane(b, b.fdiv(vector(1.0), load(b, variances, k)))
+        for i, weight in noisy.seen(k).items():
+            for j, other in noisy.seen(k).items():
+                place = i * n + j
+                memory.put(memory.get(taught, place) + over * (weight * other), taught, place)
+
+
+def _emit_double(module: ir.Module, noisy: Noisy) -> ir.Function:
+    """`double(B, its next, G, H, variances, grown (K,), grows)`: whether one more would change anything
+    in any lane; `grows (1,)`: whether G still does.
+    """
+    n = noisy.n
+    plain, solved = emit_product(module, (n, n, n)), emit_solved(module, n, n)
+    across = emit_even(module, n)
+    along = emit_even(module, n, left=True, adds=True)
+    flag = ir.IntType(1)
+    made = ir.Function(module, ir.FunctionType(flag, [VECTORS] * 6 + [flag.as_pointer()]), "double")
+    for argument in made.args:
+        argument.add_attribute("noalias")
+    transition, following, taught, p, variances, grown, grows = made.args
+    b = ir.IRBuilder(made.append_basic_block())
+    m = Memory(b, False)
+    lu, x, e, more = (m.room(n * n) for _ in range(4))
+    b.call(plain, [x, p, taught])
+    _add_one(m, n, x)
+    b.call(emit_decomposed(module, n), [lu, x, m.room(1)])
+    b.call(solved, [x, lu, p])
+    b.call(plain, [e, transition, x])
+    b.call(across, [more, e, transition])
+    b.call(solved, [e, lu, transition])
+    b.call(plain, [following, transition, e])
+    b.call(plain, [x, taught, e])
+    before = [m.get(taught, i * n + i) for i in range(n)]
+    b.call(along, [taught, transition, x])
+    b.store(_differs(m, n, before, taught), grows)
+    b.ret(_grow(m, noisy, p, more, variances, grown))
+    return made
+
+
+def _add_one(m: Memory, n: int, x: ir.Value) -> None:
+    for i in range(n):
+        m.put(m.get(x, i * n + i) + 1.0, x, i * n + i)
+
+
+def _differs(m: Memory, n: int, before: list[Number], now: ir.Value) -> ir.Value:
+    """Whether a diagonal has grown by more than rounding, and twice the stretch may tell more."""
+    grown = ir.Constant(ir.VectorType(ir.IntType(1), LANES), [0] * LANES)
+    for i, old in enumerate(before):
+        much = old * (1.0 + ROUNDING)
+        grown = m.b.or_(grown, m.b.fcmp_ordered(">", m.get(now, i * n + i).value, much.value))
+    return anywhere(m.b, grown)
+
+
+def _emit_before(module: ir.Module, n: int) -> ir.Function:
+    """`before(B, G, H, end)`: the stretch goes before what the `end (n, n)` of a record teaches."""
+    plain, solved = emit_product(module, (n, n, n)), emit_solved(module, n, n)
+    along = emit_even(module, n, left=True, adds=True)
+    made = function(module, "before", 0, [VECTORS] * 4)
+    transition, taught, p, end = made.args
+    b = ir.IRBuilder(made.append_basic_block())
+    m = Memory(b, False)
+    lu, x, e = (m.room(n * n) for _ in range(3))
+    b.call(plain, [x, p, end])
+    _add_one(m, n, x)
+    b.call(emit_decomposed(module, n), [lu, x, m.room(1)])
+    b.call(solved, [e, lu, transition])
+    b.call(plain, [x, end, e])
+    emit_copy(b, taught, end, n * n)
+    b.call(along, [end, transition, x])
+    b.ret_void()
+    return made
+
+
+def _grow(
+    m: Memory, noisy: Noisy, p: ir.Value, more: ir.Value, variances: ir.Value, grown: ir.Value
+) -> ir.Value:
+    """`more` comes to p; whether a channel would see the next: that is less by at least as much as this
+    one is than the one before, `grown (K,)`.
+    """
+    b, n = m.b, noisy.n
+    moves = ir.Constant(ir.VectorType(ir.IntType(1), LANES), [0] * LANES)
+    for k in range(noisy.k):
+        change, variance = Lane(b, vector(0.0)), Lane(b, load(b, variances, k))
+        for i, weight in noisy.seen(k).items():
+            for j, other in noisy.seen(k).items():
+                both = Lane(b, vector(weight * other))
+                change = fused(both, m.get(more, i * n + j), change)
+                variance = fused(both, m.get(p, i * n + j), variance)
+        least = variance * SETTLED * m.get(grown, k)
+        moves = b.or_(moves, b.fcmp_ordered(">", (change * change).value, least.value))
+        m.put(change, grown, k)
+    for place in range(n * n):
+        m.put(m.get(p, place) + m.get(more, place), p, place)
+    return anywhere(b, moves)
+
+
+def _emit_gain(module: ir.Module, noisy: Noisy) -> ir.Function:
+    """`gain(block, variances)`: gains, pulls, and A."""
+    n = noisy.n
+    places = Settled(n, noisy.k)
+    onward = emit_product(module, (n, n, n))
+    made = function(module, "gain", 0, [VECTORS] * 2)
+    block, variances = made.args
+    b = ir.IRBuilder(made.append_basic_block())
+    m = Memory(b, False)
+    phi, a = (m.at(block, places.of(name)) for name in ("phi", "a"))
+    gains, pulls = m.at(block, places.gains), m.at(block, places.pulls)
+    left, passed = m.room(n * n), m.room(n * n)
+    emit_copy(b, m.at(block, places.of("p")), left, n * n)
+    m.clear(passed, n * n)
+    _add_one(m, n, passed)
+    for k in range(noisy.k):
+        emit_taught(m, noisy, k, left, variances, gains)
+        rows = [m.row(m.at(passed, i * n), n) for i in noisy.seen(k)]
+        shows = [dot(weights_of(b, noisy, k), [row[j] for row in rows]) for j in range(n)]
+        root = root_of(m, n, k, gains)
+        for i, one in enumerate(shows):
+            m.put(one * root * root, pulls, k * n + i)
+            gain = -m.get(gains, k * width(n) + i)
+            for j, other in enumerate(shows):
+                m.put(fused(gain, other, m.get(passed, i * n + j)), passed, i * n + j)
+    b.call(onward, [a, phi, passed])
+    b.ret_void()
+    return made
+
+
+def emit_begun(module: ir.Module, n: int) -> ir.Function:
+    """`begun(p, g, p0, b, gained, determinant)`: what the start adds to the sum of squares, and the
+    determinant of the covariance of whitened residuals:
+
+        b' (1 + P G) (1 + P0 G)^-1 (P - P0) b        det(1 + P0 G) / det(1 + P G)
+
+    They are independent where the start has the covariance P, and it has P0; b (n,): what they show
+    of it.
+    """
+    plain, decomposed = emit_product(module, (n, n, n)), emit_decomposed(module, n)
+    made = function(module, "begun", 0, [VECTORS] * 6)
+    p, g, start, shown, gained, determinant = made.args
+    b = ir.IRBuilder(made.append_basic_block())
+    m = Memory(b, False)
+    settled, known, lu = (m.room(n * n) for _ in range(3))
+    row, solved, other = m.room(n), m.room(n), m.room(1)
+    for product, covariance in ((settled, p), (known, start)):
+        b.call(plain, [product, covariance, g])
+        _add_one(m, n, product)
+    b.call(decomposed, [lu, settled, other])
+    b.call(decomposed, [lu, known, determinant])
+    own = m.row(shown, n)
+    for i in range(n):
+        change = [m.get(p, i * n + j) - m.get(start, i * n + j) for j in range(n)]
+        m.put(dot(change, own), row, i)
+    b.call(emit_solved(module, n, 1), [solved, lu, row])
+    found = m.row(solved, n)
+    m.put(dot(own, [dot(m.row(m.at(settled, i * n), n), found) for i in range(n)]), gained, 0)
+    m.put(m.get(determinant, 0) / m.get(other, 0), determinant, 0)
+    b.ret_void()
+    return made
+
+
+COUNTS = ("groups", "samples")
+BLOCKS = {
+    "told": VECTORS,  # (G, P + K): parameters, variances
+    "y": NUMBERS,  # (T, K)
+    "u": NUMBERS,  # (T + 1, n_series)
+    "shown": VECTORS,  # scratch (T / `AT_ONCE` + 1, n)
+    "out": VECTORS,  # (2 K + 1, G)
+}
+AT_ONCE = 8  # samples
+
+
+@dataclass(frozen=True, slots=True)
+class Steadily:
+    """`run` gives minus half the sums of squares of the whitened residuals `(K,)`, the start's part with
+    them, their standard deviations `(K,)`, and the determinant that the start takes.
+    """
+
+    run: Any
+    engine: Any = field(repr=False)
+
+
+@lru_cache(maxsize=64)
+@in_one_go
+def compile_steadily(noisy: Noisy, layout: Layout) -> Steadily:
+    """`layout`: of the rig with its torque."""
+    module = ir.Module("steadily")
+    _emit(module, noisy, layout)
+    engine = machine_code(module, HARDER)
+    prototype = ctypes.CFUNCTYPE(
+        None, *[ctypes.c_int64] * len(COUNTS), *[ctypes.c_void_p] * len(BLOCKS)
+    )
+    return Steadily(prototype(engine.get_function_address("steadily")), engine)
+
+
+def _emit(module: ir.Module, noisy: Noisy, layout: Layout) -> None:
+    step = emit_exponential(module, layout, "step", layout.dt)
+    lead = emit_exponential(module, layout, "lead", layout.lead) if layout.lead > 0.0 else None
+    spread = emit_spread(module, noisy, slopes=False)
+    settle, begun = emit_settle(module, noisy), emit_begun(module, noisy.n)
+    made = function(module, "steadily", len(COUNTS), list(BLOCKS.values()))
+    a = dict(zip((*COUNTS, *BLOCKS), made.args, strict=True))
+    b = ir.IRBuilder(made.append_basic_block())
+    n, k_count, size = noisy.n, noisy.k, layout.size
+    m, places = Memory(b, False), Settled(n, k_count)
+    e, block, start = m.room(size * size), m.room(places.size), m.room(n * n)
+    shown, span, gained = m.room(n), m.room(1), m.room(1)
+    first = b.alloca(I64, I64(1))
+    groups = Loop(b, a["groups"], [], "groups")
+    own = b.gep(a["told"], [b.mul(groups.index, I64(noisy.p + k_count))])
+    variances = m.at(own, noisy.p)
+    out = [
+        b.gep(a["out"], [b.add(b.mul(a["groups"], I64(k)), groups.index)])
+        for k in range(2 * k_count + 1)
+    ]
+    state = [vector(value) for value in layout.x0]
+    m.clear(start, n * n)
+    for i in range(n - noisy.own, n):
+        m.put(1.0, start, i * n + i)
+    phi_at, q_at, p_at, g_at = (m.at(block, places.of(name)) for name in ("phi", "q", "p", "g"))
+    if lead is not None:
+        store(b, vector(layout.lead), span, 0)
+        b.call(spread, [own, span, phi_at, q_at])
+        emit_carried(m, n, start, phi_at, q_at)
+        b.call(lead, [own, e])
+        state = next_state(b, n, entries(b, layout, e), state, [])
+    store(b, vector(layout.dt), span, 0)
+    b.call(spread, [own, span, phi_at, q_at])
+    b.call(settle, [a["samples"], block, variances, first])
+    b.call(step, [own, e])
+    writer = _Samples(m, noisy, layout, a, entries(b, layout, e), block)
+    blocks = b.sdiv(b.add(b.load(first), I64(AT_ONCE - 1)), I64(AT_ONCE))
+    squares = _emit_samples(writer, blocks, state)
+    _emit_back(writer, blocks, shown)
+    b.call(begun, [p_at, g_at, start, shown, gained, out[2 * k_count]])
+    for k, (total, root) in enumerate(zip(squares, writer.roots, strict=True)):
+        m.put(-0.5 * (total * root * root + m.get(gained, 0) * (1.0 / k_count)), out[k], 0)
+        m.put(1.0 / root, out[k_count + k], 0)
+    groups.close([])
+    b.ret_void()
+
+
+@dataclass(frozen=True, slots=True)
+class _Samples:
+    """What all samples of a group of walkers have in common."""
+
+    m: Memory
+    noisy: Noisy
+    layout: Layout
+    a: dict[str, ir.Value]
+    phi: dict[tuple[int, int], ir.Value]
+    block: ir.Value
+
+    def at(self, place: int) -> ir.Value:
+        return self.m.at(self.block, place)
+
+    @property
+    def places(self) -> Settled:
+        return Settled(self.noisy.n, self.noisy.k)
+
+    @property
+    def roots(self) -> list[Number]:
+        """Of one over the variances of what channels show."""
+        n, gains = self.noisy.n, self.at(self.places.gains)
+        return [root_of(self.m, n, k, gains) for k in range(self.noisy.k)]
+
+    def passed(
+        self, index: ir.Value, carried: list[ir.Value], pulls: ir.Value | None
+    ) -> list[ir.Value]:
+        """A sample: state (n), sums of squares (K) and, with `pulls (K, n)`, what it shows (n)."""
+        b, n, k_count = self.m.b, self.noisy.n, self.noisy.k
+        lanes = [Lane(b, one) for one in carried]
+        state, sums, shown = lanes[:n], lanes[n : n + k_count], lanes[n + k_count :]
+        drive = emit_drive(b, self.layout, self.a["u"], index)
+        y = b.gep(self.a["y"], [b.mul(index, I64(k_count))])
+        gains = self.at(self.places.gains)
+        for k in range(k_count):
+            value = Lane(b, splat(b, b.load(b.gep(y, [I64(k)]))))
+            rest, state = met(self.m, self.noisy, k, state, value, gains)
+            sums[k] = fused(rest, rest, sums[k])
+            if pulls is not None:
+                shown = [fused(self.m.get(pulls, k * n + i), rest, x) for i, x in enumerate(shown)]
+        following = next_state(b, n, self.phi, [x.value for x in state], drive, halves=False)
+        return [*following, *(one.value for one in (*sums, *shown))]
+
+
+def _emit_samples(w: _Samples, blocks: ir.Value, state: list[ir.Value]) -> list[Number]:
+    """Sums of squares of all samples, forwards; the first `blocks` say what they show of their start."""
+    m, b, n, k_count = w.m, w.m.b, w.noisy.n, w.noisy.k
+    pulls = _emit_pulls(w)
+    each = Loop(b, blocks, [*state, *[vector(0.0)] * k_count], "blocks")
+    begins = b.mul(each.index, I64(AT_ONCE))
+    left = b.sub(w.a["samples"], begins)
+    count = b.select(b.icmp_signed("<", left, I64(AT_ONCE)), left, I64(AT_ONCE))
+    inner = Loop(b, count, [*each.carried, *[vector(0.0)] * n], "samples")
+    own = m.at(pulls, b.mul(inner.index, I64(n * k_count)))
+    inner_new = w.passed(b.add(begins, inner.index), inner.carried, own)
+    inner.close(inner_new)
+    shown = m.at(w.a["shown"], b.mul(each.index, I64(n)))
+    for i, one in enumerate(inner_new[n + k_count :]):
+        store(b, one, shown, i)
+    each.close(inner_new[: n + k_count])
+    kept = m.room(n + k_count)
+    for i, one in enumerate(inner_new[: n + k_count]):
+        store(b, one, kept, i)
+    begins = b.mul(blocks, I64(AT_ONCE))
+    left = b.sub(w.a["samples"], begins)
+    with b.if_then(b.icmp_signed(">", left, I64(0))):
+        later = Loop(b, left, [load(b, kept, i) for i in range(n + k_count)], "later")
+        new = w.passed(b.add(begins, later.index), later.carried, None)
+        later.close(new)
+        for i, one in enumerate(new):
+            store(b, one, kept, i)
+    return m.row(m.at(kept, n), k_count)
+
+
+def _emit_pulls(w: _Samples) -> ir.Value:
+    """`(AT_ONCE, K, n)`: what the samples of a block show of its first state, A'^k of the first's."""
+    m, b, n, k_count = w.m, w.m.b, w.noisy.n, w.noisy.k
+    each = n * k_count
+    onward = emit_product(b.module, (k_count, n, n))
+    pulls, a = m.room(AT_ONCE * each), w.at(w.places.of("a"))
+    emit_copy(b, w.at(w.places.pulls), pulls, each)
+    for k in range(1, AT_ONCE):
+        b.call(onward, [m.at(pulls, k * each), m.at(pulls, (k - 1) * each), a])
+    return pulls
+
+
+def _emit_back(w: _Samples, blocks: ir.Value, shown: ir.Value) -> None:
+    """What all blocks show of the first state: sum of A'^k of theirs, from the last to the first."""
+    m, b, n = w.m, w.m.b, w.noisy.n
+    square = emit_product(b.module, (n, n, n))
+    powers, power = m.room(2 * n * n), w.at(w.places.of("a"))
+    for k in range(AT_ONCE.bit_length() - 1):
+        following = m.at(powers, (k % 2) * n * n)
+        b.call(square, [following, power, power])
+        power = following
+    back = Loop(b, blocks, [vector(0.0)] * n, "back")
+    at = b.mul(b.sub(b.sub(blocks, I64(1)), back.index), I64(n))
+    own = m.row(m.at(w.a["shown"], at), n)
+    carried = [Lane(b, one) for one in back.carried]
+    found = [
+        dot([m.get(power, j * n + i) for j in range(n)], carried, own[i]).value for i in range(n)
+    ]
+    back.close(found)
+    for i, value in enumerate(found):
+        store(b, value, shown, i)

@@ -1,0 +1,204 @@
+"""What kernels of rigs with friction, or with late inputs, are specialised for and are given."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from llvmlite import ir
+
+from bayesdrill.basics.duals import Dual
+from bayesdrill.rig.kernels.compiling import Layout
+from bayesdrill.rig.kernels.lanes import I64, NUMBERS, VECTORS, Lane, vector
+from bayesdrill.rig.kernels.numbers import Number, total
+from bayesdrill.rig.kernels.sums import Tally
+from bayesdrill.rig.models.friction import Friction
+from bayesdrill.rig.models.linear import Model, Tangent
+
+WHOLE = I64.as_pointer()
+
+# T samples; N steps.
+COUNTS = ("groups", "samples", "nodes")
+BLOCKS = {
+    "span": NUMBERS,  # two: that of a step, and of as many as are between usual samples
+    "own": VECTORS,  # (G, `Own.width`): what walkers have of their own
+    "u": NUMBERS,  # (N + 1 + 2 `pad`, columns of inputs)
+    "pieces": WHOLE,  # (T,) steps to the next sample
+    "usual": WHOLE,  # (T,) whether that is as many as usual
+    "t": NUMBERS,  # (T,) times of samples, in steps from the first node
+    "y": NUMBERS,  # (T, K)
+    "trace": VECTORS,  # scratch (N + 1, K, 3, numbers of one)
+    "out": VECTORS,  # (G, K, n) sums, or (G, T, K, numbers of one) signals
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Shape:
+    """What a kernel is specialised for.
+
+    `series`: sampled inputs, of which `late` have a lag of each walker; `pattern (K, R)`: entries of
+    rows that may differ from zero, over states, one and (where `efforts`) what frictions do.  `tally`:
+    None for signals.  `dual`: with slopes.  `read`: channels have times of their own.  `single`: a
+    sample at each step.  `gaps`: samples without a number.  `turns`: parts of a step in which something
+    turns.
+    """
+
+    model: Model
+    series: tuple[str, ...]
+    late: tuple[str, ...]
+    constant: tuple[tuple[str, float], ...]
+    first_order: bool
+    pattern: tuple[tuple[bool, ...], ...]
+    tally: Tally | None
+    dual: bool
+    read: bool
+    single: bool
+    efforts: bool
+    gaps: bool
+    turns: int
+
+    @property
+    def strides(self) -> bool:
+        """Whether there are several steps to a sample, and sizes that come down to steady ones."""
+        if self.single or self.read or self.late:
+            return False
+        laws = [friction.law for friction in self.frictions if not friction.law.steady]
+        found = [law.spent(dict.fromkeys(law.parameters, 1.0), 0.0) for law in laws]
+        return bool(found) and all(one is not None for one in found)
+
+    @property
+    def frictions(self) -> tuple[Friction, ...]:
+        return self.model.frictions
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Of the sampled inputs in the block `u`, and in a step."""
+        slopes = tuple(f"{name} slope" for name in self.series) if self.first_order else ()
+        return (*self.series, *slopes)
+
+    @property
+    def driven(self) -> tuple[str, ...]:
+        """Columns after the constant one."""
+        return (*self.columns, *(friction.name for friction in self.frictions))
+
+    @property
+    def numbers(self) -> int:
+        return 2 if self.dual else 1
+
+    @property
+    def layout(self) -> Layout:
+        model = Tangent(self.model) if self.dual else self.model
+        return Layout(
+            n_parameters=len(model.parameters),
+            n_states=len(model.states),
+            n_series=len(self.driven),
+            first_order=False,
+            entries=_Entries(model, self.driven, self.constant),
+            dt=1.0,
+            lead=0.0,
+            x0=(),
+            channels=(),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class _Entries:
+    """Of the augmented matrix, see `Layout`."""
+
+    model: Model
+    driven: tuple[str, ...]
+    constant: tuple[tuple[str, float], ...]
+
+    def __call__(self, parameters: Sequence[Any]) -> list[tuple[int, int, Any]]:
+        linear = self.model.linear(dict(zip(self.model.parameters, parameters, strict=True)))
+        index = {name: k for k, name in enumerate(self.model.states)}
+        constant, x = dict(self.constant), len(index)
+        places = {name: x + 1 + k for k, name in enumerate(self.driven)}
+        found = [(index[row], index[column], value) for (row, column), value in linear.A.items()]
+        found += [(index[row], x, value) for row, value in linear.c.items()]
+        for (row, name), value in linear.B.items():
+            if name in places:
+                found.append((index[row], places[name], value))
+            if constant.get(name, 0.0) != 0.0:
+                found.append((index[row], x, value * constant[name]))
+        rising = [name for name in places if f"{name} slope" in places]
+        return found + [(places[name], places[f"{name} slope"], 1.0) for name in rising]
+
+
+@dataclass(frozen=True, slots=True)
+class Own:
+    """Parts of the block `own`, and how many numbers each has; with slopes, each part twice."""
+
+    shape: Shape
+
+    @property
+    def parts(self) -> dict[str, int]:
+        shape = self.shape
+        k, x, late = len(shape.pattern), len(shape.model.states), len(shape.late)
+        parts = {"parameters": len(shape.model.parameters), "x0": x, "rows": k * self.r_count}
+        if shape.read:
+            parts |= {"before": x, "shift": k}
+        weights = k * shape.tally.weights if shape.tally is not None else 0
+        parts |= {"weight": weights} if weights else {}
+        return parts | ({"share": late, "behind": late} if late else {})
+
+    @property
+    def r_count(self) -> int:
+        shape = self.shape
+        return len(shape.model.states) + 1 + (len(shape.frictions) if shape.efforts else 0)
+
+    @property
+    def width(self) -> int:
+        return self.shape.numbers * sum(self.parts.values())
+
+    def of(self, b: ir.IRBuilder, block: ir.Value, group: ir.Value) -> dict[str, ir.Value]:
+        found, place = {}, b.gep(block, [b.mul(group, I64(self.width))])
+        for name, count in self.parts.items():
+            found[name], place = place, b.gep(place, [I64(self.shape.numbers * count)])
+        return found
+
+
+class Rates:
+    """The right side of the rig's equations."""
+
+    def __init__(self, b: ir.IRBuilder, shape: Shape, parameters: Mapping[str, Number]) -> None:
+        self.b, self.shape = b, shape
+        linear, states = shape.model.linear(parameters), shape.model.states
+        constant, driven, x = dict(shape.constant), shape.driven, len(states)
+        self.rows: list[dict[int, Number]] = [{} for _ in states]
+        self.base: list[Number] = [self._number(0.0) for _ in states]
+        for (row, column), value in linear.A.items():
+            self.rows[states.index(row)][states.index(column)] = self._number(value)
+        for row, value in linear.c.items():
+            self.base[states.index(row)] = self.base[states.index(row)] + value
+        for (row, name), value in linear.B.items():
+            i = states.index(row)
+            if name in driven:
+                self.rows[i][x + 1 + driven.index(name)] = self._number(value)
+            if constant.get(name, 0.0) != 0.0:
+                self.base[i] = self.base[i] + value * constant[name]
+
+    def _number(self, value: Number) -> Number:
+        plain = not isinstance(value, Lane | Dual)
+        return Lane(self.b, vector(float(value))) if plain else value
+
+    def of(
+        self,
+        state: Sequence[Number],
+        drive: dict[int, Number],
+        efforts: Sequence[Number],
+        *,
+        later: Number | None = None,
+    ) -> list[Number]:
+        """At the beginning of a step, or `later` by its span, at its end."""
+        shape, first = self.shape, len(self.rows) + 1
+        values: dict[int, Number] = dict(enumerate(state)) | drive
+        values |= {first + len(shape.columns) + e: one for e, one in enumerate(efforts)}
+        if later is not None and shape.first_order:
+            s = len(shape.series)
+            values |= {first + k: drive[first + k] + drive[first + s + k] * later for k in range(s)}
+        return [
+            total(base, [(entry, values[k]) for k, entry in row.items()])
+            for row, base in zip(self.rows, self.base, strict=True)
+        ]

@@ -1,0 +1,199 @@
+"""The contract of a simulator, and the sums of least squares that follow from its signals and
+slopes.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import NamedTuple, Protocol, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayesdrill.record.experiment import Experiment
+from bayesdrill.rig.kernels.lanes import LANES
+from bayesdrill.rig.models.linear import Model
+from bayesdrill.rig.simulators.sensors import Sensing
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Motion:
+    """What rigs do at the times of samples: `states (W, T, X)`, and `efforts (W, T, E)` of frictions in
+    the step that begins there, positive against a positive speed.  What sticks has no speed at all.
+    """
+
+    states: Array
+    efforts: Array
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Steps:
+    """Steps of one length `span` [s] that begin at `t (N,)`: `motion` there, and what the rig feels of
+    each input: `felt (W, N)`, and `slopes (W, N)` with which it goes on through the step.
+    """
+
+    t: Array
+    span: float
+    motion: Motion
+    felt: Mapping[str, Array]
+    slopes: Mapping[str, Array]
+
+
+class Stepping(NamedTuple):
+    """`pieces`: steps to a sample; `turns`: parts of a step in which something turns; `chosen`: both
+    were, for the noise.
+    """
+
+    pieces: int
+    turns: int
+    chosen: bool
+
+
+class Simulator(Protocol):
+    """Parameters are `full (W, P)`, columns in the order of `parameters`, SI: those of the `model`, then
+    those of sensors and start.  All is batch-first, and a walker whose numbers overflow gets NaN in its
+    own row alone.
+    """
+
+    @property
+    def parameters(self) -> tuple[str, ...]: ...
+
+    @property
+    def model(self) -> Model: ...
+
+    @property
+    def experiment(self) -> Experiment: ...
+
+    @property
+    def sensing(self) -> Sensing:
+        """What it is told beside the rig's parameters."""
+        ...
+
+    @property
+    def exact(self) -> bool:
+        """Whether slopes come as sums from one kernel, exact and without a sample kept."""
+        ...
+
+    @property
+    def record(self) -> tuple[int, int] | None:
+        """Where such a kernel reads it: addresses of channels `(T, K)`, and of inputs `(T + 1, S)`."""
+        ...
+
+    @property
+    def stepping(self) -> Stepping | None:
+        """None where there is no step whose size matters."""
+        ...
+
+    def finer(self, pieces: int, turns: int = ..., *, chosen: bool = ...) -> Self:
+        """In other steps, where it has some."""
+        ...
+
+    def motion(self, full: Array) -> Motion:
+        """As the rig moves, whatever sensors make of it."""
+        ...
+
+    def steps(self, full: Array) -> Steps:
+        """Of all steps to the last sample, which is where the last one begins."""
+        ...
+
+    def signals(self, full: Array) -> Array:
+        """The channels without noise, `(W, T, K)`."""
+        ...
+
+    def squares(self, full: Array) -> Array:
+        """Sums of squared residuals `(W, K)`, without a sample kept."""
+        ...
+
+    def neighbours(self, full: Array) -> Array:
+        """Of residuals, likewise: `(W, K, 4)` sums of their squares and of products of those seen one
+        after the other, the last and the first.
+        """
+        ...
+
+    def logs(self, full: Array, weights: Array) -> Array:
+        """Sums `(W, K)` of log(1 + weight times squared residual), with `weights (W, K)`."""
+        ...
+
+    def intervals(self, full: Array, over: Array, half: Array) -> Array:
+        """Sums `(W, K)` of logs of the probability that a standard normal number is within `half (W, K)`
+        of the residual times `over (W, K)`; `half` at least 0.2.
+        """
+        ...
+
+    def sensitivities(self, full: Array, along: Array) -> Array:
+        """d signal along q directions `(W, q, P)` in the space of parameters: `(W, q, T, K)`."""
+        ...
+
+    def normal(self, full: Array, along: Array, scales: Array) -> tuple[Array, Array, Array]:
+        """As sums, all times `scales (W, K)`: squares of residuals `(W, K)`, their products with
+        sensitivities `(W, q)`, and those of sensitivities with each other `(W, q, q)`.
+        """
+        ...
+
+    def course(self, full: Array, along: Array) -> tuple[Array, Array]:
+        """Signals and sensitivities at once; q at least 1."""
+        ...
+
+    def of(self, experiment: Experiment) -> Simulator:
+        """Of another experiment with the same sensors, which may have further channels."""
+        ...
+
+    def with_record(self, y: Array) -> Self:
+        """The same experiment with another record `(T, K)`."""
+        ...
+
+    def with_series(self, series: Mapping[str, Array]) -> Self:
+        """The same experiment under other measured inputs."""
+        ...
+
+
+MOST_BYTES = 6e7  # of sensitivities at a time
+MOST_SQUARES = 1e200  # beyond which a product of their logs may have overflown
+
+
+def interval_sums(tally: Array) -> Array:
+    """Of a tally of intervals `(W, K, 4)`, likewise."""
+    return np.asarray(log_sums(tally[..., :3]) + tally[..., 3])
+
+
+def log_sums(tally: Array) -> Array:
+    """Of a tally of logs `(W, K, 3)`, see `kernels.tally`: `(W, K)`, NaN where squares overflow."""
+    squares, product, powers = np.moveaxis(tally, -1, 0)
+    whole = np.ascontiguousarray(powers).view(np.int64)
+    found = np.log(product) + math.log(2.0) * whole
+    return np.asarray(np.where(squares < MOST_SQUARES, found, np.nan))
+
+
+def normal(of: Simulator, full: Array, along: Array, scales: Array) -> tuple[Array, Array, Array]:
+    """See `Simulator.normal`."""
+    n, q, _ = along.shape
+    y, seen = of.experiment.y, of.experiment.seen
+    squares, slopes, products = np.empty((n, y.shape[1])), np.empty((n, q)), np.empty((n, q, q))
+    chunk = max(1, int(MOST_BYTES / (8 * q * max(seen.size, 1))))
+    for rows in (slice(k, k + chunk) for k in range(0, n, chunk)):
+        signals, found = of.course(full[rows], along[rows])
+        left = np.where(seen, y - signals, 0.0) * scales[rows, None, :]
+        shown = np.where(seen, found, 0.0) * scales[rows, None, None, :]
+        flat = shown.reshape(*shown.shape[:2], -1)
+        products[rows] = flat @ flat.swapaxes(1, 2)
+        slopes[rows] = (flat @ left.reshape(len(flat), -1, 1))[..., 0]
+        squares[rows] = (left**2).sum(axis=1)
+    return squares, slopes, products
+
+
+def in_groups(*parts: Array) -> Array:
+    """Blocks `(W, ...)` side by side: `(G, n, LANES)`; the last walker fills the last group."""
+    count = len(parts[0])
+    groups = -(-count // LANES)
+    if count % LANES:
+        last = [part[-1:].repeat(groups * LANES - count, axis=0) for part in parts]
+        parts = tuple(np.concatenate(pair) for pair in zip(parts, last, strict=True))
+    turned = [part.reshape(groups, LANES, -1).transpose(0, 2, 1) for part in parts]
+    if len(turned) == 1:
+        return np.ascontiguousarray(turned[0])
+    made = np.empty((groups, sum(part.shape[1] for part in turned), LANES))
+    return np.concatenate(turned, axis=1, out=made)

@@ -1,0 +1,403 @@
+"""The exact response at any times, for walkers that differ in their start and in their sensors.
+
+The exact response as sensors show it: late, scaled, shifted, from an unknown start, at any times.
+
+`Sensing` says which numbers that takes beside the rig's parameters.  Everything is linear in the
+states, so that sensors are rows of weights, and their derivatives other rows (`Dense` runs both).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayesdrill.record.experiment import Experiment, frozen
+from bayesdrill.rig.kernels.compiling import Layout
+from bayesdrill.rig.kernels.irregular import Kernel, compile_dense
+from bayesdrill.rig.kernels.knots import BLOCKS, COUNTS, MOST_LEVELS, Shape, entries_of, row_blocks
+from bayesdrill.rig.kernels.lanes import LANES
+from bayesdrill.rig.kernels.sums import INTERVALS, LOGS, NEIGHBOURS, SQUARES, Tally
+from bayesdrill.rig.models.linear import Model, Tangent
+from bayesdrill.rig.simulators.contract import in_groups, interval_sums, log_sums, normal
+from bayesdrill.rig.simulators.exact import Matrix
+from bayesdrill.rig.simulators.sensors import Numbers, Sensing, Walkers
+from bayesdrill.rig.simulators.stepped import Unstepped
+from bayesdrill.rig.simulators.time_grid import Grid, grid, runs
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+Pattern = tuple[tuple[bool, ...], ...]
+
+CELLS, CELLS_PER = (32, 64), 20  # of shifts, one for 20 samples between these ends
+NEAR = 2.5  # usual steps: spans up to there are in cells
+FARTHEST = 2.0**40  # usual steps after the last sample
+NONE = np.zeros(0)
+
+
+class Dense:
+    """`model` at times `t (T,)`, increasing, with inputs as in an `Experiment`.
+
+    Walkers have `parameters (W, P)`, a start `x0 (W, X)` at `t[0]`, before which states move
+    straight at the rates `before (W, X)`, and channels: at time t channel k of walker w sees
+    `rows[w, k] (R,)` times (states, 1, inputs of `series`) at the time t - `shift[w, k]`.  Before
+    and after the record inputs are constant.  `shift=None` is zero.  A walker whose numbers
+    overflow gets NaN (or infinity, in a sum) in its own row alone.
+
+    Kernels are compiled when they are first wanted, and again when rows have entries that were
+    zero so far; what a walker gets depends neither on that nor on others.
+    """
+
+    def __init__(
+        self,
+        model: Model,
+        t: Array,
+        series: Mapping[str, Array],
+        constant: Mapping[str, float],
+        first_order: bool,
+    ) -> None:
+        self.model = model
+        self._t = np.array(t, dtype=float)
+        self._inputs = ({**series}, {**constant}, first_order)
+        self._layout = _layout(model, tuple(series), constant, first_order and bool(series))
+        g = self._grid = grid(self._t)
+        self._kept = len(entries_of(self._layout))
+        self._kernels: dict[Any, tuple[Kernel, Shape]] = {}
+        self._cells = int(np.clip(len(g.t) // CELLS_PER, *CELLS))
+        steps = np.diff(g.t[:-1])
+        self._near = float(steps[steps <= NEAR * g.usual].max()) if len(steps) else 1.0
+        self._farthest = float(steps.max()) if len(steps) else 0.0
+        self._blocks = self._constant(series)
+        self._addresses = {name: block.ctypes.data for name, block in self._blocks.items()}
+        self._whole = len(g.at) == len(g.t) - 1  # no knot but samples
+        self._pattern: Mask | None = None
+        self._entries: Pattern = ()
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {"model": self.model, "t": self._t, "inputs": self._inputs}
+
+    def __setstate__(self, state: Mapping[str, Any]) -> None:
+        self.__init__(state["model"], state["t"], *state["inputs"])  # type: ignore[misc]
+
+    def _constant(self, series: Mapping[str, Array]) -> dict[str, Array]:
+        g = self._grid
+        held = np.array([*series.values()]).reshape(len(series), len(self._t)).T
+        u, slopes = _driven(g, held, self._layout.first_order)
+        node, length, share = runs(g)
+        numbers = np.array([g.width, self._near / self._cells, 1e-3 / g.usual])
+        return {
+            "numbers": numbers, "spans": g.spans, "inside": g.inside, "chained": g.chained,
+            "node": node, "length": length, "share": share, "u": u, "slopes": slopes, "t": g.t,
+        }  # fmt: skip
+
+    def squares(
+        self,
+        parameters: Array,
+        x0: Array,
+        before: Array,
+        shift: Array | None,
+        rows: Array,
+        y: Array,
+    ) -> Array:
+        """Sums `(W, K)` of squared residuals of the record `y (T, K)`, where it is not NaN."""
+        return self.tallied((parameters, x0, before, shift, rows), y, SQUARES)[..., 0]
+
+    def tallied(
+        self, walkers: tuple[Any, ...], y: Array, tally: Tally, weights: Array | None = None
+    ) -> Array:
+        """`(W, K, n)` of residuals of the record `y (T, K)`; `weights (W, K m)`, if any."""
+        n, k_count = len(walkers[0]), y.shape[1]
+        out = np.empty((-(-n // LANES), k_count * tally.count, LANES))
+        full = np.empty((len(self._grid.t), y.shape[1]))
+        if self._whole:
+            full[:-1], full[-1] = y, np.nan
+        else:
+            full.fill(np.nan)
+            full[self._grid.at] = y
+        self._run(walkers, full, out, tally, weights)
+        return out.transpose(0, 2, 1).reshape(-1, k_count, tally.count)[:n]
+
+    def signals(
+        self,
+        parameters: Array,
+        x0: Array,
+        before: Array,
+        shift: Array | None,
+        rows: Array,
+        seen: Mask | None = None,
+    ) -> Array:
+        """The channels `(W, T, K)`; NaN where `seen (T, K)` is given and false."""
+        n, k_count = rows.shape[:2]
+        out = np.empty((-(-n // LANES), len(self._grid.t), k_count, LANES))
+        self._run((parameters, x0, before, shift, rows), NONE, out)
+        at = out[:, :-1] if self._whole else out[:, self._grid.at]
+        found = np.ascontiguousarray(at.transpose(0, 3, 1, 2).reshape(-1, *at.shape[1:3])[:n])
+        if seen is not None:
+            found[:, ~seen] = np.nan
+        return found
+
+    def _run(
+        self,
+        walkers: tuple[Any, ...],
+        y: Array,
+        out: Array,
+        tally: Tally | None = None,
+        weights: Array | None = None,
+    ) -> None:
+        parameters, x0, before, shift, rows = walkers
+        late = None
+        if shift is not None and shift.any():
+            late = _Late(self._grid, np.asarray(shift), rows)
+            rows = late.rows
+        shifted = late.shifted if late is not None else (False,) * rows.shape[1]
+        kernel, shape = self._kernel(self._used(rows), tally, shifted)
+        g, kept = self._grid, self._kept * LANES
+        blocks = {
+            "y": y,
+            "which": np.flatnonzero(shifted) if late is not None else NONE,
+            "table": np.empty(len(g.spans) * kept),
+            "ladder": NONE,
+            "rows": NONE,
+            "out": out,
+        }
+        own = [parameters, x0, rows.reshape(len(rows), -1)]
+        high = 0
+        if late is not None:
+            own += [before, *late.own]
+            if late.searched:
+                high = int(max(self._farthest, late.farthest) / self._near).bit_length() or 1
+            blocks["ladder"] = np.empty((high + MOST_LEVELS) * kept)
+            each = (self._cells + 1) * LANES * LANES * row_blocks(shape)
+            blocks["rows"] = np.empty(rows.shape[1] * each)
+        own += [] if weights is None else [weights]
+        blocks["own"] = in_groups(*own)
+        runs_count = len(self._blocks["node"])
+        counts = (len(out), len(g.t) - 1, len(g.spans), runs_count, self._cells, high)
+        assert len(counts) == len(COUNTS)
+        addresses = self._addresses | {name: block.ctypes.data for name, block in blocks.items()}
+        kernel.run(*counts, *(addresses[name] for name in BLOCKS))
+
+    def _kernel(
+        self, pattern: Pattern, tally: Tally | None, shifted: tuple[bool, ...]
+    ) -> tuple[Kernel, Shape]:
+        wanted = (pattern, tally, shifted)
+        if wanted not in self._kernels:
+            shape = Shape(self._layout, pattern, tally, shifted, self._grid.uniform)
+            self._kernels[wanted] = compile_dense(shape), shape
+        return self._kernels[wanted]
+
+    def _used(self, rows: Array) -> Pattern:
+        """Entries of rows that are or were not zero."""
+        known = self._pattern
+        if known is None or known.shape != rows.shape[1:]:
+            known = np.zeros(rows.shape[1:], dtype=bool)
+        if self._pattern is None or rows[:, ~known].any():
+            known = known | (rows != 0.0).any(axis=0)
+            self._pattern, self._entries = known, tuple(map(tuple, known.tolist()))
+        return self._entries
+
+
+class _Late:
+    """What the kernels want to know of shifts `(W, K)`."""
+
+    def __init__(self, g: Grid, shift: Array, rows: Array) -> None:
+        n = len(g.t) - 1
+        lost = ~(shift > -FARTHEST * g.usual) | ~np.isfinite(shift)
+        self.rows = np.where(lost[:, :, None], np.nan, rows)
+        shift = np.where(lost, 0.0, shift)
+        head = np.searchsorted(g.t[:n], shift, side="left").astype(float)
+        offset, share, begin = np.zeros_like(shift), np.zeros_like(shift), head
+        self.shifted = tuple(shift.any(axis=0).tolist())
+        self.searched = True  # for the step in which samples lie
+        if g.uniform:
+            step = float(g.spans[0])
+            ratio = shift / step
+            whole = np.round(ratio)
+            near = np.abs(ratio - whole) * step <= g.near
+            offset = np.clip(np.where(near, whole, np.ceil(ratio)), -n, n)
+            share = np.where(near, 0.0, np.clip(offset * step - shift, 0.0, step))
+            head, begin = np.clip(offset, 0, n), np.clip(n + offset, 0, n)
+            self.searched = bool((offset < 0).any())
+        self.own = [shift, share, offset, head, begin]
+        self.farthest = float(max(0.0, -shift.min()))
+
+
+def _driven(g: Grid, held: Array, first_order: bool) -> tuple[Array, Array]:
+    """Inputs `(T, S)` at samples as they are at knots, and their slopes from there on."""
+    n_knots = len(g.t) - 1
+    before = np.searchsorted(g.at, np.arange(n_knots), side="right") - 1
+    since = (g.t[:-1] - g.t[g.at][before])[:, None]
+    slopes = np.zeros_like(held)
+    if first_order:
+        slopes[:-1] = np.diff(held, axis=0) / np.diff(g.t[g.at])[:, None]
+    slopes = np.ascontiguousarray(slopes[before])
+    return np.ascontiguousarray(held[before] + (slopes * since)), slopes
+
+
+def _layout(
+    model: Model, series: tuple[str, ...], constant: Mapping[str, float], first_order: bool
+) -> Layout:
+    return Layout(
+        n_parameters=len(model.parameters),
+        n_states=len(model.states),
+        n_series=len(series),
+        first_order=first_order,
+        entries=Matrix(model, series, tuple(constant.items()), first_order),
+        dt=1.0,
+        lead=0.0,
+        x0=(0.0,) * len(model.states),
+        channels=(),
+    )
+
+
+@dataclass(frozen=True)
+class Measured(Unstepped):
+    """See `simulator.Simulator`; parameters are the model's, then those that `sensing` names."""
+
+    model: Model
+    experiment: Experiment
+    sensing: Sensing
+
+    exact: ClassVar[bool] = False
+    record: ClassVar[None] = None
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        return (*self.model.parameters, *self.sensing.names)
+
+    def of(self, experiment: Experiment) -> Measured:
+        return Measured(self.model, experiment, self.sensing)
+
+    def with_record(self, y: Array) -> Measured:
+        """What was not measured stays so."""
+        if y.shape != self.experiment.y.shape:
+            raise ValueError(f"the record has shape {self.experiment.y.shape}, not {y.shape}")
+        kept = frozen(np.where(self.experiment.seen, y, np.nan))
+        made = self.of(dataclasses.replace(self.experiment, y=kept))
+        for name in ("_dense", "_tangent"):  # which no record has a part in
+            if name in self.__dict__:
+                made.__dict__[name] = self.__dict__[name]
+        return made
+
+    def with_series(self, series: Mapping[str, Array]) -> Measured:
+        if set(series) != set(self.experiment.series):
+            raise ValueError(f"series of {sorted(self.experiment.series)} are wanted")
+        ordered = {name: series[name] for name in self.experiment.series}
+        return self.of(dataclasses.replace(self.experiment, series=ordered))
+
+    def signals(self, full: Array) -> Array:
+        with np.errstate(all="ignore"):
+            return self._walkers.cut(self._dense.signals(*self._settings(full)))
+
+    def squares(self, full: Array) -> Array:
+        with np.errstate(all="ignore"):
+            return self._dense.squares(*self._settings(full), self._walkers.padded)
+
+    def neighbours(self, full: Array) -> Array:
+        with np.errstate(all="ignore"):
+            return self._dense.tallied(self._settings(full), self._walkers.padded, NEIGHBOURS)
+
+    def logs(self, full: Array, weights: Array) -> Array:
+        with np.errstate(all="ignore"):
+            settings = self._settings(full)
+            return log_sums(self._dense.tallied(settings, self._walkers.padded, LOGS, weights))
+
+    def intervals(self, full: Array, over: Array, half: Array) -> Array:
+        own = np.stack([over, half], axis=-1).reshape(len(full), -1)
+        with np.errstate(all="ignore"):
+            settings = self._settings(full)
+            found = self._dense.tallied(settings, self._walkers.padded, INTERVALS, own)
+            return interval_sums(found)
+
+    def sensitivities(self, full: Array, along: Array) -> Array:
+        n, q, _ = along.shape
+        points = np.repeat(full, q, axis=0)
+        with np.errstate(all="ignore"):
+            found = self._slopes(points, along.reshape(n * q, -1))
+        return found.reshape(n, q, *self.experiment.y.shape)
+
+    def course(self, full: Array, along: Array) -> tuple[Array, Array]:
+        return self.signals(full), self.sensitivities(full, along)
+
+    def normal(self, full: Array, along: Array, scales: Array) -> tuple[Array, Array, Array]:
+        return normal(self, full, along, scales)
+
+    # What `Dense` is told.
+
+    @cached_property
+    def _walkers(self) -> Walkers:
+        return Walkers(self.model, self.experiment, self.sensing)
+
+    @cached_property
+    def _dense(self) -> Dense:
+        return self._made(self._walkers.wired)
+
+    @cached_property
+    def _tangent(self) -> Dense:
+        return self._made(Tangent(self._walkers.wired))
+
+    def _made(self, model: Model) -> Dense:
+        t, series = self._walkers.knots
+        return Dense(model, t, series, self.experiment.constant, self.experiment.first_order)
+
+    def _settings(self, full: Array) -> tuple[Array, Array, Array, Array | None, Array]:
+        w = self._walkers
+        of = w.numbers(full)
+        start = w.begin(of, full)
+        before = w.before(of, start)
+        rows = np.zeros(
+            (len(full), len(self.experiment.channels), len(w.inputs) + start.shape[1] + 1)
+        )
+        rows[:, :, : start.shape[1]] = w.gains(full)[:, :, None] * w.weights
+        rows[:, :, start.shape[1]] = w.of_channels(self.sensing.offsets, full)
+        shift = w.later(full) if self.sensing.shifts else None
+        return w.told(full), start, before, shift, rows
+
+    def _slopes(self, full: Array, along: Array) -> Array:
+        """d signal along `along (n, P)` at `full (n, P)`: `(n, T, K)`."""
+        w = self._walkers
+        told, start, before, shift, rows = self._settings(full)
+        of, x = w.tangent_numbers(full, along), start.shape[1]
+        matrix, by_input, forcing = of
+        slopes = np.zeros((*rows.shape[:2], rows.shape[2] + x))
+        gains, later = w.gains(full)[:, :, None], w.later(along)[:, :, None]
+        slopes[:, :, :x] = w.of_channels(self.sensing.gains, along)[:, :, None] * w.weights
+        slopes[:, :, x : 2 * x] = gains * w.weights
+        slopes[:, :, 2 * x] = w.of_channels(self.sensing.offsets, along)
+        ahead = later * gains * w.weights  # d signal / d lag = - gain c . x'
+        slopes[:, :, :x] -= np.einsum("nkx,nxy->nky", ahead, matrix[:, :x, :x])
+        slopes[:, :, 2 * x] -= np.einsum("nkx,nx->nk", ahead, forcing[:, :x])
+        slopes[:, :, 2 * x + 1 :] -= np.einsum("nkx,nxs->nks", ahead, by_input[:, :x])
+        begin = np.concatenate([start, w.begin_slope(of, along)], axis=1)
+        earlier = np.concatenate([before, w.before_slope(of, begin)], axis=1)
+        both = np.concatenate([told, w.told(along)], axis=1)
+        found = w.cut(self._tangent.signals(both, begin, earlier, shift, slopes))
+        if shift is not None:
+            self._mend_before(found, shift, ahead, begin, earlier, of)
+        return found
+
+    def _mend_before(
+        self,
+        found: Array,
+        shift: Array,
+        ahead: Array,
+        begin: Array,
+        earlier: Array,
+        of: Numbers,
+    ) -> None:
+        """Before the start the states go on straight, and not as the rig moves."""
+        x = self._walkers.weights.shape[1]
+        when = self.experiment.t[None, :, None] - shift[:, None, :] - self.experiment.t_start
+        if not (early := when < 0).any():
+            return
+        matrix, by_input, forcing = (part[:, :x] for part in of)
+        n, t, k = np.nonzero(early)
+        here = begin[n, :x] + when[early][:, None] * earlier[n, :x]
+        moved = np.einsum("axy,ay->ax", matrix[n][:, :, :x], here) + forcing[n]
+        moved += np.einsum("axs,s->ax", by_input[n], self._walkers.first_inputs)
+        found[n, t, k] += np.einsum("ax,ax->a", ahead[n, k], moved - earlier[n, :x])

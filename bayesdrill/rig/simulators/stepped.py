@@ -1,0 +1,415 @@
+"""The response in steps of one length: rigs with friction, and inputs with lags of their own.
+
+Rigs that rub, and inputs with lags of their own: the response in steps of one length.
+
+While every friction slips or sticks a step is exact; one in which a speed changes its sign has an error
+of the order of the step, so that it is made in parts, and `pieces` steps make the interval between two
+samples.  Channels whose times are others are read between steps.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+from typing import Any, ClassVar, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayesdrill.record.experiment import Experiment, frozen
+from bayesdrill.rig.kernels.lanes import LANES
+from bayesdrill.rig.kernels.step_arguments import BLOCKS, Own, Shape
+from bayesdrill.rig.kernels.sums import INTERVALS, LOGS, NEIGHBOURS, SQUARES, Tally
+from bayesdrill.rig.kernels.time_stepping import Kernel, compile_stepping
+from bayesdrill.rig.models.linear import Model
+from bayesdrill.rig.simulators.contract import (
+    Motion,
+    Simulator,
+    Stepping,
+    Steps,
+    in_groups,
+    interval_sums,
+    log_sums,
+    normal,
+)
+from bayesdrill.rig.simulators.sensors import Sensing, Walkers
+from bayesdrill.rig.simulators.time_grid import Ahead
+
+Array = NDArray[np.float64]
+NONE = np.zeros(0)
+
+
+@dataclass(frozen=True)
+class Told:
+    """`y (T, K)` of the record."""
+
+    kernel: Kernel
+    shape: Shape
+    ahead: Ahead
+    y: Array
+
+    @cached_property
+    def _slices(self) -> dict[str, list[slice]]:
+        """Of the numbers of a walker, by part: values, and slopes."""
+        found, place, numbers = dict[str, list[slice]](), 0, self.shape.numbers
+        for name, count in Own(self.shape).parts.items():
+            ends = [place + k * count for k in range(numbers + 1)]
+            found[name] = [slice(*both) for both in pairwise(ends)]
+            place = ends[-1]
+        return found
+
+    @cached_property
+    def _width(self) -> int:
+        return Own(self.shape).width
+
+    @cached_property
+    def _staying(self) -> dict[str, int]:
+        """Addresses; asking an array for its own takes as long as twenty steps of a group."""
+        blocks = {
+            "span": self.ahead.spans,
+            "pieces": self.ahead.counts,
+            "usual": self.ahead.usual,
+            "t": self.ahead.places,
+            "y": NONE if self.shape.efforts else self.y,
+        }
+        return {name: block.ctypes.data for name, block in blocks.items()}
+
+    @cached_property
+    def _inputs(self) -> dict[tuple[int, int], int]:
+        return {}
+
+    def _u(self, margin: int, after: int) -> int:
+        if (margin, after) not in self._inputs:
+            self._inputs[margin, after] = self.ahead.inputs(margin, after).ctypes.data
+        return self._inputs[margin, after]
+
+    def run(self, n: int, parts: Mapping[str, list[Array]]) -> Array:
+        """Of n walkers, each part `(W, ...)`, or `(1, ...)` where they have the same; and its slopes.
+
+        A tally `(W, K, n)`, or signals `(W, T, K, numbers of one)`.
+        """
+        shape, ahead = self.shape, self.ahead
+        k, numbers = len(shape.pattern), shape.numbers
+        after = ahead.after(parts["shift"][0]) if shape.read else 0
+        own, nodes = self._in_lanes(n, parts), ahead.nodes + after
+        signals = (ahead.samples, k, numbers)
+        each = signals if shape.tally is None else (k, shape.tally.count)
+        out = np.empty((len(own), *each, LANES))
+        trace = np.empty((nodes + 1) * k * 3 * numbers * LANES) if shape.read else NONE
+        margin = ahead.margin(parts["lag"][0]) if shape.late else 0
+        places = self._staying | {
+            "u": self._u(margin, after),
+            "own": own.ctypes.data,
+            "trace": trace.ctypes.data,
+            "out": out.ctypes.data,
+        }
+        self.kernel.run(len(own), ahead.samples, nodes, *[places[name] for name in BLOCKS])
+        return np.moveaxis(out, -1, 1).reshape(-1, *each)[:n]
+
+    def _in_lanes(self, n: int, parts: Mapping[str, list[Array]]) -> Array:
+        """`(G, width, LANES)`, as `Own` has it; the last walker fills the last group."""
+        told = parts
+        if self.shape.late:
+            behind, *shares = self.ahead.delays(parts["lag"])
+            told = {**parts, "share": shares, "behind": [behind] * len(shares)}
+        rows = np.empty((n, self._width))
+        for name, slices in self._slices.items():
+            for part, place in zip(told[name], slices, strict=True):
+                rows[:, place] = part.reshape(len(part), -1)
+        return in_groups(rows)
+
+
+TURNS = 4  # 2 leave several times the error, 8 hardly less
+
+
+@dataclass(frozen=True)
+class Stepped:
+    """See `simulator.Simulator`; parameters are the model's, then those that `sensing` names.
+
+    `turns`: parts of a step in which something turns; `chosen`: both were, for the noise.
+    """
+
+    model: Model
+    experiment: Experiment
+    sensing: Sensing
+    pieces: int = 1
+    turns: int = TURNS
+    chosen: bool = False
+
+    exact: ClassVar[bool] = False
+    record: ClassVar[None] = None
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Without what is compiled."""
+        return {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        return self._walkers.parameters
+
+    def of(self, experiment: Experiment) -> Stepped:
+        return dataclasses.replace(self, experiment=experiment)
+
+    @property
+    def stepping(self) -> Stepping:
+        return Stepping(self.pieces, self.turns, self.chosen)
+
+    def finer(self, pieces: int, turns: int = TURNS, *, chosen: bool = False) -> Stepped:
+        return dataclasses.replace(self, pieces=pieces, turns=turns, chosen=chosen)
+
+    def with_record(self, y: Array) -> Stepped:
+        """What was not measured stays so."""
+        if y.shape != self.experiment.y.shape:
+            raise ValueError(f"the record has shape {self.experiment.y.shape}, not {y.shape}")
+        kept = frozen(np.where(self.experiment.seen, y, np.nan))
+        return self.of(dataclasses.replace(self.experiment, y=kept))
+
+    def with_series(self, series: Mapping[str, Array]) -> Stepped:
+        if set(series) != set(self.experiment.series):
+            raise ValueError(f"series of {sorted(self.experiment.series)} are wanted")
+        ordered = {name: series[name] for name in self.experiment.series}
+        return self.of(dataclasses.replace(self.experiment, series=ordered))
+
+    def signals(self, full: Array) -> Array:
+        with np.errstate(all="ignore"):
+            return self._walkers.cut(self._run(self._ahead, full))
+
+    def squares(self, full: Array) -> Array:
+        with np.errstate(all="ignore"):
+            return self._run(self._ahead, full, tally=SQUARES)[..., 0]
+
+    def neighbours(self, full: Array) -> Array:
+        with np.errstate(all="ignore"):
+            return self._run(self._ahead, full, tally=NEIGHBOURS)
+
+    def logs(self, full: Array, weights: Array) -> Array:
+        with np.errstate(all="ignore"):
+            return log_sums(self._run(self._ahead, full, tally=LOGS, weights=weights))
+
+    def intervals(self, full: Array, over: Array, half: Array) -> Array:
+        own = np.stack([over, half], axis=-1)
+        with np.errstate(all="ignore"):
+            return interval_sums(self._run(self._ahead, full, tally=INTERVALS, weights=own))
+
+    def sensitivities(self, full: Array, along: Array) -> Array:
+        return self.course(full, along)[1]
+
+    def course(self, full: Array, along: Array) -> tuple[Array, Array]:
+        n, q, p = along.shape
+        points = np.repeat(full, q, axis=0)
+        with np.errstate(all="ignore"):
+            found = self._run(self._ahead, points, along.reshape(n * q, p))
+        found = self._walkers.cut(found).reshape(n, q, *self.experiment.y.shape, 2)
+        return np.ascontiguousarray(found[:, 0, ..., 0]), np.ascontiguousarray(found[..., 1])
+
+    def normal(self, full: Array, along: Array, scales: Array) -> tuple[Array, Array, Array]:
+        return normal(self, full, along, scales)
+
+    def motion(self, full: Array) -> Motion:
+        """As the rig moves, whatever sensors make of it."""
+        nodes = self._nodes
+        x, e = len(self.model.states), len(self.model.frictions)
+        with np.errstate(all="ignore"):
+            every = self._run(nodes, full, efforts=True)
+        last, share = self._ahead.between(self.experiment.t)
+        share = share[None, :, None]
+        states = every[:, last, :x] * (1 - share) + every[:, last + 1, :x] * share
+        return Motion(states=states, efforts=every[:, last, x : x + e])
+
+    def steps(self, full: Array) -> Steps:
+        """Of all steps to the last sample, which is where the last one begins."""
+        nodes = self._nodes
+        x, e, n = len(self.model.states), len(self.model.frictions), self._ahead.nodes
+        with np.errstate(all="ignore"):
+            every = self._run(nodes, full, efforts=True)[:, :n]
+        felt, slopes = self._felt(full)
+        return Steps(
+            t=self._walkers.knots[0][0] + self._ahead.span * np.arange(n),
+            span=self._ahead.span,
+            motion=Motion(states=every[..., :x], efforts=every[..., x : x + e]),
+            felt=felt,
+            slopes=slopes,
+        )
+
+    def _felt(self, full: Array) -> tuple[dict[str, Array], dict[str, Array]]:
+        """Inputs at the beginning of steps, and their slopes, `(W, N)` each."""
+        w, sensing, zero = self._walkers, self.sensing, np.zeros((len(full), self._ahead.nodes))
+        felt, slopes = dict[str, Array](), dict[str, Array]()
+
+        def told(names: Mapping[str, str], name: str, usual: float) -> Array:
+            found = w.column(names[name], full) if name in names else np.full(len(full), usual)
+            return np.asarray(found)
+
+        for name in self.model.inputs:
+            if name in w.inputs:
+                lag = told(sensing.input_lags, name, 0.0)
+                u, slope = self._ahead.felt(w.inputs.index(name), lag)
+            else:
+                u, slope = zero + self.experiment.constant.get(name, 0.0), zero
+            gain = told(sensing.input_gains, name, 1.0)[:, None]
+            felt[name] = gain * u + told(sensing.input_offsets, name, 0.0)[:, None]
+            slopes[name] = gain * slope
+        return felt, slopes
+
+    # What the kernels are told.
+
+    @cached_property
+    def _walkers(self) -> Walkers:
+        return Walkers(self.model, self.experiment, self.sensing)
+
+    @cached_property
+    def _ahead(self) -> Ahead:
+        t, series = self._walkers.knots
+        if self.experiment.uniform and not self._walkers.lead:
+            t = t[0] + self.experiment.dt * np.arange(len(t))
+        return Ahead(t, series, self.experiment.first_order, self.pieces)
+
+    @cached_property
+    def _nodes(self) -> Ahead:
+        return self._ahead.every_node()
+
+    @cached_property
+    def _gaps(self) -> bool:
+        return bool(np.isnan(self._walkers.padded).any())
+
+    @cached_property
+    def _tellings(self) -> dict[Any, Told]:
+        return {}
+
+    @cached_property
+    def _pattern(self) -> Array:
+        """`(K, X + 1)`: what channels see of states, and of one."""
+        offset = [channel.name in self.sensing.offsets for channel in self.experiment.channels]
+        return np.column_stack([self._walkers.weights, offset])
+
+    def _told(self, ahead: Ahead, *, tally: Tally | None, **kind: bool) -> Told:
+        wanted = (id(ahead), tally, *kind.values())
+        if wanted not in self._tellings:
+            w, one = self._walkers, self.experiment
+            rows = _unit_rows(self.model)[0] if kind["efforts"] else self._pattern
+            shape = Shape(
+                model=w.wired,
+                series=w.inputs,
+                late=tuple(n for n in w.inputs if n in self.sensing.input_lags),
+                constant=tuple(one.constant.items()),
+                first_order=one.first_order and bool(w.inputs),
+                pattern=tuple(map(tuple, (rows != 0).tolist())),
+                gaps=self._gaps,
+                tally=tally,
+                turns=self.turns if self.model.frictions else 1,
+                **kind,
+            )
+            self._tellings[wanted] = Told(compile_stepping(shape), shape, ahead, w.padded)
+        return self._tellings[wanted]
+
+    def _run(
+        self,
+        ahead: Ahead,
+        full: Array,
+        along: Array | None = None,
+        *,
+        tally: Tally | None = None,
+        weights: Array | None = None,
+        efforts: bool = False,
+    ) -> Array:
+        """A tally `(W, K, n)`, or signals `(W, T, K)`, with slopes `(W, T, K, 2)`."""
+        parts = self._parts(full, along)
+        if weights is not None:
+            parts["weight"] = [weights]
+        if efforts:
+            parts["rows"] = [_unit_rows(self.model)]
+        read = not efforts and (self._shifts or not ahead.aligned)
+        single = ahead.single and not read
+        dual = along is not None
+        told = self._told(ahead, efforts=efforts, tally=tally, dual=dual, read=read, single=single)
+        found = told.run(len(full), parts)
+        return found[..., 0] if tally is None and along is None else found
+
+    @cached_property
+    def _perfect(self) -> bool:
+        return self.sensing.nothing
+
+    @cached_property
+    def _shifts(self) -> bool:
+        return self.sensing.shifts
+
+    def _parts(self, full: Array, along: Array | None) -> dict[str, list[Array]]:
+        """Each part of `own (W, ...)`, or `(1, ...)` where walkers have the same; and its slopes."""
+        w, sensing = self._walkers, self.sensing
+        parts = {"parameters": [w.told(full)], **self._same}
+        if not self._perfect:
+            of = w.numbers(full) if w.moves else None
+            begin = w.begin(of, full)
+            parts |= {
+                "x0": [begin],
+                "rows": [_rows(w.gains(full), w.of_channels(sensing.offsets, full), w.weights)],
+                "before": [w.before(of, begin)],
+                "shift": [w.later(full)],
+                "lag": [w.of_inputs(sensing.input_lags, full)],
+            }
+        if along is None:
+            return parts
+        return {name: [*parts[name], slope] for name, slope in self._slopes(full, along).items()}
+
+    @cached_property
+    def _same(self) -> dict[str, list[Array]]:
+        """Of perfect sensors, and a start that is known."""
+        w, k = self._walkers, len(self.experiment.channels)
+        start = [[self.experiment.start.get(name, 0.0) for name in self.model.states]]
+        return {
+            "x0": [np.array(start)],
+            "rows": [_rows(np.ones((1, k)), np.zeros((1, k)), w.weights)],
+            "before": [np.zeros((1, len(self.model.states)))],
+            "shift": [np.zeros((1, k))],
+            "lag": [np.zeros((1, 0))],
+        }
+
+    def _slopes(self, full: Array, along: Array) -> dict[str, Array]:
+        w, sensing = self._walkers, self.sensing
+        tangent = w.tangent_numbers(full, along) if w.moves else None
+        begin_slope = w.begin_slope(tangent, along)
+        begin = w.begin(w.numbers(full) if w.moves else None, full)
+        both = np.concatenate([begin, begin_slope], axis=1)
+        gains = w.of_channels(sensing.gains, along)
+        return {
+            "parameters": w.told(along),
+            "x0": begin_slope,
+            "rows": _rows(gains, w.of_channels(sensing.offsets, along), w.weights),
+            "before": w.before_slope(tangent, both),
+            "shift": w.later(along),
+            "lag": w.of_inputs(sensing.input_lags, along),
+        }
+
+
+class Unstepped:
+    """What simulators without steps of their own say of them: that they have none, and what a rig does
+    in steps of a sample each.
+    """
+
+    stepping: ClassVar[None] = None
+
+    def finer(self, pieces: int, turns: int = TURNS, *, chosen: bool = False) -> Self:
+        return self
+
+    def motion(self: Simulator, full: Array) -> Motion:
+        return Stepped(self.model, self.experiment, self.sensing).motion(full)
+
+    def steps(self: Simulator, full: Array) -> Steps:
+        return Stepped(self.model, self.experiment, self.sensing).steps(full)
+
+
+def _rows(gains: Array, offsets: Array, weights: Array) -> Array:
+    """`(W, K, X + 1)`: over states and one."""
+    return np.concatenate([gains[:, :, None] * weights, offsets[:, :, None]], axis=2)
+
+
+def _unit_rows(model: Model) -> Array:
+    """Each state, and each effort, for a channel: `(1, X + E, X + 1 + E)`."""
+    x, e = len(model.states), len(model.frictions)
+    rows = np.zeros((1, x + e, x + 1 + e))
+    rows[:, range(x), range(x)] = 1.0
+    rows[:, range(x, x + e), range(x + 1, x + 1 + e)] = 1.0
+    return rows

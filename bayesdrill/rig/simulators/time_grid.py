@@ -1,0 +1,314 @@
+"""Steps through the times of a record: few distinct ones between uneven times, equal ones through
+all of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Whole = NDArray[np.int64]
+
+SAME = 1e-12  # of a step: steps nearer to each other are one
+CLOCK = 4 * np.finfo(float).eps  # of the latest time: nor can its digits tell steps apart
+FILLED = 1.5  # times the samples: so many knots make equal steps of those between samples left out
+FEW, FEW_PER = 4, 100  # distinct steps that get an exponential each: 4, and one for 100 samples
+CELLS, CELLS_PER = (24, 192), 12  # cells of all others, one for 12 samples between these ends
+NARROWER = 1.25  # width by width
+BELOW_ONE = 1.0 - 2.0**-53
+FRESH = 10  # an exponential costs as much as so many products
+LONG = 2.0  # usual steps: longer ones are taken in pieces where steps are in cells
+
+
+@dataclass(frozen=True, slots=True)
+class Grid:
+    """Knots are the samples, and others within long steps.
+
+    `t (T + 1,)` of knots from the first on, infinity at the end; `at (n,)`: the samples' knots.
+    Step j is over `spans[node[j]]` and, where `share[j]` is not -1, that share of a `width` more.
+    `chained (N,)`: 1 where a node's span is that of the one before and a width.  `inside (N,)`: 1
+    where shares follow.  `usual`: the median step; `near`: times nearer to each other are one;
+    `uniform`: one step between all knots.
+    """
+
+    t: Array
+    at: Whole
+    node: Whole
+    share: Array
+    spans: Array
+    inside: Array
+    chained: Whole
+    width: float
+    usual: float
+    near: float
+    uniform: bool
+
+
+def grid(times: Array) -> Grid:
+    """Of samples at increasing `times (n,)`."""
+    t = times - times[0]
+    if len(t) == 1:
+        return _made(t, np.zeros(1, np.int64), np.zeros(0, np.int64), np.zeros(1), 1.0, 0.0)
+    steps = np.diff(t)
+    usual = float(np.median(steps))
+    near = CLOCK * float(np.abs(times).max()) + SAME * usual
+    if t[-1] < FILLED * len(t) * steps.min():
+        at = np.concatenate([[0], np.cumsum(np.round(steps / steps.min()).astype(np.int64))])
+        step = float(t[-1] / at[-1])
+        if np.abs(t - step * at).max() <= near:
+            filled = step * np.arange(at[-1] + 1)
+            filled[at] = t
+            return _made(filled, at, np.zeros(at[-1], np.int64), np.array([step]), usual, near)
+    one, spans = _merged(steps, near)
+    at = np.arange(len(t))
+    if len(spans) <= min(FEW + len(t) // FEW_PER, CELLS[1]):
+        return _made(t, at, one, spans, usual, near)
+    t, at, pieces = _in_pieces(t, steps, usual)
+    return _in_cells(t, at, pieces, usual, near)
+
+
+def _merged(steps: Array, near: float) -> tuple[Whole, Array]:
+    """The cluster of each step, and their means."""
+    order = np.argsort(steps, kind="stable")
+    edges = np.diff(steps[order]) > near
+    cluster = np.concatenate([[0], np.cumsum(edges)])
+    one = np.empty(len(steps), np.int64)
+    one[order] = cluster
+    return one, np.bincount(one, weights=steps) / np.bincount(one)
+
+
+def _made(t: Array, at: Whole, node: Whole, spans: Array, usual: float, near: float) -> Grid:
+    none = np.zeros(len(spans))
+    return Grid(
+        t=np.append(t, np.inf),
+        at=at,
+        node=np.append(node, 0),  # the last knot leads nowhere
+        share=np.full(len(t), -1.0),
+        spans=spans,
+        inside=none,
+        chained=none.astype(np.int64),
+        width=0.0,
+        usual=usual,
+        near=near,
+        uniform=len(t) > 1 and len(spans) == 1,
+    )
+
+
+def _in_pieces(t: Array, steps: Array, usual: float) -> tuple[Array, Whole, Whole]:
+    """Knots within steps that are longer than `LONG` usual ones: pieces of 1, 2, 4, ... of these.
+
+    With the samples' knots, and for each step its piece, 0 where it is none.
+    """
+    long = np.flatnonzero(steps > LONG * usual)
+    counts = (steps[long] / usual).astype(np.int64) - 1
+    sizes = [[1 << k for k in range(int(n).bit_length()) if n >> k & 1] for n in counts]
+    inner = [t[j] + usual * np.cumsum(own) for j, own in zip(long, sizes, strict=True)]
+    after = np.repeat(long + 1, [len(own) for own in sizes])
+    knots = np.insert(t, after, np.concatenate([*inner, np.zeros(0)]))
+    extra = np.zeros(len(t), np.int64)
+    extra[long + 1] = [len(own) for own in sizes]
+    at = np.arange(len(t)) + np.cumsum(extra)
+    pieces = np.zeros(len(knots) - 1, np.int64)
+    for j, own in zip(long, sizes, strict=True):
+        pieces[at[j] : at[j] + len(own)] = own
+    return knots, at, pieces
+
+
+def _in_cells(t: Array, at: Whole, pieces: Whole, usual: float, near: float) -> Grid:
+    """The narrowest cells of which not too many are met; pieces have nodes of their own."""
+    steps, free = np.diff(t), pieces == 0
+    most = int(np.clip(len(t) // CELLS_PER, *CELLS))
+    width = float(steps[free].max())
+    while _cost(_cells(steps[free], width / NARROWER)) <= most:
+        width /= NARROWER
+    cells, sizes = _cells(steps[free], width), np.unique(pieces[~free])
+    share = np.full(len(t), -1.0)
+    node = np.zeros(len(t), np.int64)
+    inside = np.floor(steps[free] / width).astype(np.int64)
+    node[:-1][free] = np.searchsorted(cells, inside)
+    share[:-1][free] = np.clip(steps[free] / width - inside, 0.0, BELOW_ONE)
+    node[:-1][~free] = len(cells) + np.searchsorted(sizes, pieces[~free])
+    return Grid(
+        t=np.append(t, np.inf),
+        at=at,
+        node=node,
+        share=share,
+        spans=np.concatenate([cells * width, sizes * usual]),
+        inside=np.concatenate([np.ones(len(cells)), np.zeros(len(sizes))]),
+        chained=np.concatenate([[0], np.diff(cells) == 1, np.zeros(len(sizes))]).astype(np.int64),
+        width=width,
+        usual=usual,
+        near=near,
+        uniform=False,
+    )
+
+
+def _cells(steps: Array, width: float) -> Whole:
+    """Those met."""
+    return np.unique(np.floor(steps / width).astype(np.int64))
+
+
+def _cost(cells: Whole) -> int:
+    """In products: the first of a row of neighbours wants an exponential."""
+    return len(cells) + FRESH * int(np.sum(np.diff(cells) != 1))
+
+
+def runs(g: Grid) -> tuple[Whole, Whole, Array]:
+    """Steps that follow each other and have one node and no share: node, length and share of each."""
+    first = np.ones(len(g.node), dtype=bool)
+    first[1:] = (np.diff(g.node) != 0) | (g.share[1:] >= 0.0) | (g.share[:-1] >= 0.0)
+    begin = np.flatnonzero(first)
+    return g.node[begin], np.diff(np.append(begin, len(g.node))), g.share[begin]
+
+
+AT_NODE = 1e-9  # of a step: a shift nearer to a whole number of them is one
+
+
+class Ahead:
+    """Nodes from the first of `t (T,)` on, `pieces` of them to the usual sample, `span` apart.
+
+    Inputs `series`, each `(T,)`, go from sample to sample (`first_order`) or are held; over a step
+    they are what they are at its beginning and their slope, or their mean.
+    """
+
+    def __init__(
+        self, t: Array, series: Mapping[str, Array], first_order: bool, pieces: int
+    ) -> None:
+        self._t, self._first_order = t, first_order
+        self._series = [np.asarray(u, dtype=float) for u in series.values()]
+        g = grid(t)
+        self.aligned = g.uniform or len(t) == 1
+        whole = float(g.spans[0]) if g.uniform else g.usual
+        self.span = whole / pieces
+        if self.aligned:
+            at = g.at * pieces
+            self.counts: Whole = np.append(np.diff(at), 1).astype(np.int64)
+            self.nodes = int(at[-1]) + 1
+            self.places: Array = at.astype(float)
+        else:
+            self.counts = np.zeros(len(t), np.int64)
+            self.places = (t - t[0]) / self.span
+            self.nodes = int(np.ceil(self.places[-1])) + 1
+        self.samples = len(t)
+        self.spans = np.array([self.span, whole])
+        self._pieces = pieces
+
+    @cached_property
+    def single(self) -> bool:
+        """Whether each step has a sample."""
+        return self.aligned and bool((self.counts == 1).all())
+
+    @cached_property
+    def usual(self) -> Whole:
+        """`(T,)`: 1 where the next sample is as many steps away as usual; inputs go straight on."""
+        return np.asarray(self.counts == self._pieces).astype(np.int64)
+
+    def every_node(self) -> Ahead:
+        """The same steps, with a sample at each node."""
+        made = object.__new__(Ahead)
+        cached = ("single", "usual", "_kept", "_over_steps")
+        made.__dict__.update({k: v for k, v in self.__dict__.items() if k not in cached})
+        made.samples = self.nodes + 1
+        made.aligned = True
+        made.counts = np.ones(self.nodes + 1, np.int64)
+        made.places = np.arange(self.nodes + 1.0)
+        made.nodes = self.nodes + 1
+        return made
+
+    def between(self, t: Array) -> tuple[Whole, Array]:
+        """The node before each time, and how far it is from there in steps."""
+        places = (t - self._t[0]) / self.span
+        near = np.round(places)
+        places = np.where(np.abs(places - near) < 1e-6, near, places)
+        last = np.clip(np.floor(places), 0, self.nodes - 1).astype(np.int64)
+        return last, places - last
+
+    def after(self, shift: Array) -> int:
+        """Steps beyond the last sample that shifts `(W, K)` look at."""
+        ahead = -np.nanmin(shift, initial=0.0)
+        return int(np.ceil(ahead / self.span)) + 1 if np.isfinite(ahead) else 1
+
+    def margin(self, lag: Array) -> int:
+        """Steps before and after the record that inputs late by `lag (W, S)` come from."""
+        if not lag.size:
+            return 0
+        return int(np.ceil(np.nanmax(np.abs(lag), initial=0.0) / self.span)) + 2
+
+    def delays(self, lags: Sequence[Array]) -> tuple[Array, ...]:
+        """For lags, and their slopes: whole steps behind the rows of `inputs`, and shares of a step."""
+        ratio = lags[0] / self.span
+        whole = np.floor(ratio + AT_NODE)
+        shares = [np.clip(ratio - whole, 0.0, None), *(lag / self.span for lag in lags[1:])]
+        return (np.nan_to_num(whole), *shares)
+
+    def inputs(self, margin: int, after: int) -> Array:
+        """Over each step `(N + 1 + after, S)`, with slopes `2 S`; `margin` rows stand before and behind.
+
+        Outside the record they are constant.
+        """
+        # Few sizes, each kept.
+        margin, after = (1 << n.bit_length() if n else 0 for n in (margin, after))
+        if (margin, after) not in self._kept:
+            tail = np.repeat(self._last[None], after + margin, axis=0)
+            head = np.repeat(self._first[None], margin, axis=0)
+            known = np.concatenate([head, self._over_steps, tail])
+            self._kept[margin, after] = np.ascontiguousarray(known)[margin:]
+        return self._kept[margin, after]
+
+    @cached_property
+    def _kept(self) -> dict[tuple[int, int], Array]:
+        return {}
+
+    def felt(self, which: int, lag: Array) -> tuple[Array, Array]:
+        """One of the inputs, late by `lag (W,)`, as steps begin, and its slope: `(W, N)` each."""
+        rows = np.concatenate([self._first[None], self._over_steps, self._last[None]])
+        whole, share = (part[:, None] for part in self.delays([lag]))
+        at = 1 + np.arange(self.nodes) - whole.astype(np.int64)
+        here, earlier = (np.clip(at - back, 0, len(rows) - 1) for back in (0, 1))
+
+        def late(column: int) -> Array:
+            now = rows[here, column]
+            return np.asarray(now + (rows[earlier, column] - now) * share)
+
+        values = late(which)
+        return values, late(which + self._slopes) if self._slopes else np.zeros_like(values)
+
+    @cached_property
+    def _over_steps(self) -> Array:
+        return self._of_steps(np.asarray(np.arange(self.nodes + 2) * self.span))
+
+    def _of_steps(self, nodes: Array) -> Array:
+        t = self._t - self._t[0]
+        if not self._series:
+            return np.zeros((len(nodes) - 1, 0))
+        if self._first_order:
+            at = np.array([np.interp(nodes, t, u) for u in self._series]).T
+            return np.concatenate([at[:-1], np.diff(at, axis=0) / self.span], axis=1)
+        if self.aligned:
+            near = np.searchsorted(t, nodes[:-1] + 0.5 * self.span, side="right") - 1
+            return np.array([u[near] for u in self._series]).T
+        return np.array([_means(nodes, t, u) for u in self._series]).T
+
+    @property
+    def _first(self) -> Array:
+        return np.array([u[0] for u in self._series] + [0.0] * self._slopes)
+
+    @property
+    def _last(self) -> Array:
+        return np.array([u[-1] for u in self._series] + [0.0] * self._slopes)
+
+    @property
+    def _slopes(self) -> int:
+        return len(self._series) if self._first_order else 0
+
+
+def _means(nodes: Array, t: Array, held: Array) -> Array:
+    """Over steps, of what is held from sample to sample."""
+    whole = np.concatenate([[0.0], np.cumsum(held[:-1] * np.diff(t))])
+    beyond = np.clip(nodes - t[-1], 0.0, None) * held[-1]
+    return np.asarray(np.diff(np.interp(nodes, t, whole) + beyond) / np.diff(nodes))

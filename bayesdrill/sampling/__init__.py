@@ -1,0 +1,42 @@
+"""The maximum (MAP) and the draws: optimisers, modes, the proposal, ensembles, convergence,
+evidence.
+
+All of it sees a log density and nothing of a rig or a file. What the draws mean is in
+`analysis`.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from bayesdrill.basics.registry import late
+
+if TYPE_CHECKING:
+    from bayesdrill.sampling.ensembles import Memory as Memory
+    from bayesdrill.sampling.ensembles import Plan as Plan
+    from bayesdrill.sampling.ensembles import sample as sample
+    from bayesdrill.sampling.optimisers.contract import Optimiser as Optimiser
+    from bayesdrill.sampling.optimisers.contract import Optimum as Optimum
+    from bayesdrill.sampling.optimisers.contract import Task as Task
+    from bayesdrill.sampling.optimisers.nelder_mead import THOROUGH as THOROUGH
+    from bayesdrill.sampling.optimisers.nelder_mead import Run as Run
+    from bayesdrill.sampling.optimisers.nelder_mead import descend as descend
+    from bayesdrill.sampling.samplers.ensemble import halves as halves
+    from bayesdrill.sampling.workers import Crew as Crew
+
+__getattr__ = late(
+    __name__,
+    {
+        "Crew": "workers",
+        "Memory": "ensembles",
+        "Optimiser": "optimisers.contract",
+        "Optimum": "optimisers.contract",
+        "Plan": "ensembles",
+        "Run": "optimisers.nelder_mead",
+        "THOROUGH": "optimisers.nelder_mead",
+        "Task": "optimisers.contract",
+        "descend": "optimisers.nelder_mead",
+        "halves": "samplers.ensemble",
+        "sample": "ensembles",
+    },
+)

@@ -1,0 +1,483 @@
+"""Whether the ensembles may be believed, which of their steps, and troubles that R-hat does not
+see.
+
+Troubles that R-hat between ensembles and one autocorrelation time for all walkers do not see.
+
+R-hat is blind where every ensemble has the same trouble, and a few walkers out of many hardly move
+an average.  So each walker is looked at by itself: does it move, is it where the others are, does
+it cross between two places, and do the walkers' means spread as far as tau says they should?
+
+Whether the ensembles may be believed, and which of their steps.
+
+Walkers of one ensemble are not independent chains: R-hat compares ensembles, and the effective
+sample size comes from the autocorrelation time of an ensemble, averaged over its walkers.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import fft
+from scipy.special import chdtri
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+STILL_SHARE = 0.5  # of the kept steps: a walker that stands still for as long is stuck, ...
+STILL_RATIO = 5.0  # ... if that is as many times longer than half of the walkers ever do
+LOW = 0.001  # quantile of the better walkers' log density: none spends half of its time below it
+APART = 1.0  # standard deviations between two groups of walkers, at least
+VALLEY = 0.5  # density between the groups over that in the thinner one; unimodal: 1 or more
+BINS = 12  # between the centres of the two groups
+STAY = 0.5  # of the kept steps: mean time until a walker of a group leaves it
+CHANCE = 1e-6  # that the means of healthy walkers spread this far, for each unknown
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Kept:
+    """The steps that are judged: `theta (E, S, W, D)`, `log_p (E, S, W)`, `tau (D,)`."""
+
+    theta: Array
+    log_p: Array
+    names: tuple[str, ...]
+    tau: Array
+    n_tau: float  # wanted
+
+
+def suspicions(kept: Kept) -> tuple[str, ...]:
+    """A sentence for each trouble: value, place, what to do.
+
+    A walker found out by one look is left out of the next, so that each trouble has one name.
+    """
+    still = standing_still(kept.theta)
+    low = spending_time_low(kept.log_p) & ~still
+    sound = ~(still | low)
+    found = [*_of_still(kept, still), *_of_low(kept, low, sound)]
+    if (sound.sum(axis=1) > 1).any():
+        sd = _series(kept.theta, sound).std(axis=0)
+        found += _of_two_places(kept, sound, sd) or _of_growing_tau(kept, sound, sd)
+    return tuple(found)
+
+
+def standing_still(theta: Array) -> Flags:
+    """`(E, W)`: walkers that once did not move for too long."""
+    stay = longest_stay(theta)
+    usual = float(np.median(stay))
+    least = STILL_SHARE * theta.shape[1]
+    return np.asarray(stay >= (least if usual >= least else max(least, STILL_RATIO * usual)))
+
+
+def longest_stay(theta: Array) -> NDArray[np.intp]:
+    """`(E, S, W, D) -> (E, W)`: most steps in a row without a move."""
+    moved = (theta[:, 1:] != theta[:, :-1]).any(axis=-1)
+    step = np.arange(1, theta.shape[1])[:, None]
+    last = np.maximum.accumulate(np.where(moved, step, 0), axis=1)
+    return np.asarray((step - last).max(axis=1))
+
+
+def spending_time_low(log_p: Array) -> Flags:
+    """`(E, W)`: walkers whose median log density is rare among the better half of the walkers."""
+    medians = np.median(log_p, axis=1)
+    better = np.moveaxis(log_p, 1, 2)[medians >= np.median(medians)]
+    return np.asarray(medians < np.quantile(better, LOW))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Split:
+    """Two groups of walkers: their places, the share in the upper, crossings between them."""
+
+    low: float
+    high: float
+    share: float
+    crossings: int
+
+
+def split(x: Array) -> Split | None:
+    """Two places of one unknown `(S, N)` that its walkers hardly ever leave, or None."""
+    low, high = two_groups(x.mean(axis=0))
+    counts, _ = np.histogram(x, bins=BINS, range=(low, high))
+    if counts[1:-1].min() >= VALLEY * min(counts[0], counts[-1]):
+        return None
+    # A walker belongs to the place whose centre it was at, or beyond, last.
+    side = np.where(x >= high, 1, np.where(x <= low, -1, 0))
+    last = np.maximum.accumulate(np.where(side != 0, np.arange(len(x))[:, None], 0), axis=0)
+    side = np.take_along_axis(side, last, axis=0)
+    crossings = int((side[1:] * side[:-1] < 0).sum())
+    upper, lower = int((side > 0).sum()), int((side < 0).sum())
+    if min(upper, lower) / max(0.5 * crossings, 1.0) < STAY * len(x):
+        return None
+    return Split(low=low, high=high, share=upper / (upper + lower), crossings=crossings)
+
+
+def two_groups(means: Array) -> tuple[float, float]:
+    """Centres of the two groups that the walkers' means `(N,)` fall into: least squares."""
+    means = np.sort(means)
+    k = np.arange(1, len(means))
+    sums = np.cumsum(means)[:-1]
+    below, above = sums / k, (means.sum() - sums) / k[::-1]
+    best = int(np.argmax(k * k[::-1] * (above - below) ** 2))
+    return float(below[best]), float(above[best])
+
+
+def long_run_tau(theta: Array, chosen: Flags, sd: Array, parts: int = 1) -> Array:
+    """`(D,)`: tau from how far the walkers' means over a part of the chain spread; `sd` of all.
+
+    No window cuts it short, so it sees slow motion of any size, up to the length of a part.  Means
+    are compared within an ensemble; that ensembles differ is for R-hat to say.
+    """
+    length = theta.shape[1] // parts
+    total, freedom = np.zeros(theta.shape[-1]), 0
+    for chain, flags in zip(theta, chosen, strict=True):
+        blocks = chain[: length * parts].reshape(parts, length, *chain.shape[1:])
+        means = blocks.mean(axis=1)[:, flags]
+        total += ((means - means.mean(axis=(0, 1))) ** 2).sum(axis=(0, 1)) if flags.any() else 0.0
+        freedom += max(parts * int(flags.sum()) - 1, 0)
+    return np.asarray(length * total / max(freedom, 1) / np.where(sd > 0, sd, 1.0) ** 2)
+
+
+def _of_still(kept: Kept, still: Flags) -> list[str]:
+    n_steps = kept.theta.shape[1]
+    if not still.any():
+        return []
+    if still.mean() > 0.5:
+        return [
+            f"{still.sum()} of {still.size} walkers did not move for {STILL_SHARE:.0%} of {n_steps} "
+            "steps or longer: the moves do not suit this posterior; give sampler.moves other shares"
+        ]
+    stay = np.where(still, longest_stay(kept.theta), 0)
+    ensemble, walker = np.unravel_index(int(np.argmax(stay)), stay.shape)
+    return [
+        f"{_counted(still)} stuck: the longest did not move for {stay.max()} of {n_steps} steps "
+        f"({_where(kept, int(ensemble), int(walker), ~still)}); start over with another seed, and if "
+        "it happens there again look at what the model does at this place"
+    ]
+
+
+def _of_low(kept: Kept, low: Flags, sound: Flags) -> list[str]:
+    if not low.any():
+        return []
+    medians = np.median(kept.log_p, axis=1)
+    ensemble, walker = np.unravel_index(int(np.argmin(np.where(low, medians, np.inf))), low.shape)
+    return [
+        f"{_counted(low)} far from where the posterior is: log density {medians[ensemble, walker]:.1f}"
+        f", the others' {np.median(medians[sound]):.1f} "
+        f"({_where(kept, int(ensemble), int(walker), sound)}); caught in a lesser maximum or still on "
+        "the way: start over with another seed, or give the prior an end that leaves the place out"
+    ]
+
+
+def _of_two_places(kept: Kept, sound: Flags, sd: Array) -> list[str]:
+    means = kept.theta.mean(axis=1)[sound]
+    places = []
+    for d, name in enumerate(kept.names):
+        low, high = two_groups(means[:, d])
+        found = split(_series(kept.theta, sound, d)) if high - low > APART * sd[d] else None
+        if found:
+            places.append(
+                f"{name}: {1 - found.share:.1%} of the draws near {found.low:.4g}, {found.share:.1%} "
+                f"near {found.high:.4g}, {found.crossings} crossings"
+            )
+    if not places:
+        return []
+    return [
+        f"the walkers sit in two places and hardly ever cross between them (SI; {'; '.join(places)} by "
+        f"{len(means)} walkers in {kept.theta.shape[1]} steps): the shares are those of the start, "
+        "not of the posterior; give the prior an end that leaves one place out, or a record that "
+        "tells them apart"
+    ]
+
+
+def _of_growing_tau(kept: Kept, sound: Flags, sd: Array) -> list[str]:
+    n_steps, freedom = kept.theta.shape[1], int((sound.sum(axis=1) - 1).clip(0).sum())
+    whole = long_run_tau(kept.theta, sound, sd)
+    by_chance = float(chdtri(freedom, CHANCE)) / freedom
+    grown = (whole > by_chance * kept.tau) & (whole > n_steps / kept.n_tau)
+    if not grown.any():
+        return []
+    worst = int(np.argmax(np.where(grown, whole, 0.0)))
+    quarter, half = (float(long_run_tau(kept.theta, sound, sd, n)[worst]) for n in (4, 2))
+    return [
+        f"the autocorrelation time of {kept.names[worst]} still grows with the chain: {quarter:.0f} "
+        f"steps from quarters of it, {half:.0f} from halves, {whole[worst]:.0f} from the whole, where "
+        f"its correlations seem to fade after {kept.tau[worst]:.0f}; the chain is at most "
+        f"{n_steps / whole[worst]:.0f} of these times long and needs more steps"
+    ]
+
+
+def _series(theta: Array, chosen: Flags, d: int | slice = slice(None)) -> Array:
+    """The chosen walkers of all ensembles side by side: `(S, N)` of unknown `d`, or `(S N, D)`."""
+    if isinstance(d, slice):
+        if chosen.all():
+            return theta.reshape(-1, theta.shape[-1])
+        return np.swapaxes(theta, 1, 2)[chosen].reshape(-1, theta.shape[-1])
+    return np.swapaxes(theta[..., d], 1, 2)[chosen].T
+
+
+def _counted(flags: Flags) -> str:
+    n, each = int(flags.sum()), flags.sum(axis=1)
+    where = ", ".join(f"{count} in ensemble {k}" for k, count in enumerate(each) if count)
+    return f"{n} of {flags.size} walkers ({where}) {'is' if n == 1 else 'are'}"
+
+
+def _where(kept: Kept, ensemble: int, walker: int, sound: Flags) -> str:
+    """The unknown in which this walker is farthest from the sound ones, in their spreads."""
+    others = _series(kept.theta, sound)
+    mean, centre = kept.theta[ensemble, :, walker].mean(axis=0), others.mean(axis=0)
+    sd = others.std(axis=0)
+    d = int(np.argmax(np.abs(mean - centre) / np.where(sd > 0, sd, 1.0)))
+    return (
+        f"walker {walker} of ensemble {ensemble}, at {kept.names[d]} {mean[d]:.4g} where the others "
+        f"have {centre[d]:.4g} +- {sd[d]:.2g} in SI"
+    )
+
+
+BURN_IN_TAUS = 5  # steps dropped, in autocorrelation times
+AMPLY = 1.2  # so many times the steps that seem to be needed, since tau is not known well ...
+LEAST_GROWTH, MOST_GROWTH = 1.25, 1.5  # ... but not more often or less
+WINDOW = 5.0  # Sokal's window for the autocorrelation time
+PATIENCE = 1000  # steps before which no run is called futile
+GROWING = 1.3  # twice the steps of a sound chain are twice as many autocorrelation times
+LEAST_KEPT = 50  # steps, below which nothing can be told of single walkers
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Targets:
+    """When to stop: every R-hat <= r_hat, N/tau >= n_tau, every bulk ESS >= ess."""
+
+    r_hat: float
+    n_tau: float
+    ess: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Convergence:
+    """`steps` per ensemble, of which `burn_in` are dropped and every `thin`-th is kept.
+
+    `tau`, `r_hat`, `ess_bulk`, `ess_tail` are `(D,)`; `reasons` says in words why the result must
+    not be believed; `burn_in_rule` how `burn_in` was chosen.  `slowest`: the unknown of the longest
+    `tau`; `enough`: how many steps would do, where nothing but length is missing, and None elsewhere.
+    """
+
+    steps: int
+    burn_in: int
+    burn_in_rule: str
+    thin: int
+    tau: Array
+    r_hat: Array
+    ess_bulk: Array
+    ess_tail: Array
+    n_tau: float
+    reasons: tuple[str, ...]
+    slowest: str
+    enough: int | None
+
+    @property
+    def converged(self) -> bool:
+        return not self.reasons
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Length:
+    """Of a chain in autocorrelation times: `n_tau` of the longest of `tau (D,)`, after `burn_in` steps.
+
+    `early`: the longest of the second half, by which `burn_in` is chosen; `wanted`: what it should be.
+    """
+
+    burn_in: int
+    wanted: int
+    early: float
+    tau: Array
+    n_tau: float
+
+    def next_check(self, steps: int, n_tau: float) -> int:
+        """After how many steps to look again: when the chain is likely to be as long as it should be."""
+        foreseen = AMPLY * (BURN_IN_TAUS + n_tau) * float(self.tau.max())
+        return math.ceil(min(max(foreseen, LEAST_GROWTH * steps), MOST_GROWTH * steps))
+
+
+def length(theta: Array) -> Length:
+    """Of physical chains `(E, S, W, D)`."""
+    half = theta.shape[1] // 2
+    early = float(autocorrelation_time(theta[:, half:]).max())
+    wanted = math.ceil(BURN_IN_TAUS * early)
+    burn_in = min(wanted, half)
+    tau = autocorrelation_time(theta[:, burn_in:])
+    n_tau = (theta.shape[1] - burn_in) / float(tau.max())
+    return Length(burn_in=burn_in, wanted=wanted, early=early, tau=tau, n_tau=n_tau)
+
+
+def assess(
+    theta: Array,
+    names: tuple[str, ...],
+    targets: Targets,
+    log_p: Array | None = None,
+    found: Length | None = None,
+) -> Convergence:
+    """Judge physical chains `(E, S, W, D)`.
+
+    `log_p (E, S, W)` finds walkers that are far from the rest; without it they are not looked for.
+    `found`: their length, where it has been measured already.
+    """
+    from arviz_stats.base import array_stats  # late: it takes half a second to load
+
+    n_steps = theta.shape[1]
+    found = found or length(theta)
+    burn_in, tau, n_tau = found.burn_in, found.tau, found.n_tau
+    capped = found.wanted > burn_in
+    kept = theta[:, burn_in:]
+    thin = max(1, min(math.ceil(float(tau.max())), kept.shape[1] // 4))
+    draws = thinned(theta, burn_in, thin)
+    r_hat = _each(array_stats.rhat, draws, method="rank")
+    # ArviZ takes draws for a series in which walkers take turns, and so cannot see that a walker
+    # still remembers where it was at its last draw.
+    still = draws.shape[0] * draws.shape[1] / autocorrelation_time(kept[:, ::thin])
+    ess_bulk = np.minimum(_each(array_stats.ess, draws, method="bulk"), still)
+    ess_tail = np.minimum(_each(array_stats.ess, draws, method="tail", prob=0.9), still)
+    apart = not (r_hat <= targets.r_hat).all()
+    missing = _reasons(names, targets, tau, r_hat, ess_bulk, n_tau)
+    named: tuple[str, ...] = ()
+    if kept.shape[1] >= LEAST_KEPT:
+        density = np.zeros(kept.shape[:-1]) if log_p is None else log_p[:, burn_in:]
+        seen = Kept(theta=kept, log_p=density, names=names, tau=tau, n_tau=targets.n_tau)
+        named = suspicions(seen)
+    if capped and not named:
+        missing.append(
+            f"the run is too short to judge its burn-in: {BURN_IN_TAUS} autocorrelation times are "
+            f"{found.wanted} steps, half of the run is {burn_in}"
+        )
+    return Convergence(
+        steps=n_steps,
+        burn_in=burn_in,
+        burn_in_rule=_rule(found.early, capped=capped),
+        thin=thin,
+        tau=tau,
+        r_hat=r_hat,
+        ess_bulk=ess_bulk,
+        ess_tail=ess_tail,
+        n_tau=n_tau,
+        reasons=(*named, *missing),
+        slowest=names[int(np.argmax(tau))],
+        enough=None if named or apart else _enough(n_steps, targets, n_tau, ess_bulk),
+    )
+
+
+def _enough(steps: int, targets: Targets, n_tau: float, ess: Array) -> int | None:
+    """By proportion, with something to spare; None where nothing is missing."""
+    short = max(targets.n_tau / n_tau, targets.ess / float(ess.min()))
+    return math.ceil(AMPLY * short * steps) if short > 1 else None
+
+
+def _rule(tau: float, *, capped: bool) -> str:
+    if capped:
+        return f"half of the run, too short for {BURN_IN_TAUS} autocorrelation times"
+    return f"{BURN_IN_TAUS} autocorrelation times of {tau:.1f} steps"
+
+
+def thinned(chains: Array, burn_in: int, thin: int) -> Array:
+    """`(E, S, W, ...)` to nearly independent draws `(E, draws, ...)`, in order of time."""
+    kept = chains[:, burn_in::thin]
+    return np.ascontiguousarray(kept.reshape(kept.shape[0], -1, *kept.shape[3:]))
+
+
+def futile(trail: Sequence[tuple[int, float]], wanted: float, allowed: int, most: int) -> str:
+    """Why more steps would not help, or nothing.
+
+    `trail`: (steps, how many autocorrelation times long) at each check, of which `wanted` are
+    wanted.  `allowed`: sampler.max_steps; `most`: that, or fewer where the chain would be too large.
+    """
+    steps, n_tau = trail[-1]
+    if steps < PATIENCE or n_tau >= wanted:
+        return ""
+    earlier = [(n, count) for n, count in trail if n <= steps / 2]
+    if earlier and n_tau < GROWING * earlier[-1][1]:
+        n, count = earlier[-1]
+        return (
+            f"stopped early: tau grows with the chain, {n / count:.0f} steps after {n} and "
+            f"{steps / n_tau:.0f} after {steps}, so that more of them do not help; hold an unknown, "
+            "give the priors nearer ends, or look whether the model can make this record at all"
+        )
+    needed = steps * wanted / n_tau
+    if needed > most:
+        return f"stopped early: it would take about {needed:.0f} steps, more than " + (
+            f"sampler.max_steps ({allowed}); raise that and continue with --resume, or hold an "
+            "unknown"
+            if most == allowed
+            else f"the {most} that a chain of so many walkers and unknowns may have; give "
+            "sampler.walkers a smaller number, or hold an unknown"
+        )
+    return ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Autocorrelation:
+    """`rho (S, D)` by lag in steps; its sum up to the lag `window (D,)` gives `tau (D,)`, at least 1."""
+
+    rho: Array
+    tau: Array
+    window: NDArray[np.intp]
+
+
+def autocorrelation(chains: Array) -> Autocorrelation:
+    """Of `(E, S, W, D)`, averaged over walkers and ensembles, then summed in Sokal's window
+    (Goodman and Weare 2010, as emcee does per ensemble).
+    """
+    n_steps = chains.shape[1]
+    total: Array = np.zeros((n_steps, chains.shape[-1]))
+    for chain in chains:
+        centred = chain - chain.mean(axis=(0, 1))
+        spectrum = fft.rfft(centred, n=fft.next_fast_len(2 * n_steps, real=True), axis=0)
+        power = (spectrum.real**2 + spectrum.imag**2).sum(axis=1)
+        total += fft.irfft(power, n=fft.next_fast_len(2 * n_steps, real=True), axis=0)[:n_steps]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        rho = np.nan_to_num(total / total[0], nan=1.0)
+    tau = 2.0 * np.cumsum(rho, axis=0) - 1.0
+    inside = np.arange(n_steps)[:, None] < WINDOW * tau
+    window = np.where(inside.all(axis=0), n_steps - 1, np.argmin(inside, axis=0))
+    found = np.maximum(tau[window, np.arange(tau.shape[1])], 1.0)
+    return Autocorrelation(rho=rho, tau=np.asarray(found), window=window)
+
+
+def autocorrelation_time(chains: Array) -> Array:
+    """Integrated, in steps: `(E, S, W, D) -> (D,)`."""
+    return autocorrelation(chains).tau
+
+
+def _each(statistic: object, draws: Array, **options: object) -> Array:
+    assert callable(statistic)
+    columns = range(draws.shape[-1])
+    return np.array(
+        [float(statistic(draws[..., d], chain_axis=0, draw_axis=1, **options)) for d in columns]
+    )
+
+
+def _reasons(
+    names: tuple[str, ...],
+    targets: Targets,
+    tau: Array,
+    r_hat: Array,
+    ess: Array,
+    n_tau: float,
+) -> list[str]:
+    reasons = []
+    if not np.all(np.isfinite(r_hat)) or r_hat.max() > targets.r_hat:
+        worst = int(np.argmax(np.nan_to_num(r_hat, nan=np.inf)))
+        reasons.append(
+            f"the ensembles disagree on {names[worst]}: R-hat {r_hat[worst]:.4f}, "
+            f"wanted at most {targets.r_hat:g}"
+        )
+    if n_tau < targets.n_tau:
+        worst = int(np.argmax(tau))
+        reasons.append(
+            f"the chain is {n_tau:.0f} autocorrelation times long (tau {tau[worst]:.0f} steps, "
+            f"{names[worst]}), wanted at least {targets.n_tau:g}"
+        )
+    if not np.all(np.isfinite(ess)) or ess.min() < targets.ess:
+        worst = int(np.argmin(np.nan_to_num(ess, nan=0.0)))
+        reasons.append(
+            f"{ess[worst]:.0f} effective draws of {names[worst]}, wanted at least {targets.ess:g}"
+        )
+    return reasons

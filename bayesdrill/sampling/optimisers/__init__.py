@@ -1,0 +1,22 @@
+"""The registry of optimisers: one file and one line here, or an entry point `bayesdrill.optimiser`."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from bayesdrill.basics.entries import check_entries
+from bayesdrill.basics.registry import Registry
+from bayesdrill.sampling.optimisers.contract import Optimiser
+from bayesdrill.sampling.optimisers.nelder_mead import NelderMead
+
+
+def _is_optimiser(_: str, member: Any) -> None:
+    missing = [one for one in ("polished", "check", "__call__") if not hasattr(member, one)]
+    if not isinstance(member, type) or missing:
+        raise ValueError(f"an optimiser is a dataclass with {', '.join(missing) or 'entries'}")
+    check_entries(member)
+
+
+OPTIMISERS: Registry[type[Optimiser]] = Registry(
+    "optimiser", {"nelder_mead": NelderMead}, judge=_is_optimiser
+)

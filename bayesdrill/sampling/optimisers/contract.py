@@ -1,0 +1,66 @@
+"""The contract of an optimiser."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayesdrill.inference.unknowns import Coordinates
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Task:
+    """What is to be maximised: a density over the physical unknowns `names`.
+
+    `density((W, D)) -> (W,)`, -inf outside its support.  `covariance(theta (D,)) -> (D, D)` in
+    `coordinates`: what makes steps of one in its principal directions sensible there.
+    """
+
+    names: tuple[str, ...]
+    density: Callable[[Array], Array]
+    coordinates: Coordinates
+    covariance: Callable[[Array], Array]
+
+    def at(self, theta: Array) -> float:
+        """The log density at one point `(D,)`."""
+        return float(self.density(theta[None])[0])
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Optimum:
+    """The best point found from one start, physical: `theta (D,)`.
+
+    `value`: the highest seen; `evaluations`: all that were made.  `settled`: the search stopped by
+    itself, before its evaluations ran out.  `history`: the best log density after each iteration of a
+    simplex.
+    """
+
+    theta: Array
+    value: float
+    evaluations: int
+    settled: bool
+    history: tuple[float, ...]
+
+
+class Optimiser(Protocol):
+    """A frozen dataclass whose annotated fields are its entries of `map:`.
+
+    `polished`: whether slopes go the rest of the way, and scouts look for maxima elsewhere.
+    """
+
+    @property
+    def polished(self) -> bool: ...
+
+    def check(self, unknown: Sequence[str]) -> None:
+        """Raises `ValueError` where it cannot search these unknowns."""
+        ...
+
+    def __call__(self, task: Task, start: Array, evaluations: int) -> Optimum:
+        """Search from the physical point `start (D,)`, with `evaluations` at most."""
+        ...

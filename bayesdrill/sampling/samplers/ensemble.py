@@ -1,0 +1,285 @@
+"""One emcee ensemble, advanced piece by piece (the same chain however it is cut), and the registry
+of its moves.
+
+Steps of walkers that the proposal would hardly ever lead away.
+
+Where the density p is far higher than the proposal q foresees, a walker waits for about p/q steps.
+Those whose p/q is above a limit step by themselves, along the ridge that is likely theirs, to where
+p/q is above the limit too: that is Metropolis and Hastings on the density cut to such places.  No
+other walker is touched, so the whole density is kept exactly.
+
+The registry of ensemble moves, in the form that emcee takes them.
+
+They are emcee's own stretch and differential evolution, written over whole arrays: emcee 3.1.6
+loops over the walkers, which costs more than the model does here.  Its snooker move is not among
+them: its Hastings factor is wrong (it shrinks a unit normal in five dimensions to a standard
+deviation of 0.84).  A move enters here after it has passed `tests/contracts/test_moves.py`.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayesdrill.basics.registry import Registry, callable_one
+from bayesdrill.sampling.samplers.independence import Inside, Mixture, Proposal, Remembered
+from bayesdrill.sampling.samplers.ridge import Sheet
+
+Array = NDArray[np.float64]
+
+SHORTEST, LONGEST = 0.01, 1.0  # of a component's widths, over the root of the dimension
+
+
+def local_steps(
+    mixture: Mixture, u: Array, random: np.random.RandomState
+) -> tuple[Array, Array, Array]:
+    """From `u (n, D)`: new points, their Hastings factors (logs) and their log q, both `(n,)`.
+
+    The component is drawn by its share of q, which is another where the step ends; the step has its
+    shape, and a length between far and near.
+    """
+    n, d = u.shape
+    walker = np.arange(n)
+    y, before = mixture.straightened(u)
+    parts = mixture.log_parts(y, before)
+    shares = np.exp(parts - parts.max(axis=0)).cumsum(axis=0)
+    k = (shares < shares[-1] * random.random_sample(n)).sum(axis=0)
+    length = SHORTEST * (LONGEST / SHORTEST) ** random.random_sample((n, 1)) / np.sqrt(d)
+    step = np.einsum("nij,nj->ni", mixture.roots[k], random.standard_normal((n, d)))
+    sheet = mixture.sheet[k]
+    fresh = np.empty_like(u)
+    for s in np.unique(sheet):
+        mine = sheet == s
+        fresh[mine] = mixture.sheets[s].bend((y[s] + length * step)[mine])[0]
+    y, after = mixture.straightened(fresh)
+    parts_after = mixture.log_parts(y, after)
+    log_q, log_q_after = (np.logaddexp.reduce(some, axis=0) for some in (parts, parts_after))
+    share, share_after = parts[k, walker] - log_q, parts_after[k, walker] - log_q_after
+    factor = share_after - share + after[sheet, walker] - before[sheet, walker]
+    return fresh, factor, log_q_after
+
+
+Random = np.random.RandomState
+
+STRETCH = 2.0  # Goodman and Weare's a
+GAMMA = 2.38  # over sqrt(2 D): ter Braak's scale of a difference
+GAMMA_SPREAD = 1e-5  # relative: a little noise keeps walkers out of a common plane
+
+
+class Move(Protocol):
+    """`propose(model, state)`: emcee's contract; `state` is changed in place and given back."""
+
+    def propose(self, model: Any, state: Any) -> tuple[Any, NDArray[np.bool_]]: ...
+
+
+@dataclass(frozen=True, slots=True)
+class Halves:
+    """Each half of the walkers, split at random, moves by where the other half stands.
+
+    `proposal(walkers, others, random)`: new points and their Hastings factors (logs).  `along`: the
+    ridge in whose coordinates that happens, where there is one.
+    """
+
+    proposal: Callable[[Array, Array, Random], tuple[Array, Array]]
+    along: Sheet | None = None
+
+    def propose(self, model: Any, state: Any) -> tuple[Any, NDArray[np.bool_]]:
+        accepted = np.zeros(len(state.coords), dtype=bool)
+        order = model.random.permutation(len(state.coords))
+        middle = len(order) // 2
+        for half, others in ((order[:middle], order[middle:]), (order[middle:], order[:middle])):
+            fresh, factor = self._proposed(state.coords, half, others, model.random)
+            accepted[half] = _accept(model, state, half, fresh, factor)
+        return state, accepted
+
+    def _proposed(
+        self, walkers: Array, half: NDArray[np.intp], others: NDArray[np.intp], random: Random
+    ) -> tuple[Array, Array]:
+        if self.along is None:
+            return self.proposal(walkers[half], walkers[others], random)
+        y, before = self.along.straighten(walkers)
+        there, factor = self.proposal(y[half], y[others], random)
+        fresh, after = self.along.bend(there)
+        return fresh, factor + after - before[half]
+
+
+@dataclass(frozen=True, slots=True)
+class Independent:
+    """All walkers at once, to points that do not depend on where any of them stands.
+
+    After a share of the steps (of the settled ones, where there are any), those that would wait long
+    for such a point take a step by themselves.
+    """
+
+    proposal: Proposal
+    inside: Inside
+    remembered: tuple[Remembered, Remembered]  # of the proposal, and of the widest
+
+    def propose(self, model: Any, state: Any) -> tuple[Any, NDArray[np.bool_]]:
+        everyone = np.arange(len(state.coords))
+        one = self.proposal.one_of(model.random)
+        known = self.remembered[one is self.proposal.settled]
+        before = known.at(state.coords)
+        fresh, after = one.draw(len(everyone), self.inside, model.random)
+        moved = _accept(model, state, everyone, fresh, before - after)
+        known.keep(state.coords, np.where(moved, after, before))
+        if one is self.proposal.widest and model.random.random_sample() < one.alone:
+            moved |= alone(model, state, one, known.at(state.coords))
+        return state, moved
+
+
+def alone(model: Any, state: Any, proposal: Proposal, log_q: Array) -> NDArray[np.bool_]:
+    """Steps of those walkers that would wait long; `log_q (W,)` is the proposal's where they stand."""
+    moved = np.zeros(len(log_q), dtype=bool)
+    which = np.flatnonzero(state.log_prob > proposal.high(log_q))
+    if len(which) > 0:
+        fresh, factor, there = local_steps(proposal.mixture, state.coords[which], model.random)
+        moved[which] = _accept(model, state, which, fresh, factor, proposal.high(there))
+    return moved
+
+
+def _accept(
+    model: Any,
+    state: Any,
+    which: NDArray[np.intp],
+    fresh: Array,
+    factor: Array,
+    above: Array | float = -np.inf,
+) -> NDArray[np.bool_]:
+    """Metropolis and Hastings for the walkers `which`: `(len(which),)` whether each has moved.
+
+    `above`: what the density, a log, is cut to.
+    """
+    log_p = np.asarray(model.log_prob_fn(fresh))
+    with np.errstate(divide="ignore"):
+        threshold = np.log(model.random.random_sample(len(which)))
+    moved: NDArray[np.bool_] = threshold < log_p - state.log_prob[which] + factor
+    moved &= log_p > above
+    state.coords[which[moved]] = fresh[moved]
+    state.log_prob[which[moved]] = log_p[moved]
+    return moved
+
+
+def differential_evolution(walkers: Array, others: Array, random: Random) -> tuple[Array, Array]:
+    """Along the difference of two of the others (ter Braak 2006; Nelson et al. 2014)."""
+    n, d = walkers.shape
+    first, apart = random.randint(len(others), size=n), random.randint(1, len(others), size=n)
+    second = (first + apart) % len(others)
+    gamma = GAMMA / np.sqrt(2 * d) * (1.0 + GAMMA_SPREAD * random.standard_normal((n, 1)))
+    return walkers + gamma * (others[first] - others[second]), np.zeros(n)
+
+
+def stretch(walkers: Array, others: Array, random: Random) -> tuple[Array, Array]:
+    """Along the line through one of the others (Goodman and Weare 2010)."""
+    n, d = walkers.shape
+    factor = np.square((STRETCH - 1.0) * np.asarray(random.random_sample(n)) + 1.0) / STRETCH
+    centre = others[random.randint(len(others), size=n)]
+    return centre + factor[:, None] * (walkers - centre), (d - 1.0) * np.log(factor)
+
+
+Make = Callable[[Proposal | None, Inside], Move | None]
+
+
+def halves(proposal: Callable[[Array, Array, Random], tuple[Array, Array]]) -> Make:
+    """Along the first ridge, where one has been learnt."""
+    return lambda learnt, _: Halves(proposal, learnt.mixture.sheets[0] if learnt else None)
+
+
+def _independent(learnt: Proposal | None, inside: Inside) -> Move | None:
+    """None as long as nothing has been learnt."""
+    if learnt is None:
+        return None
+    remembered = Remembered(learnt.mixture), Remembered(learnt.widest.mixture)
+    return Independent(learnt, inside, remembered)
+
+
+MOVES: Registry[Make] = Registry(
+    "move",
+    {
+        "differential_evolution": halves(differential_evolution),
+        "stretch": halves(stretch),
+        "independence": _independent,
+    },
+    judge=callable_one,
+)
+
+
+def mixture(
+    weights: Mapping[str, float], learnt: Proposal | None, inside: Inside
+) -> list[tuple[Move, float]]:
+    """What emcee takes as `moves`; those that need a proposal only where one has been learnt."""
+    made = [(MOVES[name](learnt, inside), weight) for name, weight in weights.items() if weight > 0]
+    return [(move, weight) for move, weight in made if move is not None]
+
+
+@dataclass(frozen=True, slots=True)
+class State:
+    """All that the future of an ensemble depends on. `random` is a legacy NumPy state tuple."""
+
+    z: Array
+    log_p: Array
+    random: tuple[Any, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Piece:
+    """Consecutive steps: `z (S, W, D)`, `log_p (S, W)`, `accepted (W,)` counts, and the end.
+
+    `seconds`: how long they took; nothing but the length of the next piece depends on it.
+    """
+
+    z: Array
+    log_p: Array
+    accepted: Array
+    failures: int
+    state: State
+    seconds: float
+
+
+def everywhere(z: Array) -> NDArray[np.bool_]:
+    return np.ones(len(z), dtype=bool)
+
+
+def advance(
+    evaluate: Callable[[Array], tuple[Array, int]],
+    state: State,
+    n_steps: int,
+    moves: Mapping[str, float],
+    proposal: Proposal | None = None,
+    inside: Callable[[Array], NDArray[np.bool_]] = everywhere,
+) -> Piece:
+    """`n_steps` further; `evaluate` gives the log density of a batch and its failures.
+
+    `proposal`: what the independence move draws from; without it that move is left out.
+    `inside`: whether points `(n, D)` may have a density at all, cheaper than asking for it.
+    """
+    import emcee  # late: it takes half a second to load
+
+    failures = 0
+
+    def target(z: Array) -> Array:
+        nonlocal failures
+        log_p, failed = evaluate(z)
+        failures += failed
+        return log_p
+
+    begun = time.perf_counter()
+    n_walkers, n_dim = state.z.shape
+    sampler = emcee.EnsembleSampler(
+        n_walkers, n_dim, target, moves=mixture(moves, proposal, inside), vectorize=True
+    )
+    start = emcee.State(state.z, log_prob=state.log_p, random_state=state.random)
+    end = sampler.run_mcmc(start, n_steps, skip_initial_state_check=True)
+    return Piece(
+        z=sampler.get_chain(),
+        log_p=sampler.get_log_prob(),
+        accepted=sampler.backend.accepted.copy(),
+        failures=failures,
+        state=State(end.coords, end.log_prob, tuple(end.random_state)),
+        seconds=time.perf_counter() - begun,
+    )

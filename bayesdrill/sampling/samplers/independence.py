@@ -1,0 +1,393 @@
+"""An independence proposal: a Gaussian mixture over sheets of coordinates, fitted to weighted
+draws.
+
+What draws from a proposal q say of the target p: weights, and how q would do.
+
+Draws come from q and from a wider density too, so that what q hardly ever proposes is seen as well:
+a proposal that looks only where it goes takes itself for perfect.
+
+Gaussian mixtures over several sheets of coordinates, fitted to weighted draws that a prior cuts.
+
+A sheet is a ridge with coordinates of its own; every component belongs to one.  A posterior with
+one maximum has one sheet.  Together they are one normalised density over u (up to what the prior
+cuts off, which is the same for all of it).
+
+An independence proposal: it is learnt before the first step, and depends on nothing that the
+chain does, so that detailed balance holds exactly: u' drawn from the density q is accepted with
+min(1, p(u') q(u) / (p(u) q(u'))).
+
+Draws outside the prior are drawn again, which costs no response of the model where no ridge is
+settled; what the cut does to the norm of q cancels.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayesdrill.sampling.samplers.ridge import Sheet
+
+Array = NDArray[np.float64]
+
+LONG = 2.0  # of the log of p over q above the usual: e^2 times as long as usual
+
+
+@dataclass(frozen=True, slots=True)
+class Weighed:
+    """Draws `u (N, D)`, logs of p over q `(N,)`, and of how much of q each of them stands for `(N,)`.
+
+    Neither p nor q need be normalised; p may be zero.
+    """
+
+    u: Array
+    log_w: Array
+    log_q: Array
+
+    @property
+    def weights(self) -> Array:
+        """`(N,)`, their sum 1: the draws are those of p then."""
+        return normalised(self.log_q + self.log_w)
+
+    @property
+    def effective(self) -> float:
+        return effective(self.weights)
+
+    @property
+    def share(self) -> float:
+        """Of draws from q alone, how many would be effective."""
+        ratio, q = np.exp(self.log_w - self.log_w.max()), normalised(self.log_q)
+        return float((q @ ratio) ** 2 / (q @ ratio**2))
+
+    @property
+    def acceptance(self) -> float:
+        """Of independent proposals in the long run.
+
+        A move from x to y is accepted with min(1, w(y) / w(x)), x from p and y from q: the mean of
+        the smaller of two weights, over the mean weight.
+        """
+        order = np.argsort(-self.log_w)
+        ratio = np.exp(self.log_w[order] - self.log_w[order[0]])
+        q = normalised(self.log_q)[order]
+        larger = np.cumsum(q) - 0.5 * q  # of q where the weight is larger, itself half
+        return float(2.0 * (q * ratio) @ larger / (q @ ratio))
+
+    @property
+    def trapped(self) -> float:
+        """How much of p is where q is so thin that a walker would wait long for another point."""
+        return float(self.weights[self.log_w > self.usual + LONG].sum())
+
+    @property
+    def usual(self) -> float:
+        """The log of p over q where most of p is: its median over p."""
+        order = np.argsort(self.log_w)
+        middle = int(np.searchsorted(np.cumsum(self.weights[order]), 0.5))
+        return float(self.log_w[order[min(middle, len(order) - 1)]])
+
+    def tempered(self, least: float) -> Array:
+        """Weights of p^b q^(1 - b) with b the largest up to 1 that leaves so many effective draws."""
+
+        def flat(power: float) -> Array:
+            with np.errstate(invalid="ignore"):
+                return normalised(np.where(finite, self.log_q + power * self.log_w, -np.inf))
+
+        finite = np.isfinite(self.log_w)
+        if effective(flat(1.0)) >= least:
+            return flat(1.0)
+        low, high = 0.0, 1.0
+        for _ in range(40):
+            middle = 0.5 * (low + high)
+            low, high = (middle, high) if effective(flat(middle)) >= least else (low, middle)
+        return flat(low)
+
+    def those_with_a_density(self) -> Weighed:
+        kept = np.isfinite(self.log_w)
+        return Weighed(self.u[kept], self.log_w[kept], self.log_q[kept])
+
+
+def normalised(log_w: Array) -> Array:
+    weights = np.exp(log_w - log_w.max())
+    return np.asarray(weights / weights.sum())
+
+
+def effective(weights: Array) -> float:
+    """As how many equal ones these `weights (N,)` count (Kish)."""
+    largest = float(weights.max())
+    if largest == 0.0:
+        return 0.0
+    scaled = weights / largest
+    return float(scaled.sum() ** 2 / (scaled**2).sum())
+
+
+Inside = Callable[[Array], NDArray[np.bool_]]
+
+FILL = 0.8  # of what the prior cuts off: with all of it, nine of ten draws would be cut off in a corner
+FLOOR = 1e-4  # of the variance of all draws of a sheet, added to that of its components
+LOG_2PI = float(np.log(2.0 * np.pi))
+
+
+@dataclass(frozen=True, slots=True)
+class Drawn:
+    """`u (n, D)`, log |du / dy| `(n,)` and `y (n, D)`, each on the sheet that it was drawn on."""
+
+    u: Array
+    jacobian: Array
+    y: Array
+    sheet: NDArray[np.intp]
+
+    def those(self, good: NDArray[np.bool_] | NDArray[np.intp]) -> Drawn:
+        return Drawn(self.u[good], self.jacobian[good], self.y[good], self.sheet[good])
+
+
+@dataclass(frozen=True, slots=True)
+class Mixture:
+    """`sheet (K,)`: which of `sheets` a component lives on; `weights (K,)` sum to 1.
+
+    `means (K, D)` and lower Cholesky factors `roots (K, D, D)` in the sheet's coordinates.
+    """
+
+    sheets: tuple[Sheet, ...]
+    sheet: NDArray[np.intp]
+    weights: Array
+    means: Array
+    roots: Array
+    inverses: Array
+    constants: Array
+
+    def draw(self, n: int, random: np.random.RandomState) -> Drawn:
+        """`n` draws, inside the prior or not."""
+        chosen = np.searchsorted(np.cumsum(self.weights)[:-1], random.random_sample(n))
+        normal = random.standard_normal((n, self.means.shape[1]))
+        y, u, jacobian = np.empty_like(normal), np.empty_like(normal), np.empty(n)
+        for k, (mean, root) in enumerate(zip(self.means, self.roots, strict=True)):
+            mine = np.flatnonzero(chosen == k)
+            y[mine] = mean + normal[mine] @ root.T
+        if len(self.sheets) == 1:
+            return Drawn(*self.sheets[0].bend(y), y, self.sheet[chosen])
+        for s, ridge in enumerate(self.sheets):
+            mine = np.flatnonzero(self.sheet[chosen] == s)
+            u[mine], jacobian[mine] = ridge.bend(y[mine])
+        return Drawn(u, jacobian, y, self.sheet[chosen])
+
+    def log_density_of(self, drawn: Drawn) -> Array:
+        """Of draws of its own: `(n,)`."""
+        return self.log_density_at(*self.coordinates(drawn))
+
+    def coordinates(self, drawn: Drawn) -> tuple[Array, Array]:
+        """`straightened`, of draws of its own: on the sheet they come from they are known already."""
+        y = np.repeat(drawn.y[None], len(self.sheets), axis=0)
+        jacobian = np.repeat(drawn.jacobian[None], len(self.sheets), axis=0)
+        for s, ridge in enumerate(self.sheets):
+            others = np.flatnonzero(drawn.sheet != s)
+            if len(others) > 0:
+                y[s, others], jacobian[s, others] = ridge.straighten(drawn.u[others])
+        return y, jacobian
+
+    def widened(self, factor: float) -> Mixture:
+        """With every component as many times wider, and equal shares for the sheets."""
+        each = np.array([self.weights[self.sheet == s].sum() for s in self.sheet])
+        weights = self.weights / each
+        return mixture(self.sheets, self.sheet, weights, self.means, factor * self.roots)
+
+    def log_density(self, u: Array) -> Array:
+        """`(W, D) -> (W,)` over u."""
+        return self.log_density_at(*self.straightened(u))
+
+    def log_density_at(self, y: Array, jacobian: Array) -> Array:
+        """Of what has been `straightened` already: `(W,)` over u."""
+        return _summed(self.log_parts(y, jacobian))
+
+    def shares(self, y: Array, jacobian: Array) -> tuple[Array, Array]:
+        """Of each component in the density there: `(K, W)`; and its log `(W,)`."""
+        parts = self.log_parts(y, jacobian)
+        log_q = _summed(parts)
+        return np.exp(parts - log_q), log_q
+
+    def straightened(self, u: Array) -> tuple[Array, Array]:
+        """`y (S, W, D)` on each sheet and log |du / dy| `(S, W)`."""
+        found = [ridge.straighten(u) for ridge in self.sheets]
+        return np.array([y for y, _ in found]), np.array([jacobian for _, jacobian in found])
+
+    def log_parts(self, y: Array, jacobian: Array) -> Array:
+        """Log density over u of each component, its weight included: `(K, W)`."""
+        standard = (y[self.sheet] - self.means[:, None, :]) @ self.inverses.transpose(0, 2, 1)
+        squares = np.einsum("kwd,kwd->kw", standard, standard)
+        return np.asarray(self.constants[:, None] - jacobian[self.sheet] - 0.5 * squares)
+
+
+def _summed(parts: Array) -> Array:
+    """Log of the sum of densities whose logs are `(K, W)`: `(W,)`."""
+    highest = parts.max(axis=0)
+    return np.asarray(highest + np.log(np.exp(parts - highest).sum(axis=0)))
+
+
+def mixture(
+    sheets: Sequence[Sheet],
+    sheet: Sequence[int] | NDArray[np.intp],
+    weights: Array,
+    means: Array,
+    roots: Array,
+) -> Mixture:
+    weights = weights / weights.sum()
+    log_det = np.log(np.diagonal(roots, axis1=1, axis2=2)).sum(axis=1)
+    with np.errstate(divide="ignore"):
+        constants = np.log(weights) - log_det - 0.5 * means.shape[1] * LOG_2PI
+    inverses = np.linalg.inv(roots)
+    which = np.array(sheet, dtype=np.intp)
+    return Mixture(tuple(sheets), which, weights, means, roots, inverses, constants)
+
+
+def fitted(
+    start: Mixture,
+    u: Array,
+    weights: Array,
+    inside: Inside,
+    rounds: int,
+    random: np.random.RandomState,
+) -> Mixture:
+    """Expectation and maximisation from `start`, for draws `u (N, D)` that weigh `weights (N,)`.
+
+    What the mixture puts outside the prior is added to the draws in each round, so that it is free
+    to be anything there: a density that ends at a wall is met by components that reach beyond.
+    """
+    found = start
+    y, jacobian = start.straightened(u)
+    floors = [_floor(*own) for own in zip(y, _of_sheets(start, y, jacobian, weights), strict=True)]
+    for _ in range(rounds):
+        drawn = found.draw(len(u), random).u
+        out = ~inside(drawn)
+        share = max(1.0 - float(out.mean()), 1.0 / len(u))
+        y_out, jacobian_out = found.straightened(drawn[out])
+        every = np.concatenate([weights, np.full(int(out.sum()), FILL / (share * len(u)))])
+        points = np.concatenate([y, y_out], axis=1)
+        jacobians = np.concatenate([jacobian, jacobian_out], axis=1)
+        found = _step(found, points, jacobians, every, floors)
+    return found
+
+
+def _step(
+    found: Mixture, y: Array, jacobian: Array, weights: Array, floors: list[Array]
+) -> Mixture:
+    parts = found.log_parts(y, jacobian)
+    parts -= parts.max(axis=0)
+    shares = np.exp(parts)
+    shares *= weights / shares.sum(axis=0)
+    totals = shares.sum(axis=1)
+    means, roots = found.means.copy(), found.roots.copy()
+    dimension = means.shape[1]
+    for k, total in enumerate(totals):
+        if total < 1e-12 or _effective(shares[k]) < 2 * dimension:
+            continue  # too few draws to move it
+        points = y[found.sheet[k]]
+        means[k] = shares[k] @ points / total
+        off = points - means[k]
+        covariance = (off * shares[k][:, None]).T @ off / total
+        with suppress(np.linalg.LinAlgError):  # of one draw that outweighs all others
+            roots[k] = np.linalg.cholesky(covariance + floors[found.sheet[k]])
+    return mixture(found.sheets, found.sheet, np.maximum(totals, 1e-12), means, roots)
+
+
+def _of_sheets(found: Mixture, y: Array, jacobian: Array, weights: Array) -> list[Array]:
+    """How much of each weight every sheet stands for: `(N,)` each."""
+    if len(found.sheets) == 1:
+        return [weights]
+    shares, _ = found.shares(y, jacobian)
+    return [weights * shares[found.sheet == s].sum(axis=0) for s in range(len(found.sheets))]
+
+
+def _floor(y: Array, weights: Array) -> Array:
+    total = max(float(weights.sum()), 1e-300)
+    mean = weights @ y / total
+    spread = weights @ (y - mean) ** 2 / total
+    return np.diag(FLOOR * spread + 1e-12)
+
+
+def _effective(weights: Array) -> float:
+    total = float(weights.sum())
+    return total * total / max(float(weights @ weights), 1e-300)
+
+
+Random = np.random.RandomState
+
+SETTLED = 0.5  # of the steps, where there is such a proposal
+ALONE = 0.2  # of the steps: the model is as dear for one walker as for thirty, ...
+SETTLED_ALONE = 0.5  # ... and of those along settled ridges: there more are left waiting
+MOST_REDRAWS = 8
+MOST_AT_ONCE = 10  # draws for each that is wanted: in a corner of the prior few are inside
+
+
+@dataclass(frozen=True, slots=True)
+class Proposal:
+    """`share`: of the mixture's draws that are inside the prior, about.
+
+    `usual`: log p - log q where most of p is.  `alone`: after which share of its steps walkers that
+    would wait step by themselves.  `settled`: another, which costs far more and goes where this one
+    hardly ever does.
+    """
+
+    mixture: Mixture
+    share: float
+    usual: float
+    alone: float = ALONE
+    settled: Proposal | None = None
+
+    def one_of(self, random: Random) -> Proposal:
+        """What a step draws from: mostly this."""
+        if self.settled is None or random.random_sample() > SETTLED:
+            return self
+        return self.settled
+
+    @property
+    def widest(self) -> Proposal:
+        """What leaves least of the posterior out."""
+        return self.settled or self
+
+    def high(self, log_q: Array) -> Array:
+        """Above which log p a walker where q is `log_q (W,)` would wait long."""
+        return self.usual + LONG + log_q
+
+    def draw(self, n: int, inside: Inside, random: Random) -> tuple[Array, Array]:
+        """`n` draws `(n, D)` inside the prior, and their log q `(n,)`.
+
+        After `MOST_REDRAWS` some may be outside, where they are never accepted: that depends on
+        no walker, so the chain stays exact.
+        """
+        have = 0
+        found: list[tuple[Array, Array]] = []
+        for attempt in range(MOST_REDRAWS):
+            wanted = min(1.2 * (n - have) / self.share, MOST_AT_ONCE * n)
+            drawn = self.mixture.draw(int(wanted) + 8, random)
+            if attempt < MOST_REDRAWS - 1:
+                drawn = drawn.those(np.flatnonzero(inside(drawn.u))[: n - have])
+            found.append((drawn.u, self.mixture.log_density_of(drawn)))
+            have += len(drawn.u)
+            if have >= n:
+                break
+        return tuple(np.concatenate(parts)[:n] for parts in zip(*found, strict=True))  # type: ignore[return-value]
+
+
+class Remembered:
+    """Log q where walkers stand, of one mixture: asked for again where they have moved."""
+
+    def __init__(self, mixture: Mixture) -> None:
+        self.mixture = mixture
+        self._u = np.empty((0, 0))
+        self._log_q = np.empty(0)
+
+    def at(self, u: Array) -> Array:
+        """`(W, D)` to `(W,)`."""
+        if self._u.shape != u.shape:
+            self.keep(u, self.mixture.log_density(u))
+        moved = np.flatnonzero((self._u != u).any(axis=1))
+        if len(moved) > 0:
+            log_q = self._log_q.copy()
+            log_q[moved] = self.mixture.log_density(u[moved])
+            self.keep(u, log_q)
+        return self._log_q
+
+    def keep(self, u: Array, log_q: Array) -> None:
+        """For the next time."""
+        self._u, self._log_q = u.copy(), log_q

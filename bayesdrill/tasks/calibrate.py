@@ -1,0 +1,287 @@
+"""The calibration of a config: refits handed out, saved one by one, and judged together."""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import io
+import time
+from collections.abc import Callable, Sequence
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from bayesdrill import output_files
+from bayesdrill.analysis.calibration import Refit, Study, Verdict, judge_calibration, packed, work
+from bayesdrill.basics import software
+from bayesdrill.basics.errors import InputError, Interrupted
+from bayesdrill.basics.progress import Reporter
+from bayesdrill.config import loading
+from bayesdrill.config.job import Job
+from bayesdrill.config.records import reading, simulation, sources
+from bayesdrill.config.resolve import assembly
+from bayesdrill.config.resolve.experiments import views
+from bayesdrill.inference.posterior import Problem
+from bayesdrill.output_files import (
+    CONFIG_FILE,
+    FIGURES,
+    REFITS,
+    RESOLVED_FILE,
+    dumps_checksummed,
+    loads_checksummed,
+    typed,
+)
+from bayesdrill.record.experiment import Experiment, frozen
+from bayesdrill.report import run_report
+from bayesdrill.report.section import Section, as_markdown, markdown
+from bayesdrill.report.sections import calibration_words
+from bayesdrill.results import provenance, run_folder
+from bayesdrill.results.run_folder import COMPUTED_AGAIN, Folder
+from bayesdrill.sampling.convergence import Targets
+from bayesdrill.sampling.workers import ctrl_c_waits
+from bayesdrill.tasks import conclusions
+from bayesdrill.tasks.remote import RefitExecutor, results
+
+RANKS = "ranks.csv"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Outcome:
+    folder: Path
+    verdict: Verdict
+    refits: tuple[Refit, ...]
+
+    @property
+    def said(self) -> str:
+        """For the terminal."""
+        words, found = calibration_words, self.verdict
+        table = markdown(words.table(found))
+        return f"{words.refits(found, self.refits)}\n\n{table}\n{words.verdict(found)}"
+
+
+def prepare(path: Path) -> Job:
+    """As `job.prepare`, but nothing has to be measured yet where `simulation:` gives times."""
+    config, source = loading.load(path)
+    there = all(
+        path.exists()
+        for view in views(config, source)
+        for path in sources.paths(view.config, view.source)
+    )
+    read: Callable[..., Experiment] = reading.read if there else simulation.grid
+    every = views(config, source)
+    records = [read(view.config, view.source) for view in every]
+    problem = assembly.problem(config, every, records)
+    return Job(config=config, source=source, problem=_blank(problem))
+
+
+def _blank(problem: Problem) -> Problem:
+    """What was measured plays no part but in priors of free states, and so must not stop a calibration
+    from being resumed.
+    """
+    seen = [one.experiment.seen for one in problem.observations]
+    blank = tuple(
+        one.with_record(frozen(np.where(where, 0.0, np.nan)))
+        for one, where in zip(problem.observations, seen, strict=True)
+    )
+    posterior = problem.posterior
+    likelihood = dataclasses.replace(posterior.likelihood, observations=blank)
+    return dataclasses.replace(
+        problem, posterior=dataclasses.replace(posterior, likelihood=likelihood)
+    )
+
+
+def study(job: Job) -> Study:
+    own = job.config.calibration
+    targets = Targets(r_hat=job.config.sampler.r_hat, n_tau=own.n_tau, ess=own.ess)
+    plan = conclusions.plan(job.config)
+    return Study(
+        posterior=job.problem.posterior,
+        optimiser=assembly.optimiser(job.config),
+        starts=own.starts,
+        evaluations=job.config.map.evaluations,
+        plan=dataclasses.replace(plan, targets=targets, max_steps=own.max_steps),
+        draws=own.draws,
+        seed=job.config.seed,
+    )
+
+
+def calibrate(
+    job: Job,
+    output: Path,
+    how: run_folder.Mode,
+    crew: RefitExecutor,
+    report: Reporter,
+) -> Outcome:
+    """The whole job. Raises `Interrupted` when asked to stop, and `BrokenProcessPool` when a worker
+    was killed; refits that are done are saved.
+    """
+    own = job.config.calibration
+    # A refit does not depend on how many there are: a calibration can be extended.
+    marks = provenance.fingerprint(job.config, job.problem) | {
+        f"calibration.{name}": repr(value) for name, value in own if name != "refits"
+    }
+    begun = time.perf_counter()
+    with Folder(output, how, marks, output_files.CALIBRATE) as folder:
+        if how == "resume":
+            saved(folder.path / REFITS, study(job))  # what is damaged, before anything is written
+        report.say(calibration_words.opening(job.problem, job.config))
+        folder.begin(
+            status="running",
+            seed=job.config.seed,
+            versions=software.installed_versions(),
+            refits=own.refits,
+        )
+        folder.write_text(CONFIG_FILE, job.source.text)
+        folder.write_text(RESOLVED_FILE, provenance.resolved(job.config, job.source, output))
+        try:
+            refits = run(study(job), own.refits, folder.path / REFITS, crew, report)
+        except KeyboardInterrupt:
+            folder.write_run(status="interrupted")
+            done = len(saved(folder.path / REFITS, study(job)))
+            message = f"stopped; {done} of {own.refits} refits are saved in {output}"
+            raise Interrupted(f"{message}; continue with --resume") from None
+        except (InputError, BrokenProcessPool):
+            folder.write_run(status="interrupted")
+            raise
+        verdict = _publish(job, folder, refits)
+        folder.write_run(seconds=round(time.perf_counter() - begun, 3))
+        return Outcome(folder=folder.path, verdict=verdict, refits=tuple(refits))
+
+
+def run(
+    study: Study,
+    n: int,
+    folder: Path,
+    crew: RefitExecutor,
+    report: Reporter,
+) -> list[Refit]:
+    """Refits 0 to n - 1: those that `folder` holds, and the others, each saved when it is done.
+
+    A task is named by its index alone, so that one that is computed twice is counted once.
+    """
+    done = {refit.index: refit for refit in saved(folder, study) if refit.index < n}
+    missing = [index for index in range(n) if index not in done]
+    folder.mkdir(exist_ok=True)
+    report.update(0.0, f"{len(done)} of {n} refits")
+    _collect(study, missing, crew, done, n, folder, report)
+    report.update(1.0, "")
+    return [done[index] for index in range(n)]
+
+
+def _collect(
+    study: Study,
+    missing: Sequence[int],
+    crew: RefitExecutor,
+    done: dict[int, Refit],
+    n: int,
+    folder: Path,
+    report: Reporter,
+) -> None:
+    blob, versions = packed(study), software.installed_versions()
+    with ctrl_c_waits():
+        futures = [crew.submit(work, blob, versions, index) for index in missing]
+    for count, (_, refit) in enumerate(results(crew, futures, folder.parent, report), 1):
+        save(folder, refit)
+        done[refit.index] = refit
+        strayed = sum(not refit.converged for refit in done.values())
+        doubt = f", {strayed} not converged" if strayed else ""
+        report.update(count / len(missing), f"{len(done)} of {n} refits{doubt}")
+
+
+def save(folder: Path, refit: Refit) -> None:
+    output_files.write_text(
+        folder / f"{refit.index:06d}.json", dumps_checksummed(dataclasses.asdict(refit))
+    )
+
+
+def saved(folder: Path, study: Study) -> list[Refit]:
+    """Raises `InputError` where a file is damaged, or of another study."""
+    found = sorted(folder.glob("*.json"))
+    those = [path for path in found if output_files.CALIBRATE.made(f"{REFITS}/{path.name}")]
+    return [_read(path, study) for path in those]
+
+
+def _read(path: Path, study: Study) -> Refit:
+    try:
+        found = typed(Refit, loads_checksummed(path.read_bytes()))
+        ranked = {len(study.names), *([0] if found.reasons else [])}
+        right = len(found.truth) == len(study.names) and len(found.ranks) in ranked
+        right &= 0 <= found.steps <= study.plan.max_steps
+        right &= all(0 <= rank <= study.draws for rank in found.ranks)
+        if not right or found.index != int(path.stem) or not np.isfinite(found.truth).all():
+            raise ValueError("of another study")
+        return found
+    except ValueError:
+        raise InputError.one(str(path), COMPUTED_AGAIN) from None
+
+
+def _publish(job: Job, folder: Folder, refits: Sequence[Refit]) -> Verdict:
+    names = study(job).names
+    verdict = judge_calibration(names, refits, job.config.calibration.draws)
+    folder.write_text(RANKS, as_csv(names, refits))
+    _draw(job, folder, verdict)
+    _pages(
+        job,
+        folder,
+        calibration_words.sections(
+            verdict, refits, output_files.shown_path(job.config.output.formats)
+        ),
+    )
+    folder.write_run(
+        status="finished",
+        units={symbol.name: symbol.unit for symbol in job.problem.symbols},
+        calibrated=verdict.calibrated,
+        verdict=calibration_words.verdict(verdict),
+        not_converged=list(verdict.not_converged),
+        seconds_of_a_refit=round(float(np.mean([refit.seconds for refit in refits])), 3),
+    )
+    return verdict
+
+
+def _pages(job: Job, folder: Folder, said: Sequence[Section]) -> None:
+    # Late: templates are for this page alone.
+    from bayesdrill.report.render import as_html
+
+    title = f"Calibration of {job.config.name}"
+    folder.write_text("summary.md", as_markdown(title, said))
+    config = job.config
+    lines = (
+        ("config", config.name),
+        ("seed", str(config.seed)),
+        ("versions", software.versions_in_words()),
+    )
+    every = (*said, run_report.made_of(lines, folder.path), run_report.cite())
+    page = as_html(title, "calibration", every, folder.path / FIGURES, job.problem.symbols)
+    folder.write_text("report.html", page)
+
+
+def _draw(job: Job, folder: Folder, verdict: Verdict) -> None:
+    # Late: matplotlib takes a second to load.
+    from bayesdrill.report.sections.calibration_figure import save as save_figure
+
+    figures = folder.path / FIGURES
+    figures.mkdir(exist_ok=True)
+    note = {"Title": job.config.name, "Creator": software.creator()}
+    output = job.config.output
+    every, wanted = (
+        output_files.figure_files("calibration", formats=each)
+        for each in (output_files.FORMATS, output.formats)
+    )
+    folder.take_away(set(every) - set(wanted))
+    save_figure(verdict, job.problem.symbols, output, figures, note)
+
+
+def as_csv(names: Sequence[str], refits: Sequence[Refit]) -> str:
+    """A line for each refit: all digits, SI; nothing that depends on when or where it ran."""
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    keys = [name.replace(" ", "_") for name in names]
+    heads = ["refit", "converged", "r_hat", "ess", "steps"]
+    writer.writerow([*heads, *(f"true_{key}" for key in keys), *(f"rank_{key}" for key in keys)])
+    for refit in refits:
+        ranks = refit.ranks or [""] * len(names)
+        first = (refit.index, int(refit.converged), refit.r_hat, refit.ess, refit.steps)
+        writer.writerow([*first, *refit.truth, *ranks])
+    return out.getvalue()

@@ -1,0 +1,289 @@
+"""Several runs side by side, or as models of one record: what is read of each, and the folder of
+what they say.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import os
+from collections.abc import Sequence
+from pathlib import Path
+
+from bayesdrill import output_files
+from bayesdrill.analysis import prediction
+from bayesdrill.analysis.comparison import Contender, Layer
+from bayesdrill.analysis.diagnostics import summarise
+from bayesdrill.analysis.plausibility import vague
+from bayesdrill.basics import software
+from bayesdrill.basics.errors import InputError, encodable
+from bayesdrill.config.job import SI, Job, OwnUnits
+from bayesdrill.config.resolve import experiments
+from bayesdrill.inference import residual_checks
+from bayesdrill.inference.posterior import Problem
+from bayesdrill.inference.residual_checks import left
+from bayesdrill.inference.unknowns import MOVES
+from bayesdrill.output_files import COMPARE, OVERLAY
+from bayesdrill.report import words
+from bayesdrill.report.comparison_report import ComparisonReport, OverlayReport
+from bayesdrill.report.sections.overlay_figure import LOOKS
+from bayesdrill.results import provenance
+from bayesdrill.results.run_folder import Folder
+from bayesdrill.sampling.ensembles import Sampled
+from bayesdrill.sampling.mode_search import Mode
+
+FEWEST_OVERLAID, MOST_OVERLAID = 2, len(LOOKS)  # that can be told apart in grey
+LONGEST = 100  # letters of a folder's name
+OVERLAY_TITLE = (
+    "overlay"  # inside of figures, where a file's format may write letters of a name otherwise
+)
+
+
+def check_number_overlaid(n: int) -> None:
+    """Raises `InputError` for fewer runs than two, and for more than can be told apart."""
+    if not FEWEST_OVERLAID <= n <= MOST_OVERLAID:
+        message = (
+            f"{n} given; {FEWEST_OVERLAID} to {MOST_OVERLAID} runs can be laid over each other"
+        )
+        raise InputError.one("runs", message)
+
+
+def overlay_units(jobs: Sequence[Job]) -> OwnUnits:
+    """Of each unknown those of the first run that says any; SI where a name means two things."""
+    found, kinds = SI, dict[str, set[str]]()
+    for job in jobs:
+        found = found.over(job.units)
+        for symbol in job.problem.symbols:
+            kinds.setdefault(symbol.name, set()).add(symbol.unit)
+    same = {name: one for name, one in found.units.items() if len(kinds.get(name, ())) < 2}
+    return OwnUnits(same)
+
+
+def overlay_layer(name: str, job: Job, found: Mode, sampled: Sampled, own: OwnUnits) -> Layer:
+    """A run under the name that it has among others, its settings in these units."""
+    posterior = job.problem.posterior
+    left = residual_checks.left(posterior.likelihood, posterior.space.vector(found.values))
+    return Layer(
+        name=name,
+        mark=provenance.marks(job.config, job.problem, "")[provenance.RUN_MARK],
+        problem=job.problem,
+        draws=sampled.draws.reshape(-1, sampled.draws.shape[-1]),
+        settings=provenance.settings(job.config, job.problem, own),
+        warning=words.warning(sampled, left),
+        reasons=words.reasons(sampled, left),
+    )
+
+
+def distinct(names: Sequence[str]) -> list[str]:
+    """As they are, if they are text, with a number where one comes again."""
+    found: list[str] = []
+    for name in map(encodable, names):
+        n, own = 1, name
+        while own in found:
+            n += 1
+            own = f"{name} ({n})"
+        found.append(own)
+    return found
+
+
+def default_overlay_folder(names: Sequence[str]) -> Path:
+    return Path("results") / "-".join(names)[:LONGEST]
+
+
+def check_overlay_folder(output: Path, runs: Sequence[Path | None], *, force: bool) -> None:
+    """Raises `InputError` where `publish` would, before runs are read."""
+    if output.resolve() in [run.resolve() for run in runs if run is not None]:
+        raise InputError.one(str(output), "is one of these runs; give another --output")
+    Folder(output, "force" if force else "fresh", {}, OVERLAY).check()
+
+
+def publish_overlay(
+    report: OverlayReport, runs: Sequence[Path | None], output: Path, *, force: bool
+) -> None:
+    """Table, page and figures; `runs`: where each run is, None where it is in no folder."""
+    from bayesdrill.report import style  # late: matplotlib takes a second to load
+
+    check_overlay_folder(output, runs, force=force)
+    with Folder(output, "force" if force else "fresh", {}, OVERLAY) as folder:
+        folder.begin(status="running", versions=software.installed_versions())
+        for name, text in report.texts.items():
+            folder.write_text(name, text)
+        figures = output / output_files.FIGURES
+        figures.mkdir(exist_ok=True)
+        note = _note(report)
+        for name, drawing in report.figures.items():
+            own = {**note, "Title": f"{OVERLAY_TITLE}: {name}"}
+            style.save(drawing.figure(*drawing.arguments), figures, name, own)
+        folder.write_text("report.html", report.page(figures))
+        files = {name: output_files.digest(output / name) for name in folder.made()}
+        listed = [describe_overlay(*pair, output) for pair in zip(report.layers, runs, strict=True)]
+        folder.write_run(status="finished", runs=listed, reasons=list(report.reasons), files=files)
+
+
+def _note(report: OverlayReport) -> dict[str, str]:
+    """Inside of each figure."""
+    return {"Creator": software.creator(), provenance.RUN_MARK: overlay_mark(report)}
+
+
+def overlay_mark(report: OverlayReport) -> str:
+    """By which a figure says whose it is: the marks of all runs."""
+    return " ".join(layer.mark for layer in report.layers)
+
+
+def describe_overlay(of: Layer, run: Path | None, output: Path) -> dict[str, str | None]:
+    """For `run.json`."""
+    place = None
+    if run is not None:
+        place = Path(os.path.relpath(run.resolve(), output.resolve())).as_posix()
+    return {"name": of.name, "run": of.mark, "folder": place}
+
+
+FEWEST_COMPARED, MOST_COMPARED = 2, 24
+COMPARISON_TITLE = "comparison"  # inside of the figure
+OF_NOISE = ("the noise of", "the kind of noise")  # begin the names of settings
+WITHOUT = (
+    "has no log evidence: it was made before there was any, or its proposal found nothing; "
+    "`bayesdrill posterior CONFIG --resume` computes it from the chain that is there"
+)
+
+
+def check_number_compared(n: int) -> None:
+    """Raises `InputError` for fewer models than two, and for more than a table has room for."""
+    if not FEWEST_COMPARED <= n <= MOST_COMPARED:
+        raise InputError.one(
+            "runs", f"{n} given; {FEWEST_COMPARED} to {MOST_COMPARED} runs can be compared"
+        )
+
+
+def check_same_record(places: Sequence[str], problems: Sequence[Problem]) -> None:
+    """Raises `InputError` where one is not of the record of the first: such odds mean nothing."""
+    first = _record(problems[0])
+    for place, problem in zip(places[1:], problems[1:], strict=True):
+        own = _record(problem)
+        if own == first:
+            continue
+        names = [name for name in {**first, **own} if own.get(name) != first.get(name)]
+        what = f" of {names[0]}" if names[0] else ""
+        message = (
+            "odds are those of models of one record, and this is another: give runs of one, or lay "
+            f"these over each other with `bayesdrill report`; the record{what} is "
+            f"{own.get(names[0], 'missing')} here and {first.get(names[0], 'missing')} in {places[0]}"
+        )
+        raise InputError.one(place, message)
+
+
+def _record(problem: Problem) -> dict[str, str]:
+    """Of each experiment: channels, samples and what is held out."""
+    found, whole = {}, {one.label for one in problem.posterior.likelihood.apart}
+    for label, digest in provenance.records(problem).items():
+        one = next(each for each in problem.every if each.label == label)
+        held = one.experiment.held_out
+        apart = "" if held is None else hashlib.sha256(held.tobytes()).hexdigest()[:6]
+        held_out = f", held out {apart}" if apart else ""
+        held_out += ", held out as a whole" if label in whole else ""
+        found[label] = f"{digest} of {', '.join(one.experiment.names)}{held_out}"
+    return found
+
+
+def contender(
+    name: str, place: str, job: Job, found: Mode, sampled: Sampled, own: OwnUnits
+) -> Contender:
+    """A run under the name that it has among others; raises `InputError` where it has no evidence."""
+    if sampled.evidence is None:
+        raise InputError.one(place, WITHOUT)
+    layer = overlay_layer(name, job, found, sampled, own)
+    posterior = job.problem.posterior
+    rest = left(posterior.likelihood, posterior.space.vector(found.values))
+    rows = summarise(job.problem, sampled.draws, found, sampled.convergence)
+    return Contender(
+        layer=layer,
+        converged=sampled.convergence.converged,
+        evidence=sampled.evidence,
+        left=rest,
+        vague=vague(rows, layer.draws, posterior.space.priors),
+        rig=_rig(job),
+        noise=_noise(job),
+        beliefs={name: repr(prior) for name, prior in posterior.space.priors.items()},
+        held_out=prediction.held_out(posterior, layer.draws),
+        loo=prediction.leave_one_out(posterior, layer.draws, rest),
+    )
+
+
+def _rig(job: Job) -> dict[str, str]:
+    """Rig, sensors, inputs and start, and which of their numbers are unknown."""
+    space = job.problem.posterior.space
+    unknown = {space.free[k]: "unknown" for k in space.columns(*MOVES)}
+    said = provenance.settings(job.config, job.problem, job.units)
+    others = ("the seed", *space.free)
+    kept = {n: v for n, v in said.items() if n not in others and not n.startswith(OF_NOISE)}
+    torque = getattr(job.config, "missing_torque", None)
+    if torque is not None:
+        unknown["a missing torque"] = f"at {torque.at}, {torque.smoothness}"
+    return kept | unknown
+
+
+def _noise(job: Job) -> dict[str, str]:
+    """Of each channel: its kind, and its size where it is known."""
+    found = {}
+    for one in job.problem.observations:
+        record = experiments.experiment_configs(job.config, one.label).record
+        for name, channel in record.channels.items():
+            known = isinstance(channel.sigma, int | float)
+            size = f"sigma {channel.sigma}" if known else "sigma unknown"
+            found[one.entitled(name)] = f"{channel.noise.model_dump()}, {size}"
+    return found
+
+
+def default_comparison_folder(names: Sequence[str]) -> Path:
+    return Path("results") / ("compare-" + "-".join(names))[:LONGEST]
+
+
+def check_comparison_folder(output: Path, runs: Sequence[Path | None], *, force: bool) -> None:
+    """Raises `InputError` where `publish` would, before runs are read."""
+    if output.resolve() in [run.resolve() for run in runs if run is not None]:
+        raise InputError.one(str(output), "is one of these runs; give another --output")
+    Folder(output, "force" if force else "fresh", {}, COMPARE).check()
+
+
+def publish_comparison(
+    report: ComparisonReport, runs: Sequence[Path | None], output: Path, *, force: bool
+) -> None:
+    """Table, page and figure; `runs`: where each run is, None where it is in no folder."""
+    check_comparison_folder(output, runs, force=force)
+    with Folder(output, "force" if force else "fresh", {}, COMPARE) as folder:
+        folder.begin(status="running", versions=software.installed_versions())
+        write_comparison(report, folder)
+        files = {name: output_files.digest(output / name) for name in folder.made()}
+        pairs = zip([one.layer for one in report.models], runs, strict=True)
+        told = [describe_overlay(*pair, output) for pair in pairs]
+        folder.write_run(status="finished", runs=told, files=files, **comparison_entries(report))
+
+
+def write_comparison(report: ComparisonReport, folder: Folder, title: str = "") -> None:
+    """Tables, page and figure into a folder that is open."""
+    from bayesdrill.report import style  # late: matplotlib takes a second to load
+
+    if title:
+        report = dataclasses.replace(report, heading=title)
+    for name, text in report.texts.items():
+        folder.write_text(name, text)
+    figures = folder.path / output_files.FIGURES
+    figures.mkdir(exist_ok=True)
+    mark = " ".join(one.layer.mark for one in report.models)
+    note = {"Creator": software.creator(), provenance.RUN_MARK: mark}
+    for name, drawing in report.figures.items():
+        own = {**note, "Title": f"{COMPARISON_TITLE}: {name}"}
+        style.save(drawing.figure(*drawing.arguments), figures, name, own)
+    folder.write_text("report.html", report.page(figures))
+
+
+def comparison_entries(report: ComparisonReport) -> dict[str, object]:
+    """Of `run.json`."""
+    found = report.decision
+    return {
+        "verdict": found.word,
+        "best": report.best.name,
+        "log_evidence": {one.name: one.log_z for one in report.models},
+        "log_evidence_error": {one.name: one.evidence.error for one in report.models},
+        "reasons": list(report.reasons),
+    }

@@ -1,0 +1,173 @@
+"""The job of `bayesdrill identify`: what a record can say, before anything is sampled."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bayesdrill import output_files
+from bayesdrill.analysis import plausibility
+from bayesdrill.analysis.identifiability.information import Scenery
+from bayesdrill.analysis.identifiability.profile import Fitter, Profile, profile
+from bayesdrill.analysis.identifiability.study import Study, study_of
+from bayesdrill.analysis.latent_torque import rubs_besides
+from bayesdrill.analysis.suspicions import Moment, half_a_sample
+from bayesdrill.basics.errors import InputError, did_you_mean
+from bayesdrill.basics.progress import Reporter
+from bayesdrill.basics.symbols import Symbol
+from bayesdrill.basics.values import Value, checked
+from bayesdrill.config.job import Job
+from bayesdrill.inference.priors import flat_in_logs
+from bayesdrill.output_files import FIGURES, IDENTIFY
+from bayesdrill.report.scales import WIDTHS
+from bayesdrill.report.sections import fit_words, physics_words, torque_words
+from bayesdrill.report.sections import identify_words as words
+
+Array = NDArray[np.float64]
+
+ALL = "all"
+MARK = "<!-- bayesdrill identify -->"  # begins the text, and so says whose the figures are
+
+
+@checked
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Findings(Value):
+    """`study`: symmetries, bounds, products, remedies; `profiles`: of what was wanted, SI."""
+
+    job: Job
+    study: Study
+    profiles: tuple[Profile, ...]
+    moment: Moment | None = None
+
+    @property
+    def text(self) -> str:
+        parts = [words.full(self.study)]
+        parts += fit_words.moment(self.moment)
+        if self.profiles:
+            parts.append(words.profiles(self.shown, self.study, self.symbols))
+        return "\n\n".join(parts)
+
+    @property
+    def symbols(self) -> tuple[Symbol, ...]:
+        """In the units of the user."""
+        return self.job.units.symbols(self.job.problem.symbols)
+
+    @property
+    def shown(self) -> tuple[Profile, ...]:
+        """The profiles in these units."""
+        return tuple(one.over(self.job.units.factor(one.name)) for one in self.profiles)
+
+    def save(self, folder: str | Path, *, force: bool = False) -> str:
+        """Text and figures into a folder, which may hold other results; says what is written.
+
+        Raises `InputError` where something is in the way, or text and figures of before and not `force`.
+        """
+        return publish(self.job, self, Path(folder).expanduser(), force=force)
+
+    def __str__(self) -> str:
+        return self.text
+
+    __repr__ = __str__
+
+
+def identify(job: Job, theta: Array, at: str, wanted: Sequence[str], report: Reporter) -> Findings:
+    """At the physical point `theta (D,)`; profiles of the parameters `wanted`, or of `all`."""
+    posterior = job.problem.posterior
+    scenery = Scenery(posterior.likelihood)
+    if not scenery.unknowns:
+        raise InputError.one("parameters", "no parameter is unknown; there is nothing to identify")
+    columns = _columns(scenery.unknowns, wanted)
+    report.update(0.0, "looking at what the record can show")
+    found = study_of(scenery, posterior, theta, job.asked, at)
+    profiles = []
+    if columns:
+        fitter = Fitter(posterior, scenery, theta)
+        for done, column in enumerate(columns):
+            report.update(done / len(columns), f"profile of {scenery.unknowns[column]}")
+            profiles.append(profile(fitter, scenery.unknowns, column))
+    report.update(1.0, "")
+    late = half_a_sample(scenery, theta)
+    return Findings(job=job, study=found, profiles=tuple(profiles), moment=late)
+
+
+def preflight(job: Job, scenery: Scenery) -> str:
+    """What the record can show at the start values, in a few lines."""
+    if not scenery.unknowns:
+        return "no parameter of the rig is unknown: only sensors, starts or noise are looked for"
+    posterior = job.problem.posterior
+    start = posterior.space.vector(posterior.space.start)
+    study = study_of(scenery, posterior, start, job.asked)
+    said = [words.brief(study), physics_words.friction_sentences(study.frictions)]
+    rubs = rubs_besides(posterior)
+    said += [torque_words.stand_ins(study), torque_words.beside(rubs=rubs)]
+    late = fit_words.moment(half_a_sample(scenery, start))
+    return "\n".join(
+        [*filter(None, said), *late, *plausibility.plausibility_of_course(scenery, start)]
+    )
+
+
+def check_place(folder: Path, *, force: bool) -> None:
+    """Raises `InputError` where something is in the way that `publish` must not replace."""
+    output_files.refuse_unwritable(folder, IDENTIFY.folders)
+    obstacles = output_files.existing_outputs(folder, IDENTIFY)
+    if obstacles:
+        raise InputError(obstacles)
+    there = output_files.present(folder, IDENTIFY)
+    if there and not force:
+        message = "exists already; give --force or another --output"
+        raise InputError.one(str(folder / there[0]), message)
+    text = folder / IDENTIFY.mark
+    if there and not (text.exists() and text.read_bytes().startswith(MARK.encode())):
+        message = "was not written by `bayesdrill identify`; give another --output"
+        raise InputError.one(str(folder / there[0]), message)
+
+
+def publish(job: Job, findings: Findings, folder: Path, *, force: bool) -> str:
+    """Text and figures into `folder`, which may hold other results; says where."""
+    from bayesdrill.report import style  # late: matplotlib takes a second to load
+    from bayesdrill.report.sections.identify_figure import profile_figure, spectrum_figure
+
+    check_place(folder, force=force)
+    figures = folder / FIGURES
+    symbols = {symbol.name: symbol for symbol in findings.symbols}
+    latex = {name: symbol.latex for name, symbol in symbols.items()}
+    output, priors = job.config.output, job.problem.posterior.space.priors
+    width = WIDTHS[output.size]
+    drawn = {"spectrum": spectrum_figure(findings.study, latex, width)}
+    if findings.profiles:
+        logs = [name for name, prior in priors.items() if flat_in_logs(prior)]
+        nominal = job.units.values(job.problem.nominal)
+        drawn["profiles"] = profile_figure(findings.shown, symbols, nominal, logs, width)
+    note = {"Title": job.config.name}
+    with output_files.renewed(folder, IDENTIFY):
+        figures.mkdir(parents=True, exist_ok=True)
+        output_files.write_text(folder / IDENTIFY.mark, _markdown(job, findings))
+        for name, figure in drawn.items():
+            style.save(figure, figures, name, note, formats=tuple(output.formats), dpi=output.dpi)
+    return f"{folder}/ ({IDENTIFY.mark}, figures/)"
+
+
+def _columns(unknowns: tuple[str, ...], wanted: Sequence[str]) -> list[int]:
+    if ALL in wanted:
+        return list(range(len(unknowns)))
+    for name in wanted:
+        if name not in unknowns:
+            hint = did_you_mean(name, [*unknowns, ALL])
+            raise InputError.one("--profile", f"{name} is not an unknown of this config{hint}")
+    return [unknowns.index(name) for name in wanted]
+
+
+def _markdown(job: Job, findings: Findings) -> str:
+    ending = output_files.shown_path(job.config.output.formats)
+    names = ["spectrum", *(["profiles"] if findings.profiles else [])]
+    mark = "" if ending == "pdf" else "!"  # which no page shows
+    pictures = [f"{mark}[{name}](figures/{name}.{ending})" for name in names]
+    return (
+        f"{MARK}\n# What {job.config.name} can say\n\n```text\n{findings.text}\n```\n\n"
+        + "\n\n".join(pictures)
+        + "\n"
+    )

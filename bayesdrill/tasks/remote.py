@@ -1,0 +1,347 @@
+"""Where long work is computed: processes of this machine or a Dask cluster, and a posterior in
+another process.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import pickle
+import re
+import threading
+import time
+from collections.abc import Callable, Collection, Iterator, Mapping
+from concurrent.futures import CancelledError, Executor, Future
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from queue import Empty, SimpleQueue
+from typing import Any
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from bayesdrill.analysis.calibration import same_software
+from bayesdrill.analysis.plausibility import with_open_ends
+from bayesdrill.basics import seeds, software
+from bayesdrill.basics.errors import InputError, Issue
+from bayesdrill.basics.progress import SILENT, Reporter
+from bayesdrill.config.job import Job
+from bayesdrill.config.resolve import assembly
+from bayesdrill.inference import step_error
+from bayesdrill.inference.posterior import Posterior
+from bayesdrill.sampling import mode_search, multiple_modes
+from bayesdrill.sampling.ensembles import Memory, Plan, Sampled, sample, weighed
+from bayesdrill.sampling.mode_search import Mode
+from bayesdrill.sampling.optimisers.contract import Optimiser
+from bayesdrill.sampling.proposal.learning import Nowhere
+from bayesdrill.sampling.workers import Crew, closed, workers
+from bayesdrill.tasks.conclusions import plan
+
+ADDRESS = re.compile(r"((tcp|tls|ws|wss)://)?(\[[0-9a-fA-F:]+\]|[^/:\s\[\]]+):\d{1,5}")
+PATIENCE = 5.0  # seconds for a scheduler to answer, a first worker, and what a worker is asked
+WATCH = 2.0  # seconds between two looks at a cluster
+SILENT_SECONDS = (
+    20.0  # seconds after which who has said nothing is given up; heartbeats come twice a second
+)
+
+
+@contextmanager
+def local_executor(processes: int) -> Iterator[RefitExecutor]:
+    """`processes` workers; those still at a refit when the block is left by an error are ended."""
+    pool = workers(processes, _nothing)
+    try:
+        yield Local(pool)
+    except BaseException:
+        # A refit may take minutes, and is lost anyway.  Results are far shorter than what a pipe
+        # takes in one piece, so that none is cut in the middle.
+        closed(pool, 0.0)
+        raise
+    pool.shutdown()
+
+
+def _nothing() -> None:
+    """All that a worker has to prepare: each task brings what it needs."""
+
+
+@contextmanager
+def dask_executor(scheduler: str) -> Iterator[RefitExecutor]:
+    """The workers of `scheduler`, such as tcp://host:8786; raises `InputError` without them."""
+    try:
+        from distributed import Client
+    except ImportError:
+        message = (
+            "the package distributed is missing; install it with pip install 'bayesdrill[cluster]'"
+        )
+        raise InputError.one("--scheduler", message) from None
+    if not ADDRESS.fullmatch(scheduler):
+        message = f"'{scheduler}' is no address of a scheduler; write it like tcp://host:8786"
+        raise InputError.one("--scheduler", message)
+    with _quiet():
+        _check_answers(scheduler)
+        client: Any = Client(scheduler, timeout=PATIENCE, set_as_default=False)  # type: ignore[no-untyped-call]
+        cluster = Cluster(client)
+        try:
+            try:
+                client.wait_for_workers(1, timeout=PATIENCE)
+            except TimeoutError:
+                start = f"dask worker {scheduler} --nthreads 1"
+                message = f"{scheduler} has no workers; start some with `{start}`"
+                raise InputError.one("--scheduler", message) from None
+            cluster.compare(client.scheduler_info(n_workers=-1)["workers"])
+            yield cluster
+        finally:
+            cluster.shutdown(wait=False)
+            with suppress(TimeoutError):  # of a scheduler that no longer answers
+                client.close(timeout=PATIENCE)
+
+
+def _check_answers(scheduler: str) -> None:
+    """Raises `InputError`; `Client` itself waits without end for one that listens and says nothing."""
+    from distributed import rpc
+    from distributed.security import Security
+
+    call: dict[str, Any] = Security().get_connection_args("client")  # type: ignore[no-untyped-call]
+    if scheduler.startswith(("tls", "wss")) and call.get("ssl_context") is None:
+        message = (
+            "no certificates are configured, without which tls:// and wss:// cannot be; name them in "
+            "distributed.comm.tls of Dask's configuration, or take tcp://"
+        )
+        raise InputError.one("--scheduler", message)
+
+    async def identity() -> None:
+        async with rpc(scheduler, connection_args=call) as remote:  # type: ignore[no-untyped-call]
+            await asyncio.wait_for(remote.identity(), PATIENCE)
+
+    try:
+        asyncio.run(identity())
+    except Exception as error:  # whatever else listens there may answer anything
+        told = str(error).partition("\n")[0] if isinstance(error, OSError) else "what does is none"
+        reason = told or f"nothing in {PATIENCE:g} s"
+        message = f"no scheduler answers at {scheduler} ({reason}); start one with `dask scheduler`"
+        raise InputError.one("--scheduler", message) from None
+
+
+class RefitExecutor(Executor):
+    """Whoever waits for what it does calls `watch` now and then."""
+
+    def watch(self, say: Callable[[str], None]) -> str:
+        """Why nothing will come any more; empty while something may."""
+        return ""
+
+
+class Local(RefitExecutor):
+    """Processes of this machine: where one dies, all that waits for it is told."""
+
+    def __init__(self, pool: Executor) -> None:
+        self._pool = pool
+
+    def submit[**P, T](
+        self, function: Callable[P, T], /, *arguments: P.args, **named: P.kwargs
+    ) -> Future[T]:
+        return self._pool.submit(function, *arguments, **named)
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        self._pool.shutdown(wait, cancel_futures=cancel_futures)
+
+
+class Cluster(RefitExecutor):
+    """The workers of a scheduler."""
+
+    def __init__(self, client: Any) -> None:
+        self._client, self._executor = client, client.get_executor(pure=False)
+        self._compared: set[str] = set()
+        self._given_up: set[str] = set()
+        # By address: the scheduler's time of a worker's last word, and when that was new to us.
+        self._heard: dict[str, tuple[float, float]] = {}
+        self._last = self._looked = time.monotonic()
+
+    def submit[**P, T](
+        self, function: Callable[P, T], /, *arguments: P.args, **named: P.kwargs
+    ) -> Future[T]:
+        future: Future[T] = self._executor.submit(function, *arguments, **named)
+        return future
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        """What is under way is finished first, or given up; Dask knows nothing between the two."""
+        self._executor.shutdown(wait=wait and not cancel_futures)
+
+    def compare(self, workers: Collection[str]) -> None:
+        """Raises `InputError` where one has other software than this process.
+
+        One that cannot load a task leaves it lie without a word; so this is asked before.
+        """
+        new, own = (
+            [one for one in workers if one not in self._compared],
+            software.installed_versions(),
+        )
+        problems = []
+        for address, there in zip(new, self._client.sync(self._versions, new), strict=True):
+            if there is None or isinstance(there, OSError):  # it cannot be asked now
+                continue
+            self._compared.add(address)
+            wrong = [f"no bayesdrill that can be loaded ({there})"]
+            if isinstance(there, dict):
+                wrong = software.unlike(there, own)
+            if wrong:
+                message = f"it has {', '.join(wrong)}; install the same there"
+                problems.append(Issue(f"worker {address}", message))
+        if problems:
+            raise InputError(problems)
+
+    async def _versions(self, workers: Collection[str]) -> list[Any]:
+        """Of each, or why not; None of one that does not answer."""
+
+        async def asked(address: str) -> Any:
+            run = self._client.run(
+                software.installed_versions, workers=[address], on_error="return"
+            )
+            with suppress(TimeoutError):
+                return (await asyncio.wait_for(run, PATIENCE)).get(address)
+
+        return await asyncio.gather(*map(asked, workers))
+
+    def watch(self, say: Callable[[str], None]) -> str:
+        """What a worker had that is heard no more goes to the others. Raises as `compare` does."""
+        now, client = time.monotonic(), self._client
+        if now - self._looked < WATCH:
+            return ""
+        self._looked = now
+        try:
+            found = client.sync(
+                client.scheduler.identity, n_workers=-1, callback_timeout=SILENT_SECONDS
+            )
+            self.compare(workers := found["workers"])
+        except (OSError, AttributeError):  # AttributeError: the client has given it up
+            return "the scheduler does not answer"
+        for address in self._heard.keys() - workers.keys():
+            del self._heard[address]
+        for address, worker in workers.items():
+            if self._heard.get(address, (None,))[0] != worker["last_seen"]:
+                self._heard[address] = worker["last_seen"], now
+        self._last = max([self._last, *(since for _, since in self._heard.values())])
+        if now - self._last > SILENT_SECONDS:
+            return f"no worker has been heard of for {SILENT_SECONDS:g} s"
+        silent = {one for one, (_, since) in self._heard.items() if now - since > SILENT_SECONDS}
+        for address in silent - self._given_up:
+            self._given_up.add(address)
+            say(f"worker {address} is silent; what it had is done by the others")
+            leave = {"address": address, "stimulus_id": f"silent-{time.time()}"}
+            # As it does itself when it leaves; else Dask's own patience ends.
+            with suppress(OSError):
+                client.sync(client.scheduler.unregister, **leave, callback_timeout=PATIENCE)
+        return ""
+
+
+def results[T](
+    crew: RefitExecutor, futures: Collection[Future[T]], folder: Path, report: Reporter
+) -> Iterator[tuple[Future[T], T]]:
+    """Each future of `crew` with what it gave, as soon as it is done; `folder` keeps what is saved.
+
+    Raises `InputError` where workers cannot do it, or none is left, and what a task raised.
+    """
+    done: SimpleQueue[Future[T]] = SimpleQueue()
+    for future in futures:
+        future.add_done_callback(done.put)
+    for _ in futures:
+        future = _next(crew, done, folder, report)
+        try:
+            yield future, future.result()
+        except CancelledError:
+            raise _lost(folder, "the scheduler is gone") from None
+        except Exception as error:
+            # Of distributed, which may be missing here: a task whose workers died again and again.
+            if type(error).__name__ != "KilledWorker":
+                raise
+            raise _lost(folder, "workers were killed again and again (out of memory?)") from None
+
+
+def _next[T](
+    crew: RefitExecutor, done: SimpleQueue[Future[T]], folder: Path, report: Reporter
+) -> Future[T]:
+    while True:
+        if reason := crew.watch(report.say):
+            raise _lost(folder, reason)
+        with suppress(Empty):
+            return done.get(timeout=WATCH)
+
+
+def _lost(folder: Path, reason: str) -> InputError:
+    return InputError.one(str(folder), f"{reason}; continue with --resume")
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """A scheduler that goes away is told in a sentence, not in the tracebacks of distributed's log."""
+    log = logging.getLogger("distributed.client")
+    before = log.level
+    log.setLevel(logging.CRITICAL)
+    try:
+        yield
+    finally:
+        log.setLevel(before)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Task:
+    """All that decides a posterior: what `bayesdrill posterior` would do with it."""
+
+    posterior: Posterior
+    nominal: Mapping[str, float]
+    optimiser: Optimiser
+    starts: int
+    evaluations: int
+    plan: Plan
+
+
+def pack_task(job: Job) -> bytes:
+    """What `work` wants: compiled code is left out, and made once by each process."""
+    task = Task(
+        posterior=job.problem.posterior,
+        nominal=job.problem.nominal,
+        optimiser=assembly.optimiser(job.config),
+        starts=job.config.map.starts,
+        evaluations=job.config.map.evaluations,
+        plan=plan(job.config),
+    )
+    return pickle.dumps(task)
+
+
+# A process computes one posterior at a time, whoever asks: limits on threads hold for all of it.
+_ONE_AT_A_TIME = threading.Lock()
+
+
+def work_remotely(blob: bytes, versions: Mapping[str, str]) -> tuple[Mode, Sampled] | str:
+    """In any process that has the same software; raises `InputError` in any other.
+
+    A sentence where nothing can be sampled.
+    """
+    same_software(versions)
+    with _ONE_AT_A_TIME, threadpool_limits(1):
+        task: Task = pickle.loads(blob)
+        try:
+            return compute_remotely(task)
+        except Nowhere as error:
+            return str(error)
+
+
+def compute_remotely(task: Task) -> tuple[Mode, Sampled]:
+    """As one process does it that does nothing else."""
+    posterior, seed = task.posterior, task.plan.seed
+    points = mode_search.starts(posterior, task.starts, seeds.stream(seed, "map"))
+    searches = tuple(
+        mode_search.search(posterior, task.optimiser, task.evaluations, point) for point in points
+    )
+    scouted = None
+    if task.optimiser.polished:
+        draws = posterior.space.draw(mode_search.SCOUTS, seeds.stream(seed, "scout"))
+        scouted = multiple_modes.together(
+            [mode_search.scouts(posterior, some) for some in np.array_split(draws, 2)]
+        )
+    found = mode_search.summarise(posterior, searches, scouted)
+    posterior = step_error.taking(posterior, found.pieces)
+    with Crew(posterior, 1) as crew:
+        tops = mode_search.tops(posterior, found)
+        sampled = sample(crew, posterior, tops, task.plan, Memory(), SILENT).doubted(found.doubts)
+    sampled = weighed(posterior, sampled, seed)
+    return found, with_open_ends(sampled, posterior, task.nominal, tops, task.plan, SILENT)

@@ -1,0 +1,302 @@
+"""Whether config, record, tables and figures of a folder still belong together."""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import io
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+from bayesdrill import output_files, selection
+from bayesdrill.analysis.comparison import Contender, Layer
+from bayesdrill.basics.errors import InputError, Issue
+from bayesdrill.config import loading, yaml_source
+from bayesdrill.config.job import SI
+from bayesdrill.config.records import sources
+from bayesdrill.config.resolve import experiments
+from bayesdrill.config.schema.config import Config
+from bayesdrill.output_files import COMPARE, MAP, OVERLAY, POSTERIOR, Kind
+from bayesdrill.report import comparison_report, publish
+from bayesdrill.report.comparison_report import ComparisonReport, OverlayReport
+from bayesdrill.report.sections import verdict_words
+from bayesdrill.results import provenance, run_folder
+from bayesdrill.tasks import comparison, find_map, pipeline
+from bayesdrill.tasks.conclusions import concluded
+
+SAME = 1e-6  # relative: numbers that other versions of a library round otherwise
+
+
+@dataclass(frozen=True, slots=True)
+class Verified:
+    """`problems`: each file that does not belong to the run, and why; `checked`: how many do;
+    `what`: which things belong together, and what `follows` from them.
+    """
+
+    folder: Path
+    checked: int
+    problems: tuple[Issue, ...]
+    what: str = "config, record, chain"
+    follows: str = "the tables follow from the chain"
+
+    @property
+    def together(self) -> bool:
+        return not self.problems
+
+    @property
+    def said(self) -> str:
+        if self.together:
+            files = f"{self.what} and {self.checked} files belong together"
+            return f"{self.folder}: {files}; {self.follows}"
+        return "\n".join(map(str, self.problems))
+
+    def __str__(self) -> str:
+        return self.said
+
+    __repr__ = __str__
+
+
+@dataclass(frozen=True, slots=True)
+class _Way:
+    """How the results of a job are looked at."""
+
+    kind: Kind
+    problems: Callable[[Path, Mapping[str, Any]], Iterator[Issue]]
+    what: str
+    follows: str
+
+
+def verify(folder: Path) -> Verified:
+    """Nothing is written.  Raises `InputError` where there is no finished run."""
+    run = run_folder.read_run(folder)
+    way = None if run is None else _WAYS.get(str(run.get("job")))
+    if run is None or way is None:
+        message = "no results of `bayesdrill posterior`, `map`, `compare`, `ladder` or an overlay"
+        raise InputError.one(str(folder), message)
+    if obstacles := output_files.existing_outputs(folder, way.kind):
+        raise InputError(obstacles)
+    files = run.get("files")
+    if run.get("status") != "finished" or not isinstance(files, dict):
+        message = (
+            "this run is not finished, or of an older version; `bayesdrill report` makes it anew"
+        )
+        raise InputError.one(str(folder), message)
+    found = tuple(dict.fromkeys([*_changed(folder, way.kind, files), *way.problems(folder, run)]))
+    checked = len(files) - len({problem.place for problem in found})
+    return Verified(folder, checked, found, way.what, way.follows)
+
+
+def _of_posterior(folder: Path, _: Mapping[str, Any]) -> Iterator[Issue]:
+    yield from _configs(folder)
+    try:
+        view = concluded(*pipeline.read_result(folder))
+    except InputError as error:  # another record, a config of another run, a damaged chain
+        yield from error.problems
+        return
+    beyond = view.sampled.beyond
+    if beyond is None or beyond.kept:
+        texts = {name: table(view) or "" for name, table in publish.TABLES.items()}
+        yield from _tables(folder, texts, "the chain")
+    else:
+        yield Issue(str(folder / output_files.OPENED), verdict_words.NOT_KEPT)
+    mark = view.marks[provenance.RUN_MARK]
+    yield from _figures(folder, POSTERIOR, mark, view.config.name)
+
+
+def _of_map(folder: Path, _: Mapping[str, Any]) -> Iterator[Issue]:
+    yield from _configs(folder)
+    try:
+        job, found = find_map.read(folder)
+    except InputError as error:
+        yield from error.problems
+        return
+    yield from _tables(folder, find_map.report(job, found).numbers, find_map.MAP_FILE)
+    mark = find_map.mark(job)[provenance.RUN_MARK]
+    yield from _figures(folder, MAP, mark, job.config.name)
+
+
+@dataclass(frozen=True, slots=True)
+class _Several:
+    """How what is said of several runs is made again: of each by `read`, and of all by `text`."""
+
+    kind: Kind
+    title: str
+    table: str
+    done: str
+    read: Callable[[str, Path], tuple[str, Any]]
+    text: Callable[[Sequence[Any]], str]
+
+    def problems(self, folder: Path, run: Mapping[str, Any]) -> Iterator[Issue]:
+        """Of runs that were only in memory nothing can be computed again."""
+        found, told = [], run.get("runs", [])
+        if len(told) < 2:
+            yield Issue(str(folder / output_files.RUN), "names no two runs")
+            return
+        for one in told:
+            if one["folder"] is None:
+                continue
+            place = folder / one["folder"]
+            try:
+                mark, own = self.read(one["name"], place)
+            except InputError as error:
+                yield from error.problems
+                continue
+            if mark != one["run"]:
+                yield Issue(str(place), f"is another run than the one that was {self.done}")
+            else:
+                found.append(own)
+        if len(found) == len(told):
+            yield from _tables(folder, {self.table: self.text(found)}, "the chains")
+        mark = " ".join(one["run"] for one in told)
+        yield from _figures(folder, self.kind, mark, self.title)
+
+
+def _layer(name: str, place: Path) -> tuple[str, Layer]:
+    job, found, sampled = pipeline.read_result(place)
+    layer = comparison.overlay_layer(name, job, found, sampled, job.units)
+    return layer.mark, layer
+
+
+def _contender(name: str, place: Path) -> tuple[str, Contender]:
+    job, found, sampled = pipeline.read_result(place)
+    model = comparison.contender(name, str(place), job, found, sampled, job.units)
+    return model.layer.mark, model
+
+
+_OVERLAY = _Several(
+    kind=OVERLAY,
+    title=comparison.OVERLAY_TITLE,
+    table=comparison_report.OVERLAY_TABLE,
+    done="laid over others",
+    read=_layer,
+    text=lambda layers: OverlayReport(tuple(layers), SI).texts[comparison_report.OVERLAY_TABLE],
+)
+_COMPARISON = _Several(
+    kind=COMPARE,
+    title=comparison.COMPARISON_TITLE,
+    table=comparison_report.COMPARISON_TABLE,
+    done="compared with others",
+    read=_contender,
+    text=lambda models: ComparisonReport(tuple(models), SI).texts[
+        comparison_report.COMPARISON_TABLE
+    ],
+)
+_LADDER = dataclasses.replace(_COMPARISON, kind=output_files.ladder_files(selection.rung_names()))
+
+
+def _of_ladder(folder: Path, run: Mapping[str, Any]) -> Iterator[Issue]:
+    """Its rungs, each a run of its own, and what is said of them together."""
+    yield from _configs(folder)
+    for one in run.get("runs", []):
+        if one["folder"] not in _LADDER.kind.nested:
+            yield Issue(str(folder / output_files.RUN), f"{one['folder']} is no rung of a ladder")
+            continue
+        try:
+            yield from verify(folder / one["folder"]).problems
+        except InputError as error:  # no finished run
+            yield from error.problems
+    yield from _LADDER.problems(folder, run)
+
+
+_WAYS: Mapping[str, _Way] = MappingProxyType(
+    {
+        POSTERIOR.job: _Way(
+            POSTERIOR, _of_posterior, "config, record, chain", "the tables follow from the chain"
+        ),
+        MAP.job: _Way(
+            MAP, _of_map, "config, record, maximum", "table and prediction follow from the maximum"
+        ),
+        COMPARE.job: _Way(
+            COMPARE, _COMPARISON.problems, "runs", "the table follows from their chains"
+        ),
+        _LADDER.kind.job: _Way(
+            _LADDER.kind, _of_ladder, "config, rungs", "the table follows from their chains"
+        ),
+        OVERLAY.job: _Way(
+            OVERLAY, _OVERLAY.problems, "runs", "the table follows from their chains"
+        ),
+    }
+)
+
+
+def _changed(folder: Path, kind: Kind, files: Mapping[str, str]) -> Iterator[Issue]:
+    there = output_files.present(folder, kind)
+    for name, digest in files.items():
+        place = str(folder / name)
+        if name not in there:
+            yield Issue(place, "is missing; `bayesdrill report` makes tables and figures again")
+        elif output_files.digest(folder / name) != digest:
+            yield Issue(place, "was changed after this run had written it")
+    for name in there:
+        if name not in files and name != kind.mark:
+            yield Issue(str(folder / name), "was not written by this run")
+
+
+def _configs(folder: Path) -> Iterator[Issue]:
+    """The config as given says what the one with all defaults does."""
+    given, resolved = (
+        _settings(folder / name) for name in (output_files.CONFIG_FILE, output_files.RESOLVED_FILE)
+    )
+    if None not in (given, resolved) and given != resolved:
+        place = str(folder / output_files.CONFIG_FILE)
+        yield Issue(place, f"is not the config of this run, which is {output_files.RESOLVED_FILE}")
+
+
+def _settings(path: Path) -> dict[str, Any] | None:
+    """All but where the record is; None where that cannot be read, which is said elsewhere."""
+    try:
+        source = yaml_source.read(path)
+        config: Config = loading.validated(source)
+    except InputError:
+        return None
+    own = (*experiments.SECTIONS, experiments.EXPERIMENTS)
+    settings = config.model_dump(exclude_none=True, exclude=set(own))
+    for view in experiments.views(config, source):
+        alone = view.config.model_dump(exclude_none=True, include=set(experiments.SECTIONS))
+        for section, key in sources.named_in(alone):
+            del section[key]
+        settings[f"experiment {view.label}"] = alone
+    return settings | {"held out": experiments.held_out(config)}
+
+
+def _tables(folder: Path, texts: Mapping[str, str], source: str) -> Iterator[Issue]:
+    for name, text in texts.items():
+        path = folder / name
+        if path.exists() and not _same(path.read_text(encoding="utf-8", errors="replace"), text):
+            yield Issue(str(path), f"does not follow from {source}")
+
+
+def _same(found: str, expected: str) -> bool:
+    """To the digits that other versions of a library leave."""
+    try:
+        one, other = (list(csv.reader(io.StringIO(text))) for text in (found, expected))
+    except csv.Error:
+        return False
+    if [len(row) for row in one] != [len(row) for row in other]:
+        return False
+    pairs = ((a, b) for r, s in zip(one, other, strict=True) for a, b in zip(r, s, strict=True))
+    return all(a == b or _near(a, b) for a, b in pairs)
+
+
+def _near(one: str, other: str) -> bool:
+    try:
+        return math.isclose(float(one), float(other), rel_tol=SAME, abs_tol=1e-12)
+    except ValueError:
+        return False
+
+
+def _figures(folder: Path, kind: Kind, mark: str, name: str) -> Iterator[Issue]:
+    """Each says inside which run it is of, and what it shows."""
+    for file in output_files.present(folder, kind):
+        path = folder / file
+        if not file.startswith(f"{output_files.FIGURES}/"):
+            continue
+        content = path.read_bytes()
+        if mark.encode() not in content:
+            yield Issue(str(path), "is a figure of another run")
+        elif f"{name}: {path.stem}".encode() not in content:
+            yield Issue(str(path), "is another figure than its name says")

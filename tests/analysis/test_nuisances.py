@@ -1,0 +1,206 @@
+"""What sensors and starts would explain, and what half a sample of the moment would move."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from grouping import for_each
+from oracles import NOMINAL
+from rigs import experiment, unknown, vector
+
+import bayesdrill as bd
+from bayesdrill.analysis.causes import Causes, causes
+from bayesdrill.analysis.identifiability.information import Scenery
+from bayesdrill.analysis.suspicions import half_a_sample
+from bayesdrill.inference.laplace import PosteriorSurface
+from bayesdrill.inference.likelihood import Likelihood
+from bayesdrill.inference.noise.contract import Noisy
+from bayesdrill.inference.noise.white import White
+from bayesdrill.inference.posterior import Posterior
+from bayesdrill.inference.priors import Uniform
+from bayesdrill.inference.residual_checks import like_noise
+from bayesdrill.inference.unknowns import ParameterSpace
+from bayesdrill.record.experiment import Experiment
+from bayesdrill.rig.models.motor_shaft import MotorShaft
+from bayesdrill.rig.simulators import simulator
+from bayesdrill.rig.simulators.irregular import Measured
+from bayesdrill.rig.simulators.sensors import Sensing
+from bayesdrill.sampling.gauss_newton import climb
+from bayesdrill.tasks.conclusions import concluded
+
+FREE = ("j_m", "k_e", "k_s", "j_1")
+TRUTH = vector(NOMINAL) * np.where(np.arange(9) == 8, 0.01, 1.0)
+MEASURES = {"alpha": {"theta_1": 1.0, "theta_2": -1.0}, "w_2": {"w_2": 1.0}}
+SIGMA = np.array([0.02, 0.1])
+DT, N = 0.01, 300
+
+
+def voltage(n: int = N) -> np.ndarray:
+    t = DT * np.arange(n)
+    return 5.0 * np.sign(np.sin(5.0 * t + 0.4)) + 0.7
+
+
+def seen(sensing: Sensing, told: list[float], start: dict[str, float] | None = None) -> Experiment:
+    """What sensors show of it, with noise."""
+    clean = experiment(
+        N, DT, series={"v": voltage()}, constant={"t_1": 0.0}, measures=MEASURES, start=start or {}
+    )
+    rig = Measured(MotorShaft(), clean, sensing)
+    y = rig.signals(np.append(TRUTH, told)[None])[0]
+    noise = SIGMA * np.random.default_rng(8).standard_normal(y.shape)
+    return replace(clean, y=y + noise, start={})
+
+
+def believed(record: Experiment, sensing: Sensing | None = None) -> Posterior:
+    """As if the sensors were perfect and the rig at rest before."""
+    unknowns = tuple(
+        unknown(name, Uniform(0.3 * NOMINAL[name], 3 * NOMINAL[name])) for name in FREE
+    )
+    fixed = dict(zip(MotorShaft.parameters, TRUTH.tolist(), strict=True))
+    noisy = [
+        Noisy(channel=c, sigma=float(s), start=float(s))
+        for c, s in zip(record.channels, SIGMA, strict=True)
+    ]
+    space = ParameterSpace(
+        model=MotorShaft.parameters,
+        unknowns=unknowns,
+        fixed={name: value for name, value in fixed.items() if name not in FREE},
+    )
+    rig = simulator(MotorShaft(), record, sensing or Sensing())
+    likelihood = Likelihood.of(space, (rig, White.of(noisy, N)))
+    return Posterior(space=space, likelihood=likelihood, coordinates=space.coordinates())
+
+
+def best(posterior: Posterior) -> np.ndarray:
+    surface = PosteriorSurface(posterior, physical=True)
+    start = posterior.space.vector(posterior.space.start)
+    top = climb(surface, posterior.coordinates.from_physical(start[None]), 60)
+    return posterior.coordinates.to_physical(top.u)[0]
+
+
+def told_of(record: Experiment) -> Causes:
+    posterior = believed(record)
+    found = causes(posterior, best(posterior))
+    assert found is not None
+    return found
+
+
+def test_one_thing_wrong_is_named_with_its_size() -> None:
+    """Mutants killed: a lag sought from one side only, costs of what is free already."""
+    cases = [
+        (Sensing(lags={"alpha": "l"}), [0.023], "lag", "alpha", 0.023),
+        (Sensing(offsets={"alpha": "o"}), [0.4], "offset", "alpha", 0.4),
+        (Sensing(gains={"w_2": "g"}), [0.8], "gain", "w_2", 0.8),
+        (Sensing(input_offsets={"v": "o"}), [-0.6], "input offset", "v", -0.6),
+    ]
+
+    def check(sensing: Sensing, told: list[float], kind: str, of: str, value: float) -> None:
+        found = told_of(seen(sensing, told))
+        assert found.explains
+        assert found.share > 0.9
+        first = found.found[0]
+        assert (first.kind, first.of) == (kind, of)
+        assert first.value == pytest.approx(value, abs=max(6 * first.sd, 0.02 * abs(value)))
+
+    for_each({str(case): case for case in cases}, check)
+
+
+@pytest.mark.slow
+def test_a_start_in_motion_is_named() -> None:
+    found = told_of(seen(Sensing(), [], {"w_1": 9.0, "w_2": 9.0, "theta_1": 0.3}))
+    assert found.explains
+    assert found.found[0].kind == "start"
+    speeds = {one.of: one.value for one in found.found if one.kind == "start"}
+    assert speeds["w_1"] == pytest.approx(9.0, abs=1.0)
+
+
+@pytest.mark.slow
+def test_what_is_no_matter_of_sensors_is_not_blamed_on_them() -> None:
+    """A rig with other physics: a twist that is cubed leaves something that no sensor explains."""
+    record = seen(Sensing(), [])
+    y = record.y.copy()
+    y[:, 0] += 0.2 * np.sin(9.0 * record.t**2)
+    found = told_of(replace(record, y=y))
+    assert found.share < 0.5
+    assert not found.explains
+
+
+@pytest.mark.slow
+def test_half_a_sample_moves_what_a_late_step_moves() -> None:
+    """Oracle: the fit of a record whose step was given half a sample late; mutant: the other way."""
+    clean = experiment(N, DT, measures=MEASURES, constant={"v": 8.0, "t_1": 0.0})
+    late = Measured(MotorShaft(), clean, Sensing(delay="t_0"))
+    on_time, half = (late.signals(np.append(TRUTH, shift)[None])[0] for shift in (0.0, 0.5 * DT))
+    posterior = believed(replace(clean, y=on_time))
+    theta = best(posterior)
+    scenery = Scenery(posterior.likelihood)
+    found = half_a_sample(scenery, theta)
+    assert found is not None
+    assert found.matters
+    moved = best(believed(replace(clean, y=half)))
+    rows = scenery.every(theta)
+    sds = np.sqrt(np.diag(np.linalg.inv(rows.T @ rows)))
+    # To first order, in logs: half a sample is much of what such a step can be late by.
+    actual = np.log(moved / theta) / sds
+    for (name, shift), true in zip(found.shifts, actual, strict=True):
+        assert shift == pytest.approx(true, rel=0.5, abs=0.3), name
+
+
+def test_half_a_sample_is_one_of_the_input() -> None:
+    """Of channels one sample of four is left; mutant killed: half of one of theirs."""
+    cases = {
+        "of the record": ({}, 0.5 * DT),
+        "slower": ({"v": 7 * DT}, 3.5 * DT),
+    }
+
+    def check(own: dict[str, float], seconds: float) -> None:
+        record = seen(Sensing(), [])
+        fewer = np.where(np.arange(N)[:, None] % 4 == 0, record.y, np.nan)
+        posterior = believed(replace(record, y=fewer, input_steps=own))
+        found = half_a_sample(Scenery(posterior.likelihood), best(posterior))
+        assert found is not None
+        assert found.seconds == pytest.approx(seconds)
+
+    for_each(cases, check)
+
+
+def test_a_moment_that_is_unknown_is_no_matter_of_doubt() -> None:
+    record = seen(Sensing(), [])
+    posterior = believed(record)
+    assert half_a_sample(Scenery(posterior.likelihood), best(posterior)) is not None
+    every = Sensing(lags={"alpha": "a", "w_2": "b"})
+    rig = Measured(MotorShaft(), record, every)
+    one = replace(posterior.likelihood.alone, response=rig)
+    space = replace(
+        posterior.space,
+        model=(*posterior.space.model, "a", "b"),
+        fixed={**posterior.space.fixed, "a": 0.0, "b": 0.0},
+    )
+    likelihood = Likelihood((one,), space)
+    assert half_a_sample(Scenery(likelihood), best(posterior)) is None
+
+
+def test_half_a_sample_is_told_only_where_the_fit_is_noise() -> None:
+    """Mutant killed: that it would leave what looks like noise, said of a fit that is far from it."""
+    t = np.linspace(0.0, 2.0, 81)
+    exact = bd.respond("motor_shaft", NOMINAL, t, {"v": 8.0}, "w_1")["w_1"]
+    noise = 0.05 * np.random.default_rng(6).standard_normal(len(t))
+    box = {"prior": "uniform", "low": 0.5, "high": 1.5, "relative": True}
+    case = bd.case(
+        t,
+        channels={"w_1": bd.Channel(exact + noise, "rad/s", 0.05)},
+        inputs={"v": 8.0},
+        parameters=dict.fromkeys(NOMINAL, "nominal") | {"l_m": box},
+        sampler={"ensembles": 4, "walkers": 16, "r_hat": 1.1, "n_tau": 5, "ess": 100},
+    )
+    run = case.sample(seed=3)
+    assert [note for note in run._view.notes if "moment: inputs half a sample" in note]
+    posterior = run.job.problem.posterior
+    response = posterior.likelihood.response.with_record((exact + 9.0 * noise)[:, None])
+    off = replace(posterior, likelihood=posterior.likelihood.with_alone(response=response))
+    job = replace(run.job, problem=replace(run.job.problem, posterior=off))
+    view = concluded(job, run.mode, run.sampled)
+    assert not like_noise(view.left)
+    assert not [note for note in view.notes if "moment" in note]

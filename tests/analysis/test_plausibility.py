@@ -1,0 +1,178 @@
+"""Warnings of nonsense, against numbers that can be worked out by hand."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from grouping import for_each
+from oracles import NOMINAL, ORDER, by_expm
+from rigs import experiment, posterior
+
+import bayesdrill as bd
+from bayesdrill.analysis import plausibility
+from bayesdrill.analysis.identifiability.information import Information, Scenery
+from bayesdrill.basics import symbols
+from bayesdrill.inference.posterior import Problem
+from bayesdrill.paper.forward import six_states
+from bayesdrill.rig.models.linear import Linear
+from bayesdrill.rig.models.motor_shaft import MotorShaft
+
+BLIND = Information(ORDER, np.zeros((9, 9)))
+SEEN = Information(ORDER, np.eye(9))
+
+
+def problem(dt: float = 0.001, own: tuple[str, ...] = (), **changes: float) -> Problem:
+    """`own`: nominal values that are not those of a table."""
+    return Problem(
+        posterior=posterior(experiment(11, dt), np.full(5, 0.1)),
+        symbols=tuple(symbols.PARAMETERS[name] for name in ORDER),
+        nominal={**NOMINAL, **changes},
+        published=frozenset(NOMINAL) - {*own},
+    )
+
+
+def nominal(of: Problem) -> list[str]:
+    return [finding.split(":")[0] for finding in plausibility.plausibility_of_nominal(of)]
+
+
+def draws(n: int = 50, **changes: float) -> np.ndarray:
+    return np.tile([{**NOMINAL, **changes}[name] for name in ORDER], (n, 1))
+
+
+def test_poles_are_the_eigenvalues_of_the_paper_s_matrix() -> None:
+    found = plausibility.poles(MotorShaft(), {name: np.array([NOMINAL[name]]) for name in ORDER})[0]
+    expected = np.linalg.eigvals(six_states(MotorShaft(), NOMINAL, {})[0])
+    expected = np.delete(expected, np.argmin(np.abs(expected)))  # the charge adds a zero
+    order = [np.lexsort((x.imag.round(6), x.real.round(6))) for x in (found, expected)]
+    assert found[order[0]] == pytest.approx(expected[order[1]], abs=1e-6)
+
+
+def test_a_motor_that_gives_more_than_it_takes_is_named() -> None:
+    """Mutant killed: k_T below k_e is blamed instead."""
+    found = problem()
+    assert nominal(found) == ["energy"]
+    assert nominal(problem(k_T=NOMINAL["k_e"])) == []
+    assert nominal(problem(k_T=0.5 * NOMINAL["k_e"])) == []
+    (told,) = plausibility.plausibility_of_draws(found, draws(), SEEN)
+    assert "100 % of the draws (median ratio 1.99)" in told
+    assert plausibility.plausibility_of_draws(found, draws(k_T=NOMINAL["k_e"]), SEEN) == ()
+
+
+def test_a_ratio_that_the_record_cannot_show_is_not_blamed_on_the_rig() -> None:
+    (told,) = plausibility.plausibility_of_draws(problem(), draws(), BLIND)
+    assert "cannot show this ratio" in told
+
+
+def test_geometry_is_that_of_the_paper_and_only_of_its_rig() -> None:
+    """0.30 N m/rad of Table 1 is 14 % above what 2.4 m of 3 mm steel have."""
+    assert nominal(problem(k_T=NOMINAL["k_e"], k_s=0.30)) == ["geometry"]
+    assert nominal(problem(k_T=NOMINAL["k_e"], k_s=0.30, own=("k_s",))) == []
+    stiffness, inertia = (
+        plausibility.GEOMETRY[name][0] for name in ("shaft.stiffness", "rotor.inertia")
+    )
+    assert stiffness == pytest.approx(0.263, abs=5e-4)
+    assert inertia == pytest.approx(28.3e-3, abs=5e-5)
+
+
+def test_a_pole_faster_than_the_samples_is_named() -> None:
+    """Mutant killed: a step is compared with the time of the slowest motion."""
+    ideal = NOMINAL["k_e"]
+    values = {name: np.array([x]) for name, x in {**NOMINAL, "k_T": ideal}.items()}
+    fastest = -plausibility.poles(MotorShaft(), values)[0].real.min()
+    assert nominal(problem(0.9 / fastest, k_T=ideal)) == []
+    step = 1.1 / fastest
+    assert nominal(problem(step, k_T=ideal)) == ["sampling"]
+    (told,) = plausibility.plausibility_of_draws(problem(step), draws(k_T=ideal), SEEN)
+    assert "100 % of the draws" in told
+
+
+def test_a_rig_that_runs_away_and_one_that_turns_too_fast_are_named() -> None:
+    class Unstable(MotorShaft):
+        def linear(self, p: Any) -> Linear:
+            # An oscillation of 100 Hz that grows by 1 % a second.
+            spin, n = 2 * np.pi * 100.0, np.ones_like(p["k_s"])
+            pairs = {("theta_1", "w_1"): spin * n, ("w_1", "theta_1"): -spin * n}
+            return Linear(A=pairs | {(x, x): 0.01 * n for x in ("theta_1", "w_1")}, B={}, c={})
+
+    found = plausibility.poles(Unstable(), {"k_s": np.ones(3)})
+    told = plausibility._poles(found, 0.01, Unstable())
+    assert [finding.split(":")[0] for finding in told] == ["stability", "sampling"]
+    assert "0.01 1/s" in told[0]
+    assert "100 Hz" in told[1]
+
+
+def of_course(v: np.ndarray, **changes: float) -> tuple[str, ...]:
+    record = experiment(len(v), 0.01, constant={"t_1": 0.0}, series={"v": v})
+    of = posterior(record, np.full(5, 0.1))
+    return plausibility.plausibility_of_course(Scenery(of.likelihood), draws(1, **changes)[0])
+
+
+def test_friction_that_drives_is_named_with_its_share_of_the_record() -> None:
+    """The share against SciPy's exponential.  Mutant killed: the sign of t_f is no matter."""
+    ahead, reversed_ = np.full(800, 8.0), np.repeat([8.0, -8.0], 400)
+    assert of_course(ahead) == ()
+    assert of_course(reversed_, t_f=0.0) == ()
+    x = by_expm(NOMINAL, 0.01 * np.arange(401), np.zeros(5), 8.0, 0.0)
+    back = by_expm(NOMINAL, 0.01 * np.arange(401), x[-1], -8.0, 0.0)
+    speed = np.concatenate([x[:400], back[:400]])[:, 3]
+    share = 100 * np.mean(speed < -0.05 * np.abs(speed).max())
+    assert 20 < share < 50
+    (told,) = of_course(reversed_)
+    assert told.startswith(
+        f"friction: in {share:.3g} % of the record the motor turns the other way"
+    )
+    (always,) = of_course(-ahead)
+    assert "turn the signs of v and of all channels" in always
+    assert of_course(-ahead, t_f=-NOMINAL["t_f"]) == ()
+
+
+def measured(measures: str, i_m: float = 0.125, **priors: object) -> Problem:
+    """Of one channel, and of parameters that are held but for those with `priors`."""
+    t, unit = np.linspace(0.0, 1.0, 21), "deg" if "theta" in measures else "rpm"
+    case = bd.case(
+        t,
+        channels={"motor": bd.Channel(np.sin(t), unit, 1.0, measures=measures)},
+        inputs={"v": 8.0},
+        parameters={**dict.fromkeys(NOMINAL, "nominal"), "k_s": SPRING, **priors},
+        rig=bd.MotorShaft(i_m=i_m),
+        nominal="tables_2_3",
+    )
+    return case.job.problem
+
+
+SPRING = {"prior": "uniform", "low": 0.5, "high": 1.5, "relative": True}
+
+
+def test_a_channel_of_another_gear_than_the_model_is_named() -> None:
+    """Mutants killed: the factor taken for its inverse; a channel of rotor 1 blamed."""
+    cases = [
+        ("8 * w_2", 0.125, False),
+        ("-8 * w_2", 0.125, False),
+        ("8.05 * theta_2", 0.125, False),
+        ("w_2", 0.125, False),
+        ("5 * w_1", 0.125, False),
+        ("theta_1 - theta_2", 0.125, False),
+        ("5 * w_2", 0.2, False),
+        ("5 * w_2", 0.125, True),
+        ("0.125 * theta_2", 0.125, True),
+    ]
+
+    def check(measures: str, i_m: float, said: bool) -> None:
+        found = list(plausibility.plausibility_of_gear(measured(measures, i_m)))
+        assert bool(found) is said
+        if said:
+            assert f"model.i_m: {i_m:g}" in found[0]
+            assert found[0].startswith("motor measures ")
+
+    for_each({str(case): case for case in cases}, check)
+
+
+def test_a_nominal_value_that_a_prior_has_never_heard_of_is_named() -> None:
+    far = {"prior": "normal", "mean": 10 * NOMINAL["j_1"], "sd": 0.2 * NOMINAL["j_1"]}
+    near = {**far, "mean": 1.5 * NOMINAL["j_1"]}
+    (told,) = plausibility.plausibility_of_priors(measured("w_2", j_1=far))
+    assert told.startswith("the prior of j_1 goes from ")
+    assert "0.0283 is far outside" in told
+    assert list(plausibility.plausibility_of_priors(measured("w_2", j_1=near))) == []

@@ -1,0 +1,84 @@
+"""Priors that are too wide for an evidence to mean much, and what is said of it."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+from grouping import for_each
+
+from bayesdrill.analysis.diagnostics import Row
+from bayesdrill.analysis.plausibility import Vague, vague
+from bayesdrill.inference.priors import (
+    HalfNormal,
+    LogNormal,
+    LogUniform,
+    Prior,
+    TruncatedNormal,
+    Uniform,
+)
+from bayesdrill.report.sections import verdict_words
+from bayesdrill.sampling.evidence import Evidence
+
+RNG = np.random.default_rng(6)
+SHARP = 0.05 * (1.0 + 0.01 * RNG.standard_normal(4000))
+OTHERS = dict.fromkeys((f.name for f in dataclasses.fields(Row) if f.name != "name"), 1.0)
+ROW = Row(name="x", **OTHERS)  # type: ignore[arg-type]
+
+
+def test_a_prior_far_wider_than_what_is_found_is_vague() -> None:
+    """Mutants killed: half-normals in decades, of which they always have many; sds of logs alone."""
+    cases = [
+        (LogUniform(0.01, 1.0), False),
+        (LogUniform(1e-3, 1e1), True),
+        (LogNormal(0.05, 3.0), True),
+        (Uniform(0.02, 0.1), False),
+        (Uniform(0.0, 1.0), False),
+        (Uniform(0.0, 100.0), True),
+        (HalfNormal(0.1), False),
+        (HalfNormal(30.0), True),
+        (TruncatedNormal(0.0, 1.0, low=-np.inf), False),
+        (TruncatedNormal(0.0, 30.0, low=-np.inf), True),
+    ]
+
+    def check(prior: Prior, wide: bool) -> None:
+        found = vague([ROW], SHARP[:, None], {"x": prior})
+        assert [one.name for one in found] == (["x"] if wide else [])
+
+    for_each({str(case): case for case in cases}, check)
+
+
+def test_what_the_record_leaves_alone_costs_nothing_however_wide() -> None:
+    """Mutant killed: all wide priors alike."""
+    prior = LogUniform(1e-3, 1e1)
+    left = prior.quantile(RNG.random(4000))
+    assert vague([ROW], left[:, None], {"x": prior}) == ()
+
+
+def test_as_many_digits_as_are_known_and_what_makes_them_doubtful() -> None:
+    good = Evidence(log_z=3535.61044, error=0.0046, overlap=0.6)
+    assert (
+        verdict_words.evidence_sentences(good, (), converged=True)
+        == "log evidence: 3535.610 +- 0.005"
+    )
+    rough = Evidence(log_z=3535.61044, error=0.3, overlap=0.01)
+    said = verdict_words.evidence_sentences(
+        rough, (Vague(name="c_s", decades=4.0),), converged=True
+    )
+    assert "3535.6 +- 0.3" in said
+    assert "ROUGH" in said
+    assert "that of c_s is 4.0 decades wide" in said
+    assert "ROUGH" in verdict_words.evidence_sentences(good, (), converged=False)
+    stepped = dataclasses.replace(rough, steps=-0.41, steps_error=0.29)
+    said = verdict_words.evidence_sentences(stepped, (), converged=True)
+    assert "of which -0.41 +- 0.3 for the error of its steps" in said
+    assert "ROUGH: the steps of the rig are long for it" in said
+
+
+def test_what_a_run_has_left_is_read_back() -> None:
+    one = Evidence(log_z=-1.0 / 3.0, error=0.01, overlap=0.5)
+    stepped = dataclasses.replace(one, steps=0.2, steps_error=0.009)
+    for found in (one, stepped):
+        assert verdict_words.evidence_of_data(verdict_words.evidence_data(found, ())) == found
+    assert verdict_words.evidence_of_data({}) is None
+    assert verdict_words.evidence_data(None, ()) == {}

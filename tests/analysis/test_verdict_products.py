@@ -1,0 +1,120 @@
+"""Which products of a table's unknowns a verdict looks at, where others are unknown that no table names.
+
+Of each rig the posterior of a record is exact: Gaussian in the logs, by the information of its study.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import documents
+import numpy as np
+import pytest
+import refits
+from verdicts import off_by
+
+import bayesdrill as bd
+from bayesdrill.analysis.identifiability.information import Scenery
+from bayesdrill.analysis.identifiability.study import Study, study_of
+from bayesdrill.analysis.verdict import Verdict, basis, judge
+from bayesdrill.config.job import Job
+from bayesdrill.config.schema.config import Thresholds
+from benchmarks.zoo import entries as e
+
+SHARED = Path(__file__).resolve().parents[3] / "shared" / "data" / "simulated_servo"
+TRUTH = {
+    "j_m": 4.5e-6, "c_m": 2e-6, "k_e": 0.02, "r_m": 1.8, "l_m": 0.6e-3, "k_s": 0.9, "j_1": 2.4e-3,
+    "c_s": 8e-4, "t_cm": 2.5e-3, "t_c1": 6e-3, "t_s1": 0.012, "w_s1": 0.3,
+    "offset_v": -0.06, "lag_alpha": 3.3e-3, "sigma_theta_2": 5e-4, "sigma_alpha": 5e-4,
+}  # fmt: skip
+
+
+def upto(high: float) -> e.Entry:
+    return {"prior": "uniform", "low": 0.0, "high": high}
+
+
+WEIGHED = {"prior": "normal", "mean": 1.0, "sd": 0.01, **e.RELATIVE}
+RIGS = {
+    "no friction": e.parameters(e.box()),
+    "one weighed": e.parameters(e.box(), j_1=WEIGHED),
+    "friction": e.parameters(e.box(), t_f=0.0, t_cm=upto(0.2), t_c1=upto(1.0)),
+    "friction and damping": e.parameters(
+        e.box(), t_f=0.0, t_cm=upto(0.2), c_s={"prior": "log_uniform", "low": 1e-4, "high": 0.1}
+    ),
+}
+
+
+def studied(job: Job, values: dict[str, float]) -> Study:
+    posterior = job.problem.posterior
+    theta = posterior.space.vector({**posterior.space.start, **values})
+    return study_of(Scenery(posterior.likelihood), posterior, theta, job.asked)
+
+
+@pytest.fixture(scope="module", params=RIGS)
+def rig(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Study:
+    row = refits.row(RIGS[request.param])
+    true = {"t_cm": 0.03, "t_c1": 0.2, "c_s": 3e-3}
+    own = {name: x for name, x in true.items() if name in row.config["parameters"]}
+    row = refits.replace(row, config={**row.config, "simulation": own})
+    job = refits.built(tmp_path_factory.mktemp("rig"), row)
+    return studied(job, {**job.problem.nominal, **own})
+
+
+def named(study: Study) -> list[str]:
+    return [name for name in study.names if name not in ("t_cm", "t_c1", "t_s1", "w_s1", "c_s")]
+
+
+def judged(study: Study, off: dict[str, float]) -> Verdict:
+    """Of the middle record of a rig whose values are `off` the table's by so much, relatively."""
+    before = np.array([one.prior_sd for one in study.parameters])
+    known = study.information.root.T @ study.information.root
+    covariance = np.linalg.inv(known + np.diag(before**-2.0))
+    truth = np.log1p([off.get(name, 0.0) for name in study.names])
+    rng = np.random.default_rng(3)
+    root = np.linalg.cholesky(covariance)
+    draws = covariance @ known @ truth + rng.standard_normal((4000, len(truth))) @ root.T
+    prior = before * rng.standard_normal((20_000, len(truth)))
+    table = dict.fromkeys(named(study), 1.0)
+    return judge(study, np.exp(draws), np.exp(prior), table, {}, (), Thresholds())
+
+
+def test_products_span_all_that_no_symmetry_changes(rig: Study) -> None:
+    """Of the table's unknowns alone: as many as there are of these, less the symmetries that they take
+    part in.  Mutants killed: products that others take part in, dropped from a basis of all; products
+    that only priors know.
+    """
+    own = [name in named(rig) for name in rig.names]
+    symmetries = np.array(rig.structure.symmetries, dtype=float)
+    powers = np.array(basis(rig, named(rig)), dtype=float)
+    assert not (powers @ symmetries.T).any()
+    assert not powers[:, np.logical_not(own)].any()
+    free = sum(own) - np.linalg.matrix_rank(symmetries[:, own])
+    assert np.linalg.matrix_rank(powers) == len(powers) == free
+    spring = [{"k_s": 1, "j_1": -1}.get(name, 0) for name in rig.names]
+    assert spring in powers[:2].tolist()
+
+
+def test_a_value_of_the_table_that_is_off_is_told(rig: Study) -> None:
+    """Each in turn by 10 %, where any product shows it; and nothing where nothing is off."""
+    shown = [name for name, sigmas in off_by(rig, named(rig), 0.1).items() if sigmas > 6]
+    assert {"j_m", "k_s", "j_1"} <= {*shown}
+    assert len(shown) >= 5
+    assert [name for name in shown if judged(rig, {name: 0.1}).agrees] == []
+    assert judged(rig, {}).agrees
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not SHARED.is_dir(), reason="records that do not come with the project")
+def test_a_servo_that_rubs_contradicts_a_table_whose_motor_is_too_heavy(tmp_path: Path) -> None:
+    """j_m/j_1 is known to less than 0.1 %, beside frictions and damping that no table names."""
+    text = documents.files(documents.DOCS / "rigs.md")["three_records.yaml"]
+    for name in ("square", "sweep", "slow"):
+        text = text.replace(f"{name}.csv", str(SHARED / f"{name}.csv"))
+    (tmp_path / "three.yaml").write_text(text)
+    study = studied(bd.load(tmp_path / "three.yaml").job, TRUTH)
+    found = judged(study, {"j_m": 1 / 1.3 - 1.0})
+    assert len(found.products) == 6
+    assert not found.agrees
+    assert found.joint is not None
+    assert found.joint > 100
+    assert judged(study, {}).agrees

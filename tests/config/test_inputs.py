@@ -1,0 +1,304 @@
+"""Inputs of rigs that no voltage drives: as columns, as an imposed angle, each with its lag."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from grouping import for_each
+
+import bayesdrill as bd
+from bayesdrill.basics.errors import InputError
+from bayesdrill.config import loading
+from bayesdrill.config.job import Job, prepare
+from bayesdrill.config.records import reading, simulation
+from bayesdrill.rig.simulators.stepped import Stepped
+
+SHAFT = """\
+name: shaft
+seed: 4
+record:
+  file: drill.csv
+  time: {column: t, unit: s}
+  channels:
+    w_1: {column: bit, unit: rpm, sigma: 2}
+inputs:
+  w_2: {column: top, unit: rpm}
+  t_1: {column: torque, unit: mN*m}
+initial: {w_1: {prior: normal, mean: 90, sd: 20, unit: rpm}, theta_1: {prior: normal, mean: 0, sd: 1}}
+model: {name: driven_shaft}
+parameters:
+  k_s: {prior: uniform, low: 1, high: 9}
+  j_1: 8.0e-3
+simulation: {truth: {w_1_0: 95, theta_1_0: -0.4}}
+"""
+T = 5.0 + 0.01 * np.arange(200)
+SPEED = 9.0 + 3.0 * np.sin(18.0 * T)
+ANGLE = 140.0 + 9.0 * (T - 5.0) - np.cos(18.0 * T) / 6.0
+RPM, DEG = 2 * np.pi / 60, np.pi / 180
+TORQUE = 1.9 + 0.8 * np.sin(18.0 * T + 1.0)
+TOP = ("w_2: {column: top, unit: rpm}", "theta_2: {column: angle, unit: deg}")
+LOAD = "t_1: {column: torque, unit: mN*m"
+LAGGED = (LOAD, f"{LOAD}, lag: {{prior: uniform, low: -40, high: 60, unit: ms}}")
+K_S, NO_LAW = "  k_s: {", "  b_0: 1.0e-3\n  b_1: 2\n  b_2: 5\n  b_3: 5\n"
+LAW = (K_S, NO_LAW + K_S)
+
+
+def save(folder: Path, name: str = "drill.csv", **columns: np.ndarray) -> None:
+    rows = np.column_stack(list(columns.values()))
+    head = ",".join(columns)
+    np.savetxt(folder / name, rows, "%.12g", ",", header=head, comments="")
+
+
+def write(folder: Path, *changes: tuple[str, str]) -> Path:
+    bit = SPEED / RPM + np.random.default_rng(1).standard_normal(len(T))
+    save(
+        folder, t=T, top=SPEED / RPM, angle=ANGLE / DEG, turned=(ANGLE / DEG) % 360.0,
+        torque=1e3 * TORQUE, weight=500 + T, bit=bit,
+    )  # fmt: skip
+    text = SHAFT
+    for old, new in changes:
+        assert old in text, old
+        text = text.replace(old, new)
+    (folder / "shaft.yaml").write_text(text, encoding="utf-8")
+    return folder / "shaft.yaml"
+
+
+def built(folder: Path, *changes: tuple[str, str]) -> Job:
+    return prepare(write(folder, *changes))
+
+
+CASES = [
+    ("a voltage", [("inputs:\n", "inputs:\n  v: 8.0\n")], "inputs.v",
+     ("the model driven_shaft has no such input", "its own: w_2, theta_2, t_1")),
+    ("nothing imposed", [("  " + TOP[0] + "\n", "")], "inputs.w_2",
+     ("the model wants the speed imposed", "rad/s", "`{column: ..., unit: ...}`", "`theta_2:`")),
+    ("no value", [(TOP[0], "w_2:")], "inputs.w_2", ("nothing is not a number", "write the value")),
+    ("an angle for a speed", [("top, unit: rpm", "angle, unit: deg")], "inputs.w_2.unit",
+     ("'deg' is not a unit of rad/s",)),
+    ("a speed for an angle", [(TOP[0], "theta_2: {column: top, unit: rpm}")], "inputs.theta_2.unit",
+     ("'rpm' is not a unit of rad",)),
+    ("angle and speed", [(TOP[0], f"{TOP[0]}\n  {TOP[1]}")], "inputs.theta_2",
+     ("w_2 is what it says as well", "remove one")),
+    ("an angle that is a number", [(TOP[0], "theta_2: 3.0")], "inputs.theta_2", ("`key: value`",)),
+    ("an angle that is held", [(TOP[0], "theta_2: {column: angle, unit: deg, hold: zero}")],
+     "inputs.theta_2.hold", ("'zero' is not possible", "known: first")),
+    ("an angle that is late", [(TOP[0], "theta_2: {column: angle, unit: deg, lag: 0.01}")],
+     "inputs.theta_2.lag", ("measured against the angle that is imposed", "or give `w_2:`")),
+    ("an angle that begins elsewhere", [TOP, ("initial: {", "initial: {theta_2: 1, ")],
+     "initial.theta_2", ("begins at its first sample", "remove")),
+    ("other holds beside an angle", [TOP, ("mN*m}", "mN*m, hold: first}")], "inputs",
+     ("the same `hold:`", "an imposed angle is held (zero)")),
+    ("a weight without a law", [("inputs:\n", "inputs:\n  wob: 500\n")], "inputs.wob",
+     ("no such input", "or name b_0 and b_1 and b_2 and b_3")),
+    ("a law without a weight", [LAW], "inputs.wob", ("the model wants the weight on the bit", "in N")),
+    ("half a law", [(K_S, "  b_0: 1.0e-3\n  b_1: 2\n" + K_S)], "parameters.b_0",
+     ("means nothing without b_2 and b_3",)),
+    ("a weight in kg", [LAW, ("inputs:\n", "inputs:\n  wob: {value: 50, unit: kg}\n")],
+     "inputs.wob.unit", ("'kg' is not a unit of N",)),
+    ("what is imposed as a channel", [("    w_1: {", "    w_2: {")], "record.channels.w_2",
+     ("w_2 has a meaning of its own here",)),
+    ("a motor's speed of a rig without one",
+     [("    w_1: {", "    top: {measures: 8 * w_2, ")], "record.channels.top.measures",
+     ("'w_2' is not a state",)),
+    ("a lag longer than the record", [LAGGED, ("60, unit: ms", "60, unit: s")], "inputs.t_1.lag",
+     ("the record has 1.99 s",)),
+    ("lags of one and of all", [LAGGED, ("inputs:\n", "inputs:\n  t_0: 0.1\n")], "inputs",
+     ("all inputs have one delay", "give one of the two")),
+    ("lags that leave nothing", [LAGGED, ("low: -40", "low: -1985")], "inputs.t_1.lag",
+     ("no sample of w_1",)),
+]  # fmt: skip
+
+
+def test_a_mistake_is_told_at_its_entry(tmp_path_factory: pytest.TempPathFactory) -> None:
+    """And nothing else is said of a config that is sound otherwise."""
+
+    def check(name: str, changes: list[tuple[str, str]], place: str, says: tuple[str, ...]) -> None:
+        tmp_path = tmp_path_factory.mktemp("case")
+        with pytest.raises(InputError) as caught:
+            built(tmp_path, *changes)
+        (found,) = (str(one).replace(f"{tmp_path}/", "") for one in caught.value.problems)
+        where, _, message = found.partition(": ")
+        assert where.startswith("shaft.yaml:")
+        assert message.partition(": ")[0].endswith(place), found
+        for fragment in says:
+            assert fragment in message, found
+
+    for_each({c[0]: c for c in CASES}, check)
+
+
+MOTOR = """\
+name: motor
+seed: 4
+record:
+  {file: drill.csv, time: {column: t, unit: s}, channels: {w_2: {column: bit, unit: rpm, sigma: 2}}}
+inputs: {t_m: {column: torque, unit: mN*m}}
+model: {name: motor}
+parameters: {j_m: {prior: uniform, low: 1, high: 9}, c_m: 0.1}
+"""
+
+
+def test_what_drives_a_motor_follows_from_its_parameters(
+    tmp_path_factory: pytest.TempPathFactory,
+) -> None:
+    cases = [
+        (
+            "{t_m: {column: torque, unit: mN*m}}",
+            "{v: 8}",
+            [
+                "inputs.t_m: missing: the model wants the torque that the motor is driven with",
+                "inputs.v: the model motor has no such input; remove it (its own: t_m), or name k_e",
+            ],
+        ),
+        (
+            "j_m: {",
+            "k_e: 0.1, r_m: 1, j_m: {",
+            ["parameters.k_e: k_e means nothing without k_T and l_m"],
+        ),
+        (
+            "j_m: {",
+            "k_e: 0.1, k_T: 0.1, r_m: 1, l_m: 1, j_m: {",
+            [
+                "inputs.t_m: the model motor has no such input; remove it (its own: v)",
+                "inputs.v: this entry is missing",
+            ],
+        ),
+        ("mN*m}}", "mN*m}, t_1: 0.1}", ["inputs.t_1: the model motor has no such input"]),
+        ("{name: motor}", "{name: motor, i_m: 8}", ["8:1 meant? Then write 0.125"]),
+    ]
+
+    def check(old: str, new: str, says: list[str]) -> None:
+        tmp_path = tmp_path_factory.mktemp("case")
+        write(tmp_path)
+        assert old in MOTOR
+        (tmp_path / "motor.yaml").write_text(MOTOR.replace(old, new))
+        with pytest.raises(InputError) as caught:
+            prepare(tmp_path / "motor.yaml")
+        problems = sorted(str(one) for one in caught.value.problems)
+        assert len(problems) == len(says), problems
+        for problem, said in zip(problems, says, strict=True):
+            assert said in problem
+
+    for_each({str(case): case for case in cases}, check)
+
+
+def test_units_are_those_of_the_columns(tmp_path: Path) -> None:
+    found = built(tmp_path, LAW, ("inputs:\n", "inputs:\n  wob: {column: weight, unit: kN}\n"))
+    one = found.problem.experiment
+    assert [*one.series] == ["t_1", "w_2", "wob"]
+    assert one.constant == {}
+    assert one.series["w_2"] == pytest.approx(SPEED, rel=1e-9)
+    assert one.series["t_1"] == pytest.approx(TORQUE, rel=1e-9)
+    assert one.series["wob"] == pytest.approx(1e3 * (500 + T), rel=1e-9)
+    assert isinstance(found.problem.observations[0].response, Stepped)
+
+
+def test_an_imposed_angle_is_its_speed_between_samples(tmp_path: Path) -> None:
+    """However it wraps.  Mutants killed: the angle for its speed, a start at zero."""
+    rates = np.diff(ANGLE) / np.diff(T)
+    for column in ("angle", "turned, wraps: true"):
+        found = built(tmp_path, (TOP[0], TOP[1].replace("angle", column)))
+        one = found.problem.experiment
+        assert one.series["w_2"][:-1] == pytest.approx(rates, rel=1e-8)
+        first = ANGLE[0] if column == "angle" else ANGLE[0] % (2 * np.pi)
+        assert one.start == {"theta_2": pytest.approx(first, rel=1e-9)}
+        assert not one.first_order
+        assert "theta_2_0" not in found.problem.names
+
+
+def test_an_imposed_angle_may_be_read_at_times_of_its_own(tmp_path: Path) -> None:
+    """Every 70 ms; the bit every 10 ms, from somewhere between on."""
+    slow = 4.97 + 0.07 * np.arange(32)
+    course = 3.0 + 9.0 * (slow - 5.0) + np.sin(4.0 * slow)
+    path = write(tmp_path, (TOP[0], "theta_2: {file: top.csv, column: x, unit: rad}"))
+    save(tmp_path, "top.csv", t=slow, x=course)
+    text = path.read_text().replace("  channels:", "  window: [5.0, 6.99]\n  channels:")
+    path.write_text(text)
+    one = prepare(path).problem.experiment
+    rates = np.diff(course) / 0.07
+    inside = one.t + 1e-6
+    assert one.series["w_2"] == pytest.approx(rates[np.searchsorted(slow, inside) - 1], rel=1e-8)
+    assert one.start["theta_2"] == pytest.approx(np.interp(one.t[0], slow, course))
+
+
+def test_a_free_start_leaves_an_imposed_angle_alone(tmp_path: Path) -> None:
+    start = ("initial: {", "initial: {state: free, ")
+    assert "theta_2_0" in built(tmp_path, start).problem.names
+    assert "theta_2_0" not in built(tmp_path, start, TOP).problem.names
+
+
+def test_missing_samples_of_an_imposed_angle_are_bridged_straight(tmp_path: Path) -> None:
+    path = write(tmp_path, (TOP[0], "theta_2: {column: angle, unit: deg, missing: hold}"))
+    rows = (tmp_path / "drill.csv").read_text().splitlines()
+    for k in (51, 52):
+        cells = rows[k].split(",")
+        rows[k] = ",".join([*cells[:2], "", *cells[3:]])
+    (tmp_path / "drill.csv").write_text("\n".join(rows) + "\n")
+    one = prepare(path).problem.experiment
+    assert one.series["w_2"][49:52] == pytest.approx((ANGLE[52] - ANGLE[49]) / 0.03, rel=1e-8)
+    assert any("theta_2: 2 samples are bridged" in said for said in one.told)
+
+
+def test_a_simulated_record_reads_back(tmp_path_factory: pytest.TempPathFactory) -> None:
+    """With what moved it, in the units of its columns."""
+
+    def check(imposed: bool) -> None:
+        tmp_path = tmp_path_factory.mktemp("case")
+        path = write(tmp_path, *([TOP] if imposed else []))
+        config, source = loading.load(path)
+        before = reading.read(config, source)
+        (tmp_path / "drill.csv").write_text(simulation.simulate(config, source, seed=1))
+        after = reading.read(config, source)
+        for name, series in before.series.items():
+            assert after.series[name] == pytest.approx(series, rel=1e-5), name
+        assert after.start == pytest.approx(before.start)
+        head = (tmp_path / "drill.csv").read_text().splitlines()[0]
+        assert head.split(",") == ["t", "bit", "torque", "angle" if imposed else "top"]
+
+    for_each({str(imposed): (imposed,) for imposed in [False, True]}, check)
+
+
+def test_one_measured_input_has_the_delay_of_all(tmp_path: Path) -> None:
+    """As it was before several could be late; of several, each has its own.
+
+    Mutant killed: the lag of one input for the delay of all.
+    """
+    alone = (TOP[0], "w_2: 9.0")
+    sensing = built(tmp_path, alone, LAGGED).problem.observations[0].response.sensing
+    assert (sensing.delay, sensing.input_lags) == ("lag_t_1", {})
+    found = built(tmp_path, LAGGED).problem
+    sensing = found.observations[0].response.sensing
+    assert (sensing.delay, sensing.input_lags) == (None, {"t_1": "lag_t_1"})
+    assert sensing.in_words == "t_1: lag"
+    prior = found.posterior.space.priors["lag_t_1"]
+    assert (prior.low, prior.high) == pytest.approx((-0.04, 0.06))
+
+
+def test_what_no_record_tells_of_a_late_input_is_left_out(tmp_path: Path) -> None:
+    """A moving rig's first 60 ms, which a torque from before the record may have moved, and the last 40,
+    whose torque may stand after its end.  Mutant killed: samples after the last that an input tells.
+    """
+    one = built(tmp_path, LAGGED).problem.experiment
+    seen = one.t[one.seen[:, 0]]
+    assert (seen[0], seen[-1]) == pytest.approx((5.06, 6.95))
+    assert any("before the start (lag)" in said for said in one.told)
+    assert any("after the end of the record (lag)" in said for said in one.told)
+    at_rest = ("initial: {w_1: {prior: normal, mean: 90, sd: 20, unit: rpm}, theta_1: {prior: normal, "
+               "mean: 0, sd: 1}}\n", "")  # fmt: skip
+    still = ("simulation: {truth: {w_1_0: 95, theta_1_0: -0.4}}\n", "")
+    one = built(tmp_path, LAGGED, at_rest, still).problem.experiment
+    assert one.t[one.seen[:, 0]][[0, -1]] == pytest.approx((5.0, 6.95))
+
+
+def test_init_says_what_else_may_move_a_rig_of_which_no_column_is_a_voltage(tmp_path: Path) -> None:
+    """Where the motion of the upper end is among the columns."""
+    columns = {"t [s]": T, "bit [rad/s]": SPEED[::-1], "load [N*m]": TORQUE}
+    save(tmp_path, "bit.csv", **columns)
+    save(tmp_path, "both.csv", **columns, **{"top [rad/s]": SPEED})
+    said = []
+    for name in ("both", "bit"):
+        bd.init(tmp_path / f"{name}.csv")
+        said.append((tmp_path / f"{name}.yaml").read_text())
+    assert ["driven_shaft" in text for text in said] == [True, False]
+    assert "`w_2: {column: ..., unit: ...}`" in " ".join(said[0].replace("#", "").split())

@@ -1,0 +1,211 @@
+"""What a config says of sensors and of the start: numbers in SI, and every mistake at its entry."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pairs
+import pytest
+from grouping import for_each
+
+from bayesdrill.basics.errors import InputError
+from bayesdrill.config.job import Job, prepare
+from bayesdrill.config.schema import config
+from bayesdrill.inference.priors import LogNormal, TruncatedNormal, Uniform
+
+LAG = "lag: {prior: normal, mean: 0, sd: 20, unit: ms}"
+OFFSET = "offset: {prior: normal, mean: 0, sd: 10}"
+SHARED = ("shared: [lag_theta_1, offset_theta_1]\n", "")
+W_1 = "w_1: {column: w_1, unit: rad/s, sigma: 0.1"
+EXPERIMENTS = "experiments:\n  slow"
+
+
+def initial(entry: str) -> tuple[str, str]:
+    return EXPERIMENTS, f"initial: {entry}\n{EXPERIMENTS}"
+
+
+def problems(folder: Path, *changes: tuple[str, str]) -> list[str]:
+    """Places without the folder, and messages."""
+    with pytest.raises(InputError) as caught:
+        prepare(pairs.write(folder, *changes))
+    return [str(one).replace(f"{folder}/", "") for one in caught.value.problems]
+
+
+def built(folder: Path, *changes: tuple[str, str]) -> Job:
+    return prepare(pairs.write(folder, *changes))
+
+
+CASES = [
+    ("gain through zero", [(W_1, W_1 + ", gain: {prior: normal, mean: 1, sd: 0.5}")],
+     "channels.w_1.gain", "keep its prior on one side of zero"),
+    ("gain of nothing", [(W_1, W_1 + ", gain: 0")], "channels.w_1.gain", "shows nothing"),
+    ("gain of a word", [(W_1, W_1 + ", gain: free")], "channels.w_1.gain", "'free' is not a number"),
+    ("gain in logs", [(W_1, W_1 + ", gain: {prior: log_uniform, low: 0.5, high: 2}")],
+     "channels.w_1.gain", "'log_uniform' is not possible"),
+    ("offset in another unit", [("mean: 0, sd: 10}", "mean: 0, sd: 10, unit: rpm}")],
+     "channels.theta_1.offset", "'rpm' is not a unit of rad"),
+    ("lag in another unit", [("unit: ms}", "unit: deg}")],
+     "channels.theta_1.lag", "'deg' is not a unit of s"),
+    ("lag beyond the record", [(LAG, LAG.replace("ms", "s"))],
+     "channels.theta_1.lag", "the record has 4 s"),
+    ("lag held beyond the record", [(LAG, "lag: -40"), SHARED],
+     "channels.theta_1.lag", "the record has 4 s"),
+    ("lag after a moving start", [(LAG, "lag: {prior: normal, mean: 0, sd: 1.9}"), initial("{w_1: 3}")],
+     "channels.theta_1.lag", "no sample of theta_1 is sure to be later"),
+    ("moment after a moving start",
+     [("  v: 8.0", "  v: 8.0\n  t_0: {prior: normal, mean: 1.9, sd: 0.9}"), initial("{w_1: 3}")],
+     "inputs.t_0", "no sample of theta_1, w_1 is sure to be later"),
+    ("a prior of one number", [(OFFSET, "offset: {prior: normal, mean: 9, sd: 1e-12}")],
+     "channels.theta_1.offset", "this is one number"),
+    ("ends exchanged", [(OFFSET, "offset: {prior: uniform, low: 2, high: -2}")],
+     "channels.theta_1.offset", "low 2 is not below high -2"),
+    ("start outside", [(OFFSET, "offset: {prior: uniform, low: -2, high: 2, start: 3}")],
+     "channels.theta_1.offset", "the start 3 is outside the prior"),
+    ("sensor of a derived speed",
+     [(W_1, W_1 + ", derived_from: theta_1, gain: {prior: log_normal, median: 1, sd_log: 0.1}")],
+     "channels.w_1.gain", "no evidence; remove this"),
+    ("lag of a constant input", [("  v: 8.0", "  v: {value: 8.0, unit: V, lag: 0.1}")],
+     "inputs.v.lag", "unknown key"),
+    ("offset of an input in another unit",
+     [("  v: 8.0", "  v: {value: 8.0, unit: V, offset: {value: 3, unit: A}}")],
+     "inputs.v.offset", "'A' is not a unit of V"),
+    ("gain of no load", [("  v: 8.0", "  v: 8.0\n  t_1: {value: 0, unit: N*m, gain: 1.1}")],
+     "inputs.t_1.gain", "a gain of nothing changes nothing"),
+    ("moment in volts", [("  v: 8.0", "  v: 8.0\n  t_0: {value: 3, unit: V}")],
+     "inputs.t_0", "'V' is not a unit of s"),
+    ("two delays",
+     [("  v: 8.0", "  v: {column: w_1, unit: V, lag: 0.1}\n  t_0: {prior: normal, mean: 0, sd: 0.1}")],
+     "inputs", "all inputs have one delay"),
+    ("speeds of a steady start", [initial("{state: steady, w_1: 3}")],
+     "initial.w_1", "the steady state gives it"),
+    ("both angles of a steady start", [initial("{state: steady, theta_1: 0, theta_2: 1}")],
+     "initial.theta_2", "the steady state gives the twist"),
+    ("a steady start misspelt", [initial("stedy")], "initial", "did you mean steady?"),
+    ("a state that is free misspelt", [initial("{w_1: fre}")], "initial.w_1", "did you mean free?"),
+    ("a start of another unit", [initial("{w_1: {prior: uniform, low: 0, high: 1, unit: deg}}")],
+     "initial.w_1", "'deg' is not a unit of rad/s"),
+    ("a true value of nothing", [("offset_theta_1: -6", "offset_theta1: -6")],
+     "simulation.truth.offset_theta1", "did you mean offset_theta_1"),
+]  # fmt: skip
+
+
+def test_a_mistake_is_told_at_its_entry(tmp_path_factory: pytest.TempPathFactory) -> None:
+    """And nothing else is said of a config that is sound otherwise."""
+
+    def check(name: str, changes: list[tuple[str, str]], place: str, says: str) -> None:
+        tmp_path = tmp_path_factory.mktemp("case")
+        found = problems(tmp_path, *changes)
+        assert len(found) == 1, found
+        where, _, message = found[0].partition(": ")
+        assert where.startswith("all.yaml:"), found
+        dotted = message.partition(": ")[0]
+        assert dotted.endswith(place), found
+        assert says in message, found
+
+    for_each({c[0]: c for c in CASES}, check)
+
+
+def test_a_state_that_no_channel_tells_of_needs_a_prior(tmp_path: Path) -> None:
+    """Of a record of the current alone there is no angle, and nothing drives one."""
+    only = (
+        f"    theta_1: {{column: theta_1, unit: deg, sigma: 2, {OFFSET},\n"
+        f"              {LAG}}}\n    {W_1}}}\n"
+    )
+    current = "    i: {column: w_1, unit: A, sigma: 0.1}\n"
+    changes = [(only, current), SHARED, initial("{theta_1: free}")]
+    truth = (", truth: {lag_theta_1: 15, offset_theta_1: -6}", "")
+    found = problems(tmp_path, *changes, truth)
+    assert [one.partition(": ")[2].partition(": ")[0] for one in found] == ["initial.theta_1"]
+    assert "give it a prior" in found[0]
+
+
+def test_all_of_several_sensors_is_told_at_once(tmp_path: Path) -> None:
+    found = problems(
+        tmp_path,
+        (LAG, "lag: {prior: normal, mean: 0, sd: 20, unit: V}"),
+        (OFFSET, "offset: {prior: uniform, low: 2, high: -2}"),
+        (W_1, W_1 + ", gain: 0"),
+    )
+    places = [one.partition(": ")[2].partition(": ")[0] for one in found]
+    assert sorted(places) == [
+        "record.channels.theta_1.lag",
+        "record.channels.theta_1.offset",
+        "record.channels.w_1.gain",
+    ]
+
+
+def test_numbers_and_priors_are_in_si(tmp_path: Path) -> None:
+    """Each by its own unit: an offset in that of the column, a time in s, a state in SI."""
+    job = built(
+        tmp_path,
+        (
+            W_1,
+            W_1
+            + ", gain: {prior: log_normal, median: 0.9, sd_log: 0.1}, lag: {value: 3, unit: ms}",
+        ),
+        ("  v: 8.0", "  v: 8.0\n  t_0: {prior: uniform, low: -50, high: 100, unit: ms}"),
+        initial(
+            "{theta_2: {prior: truncated_normal, mean: 10, sd: 90, low: -45, high: 90, unit: deg}}"
+        ),
+        ("walkers: 16", "walkers: 24"),
+    )
+    space = job.problem.posterior.space
+    degree = np.pi / 180
+    assert space.priors["offset_theta_1"] == TruncatedNormal(0.0, 10 * degree, -np.inf, np.inf)
+    assert space.priors["lag_theta_1"] == TruncatedNormal(0.0, 0.02, -np.inf, np.inf)
+    assert space.priors["gain_w_1_fast"] == LogNormal(0.9, 0.1)
+    t_0 = space.priors["t_0_slow"]
+    assert isinstance(t_0, Uniform)
+    assert (t_0.low, t_0.high) == pytest.approx((-0.05, 0.1))
+    begin = space.priors["theta_2_0_fast"]
+    assert isinstance(begin, TruncatedNormal)
+    assert (begin.low, begin.high, begin.mean) == pytest.approx(
+        (-45 * degree, 90 * degree, 10 * degree)
+    )
+    assert space.fixed["lag_w_1_slow"] == pytest.approx(0.003)
+    assert job.units.said("offset_theta_1", 0.1) == "5.73 deg"
+    assert job.units.said("t_0_slow", 0.04) == "40 ms"
+
+
+def test_a_moving_start_leaves_out_what_a_lag_may_show_of_before(tmp_path: Path) -> None:
+    """Of the lagging channel alone, up to where the prior ends; of a rig at rest nothing."""
+    lag = (LAG, "lag: {prior: uniform, low: 0, high: 100, unit: ms}")
+    moving = built(tmp_path, lag, initial("{w_1: 3.0}")).problem.observations[0].experiment
+    assert moving.counts == (98, 101)  # at 0, 0.04 and 0.08 s
+    (told,) = [one for one in moving.told if "left out" in one]
+    assert told.startswith("theta_1: 3 samples")
+    turned = built(tmp_path, lag, initial("{theta_1: 0.5, theta_2: 0.5}"))
+    assert turned.problem.observations[0].experiment.counts == (101, 101)
+
+
+def test_free_states_are_as_wide_as_the_channels(tmp_path: Path) -> None:
+    job = built(tmp_path, initial("free"), ("walkers: 16", "walkers: 32"))
+    space = job.problem.posterior.space
+    table = [line.split(",") for line in pairs.records(pairs.PAIR)["fast.csv"].splitlines()[1:]]
+    y = np.array(table, dtype=float)[:, 1:] * [np.pi / 180, 1.0]
+    found = space.priors["theta_1_0_fast"]
+    assert isinstance(found, TruncatedNormal)
+    assert (found.mean, found.sd) == pytest.approx((y[0, 0], 2 * np.ptp(y[:, 0])))
+    other = space.priors["w_2_0_fast"]
+    assert isinstance(other, TruncatedNormal)
+    assert other.sd == pytest.approx(2 * np.abs(y[:, 1]).max(), rel=0.5)
+    assert space.priors["w_1_0_slow"] != space.priors["w_1_0_fast"]
+
+
+def test_the_schema_describes_every_entry() -> None:
+    tree = json.loads(config.json_schema())
+    text = config.json_schema()
+    for word in ("experiments", "shared", "own"):
+        assert tree["properties"][word]["description"]
+    kinds = tree["$defs"]
+    for entry in ("gain", "offset", "lag"):
+        assert kinds["ChannelSpec"]["properties"][entry]["description"]
+        assert kinds["InputColumn"]["properties"][entry]["description"]
+    own = kinds["ExperimentSpec"]["properties"]
+    assert {"record", "inputs", "initial", "held_out"} == set(own)
+    assert own["held_out"]["description"]
+    assert kinds["Inputs"]["properties"]["t_0"]["description"]
+    assert kinds["Initial"]["properties"]["state"]["description"]
+    assert "experiment has" not in text

@@ -1,0 +1,385 @@
+"""The Gaussian approximation and the search for the MAP, on a problem with a known answer."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import scipy.optimize
+from grouping import for_each
+from oracles import NOMINAL
+from oracles import ORDER as ORDER_OF_MODEL
+from rigs import measured, posterior, vector
+
+from bayesdrill.config import loading
+from bayesdrill.config.resolve import assembly
+from bayesdrill.inference import laplace
+from bayesdrill.inference.laplace import NOTHING
+from bayesdrill.inference.priors import HalfNormal, LogNormal, Uniform
+from bayesdrill.inference.unknowns import Coordinates
+from bayesdrill.paper.plugins import ORDER, Fminsearch, Pairwise, circle
+from bayesdrill.sampling import mode_search
+from bayesdrill.sampling.optimisers import OPTIMISERS
+from bayesdrill.sampling.optimisers.contract import Optimum, Task
+from bayesdrill.sampling.optimisers.nelder_mead import THOROUGH
+
+CONFIGS = Path(__file__).parents[2] / "configs"
+SIGMA = np.array([0.02, 0.03, 0.05, 0.04])
+RECORD = measured(SIGMA, n=200)
+TWO = ("k_e", "k_s")
+
+
+def test_covariance_is_the_inverse_hessian() -> None:
+    """Of a well determined pair, against a numerical Hessian over the sampler's coordinates."""
+    cases = {
+        "linear": (False,),
+        "log": (True,),
+    }
+
+    def check(logs: bool) -> None:
+        target = posterior(RECORD, SIGMA, free=TWO, logs=logs)
+        found = scipy.optimize.minimize(
+            lambda s: -target.density(target.space.vector(NOMINAL)[None] * (1 + 1e-3 * s))[0],
+            np.zeros(2), method="Nelder-Mead", options={"xatol": 1e-6, "fatol": 1e-10},
+        )  # fmt: skip
+        theta = target.space.vector(NOMINAL) * (1 + 1e-3 * found.x)
+        z = target.coordinates.from_physical(theta[None])[0]
+        step = 0.3 * np.sqrt(np.diag(laplace.covariance(target, theta)))
+        shifts = np.array([[a, b] for a in (-1, 0, 1) for b in (-1, 0, 1)])
+        values = target.density(target.coordinates.to_physical(z + shifts * step)).reshape(3, 3)
+        hessian = np.empty((2, 2))
+        hessian[0, 0] = values[2, 1] - 2 * values[1, 1] + values[0, 1]
+        hessian[1, 1] = values[1, 2] - 2 * values[1, 1] + values[1, 0]
+        mixed = 0.25 * (values[2, 2] - values[2, 0] - values[0, 2] + values[0, 0])
+        hessian[0, 1] = hessian[1, 0] = mixed
+        numeric = np.linalg.inv(-hessian / np.outer(step, step))
+        assert np.allclose(laplace.covariance(target, theta), numeric, rtol=0.05)
+
+    for_each(cases, check)
+
+
+def test_undetermined_directions_have_the_width_of_the_prior() -> None:
+    target = posterior(RECORD, 10 * SIGMA)
+    cov = laplace.covariance(target, vector(NOMINAL))
+    assert np.sqrt(cov[1, 1]) == pytest.approx(0.31, abs=0.02)  # log of uniform 0.5 to 1.5
+    assert np.linalg.eigvalsh(cov).min() > 0
+
+
+def test_draws_are_finite_spread_and_reproducible() -> None:
+    cases = {
+        "linear": (False,),
+        "log": (True,),
+    }
+
+    def check(logs: bool) -> None:
+        target = posterior(RECORD, SIGMA, logs=logs)
+        z = laplace.draws(target, vector(NOMINAL), 64, np.random.default_rng(3))
+        assert z.shape == (64, 9)
+        assert np.isfinite(target(z)).all()
+        assert np.linalg.matrix_rank(z - z.mean(axis=0)) == 9
+        again = laplace.draws(target, vector(NOMINAL), 64, np.random.default_rng(3))
+        assert np.array_equal(z, again)
+
+    for_each(cases, check)
+
+
+def test_draws_near_an_edge_of_the_prior() -> None:
+    target = posterior(RECORD, SIGMA)
+    edge = vector({**NOMINAL, "t_f": 0.05 * (1 + 1e-9), "c_m": 28.4999e-5})
+    assert np.isfinite(target(laplace.draws(target, edge, 40, np.random.default_rng(1)))).all()
+
+
+def valley(x: np.ndarray) -> np.ndarray:
+    """Rosenbrock's, with unequal scales; its maximum, zero, is at (6, 0.02), off the origin."""
+    a, b = x[:, 0] / 3 - 1, x[:, 1] * 50
+    return -100 * (b - a**2) ** 2 - (1 - a) ** 2
+
+
+def task(names: tuple[str, ...], density: Callable[[np.ndarray], np.ndarray]) -> Task:
+    return Task(
+        names=names,
+        density=density,
+        coordinates=Coordinates((False,) * len(names)),
+        covariance=lambda theta: np.diag([0.3, 0.002, 0.01][: len(theta)]) ** 2,
+    )
+
+
+# With tolerances that find this maximum; others do by default.
+EXACT = {
+    "nelder_mead": THOROUGH,
+    "pairwise": Pairwise(pairs=[["b", "a"], ["a", "b"]], steady=1e-6),
+}
+
+
+def searched(method: str, evaluations: int) -> tuple[Optimum, list[tuple[float, ...]]]:
+    """In the valley; and every point that was asked for, with its value."""
+    asked: list[tuple[float, ...]] = []
+
+    def density(x: np.ndarray) -> np.ndarray:
+        values = valley(x)
+        asked.extend((*map(float, row), float(value)) for row, value in zip(x, values, strict=True))
+        return values
+
+    optimiser = EXACT[method] if method in EXACT else OPTIMISERS[method]()
+    start = np.array([-3.0, 0.05])
+    found = optimiser(task(("a", "b"), density), start, evaluations)
+    assert start == pytest.approx([-3.0, 0.05])  # untouched
+    return found, asked
+
+
+def test_every_optimiser_finds_a_curved_skewed_maximum() -> None:
+    def check(method: str) -> None:
+        found, _ = searched(method, 8000)
+        assert found.settled
+        assert found.theta == pytest.approx([6.0, 0.02], rel=0.02)
+        assert found.value == pytest.approx(valley(found.theta[None])[0])
+        assert found.evaluations <= 8000
+        assert found.history[-1] == pytest.approx(found.value)
+
+    for_each({str(method): (method,) for method in OPTIMISERS}, check)
+
+
+def test_what_a_search_may_spend_only_cuts_it_short() -> None:
+    """Wherever it is cut: the same points as without a limit, and the best of them.
+
+    Mutants killed: settled because nothing was gained before the end; a limit of each descent, not
+    of all; a start that is not counted; the best point lost with the iteration that was cut, or left
+    out of the history.
+    """
+
+    def check(method: str) -> None:
+        whole, asked = searched(method, 8000)
+        assert whole.evaluations == len(asked)
+        for most in (*range(1, 201), len(asked) - 1, len(asked), len(asked) + 1):
+            found, made = searched(method, most)
+            assert made == asked[:most], most
+            assert found.evaluations == len(made), most
+            assert found.value == max(value for *_, value in made), most
+            assert found.value == valley(found.theta[None])[0], most
+            assert found.settled == (most > len(asked)), most
+            assert found.history[:-1] == whole.history[: max(len(found.history) - 1, 0)], most
+            assert list(found.history) == sorted(found.history), most
+            if (
+                method == "fminsearch" and found.history
+            ):  # others may be cut as they set up a simplex
+                assert found.history[-1] == found.value, most
+
+    for_each({str(method): (method,) for method in OPTIMISERS}, check)
+
+
+def test_fminsearch_stops_at_tolerances_that_are_absolute() -> None:
+    """The same hill in other units: of an unknown of 1e-4 it finds no digit.  MATLAB's defaults."""
+
+    def hill(x: np.ndarray, unit: float) -> np.ndarray:
+        return -1e-4 * (x[:, 0] / unit - 3.0) ** 2
+
+    fine = Fminsearch()(task(("a",), lambda x: hill(x, 1.0)), np.array([2.0]), 8000)
+    coarse = Fminsearch()(task(("a",), lambda x: hill(x, 1e-4)), np.array([2e-4]), 8000)
+    assert fine.theta[0] == pytest.approx(3.0, rel=1e-3)
+    assert abs(coarse.theta[0] / 3e-4 - 1) > 0.05
+    assert coarse.settled
+
+
+def test_pairs_are_the_papers_for_its_nine_and_a_circle_for_fewer() -> None:
+    printed = "t_f j_m, j_m c_m, c_m k_e, k_e k_T, k_T r_m, r_m l_m, l_m k_s, k_s j_1, j_1 t_f"
+    assert circle(ORDER) == tuple(tuple(pair.split()) for pair in printed.split(", "))
+    assert circle(("k_s", "sigma_w_1", "c_m")) == (
+        ("c_m", "k_s"),
+        ("k_s", "sigma_w_1"),
+        ("sigma_w_1", "c_m"),
+    )
+    assert circle(("k_e", "c_m")) == (("c_m", "k_e"),)
+    with pytest.raises(ValueError, match="two unknowns"):
+        circle(("k_e",))
+
+
+def test_no_unknown_may_be_left_out_of_the_pairs() -> None:
+    config, _ = loading.load(CONFIGS / "nominal_step.yaml")
+    pairs = [["k_s", "j_1"], ["j_m", "c_m"], ["k_e", "k_T"]]
+    own = config.map.model_copy(update={"method": "pairwise", "pairs": pairs})
+    changed = config.model_copy(update={"map": own})
+    with pytest.raises(ValueError, match="no pair has r_m, l_m, t_f"):
+        assembly.optimiser(changed).check(ORDER_OF_MODEL)
+
+
+def test_pairwise_moves_two_unknowns_at_a_time_in_the_order_given() -> None:
+    """Mutants killed: pairs in another order, other unknowns that move, iterations not counted."""
+    seen: list[np.ndarray] = []
+
+    def bowl(x: np.ndarray) -> np.ndarray:
+        seen.append(x[0].copy())
+        return -((x - np.array([1.0, 2.0, 3.0])) ** 2).sum(axis=1)
+
+    start = np.array([2.0, 3.0, 4.0])
+    pairs = [["c", "a"], ["b", "c"]]
+    of = task(("a", "b", "c"), bowl)
+    found = Pairwise(pairs, iterations=5, steady=1e-8)(of, start, 8000)
+    assert found.settled
+    assert found.theta == pytest.approx([1.0, 2.0, 3.0], abs=0.03)
+    first = next(k for k, x in enumerate(seen) if x[1] != start[1])
+    assert all(x[1] == start[1] for x in seen[:first])  # the first pair has no b
+    assert first >= 5
+    held = seen[first][0]
+    again = next(k for k, x in enumerate(seen) if k > first and x[0] != held)
+    assert all(x[0] == held for x in seen[first:again])  # the second has no a
+    assert list(found.history) == sorted(found.history)
+    once = Pairwise(pairs, iterations=5, steady=1e8)(of, start, 8000)
+    assert once.settled
+    assert len(once.history) == 2 * (5 - 1)  # to set up the simplex counts as one
+
+
+def test_searches_agree_where_the_record_determines_everything() -> None:
+    target = posterior(RECORD, SIGMA, free=TWO)
+    points = mode_search.starts(target, 4, np.random.default_rng(9))
+    found = mode_search.summarise(
+        target, tuple(mode_search.search(target, THOROUGH, 4000, point) for point in points)
+    )
+    assert found.same_height >= 2
+    assert found.wandering == ()
+    assert found.gain < 1e-6
+    assert found.at_bound == ()
+    assert found.others == ()
+    assert found.values["k_e"] == pytest.approx(NOMINAL["k_e"], rel=2e-3)
+    assert max(abs(s) for s in found.slope.values()) < 1e-3
+
+
+def test_nine_parameters_wander_along_the_symmetries_and_that_is_said() -> None:
+    target = posterior(RECORD, SIGMA)
+    points = mode_search.starts(target, 4, np.random.default_rng(2))
+    found = mode_search.summarise(
+        target, tuple(mode_search.search(target, THOROUGH, 8000, point) for point in points)
+    )
+    assert found.log_posterior >= target.density(vector(NOMINAL)[None])[0]
+    assert found.gain < 1e-6
+    assert found.same_height >= 2
+    assert len(found.wandering) >= 3
+
+
+def test_searches_that_end_in_another_maximum_do_not_wander() -> None:
+    """Mutant killed: a second maximum, as high as the first, taken for a flat posterior."""
+
+    def search(k_e: float, k_s: float) -> mode_search.Search:
+        end = {"k_e": k_e, "k_s": k_s}
+        return mode_search.Search(
+            start=end, end=end, log_posterior=5.0, evaluations=1, settled=True
+        )
+
+    here, there, astray = search(0.06, 0.26), search(0.08, 0.26), search(0.06, 0.3)
+    one = mode_search.Mode(
+        values=here.end, log_posterior=5.0, slope={}, gain=0.0, at_bound=(), searches=(here, there)
+    )  # fmt: skip
+    assert one.wandering == ("k_e",)
+    two = dataclasses.replace(one, others=(mode_search.Other(values=there.end, log_posterior=5.0),))
+    assert two.wandering == ()
+    assert [top.values["k_e"] for top in two.maxima] == [0.06, 0.08]
+    three = dataclasses.replace(two, searches=(here, there, astray))
+    assert three.wandering == ("k_s",)
+    assert three.same_height == 3
+
+
+def test_starts_begin_with_the_configured_one() -> None:
+    target = posterior(RECORD, SIGMA, free=TWO)
+    space = target.space.with_start({"k_e": 0.05, "k_s": 0.3})
+    points = mode_search.starts(
+        dataclasses.replace(target, space=space), 3, np.random.default_rng(1)
+    )
+    assert points[0] == pytest.approx([0.05, 0.3])
+    assert np.isfinite(target.density(points)).all()
+
+
+def test_gradient_at_a_slope_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where the way to the maximum was cut short the report says so."""
+    target = posterior(RECORD, SIGMA, free=TWO)
+    off = target.space.vector({**NOMINAL, "k_e": NOMINAL["k_e"] * 1.01})
+    search = mode_search.search(target, replace(THOROUGH, polished=False), 1, off)
+    start = {name: float(x) for name, x in zip(target.space.free, off, strict=True)}
+    stuck = dataclasses.replace(search, end=start, log_posterior=target.density(off[None])[0])
+    assert mode_search.summarise(target, (stuck,)).gain < 1e-6
+    monkeypatch.setattr(mode_search, "POLISH", 0)
+    found = mode_search.summarise(target, (stuck,))
+    assert found.values == pytest.approx(start)
+    assert found.gain > 1.0
+    assert abs(found.slope["k_e"]) > 1.0
+
+
+def test_a_search_cut_short_is_polished_to_the_very_maximum() -> None:
+    """Mutant killed: no steps of Gauss and Newton after the simplex."""
+    target = posterior(RECORD, SIGMA, free=TWO)
+    start = target.space.vector({**NOMINAL, "k_e": NOMINAL["k_e"] * 1.02})
+    rough, fine = (
+        mode_search.search(target, replace(THOROUGH, polished=polished), 6, start)
+        for polished in (False, True)
+    )
+    top = mode_search.search(target, THOROUGH, 4000, target.space.vector(NOMINAL))
+    assert rough.log_posterior < top.log_posterior - 1.0
+    assert not rough.settled
+    assert fine.settled
+    assert fine.log_posterior == pytest.approx(top.log_posterior, abs=1e-7)
+    assert fine.end == pytest.approx(top.end, rel=1e-5)
+    assert rough.evaluations == fine.evaluations == 6
+
+
+def test_a_search_that_is_not_to_be_polished_says_where_it_ended() -> None:
+    """The paper's ways are there to be seen.  Mutant killed: polished all the same."""
+    target = posterior(RECORD, SIGMA, free=TWO)
+    start = target.space.vector({**NOMINAL, "k_e": NOMINAL["k_e"] * 1.02})
+    found = mode_search.search(target, replace(THOROUGH, polished=False), 20, start)
+    alone = THOROUGH(mode_search.task(target), start, 20)
+    assert np.array_equal(target.space.vector(found.end), alone.theta)
+    assert (found.log_posterior, found.settled) == (alone.value, alone.settled)
+
+
+def test_a_log_normal_has_no_bound_to_be_at() -> None:
+    """A record that draws the MAP into its last thousandth.  Mutant killed: zero taken for an end."""
+    prior = LogNormal(15.0 * NOMINAL["k_s"], 0.5)
+    target = posterior(RECORD, SIGMA, free=TWO, priors={"k_s": prior})
+    start = target.space.vector(NOMINAL)
+    found = mode_search.summarise(target, (mode_search.search(target, THOROUGH, 4000, start),))
+    assert found.values["k_s"] < prior.quantile(np.array(1e-3))
+    assert found.at_bound == ()
+
+
+def test_a_maximum_on_the_bound_is_named() -> None:
+    """A prior that ends before the best k_s: the maximum is there, and inside of it no slope is left.
+
+    Mutant killed: a maximum at the end of a prior called a slope.
+    """
+    end = 0.9 * NOMINAL["k_s"]
+    target = posterior(RECORD, SIGMA, free=TWO, priors={"k_s": Uniform(0.1, end)})
+    start = target.space.vector({**NOMINAL, "k_s": 0.2})
+    found = mode_search.summarise(target, (mode_search.search(target, THOROUGH, 4000, start),))
+    assert found.at_bound == ("k_s",)
+    assert 1 - 1e-6 < found.values["k_s"] / end <= 1
+    assert found.slope["k_s"] == 0.0
+    assert abs(found.slope["k_e"]) < 1e-2
+    assert found.gain < 1e-4
+
+
+def test_a_search_for_a_zero_ends_where_its_prior_does() -> None:
+    """The record is of a rig with negative damping, so the less c_m the better, down to nothing."""
+    cases = {
+        "log": (True,),
+        "linear": (None,),
+    }
+
+    def check(logs: bool | None) -> None:
+        prior = HalfNormal(2 * NOMINAL["c_m"])
+        rig = posterior(RECORD, SIGMA, free=("c_m", "k_s"), priors={"c_m": prior}, logs=logs)
+        assert rig.coordinates.logs == (bool(logs), True)
+        y = rig.likelihood.signals(np.array([[-2e-3, NOMINAL["k_s"]]]))[0]
+        likelihood = rig.likelihood.with_alone(response=rig.likelihood.response.with_record(y))
+        target = dataclasses.replace(rig, likelihood=likelihood)
+        start = target.space.vector(NOMINAL)
+        found = mode_search.search(target, THOROUGH, 4000, start)
+        least = float(prior.quantile(np.array(NOTHING)))
+        assert least <= found.end["c_m"] < 1e-3 * NOMINAL["c_m"]
+        assert found.settled
+        best = mode_search.summarise(target, (found,))
+        assert best.at_bound == ("c_m",)
+        assert np.isfinite(best.gain)
+
+    for_each(cases, check)
