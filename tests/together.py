@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import inspect
 import traceback
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -54,9 +54,7 @@ def together(
                     one(row, str(number), given)
                 except (Exception, pytest.fail.Exception) as error:
                     failures.append(f"{name}: {told(error)}")
-            if failures:
-                listed = "\n".join(failures)
-                raise AssertionError(f"{len(failures)} of {len(rows)} cases fail\n{listed}")
+            tell(failures, len(rows))
 
         usual = inspect.Parameter.KEYWORD_ONLY
         asked_for = [inspect.Parameter(name, usual) for name in sorted(asked)]
@@ -64,6 +62,24 @@ def together(
         return run
 
     return decorate
+
+
+def for_each(cases: Mapping[str, tuple[Any, ...]], check: Callable[..., None]) -> None:
+    """Call `check(*arguments)` for each named case, and raise one error that lists all failures."""
+    assert cases, "there is no case to check"
+    failures = []
+    for name, arguments in cases.items():
+        try:
+            check(*arguments)
+        except (Exception, pytest.fail.Exception) as error:
+            failures.append(f"{name:.100}: {told(error)}")
+    tell(failures, len(cases))
+
+
+def tell(failures: list[str], count: int) -> None:
+    if failures:
+        listed = "\n".join(failures)
+        raise AssertionError(f"{len(failures)} of {count} cases fail\n{listed}")
 
 
 def named(value: Any, ids: Callable[[Any], object]) -> str:

@@ -6,8 +6,8 @@ import itertools
 
 import numpy as np
 import pytest
-from grouping import for_each
 from scipy.signal import lfilter
+from together import for_each
 
 from bayesdrill.analysis.calibration import (
     FALSE_ALARM,

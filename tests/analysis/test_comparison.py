@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import pytest
 from comparisons import model, problem
-from grouping import for_each
+from together import for_each
 
 from bayesdrill.analysis import comparison
 from bayesdrill.analysis.comparison import Contender, Word, decide, probabilities

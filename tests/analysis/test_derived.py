@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import scipy.linalg
-from grouping import for_each
 from oracles import NOMINAL, by_expm, matrices, skewed
+from together import for_each
 
 from bayesdrill.config import job
 from bayesdrill.inference import derived

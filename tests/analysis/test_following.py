@@ -10,7 +10,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from grouping import for_each
+from together import for_each
 
 from bayesdrill.analysis.latent_torque import Shaking, follows
 from bayesdrill.report.sections import torque_words

@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from grouping import for_each
 from oracles import NOMINAL, ORDER
 from rigs import measured, posterior, vector
+from together import for_each
 
 from bayesdrill.analysis.identifiability import information, structure
 from bayesdrill.analysis.identifiability.information import Scenery

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from grouping import for_each
 from lacking import T, against_the_table, believed, best, record
+from together import for_each
 from torques import TORQUE, observed, of
 
 import bayesdrill as bd

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from grouping import for_each
+from together import for_each
 
 from bayesdrill.analysis.causes import Causes, causes
 from bayesdrill.config.job import Job, prepare

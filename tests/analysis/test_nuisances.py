@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from grouping import for_each
 from oracles import NOMINAL
 from rigs import experiment, unknown, vector
+from together import for_each
 
 import bayesdrill as bd
 from bayesdrill.analysis.causes import Causes, causes

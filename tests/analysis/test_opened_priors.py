@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from grouping import for_each
 from oracles import NOMINAL
 from rigs import measured, posterior
 from scipy.stats import norm
+from together import for_each
 from verdicts import LINEAR, NAMES, PRIOR, TABLE, gaussian
 
 from bayesdrill.analysis.plausibility import open_ends

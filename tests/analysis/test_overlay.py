@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from grouping import for_each
 from pictures import posterior
+from together import for_each
 
 import bayesdrill as bd
 from bayesdrill.analysis.comparison import Layer, differing, overlay_rows

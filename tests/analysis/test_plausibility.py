@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from grouping import for_each
 from oracles import NOMINAL, ORDER, by_expm
 from rigs import experiment, posterior
+from together import for_each
 
 import bayesdrill as bd
 from bayesdrill.analysis import plausibility

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import scipy.stats
-from grouping import for_each
 from oracles import NOMINAL
+from together import for_each
 
 import bayesdrill as bd
 from bayesdrill.analysis.prediction import LeftOut, held_out, leave_one_out, remembers

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from grouping import for_each
 from numpy.typing import NDArray
 from scipy.special import ndtr
+from together import for_each
 
 from bayesdrill.analysis.prediction import checks, leave_one_out_check
 from bayesdrill.basics.symbols import Symbol

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from grouping import for_each
+from together import for_each
 
 from bayesdrill.analysis.diagnostics import pressed_against
 from bayesdrill.inference.priors import (

@@ -11,9 +11,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from grouping import for_each
 from oracles import ORDER
 from rigs import measured, posterior
+from together import for_each
 from verdicts import TABLE, gaussian, verdict
 
 from bayesdrill.analysis.identifiability.information import (

@@ -12,10 +12,10 @@ from functools import cache
 
 import numpy as np
 import pytest
-from grouping import for_each
 from numpy.typing import NDArray
 from scipy.linalg import expm
 from scipy.stats import binom
+from together import for_each
 from torques import FREE, FRICTION, PIECES, TORQUE, T, observed, of, weighed
 
 from bayesdrill.analysis.latent_torque import shakings

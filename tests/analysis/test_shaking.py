@@ -12,9 +12,9 @@ import io
 
 import numpy as np
 import pytest
-from grouping import for_each
 from oracles import NOMINAL
 from rigs import STATES, experiment, posterior, unknown, vector
+from together import for_each
 
 from bayesdrill.analysis.latent_torque import Shaking, shakings
 from bayesdrill.basics.units import Unit

@@ -6,10 +6,10 @@ from collections.abc import Mapping
 
 import numpy as np
 import pytest
-from grouping import for_each
 from lacking import DT, MEASURES, SIGMA, N, T
 from oracles import NOMINAL
 from rigs import experiment
+from together import for_each
 
 from bayesdrill.analysis.identifiability.frictions import Told, stops_below, told_apart
 from bayesdrill.analysis.identifiability.information import Scenery

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 
 import numpy as np
-from grouping import for_each
+from together import for_each
 
 from bayesdrill.analysis.diagnostics import Row
 from bayesdrill.analysis.plausibility import Vague, vague

@@ -10,11 +10,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from grouping import for_each
 from oracles import ORDER
 from pydantic import ValidationError
 from rigs import measured, posterior
 from scipy.stats import chi2, norm
+from together import for_each
 from verdicts import LINEAR, PRIOR, PRIOR_SD, TABLE, gaussian, linear_study, verdict
 
 from bayesdrill.analysis.diagnostics import Row

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from grouping import for_each
 from lacking import MEASURES, believed
 from rubbing_cases import CASES
 from stepping import experiment_of, model_of, parameters
+from together import for_each
 
 from bayesdrill.analysis.causes import SENSORS
 from bayesdrill.analysis.edits import widened

@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 import pytest
 from cases import BOX, T, run, two
-from grouping import for_each
 from oracles import NOMINAL
 from systems import ROOT
+from together import for_each
 
 import bayesdrill as bd
 from bayesdrill.api.comparison import Overlay

@@ -14,8 +14,8 @@ import pytest
 import systems
 import xarray
 from cases import BOX, SHAFT, T, noisy, run, two
-from grouping import for_each
 from oracles import NOMINAL, by_expm
+from together import for_each
 
 import bayesdrill as bd
 from bayesdrill.config import job

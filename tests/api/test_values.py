@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 import pytest
 from cases import T, noisy, run, two
-from grouping import for_each
 from systems import ROOT
+from together import for_each
 
 import bayesdrill as bd
 from bayesdrill.basics.values import alike

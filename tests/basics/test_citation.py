@@ -8,8 +8,8 @@ from pathlib import Path
 
 import arviz_base
 import emcee
-from grouping import for_each
 from ruamel.yaml import YAML
+from together import for_each
 
 import bayesdrill
 from bayesdrill.basics.software import ARVIZ, BAYESDRILL, EMCEE, PAPER, Work, citation

@@ -1,7 +1,7 @@
 from __future__ import annotations
 
 import pytest
-from grouping import for_each
+from together import for_each
 
 from bayesdrill.basics.formulas import linear_combination
 

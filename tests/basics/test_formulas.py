@@ -7,7 +7,7 @@ import pickle
 
 import numpy as np
 import pytest
-from grouping import for_each
+from together import for_each
 
 from bayesdrill.basics.duals import Dual
 from bayesdrill.basics.formulas import RelationError, expression, resolved

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from grouping import for_each
 from systems import cli, listing, results, small
+from together import for_each
 
 from bayesdrill import output_files
 from bayesdrill.basics.errors import InputError

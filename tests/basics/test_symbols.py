@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pint
 import pytest
-from grouping import for_each
+from together import for_each
 
 from bayesdrill.basics import symbols
 from bayesdrill.rig.models import MODELS

@@ -9,8 +9,8 @@ import subprocess
 from pathlib import Path
 
 import pytest
-from grouping import for_each
 from matplotlib.mathtext import MathTextParser
+from together import for_each
 
 from bayesdrill.basics import symbols, units
 from bayesdrill.basics.symbols import Symbol, product_latex

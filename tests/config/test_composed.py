@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 import scipy.linalg
 import systems
-from grouping import for_each
 from newcomers import both_ways, made, written
 from oracles import NOMINAL, matrices
+from together import for_each
 
 import bayesdrill as bd
 from bayesdrill.basics import symbols

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from grouping import for_each
 from oracles import NOMINAL, by_expm
+from together import for_each
 
 from bayesdrill.config import job, loading
 from bayesdrill.config.job import prepare

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pairs
 import pytest
-from grouping import for_each
+from together import for_each
 
 from bayesdrill.basics.errors import InputError
 from bayesdrill.config import loading

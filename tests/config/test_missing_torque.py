@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import systems
-from grouping import for_each
 from systems import cli
+from together import for_each
 
 from bayesdrill.config import job
 

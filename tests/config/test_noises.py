@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import systems
-from grouping import for_each
+from together import for_each
 
 from bayesdrill.config import job, loading
 from bayesdrill.config.resolve import assembly, channel_noise

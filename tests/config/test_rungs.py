@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 import systems
-from grouping import for_each
 from ruamel.yaml import YAML
+from together import for_each
 
 from bayesdrill import selection
 from bayesdrill.config import loading

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pairs
 import pytest
-from grouping import for_each
+from together import for_each
 
 from bayesdrill.basics.errors import InputError
 from bayesdrill.config.job import Job, prepare

@@ -6,7 +6,7 @@ import os
 from pathlib import Path
 
 import pytest
-from together import together
+from together import for_each, together
 
 
 def test_every_case_runs_and_each_that_fails_is_named() -> None:
@@ -62,3 +62,32 @@ def test_what_is_made_again_is_made_for_each_case(
 def test_no_cases_are_a_mistake() -> None:
     with pytest.raises(AssertionError, match="there are no cases"):
         together("number", [])
+
+
+def test_every_case_that_fails_is_told_by_its_name() -> None:
+    """Also one that does not raise what it should, and one that fails by an error of its own."""
+
+    def check(number: int) -> None:
+        assert number in (0, 1, "x"), "a number of the wrong kind"
+        with pytest.raises(ZeroDivisionError):
+            1 // number
+
+    cases = {"of zero": (0,), "of one": (1,), "of less": (-1,), "of a word": ("x",)}
+    with pytest.raises(AssertionError, match="3 of 4 cases fail") as told:
+        for_each(cases, check)
+    text = str(told.value)
+    assert "of zero" not in text
+    for name, reason in (
+        ("one", "DID NOT RAISE"),
+        ("less", "of the wrong kind"),
+        ("word", "TypeError"),
+    ):
+        assert name in text
+        assert reason in text
+    assert "test_together.py:" in text
+    for_each({"of zero": (0,)}, check)
+
+
+def test_a_table_without_cases_is_no_test() -> None:
+    with pytest.raises(AssertionError, match="no case"):
+        for_each({}, print)

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 import scipy.io
 import systems
-from grouping import for_each
 from newcomers import DEG, RPM, accepted, both_ways, german, hostile, made, told, written
+from together import for_each
 
 import bayesdrill as bd
 from bayesdrill.config import loading

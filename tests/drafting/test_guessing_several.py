@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 import scipy.linalg
 import systems
-from grouping import for_each
 from newcomers import DEG, RPM, accepted, both_ways, german, made, told, written
+from together import for_each
 
 import bayesdrill as bd
 from bayesdrill.basics.errors import InputError

@@ -7,10 +7,10 @@ import dataclasses
 import numpy as np
 import pytest
 import scipy.integrate
-from grouping import for_each
 from oracles import NOMINAL
 from rigs import measured, posterior, vector
 from scipy.stats import norm
+from together import for_each
 
 from bayesdrill.inference.priors import (
     PRIORS,

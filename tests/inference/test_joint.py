@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pairs
 import pytest
-from grouping import for_each
+from together import for_each
 
 from bayesdrill.analysis.identifiability.information import Scenery
 from bayesdrill.inference import laplace

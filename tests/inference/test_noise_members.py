@@ -13,9 +13,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import scipy.stats
-from grouping import for_each
 from numpy.typing import NDArray
 from scipy.integrate import quad
+from together import for_each
 
 from bayesdrill.inference.noise.ar1 import AR1
 from bayesdrill.inference.noise.contract import Noise, Noisy

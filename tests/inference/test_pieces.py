@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from grouping import for_each
 from rubbing_cases import CASES, moved
 from stepping import experiment_of, model_of, parameters
+from together import for_each
 
 from bayesdrill.inference.likelihood import Likelihood
 from bayesdrill.inference.noise.contract import Noisy

@@ -8,9 +8,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import scipy.stats
-from grouping import for_each
 from oracles import NOMINAL, ORDER
 from rigs import measured, posterior, vector
+from together import for_each
 
 from bayesdrill.inference.noise.white import White
 from bayesdrill.inference.priors import Uniform

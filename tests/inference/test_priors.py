@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import scipy.integrate
 import scipy.stats
-from grouping import for_each
+from together import for_each
 
 from bayesdrill.inference.priors import PRIORS, Prior, draw, spread, spread_of_log
 

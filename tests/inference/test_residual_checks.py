@@ -6,10 +6,10 @@ import re
 
 import numpy as np
 import pytest
-from grouping import for_each
 from numpy.typing import NDArray
 from oracles import NOMINAL
 from rigs import measured, posterior
+from together import for_each
 
 from bayesdrill.config.job import SECOND
 from bayesdrill.inference.likelihood import Likelihood

@@ -7,9 +7,9 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 from compiled import MEASURED, SIGMA, response, seen
-from grouping import for_each
 from oracles import NOMINAL, ORDER
 from rigs import unknown, vector
+from together import for_each
 
 from bayesdrill.basics.formulas import expression
 from bayesdrill.inference.laplace import Expansion, PosteriorSurface, joined

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from grouping import for_each
 from scipy.signal import lfilter
+from together import for_each
 
 from bayesdrill.record import anomalies
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from grouping import for_each
+from together import for_each
 
 from bayesdrill.record import clocks
 

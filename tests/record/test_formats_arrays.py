@@ -13,8 +13,8 @@ import h5py
 import numpy as np
 import pyarrow
 import pytest
-from grouping import for_each
 from pyarrow import parquet
+from together import for_each
 
 import bayesdrill as bd
 from bayesdrill.basics.errors import InputError

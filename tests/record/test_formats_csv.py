@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from grouping import for_each
 from hypothesis import given
 from hypothesis import strategies as st
+from together import for_each
 
 from bayesdrill.basics.errors import InputError
 from bayesdrill.record.formats import FORMATS, format_of

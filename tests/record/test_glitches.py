@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from grouping import for_each
+from together import for_each
 
 from bayesdrill.record import anomalies
 from bayesdrill.record.formats import FORMATS, format_of

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from comparisons import CHANNELS, model
-from grouping import for_each
 from matplotlib.figure import Figure
 from pictures import clashes, drawn, marked, xy
+from together import for_each
 
 from bayesdrill.analysis.comparison import Contender, overlay_rows
 from bayesdrill.config.job import SI

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from grouping import for_each
 from surfaces import Walled
+from together import for_each
 
 from bayesdrill.inference.laplace import Expansion
 from bayesdrill.sampling.proposal import ridge_tracing

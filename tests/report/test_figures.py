@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from grouping import for_each
 from hypothesis import given
 from hypothesis import strategies as st
 from matplotlib.axes import Axes
@@ -26,6 +25,7 @@ from pictures import (
     si,
 )
 from PIL import Image
+from together import for_each
 
 from bayesdrill.basics.symbols import PARAMETERS, Symbol
 from bayesdrill.inference.priors import Uniform

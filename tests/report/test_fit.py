@@ -7,12 +7,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from grouping import for_each
 from hypothesis import given
 from hypothesis import strategies as st
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from pictures import clashes, drawn, si
+from together import for_each
 
 import bayesdrill as bd
 from bayesdrill.basics.symbols import Symbol

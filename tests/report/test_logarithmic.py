@@ -6,11 +6,11 @@ import math
 
 import numpy as np
 import pytest
-from grouping import for_each
 from hypothesis import given
 from hypothesis import strategies as st
 from matplotlib.patches import Rectangle, StepPatch
 from pictures import SYMBOLS, TABLE, clashes, drawn, mode_of, posterior, si
+from together import for_each
 
 from bayesdrill.basics.symbols import PARAMETERS
 from bayesdrill.inference.priors import InUnits, LogUniform, Prior, Uniform, flat_in_logs

@@ -8,10 +8,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from grouping import for_each
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from pictures import clashes, drawn, posterior
+from together import for_each
 
 import bayesdrill as bd
 from bayesdrill.analysis.comparison import Layer, overlay_rows

@@ -14,10 +14,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from grouping import for_each
 from matplotlib.mathtext import MathTextParser
 from oracles import NOMINAL
 from pictures import clashes, drawn, si
+from together import for_each
 
 import bayesdrill as bd
 from bayesdrill import output_files

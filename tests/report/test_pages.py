@@ -13,10 +13,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from grouping import for_each
 from matplotlib.figure import Figure
 from oracles import NOMINAL
 from PIL import Image
+from together import for_each
 
 import bayesdrill as bd
 from bayesdrill import output_files

@@ -8,10 +8,10 @@ from pathlib import Path
 import emcee
 import numpy as np
 import pytest
-from grouping import for_each
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from pictures import SYMBOLS, clashes, drawn
+from together import for_each
 
 from bayesdrill.analysis.calibration import ecdf_band
 from bayesdrill.analysis.diagnostics import ranks

@@ -9,13 +9,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from grouping import for_each
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import StepPatch
 from oracles import NOMINAL
 from pictures import clashes, drawn, si
 from rubbing import Rig, simulate
+from together import for_each
 
 import bayesdrill as bd
 from bayesdrill.analysis.energy import AT_START, CONVERTED, STORED, accounts

@@ -8,7 +8,6 @@ from functools import cache
 
 import numpy as np
 import pytest
-from grouping import for_each
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from matplotlib.patches import FancyArrowPatch, Polygon, Rectangle
@@ -17,6 +16,7 @@ from matplotlib.text import Text
 from matplotlib.transforms import Bbox
 from numpy.typing import NDArray
 from pictures import box, drawn, overlap, shown
+from together import for_each
 
 from bayesdrill.basics.symbols import PARAMETERS
 from bayesdrill.report import style

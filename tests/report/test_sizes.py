@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from grouping import for_each
 from matplotlib.figure import Figure
 from pictures import SIGMAS, SYMBOLS, TABLE, clashes, drawn, mode_of, posterior, prior_of, shown, si
+from together import for_each
 from verdicts import PRIOR_SD, linear_study
 
 from bayesdrill.analysis.calibration import FIT, Refit, judge_calibration

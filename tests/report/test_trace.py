@@ -6,11 +6,11 @@ import itertools
 
 import numpy as np
 import pytest
-from grouping import for_each
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from pictures import SYMBOLS, TABLE, clashes, drawn, mode_of, posterior, si
+from together import for_each
 
 from bayesdrill.report import scales
 from bayesdrill.report.sections.convergence_figure import STRETCHES, trace_figure

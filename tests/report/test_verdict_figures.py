@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from grouping import for_each
 from pictures import SYMBOLS, TABLE, clashes, drawn, mode_of, posterior, prior_of
+from together import for_each
 from verdicts import NAMES, gaussian, verdict
 
 from bayesdrill.analysis.identifiability.structure import Structure

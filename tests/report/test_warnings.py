@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from grouping import for_each
+from together import for_each
 
 from bayesdrill.config.job import OwnUnits
 from bayesdrill.inference.residual_checks import Left, Limits

@@ -13,10 +13,10 @@ from typing import Any, ClassVar
 import numpy as np
 import pytest
 import scipy.linalg
-from grouping import for_each
 from llvmlite import ir
 from oracles import ORDER, skewed
 from rigs import STATES, experiment
+from together import for_each
 
 from bayesdrill.rig.kernels.exponential import emit_exponential
 from bayesdrill.rig.kernels.recurrence import emit_response

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from grouping import for_each
 from oracles import NOMINAL, ORDER
 from rigs import STATES, experiment, vector
+from together import for_each
 
 from bayesdrill.rig.models.linear import Linear, Model, Tangent
 from bayesdrill.rig.models.motor_shaft import MotorShaft, TwoRotors

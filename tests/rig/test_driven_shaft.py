@@ -8,9 +8,9 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from grouping import for_each
 from rigs import experiment
 from scipy.integrate import solve_ivp
+from together import for_each
 
 from bayesdrill.record import anomalies
 from bayesdrill.record.experiment import Experiment

@@ -7,11 +7,11 @@ from typing import ClassVar
 
 import numpy as np
 import pytest
-from grouping import for_each
 from oracles import skewed
 from rigs import experiment
 from rubbing_cases import CASES, moved
 from stepping import parameters, stepped
+from together import for_each
 
 from bayesdrill.rig.energy import Energies, can_tell, energies
 from bayesdrill.rig.models.driven_shaft import DrivenShaft

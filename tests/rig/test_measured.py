@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from grouping import for_each
 from oracles import NOMINAL
 from rigs import experiment, vector
+from together import for_each
 
 from bayesdrill.record.experiment import Experiment
 from bayesdrill.rig import steady_state

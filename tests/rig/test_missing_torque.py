@@ -13,10 +13,10 @@ import pickle
 import numpy as np
 import pytest
 import shaken
-from grouping import for_each
 from numpy.typing import NDArray
 from oracles import skewed
 from rigs import experiment, vector
+from together import for_each
 
 from bayesdrill.record.experiment import Experiment
 from bayesdrill.rig.models import MODELS

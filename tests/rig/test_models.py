@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 import scipy.integrate
-from grouping import for_each
 from oracles import NOMINAL, skewed
 from rigs import STATES, experiment, vector
+from together import for_each
 
 from bayesdrill.basics.errors import InputError
 from bayesdrill.config import loading

@@ -6,7 +6,6 @@ import pickle
 
 import numpy as np
 import pytest
-from grouping import for_each
 from oracles import (
     NOMINAL,
     ORDER,
@@ -19,6 +18,7 @@ from oracles import (
     without_inductance,
 )
 from rigs import STATES, experiment, vector
+from together import for_each
 
 from bayesdrill.paper.forward import six_states
 from bayesdrill.rig.models.motor_shaft import MotorShaft

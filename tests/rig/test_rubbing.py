@@ -6,10 +6,10 @@ import math
 
 import numpy as np
 import pytest
-from grouping import for_each
 from oracles import NOMINAL, by_radau
 from rubbing import RUBS, STATES, Rig, simulate
 from rubbing_cases import CASES, Case, moved, moved_of
+from together import for_each
 
 FREE = {
     **NOMINAL,

@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from grouping import for_each
 from rigs import experiment, vector
 from rubbing import RUBS
 from rubbing_cases import CASES, Case, moved, moved_of
 from stepping import experiment_of, model_of, parameters, states, stepped
+from together import for_each
 
 from bayesdrill.rig.models.motor_shaft import MotorShaft
 from bayesdrill.rig.simulators import simulator

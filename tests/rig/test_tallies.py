@@ -11,12 +11,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from grouping import for_each
 from oracles import NOMINAL
 from rigs import experiment, vector
 from rubbing_cases import CASES
 from scipy.special import log_ndtr
 from stepping import experiment_of, parameters, stepped
+from together import for_each
 
 from bayesdrill.record.experiment import Experiment
 from bayesdrill.rig.models.motor_shaft import MotorShaft

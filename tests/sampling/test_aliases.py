@@ -7,9 +7,9 @@ from functools import cache
 
 import numpy as np
 import pytest
-from grouping import for_each
 from oracles import NOMINAL, matrices
 from rigs import experiment, posterior, vector
+from together import for_each
 
 from bayesdrill.inference.laplace import PosteriorSurface
 from bayesdrill.inference.posterior import Posterior

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 import scipy.optimize
-from grouping import for_each
 from surfaces import Walled, humps, ridged
+from together import for_each
 
 from bayesdrill.inference.laplace import Expansion
 from bayesdrill.sampling.gauss_newton import bounded_step, climb, gain_left

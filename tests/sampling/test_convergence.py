@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import scipy.stats
 from chains import ar1
-from grouping import for_each
+from together import for_each
 
 from bayesdrill.inference.derived import HDI_PROBABILITY, hdi
 from bayesdrill.sampling.convergence import (

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from grouping import for_each
+from together import for_each
 
 import bayesdrill as bd
 from bayesdrill.inference.posterior import Posterior

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 import scipy.special
 import scipy.stats
-from grouping import for_each
 from oracles import NOMINAL
 from proposals import rough
 from targets import TARGETS, Bent, Boxed, Humps, Skewed, Target, loose
+from together import for_each
 
 import bayesdrill as bd
 from bayesdrill.sampling.evidence import Evidence, bridge, evidence

@@ -8,8 +8,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from compiled import SIGMA, seen
-from grouping import for_each
 from surfaces import Gaussians, humps, ridged
+from together import for_each
 
 from bayesdrill.inference.laplace import Expansion, PosteriorSurface, Surface, joined
 from bayesdrill.sampling.proposal.learning import (

@@ -6,8 +6,8 @@ import dataclasses
 
 import numpy as np
 import pytest
-from grouping import for_each
 from surfaces import Gaussians, humps, ridged
+from together import for_each
 
 from bayesdrill.sampling import multiple_modes
 

@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 import scipy.optimize
-from grouping import for_each
 from oracles import NOMINAL
 from oracles import ORDER as ORDER_OF_MODEL
 from rigs import measured, posterior, vector
+from together import for_each
 
 from bayesdrill.config import loading
 from bayesdrill.config.resolve import assembly

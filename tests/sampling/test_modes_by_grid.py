@@ -10,8 +10,8 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from grouping import for_each
 from scipy.special import logsumexp
+from together import for_each
 
 from bayesdrill.inference.laplace import PosteriorSurface
 from bayesdrill.inference.priors import Uniform

@@ -5,8 +5,8 @@ from __future__ import annotations
 from functools import cache
 
 import numpy as np
-from grouping import for_each
 from rigs import measured, posterior
+from together import for_each
 
 from bayesdrill.basics.progress import Silent
 from bayesdrill.sampling.convergence import Targets

@@ -7,8 +7,8 @@ import itertools
 
 import numpy as np
 import pytest
-from grouping import for_each
 from surfaces import humps, ridged
+from together import for_each
 
 from bayesdrill.sampling.proposal import ridge_tracing
 from bayesdrill.sampling.samplers import ridge

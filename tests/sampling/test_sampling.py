@@ -9,8 +9,8 @@ from functools import cache
 import numpy as np
 import pytest
 from compiled import SIGMA, seen
-from grouping import for_each
 from surfaces import Walled, humps, ridged
+from together import for_each
 
 from bayesdrill.basics.progress import Silent
 from bayesdrill.inference.laplace import PosteriorSurface

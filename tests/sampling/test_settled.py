@@ -7,8 +7,8 @@ from functools import cache
 
 import numpy as np
 import pytest
-from grouping import for_each
 from surfaces import Ridged, corner, ridged
+from together import for_each
 
 from bayesdrill.sampling.proposal.learning import Learnt, learn
 from bayesdrill.sampling.proposal.missed_mass import Look, look

@@ -6,8 +6,8 @@ import chains
 import numpy as np
 import pytest
 from chains import Chains, sound
-from grouping import for_each
 from scipy.special import ndtr
+from together import for_each
 
 from bayesdrill.basics import seeds
 from bayesdrill.sampling.convergence import Convergence, Targets, assess, split
