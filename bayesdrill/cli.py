@@ -1,9 +1,4 @@
-"""The command line: parse, call, print; nothing else. `guard` says what the exit status means.
-
-The command line: parse, call, print; nothing else.
-
-`guard` says what the exit status means.
-"""
+"""The command line: parse, call, print; nothing else. `guard` says what the exit status means."""
 
 from __future__ import annotations
 

@@ -1,8 +1,6 @@
 """What the draws say of each unknown, whether priors of others lean on it, and whether ensembles
 see the same.
 
-Whether ensembles see the same: ranks of the draws of each among those of all.
-
 Ranks as ArviZ plots them: where all ensembles draw from one distribution, the ranks of each are uniform
 (Vehtari et al. 2021; Saeilynoja, Buerkner and Vehtari 2022).  How far chance takes them is found by
 dealing the ranks out anew: tables of the same numbers of draws in all ensembles and all bins.

@@ -1,13 +1,9 @@
 """The missing torque as the posterior has it over time, and what it follows: a speed, an angle, an
 input, the time.
 
-The missing torque as the posterior has it: over time, and beside what the rig did meanwhile.
-
 Each draw of the unknowns has a torque of its own, drawn with all samples known (by simulation: a
 torque drawn from its prior, and what all samples say of the difference), so that the draws are
 those of unknowns and torque together, and a band of them holds what is uncertain of both.
-
-What a missing torque follows: the sign of a speed, a speed, its square, an angle, an input, the time.
 
 Each is held against the torque by itself, by least squares, where its inertia turns.  The one that
 explains most is taken first, then what takes most of what is left, as long as that is a good part of it.

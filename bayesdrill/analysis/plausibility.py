@@ -1,7 +1,5 @@
 """Whether values can be those of a real rig, and priors that end at the table or reach too far.
 
-Whether values can be those of a real rig: energy, the shaft's geometry, poles, sampling.
-
 Findings are sentences with their numbers; none is an error.
 
 Priors that end where the table stands, opened there: draws can then lie beyond a nominal value.

@@ -1,7 +1,5 @@
 """What a record looks like that was read with a wrong column, unit, counter or moment.
 
-What a record looks like that was read with a wrong column, unit or counter.
-
 Findings are sentences; none is an error, and none is said of what may as well be sound.
 
 What the moment at which a step is given has to do with the unknowns: half a sample of it.

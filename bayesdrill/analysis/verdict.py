@@ -1,8 +1,6 @@
 """The verdict: what the posterior says of the nominal table, how far draws are from it, and where
 it says nothing.
 
-The verdict: what the posterior says of the nominal table, and where it can say nothing.
-
 All in logs of the unknowns.  Quantities are the parameters, and independent products of their
 powers that no exact symmetry changes: as many as the record can show at all.
 """

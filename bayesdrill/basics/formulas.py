@@ -1,8 +1,6 @@
 """Formulas of quantities written as text, such as `pi*G*d**4/(32*L)`, and linear combinations such
 as `theta_1 - theta_2`: read, never run.
 
-Formulas of positive quantities written as text, such as `pi*G*d**4/(32*L)`: read, never run.
-
 What may stand in one: numbers, names, `+ - * / **`, `pi`, `sqrt`, `exp`, `log`.
 """
 

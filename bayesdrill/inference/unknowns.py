@@ -1,7 +1,5 @@
 """Which quantities are unknown and which are held, and the coordinates in which the sampler walks.
 
-Coordinates in which the sampler walks: the log of each unknown, the unknown itself, or a probit.
-
 Rigs are made of products and ratios, so that logs are the natural scale.  They are none for an
 unknown whose prior reaches down to zero: all of its lower end would lie in an endless tail.  What
 lies between two ends, such as a correlation, goes by its probit between them, over which a uniform

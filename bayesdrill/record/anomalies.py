@@ -1,8 +1,6 @@
 """Samples that the sensor made, not the rig: spikes, stuck counts, ends of a range, angles that
 begin again, differences.
 
-Samples that the sensor made, not the rig: spikes, stuck counts, ends of a range.
-
 A spike leaves the signal and comes back to it within `LONGEST` samples, about as fast as it left.  It is
 judged against a running median, which keeps steps and follows ramps, and against the largest tenth of
 what the signal itself leaves of that median: fast oscillations, quantised speeds, trains of pulses are

@@ -7,8 +7,6 @@ R-hat is blind where every ensemble has the same trouble, and a few walkers out 
 an average.  So each walker is looked at by itself: does it move, is it where the others are, does
 it cross between two places, and do the walkers' means spread as far as tau says they should?
 
-Whether the ensembles may be believed, and which of their steps.
-
 Walkers of one ensemble are not independent chains: R-hat compares ensembles, and the effective
 sample size comes from the autocorrelation time of an ensemble, averaged over its walkers.
 """

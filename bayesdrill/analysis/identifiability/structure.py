@@ -6,8 +6,6 @@ Exact scaling symmetries: products of powers of the unknowns that no measured si
 Found in the null space of the log-sensitivities at several points of the prior, written with small
 whole exponents, and each one proven by scaling: twice the factor, the same response to rounding.
 
-Unknowns that a record knows only as far as numbers that the config holds are right.
-
 A number that is held settles a scale that no signal shows: were it another, so would be all that is
 told through it, and the record would look the same.  Unless the record hardly shows that number: then
 priors settle the scale, held or not.

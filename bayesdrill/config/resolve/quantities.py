@@ -1,8 +1,6 @@
 """Single numbers and inputs of a config as objects: priors, quantities, ties, formulas; what
 drives the rig.
 
-What a config gives of single numbers, as objects: priors, quantities, ties and formulas.
-
 The steps raise `ValueError` with a message for the user.
 """
 

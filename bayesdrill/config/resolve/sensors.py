@@ -1,8 +1,6 @@
 """What a config says of sensors, of the start and of a latent torque, as numbers and priors in SI,
 by name.
 
-What a config says of sensors and of the start, as numbers and priors in SI, by name.
-
 The steps raise `ValueError` with a message for the user.
 """
 

@@ -1,7 +1,5 @@
 """The experiment config as validated records, its defaults, and its JSON schema.
 
-The experiment config as validated records: what may stand in a YAML file, and its defaults.
-
 Strict: unknown keys, wrong types and values out of range are errors.  What needs more than one
 entry to be judged (a start inside its prior, symbols of the model, units) is in `consistency`.
 """

@@ -1,8 +1,6 @@
 """Gaussian noise that remembers: an autoregression of the first order in each channel, at any
 spacing of samples.
 
-Gaussian noise that remembers: an autoregression of the first order in each channel.
-
 A sample is `rho` times the one before it, and something new; all have the sd sigma.  `rho` is the
 correlation of samples one usual interval of the channel apart, so that over a gap of g of these it is
 rho to the power of g: what is missing, and uneven times, are allowed for exactly.

@@ -1,8 +1,6 @@
 """Channels whose times are shifted, each walker's by its own amount: what they see from one knot
 to the next.
 
-Channels whose times are shifted, each walker's by its own amount, for one group of walkers.
-
 A sample belongs to the step in which its shifted time lies.  Between two knots there are as many
 samples as there are, in each lane others; a counter of each lane says which is the next.  A channel
 sees row exp(M s) z at a span s after the knot with state and inputs z: rows times exponentials

@@ -1,8 +1,6 @@
 """The matrix exponential of a model's dynamics over a span of time, and its action on a state by a
 Taylor series.
 
-What a matrix exponential of a short span does to a state, by its Taylor series.
-
 The matrix is divided by a number of each lane, `norm`, near the spectral radius of its absolute
 values: then no power of it overflows, and few terms are enough.
 """

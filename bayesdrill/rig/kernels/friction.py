@@ -1,9 +1,6 @@
 """One step of a rig with friction: which way each friction slips or that it sticks, and the linear
 rig in between.
 
-Of each friction, which way it slips or that it sticks; and the rig that is linear as long as that
-does not change.
-
     x_i+ = rows[i] (x, 1, drive, sizes of frictions that vary)
 
 What a steady friction does is part of what is constant; what sticks takes what it has to, which is

@@ -1,8 +1,6 @@
 """Predict and update of a Kalman filter: what white noise does to the states in a step, and what a
 sample says of them.
 
-What white noise does to the states of a rig in a step: the transition, and the covariance of it.
-
     Phi = exp(F h)      Q = q int exp(F s) g g' exp(F s)' ds  from 0 to h
 
 Over a step that is halved until a Taylor series is short; there Q is a Gauss-Legendre sum of

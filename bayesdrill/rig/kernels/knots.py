@@ -1,7 +1,5 @@
 """Steps between knots that are not all equal, and what a channel sees at a knot.
 
-Steps between knots that are not all equal, for one group of walkers.
-
 A step is a node, whose exponential is in a table, and a remainder within a cell: halvings of the
 cell where that is long for a lane (`ladder`), and then a Taylor series of few terms.
 """

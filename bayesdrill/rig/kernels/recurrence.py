@@ -1,8 +1,6 @@
 """The response of groups of walkers sample after sample, and its normal equations, summed up and
 never stored.
 
-The normal equations of groups of walkers: slopes of the response are summed up, never stored.
-
 Beside the state x there are its derivatives x_j in q directions of the parameters,
 
     x_j(k + 1) = Phi x_j(k) + Phi_j x(k) + g_j + G_j (u(k), ...)

@@ -1,8 +1,6 @@
 """A step in which a speed changes its sign or what stuck lets go, and long steps where nothing
 does.
 
-A step in which a speed changes its sign, or what stuck lets go.
-
 While a speed keeps its sign its effort f is the friction's size, against it.  Where the sign changes, f
 is the mean over the step: of both signs, each for as long as a straight course of the speed has it, or,
 where the speed stays at zero once it is there, what stops it.

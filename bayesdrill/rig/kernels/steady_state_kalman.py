@@ -1,8 +1,6 @@
 """The likelihood by a Kalman filter of one settled gain: the Riccati equation by doubling, and an
 exact start.
 
-Where the gain of a Kalman filter settles, by doubling, and what a record tells of its start.
-
 The covariance P that a step leaves as it is: after 2^j steps it is H, with a transition B and what they
 teach, G (the information of their samples on the state before them).
 Two such stretches make one of twice the length:

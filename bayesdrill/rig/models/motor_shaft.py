@@ -27,8 +27,6 @@ Assumes: rigid gearbox without play, massless shaft, friction `t_f` of constant 
     v_d    i' = ... - (v_d/l_m) sgn i
     eta    T at the motor grows by (1/eta - 1) i_m k_s |theta_2 - theta_1|
 
-The paper's rig and two things that its model leaves out, both known constants.
-
 j_2   inertia at the output side of the gearbox: rotor 2, the gear, the coupling
 r_s   resistance in series with the motor: driver, leads, brushes
 

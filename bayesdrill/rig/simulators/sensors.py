@@ -1,8 +1,6 @@
 """What is not of the rig itself in an experiment: gains, offsets and delays of sensors, and the
 start, walker by walker.
 
-What is not of the rig itself in an experiment: gains, offsets and delays of sensors, and the start.
-
 y_k(t) = gain_k c_k . x(t - lag_k - delay) + offset_k        x' = A x + B (gain_u u + offset_u) + c
 
 A delay is one of all that drives the rig, offsets of inputs among it: until then it is at its start.

@@ -1,7 +1,5 @@
 """The response in steps of one length: rigs with friction, and inputs with lags of their own.
 
-Rigs that rub, and inputs with lags of their own: the response in steps of one length.
-
 While every friction slips or sticks a step is exact; one in which a speed changes its sign has an error
 of the order of the step, so that it is made in parts, and `pieces` steps make the interval between two
 samples.  Channels whose times are others are read between steps.

@@ -1,7 +1,5 @@
 """Nelder-Mead on scaled unknowns, restarted with a fresh simplex until that no longer helps.
 
-Nelder-Mead on scaled unknowns, restarted with a fresh simplex until that no longer helps.
-
 Unscaled, the simplex stops where it likes: a damping of 1e-4 equals the usual absolute tolerance
 on the parameters.  Here a step is a tenth of each unknown as long as much is gained, and then one
 standard deviation of the local Gaussian approximation, which misleads far from the optimum; the

@@ -1,7 +1,5 @@
 """The ridge of a maximum, traced from the log density itself: no formula of any rig is in it.
 
-The ridge of a maximum, found from the log density itself: no formula of any rig is in it.
-
 At the maximum the curvature, in units of what the priors know, splits the unknowns into directions
 that the record knows far better (tight) and the rest (loose).  Then points are sent out along the
 loose directions, a little further each time, Gauss and Newton bring each back to the ridge, and

@@ -6,8 +6,6 @@ What draws from a proposal q say of the target p: weights, and how q would do.
 Draws come from q and from a wider density too, so that what q hardly ever proposes is seen as well:
 a proposal that looks only where it goes takes itself for perfect.
 
-Gaussian mixtures over several sheets of coordinates, fitted to weighted draws that a prior cuts.
-
 A sheet is a ridge with coordinates of its own; every component belongs to one.  A posterior with
 one maximum has one sheet.  Together they are one normalised density over u (up to what the prior
 cuts off, which is the same for all of it).
