@@ -8,23 +8,13 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Callable, Collection
-from typing import TYPE_CHECKING
-
-import numpy as np
-from numpy.typing import NDArray
 
 from bayesdrill.basics.registry import Registry, callable_one
 from bayesdrill.inference.posterior import Problem
 from bayesdrill.output_files import ON_REQUEST, OWN_FIGURES, numbered
 from bayesdrill.report.view import Drawing, View, captioned
 
-if TYPE_CHECKING:
-    pass
-
-
 FIT_ALONE = "Record and model at the MAP; beside them what is left, and the noise."
-
-Array = NDArray[np.float64]
 
 Recipe = Callable[[View], Drawing | tuple[Drawing, ...] | None]
 

@@ -9,9 +9,6 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
-import numpy as np
-from numpy.typing import NDArray
-
 from bayesdrill import output_files
 from bayesdrill.basics import software
 from bayesdrill.basics.progress import Reporter
@@ -30,9 +27,6 @@ from bayesdrill.sampling.workers import Crew
 
 if TYPE_CHECKING:
     from xarray import DataTree
-
-
-Array = NDArray[np.float64]
 
 
 def _verdict(view: View) -> str | None:

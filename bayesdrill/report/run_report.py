@@ -8,9 +8,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
 from bayesdrill import output_files
 from bayesdrill.analysis.latent_torque import follows
 from bayesdrill.analysis.verdict import Judgement, Verdict
@@ -301,6 +298,3 @@ def _shown(run: View, judged: Judgement) -> Iterator[Section]:
     yield Section(f"What {whose} can show, at the MAP", said, brief=False)
     physical = Sentences("\n".join(judged.findings) or FOUND)
     yield Section("Physical consistency of the posterior", (physical,), brief=False)
-
-
-Array = NDArray[np.float64]

@@ -146,10 +146,8 @@ def together(parts: Sequence[tuple[Array, Array]]) -> tuple[Array, Array]:
 PAIRS = 2  # of poles that are looked at, the fastest
 ALIKE = 0.3  # of the window's height: lower peaks are no aliases
 MOST_TRIED = 384  # aliases of a pair of poles, the most alike first, of which ...
-MOST_ALIASES, CLIMBED = (
-    96,
-    8,
-)  # ... so many are starts: where they are more, what they lead to in so many steps
+MOST_ALIASES = 96  # ... so many are starts: where they are more, ...
+CLIMBED = 8  # ... those that hold most of where they lead to in so many steps
 PER_RADIAN, MOST_CELLS = 3, 2**19  # cells of time for each radian of the fastest swing, at most
 FINER = 4  # times that the window is drawn finer than its peaks are wide
 ITERATIONS = 12

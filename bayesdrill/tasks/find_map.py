@@ -1,4 +1,6 @@
-"""The folder of a maximum (MAP): its values, what it predicts of the record, and the fit."""
+"""The search for the MAP as a config asks for it, and the folder of a maximum: its values, what it
+predicts of the record, and the fit.
+"""
 
 from __future__ import annotations
 

@@ -10,9 +10,6 @@ from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
 from bayesdrill import output_files
 from bayesdrill.analysis.diagnostics import Row
 from bayesdrill.analysis.identifiability.information import Scenery
@@ -49,9 +46,6 @@ from bayesdrill.tasks.find_map import (
     write_mode,
 )
 from bayesdrill.tasks.identify import preflight
-
-Array = NDArray[np.float64]
-
 
 DRAWS_SAY = "looking at what the draws say"
 
