@@ -108,9 +108,14 @@ class Memory:
 
     def expected(self, own: Array) -> Array:
         n, rho = self.levels.n_samples, self._correlations(own[None])[0]
-        known = (n - 1) * (1.0 + rho**2) / (1.0 - rho**2) ** 2
+        curved = (n - 1) * (1.0 + rho**2) / (1.0 - rho**2) ** 2
+        mixed = -2.0 * (n - 1) * rho / (1.0 - rho**2)  # of the log of sigma and rho
+        levels = list(self.levels.unknown)
         free = [k for k, value in enumerate(self.held_) if value is None]
-        return np.append(np.full(len(self.levels.unknown), 2.0 * n), known[free])
+        both = np.equal.outer(levels, free) * mixed[free]
+        return np.block(
+            [[np.diag(np.full(len(levels), 2.0 * n)), both], [both.T, np.diag(curved[free])]]
+        )
 
     def fitted(self, samples: Array, own: Array) -> Array:
         free = [k for k, value in enumerate(self.held_) if value is None]
