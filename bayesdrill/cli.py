@@ -404,6 +404,17 @@ def cite(
         say(getattr(citation(folder), form.value).rstrip("\n"))
 
 
+@app.command(epilog="Example: bayesdrill cache --clear")
+def cache(
+    clear: Annotated[bool, typer.Option("--clear", help="Remove all of them.")] = False,
+) -> None:
+    """Say where compiled kernels are kept, and how large they are; the next command finds them there."""
+    with guarded():
+        from bayesdrill.api import files
+
+        say(files.cache(clear=clear))
+
+
 def main() -> None:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):  # names of files need not be text

@@ -298,3 +298,25 @@ def schema() -> str:
     from bayesdrill.config.schema.config import json_schema
 
     return json_schema()
+
+
+@checked
+def cache(*, clear: bool = False) -> str:
+    """Where compiled kernels are kept, and how much of them; `clear` removes them all first.
+
+    Raises `InputError` where the folder is refused, or cannot be cleared.
+    """
+    from bayesdrill.rig.kernels.cache import OFF, VARIABLE, user_cache
+
+    kept = user_cache()
+    if kept.folder is None:
+        return f"compiled kernels are not kept: {VARIABLE}={OFF}"
+    try:
+        if clear:
+            kept.clear()
+        sizes = kept.sizes
+    except OSError as error:
+        reason = error.strerror or str(error)
+        message = f"{reason}; mend this, or name another folder by {VARIABLE}"
+        raise InputError.one(str(kept.folder), message) from None
+    return f"{kept.folder}: {len(sizes)} compiled kernels, {sum(sizes) / 1e6:.1f} MB"

@@ -6,15 +6,8 @@ The second family beside `misfit` and `signals`: what is constant there is an ar
 
 from __future__ import annotations
 
-import ctypes
-from collections.abc import Callable
-from dataclasses import dataclass
-from functools import lru_cache
-from typing import Any
-
 from llvmlite import ir
 
-from bayesdrill.rig.kernels.compiling import in_one_go, machine_code
 from bayesdrill.rig.kernels.delays import Late, emit_interval
 from bayesdrill.rig.kernels.exponential import (
     DEGREE,
@@ -45,21 +38,9 @@ from bayesdrill.rig.kernels.knots import (
 from bayesdrill.rig.kernels.lanes import I64, VEC, Loop, function, load, splat, store, vector
 from bayesdrill.rig.kernels.recurrence import next_state
 
-__all__ = ["BLOCKS", "COUNTS", "Kernel", "Own", "Shape", "compile_dense"]
 
-
-@dataclass(frozen=True, slots=True)
-class Kernel:
-    """A function of COUNTS and addresses of BLOCKS."""
-
-    run: Callable[..., None]
-    engine: Any  # owns the machine code
-
-
-@lru_cache(maxsize=64)
-@in_one_go
-def compile_dense(shape: Shape) -> Kernel:
-    module = ir.Module("dense")
+def write_dense(module: ir.Module, shape: Shape) -> None:
+    """`dense`, of COUNTS and addresses of BLOCKS."""
     exponential = emit_exponential(module, shape.layout, "exponential", None)
     interval = emit_interval(module, shape) if shape.late else None
     made = function(module, "dense", len(COUNTS), list(BLOCKS.values()))
@@ -68,9 +49,6 @@ def compile_dense(shape: Shape) -> Kernel:
     w.group(groups.index)
     groups.close([])
     w.b.ret_void()
-    engine = machine_code(module)
-    kinds = [*[ctypes.c_int64] * len(COUNTS), *[ctypes.c_void_p] * len(BLOCKS)]
-    return Kernel(ctypes.CFUNCTYPE(None, *kinds)(engine.get_function_address("dense")), engine)
 
 
 class _Writer:

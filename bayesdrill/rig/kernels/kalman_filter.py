@@ -5,15 +5,9 @@ Once the covariances do not change any more they are left alone, until a gap or 
 
 from __future__ import annotations
 
-import ctypes
-from dataclasses import dataclass, field
-from functools import lru_cache
-from typing import Any
-
 from llvmlite import ir
 
 from bayesdrill.basics.duals import Dual, dual
-from bayesdrill.rig.kernels.compiling import in_one_go, machine_code
 from bayesdrill.rig.kernels.kalman_update import (
     Noisy,
     emit_carried,
@@ -24,7 +18,6 @@ from bayesdrill.rig.kernels.kalman_update import (
     width,
 )
 from bayesdrill.rig.kernels.lanes import (
-    F64,
     I64,
     LANES,
     NUMBERS,
@@ -63,26 +56,9 @@ BLOCKS = {
 }
 
 
-@dataclass(frozen=True, slots=True)
-class Filtering:
-    """Kernels of one rig with its torque: `whiten`, `slopes` (whiten with slopes), `smooth`, `draw`."""
-
-    run: Any
-    engine: Any = field(repr=False)
-
-
-@lru_cache(maxsize=64)
-@in_one_go
-def compile_filtering(noisy: Noisy, name: str) -> Filtering:
-    module = ir.Module("filtering")
-    {"whiten": _emit_filter, "slopes": _emit_filter, "smooth": _emit_filter, "draw": _emit_draw}[
-        name
-    ](module, noisy, name)
-    engine = machine_code(module)
-    prototype = ctypes.CFUNCTYPE(
-        None, *[ctypes.c_int64] * len(COUNTS), *[ctypes.c_void_p] * len(BLOCKS)
-    )
-    return Filtering(prototype(engine.get_function_address(name)), engine)
+def write_filter(module: ir.Module, noisy: Noisy, name: str) -> None:
+    """`whiten`, `slopes` (whiten with slopes), `smooth` or `draw`, of COUNTS and addresses of BLOCKS."""
+    (_emit_draw if name == "draw" else _emit_filter)(module, noisy, name)
 
 
 class _Writer:
@@ -284,6 +260,3 @@ def _emit_draw(module: ir.Module, noisy: Noisy, name: str) -> None:
     samples.close([one.value for one in state])
     groups.close([])
     b.ret_void()
-
-
-__all__ = ["BLOCKS", "COUNTS", "F64", "Filtering", "compile_filtering", "kept"]

@@ -15,11 +15,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from llvmlite import ir
 
 from bayesdrill.basics.duals import Dual, dual
+from bayesdrill.rig.kernels.compiling import formulas
 from bayesdrill.rig.kernels.exponential import emit_halvings
 from bayesdrill.rig.kernels.lanes import (
     F64,
@@ -65,6 +67,16 @@ class Noisy:
 
     model: Pushed
     channels: tuple[tuple[float, ...], ...]
+
+    @property
+    def text(self) -> str:
+        """See `Structure`."""
+        return f"{self.n} {self.own} {self.channels} {formulas(self.p, self._formulas)}"
+
+    def _formulas(self, lanes: Sequence[Lane]) -> Any:
+        """Of the model: its dynamics, and what drives its torque; they have slopes where kernels do."""
+        named: Any = dict(zip(self.model.parameters, lanes, strict=True))
+        return _entries(self, named), self.model.torque.driven(named[TIME])
 
     @property
     def n(self) -> int:

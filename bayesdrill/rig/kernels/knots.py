@@ -75,6 +75,11 @@ class Shape:
     even: bool
 
     @property
+    def text(self) -> str:
+        """See `Structure`."""
+        return f"{self.pattern} {self.tally} {self.shifted} {self.even} {self.layout.text}"
+
+    @property
     def late(self) -> bool:
         return any(self.shifted)
 

@@ -14,6 +14,7 @@ from __future__ import annotations
 from llvmlite import ir
 
 from bayesdrill.rig.kernels.compiling import Layout
+from bayesdrill.rig.kernels.exponential import emit_exponential
 from bayesdrill.rig.kernels.lanes import (
     I64,
     NUMBERS,
@@ -27,7 +28,25 @@ from bayesdrill.rig.kernels.lanes import (
     store,
     vector,
 )
-from bayesdrill.rig.kernels.sums import Tally
+from bayesdrill.rig.kernels.sums import TALLIES, Tally
+
+
+def write_response(module: ir.Module, layout: Layout, *names: str) -> None:
+    """`misfit(G, T, parameters, y, u, out)`, `signals(...)` and others for G groups of LANES walkers.
+
+    All arguments but counts are addresses of C-contiguous blocks: `parameters (G, P, LANES)`,
+    `y (T, K)`, `u (T + 1, n_series)`.  `misfit` writes sums of squares `(G, K, LANES)`, `signals`
+    `(G, T, K, LANES)`; a lane whose numbers overflow gets NaN.  Other `TALLIES` are as `misfit`, with as
+    many numbers `(G, K, n, LANES)` as they have, and their weights `(K, m)` after the parameters.
+    `normal`: see `emit_normal`.
+    """
+    step = emit_exponential(module, layout, "step", layout.dt)
+    lead = emit_exponential(module, layout, "lead", layout.lead) if layout.lead > 0.0 else None
+    for name in names:
+        if name == "normal":
+            emit_normal(module, layout, step, lead)
+        else:
+            emit_response(module, layout, step, lead, name, TALLIES.get(name))
 
 
 def emit_response(
@@ -38,7 +57,7 @@ def emit_response(
     name: str,
     tally: Tally | None,
 ) -> None:
-    """What is called `name`, a `tally` or signals, see `Kernels`.
+    """What is called `name`, a `tally` or signals, see `write_response`.
 
     x(k + 1) = Phi x(k) + g + G0 u(k) + G1 (u(k + 1) - u(k)), and what is made of x(k).
     """

@@ -20,15 +20,12 @@ response, and residuals.
 
 from __future__ import annotations
 
-import ctypes
 import math
-from dataclasses import dataclass, field
-from functools import lru_cache
-from typing import Any
+from dataclasses import dataclass
 
 from llvmlite import ir
 
-from bayesdrill.rig.kernels.compiling import HARDER, Layout, in_one_go, machine_code
+from bayesdrill.rig.kernels.compiling import Layout
 from bayesdrill.rig.kernels.exponential import emit_exponential
 from bayesdrill.rig.kernels.kalman_update import (
     Noisy,
@@ -329,30 +326,11 @@ BLOCKS = {
 AT_ONCE = 8  # samples
 
 
-@dataclass(frozen=True, slots=True)
-class Steadily:
-    """`run` gives minus half the sums of squares of the whitened residuals `(K,)`, the start's part with
-    them, their standard deviations `(K,)`, and the determinant that the start takes.
+def write_steady_state(module: ir.Module, noisy: Noisy, layout: Layout) -> None:
+    """`steadily`, of COUNTS and addresses of BLOCKS: minus half the sums of squares of the whitened
+    residuals `(K,)`, the start's part with them, their standard deviations `(K,)`, and the determinant
+    that the start takes.  `layout`: of the rig with its torque.
     """
-
-    run: Any
-    engine: Any = field(repr=False)
-
-
-@lru_cache(maxsize=64)
-@in_one_go
-def compile_steadily(noisy: Noisy, layout: Layout) -> Steadily:
-    """`layout`: of the rig with its torque."""
-    module = ir.Module("steadily")
-    _emit(module, noisy, layout)
-    engine = machine_code(module, HARDER)
-    prototype = ctypes.CFUNCTYPE(
-        None, *[ctypes.c_int64] * len(COUNTS), *[ctypes.c_void_p] * len(BLOCKS)
-    )
-    return Steadily(prototype(engine.get_function_address("steadily")), engine)
-
-
-def _emit(module: ir.Module, noisy: Noisy, layout: Layout) -> None:
     step = emit_exponential(module, layout, "step", layout.dt)
     lead = emit_exponential(module, layout, "lead", layout.lead) if layout.lead > 0.0 else None
     spread = emit_spread(module, noisy, slopes=False)

@@ -9,7 +9,7 @@ from typing import Any
 from llvmlite import ir
 
 from bayesdrill.basics.duals import Dual
-from bayesdrill.rig.kernels.compiling import Layout
+from bayesdrill.rig.kernels.compiling import Layout, formulas
 from bayesdrill.rig.kernels.lanes import I64, NUMBERS, VECTORS, Lane, vector
 from bayesdrill.rig.kernels.numbers import Number, total
 from bayesdrill.rig.kernels.sums import Tally
@@ -57,6 +57,51 @@ class Shape:
     efforts: bool
     gaps: bool
     turns: int
+
+    @property
+    def text(self) -> str:
+        """See `Structure`."""
+        names = (
+            "first_order",
+            "pattern",
+            "tally",
+            "dual",
+            "read",
+            "single",
+            "efforts",
+            "gaps",
+            "turns",
+        )
+        own = {name: getattr(self, name) for name in (*names, "strides")}
+        late = [self.series.index(name) for name in self.late]
+        count = len(self._named_numbers) * self.numbers
+        return (
+            f"{own} {len(self.series)} {late} {formulas(count, self._formulas)} {self.layout.text}"
+        )
+
+    @property
+    def _named_numbers(self) -> tuple[str, ...]:
+        """Of which formulas of the rig and of its frictions are made."""
+        return (*self.model.parameters, *self.model.states, *self.series)
+
+    def _formulas(self, lanes: Sequence[Lane]) -> list[Any]:
+        """All that the kernel asks of the model, in these numbers."""
+        n, names = len(self._named_numbers), self._named_numbers
+        numbers: Any = map(Dual, lanes[:n], lanes[n:]) if self.dual else lanes
+        named = dict(zip(names, numbers, strict=True))
+        rates = Rates(lanes[0].b, self, {name: named[name] for name in self.model.parameters})
+        found: list[Any] = [rates.rows, rates.base]
+        place = self.model.states.index
+        for friction in self.frictions:
+            law, seen = friction.law, {**named, **dict(self.constant)}
+            found += [place(friction.against), friction.holds and place(friction.holds)]
+            found += [
+                law.steady,
+                sorted(place(name) for name in law.seen if name in self.model.states),
+            ]
+            found.append(law.size(named, 0.0 if law.steady else seen[friction.against], seen))
+            found.append(law.spent(named, seen[friction.against]) if self.strides else None)
+        return found
 
     @property
     def strides(self) -> bool:

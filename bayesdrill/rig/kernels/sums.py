@@ -206,3 +206,4 @@ SQUARES = Tally()
 NEIGHBOURS = _Neighbours()
 LOGS = _Logs()
 INTERVALS = _Intervals()
+TALLIES = {"misfit": SQUARES, "neighbours": NEIGHBOURS, "logs": LOGS, "intervals": INTERVALS}

@@ -8,16 +8,11 @@ the first, with the efforts of this step, and the one before the second.
 
 from __future__ import annotations
 
-import ctypes
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from functools import lru_cache
-from typing import Any
+from collections.abc import Sequence
 
 from llvmlite import ir
 
 from bayesdrill.basics.duals import Dual, dual, where
-from bayesdrill.rig.kernels.compiling import in_one_go, machine_code
 from bayesdrill.rig.kernels.exponential import emit_exponential
 from bayesdrill.rig.kernels.friction import Going, Past, Regime, Rub, Step
 from bayesdrill.rig.kernels.lanes import (
@@ -440,21 +435,8 @@ def _kept(w: Writer, node: ir.Value, k: int, q: int) -> Number:
     return w.kind.shaped(found)[0]
 
 
-__all__ = ["BLOCKS", "COUNTS", "Kernel", "Own", "Shape", "compile_stepping"]
-
-
-@dataclass(frozen=True, slots=True)
-class Kernel:
-    """A function of COUNTS and addresses of BLOCKS."""
-
-    run: Callable[..., None]
-    engine: Any  # owns the machine code
-
-
-@lru_cache(maxsize=64)
-@in_one_go
-def compile_stepping(shape: Shape) -> Kernel:
-    module = ir.Module("stepping")
+def write_stepping(module: ir.Module, shape: Shape) -> None:
+    """`stepping`, of COUNTS and addresses of BLOCKS."""
     exponential = emit_exponential(module, shape.layout, "step", None)
     made = function(module, "stepping", len(COUNTS), list(BLOCKS.values()))
     b = ir.IRBuilder(made.append_basic_block())
@@ -469,6 +451,3 @@ def compile_stepping(shape: Shape) -> Kernel:
         w.march()
     groups.close([])
     b.ret_void()
-    engine = machine_code(module)
-    kinds = [*[ctypes.c_int64] * len(COUNTS), *[ctypes.c_void_p] * len(BLOCKS)]
-    return Kernel(ctypes.CFUNCTYPE(None, *kinds)(engine.get_function_address("stepping")), engine)

@@ -16,10 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayesdrill.record.experiment import Experiment, frozen
-from bayesdrill.rig.kernels import TALLIES, Kernels, compile_kernels
-from bayesdrill.rig.kernels.compiling import Layout
+from bayesdrill.rig.kernels.compiling import Kernel, Layout, compile_kernel
 from bayesdrill.rig.kernels.lanes import LANES
-from bayesdrill.rig.kernels.recurrence import scratch_size
+from bayesdrill.rig.kernels.recurrence import scratch_size, write_response
+from bayesdrill.rig.kernels.sums import TALLIES
 from bayesdrill.rig.models.linear import DOT, Model, Tangent
 from bayesdrill.rig.simulators.contract import in_groups, interval_sums, log_sums
 from bayesdrill.rig.simulators.sensors import Sensing
@@ -35,9 +35,7 @@ class Response(Unstepped):
     numbers overflow gets NaN in its own row alone.
     """
 
-    def __init__(
-        self, model: Model, experiment: Experiment, kernels: Kernels | None = None
-    ) -> None:
+    def __init__(self, model: Model, experiment: Experiment, kernels: Kernel | None = None) -> None:
         self.model = model
         self.experiment = experiment
         series = list(experiment.series.values())
@@ -50,8 +48,8 @@ class Response(Unstepped):
         self._places = (self._y.ctypes.data, self._u.ctypes.data)
         # Made when they are first asked for, the tangent's in any case.
         self._made = kernels
-        self._tallies: dict[str, Kernels] = {}
-        self._normal: list[tuple[Layout, Kernels]] = []
+        self._tallies: dict[str, Kernel] = {}
+        self._normal: list[tuple[Layout, Kernel]] = []
         self._slopes: list[Response] = []
         self._course: list[Response] = []
 
@@ -73,9 +71,10 @@ class Response(Unstepped):
         return self._places
 
     @property
-    def _kernels(self) -> Kernels:
+    def _kernels(self) -> Kernel:
         if self._made is None:
-            self._made = compile_kernels(layout(self.model, self.experiment))
+            own = layout(self.model, self.experiment)
+            self._made = compile_kernel(write_response, own, "misfit", "signals")
         return self._made
 
     def of(self, experiment: Experiment) -> Response:
@@ -120,14 +119,14 @@ class Response(Unstepped):
         told = np.concatenate([theta, own], axis=1)
         return interval_sums(self._tallied("intervals", self._made_for("intervals"), told))
 
-    def _made_for(self, name: str) -> Kernels:
+    def _made_for(self, name: str) -> Kernel:
         """A tally's, made when it is first asked for."""
         if name not in self._tallies:
             own = layout(self.model, self.experiment)
-            self._tallies[name] = compile_kernels(own, (name,))
+            self._tallies[name] = compile_kernel(write_response, own, name)
         return self._tallies[name]
 
-    def _tallied(self, name: str, kernels: Kernels, told: Array) -> Array:
+    def _tallied(self, name: str, kernels: Kernel, told: Array) -> Array:
         """`(W, K, n)`."""
         blocks, k_count = in_groups(told), self._y.shape[1]
         out = np.empty((len(blocks), k_count * TALLIES[name].count, LANES))
@@ -150,7 +149,7 @@ class Response(Unstepped):
         """
         if not self._normal:
             own = layout(Tangent(self.model), _in_slopes(self.experiment))
-            self._normal.append((own, compile_kernels(own, ("normal",))))
+            self._normal.append((own, compile_kernel(write_response, own, "normal")))
         own, kernels = self._normal[0]
         n, q, _ = directions.shape
         k_count = self._y.shape[1]
@@ -160,7 +159,7 @@ class Response(Unstepped):
         out = np.empty((len(blocks), k_count + q + q * q, LANES))
         told = (blocks.ctypes.data, along.ctypes.data, scaled.ctypes.data)
         addresses = (*told, *self._places, scratch.ctypes.data, out.ctypes.data)
-        kernels.named["normal"](len(blocks), len(self._y), q, *addresses)
+        kernels["normal"](len(blocks), len(self._y), q, *addresses)
         rows = out.transpose(0, 2, 1).reshape(-1, out.shape[1])[:n]
         squares, slopes, lower = np.split(rows, [k_count, k_count + q], axis=1)
         products = np.tril(lower.reshape(n, q, q))
@@ -191,15 +190,15 @@ class Response(Unstepped):
         k = self._y.shape[1]
         return found[:, 0, :, k:], found[..., :k]
 
-    def _run(self, name: str, blocks: Array, out: Array, kernels: Kernels) -> None:
+    def _run(self, name: str, blocks: Array, out: Array, kernels: Kernel) -> None:
         addresses = (blocks.ctypes.data, *self._places, out.ctypes.data)
-        kernels.named[name](len(blocks), len(self._y), *addresses)
+        kernels[name](len(blocks), len(self._y), *addresses)
 
 
 def slopes_of(model: Model, experiment: Experiment) -> Response:
     """The response of the tangent of `model`, whose states `experiment` names; it has no record."""
     tangent = Tangent(model)
-    kernels = compile_kernels(layout(tangent, experiment), ("signals",))
+    kernels = compile_kernel(write_response, layout(tangent, experiment), "signals")
     return Response(tangent, experiment, kernels)
 
 

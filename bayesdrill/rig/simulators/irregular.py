@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayesdrill.record.experiment import Experiment, frozen
-from bayesdrill.rig.kernels.compiling import Layout
-from bayesdrill.rig.kernels.irregular import Kernel, compile_dense
+from bayesdrill.rig.kernels.compiling import Kernel, Layout, compile_kernel
+from bayesdrill.rig.kernels.irregular import write_dense
 from bayesdrill.rig.kernels.knots import BLOCKS, COUNTS, MOST_LEVELS, Shape, entries_of, row_blocks
 from bayesdrill.rig.kernels.lanes import LANES
 from bayesdrill.rig.kernels.sums import INTERVALS, LOGS, NEIGHBOURS, SQUARES, Tally
@@ -180,7 +180,7 @@ class Dense:
         counts = (len(out), len(g.t) - 1, len(g.spans), runs_count, self._cells, high)
         assert len(counts) == len(COUNTS)
         addresses = self._addresses | {name: block.ctypes.data for name, block in blocks.items()}
-        kernel.run(*counts, *(addresses[name] for name in BLOCKS))
+        kernel["dense"](*counts, *(addresses[name] for name in BLOCKS))
 
     def _kernel(
         self, pattern: Pattern, tally: Tally | None, shifted: tuple[bool, ...]
@@ -188,7 +188,7 @@ class Dense:
         wanted = (pattern, tally, shifted)
         if wanted not in self._kernels:
             shape = Shape(self._layout, pattern, tally, shifted, self._grid.uniform)
-            self._kernels[wanted] = compile_dense(shape), shape
+            self._kernels[wanted] = compile_kernel(write_dense, shape), shape
         return self._kernels[wanted]
 
     def _used(self, rows: Array) -> Pattern:

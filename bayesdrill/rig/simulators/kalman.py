@@ -16,11 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayesdrill.record.experiment import Experiment
-from bayesdrill.rig.kernels.compiling import Layout
-from bayesdrill.rig.kernels.kalman_filter import BLOCKS, compile_filtering, kept
+from bayesdrill.rig.kernels.compiling import HARDER, Kernel, Layout, compile_kernel
+from bayesdrill.rig.kernels.kalman_filter import BLOCKS, kept, write_filter
 from bayesdrill.rig.kernels.kalman_update import Noisy
 from bayesdrill.rig.kernels.lanes import LANES
-from bayesdrill.rig.kernels.steady_state_kalman import AT_ONCE, Steadily, compile_steadily
+from bayesdrill.rig.kernels.steady_state_kalman import AT_ONCE, write_steady_state
 from bayesdrill.rig.kernels.steady_state_kalman import BLOCKS as STEADY_BLOCKS
 from bayesdrill.rig.models.latent_torque import MissingTorque, Pushed, pushed
 from bayesdrill.rig.models.linear import Model
@@ -118,7 +118,8 @@ class Filtered:
         out = np.empty((2 * k + 1, len(told) * LANES))
         (y, u), (_, shown) = record, self._shown
         places = {"told": told.ctypes.data, "y": y, "u": u, "shown": shown, "out": out.ctypes.data}
-        self._steadily.run(len(told), t_count, *(places[name] for name in STEADY_BLOCKS))
+        blocks = [places[name] for name in STEADY_BLOCKS]
+        self._steadily["steadily"](len(told), t_count, *blocks)
         logs = np.log(out[k:])
         spread = t_count * (logs[:k] + 0.5 * math.log(2 * math.pi)) + logs[k] / (2 * k)
         return np.asarray((out[:k] - spread)[:, : len(parameters)].T)
@@ -130,8 +131,8 @@ class Filtered:
         return made, made.ctypes.data
 
     @cached_property
-    def _steadily(self) -> Steadily:
-        return compile_steadily(self.noisy, self._layout)
+    def _steadily(self) -> Kernel:
+        return compile_kernel(write_steady_state, self.noisy, self._layout, effort=HARDER)
 
     @cached_property
     def _layout(self) -> Layout:
@@ -203,8 +204,8 @@ class Filtered:
             "out": out,
         }
         counts = (len(out), t_count, len(self.steps.spans), int(self.steps.lead))
-        kernel = compile_filtering(noisy, name)
-        kernel.run(*counts, *(blocks[block].ctypes.data for block in BLOCKS))
+        kernel = compile_kernel(write_filter, noisy, name)
+        kernel[name](*counts, *(blocks[block].ctypes.data for block in BLOCKS))
         made = out.transpose(0, 2, 1).reshape(-1, t_count, columns)[:n_walkers]
         return np.ascontiguousarray(made.reshape(n_walkers, t_count, -1, each) if each else made)
 

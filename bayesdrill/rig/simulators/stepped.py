@@ -18,10 +18,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayesdrill.record.experiment import Experiment, frozen
+from bayesdrill.rig.kernels.compiling import Kernel, compile_kernel
 from bayesdrill.rig.kernels.lanes import LANES
 from bayesdrill.rig.kernels.step_arguments import BLOCKS, Own, Shape
 from bayesdrill.rig.kernels.sums import INTERVALS, LOGS, NEIGHBOURS, SQUARES, Tally
-from bayesdrill.rig.kernels.time_stepping import Kernel, compile_stepping
+from bayesdrill.rig.kernels.time_stepping import write_stepping
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.simulators.contract import (
     Motion,
@@ -104,7 +105,8 @@ class Told:
             "trace": trace.ctypes.data,
             "out": out.ctypes.data,
         }
-        self.kernel.run(len(own), ahead.samples, nodes, *[places[name] for name in BLOCKS])
+        blocks = [places[name] for name in BLOCKS]
+        self.kernel["stepping"](len(own), ahead.samples, nodes, *blocks)
         return np.moveaxis(out, -1, 1).reshape(-1, *each)[:n]
 
     def _in_lanes(self, n: int, parts: Mapping[str, list[Array]]) -> Array:
@@ -300,7 +302,8 @@ class Stepped:
                 turns=self.turns if self.model.frictions else 1,
                 **kind,
             )
-            self._tellings[wanted] = Told(compile_stepping(shape), shape, ahead, w.padded)
+            kernel = compile_kernel(write_stepping, shape)
+            self._tellings[wanted] = Told(kernel, shape, ahead, w.padded)
         return self._tellings[wanted]
 
     def _run(
