@@ -22,7 +22,7 @@ from rigs import vector
 
 from bayesdrill.rig.kernels import cache
 from bayesdrill.rig.kernels.cache import VARIABLE, CodeCache, user_cache
-from bayesdrill.rig.kernels.compiling import Kernel, compile_kernel
+from bayesdrill.rig.kernels.compiling import compile_kernel
 from bayesdrill.rig.kernels.recurrence import write_response
 from bayesdrill.rig.kernels.step_arguments import Shape
 from bayesdrill.rig.kernels.sums import LOGS, SQUARES
@@ -262,41 +262,37 @@ def environment(**own: str) -> Iterator[None]:
         os.environ.update(before)
 
 
-def compiled(folder: Path) -> Kernel:
-    """The kernel of a step, past the cache in memory."""
+def squares(folder: Path) -> np.ndarray:
+    """Of a step, by a kernel of the cache in this folder."""
+    compile_kernel.cache_clear()
     with environment(**{VARIABLE: str(folder)}):
-        own = layout(MotorShaft(), response("step").experiment)
-        return compile_kernel.__wrapped__(write_response, own, "misfit", "signals")
-
-
-def squares(kernel: Kernel) -> np.ndarray:
-    return Response(MotorShaft(), response("step").experiment, kernel).squares(THETA)
+        return Response(MotorShaft(), response("step").experiment).squares(THETA)
 
 
 def test_numbers_are_those_of_code_that_was_compiled_just_now(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("mine")
-    right = squares(compiled(tmp_path / "file"))  # which cannot be a folder
-    assert np.array_equal(squares(compiled(tmp_path)), right)
+    right = squares(tmp_path / "file")  # which cannot be a folder
+    assert np.array_equal(squares(tmp_path), right)
     (path,) = (tmp_path / "kernels").iterdir()
     first = path.stat().st_ino
-    assert np.array_equal(squares(compiled(tmp_path)), right)
+    assert np.array_equal(squares(tmp_path), right)
     assert path.stat().st_ino == first  # it was read, and not written again
 
 
 def test_damaged_code_is_compiled_again(tmp_path: Path) -> None:
-    right = squares(compiled(tmp_path))
+    right = squares(tmp_path)
     (path,) = (tmp_path / "kernels").iterdir()
     whole = path.read_bytes()
     for place in (0, 31, 32, 33, len(whole) // 2, len(whole) - 1):
         path.write_bytes(whole[:place] + bytes([whole[place] ^ 255]) + whole[place + 1 :])
-        assert np.array_equal(squares(compiled(tmp_path)), right)
+        assert np.array_equal(squares(tmp_path), right)
         assert path.read_bytes() == whole
     path.write_bytes(b"")
-    assert np.array_equal(squares(compiled(tmp_path)), right)
+    assert np.array_equal(squares(tmp_path), right)
 
 
 def test_the_cache_is_shown_and_cleared_by_a_command(tmp_path: Path) -> None:
-    compiled(tmp_path)
+    squares(tmp_path)
     with environment(**{VARIABLE: str(tmp_path)}):
         assert f"{tmp_path / 'kernels'}: 1 compiled kernels, 0.0 MB" in systems.cli("cache").out
         assert "0 compiled kernels" in systems.cli("cache", "--clear").out

@@ -50,16 +50,18 @@ def test_code_that_is_kept_takes_little() -> None:
 
 
 def test_code_lives_as_long_as_a_simulator_of_it() -> None:
-    """Simulators own it: those that are compiled past the cache in memory are freed with the last."""
+    """Once memory keeps it no more, it is freed with the last of them."""
     theta = vector(NOMINAL)[None]
     experiment = response("step").experiment
+    compile_kernel.cache_clear()
+    made = Response(MotorShaft(), experiment)
+    expected = made.squares(theta)
     own = layout(MotorShaft(), experiment)
-    compiled = compile_kernel.__wrapped__(write_response, own, "misfit", "signals")
-    engine = weakref.ref(compiled.engine)
-    made = Response(MotorShaft(), experiment, compiled)
-    del compiled
+    engine = weakref.ref(compile_kernel(write_response, own, "misfit", "signals").engine)
+    assert compile_kernel.cache_info().hits == 1
+    compile_kernel.cache_clear()
     gc.collect()
-    assert np.array_equal(made.squares(theta), response("step").squares(theta))
+    assert np.array_equal(made.squares(theta), expected)
     del made
     gc.collect()
     assert engine() is None

@@ -1,4 +1,4 @@
-"""Kernels compiled for the processor at hand, once for each structure, and what one is specialised for.
+"""Kernels compiled for the processor at hand, once for each structure.
 
 A kernel is written in LLVM's language and compiled only where its machine code is neither in memory nor
 in the cache of the user.  What its code depends on is a text, its key: the structures that it is written
@@ -11,7 +11,7 @@ import ctypes
 import gc
 import hashlib
 import json
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cache
@@ -20,12 +20,9 @@ from typing import Any, Protocol
 
 import numpy as np
 from llvmlite import ir
-from numpy.typing import NDArray
 
 from bayesdrill.basics import duals
-from bayesdrill.basics.duals import Dual
 from bayesdrill.rig.kernels.cache import user_cache
-from bayesdrill.rig.kernels.lanes import VEC, Lane
 
 # Of LLVM's passes, those that a kernel gains from: it is written without branches that could go, calls
 # nothing small and has its loops over vectors already. All others take as long again as these, the
@@ -169,88 +166,3 @@ def _no_garbage_collection() -> Iterator[None]:
     finally:
         if looking:
             gc.enable()
-
-
-def formulas(count: int, evaluate: Callable[[Sequence[Lane]], Any]) -> str:
-    """The code that formulas of `count` numbers become, and what they return of it, as one text.
-
-    Equal formulas have equal texts, wherever they come from.
-    """
-    kind = ir.FunctionType(ir.VoidType(), [VEC] * count)
-    function = ir.Function(ir.Module(), kind, "formulas")
-    b = ir.IRBuilder(function.append_basic_block())
-    found = evaluate([Lane(b, argument) for argument in function.args])
-    return f"{function}{_described(found)}"
-
-
-def _described(found: Any) -> str:
-    """Numbers by their names in the code, containers by what they hold."""
-    if isinstance(found, Lane):
-        return str(found.value.get_reference())
-    if isinstance(found, Dual):
-        return f"({_described(found.value)}, {_described(found.slope)})"
-    if isinstance(found, Mapping):
-        return _described(list(found.items()))
-    if isinstance(found, list | tuple):
-        return f"[{', '.join(map(_described, found))}]"
-    return repr(float(found) if isinstance(found, float) else found)
-
-
-Entries = Callable[[Sequence[Any]], Sequence[tuple[int, int, Any]]]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Layout:
-    """One rig in one experiment.
-
-    `entries(parameters)`: (row, column, value) of the augmented N x N matrix, whose columns are
-    X states, one constant input, `n_series` sampled inputs and, with a first-order hold, their
-    increments; a place may come more than once.  `dt`: the sampling step.  `lead`: from the start
-    `x0 (X,)` to the first sample, with constant inputs.  `channels`: weights `(K, X)`.
-    """
-
-    n_parameters: int
-    n_states: int
-    n_series: int
-    first_order: bool
-    entries: Entries
-    dt: float
-    lead: float
-    x0: tuple[float, ...]
-    channels: tuple[tuple[float, ...], ...]
-
-    @property
-    def text(self) -> str:
-        """See `Structure`."""
-        sizes = (self.n_parameters, self.n_states, self.n_series, self.first_order)
-        constants = (self.dt, self.lead, self.x0, self.channels)
-        return f"{sizes} {constants} {formulas(self.n_parameters, self.entries)}"
-
-    @property
-    def size(self) -> int:
-        return self.n_states + 1 + self.n_series * (2 if self.first_order else 1)
-
-    @property
-    def reach(self) -> tuple[tuple[bool, ...], ...]:
-        """Entries of the exponential that can differ from zero."""
-        return reach_of(self._pattern)
-
-    @property
-    def idle(self) -> tuple[bool, ...]:
-        """Columns of zeros: on that nothing depends, and its own entry of the exponential is one."""
-        return tuple(not column for column in self._pattern.any(axis=0))
-
-    @property
-    def _pattern(self) -> NDArray[np.bool_]:
-        pattern = np.zeros((self.size, self.size), dtype=bool)
-        for row, column, _ in self.entries([1.0] * self.n_parameters):
-            pattern[row, column] = True
-        return pattern
-
-
-def reach_of(pattern: NDArray[np.bool_]) -> tuple[tuple[bool, ...], ...]:
-    """Entries of exp(M) that can differ from zero, for M with the `pattern (N, N)`."""
-    reach = pattern | np.eye(len(pattern), dtype=bool)
-    for _ in range(len(pattern)):
-        reach = reach | (reach.astype(int) @ reach.astype(int) > 0)
-    return tuple(tuple(bool(entry) for entry in row) for row in reach)

@@ -114,6 +114,7 @@ class _Interval:
             none,
             none,
             none,
+            none,
             a["rates"],
             self.lane["norm"],
             self.lane["over"],

@@ -21,6 +21,7 @@ from bayesdrill.rig.kernels.knots import (
     BLOCKS,
     COUNTS,
     MOST_LEVELS,
+    OWN_NUMBERS,
     Arguments,
     Machine,
     Nodes,
@@ -41,7 +42,7 @@ from bayesdrill.rig.kernels.recurrence import next_state
 
 def write_dense(module: ir.Module, shape: Shape) -> None:
     """`dense`, of COUNTS and addresses of BLOCKS."""
-    exponential = emit_exponential(module, shape.layout, "exponential", None)
+    exponential = emit_exponential(module, shape.layout, increments=False)
     interval = emit_interval(module, shape) if shape.late else None
     made = function(module, "dense", len(COUNTS), list(BLOCKS.values()))
     w = _Writer(shape, made, exponential, interval)
@@ -169,11 +170,13 @@ class _Writer:
 
     def _machine(self, own: dict[str, ir.Value]) -> Machine:
         b, layout = self.b, self.layout
-        norm = emit_rates(b, layout, own["parameters"], self.least, self.rates)
+        constants = b.gep(self.a["numbers"], [I64(OWN_NUMBERS)])
+        matrix = layout.matrix(b, own["parameters"], constants)
+        norm = emit_rates(b, layout, matrix, self.least, self.rates)
         over = b.fdiv(vector(1.0), norm)
         product = b.module.globals["product"]
         return Machine(
-            b, layout, self.exponential, product, own["parameters"], self.rates, norm, over,
+            b, layout, self.exponential, product, own["parameters"], constants, self.rates, norm, over,
             self.span, self.e,
         )  # fmt: skip
 

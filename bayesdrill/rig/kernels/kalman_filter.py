@@ -9,13 +9,13 @@ from llvmlite import ir
 
 from bayesdrill.basics.duals import Dual, dual
 from bayesdrill.rig.kernels.kalman_update import (
-    Noisy,
-    emit_carried,
-    emit_spread,
-    emit_taught,
-    met,
-    root_of,
-    width,
+    StateSpace,
+    emit_transition,
+    gain_width,
+    inverse_deviation,
+    predict_covariance,
+    update_covariance,
+    update_state,
 )
 from bayesdrill.rig.kernels.lanes import (
     I64,
@@ -50,13 +50,14 @@ BLOCKS = {
     "node": WHOLE,  # (T,) which step leads to the next sample
     "same": WHOLE,  # (T,) whether gaps and step are as at the sample before
     "spans": NUMBERS,  # (M,)
+    "weights": NUMBERS,  # (K, n) of channels
     "table": VECTORS,  # scratch (M, 2, n, n) numbers
     "kept": VECTORS,  # scratch (T, `Steps.kept`) where it smooths
     "out": VECTORS,  # (G, T, K, 2) numbers, whitened and variances; or (G, T, n), (G, T, n + K)
 }
 
 
-def write_filter(module: ir.Module, noisy: Noisy, name: str) -> None:
+def write_filter(module: ir.Module, noisy: StateSpace, name: str) -> None:
     """`whiten`, `slopes` (whiten with slopes), `smooth` or `draw`, of COUNTS and addresses of BLOCKS."""
     (_emit_draw if name == "draw" else _emit_filter)(module, noisy, name)
 
@@ -64,7 +65,7 @@ def write_filter(module: ir.Module, noisy: Noisy, name: str) -> None:
 class _Writer:
     """Where a group of walkers has its numbers."""
 
-    def __init__(self, module: ir.Module, noisy: Noisy, name: str) -> None:
+    def __init__(self, module: ir.Module, noisy: StateSpace, name: str) -> None:
         made = function(module, name, len(COUNTS), list(BLOCKS.values()))
         names = (*COUNTS, *BLOCKS)
         self.a = dict(zip(names, made.args, strict=True))
@@ -72,8 +73,8 @@ class _Writer:
         self.noisy, self.slopes, self.smooth = noisy, name == "slopes", name == "smooth"
         self.memory = m = Memory(b, self.slopes)
         n = self.n = noisy.n
-        self.spread = emit_spread(module, noisy, slopes=self.slopes)
-        self.p, self.x, self.gains = m.room(n * n), m.room(n), m.room(noisy.k * width(n))
+        self.spread = emit_transition(module, noisy, slopes=self.slopes)
+        self.p, self.x, self.gains = m.room(n * n), m.room(n), m.room(noisy.k * gain_width(n))
         self.span = b.alloca(VEC, I64(1))
         self.flag = b.alloca(I64, I64(1))
 
@@ -102,27 +103,27 @@ class _Writer:
         b.store(I64(0), self.flag)
         with b.if_then(b.icmp_signed("!=", a["lead"], I64(0))):
             phi, q = self.matrices(b.sub(a["steps"], I64(1)))
-            emit_carried(m, n, self.p, phi, q)
+            predict_covariance(m, n, self.p, phi, q)
 
 
-def kept(noisy: Noisy) -> int:
+def kept(noisy: StateSpace) -> int:
     """Numbers of a sample that smoothing wants: gains, residuals, state, covariance."""
     n = noisy.n
     return noisy.k * (n + 1) + n + n * n
 
 
-def _emit_revise(module: ir.Module, noisy: Noisy, *, slopes: bool) -> ir.Function:
-    """`revise(p, gains, variances, phi, q, seen, flag)`: what a sample teaches, and a step loses."""
+def _emit_revise(module: ir.Module, noisy: StateSpace, *, slopes: bool) -> ir.Function:
+    """`revise(p, gains, variances, phi, q, seen, weights, flag)`: an update and a prediction."""
     n = noisy.n
-    made = function(module, "revise", 0, [VECTORS] * 5 + [NUMBERS, WHOLE])
-    p, gains, variances, phi, q, seen, flag = made.args
+    made = function(module, "revise", 0, [VECTORS] * 5 + [NUMBERS, NUMBERS, WHOLE])
+    p, gains, variances, phi, q, seen, weights, flag = made.args
     b = ir.IRBuilder(made.append_basic_block())
     memory = Memory(b, slopes)
     old = [dual(memory.get(p, i * n + i)) for i in range(n)]
     for k in range(noisy.k):
         is_seen = Lane(b, splat(b, b.load(b.gep(seen, [I64(k)]))))
-        emit_taught(memory, noisy, k, p, variances, gains, is_seen)
-    emit_carried(memory, n, p, phi, q)
+        update_covariance(memory, noisy, k, p, variances, gains, weights, is_seen)
+    predict_covariance(memory, n, p, phi, q)
     moving = _moving(memory, n, p, old)
     b.store(b.select(anywhere(b, moving), I64(0), I64(1)), flag)
     b.ret_void()
@@ -146,7 +147,7 @@ def _moving(memory: Memory, n: int, p: ir.Value, old: list[Dual]) -> ir.Value:
     return moving
 
 
-def _emit_filter(module: ir.Module, noisy: Noisy, name: str) -> None:
+def _emit_filter(module: ir.Module, noisy: StateSpace, name: str) -> None:
     revise = _emit_revise(module, noisy, slopes=name == "slopes")
     w = _Writer(module, noisy, name)
     b, a, m, n = w.b, w.a, w.memory, w.n
@@ -163,7 +164,7 @@ def _emit_filter(module: ir.Module, noisy: Noisy, name: str) -> None:
     settled = b.and_(b.load(w.flag), b.load(b.gep(a["same"], [t])))
     seen = b.gep(a["seen"], [b.mul(t, I64(noisy.k))])
     with b.if_then(b.icmp_signed("==", settled, I64(0))):
-        b.call(revise, [w.p, w.gains, w.variances, phi, q, seen, w.flag])
+        b.call(revise, [w.p, w.gains, w.variances, phi, q, seen, a["weights"], w.flag])
     _emit_sample(w, here, t, phi)
     samples.close([])
     if w.smooth:
@@ -178,9 +179,10 @@ def _emit_sample(w: _Writer, here: ir.Value, t: ir.Value, phi: ir.Value) -> None
     left, state = m.at(w.a["left"], here), m.row(w.x, n)
     out = m.at(w.a["out"], b.mul(here, I64(2)))
     for k in range(noisy.k):
-        at = k * width(n)
-        rest, state = met(m, noisy, k, state, m.get(left, k), w.gains)
-        over = root_of(m, n, k, w.gains)
+        at = k * gain_width(n)
+        y, weights = m.get(left, k), w.a["weights"]
+        rest, state = update_state(m, noisy, k, state, y, w.gains, weights)
+        over = inverse_deviation(m, n, k, w.gains)
         white = rest * over
         if w.smooth:
             keep = m.at(w.a["kept"], b.mul(t, I64(w.kept)))
@@ -205,8 +207,8 @@ def _emit_back(w: _Writer, group: ir.Value) -> None:
     for k in reversed(range(noisy.k)):
         gain = [m.get(keep, k * (n + 1) + i) for i in range(n)]
         more = m.get(keep, k * (n + 1) + n) - dot(gain, pull)
-        for i, weight in noisy.seen(k).items():
-            pull[i] = fused(Lane(b, vector(weight)), more, pull[i])
+        for i, weight in noisy.weights(b, a["weights"], k).items():
+            pull[i] = fused(weight, more, pull[i])
     first = noisy.k * (n + 1)
     out = m.at(a["out"], b.mul(b.add(b.mul(group, a["samples"]), t), I64(n)))
     for i in range(n):
@@ -218,7 +220,7 @@ def _emit_back(w: _Writer, group: ir.Value) -> None:
     back.close([dot(column, pull).value for column in columns])
 
 
-def _emit_draw(module: ir.Module, noisy: Noisy, name: str) -> None:
+def _emit_draw(module: ir.Module, noisy: StateSpace, name: str) -> None:
     """States, and what channels show of them with noise, of numbers that are standard normal."""
     factor = emit_factor(module, noisy.n)
     w = _Writer(module, noisy, name)
@@ -254,8 +256,8 @@ def _emit_draw(module: ir.Module, noisy: Noisy, name: str) -> None:
     for k in range(k_count):
         size = Lane(b, root(b, load(b, w.variances, k)))
         value = size * normals[n + k]
-        for i, weight in noisy.seen(k).items():
-            value = fused(Lane(b, vector(weight)), state[i], value)
+        for i, weight in noisy.weights(b, a["weights"], k).items():
+            value = fused(weight, state[i], value)
         m.put(value, out, n + k)
     samples.close([one.value for one in state])
     groups.close([])

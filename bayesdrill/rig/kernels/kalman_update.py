@@ -21,7 +21,6 @@ import numpy as np
 from llvmlite import ir
 
 from bayesdrill.basics.duals import Dual, dual
-from bayesdrill.rig.kernels.compiling import formulas
 from bayesdrill.rig.kernels.exponential import emit_halvings
 from bayesdrill.rig.kernels.lanes import (
     F64,
@@ -41,6 +40,7 @@ from bayesdrill.rig.kernels.lanes import (
     vector,
     whole_numbers,
 )
+from bayesdrill.rig.kernels.layout import Kinds, formulas, weights_of
 from bayesdrill.rig.kernels.numbers import (
     Memory,
     Number,
@@ -59,14 +59,14 @@ NODES = 9  # exact up to powers of 17
 
 
 @dataclass(frozen=True, slots=True)
-class Noisy:
+class StateSpace:
     """A rig with its torque: what kernels are specialised for.
 
-    `channels`: weights `(K, n)` of states, those of the torque last.
+    `channels (K, n)`: weights of states, those of the torque last, see `weight_kinds`.
     """
 
     model: Pushed
-    channels: tuple[tuple[float, ...], ...]
+    channels: Kinds
 
     @property
     def text(self) -> str:
@@ -95,12 +95,16 @@ class Noisy:
         """States of the torque."""
         return len(self.model.torque.states)
 
-    def seen(self, k: int) -> dict[int, float]:
-        """States of which channel k tells, with their weights."""
-        return {i: weight for i, weight in enumerate(self.channels[k]) if weight != 0.0}
+    def seen(self, k: int) -> list[int]:
+        """States of which channel k tells."""
+        return [i for i, kind in enumerate(self.channels[k]) if kind != 0]
+
+    def weights(self, b: ir.IRBuilder, weights: ir.Value, k: int) -> dict[int, Lane]:
+        """Of channel k, by state, from the block of all `weights (K, n)`."""
+        return weights_of(b, weights, self.channels, k)
 
 
-def emit_spread(module: ir.Module, noisy: Noisy, *, slopes: bool) -> ir.Function:
+def emit_transition(module: ir.Module, noisy: StateSpace, *, slopes: bool) -> ir.Function:
     """`spread(parameters (P,), span, phi (n, n), q (n, n))`, of numbers, with slopes or without.
 
     `span`: one vector, a length of time of each lane.
@@ -132,7 +136,7 @@ def emit_spread(module: ir.Module, noisy: Noisy, *, slopes: bool) -> ir.Function
     return made
 
 
-def _entries(noisy: Noisy, named: dict[str, Number]) -> dict[tuple[int, int], Number]:
+def _entries(noisy: StateSpace, named: dict[str, Number]) -> dict[tuple[int, int], Number]:
     states = noisy.model.states
     linear = noisy.model.linear(named)
     return {(states.index(r), states.index(c)): value for (r, c), value in linear.A.items()}
@@ -232,52 +236,59 @@ def _gauss() -> tuple[np.ndarray, np.ndarray]:
     return 0.5 * (nodes + 1.0), 0.5 * weights
 
 
-def width(n: int) -> int:
-    """Numbers that `emit_taught` leaves of a channel: the gain (n,), the variance of what it shows, and
-    the root of one over it.
+def gain_width(n: int) -> int:
+    """Numbers that `update_covariance` leaves of a channel: the gain (n,), the variance of what it
+    shows, and the root of one over it.
     """
     return n + 2
 
 
-def emit_taught(
+def update_covariance(
     memory: Memory,
-    noisy: Noisy,
+    noisy: StateSpace,
     k: int,
     p: ir.Value,
     variances: ir.Value,
     gains: ir.Value,
+    weights: ir.Value,
     is_seen: Number = 1.0,
 ) -> None:
-    """Of channel k into `gains (K, width)`; the covariance p (n, n) loses what it teaches."""
-    n, own = noisy.n, noisy.seen(k)
-    weights = weights_of(memory.b, noisy, k)
-    shown = [dot(weights, [memory.get(p, i * n + j) for j in own]) for i in range(n)]
-    variance = dot(weights, [shown[j] for j in own], memory.get(variances, k))
+    """Of channel k into `gains (K, gain_width)`; the covariance p (n, n) loses what it teaches."""
+    n, own = noisy.n, noisy.weights(memory.b, weights, k)
+    c = list(own.values())
+    shown = [dot(c, [memory.get(p, i * n + j) for j in own]) for i in range(n)]
+    variance = dot(c, [shown[j] for j in own], memory.get(variances, k))
     over = is_seen / variance
     gain = [one * over for one in shown]
     for i in range(n):
         for j in range(n):
             memory.put(fused(-gain[i], shown[j], memory.get(p, i * n + j)), p, i * n + j)
-    at = k * width(n)
+    at = k * gain_width(n)
     for i, one in enumerate(gain):
         memory.put(one, gains, at + i)
     memory.put(variance * is_seen + (1.0 - is_seen), gains, at + n)
     memory.put(_root(memory.b, over), gains, at + n + 1)
 
 
-def met(
-    memory: Memory, noisy: Noisy, k: int, state: Sequence[Number], y: Number, gains: ir.Value
+def update_state(
+    memory: Memory,
+    noisy: StateSpace,
+    k: int,
+    state: Sequence[Number],
+    y: Number,
+    gains: ir.Value,
+    weights: ir.Value,
 ) -> tuple[Number, list[Number]]:
     """What channel k shows that the state does not, and the state that knows of it."""
     n = noisy.n
     rest = y
-    for i, weight in noisy.seen(k).items():
-        rest = fused(Lane(memory.b, vector(-weight)), state[i], rest)
-    gain = [memory.get(gains, k * width(n) + i) for i in range(n)]
+    for i, weight in noisy.weights(memory.b, weights, k).items():
+        rest = fused(-weight, state[i], rest)
+    gain = [memory.get(gains, k * gain_width(n) + i) for i in range(n)]
     return rest, [fused(one, rest, x) for one, x in zip(gain, state, strict=True)]
 
 
-def emit_carried(memory: Memory, n: int, p: ir.Value, phi: ir.Value, q: ir.Value) -> None:
+def predict_covariance(memory: Memory, n: int, p: ir.Value, phi: ir.Value, q: ir.Value) -> None:
     """p = phi p phi' + q, where that is written."""
     b = memory.b
     half = emit_product(b.module, (n, n, n), slopes=memory.slopes)
@@ -288,14 +299,9 @@ def emit_carried(memory: Memory, n: int, p: ir.Value, phi: ir.Value, q: ir.Value
     b.call(whole, [p, spare, phi])
 
 
-def weights_of(b: ir.IRBuilder, noisy: Noisy, k: int) -> list[Number]:
-    """Those of the states of which channel k tells."""
-    return [Lane(b, vector(weight)) for weight in noisy.seen(k).values()]
-
-
-def root_of(memory: Memory, n: int, k: int, gains: ir.Value) -> Number:
+def inverse_deviation(memory: Memory, n: int, k: int, gains: ir.Value) -> Number:
     """Of one over the variance of what channel k shows."""
-    return memory.get(gains, k * width(n) + n + 1)
+    return memory.get(gains, k * gain_width(n) + n + 1)
 
 
 def _root(b: ir.IRBuilder, number: Number) -> Number:

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 
 from llvmlite import ir
 
-from bayesdrill.rig.kernels.compiling import Layout
 from bayesdrill.rig.kernels.exponential import DEEPEST, Cell, Values, emit_terms
 from bayesdrill.rig.kernels.lanes import (
     F64,
@@ -31,6 +30,7 @@ from bayesdrill.rig.kernels.lanes import (
     vector,
     whole_numbers,
 )
+from bayesdrill.rig.kernels.layout import Layout, Pattern
 from bayesdrill.rig.kernels.recurrence import next_state
 from bayesdrill.rig.kernels.sums import Tally
 
@@ -41,7 +41,7 @@ WHOLE = I64.as_pointer()
 COUNTS = ("groups", "knots", "nodes", "runs", "cells", "high")
 BLOCKS = {
     "own": VECTORS,  # (G, `Own.width`): what walkers have of their own
-    "numbers": NUMBERS,  # widths of a cell of steps and of one of shifts, least norm
+    "numbers": NUMBERS,  # widths of a cell of steps and of one of shifts, least norm; constant inputs
     "spans": NUMBERS,  # (N,) of nodes
     "inside": NUMBERS,  # (N,) 1 where shares follow
     "chained": WHOLE,  # (N,) 1 where a node is the one before and a cell
@@ -59,6 +59,8 @@ BLOCKS = {
     "out": VECTORS,  # (G, K, n) sums or (G, T + 1, K) signals
 }
 
+OWN_NUMBERS = 3  # before the constant inputs
+
 
 @dataclass(frozen=True, slots=True)
 class Shape:
@@ -69,7 +71,7 @@ class Shape:
     """
 
     layout: Layout
-    pattern: tuple[tuple[bool, ...], ...]
+    pattern: Pattern
     tally: Tally | None
     shifted: tuple[bool, ...]
     even: bool
@@ -280,6 +282,7 @@ class Machine:
     exponential: ir.Function
     product: ir.Function
     parameters: ir.Value
+    constants: ir.Value
     rates: ir.Value
     norm: ir.Value
     over: ir.Value
@@ -289,7 +292,7 @@ class Machine:
 
 def emit_exponential_of(m: Machine, spans: ir.Value, out: ir.Value) -> None:
     store(m.b, spans, m.spans, 0)
-    m.b.call(m.exponential, [m.parameters, m.spans, out])
+    m.b.call(m.exponential, [m.parameters, m.constants, m.spans, out])
 
 
 def keep(m: Machine, e: ir.Value, table: ir.Value) -> None:

@@ -25,17 +25,15 @@ from dataclasses import dataclass
 
 from llvmlite import ir
 
-from bayesdrill.rig.kernels.compiling import Layout
 from bayesdrill.rig.kernels.exponential import emit_exponential
 from bayesdrill.rig.kernels.kalman_update import (
-    Noisy,
-    emit_carried,
-    emit_spread,
-    emit_taught,
-    met,
-    root_of,
-    weights_of,
-    width,
+    StateSpace,
+    emit_transition,
+    gain_width,
+    inverse_deviation,
+    predict_covariance,
+    update_covariance,
+    update_state,
 )
 from bayesdrill.rig.kernels.lanes import (
     I64,
@@ -51,6 +49,7 @@ from bayesdrill.rig.kernels.lanes import (
     store,
     vector,
 )
+from bayesdrill.rig.kernels.layout import Layout
 from bayesdrill.rig.kernels.numbers import (
     Memory,
     Number,
@@ -62,7 +61,7 @@ from bayesdrill.rig.kernels.numbers import (
     emit_solved,
     fused,
 )
-from bayesdrill.rig.kernels.recurrence import emit_drive, entries, next_state
+from bayesdrill.rig.kernels.recurrence import Constants, emit_drive, entries, next_state
 
 LEAST, MOST = 7, 44  # doublings
 SETTLED = 1e-14  # of the variance of a sample: what one more doubling may add to it
@@ -81,13 +80,13 @@ class Settled:
 
     @property
     def gains(self) -> int:
-        """`(K, width)`, see `emit_taught`."""
+        """`(K, gain_width)`, see `update_covariance`."""
         return 5 * self.n**2
 
     @property
     def pulls(self) -> int:
         """`(K, n)`: what a channel shows of the state before the sample, over its variance."""
-        return self.gains + self.k * width(self.n)
+        return self.gains + self.k * gain_width(self.n)
 
     @property
     def size(self) -> int:
@@ -97,17 +96,17 @@ class Settled:
         return MATRICES.index(name) * self.n**2
 
 
-def emit_settle(module: ir.Module, noisy: Noisy) -> ir.Function:
-    """`settle(samples, block, variances, first)`: of Phi and Q in the `block`, all the rest of it; G is
-    that of all samples; `first (1,)` gets how many of them tell anything of the start.
+def emit_settle(module: ir.Module, noisy: StateSpace) -> ir.Function:
+    """`settle(samples, block, variances, weights, first)`: of Phi and Q in the `block`, all the rest of
+    it; G is that of all samples; `first (1,)` gets how many of them tell anything of the start.
     """
     double, gain, before = (
         _emit_double(module, noisy),
         _emit_gain(module, noisy),
         _emit_before(module, noisy.n),
     )
-    made = function(module, "settle", 1, [VECTORS, VECTORS, I64.as_pointer()])
-    samples, block, variances, first = made.args
+    made = function(module, "settle", 1, [VECTORS, VECTORS, NUMBERS, I64.as_pointer()])
+    samples, block, variances, weights, first = made.args
     b = ir.IRBuilder(made.append_basic_block())
     n = noisy.n
     places, memory = Settled(n, noisy.k), Memory(b, False)
@@ -118,7 +117,7 @@ def emit_settle(module: ir.Module, noisy: Noisy) -> ir.Function:
         memory.put(math.inf, grown, k)
     emit_copy(b, phi, one, n * n)
     emit_copy(b, q, p, n * n)
-    _emit_sample(memory, noisy, variances, taught)
+    _emit_sample(memory, noisy, variances, weights, taught)
     memory.clear(g, n * n)
     b.store(samples, first)
     entry = b.block
@@ -130,7 +129,8 @@ def emit_settle(module: ir.Module, noisy: Noisy) -> ir.Function:
         node.add_incoming(value, entry)
     with b.if_then(b.trunc(b.lshr(samples, count), ir.IntType(1))):
         b.call(before, [transition, taught, p, g])
-    moves = b.call(double, [transition, spare, taught, p, variances, grown, grows])
+    arguments = [transition, spare, taught, p, variances, weights, grown, grows]
+    moves = b.call(double, arguments)
     following = b.add(count, I64(1))
     length = b.shl(I64(1), following)
     told = b.and_(b.not_(b.load(grows)), b.icmp_signed("<", length, b.load(first)))
@@ -146,36 +146,40 @@ def emit_settle(module: ir.Module, noisy: Noisy) -> ir.Function:
     b.position_at_end(after)
     with b.if_then(b.icmp_signed("<", b.load(first), samples)):
         emit_copy(b, taught, g, n * n)
-    b.call(gain, [block, variances])
+    b.call(gain, [block, variances, weights])
     b.ret_void()
     return made
 
 
-def _emit_sample(memory: Memory, noisy: Noisy, variances: ir.Value, taught: ir.Value) -> None:
+def _emit_sample(
+    memory: Memory, noisy: StateSpace, variances: ir.Value, weights: ir.Value, taught: ir.Value
+) -> None:
     """What one sample teaches."""
     b, n = memory.b, noisy.n
     memory.clear(taught, n * n)
     for k in range(noisy.k):
         over = Lane(b, b.fdiv(vector(1.0), load(b, variances, k)))
-        for i, weight in noisy.seen(k).items():
-            for j, other in noisy.seen(k).items():
+        own = noisy.weights(b, weights, k)
+        for i, weight in own.items():
+            for j, other in own.items():
                 place = i * n + j
                 memory.put(memory.get(taught, place) + over * (weight * other), taught, place)
 
 
-def _emit_double(module: ir.Module, noisy: Noisy) -> ir.Function:
-    """`double(B, its next, G, H, variances, grown (K,), grows)`: whether one more would change anything
-    in any lane; `grows (1,)`: whether G still does.
+def _emit_double(module: ir.Module, noisy: StateSpace) -> ir.Function:
+    """`double(B, its next, G, H, variances, weights, grown (K,), grows)`: whether one more would change
+    anything in any lane; `grows (1,)`: whether G still does.
     """
     n = noisy.n
     plain, solved = emit_product(module, (n, n, n)), emit_solved(module, n, n)
     across = emit_even(module, n)
     along = emit_even(module, n, left=True, adds=True)
     flag = ir.IntType(1)
-    made = ir.Function(module, ir.FunctionType(flag, [VECTORS] * 6 + [flag.as_pointer()]), "double")
+    kinds = [*[VECTORS] * 5, NUMBERS, VECTORS, flag.as_pointer()]
+    made = ir.Function(module, ir.FunctionType(flag, kinds), "double")
     for argument in made.args:
         argument.add_attribute("noalias")
-    transition, following, taught, p, variances, grown, grows = made.args
+    transition, following, taught, p, variances, weights, grown, grows = made.args
     b = ir.IRBuilder(made.append_basic_block())
     m = Memory(b, False)
     lu, x, e, more = (m.room(n * n) for _ in range(4))
@@ -191,7 +195,7 @@ def _emit_double(module: ir.Module, noisy: Noisy) -> ir.Function:
     before = [m.get(taught, i * n + i) for i in range(n)]
     b.call(along, [taught, transition, x])
     b.store(_differs(m, n, before, taught), grows)
-    b.ret(_grow(m, noisy, p, more, variances, grown))
+    b.ret(_grow(m, noisy, p, more, variances, weights, grown))
     return made
 
 
@@ -230,7 +234,13 @@ def _emit_before(module: ir.Module, n: int) -> ir.Function:
 
 
 def _grow(
-    m: Memory, noisy: Noisy, p: ir.Value, more: ir.Value, variances: ir.Value, grown: ir.Value
+    m: Memory,
+    noisy: StateSpace,
+    p: ir.Value,
+    more: ir.Value,
+    variances: ir.Value,
+    weights: ir.Value,
+    grown: ir.Value,
 ) -> ir.Value:
     """`more` comes to p; whether a channel would see the next: that is less by at least as much as this
     one is than the one before, `grown (K,)`.
@@ -239,9 +249,10 @@ def _grow(
     moves = ir.Constant(ir.VectorType(ir.IntType(1), LANES), [0] * LANES)
     for k in range(noisy.k):
         change, variance = Lane(b, vector(0.0)), Lane(b, load(b, variances, k))
-        for i, weight in noisy.seen(k).items():
-            for j, other in noisy.seen(k).items():
-                both = Lane(b, vector(weight * other))
+        own = noisy.weights(b, weights, k)
+        for i, weight in own.items():
+            for j, other in own.items():
+                both = weight * other
                 change = fused(both, m.get(more, i * n + j), change)
                 variance = fused(both, m.get(p, i * n + j), variance)
         least = variance * SETTLED * m.get(grown, k)
@@ -252,13 +263,13 @@ def _grow(
     return anywhere(b, moves)
 
 
-def _emit_gain(module: ir.Module, noisy: Noisy) -> ir.Function:
-    """`gain(block, variances)`: gains, pulls, and A."""
+def _emit_gain(module: ir.Module, noisy: StateSpace) -> ir.Function:
+    """`gain(block, variances, weights)`: gains, pulls, and A."""
     n = noisy.n
     places = Settled(n, noisy.k)
     onward = emit_product(module, (n, n, n))
-    made = function(module, "gain", 0, [VECTORS] * 2)
-    block, variances = made.args
+    made = function(module, "gain", 0, [VECTORS, VECTORS, NUMBERS])
+    block, variances, weights = made.args
     b = ir.IRBuilder(made.append_basic_block())
     m = Memory(b, False)
     phi, a = (m.at(block, places.of(name)) for name in ("phi", "a"))
@@ -268,13 +279,14 @@ def _emit_gain(module: ir.Module, noisy: Noisy) -> ir.Function:
     m.clear(passed, n * n)
     _add_one(m, n, passed)
     for k in range(noisy.k):
-        emit_taught(m, noisy, k, left, variances, gains)
+        update_covariance(m, noisy, k, left, variances, gains, weights)
+        own = list(noisy.weights(b, weights, k).values())
         rows = [m.row(m.at(passed, i * n), n) for i in noisy.seen(k)]
-        shows = [dot(weights_of(b, noisy, k), [row[j] for row in rows]) for j in range(n)]
-        root = root_of(m, n, k, gains)
+        shows = [dot(own, [row[j] for row in rows]) for j in range(n)]
+        root = inverse_deviation(m, n, k, gains)
         for i, one in enumerate(shows):
             m.put(one * root * root, pulls, k * n + i)
-            gain = -m.get(gains, k * width(n) + i)
+            gain = -m.get(gains, k * gain_width(n) + i)
             for j, other in enumerate(shows):
                 m.put(fused(gain, other, m.get(passed, i * n + j)), passed, i * n + j)
     b.call(onward, [a, phi, passed])
@@ -318,6 +330,7 @@ def emit_begun(module: ir.Module, n: int) -> ir.Function:
 COUNTS = ("groups", "samples")
 BLOCKS = {
     "told": VECTORS,  # (G, P + K): parameters, variances
+    "constants": NUMBERS,  # see `recurrence.Constants`
     "y": NUMBERS,  # (T, K)
     "u": NUMBERS,  # (T + 1, n_series)
     "shown": VECTORS,  # scratch (T / `AT_ONCE` + 1, n)
@@ -326,20 +339,24 @@ BLOCKS = {
 AT_ONCE = 8  # samples
 
 
-def write_steady_state(module: ir.Module, noisy: Noisy, layout: Layout) -> None:
+def write_steady_state(module: ir.Module, noisy: StateSpace, layout: Layout) -> None:
     """`steadily`, of COUNTS and addresses of BLOCKS: minus half the sums of squares of the whitened
     residuals `(K,)`, the start's part with them, their standard deviations `(K,)`, and the determinant
     that the start takes.  `layout`: of the rig with its torque.
     """
-    step = emit_exponential(module, layout, "step", layout.dt)
-    lead = emit_exponential(module, layout, "lead", layout.lead) if layout.lead > 0.0 else None
-    spread = emit_spread(module, noisy, slopes=False)
+    exponential = emit_exponential(module, layout, increments=True)
+    spread = emit_transition(module, noisy, slopes=False)
     settle, begun = emit_settle(module, noisy), emit_begun(module, noisy.n)
     made = function(module, "steadily", len(COUNTS), list(BLOCKS.values()))
     a = dict(zip((*COUNTS, *BLOCKS), made.args, strict=True))
     b = ir.IRBuilder(made.append_basic_block())
     n, k_count, size = noisy.n, noisy.k, layout.size
-    m, places = Memory(b, False), Settled(n, k_count)
+    m, places, constants = (
+        Memory(b, False),
+        Settled(n, k_count),
+        Constants(b, layout, a["constants"]),
+    )
+    weights = constants.all_weights
     e, block, start = m.room(size * size), m.room(places.size), m.room(n * n)
     shown, span, gained = m.room(n), m.room(1), m.room(1)
     first = b.alloca(I64, I64(1))
@@ -350,22 +367,22 @@ def write_steady_state(module: ir.Module, noisy: Noisy, layout: Layout) -> None:
         b.gep(a["out"], [b.add(b.mul(a["groups"], I64(k)), groups.index)])
         for k in range(2 * k_count + 1)
     ]
-    state = [vector(value) for value in layout.x0]
+    state = constants.start(n)
     m.clear(start, n * n)
     for i in range(n - noisy.own, n):
         m.put(1.0, start, i * n + i)
     phi_at, q_at, p_at, g_at = (m.at(block, places.of(name)) for name in ("phi", "q", "p", "g"))
-    if lead is not None:
-        store(b, vector(layout.lead), span, 0)
+    if layout.lead:
+        store(b, constants.span(lead=True).value, span, 0)
         b.call(spread, [own, span, phi_at, q_at])
-        emit_carried(m, n, start, phi_at, q_at)
-        b.call(lead, [own, e])
+        predict_covariance(m, n, start, phi_at, q_at)
+        constants.exponential(exponential, own, e, lead=True)
         state = next_state(b, n, entries(b, layout, e), state, [])
-    store(b, vector(layout.dt), span, 0)
+    store(b, constants.span(lead=False).value, span, 0)
     b.call(spread, [own, span, phi_at, q_at])
-    b.call(settle, [a["samples"], block, variances, first])
-    b.call(step, [own, e])
-    writer = _Samples(m, noisy, layout, a, entries(b, layout, e), block)
+    b.call(settle, [a["samples"], block, variances, weights, first])
+    constants.exponential(exponential, own, e, lead=False)
+    writer = _Samples(m, noisy, layout, a, entries(b, layout, e), block, weights)
     blocks = b.sdiv(b.add(b.load(first), I64(AT_ONCE - 1)), I64(AT_ONCE))
     squares = _emit_samples(writer, blocks, state)
     _emit_back(writer, blocks, shown)
@@ -382,11 +399,12 @@ class _Samples:
     """What all samples of a group of walkers have in common."""
 
     m: Memory
-    noisy: Noisy
+    noisy: StateSpace
     layout: Layout
     a: dict[str, ir.Value]
     phi: dict[tuple[int, int], ir.Value]
     block: ir.Value
+    weights: ir.Value
 
     def at(self, place: int) -> ir.Value:
         return self.m.at(self.block, place)
@@ -399,7 +417,7 @@ class _Samples:
     def roots(self) -> list[Number]:
         """Of one over the variances of what channels show."""
         n, gains = self.noisy.n, self.at(self.places.gains)
-        return [root_of(self.m, n, k, gains) for k in range(self.noisy.k)]
+        return [inverse_deviation(self.m, n, k, gains) for k in range(self.noisy.k)]
 
     def passed(
         self, index: ir.Value, carried: list[ir.Value], pulls: ir.Value | None
@@ -413,7 +431,7 @@ class _Samples:
         gains = self.at(self.places.gains)
         for k in range(k_count):
             value = Lane(b, splat(b, b.load(b.gep(y, [I64(k)]))))
-            rest, state = met(self.m, self.noisy, k, state, value, gains)
+            rest, state = update_state(self.m, self.noisy, k, state, value, gains, self.weights)
             sums[k] = fused(rest, rest, sums[k])
             if pulls is not None:
                 shown = [fused(self.m.get(pulls, k * n + i), rest, x) for i, x in enumerate(shown)]

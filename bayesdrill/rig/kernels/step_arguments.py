@@ -9,8 +9,8 @@ from typing import Any
 from llvmlite import ir
 
 from bayesdrill.basics.duals import Dual
-from bayesdrill.rig.kernels.compiling import Layout, formulas
 from bayesdrill.rig.kernels.lanes import I64, NUMBERS, VECTORS, Lane, vector
+from bayesdrill.rig.kernels.layout import Augmented, Layout, Pattern, formulas, with_slopes
 from bayesdrill.rig.kernels.numbers import Number, total
 from bayesdrill.rig.kernels.sums import Tally
 from bayesdrill.rig.models.friction import Friction
@@ -21,7 +21,7 @@ WHOLE = I64.as_pointer()
 # T samples; N steps.
 COUNTS = ("groups", "samples", "nodes")
 BLOCKS = {
-    "span": NUMBERS,  # two: that of a step, and of as many as are between usual samples
+    "numbers": NUMBERS,  # spans of a step, and of as many as are between usual samples; constant inputs
     "own": VECTORS,  # (G, `Own.width`): what walkers have of their own
     "u": NUMBERS,  # (N + 1 + 2 `pad`, columns of inputs)
     "pieces": WHOLE,  # (T,) steps to the next sample
@@ -37,7 +37,8 @@ BLOCKS = {
 class Shape:
     """What a kernel is specialised for.
 
-    `series`: sampled inputs, of which `late` have a lag of each walker; `pattern (K, R)`: entries of
+    `series`: sampled inputs, of which `late` have a lag of each walker; `constant`: those that are and
+    are not zero; `pattern (K, R)`: entries of
     rows that may differ from zero, over states, one and (where `efforts`) what frictions do.  `tally`:
     None for signals.  `dual`: with slopes.  `read`: channels have times of their own.  `single`: a
     sample at each step.  `gaps`: samples without a number.  `turns`: parts of a step in which something
@@ -47,9 +48,9 @@ class Shape:
     model: Model
     series: tuple[str, ...]
     late: tuple[str, ...]
-    constant: tuple[tuple[str, float], ...]
+    constant: tuple[str, ...]
     first_order: bool
-    pattern: tuple[tuple[bool, ...], ...]
+    pattern: Pattern
     tally: Tally | None
     dual: bool
     read: bool
@@ -74,33 +75,33 @@ class Shape:
         )
         own = {name: getattr(self, name) for name in (*names, "strides")}
         late = [self.series.index(name) for name in self.late]
-        count = len(self._named_numbers) * self.numbers
-        return (
-            f"{own} {len(self.series)} {late} {formulas(count, self._formulas)} {self.layout.text}"
-        )
+        both = [(c, name in self.series) for c, name in enumerate(self.constant)]
+        model = formulas(len(self._named_numbers) * self.numbers, self._formulas)
+        return f"{own} {len(self.series)} {late} {both} {model} {self.layout.text}"
 
     @property
     def _named_numbers(self) -> tuple[str, ...]:
         """Of which formulas of the rig and of its frictions are made."""
-        return (*self.model.parameters, *self.model.states, *self.series)
+        return (*self.model.parameters, *self.constant, *self.model.states, *self.series)
 
     def _formulas(self, lanes: Sequence[Lane]) -> list[Any]:
         """All that the kernel asks of the model, in these numbers."""
-        n, names = len(self._named_numbers), self._named_numbers
+        names = self._named_numbers
+        n = len(names)
         numbers: Any = map(Dual, lanes[:n], lanes[n:]) if self.dual else lanes
-        named = dict(zip(names, numbers, strict=True))
-        rates = Rates(lanes[0].b, self, {name: named[name] for name in self.model.parameters})
+        named = dict.fromkeys(self.model.inputs, 0.0) | dict(zip(names, numbers, strict=True))
+        rates = Rates(lanes[0].b, self, named, {name: named[name] for name in self.constant})
         found: list[Any] = [rates.rows, rates.base]
         place = self.model.states.index
         for friction in self.frictions:
-            law, seen = friction.law, {**named, **dict(self.constant)}
+            law = friction.law
             found += [place(friction.against), friction.holds and place(friction.holds)]
             found += [
                 law.steady,
                 sorted(place(name) for name in law.seen if name in self.model.states),
             ]
-            found.append(law.size(named, 0.0 if law.steady else seen[friction.against], seen))
-            found.append(law.spent(named, seen[friction.against]) if self.strides else None)
+            found.append(law.size(named, 0.0 if law.steady else named[friction.against], named))
+            found.append(law.spent(named, named[friction.against]) if self.strides else None)
         return found
 
     @property
@@ -119,8 +120,7 @@ class Shape:
     @property
     def columns(self) -> tuple[str, ...]:
         """Of the sampled inputs in the block `u`, and in a step."""
-        slopes = tuple(f"{name} slope" for name in self.series) if self.first_order else ()
-        return (*self.series, *slopes)
+        return with_slopes(self.series, first_order=self.first_order)
 
     @property
     def driven(self) -> tuple[str, ...]:
@@ -137,38 +137,11 @@ class Shape:
         return Layout(
             n_parameters=len(model.parameters),
             n_states=len(model.states),
+            n_constants=len(self.constant),
             n_series=len(self.driven),
             first_order=False,
-            entries=_Entries(model, self.driven, self.constant),
-            dt=1.0,
-            lead=0.0,
-            x0=(),
-            channels=(),
+            entries=Augmented(model, self.driven, self.constant),
         )
-
-
-@dataclass(frozen=True, slots=True)
-class _Entries:
-    """Of the augmented matrix, see `Layout`."""
-
-    model: Model
-    driven: tuple[str, ...]
-    constant: tuple[tuple[str, float], ...]
-
-    def __call__(self, parameters: Sequence[Any]) -> list[tuple[int, int, Any]]:
-        linear = self.model.linear(dict(zip(self.model.parameters, parameters, strict=True)))
-        index = {name: k for k, name in enumerate(self.model.states)}
-        constant, x = dict(self.constant), len(index)
-        places = {name: x + 1 + k for k, name in enumerate(self.driven)}
-        found = [(index[row], index[column], value) for (row, column), value in linear.A.items()]
-        found += [(index[row], x, value) for row, value in linear.c.items()]
-        for (row, name), value in linear.B.items():
-            if name in places:
-                found.append((index[row], places[name], value))
-            if constant.get(name, 0.0) != 0.0:
-                found.append((index[row], x, value * constant[name]))
-        rising = [name for name in places if f"{name} slope" in places]
-        return found + [(places[name], places[f"{name} slope"], 1.0) for name in rising]
 
 
 @dataclass(frozen=True, slots=True)
@@ -207,10 +180,16 @@ class Own:
 class Rates:
     """The right side of the rig's equations."""
 
-    def __init__(self, b: ir.IRBuilder, shape: Shape, parameters: Mapping[str, Number]) -> None:
+    def __init__(
+        self,
+        b: ir.IRBuilder,
+        shape: Shape,
+        parameters: Mapping[str, Number],
+        constant: Mapping[str, Number],
+    ) -> None:
         self.b, self.shape = b, shape
         linear, states = shape.model.linear(parameters), shape.model.states
-        constant, driven, x = dict(shape.constant), shape.driven, len(states)
+        driven, x = shape.driven, len(states)
         self.rows: list[dict[int, Number]] = [{} for _ in states]
         self.base: list[Number] = [self._number(0.0) for _ in states]
         for (row, column), value in linear.A.items():
@@ -221,7 +200,7 @@ class Rates:
             i = states.index(row)
             if name in driven:
                 self.rows[i][x + 1 + driven.index(name)] = self._number(value)
-            if constant.get(name, 0.0) != 0.0:
+            if name in constant:
                 self.base[i] = self.base[i] + value * constant[name]
 
     def _number(self, value: Number) -> Number:

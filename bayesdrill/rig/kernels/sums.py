@@ -26,9 +26,10 @@ Values = list[ir.Value]
 @dataclass(frozen=True, slots=True)
 class Tally:
     """Squares.  `weights`: how many walkers have for each channel.  Registers carried from sample to
-    sample begin as `start`, one vector each.
+    sample begin as `start`, one vector each.  `name`: of the function that adds them up.
     """
 
+    name: str = "misfit"
     start: tuple[float, ...] = (0.0,)
     weights: int = 0
 
@@ -56,6 +57,7 @@ class Tally:
 class _Neighbours(Tally):
     """Squares; products of neighbours, as they are seen one after the other; the last, and the first."""
 
+    name: str = "neighbours"
     start: tuple[float, ...] = (0.0, 0.0, 0.0, math.nan)
 
     def added(
@@ -88,6 +90,7 @@ class _Logs(Tally):
     the power of two that it is times.  So no logarithm is taken but that of the whole.
     """
 
+    name: str = "logs"
     start: tuple[float, ...] = (0.0, 1.0, 0.0)
     weights: int = 1
 
@@ -153,6 +156,7 @@ class _Intervals(Tally):
     logs of what they are over.  Weights: one over the sd, half a width over it, at least 0.2.
     """
 
+    name: str = "intervals"
     start: tuple[float, ...] = (0.0, 1.0, 0.0, 0.0)
     weights: int = 2
 
@@ -206,4 +210,4 @@ SQUARES = Tally()
 NEIGHBOURS = _Neighbours()
 LOGS = _Logs()
 INTERVALS = _Intervals()
-TALLIES = {"misfit": SQUARES, "neighbours": NEIGHBOURS, "logs": LOGS, "intervals": INTERVALS}
+TALLIES = {tally.name: tally for tally in (SQUARES, NEIGHBOURS, LOGS, INTERVALS)}

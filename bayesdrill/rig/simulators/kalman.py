@@ -16,16 +16,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayesdrill.record.experiment import Experiment
-from bayesdrill.rig.kernels.compiling import HARDER, Kernel, Layout, compile_kernel
+from bayesdrill.rig.kernels.compiling import HARDER, Kernel, compile_kernel
 from bayesdrill.rig.kernels.kalman_filter import BLOCKS, kept, write_filter
-from bayesdrill.rig.kernels.kalman_update import Noisy
+from bayesdrill.rig.kernels.kalman_update import StateSpace
 from bayesdrill.rig.kernels.lanes import LANES
+from bayesdrill.rig.kernels.layout import Layout, weight_kinds
 from bayesdrill.rig.kernels.steady_state_kalman import AT_ONCE, write_steady_state
 from bayesdrill.rig.kernels.steady_state_kalman import BLOCKS as STEADY_BLOCKS
 from bayesdrill.rig.models.latent_torque import MissingTorque, Pushed, pushed
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.simulators.contract import in_groups
-from bayesdrill.rig.simulators.exact import layout
+from bayesdrill.rig.simulators.exact import constant_block, layout
 
 Array = NDArray[np.float64]
 
@@ -87,9 +88,13 @@ class Filtered:
         return pushed(self.model, self.torque, weights)
 
     @cached_property
-    def noisy(self) -> Noisy:
-        made = self.pushed
-        return Noisy(made, tuple(made.shown(c.weights) for c in self.experiment.channels))
+    def noisy(self) -> StateSpace:
+        return StateSpace(self.pushed, weight_kinds(self._weights))
+
+    @cached_property
+    def _weights(self) -> Array:
+        """Of channels, `(K, n)`."""
+        return np.array([self.pushed.shown(c.weights) for c in self.experiment.channels])
 
     @cached_property
     def steps(self) -> Steps:
@@ -107,6 +112,7 @@ class Filtered:
             "node": self.steps.node,
             "same": same,
             "spans": self.steps.spans,
+            "weights": self._weights,
         }
 
     def log_density(self, parameters: Array, sigmas: Array, record: tuple[int, int]) -> Array:
@@ -117,7 +123,8 @@ class Filtered:
         told = in_groups(parameters, sigmas**2)
         out = np.empty((2 * k + 1, len(told) * LANES))
         (y, u), (_, shown) = record, self._shown
-        places = {"told": told.ctypes.data, "y": y, "u": u, "shown": shown, "out": out.ctypes.data}
+        places = {"told": told.ctypes.data, "constants": self._constants[1], "y": y, "u": u}
+        places |= {"shown": shown, "out": out.ctypes.data}
         blocks = [places[name] for name in STEADY_BLOCKS]
         self._steadily["steadily"](len(told), t_count, *blocks)
         logs = np.log(out[k:])
@@ -136,9 +143,15 @@ class Filtered:
 
     @cached_property
     def _layout(self) -> Layout:
-        found, start = layout(self.pushed, self.experiment), self.experiment.start
-        channels = self.noisy.channels
-        return dataclasses.replace(found, x0=self.pushed.begun(start), channels=channels)
+        found = layout(self.pushed, self.experiment)
+        return dataclasses.replace(found, channels=self.noisy.channels)
+
+    @cached_property
+    def _constants(self) -> tuple[Array, int]:
+        """What the kernel is told of the experiment, and its address."""
+        start = self.pushed.begun(self.experiment.start)
+        made = constant_block(self.experiment, start, self._weights)
+        return made, made.ctypes.data
 
     def whiten(self, parameters: Array, sigmas: Array, left: Array) -> tuple[Array, Array]:
         """Independent standard normal numbers `(W, T, K)`, NaN where nothing was seen, and the variances
