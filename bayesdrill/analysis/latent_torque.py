@@ -135,7 +135,7 @@ def _of(
     made = found.filtered.pushed
     sizes = found.sizes(draws)[:, :1]
     place = made.states.index(TORQUE)
-    by_torque = smooth @ np.array(found.filtered.noisy.channels).T
+    by_torque = smooth @ found.filtered.weights.T
     return Shaking(
         label=one.label,
         at=made.torque.at,

@@ -169,14 +169,14 @@ class ShakenObservation(Observation):
     def followed(self, full: Array, theta: Array) -> Array:
         signals = self.signals(full)
         states = self.smooth(self.experiment.y - signals, theta)
-        return signals + np.asarray(states @ np.array(self.filtered.noisy.channels).T)
+        return signals + np.asarray(states @ self.filtered.weights.T)
 
     def known(self, samples: Array, theta: Array, rng: np.random.Generator) -> tuple[Array, Array]:
         own = self._own(theta)
         with np.errstate(all="ignore"):
             fresh, shown = self.filtered.draw(self._of_process(own), self._scales(own), rng)
         drawn = fresh + self.smooth(samples - shown, theta)
-        return drawn, np.asarray(drawn @ np.array(self.filtered.noisy.channels).T)
+        return drawn, np.asarray(drawn @ self.filtered.weights.T)
 
     def again(self, signals: Array, theta: Array, rng: np.random.Generator) -> Array:
         moved = self.known(self.experiment.y - signals, theta, rng)[1]

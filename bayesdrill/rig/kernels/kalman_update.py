@@ -1,14 +1,18 @@
-"""Predict and update of a Kalman filter: what white noise does to the states in a step, and what a
-sample says of them.
+"""The steps of a Kalman filter: the transition with its process noise, update and prediction.
+
+Over a step h, the state-space model x' = F x + g w with white noise w of intensity q has
 
     Phi = exp(F h)      Q = q int exp(F s) g g' exp(F s)' ds  from 0 to h
 
-Over a step that is halved until a Taylor series is short; there Q is a Gauss-Legendre sum of
-squares.  Then Phi -> Phi Phi and Q -> Q + Phi Q Phi', as often as it was halved.
+(Van Loan 1978).  h is halved until a Taylor series is short; there Q is a Gauss-Legendre sum of squares.
+Then Phi -> Phi Phi and Q -> Q + Phi Q Phi', as often as it was halved.
 
-A state, and a covariance of what is not known of it: what a sample teaches, and a step takes away.
+Channels of a sample are taken one after the other, so that only numbers are divided by (Anderson and
+Moore 1979, section 6.4): with the innovation e = y - c x, its variance S = c P c' + R and the gain
+k = P c' / S,
 
-Channels are taken one after the other, so that only numbers are divided by.
+    update       x <- x + k e       P <- P - k c P
+    prediction   x <- Phi x         P <- Phi P Phi' + Q
 """
 
 from __future__ import annotations
@@ -104,26 +108,27 @@ class StateSpace:
         return weights_of(b, weights, self.channels, k)
 
 
-def emit_transition(module: ir.Module, noisy: StateSpace, *, slopes: bool) -> ir.Function:
-    """`spread(parameters (P,), span, phi (n, n), q (n, n))`, of numbers, with slopes or without.
+def emit_transition(module: ir.Module, system: StateSpace, *, slopes: bool) -> ir.Function:
+    """`transition(parameters (P,), span, phi (n, n), q (n, n))`: Phi, and Q of the process noise, of
+    numbers with slopes or without.
 
     `span`: one vector, a length of time of each lane.
     """
-    n = noisy.n
+    n = system.n
     multiply = emit_product(module, (n, n, n), slopes=slopes)
     turned = emit_even(module, n, adds=True, slopes=slopes)
-    made = function(module, "spread_d" if slopes else "spread", 0, [VECTORS] * 4)
+    made = function(module, "transition_d" if slopes else "transition", 0, [VECTORS] * 4)
     parameters, span, phi, q = made.args
     b = ir.IRBuilder(made.append_basic_block())
     memory = Memory(b, slopes)
-    named = dict(zip(noisy.model.parameters, memory.row(parameters, noisy.p), strict=True))
-    entries = _entries(noisy, named)
+    named = dict(zip(system.model.parameters, memory.row(parameters, system.p), strict=True))
+    entries = _entries(system, named)
     halvings = _halvings(b, entries, n, load(b, span, 0))
     exponent = b.shl(b.sub(whole_numbers(1023), splat_whole(b, halvings)), whole_numbers(52))
     short = Lane(b, b.fmul(load(b, span, 0), b.bitcast(exponent, VEC)))
     timed = {place: entry * short for place, entry in entries.items()}
     _emit_series(memory, timed, n, phi)
-    driven = noisy.model.torque.driven(named[TIME]) * short
+    driven = system.model.torque.driven(named[TIME]) * short
     _emit_squares(memory, timed, n, q, driven)
     spare, other = memory.room(n * n), memory.room(n * n)
     twice = Loop(b, halvings, [], "twice")
@@ -136,9 +141,9 @@ def emit_transition(module: ir.Module, noisy: StateSpace, *, slopes: bool) -> ir
     return made
 
 
-def _entries(noisy: StateSpace, named: dict[str, Number]) -> dict[tuple[int, int], Number]:
-    states = noisy.model.states
-    linear = noisy.model.linear(named)
+def _entries(system: StateSpace, named: dict[str, Number]) -> dict[tuple[int, int], Number]:
+    states = system.model.states
+    linear = system.model.linear(named)
     return {(states.index(r), states.index(c)): value for (r, c), value in linear.A.items()}
 
 
@@ -202,7 +207,7 @@ def _over(b: ir.IRBuilder, index: ir.Value) -> Lane:
 def _emit_squares(
     memory: Memory, timed: dict[tuple[int, int], Number], n: int, q: ir.Value, driven: Number
 ) -> None:
-    """`driven` times the integral over 0 to 1."""
+    """The integral over 0 to 1, times the intensity `driven`."""
     b = memory.b
     terms = memory.room((DEGREE + 1) * n)
     for i in range(n):
@@ -245,7 +250,7 @@ def gain_width(n: int) -> int:
 
 def update_covariance(
     memory: Memory,
-    noisy: StateSpace,
+    system: StateSpace,
     k: int,
     p: ir.Value,
     variances: ir.Value,
@@ -253,8 +258,8 @@ def update_covariance(
     weights: ir.Value,
     is_seen: Number = 1.0,
 ) -> None:
-    """Of channel k into `gains (K, gain_width)`; the covariance p (n, n) loses what it teaches."""
-    n, own = noisy.n, noisy.weights(memory.b, weights, k)
+    """Write the gain of channel k into `gains (K, gain_width)`, and update the covariance p (n, n)."""
+    n, own = system.n, system.weights(memory.b, weights, k)
     c = list(own.values())
     shown = [dot(c, [memory.get(p, i * n + j) for j in own]) for i in range(n)]
     variance = dot(c, [shown[j] for j in own], memory.get(variances, k))
@@ -272,24 +277,24 @@ def update_covariance(
 
 def update_state(
     memory: Memory,
-    noisy: StateSpace,
+    system: StateSpace,
     k: int,
     state: Sequence[Number],
     y: Number,
     gains: ir.Value,
     weights: ir.Value,
 ) -> tuple[Number, list[Number]]:
-    """What channel k shows that the state does not, and the state that knows of it."""
-    n = noisy.n
-    rest = y
-    for i, weight in noisy.weights(memory.b, weights, k).items():
-        rest = fused(-weight, state[i], rest)
+    """Return the innovation of channel k, and the updated state."""
+    n = system.n
+    innovation = y
+    for i, weight in system.weights(memory.b, weights, k).items():
+        innovation = fused(-weight, state[i], innovation)
     gain = [memory.get(gains, k * gain_width(n) + i) for i in range(n)]
-    return rest, [fused(one, rest, x) for one, x in zip(gain, state, strict=True)]
+    return innovation, [fused(one, innovation, x) for one, x in zip(gain, state, strict=True)]
 
 
 def predict_covariance(memory: Memory, n: int, p: ir.Value, phi: ir.Value, q: ir.Value) -> None:
-    """p = phi p phi' + q, where that is written."""
+    """p = phi p phi' + q, in place."""
     b = memory.b
     half = emit_product(b.module, (n, n, n), slopes=memory.slopes)
     whole = emit_even(b.module, n, adds=True, slopes=memory.slopes)

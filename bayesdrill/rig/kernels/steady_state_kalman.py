@@ -1,21 +1,20 @@
-"""The likelihood by a Kalman filter of one settled gain: the Riccati equation by doubling, and an
+"""The likelihood by a Kalman filter of one steady-state gain: the Riccati equation by doubling, and an
 exact start.
 
-The covariance P that a step leaves as it is: after 2^j steps it is H, with a transition B and what they
-teach, G (the information of their samples on the state before them).
-Two such stretches make one of twice the length:
+2^j steps have the covariance H that they leave of a known state, a transition B, and the information G
+of their samples on the state before them.  Two such stretches make one of twice the length (Anderson
+1978):
 
     B <- B E        E = (1 + H G)^-1 B
     G <- G + B' G E
     H <- H + B (1 + H G)^-1 H B'
 
-and one that goes before what a record ends in teaches, with that, G + B' G' (1 + H G')^-1 B: the
-record is put together of stretches as its length is written in twos.
+until H is the steady-state covariance P.  One that goes before a stretch of information G' has, with
+it, G + B' G' (1 + H G')^-1 B: the record is put together of stretches as its length is written in twos.
 
-The likelihood of a record that a missing torque has shaken: one gain throughout, an exact start.
-
-Channel after channel of a sample, r = y - c x, x <- x + k r; then x <- Phi x + g + G u: that of the
-response, and residuals.
+With the gain of P the filter is the recurrence of the response, channel after channel of a sample
+e = y - c x, x <- x + k e, then x <- Phi x + g + G u.  That the start has another covariance than P is
+made good at the end, from the information of all samples on it, see `emit_start`.
 """
 
 from __future__ import annotations
@@ -68,12 +67,12 @@ SETTLED = 1e-14  # of the variance of a sample: what one more doubling may add t
 ROUNDING = (
     1e-15  # of a sum; after a stretch that adds no more to it, one as long as both tells nothing
 )
-MATRICES = ("p", "phi", "q", "g", "a")  # (n, n) of `Settled`
+MATRICES = ("p", "phi", "q", "g", "a")  # (n, n) of `SteadyState`
 
 
 @dataclass(frozen=True, slots=True)
-class Settled:
-    """Where `settle` leaves what it finds, places of vectors in one block."""
+class SteadyState:
+    """Where `riccati` leaves what it finds, places of vectors in one block."""
 
     n: int
     k: int
@@ -96,28 +95,28 @@ class Settled:
         return MATRICES.index(name) * self.n**2
 
 
-def emit_settle(module: ir.Module, noisy: StateSpace) -> ir.Function:
-    """`settle(samples, block, variances, weights, first)`: of Phi and Q in the `block`, all the rest of
+def emit_riccati(module: ir.Module, system: StateSpace) -> ir.Function:
+    """`riccati(samples, block, variances, weights, first)`: of Phi and Q in the `block`, all the rest of
     it; G is that of all samples; `first (1,)` gets how many of them tell anything of the start.
     """
     double, gain, before = (
-        _emit_double(module, noisy),
-        _emit_gain(module, noisy),
-        _emit_before(module, noisy.n),
+        _emit_doubling(module, system),
+        _emit_gain(module, system),
+        _emit_prepend(module, system.n),
     )
-    made = function(module, "settle", 1, [VECTORS, VECTORS, NUMBERS, I64.as_pointer()])
+    made = function(module, "riccati", 1, [VECTORS, VECTORS, NUMBERS, I64.as_pointer()])
     samples, block, variances, weights, first = made.args
     b = ir.IRBuilder(made.append_basic_block())
-    n = noisy.n
-    places, memory = Settled(n, noisy.k), Memory(b, False)
+    n = system.n
+    places, memory = SteadyState(n, system.k), Memory(b, False)
     phi, q, p, g = (memory.at(block, places.of(name)) for name in ("phi", "q", "p", "g"))
-    one, other, taught = (memory.room(n * n) for _ in range(3))
-    grown, grows = memory.room(noisy.k), b.alloca(ir.IntType(1), I64(1))
-    for k in range(noisy.k):
+    one, other, information = (memory.room(n * n) for _ in range(3))
+    grown, grows = memory.room(system.k), b.alloca(ir.IntType(1), I64(1))
+    for k in range(system.k):
         memory.put(math.inf, grown, k)
     emit_copy(b, phi, one, n * n)
     emit_copy(b, q, p, n * n)
-    _emit_sample(memory, noisy, variances, weights, taught)
+    _emit_sample(memory, system, variances, weights, information)
     memory.clear(g, n * n)
     b.store(samples, first)
     entry = b.block
@@ -128,8 +127,8 @@ def emit_settle(module: ir.Module, noisy: StateSpace) -> ir.Function:
     for node, value in ((count, I64(0)), (transition, one), (spare, other)):
         node.add_incoming(value, entry)
     with b.if_then(b.trunc(b.lshr(samples, count), ir.IntType(1))):
-        b.call(before, [transition, taught, p, g])
-    arguments = [transition, spare, taught, p, variances, weights, grown, grows]
+        b.call(before, [transition, information, p, g])
+    arguments = [transition, spare, information, p, variances, weights, grown, grows]
     moves = b.call(double, arguments)
     following = b.add(count, I64(1))
     length = b.shl(I64(1), following)
@@ -145,45 +144,51 @@ def emit_settle(module: ir.Module, noisy: StateSpace) -> ir.Function:
     b.cbranch(more, body, after)
     b.position_at_end(after)
     with b.if_then(b.icmp_signed("<", b.load(first), samples)):
-        emit_copy(b, taught, g, n * n)
+        emit_copy(b, information, g, n * n)
     b.call(gain, [block, variances, weights])
     b.ret_void()
     return made
 
 
 def _emit_sample(
-    memory: Memory, noisy: StateSpace, variances: ir.Value, weights: ir.Value, taught: ir.Value
+    memory: Memory,
+    system: StateSpace,
+    variances: ir.Value,
+    weights: ir.Value,
+    information: ir.Value,
 ) -> None:
-    """What one sample teaches."""
-    b, n = memory.b, noisy.n
-    memory.clear(taught, n * n)
-    for k in range(noisy.k):
+    """The information of one sample on its state."""
+    b, n = memory.b, system.n
+    memory.clear(information, n * n)
+    for k in range(system.k):
         over = Lane(b, b.fdiv(vector(1.0), load(b, variances, k)))
-        own = noisy.weights(b, weights, k)
+        own = system.weights(b, weights, k)
         for i, weight in own.items():
             for j, other in own.items():
                 place = i * n + j
-                memory.put(memory.get(taught, place) + over * (weight * other), taught, place)
+                memory.put(
+                    memory.get(information, place) + over * (weight * other), information, place
+                )
 
 
-def _emit_double(module: ir.Module, noisy: StateSpace) -> ir.Function:
-    """`double(B, its next, G, H, variances, weights, grown (K,), grows)`: whether one more would change
+def _emit_doubling(module: ir.Module, system: StateSpace) -> ir.Function:
+    """`doubling(B, its next, G, H, variances, weights, grown (K,), grows)`: whether one more changes
     anything in any lane; `grows (1,)`: whether G still does.
     """
-    n = noisy.n
+    n = system.n
     plain, solved = emit_product(module, (n, n, n)), emit_solved(module, n, n)
     across = emit_even(module, n)
     along = emit_even(module, n, left=True, adds=True)
     flag = ir.IntType(1)
     kinds = [*[VECTORS] * 5, NUMBERS, VECTORS, flag.as_pointer()]
-    made = ir.Function(module, ir.FunctionType(flag, kinds), "double")
+    made = ir.Function(module, ir.FunctionType(flag, kinds), "doubling")
     for argument in made.args:
         argument.add_attribute("noalias")
-    transition, following, taught, p, variances, weights, grown, grows = made.args
+    transition, following, information, p, variances, weights, grown, grows = made.args
     b = ir.IRBuilder(made.append_basic_block())
     m = Memory(b, False)
     lu, x, e, more = (m.room(n * n) for _ in range(4))
-    b.call(plain, [x, p, taught])
+    b.call(plain, [x, p, information])
     _add_one(m, n, x)
     b.call(emit_decomposed(module, n), [lu, x, m.room(1)])
     b.call(solved, [x, lu, p])
@@ -191,11 +196,11 @@ def _emit_double(module: ir.Module, noisy: StateSpace) -> ir.Function:
     b.call(across, [more, e, transition])
     b.call(solved, [e, lu, transition])
     b.call(plain, [following, transition, e])
-    b.call(plain, [x, taught, e])
-    before = [m.get(taught, i * n + i) for i in range(n)]
-    b.call(along, [taught, transition, x])
-    b.store(_differs(m, n, before, taught), grows)
-    b.ret(_grow(m, noisy, p, more, variances, weights, grown))
+    b.call(plain, [x, information, e])
+    before = [m.get(information, i * n + i) for i in range(n)]
+    b.call(along, [information, transition, x])
+    b.store(_differs(m, n, before, information), grows)
+    b.ret(_grow(m, system, p, more, variances, weights, grown))
     return made
 
 
@@ -213,12 +218,12 @@ def _differs(m: Memory, n: int, before: list[Number], now: ir.Value) -> ir.Value
     return anywhere(m.b, grown)
 
 
-def _emit_before(module: ir.Module, n: int) -> ir.Function:
-    """`before(B, G, H, end)`: the stretch goes before what the `end (n, n)` of a record teaches."""
+def _emit_prepend(module: ir.Module, n: int) -> ir.Function:
+    """`prepend(B, G, H, end)`: the stretch goes before what has the information `end (n, n)`."""
     plain, solved = emit_product(module, (n, n, n)), emit_solved(module, n, n)
     along = emit_even(module, n, left=True, adds=True)
-    made = function(module, "before", 0, [VECTORS] * 4)
-    transition, taught, p, end = made.args
+    made = function(module, "prepend", 0, [VECTORS] * 4)
+    transition, information, p, end = made.args
     b = ir.IRBuilder(made.append_basic_block())
     m = Memory(b, False)
     lu, x, e = (m.room(n * n) for _ in range(3))
@@ -227,7 +232,7 @@ def _emit_before(module: ir.Module, n: int) -> ir.Function:
     b.call(emit_decomposed(module, n), [lu, x, m.room(1)])
     b.call(solved, [e, lu, transition])
     b.call(plain, [x, end, e])
-    emit_copy(b, taught, end, n * n)
+    emit_copy(b, information, end, n * n)
     b.call(along, [end, transition, x])
     b.ret_void()
     return made
@@ -235,7 +240,7 @@ def _emit_before(module: ir.Module, n: int) -> ir.Function:
 
 def _grow(
     m: Memory,
-    noisy: StateSpace,
+    system: StateSpace,
     p: ir.Value,
     more: ir.Value,
     variances: ir.Value,
@@ -245,11 +250,11 @@ def _grow(
     """`more` comes to p; whether a channel would see the next: that is less by at least as much as this
     one is than the one before, `grown (K,)`.
     """
-    b, n = m.b, noisy.n
+    b, n = m.b, system.n
     moves = ir.Constant(ir.VectorType(ir.IntType(1), LANES), [0] * LANES)
-    for k in range(noisy.k):
+    for k in range(system.k):
         change, variance = Lane(b, vector(0.0)), Lane(b, load(b, variances, k))
-        own = noisy.weights(b, weights, k)
+        own = system.weights(b, weights, k)
         for i, weight in own.items():
             for j, other in own.items():
                 both = weight * other
@@ -263,10 +268,10 @@ def _grow(
     return anywhere(b, moves)
 
 
-def _emit_gain(module: ir.Module, noisy: StateSpace) -> ir.Function:
+def _emit_gain(module: ir.Module, system: StateSpace) -> ir.Function:
     """`gain(block, variances, weights)`: gains, pulls, and A."""
-    n = noisy.n
-    places = Settled(n, noisy.k)
+    n = system.n
+    places = SteadyState(n, system.k)
     onward = emit_product(module, (n, n, n))
     made = function(module, "gain", 0, [VECTORS, VECTORS, NUMBERS])
     block, variances, weights = made.args
@@ -278,10 +283,10 @@ def _emit_gain(module: ir.Module, noisy: StateSpace) -> ir.Function:
     emit_copy(b, m.at(block, places.of("p")), left, n * n)
     m.clear(passed, n * n)
     _add_one(m, n, passed)
-    for k in range(noisy.k):
-        update_covariance(m, noisy, k, left, variances, gains, weights)
-        own = list(noisy.weights(b, weights, k).values())
-        rows = [m.row(m.at(passed, i * n), n) for i in noisy.seen(k)]
+    for k in range(system.k):
+        update_covariance(m, system, k, left, variances, gains, weights)
+        own = list(system.weights(b, weights, k).values())
+        rows = [m.row(m.at(passed, i * n), n) for i in system.seen(k)]
         shows = [dot(own, [row[j] for row in rows]) for j in range(n)]
         root = inverse_deviation(m, n, k, gains)
         for i, one in enumerate(shows):
@@ -294,8 +299,8 @@ def _emit_gain(module: ir.Module, noisy: StateSpace) -> ir.Function:
     return made
 
 
-def emit_begun(module: ir.Module, n: int) -> ir.Function:
-    """`begun(p, g, p0, b, gained, determinant)`: what the start adds to the sum of squares, and the
+def emit_start(module: ir.Module, n: int) -> ir.Function:
+    """`start(p, g, p0, b, gained, determinant)`: what the start adds to the sum of squares, and the
     determinant of the covariance of whitened residuals:
 
         b' (1 + P G) (1 + P0 G)^-1 (P - P0) b        det(1 + P0 G) / det(1 + P G)
@@ -304,7 +309,7 @@ def emit_begun(module: ir.Module, n: int) -> ir.Function:
     of it.
     """
     plain, decomposed = emit_product(module, (n, n, n)), emit_decomposed(module, n)
-    made = function(module, "begun", 0, [VECTORS] * 6)
+    made = function(module, "start", 0, [VECTORS] * 6)
     p, g, start, shown, gained, determinant = made.args
     b = ir.IRBuilder(made.append_basic_block())
     m = Memory(b, False)
@@ -339,21 +344,21 @@ BLOCKS = {
 AT_ONCE = 8  # samples
 
 
-def write_steady_state(module: ir.Module, noisy: StateSpace, layout: Layout) -> None:
+def write_steady_state(module: ir.Module, system: StateSpace, layout: Layout) -> None:
     """`steadily`, of COUNTS and addresses of BLOCKS: minus half the sums of squares of the whitened
     residuals `(K,)`, the start's part with them, their standard deviations `(K,)`, and the determinant
     that the start takes.  `layout`: of the rig with its torque.
     """
     exponential = emit_exponential(module, layout, increments=True)
-    spread = emit_transition(module, noisy, slopes=False)
-    settle, begun = emit_settle(module, noisy), emit_begun(module, noisy.n)
+    spread = emit_transition(module, system, slopes=False)
+    riccati, start_of = emit_riccati(module, system), emit_start(module, system.n)
     made = function(module, "steadily", len(COUNTS), list(BLOCKS.values()))
     a = dict(zip((*COUNTS, *BLOCKS), made.args, strict=True))
     b = ir.IRBuilder(made.append_basic_block())
-    n, k_count, size = noisy.n, noisy.k, layout.size
+    n, k_count, size = system.n, system.k, layout.size
     m, places, constants = (
         Memory(b, False),
-        Settled(n, k_count),
+        SteadyState(n, k_count),
         Constants(b, layout, a["constants"]),
     )
     weights = constants.all_weights
@@ -361,15 +366,15 @@ def write_steady_state(module: ir.Module, noisy: StateSpace, layout: Layout) -> 
     shown, span, gained = m.room(n), m.room(1), m.room(1)
     first = b.alloca(I64, I64(1))
     groups = Loop(b, a["groups"], [], "groups")
-    own = b.gep(a["told"], [b.mul(groups.index, I64(noisy.p + k_count))])
-    variances = m.at(own, noisy.p)
+    own = b.gep(a["told"], [b.mul(groups.index, I64(system.p + k_count))])
+    variances = m.at(own, system.p)
     out = [
         b.gep(a["out"], [b.add(b.mul(a["groups"], I64(k)), groups.index)])
         for k in range(2 * k_count + 1)
     ]
     state = constants.start(n)
     m.clear(start, n * n)
-    for i in range(n - noisy.own, n):
+    for i in range(n - system.own, n):
         m.put(1.0, start, i * n + i)
     phi_at, q_at, p_at, g_at = (m.at(block, places.of(name)) for name in ("phi", "q", "p", "g"))
     if layout.lead:
@@ -380,13 +385,13 @@ def write_steady_state(module: ir.Module, noisy: StateSpace, layout: Layout) -> 
         state = next_state(b, n, entries(b, layout, e), state, [])
     store(b, constants.span(lead=False).value, span, 0)
     b.call(spread, [own, span, phi_at, q_at])
-    b.call(settle, [a["samples"], block, variances, weights, first])
+    b.call(riccati, [a["samples"], block, variances, weights, first])
     constants.exponential(exponential, own, e, lead=False)
-    writer = _Samples(m, noisy, layout, a, entries(b, layout, e), block, weights)
+    writer = _Samples(m, system, layout, a, entries(b, layout, e), block, weights)
     blocks = b.sdiv(b.add(b.load(first), I64(AT_ONCE - 1)), I64(AT_ONCE))
     squares = _emit_samples(writer, blocks, state)
     _emit_back(writer, blocks, shown)
-    b.call(begun, [p_at, g_at, start, shown, gained, out[2 * k_count]])
+    b.call(start_of, [p_at, g_at, start, shown, gained, out[2 * k_count]])
     for k, (total, root) in enumerate(zip(squares, writer.roots, strict=True)):
         m.put(-0.5 * (total * root * root + m.get(gained, 0) * (1.0 / k_count)), out[k], 0)
         m.put(1.0 / root, out[k_count + k], 0)
@@ -399,7 +404,7 @@ class _Samples:
     """What all samples of a group of walkers have in common."""
 
     m: Memory
-    noisy: StateSpace
+    system: StateSpace
     layout: Layout
     a: dict[str, ir.Value]
     phi: dict[tuple[int, int], ir.Value]
@@ -410,20 +415,20 @@ class _Samples:
         return self.m.at(self.block, place)
 
     @property
-    def places(self) -> Settled:
-        return Settled(self.noisy.n, self.noisy.k)
+    def places(self) -> SteadyState:
+        return SteadyState(self.system.n, self.system.k)
 
     @property
     def roots(self) -> list[Number]:
         """Of one over the variances of what channels show."""
-        n, gains = self.noisy.n, self.at(self.places.gains)
-        return [inverse_deviation(self.m, n, k, gains) for k in range(self.noisy.k)]
+        n, gains = self.system.n, self.at(self.places.gains)
+        return [inverse_deviation(self.m, n, k, gains) for k in range(self.system.k)]
 
     def passed(
         self, index: ir.Value, carried: list[ir.Value], pulls: ir.Value | None
     ) -> list[ir.Value]:
         """A sample: state (n), sums of squares (K) and, with `pulls (K, n)`, what it shows (n)."""
-        b, n, k_count = self.m.b, self.noisy.n, self.noisy.k
+        b, n, k_count = self.m.b, self.system.n, self.system.k
         lanes = [Lane(b, one) for one in carried]
         state, sums, shown = lanes[:n], lanes[n : n + k_count], lanes[n + k_count :]
         drive = emit_drive(b, self.layout, self.a["u"], index)
@@ -431,17 +436,21 @@ class _Samples:
         gains = self.at(self.places.gains)
         for k in range(k_count):
             value = Lane(b, splat(b, b.load(b.gep(y, [I64(k)]))))
-            rest, state = update_state(self.m, self.noisy, k, state, value, gains, self.weights)
-            sums[k] = fused(rest, rest, sums[k])
+            innovation, state = update_state(
+                self.m, self.system, k, state, value, gains, self.weights
+            )
+            sums[k] = fused(innovation, innovation, sums[k])
             if pulls is not None:
-                shown = [fused(self.m.get(pulls, k * n + i), rest, x) for i, x in enumerate(shown)]
+                shown = [
+                    fused(self.m.get(pulls, k * n + i), innovation, x) for i, x in enumerate(shown)
+                ]
         following = next_state(b, n, self.phi, [x.value for x in state], drive, halves=False)
         return [*following, *(one.value for one in (*sums, *shown))]
 
 
 def _emit_samples(w: _Samples, blocks: ir.Value, state: list[ir.Value]) -> list[Number]:
     """Sums of squares of all samples, forwards; the first `blocks` say what they show of their start."""
-    m, b, n, k_count = w.m, w.m.b, w.noisy.n, w.noisy.k
+    m, b, n, k_count = w.m, w.m.b, w.system.n, w.system.k
     pulls = _emit_pulls(w)
     each = Loop(b, blocks, [*state, *[vector(0.0)] * k_count], "blocks")
     begins = b.mul(each.index, I64(AT_ONCE))
@@ -471,7 +480,7 @@ def _emit_samples(w: _Samples, blocks: ir.Value, state: list[ir.Value]) -> list[
 
 def _emit_pulls(w: _Samples) -> ir.Value:
     """`(AT_ONCE, K, n)`: what the samples of a block show of its first state, A'^k of the first's."""
-    m, b, n, k_count = w.m, w.m.b, w.noisy.n, w.noisy.k
+    m, b, n, k_count = w.m, w.m.b, w.system.n, w.system.k
     each = n * k_count
     onward = emit_product(b.module, (k_count, n, n))
     pulls, a = m.room(AT_ONCE * each), w.at(w.places.of("a"))
@@ -483,7 +492,7 @@ def _emit_pulls(w: _Samples) -> ir.Value:
 
 def _emit_back(w: _Samples, blocks: ir.Value, shown: ir.Value) -> None:
     """What all blocks show of the first state: sum of A'^k of theirs, from the last to the first."""
-    m, b, n = w.m, w.m.b, w.noisy.n
+    m, b, n = w.m, w.m.b, w.system.n
     square = emit_product(b.module, (n, n, n))
     powers, power = m.room(2 * n * n), w.at(w.places.of("a"))
     for k in range(AT_ONCE.bit_length() - 1):
