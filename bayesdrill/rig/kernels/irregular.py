@@ -25,7 +25,6 @@ from bayesdrill.rig.kernels.knots import (
     Arguments,
     Machine,
     Nodes,
-    Own,
     Rest,
     Shape,
     apply,
@@ -37,6 +36,7 @@ from bayesdrill.rig.kernels.knots import (
     slots,
 )
 from bayesdrill.rig.kernels.lanes import I64, VEC, Loop, function, load, splat, store, vector
+from bayesdrill.rig.kernels.layout import addresses
 from bayesdrill.rig.kernels.recurrence import next_state
 
 
@@ -82,7 +82,7 @@ class _Writer:
 
     def group(self, group: ir.Value) -> None:
         b, a = self.b, self.a
-        own = Own(self.shape).of(b, a["own"], group)
+        own = addresses(b, a["own"], group, self.shape.own)
         m = self._machine(own)
         rest = self._tables(m)
         x0 = [load(b, own["x0"], i) for i in range(self.layout.n_states)]

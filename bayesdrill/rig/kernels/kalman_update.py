@@ -39,7 +39,6 @@ from bayesdrill.rig.kernels.lanes import (
     largest,
     load,
     splat,
-    splat_whole,
     store,
     vector,
     whole_numbers,
@@ -124,7 +123,7 @@ def emit_transition(module: ir.Module, system: StateSpace, *, slopes: bool) -> i
     named = dict(zip(system.model.parameters, memory.row(parameters, system.p), strict=True))
     entries = _entries(system, named)
     halvings = _halvings(b, entries, n, load(b, span, 0))
-    exponent = b.shl(b.sub(whole_numbers(1023), splat_whole(b, halvings)), whole_numbers(52))
+    exponent = b.shl(b.sub(whole_numbers(1023), splat(b, halvings)), whole_numbers(52))
     short = Lane(b, b.fmul(load(b, span, 0), b.bitcast(exponent, VEC)))
     timed = {place: entry * short for place, entry in entries.items()}
     _emit_series(memory, timed, n, phi)

@@ -5,7 +5,7 @@ code.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -56,7 +56,8 @@ def store(b: ir.IRBuilder, value: ir.Value, base: ir.Value, index: int) -> None:
 
 
 def splat(b: ir.IRBuilder, scalar: ir.Value) -> ir.Value:
-    undefined = ir.Constant(VEC, ir.Undefined)
+    """A number of either kind, in all lanes."""
+    undefined = ir.Constant(ir.VectorType(scalar.type, LANES), ir.Undefined)
     one = b.insert_element(undefined, scalar, I32(0))
     lanes = ir.Constant(ir.VectorType(I32, LANES), [0] * LANES)
     return b.shuffle_vector(one, undefined, lanes)
@@ -83,6 +84,13 @@ def floor(b: ir.IRBuilder, value: ir.Value) -> ir.Value:
 def fma(b: ir.IRBuilder, left: ir.Value, right: ir.Value, total: ir.Value) -> ir.Value:
     name = f"llvm.fmuladd.v{LANES}f64"
     return b.call(intrinsic(b.module, name, VEC, [VEC] * 3), [left, right, total])
+
+
+def emit_clear(b: ir.IRBuilder, base: ir.Value, count: ir.Value) -> None:
+    """Zeros into so many vectors."""
+    each = Loop(b, count, [], "clear")
+    b.store(vector(0.0), b.gep(base, [each.index]), align=8)
+    each.close([])
 
 
 class Loop:
@@ -245,13 +253,6 @@ def emit_exp(b: ir.IRBuilder, value: ir.Value) -> ir.Value:
     return b.bitcast(b.add(b.bitcast(total, INT_VEC), power), VEC)
 
 
-def splat_whole(b: ir.IRBuilder, scalar: ir.Value) -> ir.Value:
-    undefined = ir.Constant(INT_VEC, ir.Undefined)
-    one = b.insert_element(undefined, scalar, I32(0))
-    lanes = ir.Constant(ir.VectorType(I32, LANES), [0] * LANES)
-    return b.shuffle_vector(one, undefined, lanes)
-
-
 def largest(b: ir.IRBuilder, values: ir.Value) -> ir.Value:
     """Of whole numbers."""
     name = f"llvm.vector.reduce.smax.v{LANES}i64"
@@ -264,39 +265,40 @@ def anywhere(b: ir.IRBuilder, mask: ir.Value) -> ir.Value:
 
 def gather(b: ir.IRBuilder, numbers: ir.Value, places: ir.Value) -> ir.Value:
     """Of a block of single numbers, at the place of each lane; quick where lanes have one place."""
-    first = b.extract_element(places, I32(0))
-    other = b.icmp_signed("!=", places, splat_whole(b, first))
-    with b.if_else(anywhere(b, other)) as (then, otherwise):
-        with then:
-            apart: ir.Value = ir.Constant(VEC, ir.Undefined)
-            for lane in range(LANES):
-                number = b.load(b.gep(numbers, [b.extract_element(places, I32(lane))]))
-                apart = b.insert_element(apart, number, I32(lane))
-            block_apart = b.block
-        with otherwise:
-            alike = splat(b, b.load(b.gep(numbers, [first])))
-            block_alike = b.block
-    found = b.phi(VEC)
-    found.add_incoming(apart, block_apart)
-    found.add_incoming(alike, block_alike)
-    return found
+
+    def of_lane(place: ir.Value, _: int) -> ir.Value:
+        return b.load(b.gep(numbers, [place]))
+
+    return _gathered(b, places, of_lane, lambda place: splat(b, of_lane(place, 0)))
 
 
 def gather_own(b: ir.IRBuilder, vectors: ir.Value, places: ir.Value) -> ir.Value:
     """Of a block of vectors, each lane's number of the vector at its place."""
-    first = b.extract_element(places, I32(0))
-    other = b.icmp_signed("!=", places, splat_whole(b, first))
     numbers = b.bitcast(vectors, F64.as_pointer())
+
+    def of_lane(place: ir.Value, lane: int) -> ir.Value:
+        return b.load(b.gep(numbers, [b.add(b.mul(place, I64(LANES)), I64(lane))]))
+
+    return _gathered(b, places, of_lane, lambda place: b.load(b.gep(vectors, [place]), align=8))
+
+
+def _gathered(
+    b: ir.IRBuilder,
+    places: ir.Value,
+    of_lane: Callable[[ir.Value, int], ir.Value],
+    of_all: Callable[[ir.Value], ir.Value],
+) -> ir.Value:
+    first = b.extract_element(places, I32(0))
+    other = b.icmp_signed("!=", places, splat(b, first))
     with b.if_else(anywhere(b, other)) as (then, otherwise):
         with then:
             apart: ir.Value = ir.Constant(VEC, ir.Undefined)
             for lane in range(LANES):
-                vector_of = b.mul(b.extract_element(places, I32(lane)), I64(LANES))
-                number = b.load(b.gep(numbers, [b.add(vector_of, I64(lane))]))
+                number = of_lane(b.extract_element(places, I32(lane)), lane)
                 apart = b.insert_element(apart, number, I32(lane))
             block_apart = b.block
         with otherwise:
-            alike = b.load(b.gep(vectors, [first]), align=8)
+            alike = of_all(first)
             block_alike = b.block
     found = b.phi(VEC)
     found.add_incoming(apart, block_apart)

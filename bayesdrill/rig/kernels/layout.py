@@ -88,6 +88,16 @@ def number(b: ir.IRBuilder, base: ir.Value, index: int) -> Lane:
     return Lane(b, splat(b, b.load(b.gep(base, [I64(index)]))))
 
 
+def addresses(
+    b: ir.IRBuilder, block: ir.Value, group: ir.Value, sizes: Mapping[str, int]
+) -> dict[str, ir.Value]:
+    """Where the parts of a group begin, which stand one after the other and have so many vectors."""
+    found, place = {}, b.gep(block, [b.mul(group, I64(sum(sizes.values())))])
+    for name, size in sizes.items():
+        found[name], place = place, b.gep(place, [I64(size)])
+    return found
+
+
 def weight_kinds(weights: NDArray[np.float64]) -> Kinds:
     """0, 1 and -1 as they are, as most weights are: nothing is multiplied by them; `ANY` for others."""
     known = np.isin(weights, (-1.0, 0.0, 1.0))

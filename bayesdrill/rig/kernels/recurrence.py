@@ -23,6 +23,7 @@ from bayesdrill.rig.kernels.lanes import (
     VECTORS,
     Lane,
     Loop,
+    emit_clear,
     fma,
     function,
     load,
@@ -31,7 +32,7 @@ from bayesdrill.rig.kernels.lanes import (
     vector,
 )
 from bayesdrill.rig.kernels.layout import Layout, number, weights_of
-from bayesdrill.rig.kernels.sums import TALLIES, Tally
+from bayesdrill.rig.kernels.sums import TALLIES, Sample, Tally
 
 
 def write_response(module: ir.Module, layout: Layout, *names: str) -> None:
@@ -133,7 +134,8 @@ def emit_response(
             value = fma(b, weight if tally is None else b.fneg(weight), state[i], value)
         if tally is not None:
             kept = slice(k * tally.count, (k + 1) * tally.count)
-            totals[kept] = tally.added(b, totals[kept], value, None, own[k * each : (k + 1) * each])
+            sample = Sample(value, None, own[k * each : (k + 1) * each])
+            totals[kept] = tally.added(b, totals[kept], sample)
         else:
             row = b.add(b.mul(groups.index, b.mul(n_samples, I64(k_count))), flat)
             store(b, value, b.gep(out, [row]), 0)
@@ -265,15 +267,10 @@ class _Writer:
         self.own_scales = self.row(self.scales, group, self.k_count)
         self.slope_sums = b.gep(self.own_out, [I64(self.k_count)])
         self.product_sums = b.gep(self.slope_sums, [q])
-        self._clear(self.own_out, out_count)
+        emit_clear(b, self.own_out, out_count)
         own = self.row(self.parameters, group, self.p_count)
         for p in range(self.p_count):
             store(b, load(b, own, p), self.both, p)
-
-    def _clear(self, base: ir.Value, count: ir.Value) -> None:
-        clear = Loop(self.b, count, [], "clear")
-        self.b.store(vector(0.0), self.b.gep(base, [clear.index]), align=8)
-        clear.close([])
 
     def _weights(self, k: int) -> dict[int, ir.Value]:
         """Of channel k, by the rig's own states: those of the derivatives that it shows."""
@@ -292,7 +289,7 @@ class _Writer:
         b, layout, count = self.b, self.layout, self.x_count
         start = self.constants.start(count)
         if not layout.lead:
-            self._clear(self.slopes_x, b.mul(self.q, I64(count)))
+            emit_clear(b, self.slopes_x, b.mul(self.q, I64(count)))
             return start
         zero = [vector(0.0)] * count
         begun = Loop(b, self.q, [], "begun")

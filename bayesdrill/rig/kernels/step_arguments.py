@@ -22,7 +22,7 @@ WHOLE = I64.as_pointer()
 COUNTS = ("groups", "samples", "nodes")
 BLOCKS = {
     "numbers": NUMBERS,  # spans of a step, and of as many as are between usual samples; constant inputs
-    "own": VECTORS,  # (G, `Own.width`): what walkers have of their own
+    "own": VECTORS,  # (G, vectors of `Shape.own`): what walkers have of their own
     "u": NUMBERS,  # (N + 1 + 2 `pad`, columns of inputs)
     "pieces": WHOLE,  # (T,) steps to the next sample
     "usual": WHOLE,  # (T,) whether that is as many as usual
@@ -132,6 +132,25 @@ class Shape:
         return 2 if self.dual else 1
 
     @property
+    def own(self) -> dict[str, int]:
+        """Parts of the block `own`, and how many numbers each has; with slopes, each part twice."""
+        k, x, late = len(self.pattern), len(self.model.states), len(self.late)
+        parts = {"parameters": len(self.model.parameters), "x0": x, "rows": k * self.r_count}
+        if self.read:
+            parts |= {"before": x, "shift": k}
+        weights = k * self.tally.weights if self.tally is not None else 0
+        parts |= {"weight": weights} if weights else {}
+        return parts | ({"share": late, "behind": late} if late else {})
+
+    @property
+    def own_vectors(self) -> dict[str, int]:
+        return {name: self.numbers * count for name, count in self.own.items()}
+
+    @property
+    def r_count(self) -> int:
+        return len(self.model.states) + 1 + (len(self.frictions) if self.efforts else 0)
+
+    @property
     def layout(self) -> Layout:
         model = Tangent(self.model) if self.dual else self.model
         return Layout(
@@ -142,39 +161,6 @@ class Shape:
             first_order=False,
             entries=Augmented(model, self.driven, self.constant),
         )
-
-
-@dataclass(frozen=True, slots=True)
-class Own:
-    """Parts of the block `own`, and how many numbers each has; with slopes, each part twice."""
-
-    shape: Shape
-
-    @property
-    def parts(self) -> dict[str, int]:
-        shape = self.shape
-        k, x, late = len(shape.pattern), len(shape.model.states), len(shape.late)
-        parts = {"parameters": len(shape.model.parameters), "x0": x, "rows": k * self.r_count}
-        if shape.read:
-            parts |= {"before": x, "shift": k}
-        weights = k * shape.tally.weights if shape.tally is not None else 0
-        parts |= {"weight": weights} if weights else {}
-        return parts | ({"share": late, "behind": late} if late else {})
-
-    @property
-    def r_count(self) -> int:
-        shape = self.shape
-        return len(shape.model.states) + 1 + (len(shape.frictions) if shape.efforts else 0)
-
-    @property
-    def width(self) -> int:
-        return self.shape.numbers * sum(self.parts.values())
-
-    def of(self, b: ir.IRBuilder, block: ir.Value, group: ir.Value) -> dict[str, ir.Value]:
-        found, place = {}, b.gep(block, [b.mul(group, I64(self.width))])
-        for name, count in self.parts.items():
-            found[name], place = place, b.gep(place, [I64(self.shape.numbers * count)])
-        return found
 
 
 class Rates:

@@ -29,15 +29,15 @@ from bayesdrill.rig.kernels.lanes import (
     gather_own,
     load,
     splat,
-    splat_whole,
     store,
     vector,
     whole_numbers,
 )
-from bayesdrill.rig.kernels.layout import number
+from bayesdrill.rig.kernels.layout import addresses, number
 from bayesdrill.rig.kernels.numbers import Kind, Number, fused, total
 from bayesdrill.rig.kernels.reversals import Parts, Regimes, Stride, step_on
-from bayesdrill.rig.kernels.step_arguments import BLOCKS, COUNTS, Own, Rates, Shape
+from bayesdrill.rig.kernels.step_arguments import BLOCKS, COUNTS, Rates, Shape
+from bayesdrill.rig.kernels.sums import Sample
 
 
 class Writer:
@@ -69,12 +69,12 @@ class Writer:
         return Dual(value, Lane(self.b, load(self.b, base, apart + index)))
 
     def part(self, name: str) -> list[Number]:
-        count = Own(self.shape).parts[name]
+        count = self.shape.own[name]
         return [self.number(self.own[name], k, count) for k in range(count)]
 
     def begin(self, group: ir.Value, exponential: ir.Function) -> None:
         b, shape = self.b, self.shape
-        self.group, self.own = group, Own(shape).of(b, self.a["own"], group)
+        self.group, self.own = group, addresses(b, self.a["own"], group, shape.own_vectors)
         model = shape.model
         self.parameters = dict(zip(model.parameters, self.part("parameters"), strict=True))
         self.constant = {
@@ -110,7 +110,7 @@ class Writer:
         self.b.call(function, [self.own["parameters"], constants, self.spans, room])
 
     def _rows(self) -> list[dict[int, Number]]:
-        count, rows = Own(self.shape).r_count, self.part("rows")
+        count, rows = self.shape.r_count, self.part("rows")
         return [
             {r: rows[k * count + r] for r, used in enumerate(pattern) if used}
             for k, pattern in enumerate(self.shape.pattern)
@@ -201,7 +201,7 @@ class Writer:
         late = shape.late.index(name)
         share = self.number(self.own["share"], late, len(shape.late))
         behind = b.fptosi(load(b, self.own["behind"], late), INT_VEC)
-        row = b.sub(splat_whole(b, node), behind)
+        row = b.sub(splat(b, node), behind)
         here, earlier = (
             Lane(
                 b,
@@ -338,7 +338,8 @@ class Writer:
             value = b.select(seen, value, vector(0.0))
         first, count = k * tally.weights, tally.count
         weights = [load(b, self.own["weight"], first + n) for n in range(tally.weights)]
-        return tally.added(b, totals[k * count : (k + 1) * count], value, seen, weights)
+        sample = Sample(value, seen, weights)
+        return tally.added(b, totals[k * count : (k + 1) * count], sample)
 
     def show(self, sample: ir.Value, k: int, value: Number) -> None:
         """To the signals."""

@@ -21,7 +21,7 @@ from bayesdrill.record.experiment import Experiment
 from bayesdrill.rig.kernels.compiling import Kernel, compile_kernel
 from bayesdrill.rig.kernels.lanes import LANES
 from bayesdrill.rig.kernels.layout import present
-from bayesdrill.rig.kernels.step_arguments import BLOCKS, Own, Shape
+from bayesdrill.rig.kernels.step_arguments import BLOCKS, Shape
 from bayesdrill.rig.kernels.sums import Tally
 from bayesdrill.rig.kernels.time_stepping import write_stepping
 from bayesdrill.rig.models.linear import Model
@@ -54,7 +54,7 @@ class Told:
     def _slices(self) -> dict[str, list[slice]]:
         """Of the numbers of a walker, by part: values, and slopes."""
         found, place, numbers = dict[str, list[slice]](), 0, self.shape.numbers
-        for name, count in Own(self.shape).parts.items():
+        for name, count in self.shape.own.items():
             ends = [place + k * count for k in range(numbers + 1)]
             found[name] = [slice(*both) for both in pairwise(ends)]
             place = ends[-1]
@@ -62,7 +62,7 @@ class Told:
 
     @cached_property
     def _width(self) -> int:
-        return Own(self.shape).width
+        return sum(self.shape.own_vectors.values())
 
     @cached_property
     def _staying(self) -> dict[str, int]:
@@ -110,7 +110,7 @@ class Told:
         return np.moveaxis(out, -1, 1).reshape(-1, *each)[:n]
 
     def _in_lanes(self, n: int, parts: Mapping[str, list[Array]]) -> Array:
-        """`(G, width, LANES)`, as `Own` has it; the last walker fills the last group."""
+        """`(G, width, LANES)`, as `Shape.own` has it; the last walker fills the last group."""
         told = parts
         if self.shape.late:
             behind, *shares = self.ahead.delays(parts["lag"])
