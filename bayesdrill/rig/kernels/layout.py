@@ -43,6 +43,20 @@ class Layout:
     lead: bool = False
     channels: Kinds = ()
 
+    @classmethod
+    def of(
+        cls, model: Model, series: tuple[str, ...], constant: tuple[str, ...], *, first_order: bool
+    ) -> Layout:
+        """Of a rig with sampled inputs, and others that are constant and not zero."""
+        return cls(
+            n_parameters=len(model.parameters),
+            n_constants=len(constant),
+            n_states=len(model.states),
+            n_series=len(series),
+            first_order=first_order and bool(series),
+            entries=Augmented(model, with_slopes(series, first_order=first_order), constant),
+        )
+
     @property
     def text(self) -> str:
         """See `Structure`."""

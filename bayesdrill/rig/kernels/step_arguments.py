@@ -10,7 +10,7 @@ from llvmlite import ir
 
 from bayesdrill.basics.duals import Dual
 from bayesdrill.rig.kernels.lanes import I64, NUMBERS, VECTORS, Lane, vector
-from bayesdrill.rig.kernels.layout import Augmented, Layout, Pattern, formulas, with_slopes
+from bayesdrill.rig.kernels.layout import Layout, Pattern, formulas, with_slopes
 from bayesdrill.rig.kernels.numbers import Number, total
 from bayesdrill.rig.kernels.sums import Tally
 from bayesdrill.rig.models.friction import Friction
@@ -153,14 +153,7 @@ class Shape:
     @property
     def layout(self) -> Layout:
         model = Tangent(self.model) if self.dual else self.model
-        return Layout(
-            n_parameters=len(model.parameters),
-            n_states=len(model.states),
-            n_constants=len(self.constant),
-            n_series=len(self.driven),
-            first_order=False,
-            entries=Augmented(model, self.driven, self.constant),
-        )
+        return Layout.of(model, self.driven, self.constant, first_order=False)
 
 
 class Rates:

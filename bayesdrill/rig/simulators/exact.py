@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from bayesdrill.record.experiment import Channel, Experiment
 from bayesdrill.rig.kernels.compiling import Kernel, compile_kernel
 from bayesdrill.rig.kernels.lanes import LANES
-from bayesdrill.rig.kernels.layout import Augmented, Layout, present, weight_kinds, with_slopes
+from bayesdrill.rig.kernels.layout import Layout, present, weight_kinds
 from bayesdrill.rig.kernels.recurrence import scratch_size, write_response
 from bayesdrill.rig.kernels.sums import SQUARES, Tally
 from bayesdrill.rig.models.linear import DOT, Model, Tangent
@@ -164,15 +164,9 @@ def _slopes(experiment: Experiment) -> tuple[Channel, ...]:
 
 def layout(model: Model, experiment: Experiment) -> Layout:
     """What the kernels have to know of a rig and its experiment."""
-    first_order, constant = experiment.first_order, present(experiment.constant)
-    driven = with_slopes(tuple(experiment.series), first_order=first_order)
-    return Layout(
-        n_parameters=len(model.parameters),
-        n_constants=len(constant),
-        n_states=len(model.states),
-        n_series=len(experiment.series),
-        first_order=first_order and bool(experiment.series),
-        entries=Augmented(model, driven, constant),
+    series, constant = tuple(experiment.series), present(experiment.constant)
+    return dataclasses.replace(
+        Layout.of(model, series, constant, first_order=experiment.first_order),
         lead=bool(experiment.t[0] > experiment.t_start),
         channels=weight_kinds(experiment.weights(model.states)),
     )

@@ -21,7 +21,7 @@ from bayesdrill.rig.kernels.compiling import Kernel, compile_kernel
 from bayesdrill.rig.kernels.irregular import write_dense
 from bayesdrill.rig.kernels.knots import BLOCKS, COUNTS, MOST_LEVELS, Shape, entries_of, row_blocks
 from bayesdrill.rig.kernels.lanes import LANES
-from bayesdrill.rig.kernels.layout import Augmented, Layout, Pattern, present, with_slopes
+from bayesdrill.rig.kernels.layout import Layout, Pattern, present
 from bayesdrill.rig.kernels.sums import SQUARES, Tally
 from bayesdrill.rig.models.linear import Model, Tangent
 from bayesdrill.rig.simulators.contract import in_groups
@@ -62,7 +62,7 @@ class Dense:
         self.model = model
         self._t = np.array(t, dtype=float)
         self._inputs = ({**series}, {**constant}, first_order)
-        self._layout = _layout(model, tuple(series), constant, first_order and bool(series))
+        self._layout = Layout.of(model, tuple(series), present(constant), first_order=first_order)
         g = self._grid = grid(self._t)
         self._kept = len(entries_of(self._layout))
         self._kernels: dict[Any, tuple[Kernel, Shape]] = {}
@@ -236,19 +236,6 @@ def _driven(g: Grid, held: Array, first_order: bool) -> tuple[Array, Array]:
         slopes[:-1] = np.diff(held, axis=0) / np.diff(g.t[g.at])[:, None]
     slopes = np.ascontiguousarray(slopes[before])
     return np.ascontiguousarray(held[before] + (slopes * since)), slopes
-
-
-def _layout(
-    model: Model, series: tuple[str, ...], constant: Mapping[str, float], first_order: bool
-) -> Layout:
-    return Layout(
-        n_parameters=len(model.parameters),
-        n_constants=len(present(constant)),
-        n_states=len(model.states),
-        n_series=len(series),
-        first_order=first_order,
-        entries=Augmented(model, with_slopes(series, first_order=first_order), present(constant)),
-    )
 
 
 @dataclass(frozen=True)
