@@ -22,7 +22,7 @@ import numpy as np
 from llvmlite import ir
 
 from bayesdrill.basics import duals
-from bayesdrill.rig.kernels.cache import user_cache
+from bayesdrill.rig.kernels.cache import CodeCache, user_cache
 
 # Of LLVM's passes, those that a kernel gains from: it is written without branches that could go, calls
 # nothing small and has its loops over vectors already. All others take as long again as these, the
@@ -60,14 +60,14 @@ def compile_kernel(
     """Return the kernel that `write(module, *structures)` writes, from the cache if it is there."""
     texts = [one if isinstance(one, str) else one.text for one in structures]
     key = "\n".join([write.__qualname__, *_toolchain(effort), *texts])
-    cache = user_cache()
-    code = cache.load(key)
+    kept = user_cache() if _sources() else CodeCache(None)
+    code = kept.load(key)
     if code is None:
         with _no_garbage_collection():
             module = ir.Module(write.__module__)
             write(module, *structures)
             code = _pack(module, effort)
-        cache.store(key, code)
+        kept.store(key, code)
     return _unpack(code)
 
 
@@ -85,10 +85,16 @@ def _toolchain(effort: int) -> list[str]:
 
 @cache
 def _sources() -> str:
-    """The digest of what writes kernels: this folder, and the arithmetic of numbers with slopes."""
+    """The digest of what writes kernels: this folder, and the arithmetic of numbers with slopes.
+
+    Empty where they cannot be read, as in a package that is not unpacked.
+    """
     digest = hashlib.sha256()
-    for path in (*sorted(Path(__file__).parent.glob("*.py")), Path(duals.__file__)):
-        digest.update(path.name.encode() + path.read_bytes())
+    try:
+        for path in (*sorted(Path(__file__).parent.glob("*.py*")), Path(duals.__file__)):
+            digest.update(path.name.encode() + path.read_bytes())
+    except OSError:
+        return ""
     return digest.hexdigest()
 
 
