@@ -8,6 +8,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
 
 from llvmlite import ir
 
@@ -132,37 +133,34 @@ class Lane(Number):
     def _of(self, other: Lane | float) -> ir.Value:
         return other.value if isinstance(other, Lane) else vector(float(other))
 
-    def __add__(self, other: Lane | float) -> Lane:
+    def _with(self, other: Any, operation: str, *, turned: bool = False) -> Any:
+        """`operation` of the builder with what is a number too; others know how to take a lane."""
         if not isinstance(other, Lane | float | int):
             return NotImplemented
-        return Lane(self.b, self.b.fadd(self.value, self._of(other)))
+        pair = (self._of(other), self.value) if turned else (self.value, self._of(other))
+        return Lane(self.b, getattr(self.b, operation)(*pair))
 
-    def __radd__(self, other: float) -> Lane:
-        return self + other
+    def __add__(self, other: Any) -> Any:
+        return self._with(other, "fadd")
 
-    def __sub__(self, other: Lane | float) -> Lane:
-        if not isinstance(other, Lane | float | int):
-            return NotImplemented
-        return Lane(self.b, self.b.fsub(self.value, self._of(other)))
+    __radd__ = __add__
 
-    def __rsub__(self, other: float) -> Lane:
-        return Lane(self.b, self.b.fsub(self._of(other), self.value))
+    def __sub__(self, other: Any) -> Any:
+        return self._with(other, "fsub")
 
-    def __mul__(self, other: Lane | float) -> Lane:
-        if not isinstance(other, Lane | float | int):
-            return NotImplemented
-        return Lane(self.b, self.b.fmul(self.value, self._of(other)))
+    def __rsub__(self, other: Any) -> Any:
+        return self._with(other, "fsub", turned=True)
 
-    def __rmul__(self, other: float) -> Lane:
-        return self * other
+    def __mul__(self, other: Any) -> Any:
+        return self._with(other, "fmul")
 
-    def __truediv__(self, other: Lane | float) -> Lane:
-        if not isinstance(other, Lane | float | int):
-            return NotImplemented
-        return Lane(self.b, self.b.fdiv(self.value, self._of(other)))
+    __rmul__ = __mul__
 
-    def __rtruediv__(self, other: float) -> Lane:
-        return Lane(self.b, self.b.fdiv(self._of(other), self.value))
+    def __truediv__(self, other: Any) -> Any:
+        return self._with(other, "fdiv")
+
+    def __rtruediv__(self, other: Any) -> Any:
+        return self._with(other, "fdiv", turned=True)
 
     def __neg__(self) -> Lane:
         return Lane(self.b, self.b.fneg(self.value))

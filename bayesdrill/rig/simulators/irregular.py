@@ -22,7 +22,7 @@ from bayesdrill.rig.kernels.irregular import write_dense
 from bayesdrill.rig.kernels.knots import BLOCKS, COUNTS, MOST_LEVELS, Shape, entries_of, row_blocks
 from bayesdrill.rig.kernels.lanes import LANES
 from bayesdrill.rig.kernels.layout import Layout, Pattern, present
-from bayesdrill.rig.kernels.sums import SQUARES, Tally
+from bayesdrill.rig.kernels.sums import Tally
 from bayesdrill.rig.models.linear import Model, Tangent
 from bayesdrill.rig.simulators.contract import in_groups
 from bayesdrill.rig.simulators.sensors import Numbers, Sensing, Walkers
@@ -93,18 +93,6 @@ class Dense:
             "numbers": numbers, "spans": g.spans, "inside": g.inside, "chained": g.chained,
             "node": node, "length": length, "share": share, "u": u, "slopes": slopes, "t": g.t,
         }  # fmt: skip
-
-    def squares(
-        self,
-        parameters: Array,
-        x0: Array,
-        before: Array,
-        shift: Array | None,
-        rows: Array,
-        y: Array,
-    ) -> Array:
-        """Sums `(W, K)` of squared residuals of the record `y (T, K)`, where it is not NaN."""
-        return self.tallied((parameters, x0, before, shift, rows), y, SQUARES)[..., 0]
 
     def tallied(
         self, walkers: tuple[Any, ...], y: Array, tally: Tally, weights: Array | None = None
