@@ -28,13 +28,13 @@ from bayesdrill.config.records import reading
 from bayesdrill.config.resolve import assembly, experiments, sensors
 from bayesdrill.config.resolve.experiments import View, views
 from bayesdrill.config.schema.config import Asked, Config
-from bayesdrill.config.schema.numbers import PriorBase, Quantity
+from bayesdrill.config.schema.numbers import Quantity, QuantityPrior
 from bayesdrill.config.schema.records import Column, TimeColumn
 from bayesdrill.config.yaml_source import Source, parse
 from bayesdrill.inference import derived, step_error
 from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.posterior import Problem
-from bayesdrill.inference.priors import InUnits, Prior
+from bayesdrill.inference.priors import Prior
 from bayesdrill.output_files import RECORD
 from bayesdrill.record.experiment import Channel, raise_if_any
 from bayesdrill.record.formats.table import Table
@@ -98,7 +98,7 @@ class OwnUnits:
         own = {
             name: spec.unit
             for name, spec in config.quantities.items()
-            if isinstance(spec, PriorBase | Quantity)
+            if isinstance(spec, Quantity | QuantityPrior)
         }
         own |= {name: spec.unit for name, spec in config.derived.items()}
         sensed: dict[str, Unit] = {}
@@ -153,7 +153,7 @@ class OwnUnits:
         return dataclasses.replace(si, unit=own.name, **values)  # type: ignore[type-var]
 
     def prior(self, name: str, si: Prior) -> Prior:
-        return si if (factor := self.factor(name)) == 1.0 else InUnits(si, factor)
+        return si if (factor := self.factor(name)) == 1.0 else si.scaled(1 / factor)
 
     def priors(self, si: Mapping[str, Prior]) -> dict[str, Prior]:
         return {name: self.prior(name, prior) for name, prior in si.items()}

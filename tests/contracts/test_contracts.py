@@ -61,7 +61,7 @@ DENSITY = (
     *("followed", "draw", "again", "pinned", "unknowns", "white", "kind", "torque"),
 )
 EXECUTORS = (Local, Cluster)
-PRIORS = (*(one for one in priors.PRIORS.values() if inspect.isclass(one)), priors.InUnits)
+PRIORS = tuple(one for one in priors.PRIORS.values() if inspect.isclass(one))
 # What variables are called that hold a member.
 MEMBERS = {
     *("model", "rig", "noise", "prior", "response", "simulator", "observation", "observed"),

@@ -119,7 +119,7 @@ def scatter(config: Config, model: Model) -> dict[str, Unknown | None]:
         own = _of_channel(name, spec, model)
         if own is not None:
             found |= own
-        elif isinstance(spec.sigma, numbers.PriorBase):
+        elif isinstance(spec.sigma, numbers.ParameterPrior):
             found[noise_name(name)] = None
     return found | _of_torque(config)
 

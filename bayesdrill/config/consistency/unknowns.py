@@ -59,7 +59,7 @@ def check_parameters(
             found.add(place, f"the model {model.name} has no {name}; {_way_out(name)}")
         elif spec == "nominal" and name not in nominal:
             found.add(place, f"{_no_table(name)}; give a number, or `nominal: {{{name}: ...}}`")
-        elif isinstance(spec, numbers.PriorBase):
+        elif isinstance(spec, numbers.ParameterPrior):
             if spec.relative and name not in nominal:
                 way_out = f"`nominal: {{{name}: ...}}`, or leave out `relative:`"
                 found.add(place, f"{_no_table(name)}, to be relative to; give {way_out}")
@@ -179,11 +179,13 @@ def _check_values(
 def free_parameters(config: Config, names: Iterable[str]) -> list[str]:
     """Those of `names` that have a prior."""
     given = config.parameters
-    return [name for name in names if isinstance(getattr(given, name, None), numbers.PriorBase)]
+    return [
+        name for name in names if isinstance(getattr(given, name, None), numbers.ParameterPrior)
+    ]
 
 
 def free_quantities(config: Config) -> list[str]:
-    return [name for name, q in config.quantities.items() if isinstance(q, numbers.PriorBase)]
+    return [name for name, q in config.quantities.items() if isinstance(q, numbers.ParameterPrior)]
 
 
 def free(config: Config, model: Model) -> list[str]:

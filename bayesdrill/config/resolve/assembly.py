@@ -94,7 +94,7 @@ def compared(config: Config) -> dict[str, float]:
 
 
 def _refers(spec: object) -> bool:
-    return spec == "nominal" or (isinstance(spec, numbers.PriorBase) and spec.relative)
+    return spec == "nominal" or quantities.is_relative(spec)
 
 
 def published_nominal(config: Config) -> list[str]:

@@ -10,7 +10,7 @@ from bayesdrill.basics.errors import did_you_mean
 from bayesdrill.basics.formulas import linear_combination
 from bayesdrill.basics.registry import lookup
 from bayesdrill.config.resolve import sensors
-from bayesdrill.config.resolve.quantities import prior, rescaled, start
+from bayesdrill.config.resolve.quantities import prior_in_si
 from bayesdrill.config.schema.config import Config
 from bayesdrill.config.schema.records import ChannelSpec
 from bayesdrill.inference.noise import NOISES
@@ -70,8 +70,7 @@ def _sigma(spec: ChannelSpec, factor: float) -> tuple[float | Prior, float]:
         return spec.sigma * factor, spec.sigma * factor
     if spec.sigma.relative:
         raise ValueError("sigma has no nominal value; write its prior in the unit of the column")
-    begin = start(spec.sigma, prior(spec.sigma, 1.0))
-    return prior(rescaled(spec.sigma, factor), 1.0), begin * factor
+    return prior_in_si(spec.sigma, factor)
 
 
 def noise(channels: Sequence[Measured], n_samples: int) -> Noise:

@@ -10,7 +10,6 @@ import keyword
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +19,7 @@ from bayesdrill.basics.errors import did_you_mean
 from bayesdrill.basics.formulas import RESERVED, Expression, expression
 from bayesdrill.config.schema import numbers
 from bayesdrill.config.schema.config import Config
+from bayesdrill.config.schema.numbers import ParameterPrior, PriorSpec, QuantityPrior
 from bayesdrill.config.schema.records import InputColumn
 from bayesdrill.inference.posterior import Formula
 from bayesdrill.inference.priors import PRIORS, Prior
@@ -40,47 +40,44 @@ class Given:
 
 
 _FARTHEST = 5  # sd of a normal between its mean and zero, where it is cut
-_SCALED = ("low", "high", "mean", "sd", "median", "scale")
+NARROWEST = 1e-9  # of a prior, relative: below it, numbers hold no more than one value
 
 
-def prior(spec: numbers.PriorSpec, nominal_value: float | None) -> Prior:
-    """The prior in SI; `relative` multiplies all but the sd of a log by `nominal_value`."""
-    values = spec.model_dump(exclude={"prior", "relative", "start", "unit", "latex"})
+def prior(spec: PriorSpec, nominal_value: float | None = None) -> Prior:
+    """The prior in the unit of its entry; one that is `relative` is of multiples of `nominal_value`."""
+    values, positive = spec.numbers, spec.families is PRIORS
     if "low" in values and not values["low"] < values["high"]:
         raise ValueError(
             f"low {values['low']:g} is not below high {values['high']:g}; exchange or mend them"
         )
-    if "mean" in values and values["mean"] < -_FARTHEST * values["sd"]:
+    if positive and "mean" in values and values["mean"] < -_FARTHEST * values["sd"]:
         raise ValueError(
             f"mean {values['mean']:g} lies more than {_FARTHEST} sd below zero, so that nothing of the "
             "prior is left; all unknowns are positive"
         )
-    if spec.relative and nominal_value is None:
-        raise ValueError(
-            "there is no nominal value to be relative to; give one in `nominal:`, or leave out "
-            "`relative:`"
-        )
-    if spec.relative:
-        values = {k: v * nominal_value if k in _SCALED else v for k, v in values.items()}
-    built = PRIORS[spec.prior](**values)
-    _check_width(built)
-    return built
-
-
-NARROWEST = 1e-9  # of a prior, relative: below it, numbers hold no more than one value
-
-
-def _check_width(built: Prior) -> None:
+    built = spec.families[spec.prior](**values)
+    if is_relative(spec):
+        if nominal_value is None:
+            raise ValueError(
+                "there is no nominal value to be relative to; give one in `nominal:`, or leave out "
+                "`relative:`"
+            )
+        built = built.scaled(nominal_value)
     with np.errstate(all="ignore"):
         low, middle, high = built.quantile(np.array([0.01, 0.5, 0.99]))
-    if not high - low > NARROWEST * middle:
+    if not high - low > NARROWEST * abs(middle):
         raise ValueError(
             f"{built.describe()}: nearly all of it is at {middle:.6g}; hold the value as a number, or "
             "mend the prior"
         )
+    return built
 
 
-def start(spec: numbers.PriorSpec, built: Prior, nominal_value: float | None = None) -> float:
+def is_relative(spec: object) -> bool:
+    return isinstance(spec, ParameterPrior) and spec.relative
+
+
+def start(spec: PriorSpec, built: Prior, nominal_value: float | None = None) -> float:
     """Where the MAP search begins; raises where the prior excludes it.
 
     By default at the nominal value, or where there is none at the median.
@@ -96,20 +93,19 @@ def start(spec: numbers.PriorSpec, built: Prior, nominal_value: float | None = N
     return value
 
 
+def prior_in_si(spec: PriorSpec, factor: float) -> tuple[Prior, float]:
+    """Of an entry whose unit is `factor` SI, with the start; its mistakes are told in that unit."""
+    built = prior(spec)
+    return built.scaled(factor), start(spec, built) * factor
+
+
 def si(value: float | numbers.Quantity, unit: str) -> float:
     if isinstance(value, numbers.Quantity):
         return value.value * units.factor(value.unit, unit)
     return value
 
 
-def rescaled(spec: Any, factor: float) -> Any:
-    changes = {
-        key: getattr(spec, key) * factor for key in _SCALED if key in type(spec).model_fields
-    }
-    return spec.model_copy(update=changes)
-
-
-def quantity(name: str, spec: numbers.QuantitySpec) -> Given:
+def quantity(name: str, spec: float | numbers.Quantity | QuantityPrior) -> Given:
     _check_name(name)
     if isinstance(spec, float | int):
         symbol = symbols.own_symbol(name, "", None, "held by the config")
@@ -122,10 +118,9 @@ def quantity(name: str, spec: numbers.QuantitySpec) -> Given:
         return Given(symbol, factor, spec.value * factor, spec.value * factor)
     if spec.relative:
         raise ValueError("a quantity has no nominal value; write its prior in its own unit")
-    begin = start(spec, prior(spec, 1.0))  # first, for its mistakes to be told in the entry's unit
-    value = prior(rescaled(spec, factor), 1.0)
+    value, begin = prior_in_si(spec, factor)
     symbol = symbols.own_symbol(name, unit, spec.latex, "quantity of the config")
-    return Given(symbol, factor, value, begin * factor)
+    return Given(symbol, factor, value, begin)
 
 
 def _check_name(name: str) -> None:

@@ -7,7 +7,6 @@ The steps raise `ValueError` with a message for the user.
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
@@ -18,21 +17,14 @@ import numpy as np
 from bayesdrill.basics import symbols, units
 from bayesdrill.basics.symbols import Symbol
 from bayesdrill.config.resolve import quantities
-from bayesdrill.config.resolve.quantities import prior, start
+from bayesdrill.config.resolve.quantities import prior_in_si
 from bayesdrill.config.schema.config import Config
-from bayesdrill.config.schema.numbers import (
-    PositiveLogNormal,
-    Quantity,
-    SignedNormal,
-    SignedPrior,
-    SignedTruncatedNormal,
-    SignedUniform,
-)
+from bayesdrill.config.schema.numbers import Quantity, SensorPrior
 from bayesdrill.config.schema.records import InputColumn, InputQuantity
 from bayesdrill.config.yaml_source import Place
 from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.noise.contract import Noise
-from bayesdrill.inference.priors import LogNormal, Prior, TruncatedNormal, Uniform
+from bayesdrill.inference.priors import Prior
 from bayesdrill.inference.state_space import ShakenObservation
 from bayesdrill.inference.unknowns import Role, Unknown, labelled
 from bayesdrill.rig import models
@@ -69,8 +61,8 @@ def latent_torque_number(config: Config, entry: str) -> float | Unknown:
         return float(spec)
     if spec.relative:
         raise ValueError(f"it has no nominal value; write its prior in {symbol.plain_unit}")
-    built = prior(spec, 1.0)
-    return Unknown(symbol=symbol, role="noise", prior=built, start=start(spec, built))
+    built, begin = prior_in_si(spec, 1.0)
+    return Unknown(symbol=symbol, role="noise", prior=built, start=begin)
 
 
 def latent_torque_unknowns(config: Config) -> tuple[Unknown, ...]:
@@ -127,9 +119,7 @@ def refuse_latent_torque(model: Model, acts: MissingTorque, sensing: Sensing) ->
 
 
 Kind = Literal["gain", "offset", "lag", "delay", "state"]
-Spec = float | Quantity | SignedPrior
-
-FEWEST = 1e-9  # of a prior's sd: below it, numbers hold no more than one value
+Spec = float | Quantity | SensorPrior
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -229,7 +219,7 @@ def _of_states(config: Config, model: Model) -> Iterator[Entry]:
     """Those with a prior; what is held or `free` is said elsewhere."""
     for name in model.outer:
         given, symbol = getattr(config.initial, name), symbol_of_state(name)
-        if isinstance(given, SignedPrior):
+        if isinstance(given, SensorPrior):
             yield Entry(
                 place=("initial", name),
                 kind="state",
@@ -283,32 +273,7 @@ def _value(spec: Spec, factor: float) -> tuple[float | Prior, float]:
         return spec.value * factor, spec.value * factor
     if isinstance(spec, float | int):
         return float(spec) * factor, float(spec) * factor
-    built = _prior(spec, factor)
-    spread = float(np.ptp(built.quantile(np.array([0.16, 0.84]))))
-    middle = float(built.quantile(np.array([0.5]))[0])
-    if not spread > FEWEST * abs(middle):
-        raise ValueError(f"{built.describe()}: this is one number; hold it, or mend the prior")
-    begin = middle if spec.start is None else spec.start * factor
-    if not np.isfinite(built.logpdf(np.array([begin]))[0]):
-        raise ValueError(
-            f"the start {spec.start:g} is outside the prior; move it, or widen the prior"
-        )
-    return built, begin
-
-
-def _prior(spec: SignedPrior, factor: float) -> Prior:
-    if isinstance(spec, SignedUniform | SignedTruncatedNormal) and not spec.low < spec.high:
-        raise ValueError(f"low {spec.low:g} is not below high {spec.high:g}; exchange or mend them")
-    match spec:
-        case SignedUniform():
-            return Uniform(spec.low * factor, spec.high * factor)
-        case SignedNormal():
-            return TruncatedNormal(spec.mean * factor, spec.sd * factor, -math.inf, math.inf)
-        case SignedTruncatedNormal():
-            ends = spec.low * factor, spec.high * factor
-            return TruncatedNormal(spec.mean * factor, spec.sd * factor, *ends)
-        case PositiveLogNormal():
-            return LogNormal(spec.median * factor, spec.sd_log)
+    return prior_in_si(spec, factor)
 
 
 def _unit_of(name: str, measures: str | None, model: Model) -> str:
