@@ -172,7 +172,7 @@ class Rung:
 
     def job(self) -> Job:
         """Raises `InputError` where the config cannot have it."""
-        return assemble(loading.validated(self.source), self.source)
+        return assemble(loading.validated(self.source))
 
 
 def rung_name(parts: Sequence[str]) -> str:

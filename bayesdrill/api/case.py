@@ -91,7 +91,7 @@ class Case(Value):
         """What would run: columns and units, priors, the start, sizes, and what the record can show."""
         problem, config = self.job.problem, self.job.config
         first = identify.preflight(self.job, Scenery(problem.posterior.likelihood))
-        columns = [] if self.columns is not None else [words.record_columns(problem, config)]
+        columns = [] if self.columns is not None else [words.record_columns(problem, self.job.case)]
         return "\n".join(
             [str(self), *columns, words.preview(problem, config, self.job.units), first]
         )
@@ -187,7 +187,7 @@ class Case(Value):
         job, workers = self.job, arguments.workers(processes)
         if seed is not None:
             own = {"seed": arguments.whole("seed", seed, 0)}
-            job = dataclasses.replace(job, config=job.config.model_copy(update=own))
+            job = job.with_settings(**own)
         told = report or SILENT
         found = find_map.find_mode(job, workers, told) if best is None else self._mode(best)
         job = job.at(found)

@@ -187,26 +187,25 @@ def simulate(
     of each.  `seed`: the config's.  Raises `InputError`, before anything is written.
     """
     from bayesdrill.config import loading
-    from bayesdrill.config.records import reading, simulation
-    from bayesdrill.config.resolve import experiments
+    from bayesdrill.config.records import reading, simulation, sources
 
-    read, source = loading.load(Path(config).expanduser())
-    own = read.seed if seed is None else arguments.whole("seed", seed, 0)
+    case = loading.load(Path(config).expanduser())
+    own = case.config.seed if seed is None else arguments.whole("seed", seed, 0)
     place = None if output is None else Path(output).expanduser()
-    if place is not None and read.experiments and place.exists() and not place.is_dir():
+    if place is not None and case.config.experiments and place.exists() and not place.is_dir():
         message = "is no folder; name one for the records of several experiments"
         raise InputError.one(str(place), message)
-    texts = simulation.simulate_all(read, source, own, place)
-    every = experiments.views(read, source)
-    records = [reading.path_of(view.config, view.source) for view in every]
+    texts = simulation.simulate_all(case, own, place)
+    every = case.experiments
+    records = [sources.path_of(one.config, one.source) for one in every]
     for (target, text), record in zip(texts.items(), records, strict=True):
         simulation.check_place(text, target, record, force=force)
     files = {}
-    for (target, text), record, view in zip(texts.items(), records, every, strict=True):
-        if read.experiments:
+    for (target, text), record, one in zip(texts.items(), records, every, strict=True):
+        if case.config.experiments:
             target.parent.mkdir(parents=True, exist_ok=True)
         simulation.save(text, target, record, force=force)
-        skipped = reading.csv_options(view.config.record).skip_rows
+        skipped = reading.csv_options(one.config.record).skip_rows
         files[target] = len(text.splitlines()) - 1 - skipped
     return Simulated(files)
 

@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 
 from bayesdrill.basics.formulas import Expression
 from bayesdrill.basics.symbols import Symbol
+from bayesdrill.basics.units import SECOND, Unit
+from bayesdrill.inference.display_units import SI, OwnUnits
 from bayesdrill.inference.likelihood import Likelihood, Observation
 from bayesdrill.inference.unknowns import Coordinates, ParameterSpace
 from bayesdrill.record.experiment import Experiment
@@ -75,7 +77,9 @@ class Problem:
     """All that inference needs: `symbols` of the unknowns and their nominal values (if any).
 
     `published`: names whose nominal value a table gives; `tolerance`: relative, of nominal values;
-    `derived`: formulas of the config's own, beside what is always derived.
+    `derived`: formulas of the config's own, beside what is always derived; `units` in which people are
+    shown unknowns and what follows from them, and `clock`, times; `compared_with`: what the nominal
+    values are called in sentences.
     """
 
     posterior: Posterior
@@ -84,6 +88,9 @@ class Problem:
     published: frozenset[str] = frozenset()
     tolerance: Mapping[str, float] = field(default_factory=dict)
     derived: tuple[Formula, ...] = ()
+    units: OwnUnits = SI
+    clock: Unit = SECOND
+    compared_with: str = ""
 
     @property
     def observations(self) -> tuple[Observation, ...]:

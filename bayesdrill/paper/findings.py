@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from bayesdrill import output_files
 from bayesdrill.analysis import Verdict
 from bayesdrill.basics import InputError, Issue
-from bayesdrill.config import Config, Job, Source, job, loading
+from bayesdrill.config import Job, ResolvedCase, job, loading
 from bayesdrill.config import optimiser as optimiser_of
 from bayesdrill.paper import printed
 from bayesdrill.paper.forward import Error, Reading
@@ -110,7 +110,7 @@ class Studies:
     two: Job
     nines: tuple[Job, ...]
     pairwise: tuple[Optimiser, ...]
-    makers: tuple[tuple[Config, Source], ...]
+    makers: tuple[ResolvedCase, ...]
 
 
 def prepare(configs: Path) -> Studies:

@@ -19,8 +19,7 @@ from scipy.stats import chi2
 
 from bayesdrill.analysis import Scenery, from_sensitivities
 from bayesdrill.basics import seeds
-from bayesdrill.config import Config, Source, path_of, simulate
-from bayesdrill.config import model as model_of
+from bayesdrill.config import ResolvedCase, path_of, simulate
 from bayesdrill.config import truth as simulated_truth
 from bayesdrill.inference import Likelihood, Posterior
 from bayesdrill.paper import printed
@@ -172,21 +171,18 @@ def record_of(posterior: Posterior, y: Array) -> Posterior:
 SAME = 1e-6  # relative, and absolute: records hold nine digits
 
 
-def truth_of(
-    config: Config, source: Source, makers: Sequence[tuple[Config, Source]]
-) -> dict[str, float] | None:
+def truth_of(case: ResolvedCase, makers: Sequence[ResolvedCase]) -> dict[str, float] | None:
     """Parameters of its model with which its record was simulated by one of `makers`.
 
     Of a rig with more to it, those of the paper's model that it is the same as.
     """
-    path, own = path_of(config, source), model_of(config)
-    for other, its_source in makers:
-        if path_of(other, its_source).resolve() != path.resolve():
+    path = path_of(case.config, case.source)
+    for other in makers:
+        if path_of(other.config, other.source).resolve() != path.resolve():
             continue
         text = path.read_text(encoding="utf-8", errors="replace")
-        if _same(simulate(other, its_source, other.seed), text):
-            rig = model_of(other)
-            return _of_model(own, rig, simulated_truth(other, rig))
+        if _same(simulate(other, other.config.seed), text):
+            return _of_model(case.model, other.model, simulated_truth(other.experiments[0]))
     return None
 
 

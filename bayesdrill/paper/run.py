@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from bayesdrill import output_files
 from bayesdrill.analysis import Scenery, study_of
 from bayesdrill.basics import Interrupted, Reporter, Silent, software
-from bayesdrill.config import Config, Job, Source
+from bayesdrill.config import Job, ResolvedCase
 from bayesdrill.inference import ParameterSpace
 from bayesdrill.paper import forward, precision, printed, reproduction, searches
 from bayesdrill.paper.findings import Findings, Misfits, Nine, Studies, prepare
@@ -144,7 +144,7 @@ def _control(nine: Job, search: Optimiser, processes: int) -> tuple[Control, ...
 def _nine(
     nine: Job,
     search: Optimiser,
-    makers: Sequence[tuple[Config, Source]],
+    makers: Sequence[ResolvedCase],
     folder: Path,
     processes: int,
     clock: _Clock,
@@ -160,7 +160,7 @@ def _nine(
     state = "converged" if whole.sampled.convergence.converged else "NOT converged"
     clock.done(f"{name}: the posterior, {state}")
     draws = whole.sampled.draws.reshape(-1, len(found.estimate))
-    values = truth_of(nine.config, nine.source, makers)
+    values = truth_of(nine.case, makers)
     truth = None if values is None else posterior.space.vector(values)
     mode = posterior.space.vector(whole.mode.values)
     assert whole.verdict is not None  # there are unknowns with nominal values

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from bayesdrill.analysis import comparison
 from bayesdrill.analysis.comparison import Contender, Decision, Layer, Row, decide
-from bayesdrill.config.job import OwnUnits
+from bayesdrill.inference.display_units import OwnUnits
 from bayesdrill.report.section import Picture, Section, as_markdown, as_text
 from bayesdrill.report.sections import comparison_words
 from bayesdrill.report.view import Drawing

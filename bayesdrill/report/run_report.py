@@ -12,10 +12,6 @@ from bayesdrill import output_files
 from bayesdrill.analysis.latent_torque import follows
 from bayesdrill.analysis.verdict import Judgement, Verdict
 from bayesdrill.basics.software import citation
-from bayesdrill.config.records import sources
-from bayesdrill.config.resolve import experiments
-from bayesdrill.config.resolve.assembly import compared_with
-from bayesdrill.config.schema.config import Config
 from bayesdrill.inference.posterior import Problem
 from bayesdrill.inference.residual_checks import like_noise
 from bayesdrill.output_files import CONFIG_FILE, RESOLVED_FILE
@@ -66,7 +62,7 @@ def _fit_mark(run: View) -> Mark:
 
 def _table(run: View) -> Mark:
     assert run.judged is not None
-    found, table = run.judged.verdict, compared_with(run.config)
+    found, table = run.judged.verdict, run.problem.compared_with
     if all(quantity.says == "not determined" for quantity in found.products):
         return Mark(f"says nothing of {table}", "doubt")
     if not found.fits:
@@ -113,7 +109,7 @@ def _lines(run: View) -> Iterator[tuple[str, str]]:
     c, sampler = run.sampled.convergence, config.sampler
     yield "config", config.name
     yield "run", f"{marks[provenance.RUN_MARK]}, a digest of record, config and seed"
-    yield from provenance_of_records(run.problem, config)
+    yield from provenance_of_records(run.problem)
     yield "model", words.model(run.problem)
     yield "seed", marks["Seed"]
     yield (
@@ -126,11 +122,11 @@ def _lines(run: View) -> Iterator[tuple[str, str]]:
         yield "seconds", ", ".join(f"{name} {value:.1f}" for name, value in run.seconds.items())
 
 
-def provenance_of_records(problem: Problem, config: Config) -> Iterator[tuple[str, str]]:
+def provenance_of_records(problem: Problem) -> Iterator[tuple[str, str]]:
     """The file of each experiment, and its channels."""
     every = provenance.records(problem)
     for one in problem.observations:
-        files = sources.named(experiments.experiment_configs(config, one.label))
+        files = ", ".join(f"`{name}`" for name in one.experiment.written.files)
         length = one.experiment.t[-1] - one.experiment.t[0]
         yield one.entitled("record"), f"{files}: {every[one.label]} over {length:g} s"
         yield one.entitled("channels"), ", ".join(one.experiment.names)
@@ -182,7 +178,7 @@ def sections(run: View, pictures: Sequence[Picture] = ()) -> tuple[Section, ...]
 
 def _verdict(run: View) -> Iterator[Block]:
     """The whole in a line, then whether it may be believed."""
-    c, table = run.sampled.convergence, compared_with(run.config)
+    c, table = run.sampled.convergence, run.problem.compared_with
     yield Marks(run_marks(run))
     if doubts := words.unbelievable(run.reasons, converged=c.converged):
         yield Sentences(doubts)
@@ -207,7 +203,7 @@ def _fit(run: View) -> Iterator[Block]:
     if several := words.maxima(run.mode, run.sampled.held, run.units):
         yield Sentences(several)
     yield Sentences(fit_words.residual_sentences(run.left, run.clock))
-    if said := fit_words.explained(run.causes, run.config):
+    if said := fit_words.explained(run.causes, run.problem):
         yield Sentences(said)
     if said := verdict_words.step_sentences(run.step_errors):
         yield Sentences(said)
@@ -259,7 +255,7 @@ def _parameters(run: View) -> tuple[Block, ...]:
         "`shrinkage` is one minus the ratio of the posterior's to the prior's standard deviation."
     )
     if any(row.nominal is not None for row in run.rows):
-        nominal = f"the nominal value ({compared_with(run.config)})"
+        nominal = f"the nominal value ({run.problem.compared_with})"
         read = f"`dev. %` is the deviation of the posterior mean from {nominal}; {read}"
     drawn = bars(run.rows, run.problem.posterior.space.priors)
     known = [*tables.in_words(run.rows), *words.leaning(run.leaning).splitlines()]

@@ -11,8 +11,8 @@ from typing import Any
 
 from bayesdrill.analysis.diagnostics import MEANING, Row
 from bayesdrill.basics.symbols import plain
-from bayesdrill.config.job import OwnUnits
 from bayesdrill.inference.derived import HDI_PROBABILITY
+from bayesdrill.inference.display_units import OwnUnits
 from bayesdrill.inference.posterior import Problem
 from bayesdrill.report.section import Bar, Table
 from bayesdrill.sampling.mode_search import Mode

@@ -22,11 +22,10 @@ from bayesdrill.analysis.verdict import Judgement
 from bayesdrill.basics import seeds
 from bayesdrill.basics.units import Unit
 from bayesdrill.basics.values import Value
-from bayesdrill.config import job
-from bayesdrill.config.job import OwnUnits, Shown
 from bayesdrill.config.schema.config import Config
 from bayesdrill.inference.derived import Derived, derive, summarise, with_products
 from bayesdrill.inference.derived import Row as Following
+from bayesdrill.inference.display_units import OwnUnits, Shown
 from bayesdrill.inference.posterior import Problem
 from bayesdrill.inference.residual_checks import Left, like_noise
 from bayesdrill.inference.step_error import StepError, step_errors
@@ -184,15 +183,15 @@ class View(Value):
         """Of figures, inches."""
         return WIDTHS[self.config.output.size]
 
-    @cached_property
+    @property
     def units(self) -> OwnUnits:
         """In which people are shown unknowns and what follows from them."""
-        return OwnUnits.of(self.config, self.problem)
+        return self.problem.units
 
     @property
     def clock(self) -> Unit:
         """In which people are told times."""
-        return job.clock_unit(self.config, self.problem)
+        return self.problem.clock
 
     def shown(self, names: Sequence[str] | None = None) -> Shown:
         """For figures: the unknowns of these names, or all where none is among them."""

@@ -11,12 +11,12 @@ from typing import Any
 import bayesdrill
 from bayesdrill.basics.software import DECISIVE, installed_versions, versions_in_words
 from bayesdrill.basics.symbols import INPUTS, noise_name
-from bayesdrill.config.job import OwnUnits
 from bayesdrill.config.records import sources
-from bayesdrill.config.resolve import assembly, experiments
+from bayesdrill.config.resolve import experiments
+from bayesdrill.config.resolve.case import ResolvedCase
 from bayesdrill.config.resolve.experiments import WHOSE
 from bayesdrill.config.schema.config import Config
-from bayesdrill.config.yaml_source import Source
+from bayesdrill.inference.display_units import OwnUnits
 from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.posterior import Problem
 from bayesdrill.record.experiment import Experiment
@@ -146,19 +146,20 @@ def _noise_held(config: Config, problem: Problem, own: OwnUnits) -> dict[str, st
     return found
 
 
-def resolved(config: Config, source: Source, folder: Path) -> str:
+def resolved(case: ResolvedCase, folder: Path) -> str:
     """The config with every default, its record relative to `folder`, versions as comments."""
     from ruamel.yaml import YAML
 
+    config, source = case.config, case.source
     data: dict[str, Any] = config.model_dump(exclude_none=True)
-    for view in experiments.views(config, source):
+    for one in case.experiments:
         sections = data
-        if view.label:
-            own = view.config.model_dump(exclude_none=True)
+        if one.label:
+            own = one.config.model_dump(exclude_none=True)
             sections = {key: own[key] for key in experiments.SECTIONS}
-            held = {"held_out": True} if config.experiments[view.label].held_out else {}
-            data["experiments"][view.label] = sections | held
-        _without_foreign(sections, view.config, assembly.model(config))
+            held = {"held_out": True} if config.experiments[one.label].held_out else {}
+            data["experiments"][one.label] = sections | held
+        _without_foreign(sections, one.config, case.model)
         for section, key in sources.named_in(sections):
             # Links are resolved first: `..` in a path goes up from where a link leads to.
             record = (source.path.parent / section[key]).resolve()

@@ -22,7 +22,6 @@ from bayesdrill.config import loading
 from bayesdrill.config.job import Job
 from bayesdrill.config.records import reading, simulation, sources
 from bayesdrill.config.resolve import assembly
-from bayesdrill.config.resolve.experiments import views
 from bayesdrill.inference.posterior import Problem
 from bayesdrill.output_files import (
     CONFIG_FILE,
@@ -63,17 +62,11 @@ class Outcome:
 
 def prepare(path: Path) -> Job:
     """As `job.prepare`, but nothing has to be measured yet where `simulation:` gives times."""
-    config, source = loading.load(path)
-    there = all(
-        path.exists()
-        for view in views(config, source)
-        for path in sources.paths(view.config, view.source)
-    )
+    case = loading.load(path)
+    there = all(path.exists() for one in case.experiments for path in sources.paths(one))
     read: Callable[..., Experiment] = reading.read if there else simulation.grid
-    every = views(config, source)
-    records = [read(view.config, view.source) for view in every]
-    problem = assembly.problem(config, every, records)
-    return Job(config=config, source=source, problem=_blank(problem))
+    problem = assembly.problem(case, [read(one) for one in case.experiments])
+    return Job(case=case, problem=_blank(problem))
 
 
 def _blank(problem: Problem) -> Problem:
@@ -134,7 +127,7 @@ def calibrate(
             refits=own.refits,
         )
         folder.write_text(CONFIG_FILE, job.source.text)
-        folder.write_text(RESOLVED_FILE, provenance.resolved(job.config, job.source, output))
+        folder.write_text(RESOLVED_FILE, provenance.resolved(job.case, output))
         try:
             refits = run(study(job), own.refits, folder.path / REFITS, crew, report)
         except KeyboardInterrupt:

@@ -17,9 +17,9 @@ from bayesdrill.analysis.diagnostics import summarise
 from bayesdrill.analysis.plausibility import vague
 from bayesdrill.basics import software
 from bayesdrill.basics.errors import InputError, encodable
-from bayesdrill.config.job import SI, Job, OwnUnits
-from bayesdrill.config.resolve import experiments
+from bayesdrill.config.job import Job
 from bayesdrill.inference import residual_checks
+from bayesdrill.inference.display_units import SI, OwnUnits
 from bayesdrill.inference.posterior import Problem
 from bayesdrill.inference.residual_checks import left
 from bayesdrill.inference.unknowns import MOVES
@@ -226,7 +226,7 @@ def _noise(job: Job) -> dict[str, str]:
     """Of each channel: its kind, and its size where it is known."""
     found = {}
     for one in job.problem.observations:
-        record = experiments.experiment_configs(job.config, one.label).record
+        record = job.case.experiment(one.label).config.record
         for name, channel in record.channels.items():
             known = isinstance(channel.sigma, int | float)
             size = f"sigma {channel.sigma}" if known else "sigma unknown"

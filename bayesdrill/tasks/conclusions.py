@@ -14,7 +14,6 @@ from bayesdrill.analysis.identifiability.information import Scenery
 from bayesdrill.analysis.suspicions import half_a_sample
 from bayesdrill.analysis.verdict import conclude
 from bayesdrill.config.job import Job
-from bayesdrill.config.resolve import assembly
 from bayesdrill.config.schema.config import Config
 from bayesdrill.inference.posterior import Problem
 from bayesdrill.inference.residual_checks import like_noise
@@ -47,7 +46,7 @@ def concluded(
     rig = (*plausibility.of_roles(problem), *plausibility.plausibility_of_gear(problem))
     geared = (f"note: {one}" for one in rig)
     made = (f"note: record: {one}" for one in words.record_made(problem))
-    read = (f"note: record, {one}" for one in words.record_suspicions(problem, job.config))
+    read = (f"note: record, {one}" for one in words.record_suspicions(problem))
     ends = (f"note: {one}" for one in verdict_words.not_kept(sampled.beyond))
     notes = (*tables.notes(rows, job.units), *ends, *late, *course, *geared, *made, *read)
     every = () if judged is None else verdict.basis(judged.study, judged.study.names)
@@ -80,7 +79,7 @@ def plan(config: Config) -> Plan:
 def entries(found: View) -> dict[str, Any]:
     """Of `run.json`."""
     sampled, c = found.sampled, found.sampled.convergence
-    table = assembly.compared_with(found.config)
+    table = found.problem.compared_with
     return {
         "units": {symbol.name: symbol.unit for symbol in found.problem.symbols},
         "converged": c.converged,

@@ -145,7 +145,7 @@ def end_search(crew: Crew, hunt: Hunt, job: Job, report: Reporter) -> Mode:
     left = residual_checks.left(posterior.likelihood, posterior.space.vector(found.values))
     if fit_words.residual_reasons(left):
         said = fit_words.explained(
-            causes(posterior, posterior.space.vector(found.values)), job.config
+            causes(posterior, posterior.space.vector(found.values)), job.problem
         )
         report.say("\n".join([fit_words.residual_sentences(left, job.clock), said, BAD_FIT]))
     report.update(1.0, "")
@@ -157,7 +157,8 @@ MAP_FILE = "map.json"
 
 def check_record(job: Job, output: Path, record: str | None) -> None:
     """Raises `InputError` where the record itself lies in `output`."""
-    places = [path.parent.resolve() for path in sources.paths(job.config, job.source)]
+    every = (path for one in job.case.experiments for path in sources.paths(one))
+    places = [path.parent.resolve() for path in every]
     if record is None and output.resolve() in places:
         raise InputError.one(str(output), "holds the record of this run; give another folder")
 
@@ -169,7 +170,7 @@ def write_given(job: Job, folder: Folder, record: str | None = None) -> None:
     if record is not None:
         folder.write_text(output_files.RECORD, record)
         source = dataclasses.replace(source, path=folder.path / CONFIG_FILE)
-    folder.write_text(RESOLVED_FILE, provenance.resolved(job.config, source, folder.path))
+    folder.write_text(RESOLVED_FILE, provenance.resolved(job.case, folder.path))
 
 
 def write_mode(folder: Folder, found: Mode) -> None:

@@ -63,7 +63,7 @@ def ladder(
     with Folder(output, how, marks, kind) as folder:
         folder.begin(status="running", seed=job.config.seed, versions=software.installed_versions())
         folder.write_text(CONFIG_FILE, job.source.text)
-        folder.write_text(RESOLVED_FILE, provenance.resolved(job.config, job.source, output))
+        folder.write_text(RESOLVED_FILE, provenance.resolved(job.case, output))
         work = _Climb(job, output, crew, report, again=how == "resume")
         try:
             work.up(Ladder.of(job))

@@ -174,7 +174,7 @@ def copied(source: Path, output: Path, *, force: bool) -> None:
     run = run_folder.read_run(source) or {}
     with Folder(output, how, run["fingerprint"], POSTERIOR) as folder:
         folder.begin(**run | {"status": "running"})
-        folder.write_text(RESOLVED_FILE, provenance.resolved(job.config, job.source, output))
+        folder.write_text(RESOLVED_FILE, provenance.resolved(job.case, output))
         for name in output_files.present(source, output_files.GROUND):
             if name != output_files.RUN:
                 folder.take_over(name, source)

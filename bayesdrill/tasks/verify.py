@@ -15,11 +15,10 @@ from typing import Any
 from bayesdrill import output_files, selection
 from bayesdrill.analysis.comparison import Contender, Layer
 from bayesdrill.basics.errors import InputError, Issue
-from bayesdrill.config import loading, yaml_source
-from bayesdrill.config.job import SI
+from bayesdrill.config import loading
 from bayesdrill.config.records import sources
 from bayesdrill.config.resolve import experiments
-from bayesdrill.config.schema.config import Config
+from bayesdrill.inference.display_units import SI
 from bayesdrill.output_files import COMPARE, MAP, OVERLAY, POSTERIOR, Kind
 from bayesdrill.report import comparison_report, publish
 from bayesdrill.report.comparison_report import ComparisonReport, OverlayReport
@@ -249,18 +248,17 @@ def _configs(folder: Path) -> Iterator[Issue]:
 def _settings(path: Path) -> dict[str, Any] | None:
     """All but where the record is; None where that cannot be read, which is said elsewhere."""
     try:
-        source = yaml_source.read(path)
-        config: Config = loading.validated(source)
+        case = loading.load(path)
     except InputError:
         return None
     own = (*experiments.SECTIONS, experiments.EXPERIMENTS)
-    settings = config.model_dump(exclude_none=True, exclude=set(own))
-    for view in experiments.views(config, source):
-        alone = view.config.model_dump(exclude_none=True, include=set(experiments.SECTIONS))
+    settings = case.config.model_dump(exclude_none=True, exclude=set(own))
+    for one in case.experiments:
+        alone = one.config.model_dump(exclude_none=True, include=set(experiments.SECTIONS))
         for section, key in sources.named_in(alone):
             del section[key]
-        settings[f"experiment {view.label}"] = alone
-    return settings | {"held out": experiments.held_out(config)}
+        settings[f"experiment {one.label}"] = alone
+    return settings | {"held out": case.held_out}
 
 
 def _tables(folder: Path, texts: Mapping[str, str], source: str) -> Iterator[Issue]:

@@ -31,7 +31,7 @@ from bayesdrill.analysis.verdict import (
     tension,
 )
 from bayesdrill.basics.symbols import PARAMETERS
-from bayesdrill.config.resolve.assembly import nominal_tolerance
+from bayesdrill.config.resolve.rig import nominal_table
 from bayesdrill.config.schema.config import Nominal, Thresholds
 from bayesdrill.report.sections import verdict_words
 
@@ -287,8 +287,10 @@ def test_false_alarms_are_shared_by_all_that_is_judged() -> None:
 
 
 def given(entry: object) -> dict[str, float]:
-    config: Any = SimpleNamespace(nominal=Nominal.model_validate({"tolerance": entry}))
-    return nominal_tolerance(config)
+    config: Any = SimpleNamespace(
+        nominal=Nominal.model_validate({"tolerance": entry}), parameters={}
+    )
+    return {**nominal_table(config).tolerance}
 
 
 def test_tolerances_by_number_and_by_symbol() -> None:

@@ -70,7 +70,7 @@ MEMBERS = {
 # By file and what is asked there.
 ALLOWED = {
     ("api/arguments.py", "getattr(rig, name)"): "values of a class that a notebook brings, judged",
-    ("config/job.py", "getattr(si, key, None)"): "a row of a table, and no prior",
+    ("inference/display_units.py", "getattr(si, key, None)"): "a row of a table, and no prior",
     (
         "paper/precision.py",
         "isinstance(own, MotorShaft)",

@@ -86,7 +86,7 @@ def of_record(of: bd.Case) -> Iterator[Any]:
     theta = posterior.space.vector(posterior.space.start)
     roles = problem.model.roles
     yield words.model(problem)
-    yield words.record_suspicions(problem, of.job.config)
+    yield words.record_suspicions(problem)
     yield [
         *plausibility.plausibility_of_nominal(problem),
         *plausibility.plausibility_of_gear(problem),

@@ -11,7 +11,7 @@ from oracles import NOMINAL
 from rigs import measured, posterior
 from together import for_each
 
-from bayesdrill.config.job import SECOND
+from bayesdrill.basics.units import SECOND
 from bayesdrill.inference.likelihood import Likelihood
 from bayesdrill.inference.residual_checks import FALSE_ALARM, Left, left
 from bayesdrill.report.sections import fit_words as words

@@ -15,7 +15,7 @@ from together import for_each
 
 import bayesdrill as bd
 from bayesdrill.analysis.comparison import Layer, overlay_rows
-from bayesdrill.config.job import SI
+from bayesdrill.inference.display_units import SI
 from bayesdrill.report import style
 from bayesdrill.report.section import as_markdown, as_text
 from bayesdrill.report.sections import comparison_words

@@ -25,7 +25,7 @@ from bayesdrill.analysis.calibration import FIT, Refit, judge_calibration
 from bayesdrill.analysis.identifiability.profile import Profile
 from bayesdrill.basics import units
 from bayesdrill.basics.symbols import latex_unit, unit_product
-from bayesdrill.config.job import SI, OwnUnits
+from bayesdrill.inference.display_units import SI, OwnUnits
 from bayesdrill.report import figures, tables, words
 from bayesdrill.report.comparison_report import OverlayReport
 from bayesdrill.report.publish import TABLES
@@ -459,10 +459,9 @@ def test_a_profile_is_told_and_drawn_in_these_units_as_large_as_the_config_wants
     output = users().job.config.output.model_copy(
         update={"formats": ["svg"], "size": "single", "dpi": 90}
     )
-    config = users().job.config.model_copy(update={"output": output})
     found = replace(
         users().identify(),
-        job=replace(users().job, config=config),
+        job=users().job.with_settings(output=output),
         profiles=(Profile(name="d", values=line, loss=loss, **known),),
     )
     row = found.text.splitlines()[-1].split()
@@ -479,7 +478,7 @@ def test_a_profile_is_told_and_drawn_in_these_units_as_large_as_the_config_wants
 
 def test_a_maximum_is_drawn_in_the_files_that_the_config_wants(tmp_path: Path) -> None:
     output = users().job.config.output.model_copy(update={"formats": ["svg"]})
-    job = replace(users().job, config=users().job.config.model_copy(update={"output": output}))
+    job = users().job.with_settings(output=output)
     best = bd.Best(job, pair().own.mode, users().columns)
     best.save(tmp_path / "map")
     assert [p.name for p in (tmp_path / "map" / "figures").iterdir()] == ["fit.svg"]
@@ -502,10 +501,9 @@ def test_a_calibration_is_drawn_as_large_and_in_the_files_that_the_config_wants(
     verdict = judge_calibration(names, refits, 99)
     for formats, size in ((["png"], "double"), (["svg"], "single")):
         output = users().job.config.output.model_copy(update={"formats": formats, "size": size})
-        config = users().job.config.model_copy(update={"output": output})
         with Folder(tmp_path, "force", {}, output_files.CALIBRATE) as folder:
             folder.write_run(status="running")
-            calibrate._draw(replace(users().job, config=config), folder, verdict)
+            calibrate._draw(users().job.with_settings(output=output), folder, verdict)
         (file,) = (tmp_path / "figures").iterdir()
         assert file.name == f"calibration.{formats[0]}"
     text = file.read_text()

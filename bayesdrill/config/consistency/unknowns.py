@@ -4,22 +4,23 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
-from typing import Any
 
 import numpy as np
 
 from bayesdrill.basics.entries import LARGEST, SMALLEST, strange
 from bayesdrill.basics.formulas import Expression, RelationError
 from bayesdrill.config import latex
-from bayesdrill.config.resolve import assembly, quantities, sensors
+from bayesdrill.config.resolve import quantities, rig, sensors
+from bayesdrill.config.resolve.rig import NominalTable
 from bayesdrill.config.schema import numbers
 from bayesdrill.config.schema.config import Config
 from bayesdrill.config.yaml_source import Collector, Place
-from bayesdrill.inference.unknowns import ParameterSpace
+from bayesdrill.inference.unknowns import ParameterSpace, Unknown
 from bayesdrill.rig import models
 from bayesdrill.rig.models import MODELS
 from bayesdrill.rig.models.composed import in_vain, lacking, with_all
 from bayesdrill.rig.models.linear import Model
+from bayesdrill.rig.simulators.sensors import Sensing
 
 _TRIED = 4096  # draws from the priors, at which formulas are tried
 
@@ -31,23 +32,25 @@ def check_model(found: Collector, config: Config, model: Model) -> None:
         found.add(("model", entry), message)
 
 
-def check_torque(found: Collector, config: Config, model: Model) -> None:
-    """What is missing has to have an inertia, and numbers that are its own."""
+def check_torque(
+    found: Collector, config: Config, model: Model, sensing: Sensing | None
+) -> dict[str, float | Unknown | None]:
+    """What is missing has to have an inertia, and numbers that are its own: size and time, if any."""
     acts = sensors.latent_torque(config)
     if acts is None:
-        return
-    sensing = found.run(("missing_torque",), sensors.sensing, config, model)
+        return {}
     if sensing is not None and (said := sensors.refuse_latent_torque(model, acts, sensing)):
         found.add(("missing_torque",), said)
-    for entry in sensors.ENTRIES.values():
-        found.run(("missing_torque", entry), sensors.latent_torque_number, config, entry)
+    return {
+        name: found.run(("missing_torque", entry), sensors.latent_torque_number, config, entry)
+        for name, entry in sensors.ENTRIES.items()
+    }
 
 
-def check_parameters(
-    found: Collector, config: Config, model: Model, nominal: dict[str, float]
-) -> None:
+def check_parameters(found: Collector, config: Config, model: Model, table: NominalTable) -> None:
+    nominal = table.values
     for name in models.PARAMETERS:
-        spec = getattr(config.parameters, name)
+        spec = config.parameters.get(name)
         place: Place = ("parameters", name)
         if spec is None:
             if name in model.parameters:
@@ -64,19 +67,15 @@ def check_parameters(
                 way_out = f"`nominal: {{{name}: ...}}`, or leave out `relative:`"
                 found.add(place, f"{_no_table(name)}, to be relative to; give {way_out}")
             else:
-                _check_prior(found, config, name, spec, nominal.get(name))
+                _check_prior(found, name, spec, table)
     _check_added(found, config, model)
 
 
 def _check_prior(
-    found: Collector,
-    config: Config,
-    name: str,
-    spec: Any,
-    nominal: float | None,
+    found: Collector, name: str, spec: numbers.ParameterPrior, table: NominalTable
 ) -> None:
     place, most = ("parameters", name), models.PARAMETERS[name].at_most
-    built = found.run(place, quantities.prior, spec, nominal)
+    built = found.run(place, quantities.prior, spec, table.values.get(name))
     if built is None:
         return
     if built.high > most:
@@ -84,7 +83,7 @@ def _check_prior(
         ends = f"such as {{prior: uniform, low: {0.5 * most:g}, high: {most:g}}}"
         found.add(place, f"the prior {reaches}, and {name} is at most {most:g}; let it end, {ends}")
         return
-    found.run(place, quantities.start, spec, built, assembly.compared(config).get(name))
+    found.run(place, quantities.start, spec, built, table.compared.get(name))
 
 
 def _way_out(name: str) -> str:
@@ -121,8 +120,10 @@ def _usual(name: str, nominal: Mapping[str, float]) -> str:
     return f"`{name}: nominal` ({nominal[name]:g}) or " if name in nominal else ""
 
 
-def check_relations(found: Collector, config: Config, model: Model) -> None:
-    """Ties, formulas, and the quantities in them."""
+def check_relations(
+    found: Collector, config: Config, model: Model, table: NominalTable
+) -> ParameterSpace | None:
+    """Ties, formulas, and the quantities in them; the rig's own space, where nothing is wrong."""
     before = len(found.problems)
     used: set[str] = set()
     for name, spec in config.quantities.items():
@@ -139,21 +140,22 @@ def check_relations(found: Collector, config: Config, model: Model) -> None:
         for name in model.parameters
     }
     related = {name: r for name, r in relations.items() if r is not None}
-    missing = any(getattr(config.parameters, name) is None for name in model.parameters)
+    missing = any(config.parameters.get(name) is None for name in model.parameters)
     if missing or len(found.problems) > before:
-        return
+        return None
     used |= {name for r in related.values() for name in r.names}
     for name in [n for n in config.quantities if n not in used]:
         message = "no formula names it; use it in `parameters:` or `derived:`, or remove it"
         found.add(("quantities", name), message)
     try:
-        space = assembly.space(config, model, [])
+        space = rig.space(config, model, table)
     except RelationError as error:
         found.add(("parameters", error.name), str(error))
-        return
+        return None
     except ValueError:  # a prior or a start, said already
-        return
+        return None
     _check_values(found, space, related)
+    return space
 
 
 def _check_values(
@@ -179,15 +181,8 @@ def _check_values(
 def free_parameters(config: Config, names: Iterable[str]) -> list[str]:
     """Those of `names` that have a prior."""
     given = config.parameters
-    return [
-        name for name in names if isinstance(getattr(given, name, None), numbers.ParameterPrior)
-    ]
+    return [name for name in names if isinstance(given.get(name), numbers.ParameterPrior)]
 
 
 def free_quantities(config: Config) -> list[str]:
     return [name for name, q in config.quantities.items() if isinstance(q, numbers.ParameterPrior)]
-
-
-def free(config: Config, model: Model) -> list[str]:
-    """Parameters and quantities with a prior."""
-    return free_parameters(config, model.parameters) + free_quantities(config)

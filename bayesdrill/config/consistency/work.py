@@ -10,7 +10,7 @@ from bayesdrill.basics import symbols
 from bayesdrill.basics.entries import entries_of, strange
 from bayesdrill.basics.registry import lookup
 from bayesdrill.config.consistency.unknowns import free_parameters
-from bayesdrill.config.resolve import assembly, quantities
+from bayesdrill.config.resolve import assembly
 from bayesdrill.config.schema import numbers
 from bayesdrill.config.schema.config import Config
 from bayesdrill.config.yaml_source import Collector, Place
@@ -113,12 +113,9 @@ def check_output(
         found.run(("output", "figures", k), lookup, RUN_FIGURES, name, "figure of a run")
     if unknown is None:
         return
-    related = [
-        name
-        for name in model.parameters
-        if isinstance(getattr(config.parameters, name), numbers.Tie)
-        or quantities.is_formula(getattr(config.parameters, name))
-    ]
+    given = config.parameters
+    related = [n for n in model.parameters if isinstance(given.get(n), numbers.Tie | str)]
+    related = [name for name in related if given[name] != "nominal"]
     shown = [*unknown, *related, *symbols.DERIVED, *config.derived]
     for k, name in enumerate(config.output.parameters or ()):
         found.expect(("output", "parameters", k), name, unknown, f"{name} is no unknown")

@@ -18,6 +18,7 @@ from bayesdrill.basics import units
 from bayesdrill.basics.entries import made
 from bayesdrill.basics.errors import InputError, Issue, encodable
 from bayesdrill.config.resolve import quantities
+from bayesdrill.config.resolve.case import ResolvedExperiment
 from bayesdrill.config.schema.config import Config
 from bayesdrill.config.schema.records import Column, FileSpec, Series, TimeColumn, TimeRate, windows
 from bayesdrill.config.yaml_source import Place, Source
@@ -54,8 +55,8 @@ def files(config: Config) -> list[FileSpec | None]:
     return list(dict.fromkeys([None, *map(file_of, file_entries(config).values())]))
 
 
-def paths(config: Config, source: Source) -> list[Path]:
-    return [path_of(config, source, file) for file in files(config)]
+def paths(one: ResolvedExperiment) -> list[Path]:
+    return [path_of(one.config, one.source, file) for file in files(one.config)]
 
 
 def named_in(data: dict[str, Any]) -> list[tuple[dict[str, Any], str]]:
@@ -75,10 +76,10 @@ def name_in(folder: Path, file: Path) -> str:
     return name
 
 
-def named(config: Config) -> str:
-    """All of them, for a reader."""
+def names(config: Config) -> list[str]:
+    """Of all of them, for a reader."""
     every = [config.record.file if file is None else file.path for file in files(config)]
-    return ", ".join(f"`{Path(one).name}`" for one in every)
+    return [Path(one).name for one in every]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

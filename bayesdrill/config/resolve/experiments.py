@@ -6,7 +6,6 @@ import copy
 import dataclasses
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -27,24 +26,6 @@ from bayesdrill.rig.simulators.sensors import Sensing
 SECTIONS = ("record", "inputs", "initial")  # which an experiment may have of its own
 EXPERIMENTS = "experiments"
 WHOSE = ("shared", "own")  # of what the experiments have in common, or each for itself
-
-
-@dataclass(frozen=True, slots=True)
-class View:
-    """One experiment: `label` is its name, empty where there is only one."""
-
-    label: str
-    config: Config
-    source: Source
-
-
-def views(config: Config, source: Source) -> tuple[View, ...]:
-    """Of a config that is valid."""
-    if not config.experiments:
-        return (View("", config, source),)
-    return tuple(
-        View(label, Config.model_validate(own.data), own) for label, own in split(source).items()
-    )
 
 
 def split(source: Source) -> dict[str, Source]:
@@ -73,20 +54,6 @@ def join_experiments(source: Source, alone: Mapping[str, Source]) -> dict[str, A
         named[label] = {**named[label], **{k: own.data[k] for k in SECTIONS if k in own.data}}
     kept = {key: source.data[key] for key in WHOSE if key in source.data}
     return {**first.data, EXPERIMENTS: named, **kept}
-
-
-def experiment_configs(config: Config, label: str) -> Config:
-    """The config of one experiment, of one that is `together`."""
-    if not label:
-        return config
-    data = config.model_dump(exclude_unset=True, exclude={EXPERIMENTS, *WHOSE, *SECTIONS})
-    own = config.experiments[label].model_dump(exclude_unset=True, include=set(SECTIONS))
-    return Config.model_validate(data | own)
-
-
-def held_out(config: Config) -> list[str]:
-    """Names of experiments that are no evidence."""
-    return [label for label, one in config.experiments.items() if one.held_out]
 
 
 def common_or_own(config: Config, name: str, label: str) -> str:

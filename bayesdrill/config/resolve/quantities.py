@@ -77,6 +77,11 @@ def is_relative(spec: object) -> bool:
     return isinstance(spec, ParameterPrior) and spec.relative
 
 
+def is_nominal(spec: object) -> bool:
+    """Whether it is the nominal value, or relative to it."""
+    return spec == "nominal" or is_relative(spec)
+
+
 def start(spec: PriorSpec, built: Prior, nominal_value: float | None = None) -> float:
     """Where the MAP search begins; raises where the prior excludes it.
 
@@ -138,13 +143,14 @@ def _names(config: Config, model: Model) -> tuple[str, ...]:
 
 def relation(config: Config, model: Model, name: str) -> Expression | None:
     """By which parameter `name` follows from others; None where it has a value or a prior."""
-    spec = getattr(config.parameters, name)
-    known = _names(config, model)
-    if isinstance(spec, numbers.Tie):
-        spec = spec.tie
+    given, known = config.parameters.get(name), _names(config, model)
+    if isinstance(given, numbers.Tie):
+        spec = given.tie
         if spec not in known:
             raise ValueError(f"'{spec}' is no parameter or quantity{did_you_mean(spec, known)}")
-    elif not is_formula(spec):
+    elif isinstance(given, str) and given != "nominal":
+        spec = given
+    else:
         return None
     if spec.isidentifier() and spec not in known:
         hint = did_you_mean(spec, ("nominal", *known))
@@ -154,10 +160,6 @@ def relation(config: Config, model: Model, name: str) -> Expression | None:
         value = f"write for example {found.value({}):g}"
         raise ValueError(f"'{spec}' names no parameter or quantity; to hold this value {value}")
     return found
-
-
-def is_formula(spec: object) -> bool:
-    return isinstance(spec, str) and spec != "nominal"
 
 
 def formula(config: Config, model: Model, name: str) -> Formula:

@@ -7,7 +7,7 @@ The steps raise `ValueError` with a message for the user.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Literal
@@ -48,11 +48,6 @@ def latent_torque(config: Config) -> MissingTorque | None:
     return None if given is None else MissingTorque(at=given.at, smoothness=given.smoothness)
 
 
-def latent_torque_numbers(config: Config) -> dict[str, float | Unknown]:
-    """Size and time; raises `ValueError`."""
-    return {name: latent_torque_number(config, entry) for name, entry in ENTRIES.items()}
-
-
 def latent_torque_number(config: Config, entry: str) -> float | Unknown:
     """One of them, `size` or `time`."""
     symbol = next(one for one in SYMBOLS if ENTRIES[one.name] == entry)
@@ -65,19 +60,19 @@ def latent_torque_number(config: Config, entry: str) -> float | Unknown:
     return Unknown(symbol=symbol, role="noise", prior=built, start=begin)
 
 
-def latent_torque_unknowns(config: Config) -> tuple[Unknown, ...]:
-    """Those of a config that has a missing torque; raises `ValueError`."""
-    if config.missing_torque is None:
-        return ()
-    return tuple(one for one in latent_torque_numbers(config).values() if isinstance(one, Unknown))
-
-
-def observation(config: Config, response: Simulator, noise: Noise, label: str = "") -> Observation:
-    """With the missing torque that the config has; raises `ValueError` where it cannot be.
+def observation(
+    acts: MissingTorque | None,
+    process: Mapping[str, float | Unknown],
+    response: Simulator,
+    noise: Noise,
+    label: str = "",
+) -> Observation:
+    """With a missing torque and the numbers of its process, or without one; raises `ValueError` where it
+    cannot be.
 
     Parameters and unknowns are called as in an experiment that has no others beside it.
     """
-    acts, parameters = latent_torque(config), response.parameters
+    parameters = response.parameters
     levels = [one.name for one in noise.unknowns]
     if acts is None:
         return Observation(
@@ -95,9 +90,9 @@ def observation(config: Config, response: Simulator, noise: Noise, label: str = 
         response=response,
         noise=noise,
         filtered=Filtered(response.model, acts, response.experiment),
-        process=latent_torque_numbers(config),
+        process=process,
         parameters=parameters,
-        levels=[*levels, *(one.name for one in latent_torque_unknowns(config))],
+        levels=[*levels, *(one.name for one in process.values() if isinstance(one, Unknown))],
         label=label,
     )
 
@@ -299,9 +294,8 @@ def _meaning(entry: Entry) -> str:
     }[entry.kind]
 
 
-def sensing(config: Config, model: Model) -> Sensing:
-    """By the names of single experiments."""
-    found = list(sensor_entries(config, model))
+def sensing(config: Config, found: Sequence[Entry], free: Sequence[str]) -> Sensing:
+    """By the names of single experiments: of the entries `found`, and states that are `free`."""
     delays = [entry for entry in found if entry.kind == "delay"]
     single = [entry for entry in found if entry.kind == "lag" and entry.place[0] == "inputs"]
     if len(delays) > 1 or (delays and single):
@@ -315,7 +309,7 @@ def sensing(config: Config, model: Model) -> Sensing:
             e.of: e.name for e in found if e.kind == kind and (e.place[0] == "inputs") == inputs
         }
 
-    states = {name: state_name(name) for name in free_states(config, model)}
+    states = {name: state_name(name) for name in free}
     return Sensing(
         gains=of("gain", inputs=False),
         offsets=of("offset", inputs=False),

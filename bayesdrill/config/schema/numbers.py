@@ -149,6 +149,7 @@ def parameter_spec(number: Any) -> Any:
     ]
 
 
+ParameterSpec = float | str | Tie | ParameterPrior | None
 _HELD: Mapping[str, Any] = MappingProxyType(
     {"positive": Positive, "not negative": NonNegative, "any": Number}
 )

@@ -11,8 +11,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from bayesdrill.analysis.comparison import SURE, Contender, Row
-from bayesdrill.config.job import OwnUnits
 from bayesdrill.inference.derived import HDI_PROBABILITY
+from bayesdrill.inference.display_units import OwnUnits
 from bayesdrill.report import scales, style
 from bayesdrill.report.pages import Page
 from bayesdrill.report.sections.comparison_words import elided, in_logs, overlay_shown

@@ -23,8 +23,8 @@ from bayesdrill.analysis.comparison import (
     probabilities,
 )
 from bayesdrill.analysis.prediction import FEW, LeftOut
-from bayesdrill.config.job import OwnUnits
 from bayesdrill.inference.derived import HDI_PROBABILITY
+from bayesdrill.inference.display_units import OwnUnits
 from bayesdrill.inference.priors import flat_in_logs
 from bayesdrill.inference.residual_checks import Left
 from bayesdrill.report.section import Note, Picture, Section, Sentences, Table

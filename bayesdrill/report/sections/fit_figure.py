@@ -452,7 +452,7 @@ FIT_RUBBED = f"{FIT} Below: what rubs, and when it sticks."
 def draw_fit(run: View) -> tuple[Drawing, ...]:
     group = run.tree["posterior_predictive"]
     draws = {str(name): np.asarray(values) for name, values in group.data_vars.items()}
-    found = every_fit(run.problem, run.config, run.best, run.left, draws, run.rubbing)
+    found = every_fit(run.problem, run.best, run.left, draws, run.rubbing)
     return _fits(found, run.width, FIT_RUBBED if run.rubbing else FIT)
 
 
@@ -472,7 +472,7 @@ def fits_alone(
     problem: Problem, config: Config, best: Array, left: Sequence[Left]
 ) -> dict[str, Drawing]:
     """Of the MAP `(D,)`, without draws, by stem; `left`: what it leaves."""
-    found = every_fit(problem, config, best, left)
+    found = every_fit(problem, best, left)
     return numbered("fit", _fits(found, WIDTHS[config.output.size], FIT_ALONE))
 
 

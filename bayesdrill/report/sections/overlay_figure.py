@@ -16,8 +16,8 @@ from matplotlib.ticker import NullFormatter
 from numpy.typing import NDArray
 
 from bayesdrill.analysis.comparison import Layer, Place, Row
-from bayesdrill.config.job import OwnUnits
 from bayesdrill.inference.derived import HDI_PROBABILITY
+from bayesdrill.inference.display_units import OwnUnits
 from bayesdrill.report import scales, style
 from bayesdrill.report.pages import LEVELS, Page, contours
 from bayesdrill.report.sections.comparison_words import (
