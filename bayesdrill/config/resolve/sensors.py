@@ -268,7 +268,9 @@ def _value(spec: Spec, factor: float) -> tuple[float | Prior, float]:
         return spec.value * factor, spec.value * factor
     if isinstance(spec, float | int):
         return float(spec) * factor, float(spec) * factor
-    return prior_in_si(spec, factor)
+    built, begin = prior_in_si(spec, factor)
+    middle = float(built.quantile(np.array([0.5]))[0])
+    return built, middle if spec.start is None else begin
 
 
 def _unit_of(name: str, measures: str | None, model: Model) -> str:
