@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import io
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -16,6 +15,7 @@ from bayesdrill.config.resolve import experiments
 from bayesdrill.config.resolve.case import ResolvedCase
 from bayesdrill.config.resolve.experiments import WHOSE
 from bayesdrill.config.schema.config import Config
+from bayesdrill.config.yaml_source import as_yaml
 from bayesdrill.inference.display_units import OwnUnits
 from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.posterior import Problem
@@ -148,9 +148,7 @@ def _noise_held(config: Config, problem: Problem, own: OwnUnits) -> dict[str, st
 
 def resolved(case: ResolvedCase, folder: Path) -> str:
     """The config with every default, its record relative to `folder`, versions as comments."""
-    from ruamel.yaml import YAML
-
-    config, source = case.config, case.source
+    config = case.config
     data: dict[str, Any] = config.model_dump(exclude_none=True)
     for one in case.experiments:
         sections = data
@@ -160,21 +158,13 @@ def resolved(case: ResolvedCase, folder: Path) -> str:
             held = {"held_out": True} if config.experiments[one.label].held_out else {}
             data["experiments"][one.label] = sections | held
         _without_foreign(sections, one.config, case.model)
-        for section, key in sources.named_in(sections):
-            # Links are resolved first: `..` in a path goes up from where a link leads to.
-            record = (source.path.parent / section[key]).resolve()
-            section[key] = sources.name_in(folder.resolve(), record)
+        sources.rebase(sections, case.source.path.parent, folder)
     # Of several, those of the first are no defaults of the others.
     for key in experiments.SECTIONS if config.experiments else (experiments.EXPERIMENTS, *WHOSE):
         del data[key]
-    out = io.StringIO()
-    yaml = YAML()
-    yaml.width = 120
-    yaml.default_flow_style = None
-    yaml.dump(data, out)
     made_by = "".join(f"# {name} {number}\n" for name, number in installed_versions().items())
     opening = "# Every entry of the config with its default filled in, and what read it:\n"
-    return f"{opening}{made_by}{out.getvalue()}"
+    return f"{opening}{made_by}{as_yaml(data)}"
 
 
 def _without_foreign(sections: dict[str, Any], config: Config, rig: Model) -> None:

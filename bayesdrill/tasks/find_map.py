@@ -166,11 +166,12 @@ def check_record(job: Job, output: Path, record: str | None) -> None:
 def write_given(job: Job, folder: Folder, record: str | None = None) -> None:
     """The config, as given and with all defaults; `record`: its text, where it has no file."""
     folder.write_text(CONFIG_FILE, job.source.text)
-    source = job.source
+    case = job.case
     if record is not None:
         folder.write_text(output_files.RECORD, record)
-        source = dataclasses.replace(source, path=folder.path / CONFIG_FILE)
-    folder.write_text(RESOLVED_FILE, provenance.resolved(job.case, folder.path))
+        beside = dataclasses.replace(job.source, path=folder.path / CONFIG_FILE)
+        case = dataclasses.replace(case, source=beside)
+    folder.write_text(RESOLVED_FILE, provenance.resolved(case, folder.path))
 
 
 def write_mode(folder: Folder, found: Mode) -> None:

@@ -31,7 +31,7 @@ from bayesdrill.analysis.verdict import (
     tension,
 )
 from bayesdrill.basics.symbols import PARAMETERS
-from bayesdrill.config.resolve.rig import nominal_table
+from bayesdrill.config.resolve.quantities import nominal_table
 from bayesdrill.config.schema.config import Nominal, Thresholds
 from bayesdrill.report.sections import verdict_words
 

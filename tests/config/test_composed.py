@@ -18,7 +18,6 @@ from bayesdrill.basics.errors import InputError
 from bayesdrill.config import loading
 from bayesdrill.config.job import prepare
 from bayesdrill.config.records import simulation
-from bayesdrill.config.resolve import rig as resolved_rig
 from bayesdrill.report import words
 from bayesdrill.results import provenance
 from bayesdrill.rig.models.linear import Model
@@ -83,7 +82,7 @@ def test_to_name_a_parameter_is_to_switch_its_physics_on(
         path = config(tmp_path, *lines, model="{name: motor_shaft, i_m: 0.2, stribeck: 2}")
         assert model(path) == MotorShaft(0.2, 2, added)
         (one,) = loading.load(path).experiments
-        space = one.rig
+        space = one.space
         assert space.model == one.model.parameters
         assert {"c_s", "eta"} & {*space.free} == {
             n for n in ("c_s", "eta") if f"{n}: {{pr" in f"{lines}"
@@ -274,7 +273,7 @@ def test_each_experiment_may_have_its_own(tmp_path: Path) -> None:
     case = loading.load(path)
     rig = case.model
     assert rig.parameters[9:] == ("c_s",)
-    space = resolved_rig.space(case.config, rig, case.nominal, [], [], ["slow", "fast"])
+    space = case.experiments[0].numbers.space(["c_s"], ["slow", "fast"])
     assert space.free == ("k_e", "j_1", "c_s_slow", "c_s_fast")
     assert len(simulation.simulate_all(case, 1, tmp_path)) == 2
 

@@ -11,7 +11,8 @@ import bayesdrill
 PACKAGE = Path(bayesdrill.__file__).parent
 RESOLVE = "bayesdrill.config.resolve"
 MAKERS = {
-    "rig": ("model", "nominal_table"),
+    "rig": ("model",),
+    "quantities": ("nominal_table", "parameter", "quantity", "formula"),
     "channel_noise": ("measured",),
     "sensors": ("sensor_entries", "sensor_specs", "sensing", "free_states", "latent_torque_number"),
     "experiments": ("split", "bare", "join_experiments"),

@@ -15,7 +15,6 @@ from together import together
 from bayesdrill.config import loading
 from bayesdrill.config.job import Job, prepare
 from bayesdrill.config.records import simulation
-from bayesdrill.config.resolve import quantities
 from bayesdrill.config.schema.config import Config
 from bayesdrill.inference import residual_checks
 from benchmarks.zoo import folder, judge, rows, runs
@@ -219,7 +218,7 @@ def residuals_at_truth(job: Job) -> tuple[residual_checks.Left, ...]:
         values |= {f"sigma_{name}": s * factors[name] for name, s in made.sigma.items()}
         values |= made.truth
         for name, value in made.quantities.items():
-            values[name] = value * quantities.quantity(name, config.quantities[name]).factor
+            values[name] = value * one.numbers.quantities[name].factor
     return residual_checks.left(job.problem.posterior.likelihood, space.vector(values))
 
 

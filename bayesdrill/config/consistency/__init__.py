@@ -7,6 +7,7 @@ from __future__ import annotations
 from bayesdrill.basics.errors import Issue
 from bayesdrill.config.consistency import record, several, unknowns, work
 from bayesdrill.config.consistency.several import check_experiments
+from bayesdrill.config.resolve import quantities
 from bayesdrill.config.resolve import rig as rig_of
 from bayesdrill.config.resolve.case import ResolvedExperiment
 from bayesdrill.config.schema.config import Config
@@ -26,14 +27,13 @@ def check(
     found = Collector(source, spoilt)
     told = [name for name in models.PARAMETERS if found.spoilt(("parameters", name))]
     model = found.run(("model", "name"), rig_of.model, config, told)
-    nominal = found.run(("nominal", "table"), rig_of.nominal_table, config)
+    nominal = found.run(("nominal", "table"), quantities.nominal_table, config)
     resolved = None
     if model is not None:
         unknowns.check_model(found, config, model)
         rig = None
         if nominal is not None:
-            unknowns.check_parameters(found, config, model, nominal)
-            rig = unknowns.check_relations(found, config, model, nominal)
+            rig = unknowns.check_rig(found, config, model, nominal)
         channels = record.check_channels(found, config, model)
         record.check_states(found, config, model)
         sensed = record.check_sensors(found, config, model)
@@ -53,7 +53,8 @@ def check(
                 source=source,
                 model=model,
                 nominal=nominal,
-                rig=rig,
+                numbers=rig[0],
+                space=rig[1],
                 channels=tuple(one for one in channels.values() if one is not None),
                 entries=sensed.entries,
                 declared=tuple(one for one in sensed.declared if one is not None),

@@ -16,7 +16,8 @@ from bayesdrill.basics.symbols import INPUTS, noise_name
 from bayesdrill.config.resolve import channel_noise, quantities, sensors
 from bayesdrill.config.resolve.case import Beside
 from bayesdrill.config.resolve.channel_noise import Measured
-from bayesdrill.config.resolve.sensors import Declared, Entry
+from bayesdrill.config.resolve.quantities import Declared
+from bayesdrill.config.resolve.sensors import Entry
 from bayesdrill.config.schema import numbers
 from bayesdrill.config.schema.config import Config
 from bayesdrill.config.schema.records import (

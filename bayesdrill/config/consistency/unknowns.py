@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Mapping
 
 import numpy as np
@@ -10,11 +9,13 @@ import numpy as np
 from bayesdrill.basics.entries import LARGEST, SMALLEST, strange
 from bayesdrill.basics.formulas import Expression, RelationError
 from bayesdrill.config import latex
-from bayesdrill.config.resolve import quantities, rig, sensors
-from bayesdrill.config.resolve.rig import NominalTable
+from bayesdrill.config.resolve import quantities, sensors
+from bayesdrill.config.resolve.quantities import Declared, NominalTable
+from bayesdrill.config.resolve.rig import RigNumbers
 from bayesdrill.config.schema import numbers
 from bayesdrill.config.schema.config import Config
 from bayesdrill.config.yaml_source import Collector, Place
+from bayesdrill.inference.posterior import Formula
 from bayesdrill.inference.unknowns import ParameterSpace, Unknown
 from bayesdrill.rig import models
 from bayesdrill.rig.models import MODELS
@@ -47,43 +48,23 @@ def check_torque(
     }
 
 
-def check_parameters(found: Collector, config: Config, model: Model, table: NominalTable) -> None:
-    nominal = table.values
+def check_rig(
+    found: Collector, config: Config, model: Model, table: NominalTable
+) -> tuple[RigNumbers, ParameterSpace] | None:
+    """Parameters, quantities, ties and formulas, with the space that they make; None with a mistake."""
+    given = dict[str, Declared | Expression | None]()
     for name in models.PARAMETERS:
-        spec = config.parameters.get(name)
         place: Place = ("parameters", name)
-        if spec is None:
+        if config.parameters.get(name) is None:
             if name in model.parameters:
-                found.add(
-                    place,
-                    f"missing; to hold it write {_usual(name, nominal)}a number",
-                )
+                message = f"missing; to hold it write {_usual(name, table.values)}a number"
+                found.add(place, message)
         elif name not in model.parameters:
             found.add(place, f"the model {model.name} has no {name}; {_way_out(name)}")
-        elif spec == "nominal" and name not in nominal:
-            found.add(place, f"{_no_table(name)}; give a number, or `nominal: {{{name}: ...}}`")
-        elif isinstance(spec, numbers.ParameterPrior):
-            if spec.relative and name not in nominal:
-                way_out = f"`nominal: {{{name}: ...}}`, or leave out `relative:`"
-                found.add(place, f"{_no_table(name)}, to be relative to; give {way_out}")
-            else:
-                _check_prior(found, name, spec, table)
+        else:
+            given[name] = found.run(place, quantities.parameter, config, model, table, name)
     _check_added(found, config, model)
-
-
-def _check_prior(
-    found: Collector, name: str, spec: numbers.ParameterPrior, table: NominalTable
-) -> None:
-    place, most = ("parameters", name), models.PARAMETERS[name].at_most
-    built = found.run(place, quantities.prior, spec, table.values.get(name))
-    if built is None:
-        return
-    if built.high > most:
-        reaches = "has no end" if math.isinf(built.high) else f"goes up to {built.high:.6g}"
-        ends = f"such as {{prior: uniform, low: {0.5 * most:g}, high: {most:g}}}"
-        found.add(place, f"the prior {reaches}, and {name} is at most {most:g}; let it end, {ends}")
-        return
-    found.run(place, quantities.start, spec, built, table.compared.get(name))
+    return _check_relations(found, config, model, given)
 
 
 def _way_out(name: str) -> str:
@@ -91,12 +72,6 @@ def _way_out(name: str) -> str:
     every = {n: with_all(kind()) for n, kind in MODELS.usable().items()}
     having = [n for n, rig in every.items() if name in rig.parameters]
     return f"remove it, or take model.name: {' or '.join(having)}" if having else "remove it"
-
-
-def _no_table(name: str) -> str:
-    """With what is known of it."""
-    typical = models.PARAMETERS[name].typical
-    return f"no table has {name}" + (f" ({typical})" if typical else "")
 
 
 def _check_added(found: Collector, config: Config, model: Model) -> None:
@@ -120,42 +95,47 @@ def _usual(name: str, nominal: Mapping[str, float]) -> str:
     return f"`{name}: nominal` ({nominal[name]:g}) or " if name in nominal else ""
 
 
-def check_relations(
-    found: Collector, config: Config, model: Model, table: NominalTable
-) -> ParameterSpace | None:
-    """Ties, formulas, and the quantities in them; the rig's own space, where nothing is wrong."""
+def _check_relations(
+    found: Collector,
+    config: Config,
+    model: Model,
+    given: Mapping[str, Declared | Expression | None],
+) -> tuple[RigNumbers, ParameterSpace] | None:
     before = len(found.problems)
-    used: set[str] = set()
+    quantities_, derived = dict[str, Declared](), list[Formula]()
     for name, spec in config.quantities.items():
-        given = found.run(("quantities", name), quantities.quantity, name, spec)
-        if given is not None and getattr(spec, "latex", None) is not None:
-            found.run(("quantities", name, "latex"), latex.check, given.symbol)
-    for name, derived in config.derived.items():
-        own = found.run(("derived", name), quantities.formula, config, model, name)
-        if own is not None and derived.latex is not None:
-            found.run(("derived", name, "latex"), latex.check, own.symbol)
-        used |= set(own.expression.names) if own else set()
-    relations = {
-        name: found.run(("parameters", name), quantities.relation, config, model, name)
-        for name in model.parameters
-    }
-    related = {name: r for name, r in relations.items() if r is not None}
-    missing = any(config.parameters.get(name) is None for name in model.parameters)
-    if missing or len(found.problems) > before:
+        own = found.run(("quantities", name), quantities.quantity, name, spec)
+        if own is not None:
+            quantities_[name] = own
+            if getattr(spec, "latex", None) is not None:
+                found.run(("quantities", name, "latex"), latex.check, own.symbol)
+    for name, formula in config.derived.items():
+        made = found.run(("derived", name), quantities.formula, config, model, name)
+        if made is not None:
+            derived.append(made)
+            if formula.latex is not None:
+                found.run(("derived", name, "latex"), latex.check, made.symbol)
+    tied = [name for name in given if isinstance(config.parameters[name], str | numbers.Tie)]
+    related = {name: x for name, x in given.items() if isinstance(x, Expression)}
+    wrong = any(given[name] is None for name in tied) or len(found.problems) > before
+    if wrong or not {*model.parameters} <= {*given}:
         return None
-    used |= {name for r in related.values() for name in r.names}
+    used = {name for each in derived for name in each.expression.names}
+    used |= {name for each in related.values() for name in each.names}
     for name in [n for n in config.quantities if n not in used]:
         message = "no formula names it; use it in `parameters:` or `derived:`, or remove it"
         found.add(("quantities", name), message)
+    parameters = {name: x for name in model.parameters if (x := given[name]) is not None}
+    if len(parameters) < len(model.parameters):  # a prior or a start, said already
+        return None
+    numbers_ = RigNumbers(parameters=parameters, quantities=quantities_, derived=tuple(derived))
     try:
-        space = rig.space(config, model, table)
+        space = numbers_.space()
     except RelationError as error:
         found.add(("parameters", error.name), str(error))
         return None
-    except ValueError:  # a prior or a start, said already
-        return None
     _check_values(found, space, related)
-    return space
+    return numbers_, space
 
 
 def _check_values(

@@ -82,7 +82,10 @@ class _Reader:
         held = self._held_out(t, y)
         series, turned = self._inputs(t, columns)
         raise_if_any(self._sources.problems)
-        time, n_unknown = config.record.time, len(self._one.rig.free) + len(self._one.beside.levels)
+        time, n_unknown = (
+            config.record.time,
+            len(self._one.space.free) + len(self._one.beside.levels),
+        )
         shortened_by = "file" if config.record.window is None else "window"
         label = self._sources.label(("record", shortened_by))
         raise_if_any(check_length(label, np.sum(~np.isnan(y), axis=0).tolist(), n_unknown))

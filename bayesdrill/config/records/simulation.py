@@ -260,14 +260,14 @@ def grid(one: ResolvedExperiment) -> Experiment:
 
 def truth(one: ResolvedExperiment) -> dict[str, float]:
     """What a simulated record is made of: the parameters of the rig, SI."""
-    rig, space, config = one.model, one.rig, one.config
+    rig, space, config = one.model, one.space, one.config
     simulation: Any = config.simulation
     named = {name: getattr(simulation, name, None) for name in rig.parameters}
     given = simulation.truth if simulation else {}
     named |= {n: x for n in rig.parameters if (x := _given(given, n, one.label)) is not None}
     values = {**space.start, **one.nominal.compared, **space.fixed}
     for name, value in simulation.quantities.items() if simulation else ():
-        values[name] = value * quantities.quantity(name, config.quantities[name]).factor
+        values[name] = value * one.numbers.quantities[name].factor
     values |= {name: value for name, value in named.items() if value is not None}
     for name in rig.parameters:
         if name in space.relations and named[name] is None:

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import dataclasses
 import os
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -59,12 +60,20 @@ def paths(one: ResolvedExperiment) -> list[Path]:
     return [path_of(one.config, one.source, file) for file in files(one.config)]
 
 
-def named_in(data: dict[str, Any]) -> list[tuple[dict[str, Any], str]]:
+def named_in(data: Mapping[str, Any]) -> list[tuple[dict[str, Any], str]]:
     """Of a config as plain data: each mapping that names a file, and the key that does."""
-    inputs = [one for one in data["inputs"].values() if isinstance(one, dict)]
-    sections = [data["record"], *data["record"]["channels"].values(), *inputs]
-    having = [(section, section["file"]) for section in sections if "file" in section]
+    record, inputs = data.get("record", {}), data.get("inputs", {})
+    every = [record, *record.get("channels", {}).values(), *inputs.values()]
+    having = [(one, one["file"]) for one in every if isinstance(one, dict) and "file" in one]
     return [(file, "path") if isinstance(file, dict) else (s, "file") for s, file in having]
+
+
+def rebase(data: Mapping[str, Any], old: Path, new: Path) -> None:
+    """Names of files, from one folder to another; links are resolved first: `..` in a path goes up from
+    where a link leads to.
+    """
+    for section, key in named_in(data):
+        section[key] = name_in(new.resolve(), (old / section[key]).resolve())
 
 
 def name_in(folder: Path, file: Path) -> str:

@@ -15,9 +15,7 @@ from bayesdrill.config.resolve import experiments, sensors
 from bayesdrill.config.resolve.case import ResolvedCase, ResolvedExperiment
 from bayesdrill.config.resolve.channel_noise import noise
 from bayesdrill.config.resolve.experiments import common_or_own
-from bayesdrill.config.resolve.quantities import formula
-from bayesdrill.config.resolve.rig import space
-from bayesdrill.config.resolve.sensors import Declared
+from bayesdrill.config.resolve.quantities import Declared
 from bayesdrill.config.schema.config import Config
 from bayesdrill.config.yaml_source import Place
 from bayesdrill.inference import step_error
@@ -61,7 +59,8 @@ def problem(case: ResolvedCase, records: Sequence[Experiment]) -> Problem:
         of_rig = [of_label(n, label if n in config.own else "") for n in rig.parameters]
         of_sensors = [renamed[name] for name in observed.parameters[len(of_rig) :]]
         parts.append(replace(observed, parameters=[*of_rig, *of_sensors], levels=names))
-    unknowns = space(config, rig, nominal, [*levels.values()], [*told.values()], labels)
+    numbers, rest = case.experiments[0].numbers, ([*told.values()], [*levels.values()])
+    unknowns = numbers.space(config.own, labels, *rest)
     posterior = Posterior(
         space=unknowns,
         likelihood=Likelihood.joint(unknowns, parts).without(case.held_out),
@@ -82,7 +81,7 @@ def problem(case: ResolvedCase, records: Sequence[Experiment]) -> Problem:
         nominal=table,
         published=frozenset(published),
         tolerance=tolerance,
-        derived=tuple(formula(config, rig, name) for name in config.derived),
+        derived=numbers.derived,
         units=_display_units(case),
         clock=_clock(records[0].written.time, posterior.likelihood.observations),
         compared_with=nominal.name,
@@ -187,7 +186,7 @@ def _unseen(one: ResolvedExperiment, experiment: Experiment) -> dict[Place, str]
 
 def _at_start(one: ResolvedExperiment) -> dict[str, float]:
     """The rig's parameters where searches begin."""
-    known = one.rig
+    known = one.space
     values = {**known.fixed, **known.start}
     values |= {name: float(r.value(values)) for name, r in known.relations.items()}
     return {name: values[name] for name in one.model.parameters}

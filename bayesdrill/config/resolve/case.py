@@ -12,8 +12,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from bayesdrill.config.resolve.channel_noise import Measured
-from bayesdrill.config.resolve.rig import NominalTable
-from bayesdrill.config.resolve.sensors import Declared, Entry
+from bayesdrill.config.resolve.quantities import Declared, NominalTable
+from bayesdrill.config.resolve.rig import RigNumbers
+from bayesdrill.config.resolve.sensors import Entry
 from bayesdrill.config.schema.config import Config
 from bayesdrill.config.yaml_source import Source
 from bayesdrill.inference.priors import Prior
@@ -54,9 +55,9 @@ class Beside:
 class ResolvedExperiment:
     """One experiment; `label` is its name, empty where there is only one.
 
-    `config`: what it reads as if it were alone, whose paths start at `source`; `rig`: parameters of the
-    model and quantities alone; `channels`: those that are evidence; `entries` of sensors and start,
-    and what each is as `declared`; `free`: states of the start whose priors the record gives;
+    `config`: what it reads as if it were alone, whose paths start at `source`; `numbers`: of the rig,
+    and the `space` that they alone make; `channels`: those that are evidence; `entries` of sensors and
+    start, and what each is as `declared`; `free`: states of the start whose priors the record gives;
     `torque`: size and time of the missing one, where there is one.
     """
 
@@ -65,7 +66,8 @@ class ResolvedExperiment:
     source: Source
     model: Model
     nominal: NominalTable
-    rig: ParameterSpace
+    numbers: RigNumbers
+    space: ParameterSpace
     channels: tuple[Measured, ...]
     entries: tuple[Entry, ...]
     declared: tuple[Declared, ...]

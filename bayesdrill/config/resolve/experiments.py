@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayesdrill.config.resolve import sensors
-from bayesdrill.config.resolve.sensors import Declared
+from bayesdrill.config.resolve.quantities import Declared
 from bayesdrill.config.schema.config import Config
 from bayesdrill.config.yaml_source import Place, Source
 from bayesdrill.inference.priors import Prior, TruncatedNormal

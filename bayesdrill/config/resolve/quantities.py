@@ -6,10 +6,13 @@ The steps raise `ValueError` with a message for the user.
 
 from __future__ import annotations
 
+import dataclasses
 import keyword
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,26 +20,43 @@ from numpy.typing import NDArray
 from bayesdrill.basics import symbols, units
 from bayesdrill.basics.errors import did_you_mean
 from bayesdrill.basics.formulas import RESERVED, Expression, expression
+from bayesdrill.basics.registry import lookup
+from bayesdrill.basics.symbols import Symbol
 from bayesdrill.config.schema import numbers
 from bayesdrill.config.schema.config import Config
 from bayesdrill.config.schema.numbers import ParameterPrior, PriorSpec, QuantityPrior
 from bayesdrill.config.schema.records import InputColumn
 from bayesdrill.inference.posterior import Formula
 from bayesdrill.inference.priors import PRIORS, Prior
+from bayesdrill.inference.unknowns import Role, labelled
 from bayesdrill.record import anomalies
 from bayesdrill.record.experiment import Experiment
 from bayesdrill.rig import models
 from bayesdrill.rig.models.linear import Model
 
 
-@dataclass(frozen=True, slots=True)
-class Given:
-    """A quantity of the config in SI, held or with a prior, and how many SI its unit is."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Declared:
+    """A number of the config, SI: held, or unknown with a `start` for searches; `factor`: how many SI
+    its `unit` is.
+    """
 
-    symbol: symbols.Symbol
-    factor: float
+    symbol: Symbol
+    role: Role
     value: float | Prior
     start: float
+    factor: float = 1.0
+    unit: str = ""
+
+    @property
+    def name(self) -> str:
+        return self.symbol.name
+
+    def of(self, label: str, name: str) -> Declared:
+        """The same of one of several experiments; unless it has the same name in all of them."""
+        if name == self.name:
+            return self
+        return dataclasses.replace(self, symbol=labelled(self.symbol, label, name))
 
 
 _FARTHEST = 5  # sd of a normal between its mean and zero, where it is cut
@@ -110,22 +130,95 @@ def si(value: float | numbers.Quantity, unit: str) -> float:
     return value
 
 
-def quantity(name: str, spec: float | numbers.Quantity | QuantityPrior) -> Given:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NominalTable:
+    """Nominal `values` of parameters: those of a table, unless the config says otherwise.
+
+    `compared`: those that are this rig's, all of a table that the config names or relies on; where it
+    has values of its own, or no use for a table, the table speaks of another rig.  `published`: names
+    of these whose value is that of a table; `tolerance`: relative, of all parameters; `name`: what the
+    values are called in sentences.
+    """
+
+    values: Mapping[str, float]
+    compared: Mapping[str, float]
+    published: tuple[str, ...]
+    tolerance: Mapping[str, float]
+    name: str
+
+
+def nominal_table(config: Config) -> NominalTable:
+    """Raises `ValueError` where there is no such table."""
+    given: Any = config.nominal
+    table = given.table or symbols.DEFAULT_NOMINAL
+    own = {name: x for name in models.PARAMETERS if (x := getattr(given, name)) is not None}
+    values = {**lookup(symbols.NOMINAL, table, "nominal table").values, **own}
+    used = {name for name in values if is_nominal(config.parameters.get(name))}
+    compared = values
+    if given.table is None and (own or not used):
+        compared = {name: value for name, value in values.items() if name in own.keys() | used}
+    published = tuple(name for name in compared if name not in own)
+    called = f"{table} ({', '.join(n for n in compared if n in own)} as in the config)"
+    return NominalTable(
+        values=values,
+        compared=compared,
+        published=published,
+        tolerance=_tolerance(given.tolerance),
+        name=(called if published else "the config's nominal values") if own else table,
+    )
+
+
+def _tolerance(given: Any) -> dict[str, float]:
+    """`given`: one number, or by symbol and `default`."""
+    if isinstance(given, float):
+        return dict.fromkeys(models.PARAMETERS, given)
+    own = {name: getattr(given, name) for name in models.PARAMETERS}
+    return {name: given.default if value is None else value for name, value in own.items()}
+
+
+def parameter(
+    config: Config, model: Model, table: NominalTable, name: str
+) -> Declared | Expression:
+    """Of a rig: its number, or by what it follows from others."""
+    if (related := relation(config, model, name)) is not None:
+        return related
+    spec, symbol, value = config.parameters[name], models.PARAMETERS[name], table.values.get(name)
+    no_table = f"no table has {name}" + (f" ({symbol.typical})" if symbol.typical else "")
+    if not isinstance(spec, ParameterPrior):
+        held = float(spec) if isinstance(spec, float | int) else value
+        if held is None:
+            raise ValueError(f"{no_table}; give a number, or `nominal: {{{name}: ...}}`")
+        return Declared(symbol=symbol, role="rig", value=held, start=held)
+    if spec.relative and value is None:
+        way_out = f"`nominal: {{{name}: ...}}`, or leave out `relative:`"
+        raise ValueError(f"{no_table}, to be relative to; give {way_out}")
+    built, most = prior(spec, value), symbol.at_most
+    if built.high > most:
+        reaches = "has no end" if math.isinf(built.high) else f"goes up to {built.high:.6g}"
+        ends = f"such as {{prior: uniform, low: {0.5 * most:g}, high: {most:g}}}"
+        raise ValueError(f"the prior {reaches}, and {name} is at most {most:g}; let it end, {ends}")
+    begin = start(spec, built, table.compared.get(name))
+    return Declared(symbol=symbol, role="rig", value=built, start=begin)
+
+
+def quantity(name: str, spec: float | numbers.Quantity | QuantityPrior) -> Declared:
     _check_name(name)
+    value: float | Prior
     if isinstance(spec, float | int):
-        symbol = symbols.own_symbol(name, "", None, "held by the config")
-        return Given(symbol, 1.0, float(spec), float(spec))
-    unit, factor = units.coherent(spec.unit)
-    if isinstance(spec, numbers.Quantity):
-        if spec.value <= 0:
-            raise ValueError(f"{spec.value:g} is not positive; all quantities are")
-        symbol = symbols.own_symbol(name, unit, None, "held by the config")
-        return Given(symbol, factor, spec.value * factor, spec.value * factor)
-    if spec.relative:
-        raise ValueError("a quantity has no nominal value; write its prior in its own unit")
-    value, begin = prior_in_si(spec, factor)
-    symbol = symbols.own_symbol(name, unit, spec.latex, "quantity of the config")
-    return Given(symbol, factor, value, begin)
+        unit, factor, latex, value, begin = "", 1.0, None, float(spec), float(spec)
+    else:
+        (unit, factor), latex = units.coherent(spec.unit), getattr(spec, "latex", None)
+        if isinstance(spec, numbers.Quantity):
+            if spec.value <= 0:
+                raise ValueError(f"{spec.value:g} is not positive; all quantities are")
+            value = begin = spec.value * factor
+        else:
+            if spec.relative:
+                raise ValueError("a quantity has no nominal value; write its prior in its own unit")
+            value, begin = prior_in_si(spec, factor)
+    meaning = "held by" if isinstance(value, float) else "quantity of"
+    symbol = symbols.own_symbol(name, unit, latex, f"{meaning} the config")
+    return Declared(symbol=symbol, role="quantity", value=value, start=begin, factor=factor)
 
 
 def _check_name(name: str) -> None:

@@ -7,17 +7,15 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
-from bayesdrill.basics import symbols
 from bayesdrill.basics.entries import made
 from bayesdrill.basics.formulas import Expression, resolved
 from bayesdrill.basics.registry import lookup
 from bayesdrill.config.resolve import quantities
-from bayesdrill.config.resolve.quantities import prior, quantity, relation, start
-from bayesdrill.config.resolve.sensors import Declared
+from bayesdrill.config.resolve.quantities import Declared
 from bayesdrill.config.schema import numbers
 from bayesdrill.config.schema.config import Config
+from bayesdrill.inference.posterior import Formula
 from bayesdrill.inference.unknowns import ParameterSpace, Unknown, of_label
 from bayesdrill.rig import models
 from bayesdrill.rig.models import MODELS
@@ -35,52 +33,6 @@ def model(config: Config, more: Collection[str] = ()) -> Model:
     return with_named(rig, {*named, *more})
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class NominalTable:
-    """Nominal `values` of parameters: those of a table, unless the config says otherwise.
-
-    `compared`: those that are this rig's, all of a table that the config names or relies on; where it
-    has values of its own, or no use for a table, the table speaks of another rig.  `published`: names
-    of these whose value is that of a table; `tolerance`: relative, of all parameters; `name`: what the
-    values are called in sentences.
-    """
-
-    values: Mapping[str, float]
-    compared: Mapping[str, float]
-    published: tuple[str, ...]
-    tolerance: Mapping[str, float]
-    name: str
-
-
-def nominal_table(config: Config) -> NominalTable:
-    """Raises `ValueError` where there is no such table."""
-    given: Any = config.nominal
-    table = given.table or symbols.DEFAULT_NOMINAL
-    own = {name: x for name in models.PARAMETERS if (x := getattr(given, name)) is not None}
-    values = {**lookup(symbols.NOMINAL, table, "nominal table").values, **own}
-    used = {name for name in values if quantities.is_nominal(config.parameters.get(name))}
-    compared = values
-    if given.table is None and (own or not used):
-        compared = {name: value for name, value in values.items() if name in own.keys() | used}
-    published = tuple(name for name in compared if name not in own)
-    called = f"{table} ({', '.join(n for n in compared if n in own)} as in the config)"
-    return NominalTable(
-        values=values,
-        compared=compared,
-        published=published,
-        tolerance=_tolerance(given.tolerance),
-        name=(called if published else "the config's nominal values") if own else table,
-    )
-
-
-def _tolerance(given: Any) -> dict[str, float]:
-    """`given`: one number, or by symbol and `default`."""
-    if isinstance(given, float):
-        return dict.fromkeys(models.PARAMETERS, given)
-    own = {name: getattr(given, name) for name in models.PARAMETERS}
-    return {name: given.default if value is None else value for name, value in own.items()}
-
-
 def initial_state(config: Config, model: Model) -> dict[str, float]:
     """What is held of it, SI; of a steady start only what is named."""
     initial = config.initial
@@ -93,66 +45,54 @@ def initial_state(config: Config, model: Model) -> dict[str, float]:
     }
 
 
-def space(
-    config: Config,
-    model: Model,
-    table: NominalTable,
-    noise: Sequence[Unknown] = (),
-    told: Sequence[Declared] = (),
-    labels: Sequence[str] = (),
-) -> ParameterSpace:
-    """The unknowns: free parameters in the model's order, quantities, sensors and starts as they are
-    `told`, then those of the `noise`.  What is `own` is there once for each of the `labels`.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RigNumbers:
+    """Numbers of the rig's `parameters`, in the model's order, or by what they follow from others, of
+    quantities, and what is derived of them.
     """
-    unknowns: list[Unknown] = []
-    fixed: dict[str, float] = {}
-    relations: dict[str, Expression] = {}
-    for name in model.parameters:
-        spec = config.parameters.get(name)
-        related = relation(config, model, name)
-        if related is not None:
-            relations[name] = related
-        elif isinstance(spec, numbers.ParameterPrior):
-            built = prior(spec, table.values.get(name))
-            begin = start(spec, built, table.compared.get(name))
-            one = Unknown(symbol=models.PARAMETERS[name], role="rig", prior=built, start=begin)
-            several = labels if name in config.own else [""]
-            unknowns += [one.of(label) for label in several]
-        elif isinstance(spec, float | int):
-            fixed[name] = float(spec)
-        elif name in table.values:
-            fixed[name] = table.values[name]
-        else:
-            raise ValueError(f"no table has {name}")
-    for name, given in ((n, quantity(n, spec)) for n, spec in config.quantities.items()):
-        if isinstance(given.value, float):
-            fixed[name] = given.value
-        else:
-            symbol, own = given.symbol, given.value
-            unknowns.append(Unknown(symbol=symbol, role="quantity", prior=own, start=given.start))
-    relations, free = resolved(relations), {unknown.name for unknown in unknowns}
-    for name in [n for n, r in relations.items() if not set(r.names) & free]:
-        fixed[name] = float(relations.pop(name).value(fixed))
-    for each in told:
-        if isinstance(each.value, float):
-            fixed[each.name] = each.value
-        else:
-            unknowns.append(
-                Unknown(symbol=each.symbol, role=each.role, prior=each.value, start=each.start)
-            )
-    rig = [n for n in dict.fromkeys(local_names(config, model, labels)) if n]
-    return ParameterSpace(
-        model=(*rig, *(each.name for each in told)),
-        unknowns=(*unknowns, *noise),
-        fixed=fixed,
-        relations=relations,
-    )
 
+    parameters: Mapping[str, Declared | Expression]
+    quantities: Mapping[str, Declared]
+    derived: tuple[Formula, ...]
 
-def local_names(config: Config, model: Model, labels: Sequence[str]) -> list[str]:
-    """Of the rig's parameters, what is own once for each label."""
-    return [
-        of_label(name, label)
-        for name in model.parameters
-        for label in (labels if name in config.own else [""])
-    ]
+    def space(
+        self,
+        own: Sequence[str] = (),
+        labels: Sequence[str] = (),
+        told: Sequence[Declared] = (),
+        noise: Sequence[Unknown] = (),
+    ) -> ParameterSpace:
+        """The unknowns: free parameters, quantities, sensors and starts as they are `told`, then those
+        of the `noise`.  What is `own` is there once for each of the `labels`.  Raises `RelationError`.
+        """
+        unknowns: list[Unknown] = []
+        fixed: dict[str, float] = {}
+        model: list[str] = []
+
+        def add(each: Declared, several: Sequence[str] = ("",)) -> None:
+            if isinstance(each.value, float):
+                fixed[each.name] = each.value
+                return
+            one = Unknown(symbol=each.symbol, role=each.role, prior=each.value, start=each.start)
+            unknowns.extend(one.of(label) for label in several)
+
+        for name, each in self.parameters.items():
+            several = labels if name in own else [""]
+            model += [of_label(name, label) for label in several]
+            if isinstance(each, Declared):
+                add(each, several)
+        for each in self.quantities.values():
+            add(each)
+        free = {unknown.name for unknown in unknowns}
+        relations = {n: x for n, x in self.parameters.items() if isinstance(x, Expression)}
+        relations = resolved(relations)
+        for name in [n for n, r in relations.items() if not set(r.names) & free]:
+            fixed[name] = float(relations.pop(name).value(fixed))
+        for each in told:
+            add(each)
+        return ParameterSpace(
+            model=(*model, *(each.name for each in told)),
+            unknowns=(*unknowns, *noise),
+            fixed=fixed,
+            relations=relations,
+        )

@@ -17,7 +17,7 @@ import numpy as np
 from bayesdrill.basics import symbols, units
 from bayesdrill.basics.symbols import Symbol
 from bayesdrill.config.resolve import quantities
-from bayesdrill.config.resolve.quantities import prior_in_si
+from bayesdrill.config.resolve.quantities import Declared, prior_in_si
 from bayesdrill.config.schema.config import Config
 from bayesdrill.config.schema.numbers import Quantity, SensorPrior
 from bayesdrill.config.schema.records import InputColumn, InputQuantity
@@ -26,7 +26,7 @@ from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.noise.contract import Noise
 from bayesdrill.inference.priors import Prior
 from bayesdrill.inference.state_space import ShakenObservation
-from bayesdrill.inference.unknowns import Role, Unknown, labelled
+from bayesdrill.inference.unknowns import Role, Unknown
 from bayesdrill.rig import models
 from bayesdrill.rig.models.latent_torque import SIZE, TIME, MissingTorque, pushes
 from bayesdrill.rig.models.linear import Model
@@ -49,7 +49,7 @@ def latent_torque(config: Config) -> MissingTorque | None:
 
 
 def latent_torque_number(config: Config, entry: str) -> float | Unknown:
-    """One of them, `size` or `time`."""
+    """One of its numbers, `size` or `time`."""
     symbol = next(one for one in SYMBOLS if ENTRIES[one.name] == entry)
     spec = getattr(config.missing_torque, entry)
     if isinstance(spec, float | int):
@@ -132,28 +132,6 @@ class Entry:
     unit: str
     si: str
     latex: str
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Declared:
-    """A number of a sensor or a start, SI: held, or unknown with a `start` for searches."""
-
-    symbol: Symbol
-    role: Role
-    value: float | Prior
-    start: float
-    factor: float = 1.0
-    unit: str = ""
-
-    @property
-    def name(self) -> str:
-        return self.symbol.name
-
-    def of(self, label: str, name: str) -> Declared:
-        """The same of one of several experiments; unless it has the same name in all of them."""
-        if name == self.name:
-            return self
-        return dataclasses.replace(self, symbol=labelled(self.symbol, label, name))
 
 
 def sensor_entries(config: Config, model: Model) -> Iterator[Entry]:
