@@ -43,6 +43,8 @@ NONE = (
     "this entry"
 )
 
+NO_RECORD = "this experiment has no record; give `record: {file: ...}` in it"
+
 
 def load(path: Path) -> ResolvedCase:
     """Raises `InputError` with every problem, in the order of the lines."""
@@ -78,10 +80,16 @@ def _with_walkers(config: Config, model: Model) -> Config:
 def _several(source: Source) -> tuple[Config, dict[str, ResolvedExperiment]]:
     """All experiments, and the config of the first, which names them."""
     alone, resolved = experiments.split(source), dict[str, ResolvedExperiment]()
-    problems = [*source.repeated, *_without_record(source, alone)]
-    for label, own in (alone or {"": experiments.bare(source)}).items():
+    problems = [*source.repeated]
+    for label, own in (alone or {"": experiments.alone(source, "", {})}).items():
+        record = own.data.get("record", {})
+        if isinstance(record, Mapping) and "file" not in record:
+            record = {**record, "file": _STAND_INS["record", "file"]}
+            own = dataclasses.replace(own, data={**own.data, "record": record})
+            place = (experiments.EXPERIMENTS, label, "record", "file")
+            problems += [source.problem(place, NO_RECORD)] if alone else []
         try:
-            resolved[label] = _one(_with_a_record(own), label, alone=False)
+            resolved[label] = _one(own, label, alone=False)
         except InputError as error:
             problems += error.problems
     whole = experiments.join_experiments(source, alone)
@@ -95,28 +103,6 @@ def _several(source: Source) -> tuple[Config, dict[str, ResolvedExperiment]]:
     if problems:
         raise InputError(sorted(dict.fromkeys(problems), key=_line))
     return config, resolved
-
-
-def _without_record(source: Source, alone: Mapping[str, Source]) -> list[Issue]:
-    message = "this experiment has no record; give `record: {file: ...}` in it"
-    return [
-        source.problem((experiments.EXPERIMENTS, label, "record", "file"), message)
-        for label, own in alone.items()
-        if _lacks_record(own)
-    ]
-
-
-def _lacks_record(source: Source) -> bool:
-    record = source.data.get("record", {})
-    return isinstance(record, Mapping) and "file" not in record
-
-
-def _with_a_record(source: Source) -> Source:
-    """That it has none is said elsewhere, and once."""
-    if not _lacks_record(source):
-        return source
-    record = {**source.data.get("record", {}), "file": _STAND_INS["record", "file"]}
-    return dataclasses.replace(source, data={**source.data, "record": record})
 
 
 def _complaints(data: Mapping[str, Any], source: Source) -> list[Issue]:

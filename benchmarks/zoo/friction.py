@@ -42,7 +42,7 @@ class DryFriction:
                 for state, weight in entry.channel.weights.items()
             )
             noise = entry.noisy.sigma * rng.standard_normal(len(t))  # type: ignore[operator]
-            columns[str(spec.column)] = (clean + noise) / entry.factor
+            columns[str(spec.column)] = (clean + noise) / entry.channel.factor
         return columns
 
     def states(self, i_m: float, p: dict[str, float], t: Array, v: Array) -> Array:

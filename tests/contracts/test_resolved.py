@@ -15,7 +15,7 @@ MAKERS = {
     "quantities": ("nominal_table", "parameter", "quantity", "formula"),
     "channel_noise": ("measured",),
     "sensors": ("sensor_entries", "sensor_specs", "sensing", "free_states", "latent_torque_number"),
-    "experiments": ("split", "bare", "join_experiments"),
+    "experiments": ("split", "join_experiments"),
 }
 
 

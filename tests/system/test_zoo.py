@@ -214,7 +214,7 @@ def residuals_at_truth(job: Job) -> tuple[residual_checks.Left, ...]:
     values = {**space.start, **simulation.truth(one)}
     made: Any = config.simulation
     if made is not None:
-        factors = {e.channel.name: e.factor for e in one.channels}
+        factors = {e.channel.name: e.channel.factor for e in one.channels}
         values |= {f"sigma_{name}": s * factors[name] for name, s in made.sigma.items()}
         values |= made.truth
         for name, value in made.quantities.items():

@@ -150,14 +150,6 @@ def _check_steady(found: Collector, config: Config, model: Model) -> None:
         found.add(("initial", name), message)
 
 
-def in_vain(spec: ChannelSpec) -> dict[str, str]:
-    """Entries that mean nothing to the kind of noise, and what to do about each."""
-    kinds = {name: one.Entries for name, one in NOISES.usable().items()}
-    if spec.noise.name not in kinds:
-        return {}
-    return strange(("name", "noise"), kinds, kinds[spec.noise.name], spec.noise)
-
-
 def check_channels(found: Collector, config: Config, model: Model) -> dict[str, Measured | None]:
     """Those that are evidence: what is only derived from another is not.  None with a mistake."""
     measured = dict[str, Measured | None]()
@@ -184,8 +176,9 @@ def _check_measured(
     states = [models.STATES[state] for state in combines if state in model.outer]
     if states:
         found.run((*place, "unit"), units.factor, spec.unit, states[0].unit)
-    found.run((*place, "noise"), lookup, NOISES, spec.noise.name, "noise")
-    vain = in_vain(spec)
+    kinds, vain = {name: kind.Entries for name, kind in NOISES.usable().items()}, dict[str, str]()
+    if found.run((*place, "noise"), lookup, NOISES, spec.noise.name, "noise") is not None:
+        vain = strange(("name", "noise"), kinds, kinds[spec.noise.name], spec.noise)
     for entry, message in vain.items():
         found.add((*place, "noise", entry), message)
     known = spec.model_copy(update={"sigma": 1.0})

@@ -165,7 +165,7 @@ class _Reader:
         for k, entry in enumerate(measured):
             one = columns["record", "channels", entry.channel.name]
             inside = one.clock.inside
-            y[self._rows(t, one.clock.t[inside]), k] = one.values[inside] * entry.factor
+            y[self._rows(t, one.clock.t[inside]), k] = one.values[inside] * entry.channel.factor
         spans = windows(self._config.record.window)
         if len(spans) > 1:
             y[~between(t, spans)] = np.nan

@@ -198,7 +198,7 @@ def simulate_one(
         model=response.parameters, unknowns=observed.unknowns, fixed=dict(values)
     )
     noisy = observed.placed(space).draw(signals[None], np.array([own]), rng)[0]
-    y = noisy / np.array([entry.factor for entry in one.channels])
+    y = noisy / np.array([entry.channel.factor for entry in one.channels])
     return record_text(config, source, experiment, y)
 
 
@@ -314,5 +314,5 @@ def _known(one: ResolvedExperiment, entry: Measured) -> Measured:
             f"the noise of this channel is unknown; add `simulation: {{sigma: {{{name}: ...}}}}`"
         )
         raise InputError([one.source.problem(("record", "channels", name, "sigma"), message)])
-    sigma = float(simulation.sigma[name]) * entry.factor
+    sigma = float(simulation.sigma[name]) * entry.channel.factor
     return dataclasses.replace(entry, noisy=dataclasses.replace(entry.noisy, sigma=sigma))

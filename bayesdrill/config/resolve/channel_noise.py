@@ -22,9 +22,8 @@ from bayesdrill.rig import models
 
 @dataclass(frozen=True, slots=True)
 class Measured:
-    """How many SI units one unit of a column is, the kind of its noise, and what that has to know."""
+    """The kind of a channel's noise, and what that has to know."""
 
-    factor: float
     kind: str
     noisy: Noisy
 
@@ -63,7 +62,7 @@ def measured(name: str, spec: ChannelSpec, states: tuple[str, ...]) -> Measured:
     sigma, begin = _sigma(spec, factor)
     kind, entries = spec.noise.name, spec.noise.model_dump(exclude={"name"})
     noisy = Noisy(channel=channel, sigma=sigma, start=begin, entries=entries, factor=factor)
-    return Measured(factor, kind, noisy)
+    return Measured(kind, noisy)
 
 
 def _sigma(spec: ChannelSpec, factor: float) -> tuple[float | Prior, float]:

@@ -34,23 +34,18 @@ def split(source: Source) -> dict[str, Source]:
     if not isinstance(named, Mapping):
         return {}
     return {
-        label: _alone(source, label, own)
+        label: alone(source, label, own)
         for label, own in named.items()
         if isinstance(own, Mapping)  # what is none is told of by its own entry
     }
 
 
-def bare(source: Source) -> Source:
-    """Of a config whose experiments are none: what else it says."""
-    return _alone(source, "", {})
-
-
-def join_experiments(source: Source, alone: Mapping[str, Source]) -> dict[str, Any]:
+def join_experiments(source: Source, every: Mapping[str, Source]) -> dict[str, Any]:
     """The config of all: at its top the first experiment, and under each name all that is its own."""
     named = source.data[EXPERIMENTS]
     named = dict(named) if isinstance(named, Mapping) else named
-    first = next(iter(alone.values()), source)
-    for label, own in alone.items():
+    first = next(iter(every.values()), source)
+    for label, own in every.items():
         named[label] = {**named[label], **{k: own.data[k] for k in SECTIONS if k in own.data}}
     kept = {key: source.data[key] for key in WHOSE if key in source.data}
     return {**first.data, EXPERIMENTS: named, **kept}
@@ -61,7 +56,8 @@ def common_or_own(config: Config, name: str, label: str) -> str:
     return name if name in config.shared else of_label(name, label)
 
 
-def _alone(source: Source, label: str, own: Mapping[str, Any]) -> Source:
+def alone(source: Source, label: str, own: Mapping[str, Any]) -> Source:
+    """What a config says of an experiment with such entries of its `own`."""
     data = {k: v for k, v in source.data.items() if k not in (EXPERIMENTS, *WHOSE)}
     data = copy.deepcopy(data)
     for section in [name for name in SECTIONS if name in own]:
