@@ -88,10 +88,23 @@ class _Family:
         return made
 
 
+class _Positive(_Family):
+    """And those of all positive numbers."""
+
+    __slots__ = ()
+    low: ClassVar[float] = 0.0
+    high: ClassVar[float] = math.inf
+    in_logs: ClassVar[bool] = False
+
+
 class _Ended(_Family):
     """And those with ends of their own."""
 
     __slots__ = ()
+
+    @property
+    def in_logs(self: Any) -> bool:
+        return bool(self.low > 0)
 
     def extended(self: Any, low: float, high: float) -> Prior:
         made: Prior = dataclasses.replace(self, low=low, high=high)
@@ -104,10 +117,6 @@ class Uniform(_Ended):
 
     low: NonNegative
     high: Positive
-
-    @property
-    def in_logs(self) -> bool:
-        return self.low > 0
 
     def logpdf(self, x: Array) -> Array:
         inside = (x >= self.low) & (x <= self.high) & _possible(self, x)
@@ -126,10 +135,6 @@ class LogUniform(_Ended):
 
     low: Positive
     high: Positive
-
-    @property
-    def in_logs(self) -> bool:
-        return True
 
     def logpdf(self, x: Array) -> Array:
         inside = (x >= self.low) & (x <= self.high)
@@ -151,10 +156,6 @@ class TruncatedNormal(_Ended):
     sd: Positive
     low: NonNegative = 0.0
     high: Positive = math.inf
-
-    @property
-    def in_logs(self) -> bool:
-        return self.low > 0
 
     def logpdf(self, x: Array) -> Array:
         inside = (x >= self.low) & (x <= self.high) & _possible(self, x)
@@ -188,28 +189,17 @@ class TruncatedNormal(_Ended):
 
 
 @dataclass(frozen=True, slots=True)
-class LogNormal(_Family):
+class LogNormal(_Positive):
     """log x is normal with mean log(median) and standard deviation `sd_log`."""
 
     vanishes_at_ends: ClassVar[bool] = True
+    in_logs: ClassVar[bool] = True
 
     median: Positive
     sd_log: Annotated[
         float,
         Field(ge=SMALLEST, le=20, description="Standard deviation of the natural logarithm."),
     ]
-
-    @property
-    def low(self) -> float:
-        return 0.0
-
-    @property
-    def high(self) -> float:
-        return math.inf
-
-    @property
-    def in_logs(self) -> bool:
-        return True
 
     def logpdf(self, x: Array) -> Array:
         inside = x > 0
@@ -226,22 +216,10 @@ class LogNormal(_Family):
 
 
 @dataclass(frozen=True, slots=True)
-class HalfNormal(_Family):
+class HalfNormal(_Positive):
     """|Normal(0, scale)|."""
 
     scale: Positive
-
-    @property
-    def low(self) -> float:
-        return 0.0
-
-    @property
-    def high(self) -> float:
-        return math.inf
-
-    @property
-    def in_logs(self) -> bool:
-        return False
 
     def logpdf(self, x: Array) -> Array:
         inside = x > 0

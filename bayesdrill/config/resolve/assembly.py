@@ -93,7 +93,7 @@ def _display_units(case: ResolvedCase) -> OwnUnits:
     that of their entry.
     """
     config, sensed = case.config, dict[str, Unit]()
-    for one in case.experiments:
+    for one in (one for one in case.experiments if one.label not in case.held_out):
         own = {symbols.noise_name(c.channel.name): c.channel.shown for c in one.channels}
         for each in one.declared:
             if each.unit != each.symbol.unit:
