@@ -115,7 +115,7 @@ def _check_relations(
             derived.append(made)
             if formula.latex is not None:
                 found.run(("derived", name, "latex"), latex.check, made.symbol)
-    tied = [name for name in given if isinstance(config.parameters[name], str | numbers.Tie)]
+    tied = [name for name in given if quantities.is_tied(config.parameters[name])]
     related = {name: x for name, x in given.items() if isinstance(x, Expression)}
     wrong = any(given[name] is None for name in tied) or len(found.problems) > before
     if wrong or not {*model.parameters} <= {*given}:

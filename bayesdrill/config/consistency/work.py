@@ -10,8 +10,7 @@ from bayesdrill.basics import symbols
 from bayesdrill.basics.entries import entries_of, strange
 from bayesdrill.basics.registry import lookup
 from bayesdrill.config.consistency.unknowns import free_parameters
-from bayesdrill.config.resolve import assembly
-from bayesdrill.config.schema import numbers
+from bayesdrill.config.resolve import assembly, quantities
 from bayesdrill.config.schema.config import Config
 from bayesdrill.config.yaml_source import Collector, Place
 from bayesdrill.inference.unknowns import of_label
@@ -114,8 +113,7 @@ def check_output(
     if unknown is None:
         return
     given = config.parameters
-    related = [n for n in model.parameters if isinstance(given.get(n), numbers.Tie | str)]
-    related = [name for name in related if given[name] != "nominal"]
+    related = [name for name in model.parameters if quantities.is_tied(given.get(name))]
     shown = [*unknown, *related, *symbols.DERIVED, *config.derived]
     for k, name in enumerate(config.output.parameters or ()):
         found.expect(("output", "parameters", k), name, unknown, f"{name} is no unknown")

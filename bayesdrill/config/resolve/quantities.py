@@ -97,6 +97,11 @@ def is_relative(spec: object) -> bool:
     return isinstance(spec, ParameterPrior) and spec.relative
 
 
+def is_tied(spec: object) -> bool:
+    """Whether it follows from others."""
+    return isinstance(spec, numbers.Tie) or (isinstance(spec, str) and spec != "nominal")
+
+
 def is_nominal(spec: object) -> bool:
     """Whether it is the nominal value, or relative to it."""
     return spec == "nominal" or is_relative(spec)

@@ -28,8 +28,7 @@ def model(config: Config, more: Collection[str] = ()) -> Model:
     the parameters that the config names, or that are `more`.
     """
     rig = made(lookup(MODELS, config.model.name, "model"), config.model)
-    given = config.parameters.items()
-    named = [name for name, spec in given if spec is not None]
+    named = {name for name, spec in config.parameters.items() if spec is not None}
     return with_named(rig, {*named, *more})
 
 
@@ -84,8 +83,8 @@ class RigNumbers:
         for each in self.quantities.values():
             add(each)
         free = {unknown.name for unknown in unknowns}
-        relations = {n: x for n, x in self.parameters.items() if isinstance(x, Expression)}
-        relations = resolved(relations)
+        every = self.parameters.items()
+        relations = resolved({name: x for name, x in every if isinstance(x, Expression)})
         for name in [n for n, r in relations.items() if not set(r.names) & free]:
             fixed[name] = float(relations.pop(name).value(fixed))
         for each in told:
