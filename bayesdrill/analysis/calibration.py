@@ -272,12 +272,9 @@ def _simulated(posterior: Posterior, rng: np.random.Generator) -> tuple[Array, P
     else:
         message = f"the model has no finite response at {TRIES} draws from the priors; narrow them"
         raise InputError.one("parameters", message)
-    made = [
-        one.with_record(one.draw(each, theta, rng)[0])
-        for one, each in zip(likelihood.observations, signals, strict=True)
-    ]
-    simulated = dataclasses.replace(likelihood, observations=tuple(made))
-    return theta[0], dataclasses.replace(posterior, likelihood=simulated)
+    pairs = zip(likelihood.observations, signals, strict=True)
+    records = [one.draw(each, theta, rng)[0] for one, each in pairs]
+    return theta[0], posterior.edit(records=records)
 
 
 def fitted(study: Study, posterior: Posterior, seed: int) -> tuple[mode_search.Mode, Sampled]:

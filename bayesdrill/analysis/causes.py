@@ -141,23 +141,11 @@ class _Trial:
         count = _Left.of(posterior, theta, wide.posterior)
         return cls(posterior, theta, wide, count) if count.before > count.floor else None
 
-    @property
-    def tried(self) -> slice:
-        """Places of what is tried among the unknowns."""
-        first = len(self.theta) - len(self.posterior.space.columns("noise"))
-        return slice(first, first + len(self.wide.every))
-
     def starts(self) -> Array:
         """In coordinates: with each lag from which it is sought."""
-        every = self.wide.every
-        lags = TRIED if any(c.step for c in every) else (0.0,)
-        full = [self._with([c.at(lag) for c in every]) for lag in lags]
+        lags = TRIED if any(c.step for c in self.wide.every) else (0.0,)
+        full = [self.wide.at(self.theta, lag) for lag in lags]
         return self.wide.posterior.coordinates.from_physical(np.array(full))
-
-    def _with(self, tried: Sequence[float]) -> Array:
-        """The MAP, and these of what is tried."""
-        m = self.tried.start
-        return np.concatenate([self.theta[:m], tried, self.theta[m:]])
 
     def promises(self, least: float) -> bool:
         """Whether it would explain so much of what is left, were the response straight: at the MAP, and
@@ -173,7 +161,7 @@ class _Trial:
             height + _gain(slope, curvature, free)
             for height, slope, curvature in zip(value, here.slope, here.curvature, strict=True)
         ]
-        free[self.tried] = False
+        free[self.wide.tried] = False
         without = value[0] + _gain(here.slope[0], here.curvature[0], free)
         return bool(2.0 * (max(reached) - without) > least * (self.count.before - self.count.floor))
 
@@ -187,9 +175,7 @@ class _Trial:
             return None
         u = top.u[[which]]
         there = wider.coordinates.to_physical(u)[0]
-        rest = (
-            count.at(wider, there, self._with([c.neutral for c in self.wide.every])) / count.numbers
-        )
+        rest = count.at(wider, there, self.wide.at(self.theta)) / count.numbers
         explained = count.before / count.numbers - rest
         if explained <= 0:
             return None
@@ -204,18 +190,18 @@ class _Trial:
 
     def _named(self, there: Array, curvature: Array, least: float) -> tuple[Cause, ...]:
         """At the maximum `there (E,)`, where the cost is bent by `curvature (E, E)`."""
-        every, m = self.wide.every, self.tried.start
+        every, tried = self.wide.every, self.wide.tried
         # In units of what each would be known to alone, so that its diagonal is one.
         own = 1.0 / np.sqrt(np.maximum(np.diag(curvature), 1e-300))
         steps = own * self.wide.posterior.coordinates.slopes(there[None])[0]
         scaled = curvature * own[:, None] * own
         inverse = np.linalg.pinv(scaled, hermitian=True)
         sds = np.maximum(steps * np.sqrt(np.maximum(np.diag(inverse), 0.0)), 1e-300)
-        off = (there[self.tried] - [c.neutral for c in every]) / steps[self.tried]
+        off = (there[tried] - [c.neutral for c in every]) / steps[tried]
         return tuple(
             Cause(kind=c.kind, of=c.of, experiment=c.label, value=float(there[k]), sd=float(sds[k]))
-            for group in _chosen(scaled, m, off, every, least)
-            for k, c in enumerate(every, start=m)
+            for group in _chosen(scaled, tried.start, off, every, least)
+            for k, c in enumerate(every, start=tried.start)
             if c.group == group
         )
 
@@ -354,9 +340,8 @@ def _held(
     problem: Problem, wide: Widened, theta: Array, held: list[int], which: int | None
 ) -> tuple[float, float] | None:
     """With one of what is tried, or with nothing: its value, and what is lost."""
-    space, wider = problem.posterior.space, wide.posterior
-    m = len(theta) - len(space.columns("noise"))
-    start = np.concatenate([theta[:m], [c.neutral for c in wide.every], theta[m:]])
+    space, wider, m = problem.posterior.space, wide.posterior, wide.tried.start
+    start = wide.at(theta)
     ends = np.stack([start, start])
     for k in held:
         name = space.free[k]

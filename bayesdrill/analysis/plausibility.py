@@ -296,7 +296,7 @@ def open_ends(
     priors = _in_the_way(posterior, nominal, draws)
     if not priors:
         return None
-    beyond = dataclasses.replace(posterior, space=posterior.space.with_priors(priors))
+    beyond = posterior.edit(priors=priors)
     names = tuple(priors)
     report.say(
         f"priors of {', '.join(names)} end near nominal values: once more without these ends"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import islice
@@ -16,8 +16,11 @@ from bayesdrill.inference.noise.contract import Noise
 from bayesdrill.inference.noise.mixed import of_record
 from bayesdrill.inference.unknowns import ParameterSpace, Unknown
 from bayesdrill.record.experiment import Experiment, frozen
+from bayesdrill.rig.models.linear import Model
+from bayesdrill.rig.simulators import simulator
 from bayesdrill.rig.simulators.contract import Simulator
 from bayesdrill.rig.simulators.kalman import Filtered
+from bayesdrill.rig.simulators.sensors import Sensing
 
 Array = NDArray[np.float64]
 
@@ -194,6 +197,15 @@ class Observation:
         """By another simulator, whose parameters have these names; to be `placed`."""
         return dataclasses.replace(self, response=response, parameters=parameters)
 
+    def of_rig(self, model: Model, sensing: Sensing) -> Self:
+        """Of another rig by other sensors, in the same steps; to be `placed`.  New parameters are called
+        among those of all as they are in rig and sensors.
+        """
+        old = self.response
+        response = simulator(model, self.experiment, sensing, *(old.stepping or ()))
+        told = self.named(old.parameters)
+        return self.simulated(response, [told.get(name, name) for name in response.parameters])
+
     def on(self, y: Array) -> Self:
         """Of a record `(T, K)` at the same times, with other samples missing; raises `ValueError` where
         the noise has to see all.
@@ -338,6 +350,16 @@ class Likelihood:
     def joint(cls, space: ParameterSpace, parts: Sequence[Observation]) -> Likelihood:
         """Of several experiments; their names stand in `space`."""
         return cls(tuple(one.placed(space) for one in parts), space)
+
+    def edited(
+        self, space: ParameterSpace, each: Callable[[Observation], Observation]
+    ) -> Likelihood:
+        """Of the unknowns of `space`, with other observations."""
+        every, apart = (
+            tuple(each(one).placed(space) for one in some)
+            for some in (self.observations, self.apart)
+        )
+        return Likelihood(every, space, apart)
 
     def without(self, labels: Collection[str]) -> Likelihood:
         """With these experiments `apart`."""

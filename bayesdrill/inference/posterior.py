@@ -4,8 +4,10 @@ values (a `Problem`).
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import dataclasses
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +15,8 @@ from numpy.typing import NDArray
 from bayesdrill.basics.formulas import Expression
 from bayesdrill.basics.symbols import Symbol
 from bayesdrill.inference.likelihood import Likelihood, Observation
-from bayesdrill.inference.unknowns import Coordinates, ParameterSpace
+from bayesdrill.inference.priors import Prior
+from bayesdrill.inference.unknowns import MOVES, Coordinates, ParameterSpace, Unknown
 from bayesdrill.record.experiment import Experiment
 from bayesdrill.rig.models.linear import Model
 
@@ -31,6 +34,31 @@ class Posterior:
     space: ParameterSpace
     likelihood: Likelihood
     coordinates: Coordinates
+
+    def edit(
+        self,
+        *,
+        free: Sequence[Unknown] = (),
+        priors: Mapping[str, Prior] = MappingProxyType({}),
+        records: Sequence[Array] = (),
+        each: Callable[[Observation], Observation] = lambda one: one,
+    ) -> Posterior:
+        """Return it with something changed, and all else as it is: steps, sensors, experiments.
+
+        `free`: what becomes unknown, numbers that were held or parameters that observations have only
+        now: those of the rig stand behind the rig's others, and all others before the noise.  `priors`:
+        of unknowns, by name.  `records`: one `(T, K)` for each observation.  `each`: makes another
+        observation of every one, such as `Observation.of_rig`, also of those that are held out.
+        """
+        space = self.space if not free else _with_unknowns(self.space, free)
+        space = space if not priors else space.with_priors(priors)
+        likelihood = self.likelihood.edited(space, each)
+        if records:
+            pairs = zip(likelihood.observations, records, strict=True)
+            measured = tuple(one.with_record(y) for one, y in pairs)
+            likelihood = dataclasses.replace(likelihood, observations=measured)
+        coordinates = self.coordinates if space is self.space else space.coordinates()
+        return Posterior(space, likelihood, coordinates)
 
     def __call__(self, z: Array) -> Array:
         return self.evaluate(z)[0]
@@ -62,6 +90,20 @@ class Posterior:
         failed = np.isnan(log_p)
         log_p[failed] = -np.inf
         return log_p, int(failed.sum())
+
+
+def _with_unknowns(space: ParameterSpace, new: Sequence[Unknown]) -> ParameterSpace:
+    """What is `new` among the unknowns, and no longer among what is held."""
+    names, old = [one.name for one in new], space.unknowns
+    rig, moving = len(space.columns("rig", "quantity")), len(space.columns(*MOVES))
+    of_rig = [one for one in new if one.role == "rig"]
+    others = [one for one in new if one.role != "rig"]
+    return dataclasses.replace(
+        space,
+        model=(*space.model, *(name for name in names if name not in space.model)),
+        unknowns=(*old[:rig], *of_rig, *old[rig:moving], *others, *old[moving:]),
+        fixed={name: value for name, value in space.fixed.items() if name not in names},
+    )
 
 
 @dataclass(frozen=True, slots=True)

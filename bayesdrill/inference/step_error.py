@@ -88,9 +88,7 @@ def evidence_shift(posterior: Posterior, draws: Array) -> EvidenceShift | None:
 
 
 def _finer(posterior: Posterior, part: int) -> Posterior:
-    return _with(
-        posterior, lambda one: dataclasses.replace(one, response=_truth(one.response, part))
-    )
+    return _with(posterior, lambda one: _by(one, _truth(one.response, part)))
 
 
 def _log_likelihood(posterior: Posterior, draws: Array) -> Array:
@@ -131,17 +129,15 @@ def taking(posterior: Posterior, steps: Mapping[str, Taken]) -> Posterior:
 
 def _with(posterior: Posterior, made: Callable[[Observation], Observation]) -> Posterior:
     """With other observations where they are stepped."""
-    likelihood = posterior.likelihood
-    every, apart = (
-        tuple(made(one) if one.response.stepping else one for one in some)
-        for some in (likelihood.observations, likelihood.apart)
-    )
-    likelihood = dataclasses.replace(likelihood, observations=every, apart=apart)
-    return dataclasses.replace(posterior, likelihood=likelihood)
+    return posterior.edit(each=lambda one: made(one) if one.response.stepping else one)
 
 
 def _in(one: Observation, pieces: int, turns: int) -> Observation:
-    return dataclasses.replace(one, response=one.response.finer(pieces, turns, chosen=True))
+    return _by(one, one.response.finer(pieces, turns, chosen=True))
+
+
+def _by(one: Observation, response: Simulator) -> Observation:
+    return dataclasses.replace(one, response=response)
 
 
 def _about(posterior: Posterior, theta: Array) -> Array:

@@ -146,27 +146,20 @@ def made_record(posterior: Posterior, truth: Array, seed: int, index: int) -> Po
     """With record `index` of the rig `truth (D,)`: its noise is the same for every sigma but in size."""
     rng = seeds.stream(seed, "study", index)
     y = posterior.likelihood.signals(truth[None])
-    return record_of(posterior, posterior.likelihood.noise.draw(y, np.empty((1, 0)), rng)[0])
+    return posterior.edit(records=[*posterior.likelihood.noise.draw(y, np.empty((1, 0)), rng)])
 
 
 def clean_record(posterior: Posterior, truth: Array) -> Posterior:
     """With a record without noise."""
-    return record_of(posterior, posterior.likelihood.signals(truth[None])[0])
+    return posterior.edit(records=[*posterior.likelihood.signals(truth[None])])
 
 
 def with_sigma(posterior: Posterior, sigma: float) -> Posterior:
     """With this noise in every channel."""
-    likelihood = posterior.likelihood
-    known = dict.fromkeys(range(likelihood.noise.n_channels), sigma)
-    noise = dataclasses.replace(likelihood.noise, known=known)
-    return dataclasses.replace(posterior, likelihood=likelihood.with_alone(noise=noise))
-
-
-def record_of(posterior: Posterior, y: Array) -> Posterior:
-    """With the record `y (T, K)`."""
-    likelihood = posterior.likelihood
-    own = likelihood.with_alone(response=likelihood.response.with_record(y))
-    return dataclasses.replace(posterior, likelihood=own)
+    noise = posterior.likelihood.noise
+    known = dict.fromkeys(range(noise.n_channels), sigma)
+    other = dataclasses.replace(noise, known=known)
+    return posterior.edit(each=lambda one: dataclasses.replace(one, noise=other))
 
 
 SAME = 1e-6  # relative, and absolute: records hold nine digits

@@ -211,6 +211,7 @@ def _by_trapezoid(
     target = precision.made_record(sized, truth, seed, 0) if noisy else exact
     if own:
         y = target.likelihood.response.experiment.y - exact.likelihood.response.experiment.y
-        target = precision.record_of(target, y + forward.stepped_signals(target.likelihood, truth))
+        stepped = forward.stepped_signals(target.likelihood, truth)
+        target = target.edit(records=[y + stepped])
     task = forward.stepped_task(_free(target), target.likelihood)
     return Fminsearch()(task, start, EVALUATIONS).theta

@@ -33,7 +33,7 @@ from bayesdrill.output_files import (
     loads_checksummed,
     typed,
 )
-from bayesdrill.record.experiment import Experiment, frozen
+from bayesdrill.record.experiment import Experiment
 from bayesdrill.report import run_report
 from bayesdrill.report.section import Section, as_markdown, markdown
 from bayesdrill.report.sections import calibration_words
@@ -80,16 +80,8 @@ def _blank(problem: Problem) -> Problem:
     """What was measured plays no part but in priors of free states, and so must not stop a calibration
     from being resumed.
     """
-    seen = [one.experiment.seen for one in problem.observations]
-    blank = tuple(
-        one.with_record(frozen(np.where(where, 0.0, np.nan)))
-        for one, where in zip(problem.observations, seen, strict=True)
-    )
-    posterior = problem.posterior
-    likelihood = dataclasses.replace(posterior.likelihood, observations=blank)
-    return dataclasses.replace(
-        problem, posterior=dataclasses.replace(posterior, likelihood=likelihood)
-    )
+    blank = [np.where(one.experiment.seen, 0.0, np.nan) for one in problem.observations]
+    return dataclasses.replace(problem, posterior=problem.posterior.edit(records=blank))
 
 
 def study(job: Job) -> Study:

@@ -13,7 +13,6 @@ priors settle the scale, held or not.
 
 from __future__ import annotations
 
-import dataclasses
 import itertools
 import math
 from collections.abc import Callable, Collection, Sequence
@@ -24,7 +23,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayesdrill.analysis.identifiability.information import RANK_TOLERANCE, Information, Scenery
-from bayesdrill.inference.likelihood import Likelihood
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.priors import Uniform
 from bayesdrill.inference.unknowns import Unknown
@@ -259,7 +257,7 @@ def resting(
     if not held:
         return ()
     first = len(space.columns("rig", "quantity"))
-    wider = _freed(posterior, model, held, first)
+    wider = _freed(posterior, model, held)
     at = np.insert(theta, first, [space.fixed[name] for name in held])
     found = structure_of(wider, Scenery(wider.likelihood), at, rng)
     follows = following(known, prior_sd)
@@ -276,23 +274,18 @@ def following(known: Information, prior_sd: Array) -> Array:
     return np.asarray(spread @ spread.T / prior_sd**2)
 
 
-def _freed(posterior: Posterior, model: Model, held: tuple[str, ...], first: int) -> Posterior:
-    """With what is held unknown, behind the rig's other unknowns, of which `first` is the number."""
-    space, (low, high) = posterior.space, NEAR
+def _freed(posterior: Posterior, model: Model, held: tuple[str, ...]) -> Posterior:
+    """With what is held unknown."""
+    (low, high), fixed = NEAR, posterior.space.fixed
     known = {one.name: one for one in (*PARAMETERS.values(), *model.declares)}
-    new = tuple(
-        Unknown(
-            symbol=known[name],
-            role="rig",
-            prior=Uniform(low=low * space.fixed[name], high=high * space.fixed[name]),
-            start=space.fixed[name],
-        )
-        for name in held
+    return posterior.edit(
+        free=[
+            Unknown(
+                symbol=known[name],
+                role="rig",
+                prior=Uniform(low=low * fixed[name], high=high * fixed[name]),
+                start=fixed[name],
+            )
+            for name in held
+        ]
     )
-    wider = dataclasses.replace(
-        space,
-        unknowns=(*space.unknowns[:first], *new, *space.unknowns[first:]),
-        fixed={name: value for name, value in space.fixed.items() if name not in held},
-    )
-    likelihood = Likelihood.joint(wider, posterior.likelihood.observations)
-    return Posterior(space=wider, likelihood=likelihood, coordinates=wider.coordinates())
