@@ -13,9 +13,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bayesdrill.analysis import edits
+from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.symbols import noise_name
 from bayesdrill.config import loading
 from bayesdrill.config.job import Job, assemble
@@ -98,8 +98,6 @@ def rounded(value: float) -> float:
     """To three digits: a config is read."""
     return float(f"{value:.3g}")
 
-
-Array = NDArray[np.float64]
 
 GIVEN = "as_given"
 UNKNOWN = "unknown_noise"

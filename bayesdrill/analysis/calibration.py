@@ -30,17 +30,14 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import bdtr, gammaln
 
 from bayesdrill.basics import seeds
+from bayesdrill.basics.arrays import Array, Counts
 from bayesdrill.basics.errors import InputError
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.sampling.ensembles import Sampled
 from bayesdrill.sampling.fit import FitPlan, fit
-
-Array = NDArray[np.float64]
-Counts = NDArray[np.int64]
 
 PLAIN = 3.0  # standard errors from which a shift or a spread of the ranks is named
 

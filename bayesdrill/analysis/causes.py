@@ -20,15 +20,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from bayesdrill.analysis.edits import Candidate, Kind, Widened, widened
+from bayesdrill.basics.arrays import Array, Flags
 from bayesdrill.inference.laplace import PosteriorSurface
 from bayesdrill.inference.posterior import Posterior, Problem
 from bayesdrill.sampling.gauss_newton import climb
-
-Array = NDArray[np.float64]
 
 CAUSE_STEPS = 60  # uphill
 TRIED = (0.0, 3.0, -3.0)  # samples: lags from which it is sought
@@ -206,7 +204,7 @@ class _Trial:
         )
 
 
-def _gain(slope: Array, curvature: Array, free: NDArray[np.bool_]) -> float:
+def _gain(slope: Array, curvature: Array, free: Flags) -> float:
     """Of the log density, by a step of what is `free (D,)` alone."""
     own = 1.0 / np.sqrt(np.maximum(np.diag(curvature)[free], 1e-300))
     scaled = curvature[np.ix_(free, free)] * own[:, None] * own + ROUNDING * np.eye(len(own))
@@ -264,7 +262,7 @@ class _Left:
     it is unknown.
     """
 
-    seen: list[NDArray[np.bool_]]
+    seen: list[Flags]
     before: float
     floor: float
 

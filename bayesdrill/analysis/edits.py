@@ -16,8 +16,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.symbols import Symbol
 from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.posterior import Posterior
@@ -27,8 +27,6 @@ from bayesdrill.record.experiment import DRIVES, of_states, usual_inputs
 from bayesdrill.rig.models.composed import with_named
 from bayesdrill.rig.models.linear import Linear, Model
 from bayesdrill.rig.simulators.sensors import Sensing
-
-Array = NDArray[np.float64]
 
 Kind = Literal["gain", "offset", "lag", "input offset", "input lag", "start", "rig"]
 

@@ -14,12 +14,11 @@ from numpy.typing import NDArray
 
 from bayesdrill.analysis.diagnostics import Row
 from bayesdrill.analysis.identifiability.information import Information, Scenery
+from bayesdrill.basics.arrays import Array
 from bayesdrill.inference.posterior import Problem
 from bayesdrill.inference.priors import Prior, spread, spread_of_log
 from bayesdrill.rig import models
 from bayesdrill.rig.models.linear import STATES, Model, MotorRoles, Roles, dynamics
-
-Array = NDArray[np.float64]
 
 APPRECIABLE = 0.05  # relative
 MOST_DRAWS = 2000  # whose poles are looked at

@@ -14,17 +14,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bayesdrill.analysis.identifiability.information import Scenery, root_of
+from bayesdrill.basics.arrays import Array, Flags
 from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.posterior import Problem
 from bayesdrill.record import anomalies
 from bayesdrill.record.clocks import usual_step
 from bayesdrill.record.experiment import Channel, Experiment
 from bayesdrill.rig.models.linear import Model, driven, dynamics
-
-Array = NDArray[np.float64]
 
 BITS = (12, 14, 16, 24, 32)  # of counters
 CALM = 0.4  # of a period: a larger step can only be a counter that ran over, and a smaller one none
@@ -112,7 +110,7 @@ def _overrun(channel: Channel, t: Array, y: Array, factor: float) -> list[str]:
     return []
 
 
-def _goes_on(y: Array, jumps: NDArray[np.bool_]) -> bool:
+def _goes_on(y: Array, jumps: Flags) -> bool:
     """Whether the motion before each jump goes on after it, against it, and nothing takes it back."""
     steps, at = np.diff(y), np.flatnonzero(jumps)
     before = steps[np.maximum(at - 1, 0)]

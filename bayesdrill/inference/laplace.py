@@ -19,14 +19,12 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bayesdrill.basics.arrays import Array, Flags
 from bayesdrill.inference.likelihood import Directions, Observation, along, weighted
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.priors import spread, spread_of_log
 from bayesdrill.inference.unknowns import MOVES, Coordinates, Unknown
-
-Array = NDArray[np.float64]
 
 _STEP = 1e-5  # of a log: central differences then err by about 1e-10
 
@@ -193,7 +191,7 @@ class Surface(Protocol):
 
     def value(self, u: Array) -> Array: ...
 
-    def inside(self, u: Array) -> NDArray[np.bool_]: ...
+    def inside(self, u: Array) -> Flags: ...
 
     def expand(self, u: Array, directions: Array) -> Expansion:
         """`directions (D, q)`: columns along which slopes are wanted."""
@@ -222,7 +220,7 @@ class PosteriorSurface:
             return self.posterior(u)
         return self.posterior.density(self.posterior.coordinates.to_physical(u))
 
-    def inside(self, u: Array) -> NDArray[np.bool_]:
+    def inside(self, u: Array) -> Flags:
         return self.posterior.supports(u)
 
     def expand(self, u: Array, directions: Array) -> Expansion:

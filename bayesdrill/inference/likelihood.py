@@ -10,8 +10,8 @@ from itertools import islice
 from typing import Any, Protocol, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bayesdrill.basics.arrays import Array
 from bayesdrill.inference.noise.contract import Noise
 from bayesdrill.inference.noise.mixed import of_record
 from bayesdrill.inference.unknowns import ParameterSpace, Unknown
@@ -21,8 +21,6 @@ from bayesdrill.rig.simulators import simulator
 from bayesdrill.rig.simulators.contract import Simulator
 from bayesdrill.rig.simulators.kalman import Filtered
 from bayesdrill.rig.simulators.sensors import Sensing
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

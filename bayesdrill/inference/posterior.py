@@ -10,8 +10,8 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bayesdrill.basics.arrays import Array, Flags
 from bayesdrill.basics.formulas import Expression
 from bayesdrill.basics.symbols import Symbol
 from bayesdrill.inference.likelihood import Likelihood, Observation
@@ -19,8 +19,6 @@ from bayesdrill.inference.priors import Prior
 from bayesdrill.inference.unknowns import MOVES, Coordinates, ParameterSpace, Unknown
 from bayesdrill.record.experiment import Experiment
 from bayesdrill.rig.models.linear import Model
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,7 +69,7 @@ class Posterior:
         log_p[inside] += log_jacobian[inside]
         return log_p, failures
 
-    def supports(self, z: Array) -> NDArray[np.bool_]:
+    def supports(self, z: Array) -> Flags:
         """Whether the priors have a density at `z (W, D)`: `(W,)`, without asking the model."""
         theta = self.coordinates.to_physical(z)
         return np.asarray(self.space.log_prior(theta) > -np.inf)

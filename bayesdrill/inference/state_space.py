@@ -14,8 +14,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bayesdrill.basics.arrays import Array
 from bayesdrill.inference.likelihood import Directions, Observation
 from bayesdrill.inference.noise.mixed import Mixed, Part
 from bayesdrill.inference.noise.white import White
@@ -23,8 +23,6 @@ from bayesdrill.inference.unknowns import ParameterSpace, Unknown
 from bayesdrill.rig.models.latent_torque import SIZE, TIME
 from bayesdrill.rig.simulators.contract import Simulator
 from bayesdrill.rig.simulators.kalman import Filtered
-
-Array = NDArray[np.float64]
 
 MOST_BYTES = 6e7  # of slopes at a time
 

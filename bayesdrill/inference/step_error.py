@@ -8,14 +8,13 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bayesdrill.basics.arrays import Array
 from bayesdrill.inference.likelihood import Likelihood, Observation
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.rig.simulators.contract import Simulator, Stepping
 from bayesdrill.rig.simulators.stepped import TURNS
 
-Array = NDArray[np.float64]
 Taken = tuple[int, int]  # steps to a sample, and parts of those in which something turns
 
 FINER = 16  # times as many pieces are taken for the truth

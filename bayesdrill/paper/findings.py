@@ -8,12 +8,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
 from bayesdrill import output_files
 from bayesdrill.analysis import Verdict
-from bayesdrill.basics import InputError, Issue
+from bayesdrill.basics import Array, InputError, Issue
 from bayesdrill.config import Config, Job, Source, job, loading
 from bayesdrill.config import optimiser as optimiser_of
 from bayesdrill.paper import printed
@@ -24,8 +21,6 @@ from bayesdrill.paper.searches import Control, End, Heuristic
 from bayesdrill.paper.verification import Verification
 from bayesdrill.record import Experiment
 from bayesdrill.sampling import Optimiser
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

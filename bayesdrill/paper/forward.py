@@ -31,15 +31,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bayesdrill.basics import Array
 from bayesdrill.inference import Likelihood, derived
 from bayesdrill.paper.plugins import AsPrinted
 from bayesdrill.record import Experiment, regular
 from bayesdrill.rig import Model, MotorShaft, Named, Response
 from bayesdrill.sampling import Task
-
-Array = NDArray[np.float64]
 
 SIX_STATES = ("theta_1", "theta_2", "q", "w_1", "w_2", "i")
 

@@ -10,9 +10,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from numpy.typing import NDArray
 
-from bayesdrill.basics import PARAMETERS, STATES, own_symbol
+from bayesdrill.basics import PARAMETERS, STATES, Array, own_symbol
 from bayesdrill.inference import HDI_PROBABILITY, hdi
 from bayesdrill.paper import printed as paper
 from bayesdrill.paper.forward import Reading
@@ -31,7 +30,6 @@ from bayesdrill.report import (
     usable,
 )
 
-Array = NDArray[np.float64]
 Look = Mapping[str, Any]
 
 FIT_LEGEND: Look = {"loc": "upper center", "borderaxespad": 0.3, "columnspacing": 1.6}

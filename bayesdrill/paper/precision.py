@@ -14,11 +14,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from bayesdrill.analysis import Scenery, from_sensitivities
-from bayesdrill.basics import seeds
+from bayesdrill.basics import Array, seeds
 from bayesdrill.config import Config, Source, path_of, simulate
 from bayesdrill.config import model as model_of
 from bayesdrill.config import truth as simulated_truth
@@ -28,8 +27,6 @@ from bayesdrill.paper.plugins import Fminsearch
 from bayesdrill.record import regular
 from bayesdrill.rig import Model, MotorShaft, Response, TwoRotors
 from bayesdrill.sampling import THOROUGH, Optimiser, Task, mode_search
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -29,10 +29,9 @@ from decimal import Decimal
 from types import MappingProxyType
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bayesdrill.analysis import Scenery, from_sensitivities, plausibility
-from bayesdrill.basics import symbols
+from bayesdrill.basics import Array, symbols
 from bayesdrill.inference import Posterior, derived, hdi
 from bayesdrill.record import usual_inputs
 from bayesdrill.rig import Model, MotorShaft, Named, TwoRotors
@@ -227,8 +226,6 @@ def signed_deviation(name: str) -> float:
     cell = NINE_PARAMETERS[name]
     return math.copysign(cell.deviation, cell.value - GUESS[name])
 
-
-Array = NDArray[np.float64]
 
 # The seven products that neither symmetry changes, and some that follow from them.
 PRODUCTS: Mapping[str, Mapping[str, int]] = {

@@ -9,11 +9,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bayesdrill import output_files
 from bayesdrill.analysis import Scenery, study_of
-from bayesdrill.basics import Interrupted, Reporter, Silent, software
+from bayesdrill.basics import Array, Interrupted, Reporter, Silent, software
 from bayesdrill.config import Config, Job, Source
 from bayesdrill.inference import ParameterSpace
 from bayesdrill.paper import forward, precision, printed, reproduction, searches
@@ -25,8 +24,6 @@ from bayesdrill.results import Folder
 from bayesdrill.rig import MotorShaft
 from bayesdrill.sampling import Crew, Optimiser
 from bayesdrill.tasks import conclusions, pipeline
-
-Array = NDArray[np.float64]
 
 RECORDS = 400  # of each sigma in the verification study
 STARTS = 40  # of the simultaneous searches, each way

@@ -13,15 +13,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bayesdrill.analysis import Exponents
-from bayesdrill.basics import seeds
+from bayesdrill.basics import Array, seeds
 from bayesdrill.inference import Posterior
 from bayesdrill.paper import forward, precision
 from bayesdrill.sampling import Crew, Optimiser, Optimum
-
-Array = NDArray[np.float64]
 
 EVALUATIONS = 8000
 SAME = 4.0  # of the paper's misfit: ends nearer to the least one are equally good

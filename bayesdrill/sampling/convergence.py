@@ -18,12 +18,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import fft
 from scipy.special import chdtri
 
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
+from bayesdrill.basics.arrays import Array, Flags, Indices
 
 STILL_SHARE = 0.5  # of the kept steps: a walker that stands still for as long is stuck, ...
 STILL_RATIO = 5.0  # ... if that is as many times longer than half of the walkers ever do
@@ -69,7 +67,7 @@ def standing_still(theta: Array) -> Flags:
     return np.asarray(stay >= (least if usual >= least else max(least, STILL_RATIO * usual)))
 
 
-def longest_stay(theta: Array) -> NDArray[np.intp]:
+def longest_stay(theta: Array) -> Indices:
     """`(E, S, W, D) -> (E, W)`: most steps in a row without a move."""
     moved = (theta[:, 1:] != theta[:, :-1]).any(axis=-1)
     step = np.arange(1, theta.shape[1])[:, None]
@@ -416,7 +414,7 @@ class Autocorrelation:
 
     rho: Array
     tau: Array
-    window: NDArray[np.intp]
+    window: Indices
 
 
 def autocorrelation(chains: Array) -> Autocorrelation:

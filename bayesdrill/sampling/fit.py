@@ -12,9 +12,9 @@ from concurrent.futures import Future
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bayesdrill.basics import seeds
+from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.progress import SILENT, Reporter
 from bayesdrill.inference import laplace
 from bayesdrill.inference.posterior import Posterior
@@ -24,8 +24,6 @@ from bayesdrill.sampling.mode_search import Mode, Search
 from bayesdrill.sampling.opened_ends import with_open_ends
 from bayesdrill.sampling.optimisers.contract import Optimiser
 from bayesdrill.sampling.workers import Crew
-
-Array = NDArray[np.float64]
 
 SEARCHING = "searching the MAP"
 

@@ -11,16 +11,14 @@ import math
 from collections.abc import Callable, Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.progress import Reporter
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.priors import Prior
 from bayesdrill.sampling.ensembles import Memory, Opened, Plan, Sampled, sample
 from bayesdrill.sampling.proposal.learning import Nowhere
 from bayesdrill.sampling.workers import Crew
-
-Array = NDArray[np.float64]
 
 END_MASS = 0.05  # of the prior, at an end of it; half of the draws there is a crowd
 RISING = 0.25  # of the draws are nearer than half the median where their density is flat

@@ -23,14 +23,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bayesdrill.basics.arrays import Array
 from bayesdrill.inference.laplace import natural_spread
 from bayesdrill.inference.likelihood import Likelihood, Observation
 from bayesdrill.inference.unknowns import MOVES
 from bayesdrill.record.experiment import of_states
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

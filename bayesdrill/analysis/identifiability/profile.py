@@ -10,15 +10,14 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import brentq, lsq_linear
 
 from bayesdrill.analysis.identifiability import information
 from bayesdrill.analysis.identifiability.information import Scenery
+from bayesdrill.basics.arrays import Array, Indices
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.priors import Prior
 
-Array = NDArray[np.float64]
 Shape = Literal["bounded", "one-sided", "flat", "at the bound"]
 
 THRESHOLD = 1.92  # half the 95 % quantile of chi-squared with one degree of freedom
@@ -125,7 +124,7 @@ class Fitter:
                 break
         return Fitted(logs, float(0.5 * residuals @ residuals))
 
-    def _step(self, reduced: Array, logs: Array, free: NDArray[np.intp], damping: float) -> Array:
+    def _step(self, reduced: Array, logs: Array, free: Indices, damping: float) -> Array:
         """The damped linear least-squares step that stays inside the priors."""
         m = len(free)
         scale = np.linalg.norm(reduced[:, :m], axis=0)
@@ -137,7 +136,7 @@ class Fitter:
         bounded = lsq_linear(matrix, target, bounds=(low, high), method="bvls")
         return np.asarray(bounded.x)
 
-    def _moved(self, logs: Array, free: NDArray[np.intp], step: Array) -> Array:
+    def _moved(self, logs: Array, free: Indices, step: Array) -> Array:
         moved = logs.copy()
         moved[free] = np.clip(logs[free] + step, self.low[free], self.high[free])
         return moved

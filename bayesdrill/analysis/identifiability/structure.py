@@ -20,16 +20,15 @@ from dataclasses import dataclass
 from fractions import Fraction
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bayesdrill.analysis.identifiability.information import RANK_TOLERANCE, Information, Scenery
+from bayesdrill.basics.arrays import Array
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.priors import Uniform
 from bayesdrill.inference.unknowns import Unknown
 from bayesdrill.rig.models import PARAMETERS
 from bayesdrill.rig.models.linear import Model
 
-Array = NDArray[np.float64]
 Exponents = tuple[int, ...]
 
 SAME_RESPONSE = 1e-9  # relative to the largest value of each channel

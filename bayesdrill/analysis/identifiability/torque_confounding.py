@@ -13,18 +13,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bayesdrill.analysis.identifiability.structure import Exponents
+from bayesdrill.basics.arrays import Array, Counts
 from bayesdrill.inference.laplace import PosteriorSurface
 from bayesdrill.inference.likelihood import Observation, Torque
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.record.experiment import Channel, frozen
 from bayesdrill.rig import models
 from bayesdrill.rig.models.latent_torque import SIZE, At, pushes
-
-Array = NDArray[np.float64]
-Seeds = NDArray[np.int64]
 
 FALLS = 3.0  # times: how much worse an sd is with the torque, for a parameter that is named
 KNOWN = 0.5  # of the prior's sd: with no more left a parameter is known, torque or not
@@ -133,7 +130,7 @@ def _helps(
     return tuple(good[:MOST])
 
 
-def _known(posterior: Posterior, theta: Array, before: Array, seeds: Seeds) -> Array:
+def _known(posterior: Posterior, theta: Array, before: Array, seeds: Counts) -> Array:
     """Information in logs `(D, D)`, priors included."""
     full, total = posterior.space.full(theta[None]), np.diag(1.0 / before**2)
     coordinates = posterior.coordinates
@@ -151,7 +148,7 @@ def _known(posterior: Posterior, theta: Array, before: Array, seeds: Seeds) -> A
 
 
 def _alone(
-    posterior: Posterior, theta: Array, before: Array, seeds: Seeds, rig: list[int]
+    posterior: Posterior, theta: Array, before: Array, seeds: Counts, rig: list[int]
 ) -> Array:
     """Sds of all `(D,)`, if there were no torque: it is known to be nothing."""
     levels = [k for k, name in enumerate(posterior.space.free) if name.startswith(SIZE)]
@@ -171,7 +168,9 @@ def _unseen(posterior: Posterior) -> list[str]:
     return [name for name in one.response.model.states if name not in seen]
 
 
-def _measured(posterior: Posterior, theta: Array, before: Array, seeds: Seeds, state: str) -> Array:
+def _measured(
+    posterior: Posterior, theta: Array, before: Array, seeds: Counts, state: str
+) -> Array:
     """Information, if every record showed this state too."""
     full = posterior.space.full(theta[None])
     more = posterior.edit(

@@ -24,13 +24,11 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bayesdrill.basics.arrays import Array, Flags, Indices
 from bayesdrill.basics.registry import Registry, callable_one
 from bayesdrill.sampling.samplers.independence import Inside, Mixture, Proposal, Remembered
 from bayesdrill.sampling.samplers.ridge import Sheet
-
-Array = NDArray[np.float64]
 
 SHORTEST, LONGEST = 0.01, 1.0  # of a component's widths, over the root of the dimension
 
@@ -74,7 +72,7 @@ GAMMA_SPREAD = 1e-5  # relative: a little noise keeps walkers out of a common pl
 class Move(Protocol):
     """`propose(model, state)`: emcee's contract; `state` is changed in place and given back."""
 
-    def propose(self, model: Any, state: Any) -> tuple[Any, NDArray[np.bool_]]: ...
+    def propose(self, model: Any, state: Any) -> tuple[Any, Flags]: ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,7 +86,7 @@ class Halves:
     proposal: Callable[[Array, Array, Random], tuple[Array, Array]]
     along: Sheet | None = None
 
-    def propose(self, model: Any, state: Any) -> tuple[Any, NDArray[np.bool_]]:
+    def propose(self, model: Any, state: Any) -> tuple[Any, Flags]:
         accepted = np.zeros(len(state.coords), dtype=bool)
         order = model.random.permutation(len(state.coords))
         middle = len(order) // 2
@@ -98,7 +96,7 @@ class Halves:
         return state, accepted
 
     def _proposed(
-        self, walkers: Array, half: NDArray[np.intp], others: NDArray[np.intp], random: Random
+        self, walkers: Array, half: Indices, others: Indices, random: Random
     ) -> tuple[Array, Array]:
         if self.along is None:
             return self.proposal(walkers[half], walkers[others], random)
@@ -120,7 +118,7 @@ class Independent:
     inside: Inside
     remembered: tuple[Remembered, Remembered]  # of the proposal, and of the widest
 
-    def propose(self, model: Any, state: Any) -> tuple[Any, NDArray[np.bool_]]:
+    def propose(self, model: Any, state: Any) -> tuple[Any, Flags]:
         everyone = np.arange(len(state.coords))
         one = self.proposal.one_of(model.random)
         known = self.remembered[one is self.proposal.settled]
@@ -133,7 +131,7 @@ class Independent:
         return state, moved
 
 
-def alone(model: Any, state: Any, proposal: Proposal, log_q: Array) -> NDArray[np.bool_]:
+def alone(model: Any, state: Any, proposal: Proposal, log_q: Array) -> Flags:
     """Steps of those walkers that would wait long; `log_q (W,)` is the proposal's where they stand."""
     moved = np.zeros(len(log_q), dtype=bool)
     which = np.flatnonzero(state.log_prob > proposal.high(log_q))
@@ -146,11 +144,11 @@ def alone(model: Any, state: Any, proposal: Proposal, log_q: Array) -> NDArray[n
 def _accept(
     model: Any,
     state: Any,
-    which: NDArray[np.intp],
+    which: Indices,
     fresh: Array,
     factor: Array,
     above: Array | float = -np.inf,
-) -> NDArray[np.bool_]:
+) -> Flags:
     """Metropolis and Hastings for the walkers `which`: `(len(which),)` whether each has moved.
 
     `above`: what the density, a log, is cut to.
@@ -158,7 +156,7 @@ def _accept(
     log_p = np.asarray(model.log_prob_fn(fresh))
     with np.errstate(divide="ignore"):
         threshold = np.log(model.random.random_sample(len(which)))
-    moved: NDArray[np.bool_] = threshold < log_p - state.log_prob[which] + factor
+    moved: Flags = threshold < log_p - state.log_prob[which] + factor
     moved &= log_p > above
     state.coords[which[moved]] = fresh[moved]
     state.log_prob[which[moved]] = log_p[moved]
@@ -241,7 +239,7 @@ class Piece:
     seconds: float
 
 
-def everywhere(z: Array) -> NDArray[np.bool_]:
+def everywhere(z: Array) -> Flags:
     return np.ones(len(z), dtype=bool)
 
 
@@ -251,7 +249,7 @@ def advance(
     n_steps: int,
     moves: Mapping[str, float],
     proposal: Proposal | None = None,
-    inside: Callable[[Array], NDArray[np.bool_]] = everywhere,
+    inside: Callable[[Array], Flags] = everywhere,
 ) -> Piece:
     """`n_steps` further; `evaluate` gives the log density of a batch and its failures.
 

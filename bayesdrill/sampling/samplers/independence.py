@@ -25,11 +25,9 @@ from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bayesdrill.basics.arrays import Array, Flags, Indices
 from bayesdrill.sampling.samplers.ridge import Sheet
-
-Array = NDArray[np.float64]
 
 LONG = 2.0  # of the log of p over q above the usual: e^2 times as long as usual
 
@@ -120,7 +118,7 @@ def effective(weights: Array) -> float:
     return float(scaled.sum() ** 2 / (scaled**2).sum())
 
 
-Inside = Callable[[Array], NDArray[np.bool_]]
+Inside = Callable[[Array], Flags]
 
 FILL = 0.8  # of what the prior cuts off: with all of it, nine of ten draws would be cut off in a corner
 FLOOR = 1e-4  # of the variance of all draws of a sheet, added to that of its components
@@ -134,9 +132,9 @@ class Drawn:
     u: Array
     jacobian: Array
     y: Array
-    sheet: NDArray[np.intp]
+    sheet: Indices
 
-    def those(self, good: NDArray[np.bool_] | NDArray[np.intp]) -> Drawn:
+    def those(self, good: Flags | Indices) -> Drawn:
         return Drawn(self.u[good], self.jacobian[good], self.y[good], self.sheet[good])
 
 
@@ -148,7 +146,7 @@ class Mixture:
     """
 
     sheets: tuple[Sheet, ...]
-    sheet: NDArray[np.intp]
+    sheet: Indices
     weights: Array
     means: Array
     roots: Array
@@ -224,7 +222,7 @@ def _summed(parts: Array) -> Array:
 
 def mixture(
     sheets: Sequence[Sheet],
-    sheet: Sequence[int] | NDArray[np.intp],
+    sheet: Sequence[int] | Indices,
     weights: Array,
     means: Array,
     roots: Array,
