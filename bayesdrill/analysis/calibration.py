@@ -1,20 +1,15 @@
 """Simulation-based calibration: many simulated records refitted, where the truth ranks, and one
 verdict on all.
 
-How far uniform ranks wander by chance: exact bands for their distribution and for counts.
-
 With the right posterior the rank of a true value among L draws is uniform on 0 ... L (Talts et al.
 2018).  The band for the empirical distribution function of N ranks is that of Saeilynoja, Buerkner
 and Vehtari (2022): pointwise binomial intervals of one level, chosen so that the whole function
 stays inside with the wanted probability, which their recursion gives exactly.
 
-One refit: unknowns from the prior, a record of them, its posterior, the ranks of the truth.
-
 `refit` is a function of the study and the index alone: it can run anywhere, and run again.
 
-One verdict on all ranks, wrong with at most `FALSE_ALARM` where the posterior is right.
-
-Half of that chance goes to the rank bands, shared equally by the quantities, and half to the
+The verdict on all ranks is wrong with at most `FALSE_ALARM` where the posterior is right.  Half of that
+chance goes to the rank bands, shared equally by the quantities, and half to the
 credible intervals, shared equally by unknowns and levels: a union bound, as the ranks of one refit
 depend on each other.
 """

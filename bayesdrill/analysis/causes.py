@@ -1,11 +1,7 @@
 """What would explain what the fit leaves, and whether the nominal table may be right after all.
 
-What would explain what the fit leaves: sensors, the start, efforts that the rig lacks.
-
-What is not unknown yet becomes so with a wide prior, all of it together, and the maximum is sought again
-from the MAP.
-
-Whether the table may be right after all: physics that the rig lacks, tried with the table's values.
+What is not unknown yet of sensors, the start and efforts that the rig lacks becomes so with a wide
+prior, all of it together, and the maximum is sought again from the MAP.
 
 What the rig is held without bends the parameters that it has, and the fit may well look like noise.  So
 before a table is blamed, each thing that the rig offers and has not is tried by itself: parameters

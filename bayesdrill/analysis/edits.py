@@ -1,7 +1,4 @@
-"""A posterior in which more is unknown, and the candidates for it: sensors, starts, and physics
-that a rig lacks.
-
-What could be behind a fit that leaves more than noise: each a number that is not unknown yet.
+"""A posterior in which more is unknown: what could be behind a fit that leaves more than noise.
 
 Gains, offsets and lags of channels, the offset of a measured voltage, lags of single inputs, the states
 at the start, and physics that the rig offers and has not been given.

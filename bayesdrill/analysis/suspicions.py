@@ -2,8 +2,6 @@
 
 Findings are sentences; none is an error, and none is said of what may as well be sound.
 
-What the moment at which a step is given has to do with the unknowns: half a sample of it.
-
 A step that is given between two samples leaves a fit that looks like noise, and moves what is inferred.
 """
 

@@ -1,11 +1,7 @@
 """The log posterior near a point: its slopes and curvature, and the Gaussian approximation there.
 
-The Gaussian approximation of the posterior at a point: scales for optimiser and walkers.
-
-Gauss-Newton information of the record plus the information of the priors, both in the logs of the
-unknowns.  It decides where to start and how to scale, never what is reported.
-
-The log posterior over the sampler's coordinates, with slopes and curvature, point by point.
+The approximation is the Gauss-Newton information of the record plus that of the priors, both in the logs
+of the unknowns.  It decides where to start and how to scale, never what is reported.
 
 Slopes of the response are exact (`models.tangent`), its curvature is that of Gauss and Newton: what
 a straight response would have.  That is positive, and right where the fit leaves only noise.
@@ -111,28 +107,6 @@ def excess(posterior: Posterior, theta: Array) -> float:
     """Mean squared residual over the noise variance, at least 1."""
     ratio = float(posterior.likelihood.per_number(theta[None])[0])
     return max(ratio, 1.0) if np.isfinite(ratio) else 1.0
-
-
-def draws(
-    posterior: Posterior, theta: Array, n: int, rng: np.random.Generator, *, spread: float = 1.0
-) -> Array:
-    """`(n, D)` points of finite posterior around `theta`, in the sampler's coordinates.
-
-    Raises `ValueError` when the posterior is finite nowhere near.
-    """
-    centre = posterior.coordinates.from_physical(theta[None])[0]
-    steps = root(covariance(posterior, theta)) * spread
-    kept: list[Array] = []
-    have = 0
-    for attempt in range(60):
-        shrink = 0.5 ** max(0, attempt - 20)
-        z = centre + shrink * rng.standard_normal((n, len(theta))) @ steps.T
-        good = z[np.isfinite(posterior(z))]
-        kept.append(good)
-        have += len(good)
-        if have >= n:
-            return np.concatenate(kept)[:n]
-    raise ValueError("no point of finite posterior was found around the start")
 
 
 def root(matrix: Array) -> Array:

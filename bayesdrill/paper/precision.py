@@ -1,9 +1,8 @@
 """The paper's misfit and how well an estimate can do at all: Cramer-Rao bounds, and records of
 known truth.
 
-What is known of a record's truth: the record is made anew, and must be the one there is.
-
-So a measured record that takes the place of a simulated one has no truth, whatever configs say.
+Where a truth is claimed the record is made anew, and must be the one there is: a measured record that
+takes the place of a simulated one has no truth, whatever configs say.
 """
 
 from __future__ import annotations

@@ -1,11 +1,7 @@
 """What the paper prints, what follows from it by arithmetic, and what missing physics would do to
 it.
 
-What the paper prints: its tables as they stand, and what follows from them by arithmetic alone.
-
-Sandoval, Cunha Jr and Sampaio (ENIEF 2013), Tables 1 to 3.
-
-What Table 3 says in quantities that a record can show, and what missing physics would do to them.
+The tables are those of Sandoval, Cunha Jr and Sampaio (ENIEF 2013), Tables 1 to 3.
 
 An inertia j_2 at the output of the gearbox and a resistance r_s in series make the rig another one
 of the same model: with j_m + i_m^2 j_2 and r_m + r_s (`models.two_rotors`).  So they move products

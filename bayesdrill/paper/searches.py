@@ -1,7 +1,5 @@
 """All unknowns at once from many starts, the paper's pairwise heuristic, and the control of it.
 
-All unknowns at once, from many starts: where the searches end, and how far from the truth.
-
 An exact symmetry leaves the misfit as it is, so that a search may end anywhere along it.  An end is
 as far from the truth as the logs of its unknowns; that distance has a part along each symmetry,
 which no misfit can show, and the rest.

@@ -1,8 +1,6 @@
 """Whether the ensembles may be believed, which of their steps, and troubles that R-hat does not
 see.
 
-Troubles that R-hat between ensembles and one autocorrelation time for all walkers do not see.
-
 R-hat is blind where every ensemble has the same trouble, and a few walkers out of many hardly move
 an average.  So each walker is looked at by itself: does it move, is it where the others are, does
 it cross between two places, and do the walkers' means spread as far as tau says they should?

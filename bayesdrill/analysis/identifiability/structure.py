@@ -1,10 +1,9 @@
 """Exact scaling symmetries of a posterior, and unknowns that are known only as far as held numbers
 are right.
 
-Exact scaling symmetries: products of powers of the unknowns that no measured signal shows.
-
-Found in the null space of the log-sensitivities at several points of the prior, written with small
-whole exponents, and each one proven by scaling: twice the factor, the same response to rounding.
+Symmetries are products of powers of the unknowns that no measured signal shows.  They are found in the
+null space of the log-sensitivities at several points of the prior, written with small whole exponents,
+and each one proven by scaling: twice the factor, the same response to rounding.
 
 A number that is held settles a scale that no signal shows: were it another, so would be all that is
 told through it, and the record would look the same.  Unless the record hardly shows that number: then

@@ -1,10 +1,8 @@
 """The whole study of one config: structure, bounds, simple products, and remedies tried by
 computing.
 
-What would help: each single action tried by computing, not by rule of thumb.
-
-An action is another scene (a channel more, another course of the inputs), or knowledge from
-elsewhere (weighing a part, a tie that theory gives).  Tried at the start values, with the priors
+An action that would help is another scene (a channel more, another course of the inputs), or knowledge
+from elsewhere (weighing a part, a tie that theory gives).  Tried at the start values, with the priors
 taken as Gaussian in the logs.
 """
 

@@ -275,7 +275,7 @@ def _step(
     means, roots = found.means.copy(), found.roots.copy()
     dimension = means.shape[1]
     for k, total in enumerate(totals):
-        if total < 1e-12 or _effective(shares[k]) < 2 * dimension:
+        if total < 1e-12 or effective(shares[k]) < 2 * dimension:
             continue  # too few draws to move it
         points = y[found.sheet[k]]
         means[k] = shares[k] @ points / total
@@ -299,11 +299,6 @@ def _floor(y: Array, weights: Array) -> Array:
     mean = weights @ y / total
     spread = weights @ (y - mean) ** 2 / total
     return np.diag(FLOOR * spread + 1e-12)
-
-
-def _effective(weights: Array) -> float:
-    total = float(weights.sum())
-    return total * total / max(float(weights @ weights), 1e-300)
 
 
 Random = np.random.RandomState
