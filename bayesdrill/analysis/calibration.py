@@ -180,7 +180,6 @@ class Study:
     posterior: Posterior
     plan: FitPlan
     draws: int
-    seed: int
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -212,7 +211,7 @@ class Refit:
 def refit(study: Study, index: int) -> Refit:
     """Refit `index`, counted from 0; the truth is used to make the record and to be ranked."""
     begun = time.perf_counter()
-    rng = seeds.stream(study.seed, "calibrate", index)
+    rng = seeds.stream(study.plan.chains.seed, "calibrate", index)
     theta, posterior = _simulated(study.posterior, rng)
     seed = int(rng.integers(2**32))
     truth = np.array([*theta, posterior.likelihood(theta[None])[0]])

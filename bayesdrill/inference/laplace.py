@@ -19,7 +19,7 @@ import numpy as np
 from bayesdrill.basics.arrays import Array, Flags
 from bayesdrill.inference.likelihood import Directions, Observation, along, weighted
 from bayesdrill.inference.posterior import Posterior
-from bayesdrill.inference.priors import spread, spread_of_log
+from bayesdrill.inference.priors import Prior, spread, spread_of_log
 from bayesdrill.inference.unknowns import MOVES, Coordinates, Unknown
 
 _STEP = 1e-5  # of a log: central differences then err by about 1e-10
@@ -260,9 +260,14 @@ def _ends(unknown: Unknown) -> tuple[float, float]:
         low, high = unknown.between
         inset = NOTHING * (high - low)
         return max(prior.low, low + inset), min(prior.high, high - inset)
+    return ends_of(prior, NOTHING)
+
+
+def ends_of(prior: Prior, tail: float) -> tuple[float, float]:
+    """Of the support; where that has no end, or zero, with so much of the prior beyond."""
     bounded = np.isfinite(prior.low) and prior.low != 0  # where nothing itself may be impossible
-    low = prior.low if bounded else float(prior.quantile(np.array(NOTHING)))
-    high = prior.high if np.isfinite(prior.high) else float(prior.quantile(np.array(1 - NOTHING)))
+    low = prior.low if bounded else float(prior.quantile(np.array(tail)))
+    high = prior.high if np.isfinite(prior.high) else float(prior.quantile(np.array(1 - tail)))
     return low, high
 
 

@@ -431,14 +431,6 @@ class Likelihood:
         """With another `response` or `noise`."""
         return dataclasses.replace(self, observations=(dataclasses.replace(self.alone, **changes),))
 
-    def own(self, theta: Array) -> Array:
-        """The noise's unknowns among `theta`, `(W, n)`."""
-        return theta[:, self.alone.own]
-
-    def sigmas(self, theta: Array) -> Array:
-        """Of every channel, known or not: `(W, K)`, SI."""
-        return self.alone.scales(theta)
-
     def signals(self, theta: Array) -> Array:
         """The channels without noise, `(W, T, K)`."""
         return self.alone.signals(self.space.full(theta))

@@ -40,7 +40,7 @@ class Length:
 def bounds(likelihood: Likelihood, truth: Array) -> Array:
     """Cramer-Rao bounds of the unknowns `(D,)`, physical, for noise of sigma 1 in every channel."""
     scenery = Scenery(likelihood)
-    sigma = likelihood.sigmas(truth[None])[0]
+    sigma = likelihood.alone.scales(truth[None])[0]
     rows = scenery.sensitivities(truth)
     each = (rows.reshape(-1, len(sigma), rows.shape[1]) * sigma[:, None]).reshape(rows.shape)
     known = from_sensitivities(scenery.unknowns, each)

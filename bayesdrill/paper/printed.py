@@ -130,7 +130,7 @@ class Inconsistency:
 
 def inconsistencies() -> tuple[Inconsistency, ...]:
     """Those that numbers show; what is wrong with the matrix is in `models.as_printed`."""
-    return (*_of_tables(), *_of_rig(), *_of_table_2(), *_of_table_3())
+    return (*_of_tables(), *_of_rig(), *_of_estimates())
 
 
 def _of_tables() -> list[Inconsistency]:
@@ -179,21 +179,15 @@ def _of_rig() -> list[Inconsistency]:
     ]
 
 
-def _of_table_2() -> list[Inconsistency]:
-    return [
-        odd
+def _of_estimates() -> list[Inconsistency]:
+    printed = [
+        (f"Table 2 at sigma_n {sigma:g}", name, cell)
         for sigma, row in TWO_PARAMETERS.items()
         for name, cell in row.items()
-        if (odd := _odd(f"{name} in Table 2 at sigma_n {sigma:g}: deviation", name, cell))
     ]
-
-
-def _of_table_3() -> list[Inconsistency]:
-    return [
-        odd
-        for name, cell in NINE_PARAMETERS.items()
-        if (odd := _odd(f"{name} in Table 3: deviation", name, cell))
-    ]
+    printed += [("Table 3", name, cell) for name, cell in NINE_PARAMETERS.items()]
+    found = (_odd(f"{name} in {where}: deviation", name, cell) for where, name, cell in printed)
+    return [odd for odd in found if odd]
 
 
 def _odd(what: str, name: str, cell: Estimate) -> Inconsistency | None:

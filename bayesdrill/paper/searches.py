@@ -56,7 +56,9 @@ def many_searches(
     around = rng.uniform(1 - WITHIN, 1 + WITHIN, (starts - 1, len(centre)))
     points = np.vstack([centre, centre * around])
     tasks = [
-        (way, crew.submit(_search_from, way, point)) for way in precision.WAYS for point in points
+        (way, crew.submit(_searched, optimiser, EVALUATIONS, point))
+        for way, optimiser in precision.WAYS.items()
+        for point in points
     ]
     found = [(way, task.result()) for way, task in tasks]
     likelihood = posterior.likelihood
@@ -98,8 +100,10 @@ def distinct_ends(
     )
 
 
-def _search_from(posterior: Posterior, way: str, point: Array) -> Optimum:
-    return precision.WAYS[way](precision.misfit_task(posterior), point, EVALUATIONS)
+def _searched(
+    posterior: Posterior, optimiser: Optimiser, evaluations: int, point: Array
+) -> Optimum:
+    return optimiser(precision.misfit_task(posterior), point, evaluations)
 
 
 AROUND = 0.2  # other starts are from 1 - this to 1 + this of the configured one
@@ -133,7 +137,7 @@ def run_heuristic(
     if forward.applies(posterior.likelihood):  # first, because it takes longest
         by_integrator = crew.submit(_search_stepped, optimiser, evaluations, guess)
     points = [guess, *(guess * around)]
-    tasks = [crew.submit(_pairwise_search, optimiser, evaluations, point) for point in points]
+    tasks = [crew.submit(_searched, optimiser, evaluations, point) for point in points]
     found, *rest = [task.result() for task in tasks]
     first = precision.misfit_per_number(posterior, guess)
     # The misfit is -2 log likelihood but for a constant, which the first point tells.
@@ -150,12 +154,6 @@ def run_heuristic(
         stepped=end,
         stepped_misfit=None if end is None else forward.stepped_misfit(posterior.likelihood, end),
     )
-
-
-def _pairwise_search(
-    posterior: Posterior, optimiser: Optimiser, evaluations: int, point: Array
-) -> Optimum:
-    return optimiser(precision.misfit_task(posterior), point, evaluations)
 
 
 def _search_stepped(
@@ -214,4 +212,4 @@ def _estimate(
     index: int,
 ) -> Array:
     target = precision.made_record(precision.with_sigma(posterior, sigma), truth, seed, index)
-    return optimiser(precision.misfit_task(target), truth, evaluations).theta
+    return _searched(target, optimiser, evaluations, truth).theta

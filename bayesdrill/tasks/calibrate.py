@@ -91,7 +91,6 @@ def study(job: Job) -> Study:
         posterior=job.problem.posterior,
         plan=dataclasses.replace(plan, starts=own.starts, chains=chains, brief=True),
         draws=own.draws,
-        seed=job.config.seed,
     )
 
 

@@ -15,8 +15,8 @@ from scipy.optimize import brentq, lsq_linear
 from bayesdrill.analysis.identifiability import information
 from bayesdrill.analysis.identifiability.information import Scenery
 from bayesdrill.basics.arrays import Array, Indices
+from bayesdrill.inference.laplace import ends_of
 from bayesdrill.inference.posterior import Posterior
-from bayesdrill.inference.priors import Prior
 
 Shape = Literal["bounded", "one-sided", "flat", "at the bound"]
 
@@ -69,7 +69,7 @@ class Fitter:
         self._m = len(scenery.unknowns) + len(scenery.nuisances)
         self._noise = theta[self._m :]
         moving = posterior.space.unknowns[: self._m]
-        ends = np.array([_ends(one.prior) for one in moving]).T
+        ends = np.array([ends_of(one.prior, TAIL) for one in moving]).T
         self.low, self.high = self._natural(ends)
         self.best = self._fit(self._natural(theta[None, : self._m])[0], None)
         if len(self._noise):
@@ -185,14 +185,6 @@ class Fitted:
 
     logs: Array
     cost: float
-
-
-def _ends(prior: Prior) -> tuple[float, float]:
-    """Of the support; where that has no end, or zero for one of a log, of nearly all of the prior."""
-    bounded = np.isfinite(prior.low) and prior.low != 0
-    low = prior.low if bounded else float(prior.quantile(np.array(TAIL)))
-    high = prior.high if np.isfinite(prior.high) else float(prior.quantile(np.array(1 - TAIL)))
-    return low, high
 
 
 def profile(fitter: Fitter, names: tuple[str, ...], column: int) -> Profile:
