@@ -7,9 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bayesdrill.inference import laplace
 from bayesdrill.inference.laplace import Expansion
-from bayesdrill.inference.posterior import Posterior
 
 
 @dataclass(frozen=True)
@@ -175,17 +173,3 @@ class Corner(Walled):
 
 def corner() -> Corner:
     return Corner(np.full(2, -5.5), np.full(2, 3.0), 2.0, 1e-3)
-
-
-def normal_draws(
-    posterior: Posterior, theta: np.ndarray, n: int, rng: np.random.Generator
-) -> np.ndarray:
-    """`(n, D)` points of finite posterior in the sampler's coordinates, normal about `theta (D,)`."""
-    centre = posterior.coordinates.from_physical(theta[None])[0]
-    steps = laplace.root(laplace.covariance(posterior, theta))
-    kept: list[np.ndarray] = []
-    while sum(map(len, kept)) < n:
-        assert len(kept) < 20, "no point of finite posterior was found around the start"
-        z = centre + rng.standard_normal((n, len(theta))) @ steps.T
-        kept.append(z[np.isfinite(posterior(z))])
-    return np.concatenate(kept)[:n]

@@ -32,17 +32,13 @@ WORTH = 0.3  # of what is unexplained so far, that each thing named must explain
 ROUNDING = 1e-12
 EXPLAINS = 0.5  # of what the fit leaves beyond noise: with less, nothing is named
 MOST_NAMED = 5
-PROMISES = (
-    0.3  # of what is left, to first order, for what is worth a search beside another cause ...
-)
+PROMISES = 0.3  # of what is left, to first order, for a search beside another cause ...
 HOPE = 0.1  # ... and for the first one
 ALIKE = 0.1  # of what is left: two explanations that differ by less are equals
 
 SENSORS: frozenset[Kind] = frozenset({"gain", "offset", "lag", "input offset", "input lag"})
 LATE: frozenset[Kind] = frozenset({"input lag"})
-NEARLY = (
-    0.97  # of what the fit leaves: where late inputs alone explain it, nothing else need be late
-)
+NEARLY = 0.97  # of what the fit leaves: where late inputs explain that, nothing else need be late
 STAGES: tuple[frozenset[Kind], ...] = (
     LATE,
     SENSORS,

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from bayesdrill.analysis.edits import rig_at
 from bayesdrill.analysis.identifiability.information import Scenery, root_of
 from bayesdrill.basics.arrays import Array, Flags
 from bayesdrill.inference.likelihood import Observation
@@ -242,9 +243,8 @@ def _told(one: Observation) -> bool:
 def _later(one: Observation, scenery: Scenery, theta: Array, motion: Array) -> Array:
     """d signal / d delay over the noise, where it was measured: minus how fast each channel changes."""
     experiment, model = one.experiment, one.response.model
-    told = one.told(scenery.likelihood.space.full(theta[None]))[0]
-    named = dict(zip(model.parameters, told[: len(model.parameters)], strict=True))
-    linear, n = model.linear(named), len(experiment.t)
+    linear = model.linear(rig_at(one, scenery.likelihood.space, theta))
+    n = len(experiment.t)
     given = {
         name: experiment.constant.get(name, 0.0) + experiment.series.get(name, 0.0)
         for name in model.inputs

@@ -109,6 +109,28 @@ def excess(posterior: Posterior, theta: Array) -> float:
     return max(ratio, 1.0) if np.isfinite(ratio) else 1.0
 
 
+def draws(
+    posterior: Posterior, theta: Array, n: int, rng: np.random.Generator, *, spread: float = 1.0
+) -> Array:
+    """`(n, D)` points of finite posterior around `theta`, in the sampler's coordinates.
+
+    Raises `ValueError` when the posterior is finite nowhere near.
+    """
+    centre = posterior.coordinates.from_physical(theta[None])[0]
+    steps = root(covariance(posterior, theta)) * spread
+    kept: list[Array] = []
+    have = 0
+    for attempt in range(60):
+        shrink = 0.5 ** max(0, attempt - 20)
+        z = centre + shrink * rng.standard_normal((n, len(theta))) @ steps.T
+        good = z[np.isfinite(posterior(z))]
+        kept.append(good)
+        have += len(good)
+        if have >= n:
+            return np.concatenate(kept)[:n]
+    raise ValueError("no point of finite posterior was found around the start")
+
+
 def root(matrix: Array) -> Array:
     """A square root whose columns are principal directions: `root @ root.T == matrix`."""
     scale = np.sqrt(np.diag(matrix))

@@ -196,8 +196,9 @@ class Observation:
         return dataclasses.replace(self, response=response, parameters=parameters)
 
     def of_rig(self, model: Model, sensing: Sensing) -> Self:
-        """Of another rig by other sensors, in the same steps; to be `placed`.  New parameters are called
-        among those of all as they are in rig and sensors.
+        """Return it for another rig and other sensors, in the same steps; to be `placed`.
+
+        New parameters are called among those of all as they are in rig and sensors.
         """
         old = self.response
         response = simulator(model, self.experiment, sensing, *(old.stepping or ()))
@@ -352,7 +353,7 @@ class Likelihood:
     def edited(
         self, space: ParameterSpace, each: Callable[[Observation], Observation]
     ) -> Likelihood:
-        """Of the unknowns of `space`, with other observations."""
+        """Return it for the unknowns of `space`, each observation replaced by another."""
         every, apart = (
             tuple(each(one).placed(space) for one in some)
             for some in (self.observations, self.apart)

@@ -20,10 +20,7 @@ Taken = tuple[int, int]  # steps to a sample, and parts of those in which someth
 FINER = 16  # times as many pieces are taken for the truth
 ENOUGH = 0.1  # of the noise: what steps may do to a sample
 SAFE = 0.5  # of that, where they are chosen: elsewhere than where they are looked at in the end
-POINTS, SCATTER = (
-    8,
-    0.1,
-)  # that are looked at: as many as take no longer than one; and how far they are
+POINTS, SCATTER = 8, 0.1  # looked at: as many as take no longer than one; and how far apart
 STRANGE = 1  # of them, which need not have enough
 MOST = 64
 # Pieces, and parts of those in which something turns, that are taken by themselves.

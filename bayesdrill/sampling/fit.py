@@ -54,7 +54,7 @@ class Searches:
 
 
 def fit(posterior: Posterior, plan: FitPlan) -> tuple[Mode, Sampled]:
-    """All of it, in this process alone.  Raises `Nowhere` where nothing can be sampled."""
+    """Fit a posterior in this process alone; raises `Nowhere` where nothing can be sampled."""
     with Crew(posterior, 1) as crew:
         found = end_searches(crew, begin_searches(crew, plan, SILENT), SILENT)
         crew.step(found.pieces)
@@ -62,7 +62,7 @@ def fit(posterior: Posterior, plan: FitPlan) -> tuple[Mode, Sampled]:
 
 
 def begin_searches(crew: Crew, plan: FitPlan, report: Reporter) -> Searches:
-    """All searches under way; of a crew that is alone they are done then."""
+    """Submit all searches; a crew that is alone has done them then."""
     posterior, seed = crew.posterior, plan.chains.seed
     plain = posterior.space.draw(mode_search.SCOUTS, seeds.stream(seed, "scout"))
     if plan.brief:
@@ -80,7 +80,7 @@ def begin_searches(crew: Crew, plan: FitPlan, report: Reporter) -> Searches:
 
 
 def end_searches(crew: Crew, under_way: Searches, report: Reporter) -> Mode:
-    """What all searches have found, as soon as they are done."""
+    """Wait for all searches, and sum up the maxima that they found."""
     searches = []
     for done, task in enumerate(under_way.searches, 1):
         searches.append(task.result())
@@ -96,7 +96,7 @@ def end_searches(crew: Crew, under_way: Searches, report: Reporter) -> Mode:
 def sample_maxima(
     crew: Crew, found: Mode, plan: FitPlan, shelf: Shelf, report: Reporter
 ) -> Sampled:
-    """Ensembles about all maxima, and what is said of them; the crew takes the steps of `found`.
+    """Sample ensembles about all maxima `found`, in whose steps the crew is, and weigh what they say.
 
     Raises `Nowhere` where nothing can be sampled.
     """
@@ -112,7 +112,7 @@ def sample_maxima(
 
 
 def _first_arrived(posterior: Posterior, plan: FitPlan) -> Search:
-    """Searches from the most promising starts, until one is seen to have arrived.
+    """Search from the most promising starts, until one search is seen to have arrived.
 
     That is when two agree, or one leaves no more residuals than known noise explains: maxima that
     are somewhere else are for scouts to find.

@@ -96,7 +96,7 @@ def find_mode(job: Job, processes: int, report: Reporter) -> Mode:
 
 
 def fit_plan(job: Job) -> FitPlan:
-    """How a job fits its posterior."""
+    """Return how a job fits its posterior, as its config says it."""
     settings = job.config.map
     return FitPlan(
         optimiser=assembly.optimiser(job.config),

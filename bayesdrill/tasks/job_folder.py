@@ -41,7 +41,7 @@ def begin(job: Job, folder: Folder, record: str | None = None, **more: Any) -> N
 def interruptions(
     folder: Folder, kept: Callable[[], str], errors: tuple[type[Exception], ...] = ()
 ) -> Iterator[None]:
-    """What stops a job is written down; Ctrl-C raises `Interrupted`, which says what is `kept`."""
+    """Write down what stops a job; Ctrl-C raises `Interrupted`, which says what is `kept`."""
     stops: tuple[type[Exception], ...] = (BrokenProcessPool, *errors)
     try:
         yield

@@ -26,9 +26,7 @@ from bayesdrill.sampling.workers import closed, ctrl_c_waits, workers
 ADDRESS = re.compile(r"((tcp|tls|ws|wss)://)?(\[[0-9a-fA-F:]+\]|[^/:\s\[\]]+):\d{1,5}")
 PATIENCE = 5.0  # seconds for a scheduler to answer, a first worker, and what a worker is asked
 WATCH = 2.0  # seconds between two looks at a cluster
-SILENT_SECONDS = (
-    20.0  # seconds after which who has said nothing is given up; heartbeats come twice a second
-)
+SILENT_SECONDS = 20.0  # after which who says nothing is given up; heartbeats come twice a second
 
 
 @contextmanager
@@ -275,7 +273,7 @@ def run_jobs[K, T](
     folder: Path,
     report: Reporter,
 ) -> None:
-    """`function` of what each job has `packed` and of its further arguments, wherever it is computed.
+    """Compute `function` of what each job has `packed` and of its further arguments, wherever that is.
 
     `finish`: keeps what one gave, as soon as it is done, and says how far all are; `folder` has what is
     kept.  A job that is computed twice, as a worker was lost, is finished once.  Raises as `results`.
@@ -293,7 +291,7 @@ _ONE_AT_A_TIME = threading.Lock()
 
 
 def packed(*arguments: Any) -> bytes:
-    """For another process: compiled code is left out, and is made once by each."""
+    """Pickle `arguments` for other processes: compiled code is left out, and is made once by each."""
     return pickle.dumps(arguments)
 
 
@@ -303,7 +301,7 @@ _unpacked = functools.lru_cache(maxsize=1)(pickle.loads)
 def _work[T](
     function: Callable[..., T], versions: Mapping[str, str], blob: bytes, *arguments: Any
 ) -> T:
-    """In any process that has the same software; raises `InputError` in any other."""
+    """Compute one job where the software is the same; raises `InputError` elsewhere."""
     if wrong := software.unlike(software.installed_versions(), versions):
         raise InputError.one("a worker", f"it has {', '.join(wrong)}; install the same there")
     with _ONE_AT_A_TIME, threadpool_limits(1):

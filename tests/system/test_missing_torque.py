@@ -12,13 +12,13 @@ import pytest
 from documents import ROOT
 from numpy.typing import NDArray
 from scipy.io import loadmat
-from surfaces import normal_draws
 from together import together
 
 import bayesdrill as bd
 from bayesdrill.analysis.identifiability.torque_confounding import scaled
 from bayesdrill.analysis.latent_torque import Shaking, follows, shakings
 from bayesdrill.basics import seeds
+from bayesdrill.inference import laplace
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.report.sections import torque_words
 
@@ -72,7 +72,7 @@ def rubbing(folder: Path, seed: int) -> Path:
 def inferred(posterior: Posterior, mode: Array, n: int = 200) -> tuple[Array, Shaking]:
     """Draws of the unknowns by their normal approximation, and the torque with them."""
     rng = seeds.stream(7, "torque")
-    drawn = normal_draws(posterior, mode, n, rng)
+    drawn = laplace.draws(posterior, mode, n, rng)
     theta = posterior.coordinates.to_physical(drawn)
     return theta, shakings(posterior, theta, rng)[0]
 

@@ -27,15 +27,13 @@ import numpy as np
 
 from bayesdrill.basics.arrays import Array, Flags, Indices
 from bayesdrill.basics.registry import Registry, callable_one
-from bayesdrill.sampling.samplers.independence import Inside, Mixture, Proposal, Remembered
+from bayesdrill.sampling.samplers.independence import Inside, Mixture, Proposal, Random, Remembered
 from bayesdrill.sampling.samplers.ridge import Sheet
 
 SHORTEST, LONGEST = 0.01, 1.0  # of a component's widths, over the root of the dimension
 
 
-def local_steps(
-    mixture: Mixture, u: Array, random: np.random.RandomState
-) -> tuple[Array, Array, Array]:
+def local_steps(mixture: Mixture, u: Array, random: Random) -> tuple[Array, Array, Array]:
     """From `u (n, D)`: new points, their Hastings factors (logs) and their log q, both `(n,)`.
 
     The component is drawn by its share of q, which is another where the step ends; the step has its
@@ -61,8 +59,6 @@ def local_steps(
     factor = share_after - share + after[sheet, walker] - before[sheet, walker]
     return fresh, factor, log_q_after
 
-
-Random = np.random.RandomState
 
 STRETCH = 2.0  # Goodman and Weare's a
 GAMMA = 2.38  # over sqrt(2 D): ter Braak's scale of a difference

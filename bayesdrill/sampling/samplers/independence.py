@@ -29,6 +29,8 @@ import numpy as np
 from bayesdrill.basics.arrays import Array, Flags, Indices
 from bayesdrill.sampling.samplers.ridge import Sheet
 
+Random = np.random.RandomState
+
 LONG = 2.0  # of the log of p over q above the usual: e^2 times as long as usual
 
 
@@ -153,7 +155,7 @@ class Mixture:
     inverses: Array
     constants: Array
 
-    def draw(self, n: int, random: np.random.RandomState) -> Drawn:
+    def draw(self, n: int, random: Random) -> Drawn:
         """`n` draws, inside the prior or not."""
         chosen = np.searchsorted(np.cumsum(self.weights)[:-1], random.random_sample(n))
         normal = random.standard_normal((n, self.means.shape[1]))
@@ -242,7 +244,7 @@ def fitted(
     weights: Array,
     inside: Inside,
     rounds: int,
-    random: np.random.RandomState,
+    random: Random,
 ) -> Mixture:
     """Expectation and maximisation from `start`, for draws `u (N, D)` that weigh `weights (N,)`.
 
@@ -300,8 +302,6 @@ def _floor(y: Array, weights: Array) -> Array:
     spread = weights @ (y - mean) ** 2 / total
     return np.diag(FLOOR * spread + 1e-12)
 
-
-Random = np.random.RandomState
 
 SETTLED = 0.5  # of the steps, where there is such a proposal
 ALONE = 0.2  # of the steps: the model is as dear for one walker as for thirty, ...
