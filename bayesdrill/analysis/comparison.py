@@ -165,6 +165,10 @@ class Contender:
         return self.layer.name
 
     @property
+    def mark(self) -> str:
+        return self.layer.mark
+
+    @property
     def log_z(self) -> float:
         return self.evidence.log_z
 

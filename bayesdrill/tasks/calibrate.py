@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import csv
 import dataclasses
-import io
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures.process import BrokenProcessPool
@@ -220,7 +218,7 @@ def _read(path: Path, study: Study) -> Refit:
 def _publish(job: Job, folder: Folder, refits: Sequence[Refit]) -> Verdict:
     names = study(job).names
     verdict = judge_calibration(names, refits, job.config.calibration.draws)
-    folder.write_text(RANKS, as_csv(names, refits))
+    folder.write_text(RANKS, calibration_words.ranks_csv(names, refits))
     _draw(job, folder, verdict)
     _pages(
         job,
@@ -271,17 +269,3 @@ def _draw(job: Job, folder: Folder, verdict: Verdict) -> None:
     )
     folder.take_away(set(every) - set(wanted))
     save_figure(verdict, job.problem.symbols, output, figures, note)
-
-
-def as_csv(names: Sequence[str], refits: Sequence[Refit]) -> str:
-    """A line for each refit: all digits, SI; nothing that depends on when or where it ran."""
-    out = io.StringIO()
-    writer = csv.writer(out, lineterminator="\n")
-    keys = [name.replace(" ", "_") for name in names]
-    heads = ["refit", "converged", "r_hat", "ess", "steps"]
-    writer.writerow([*heads, *(f"true_{key}" for key in keys), *(f"rank_{key}" for key in keys)])
-    for refit in refits:
-        ranks = refit.ranks or [""] * len(names)
-        first = (refit.index, int(refit.converged), refit.r_hat, refit.ess, refit.steps)
-        writer.writerow([*first, *refit.truth, *ranks])
-    return out.getvalue()

@@ -172,24 +172,19 @@ def _published(job: Job, folder: Folder, work: _Climb) -> Outcome:
     """Always in the same order: the config as given first, and then as they are named."""
     order = [name for name in selection.rung_names() if name in work.done]
     every = [work.done[name] for name in order]
-    report = ComparisonReport(tuple(one for _, one in every), job.units)
+    report = ComparisonReport.of_models([one for _, one in every], job.units)
+    report = dataclasses.replace(report, heading=f"Ladder of {job.config.name}")
     chosen = recommended([rung for rung, _ in every], report)
     about = comparison_report.about_config(chosen, job.config.name, report)
     name = f"{job.config.name}_{chosen.name}"[: selection.LONGEST_NAME]
     folder.write_text(RECOMMENDED, selection.recommended(chosen, name, folder.path, about))
-    comparison.write_comparison(report, folder, title=f"Ladder of {job.config.name}")
-    files = {made: output_files.digest(folder.path / made) for made in folder.made()}
-    runs = [
-        comparison.describe_overlay(one.layer, folder.path / rung.name, folder.path)
-        for rung, one in every
-    ]
+    comparison.write(report, folder)
+    places = [folder.path / rung.name for rung, _ in every]
     folder.write_run(
         status="finished",
         recommended=chosen.name,
-        runs=runs,
         left_out=work.left_out,
-        files=files,
-        **comparison.comparison_entries(report),
+        **comparison.entries(report, places, folder),
     )
     return Outcome(
         folder=folder.path,
@@ -203,8 +198,8 @@ def _published(job: Job, folder: Folder, work: _Climb) -> Outcome:
 
 def recommended(every: Sequence[Rung], report: ComparisonReport) -> Rung:
     """The simplest of those that are about as probable as the best."""
-    least = report.best.log_z - SURE
     models = report.models
+    least = max(one.log_z for one in models) - SURE
     good = [k for k, one in enumerate(models) if one.log_z >= least]
     return every[
         min(good, key=lambda k: (len(every[k].parts), len(models[k].layer.problem.symbols), k))

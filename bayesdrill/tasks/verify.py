@@ -21,8 +21,8 @@ from bayesdrill.config.records import sources
 from bayesdrill.config.resolve import experiments
 from bayesdrill.config.schema.config import Config
 from bayesdrill.output_files import COMPARE, MAP, OVERLAY, POSTERIOR, Kind
-from bayesdrill.report import comparison_report, publish
-from bayesdrill.report.comparison_report import ComparisonReport, OverlayReport
+from bayesdrill.report import publish
+from bayesdrill.report.comparison_report import COMPARED, OVERLAID, ComparisonReport, Form
 from bayesdrill.report.sections import verdict_words
 from bayesdrill.results import provenance, run_folder
 from bayesdrill.tasks import comparison, find_map, pipeline
@@ -121,14 +121,13 @@ def _of_map(folder: Path, _: Mapping[str, Any]) -> Iterator[Issue]:
 
 @dataclass(frozen=True, slots=True)
 class _Several:
-    """How what is said of several runs is made again: of each by `read`, and of all by `text`."""
+    """How what is said of several runs is made again: of each by `read`, and of all by `report`."""
 
+    form: Form
     kind: Kind
-    title: str
-    table: str
     done: str
-    read: Callable[[str, Path], tuple[str, Any]]
-    text: Callable[[Sequence[Any]], str]
+    read: Callable[[str, Path], Layer | Contender]
+    report: Callable[[Sequence[Any]], ComparisonReport]
 
     def problems(self, folder: Path, run: Mapping[str, Any]) -> Iterator[Issue]:
         """Of runs that were only in memory nothing can be computed again."""
@@ -141,49 +140,43 @@ class _Several:
                 continue
             place = folder / one["folder"]
             try:
-                mark, own = self.read(one["name"], place)
+                own = self.read(one["name"], place)
             except InputError as error:
                 yield from error.problems
                 continue
-            if mark != one["run"]:
+            if own.mark != one["run"]:
                 yield Issue(str(place), f"is another run than the one that was {self.done}")
             else:
                 found.append(own)
         if len(found) == len(told):
-            yield from _tables(folder, {self.table: self.text(found)}, "the chains")
+            yield from _tables(folder, {self.form.table: self.report(found).table}, "the chains")
         mark = " ".join(one["run"] for one in told)
-        yield from _figures(folder, self.kind, mark, self.title)
+        yield from _figures(folder, self.kind, mark, self.form.name)
 
 
-def _layer(name: str, place: Path) -> tuple[str, Layer]:
+def _layer(name: str, place: Path) -> Layer:
     job, found, sampled = pipeline.read_result(place)
-    layer = comparison.overlay_layer(name, job, found, sampled, job.units)
-    return layer.mark, layer
+    return comparison.overlay_layer(name, job, found, sampled, job.units)
 
 
-def _contender(name: str, place: Path) -> tuple[str, Contender]:
+def _contender(name: str, place: Path) -> Contender:
     job, found, sampled = pipeline.read_result(place)
-    model = comparison.contender(name, str(place), job, found, sampled, job.units)
-    return model.layer.mark, model
+    return comparison.contender(name, str(place), job, found, sampled, job.units)
 
 
 _OVERLAY = _Several(
-    kind=OVERLAY,
-    title=comparison.OVERLAY_TITLE,
-    table=comparison_report.OVERLAY_TABLE,
+    form=OVERLAID,
+    kind=OVERLAID.kind,
     done="laid over others",
     read=_layer,
-    text=lambda layers: OverlayReport(tuple(layers), SI).texts[comparison_report.OVERLAY_TABLE],
+    report=lambda layers: ComparisonReport(tuple(layers), SI),
 )
 _COMPARISON = _Several(
-    kind=COMPARE,
-    title=comparison.COMPARISON_TITLE,
-    table=comparison_report.COMPARISON_TABLE,
+    form=COMPARED,
+    kind=COMPARED.kind,
     done="compared with others",
     read=_contender,
-    text=lambda models: ComparisonReport(tuple(models), SI).texts[
-        comparison_report.COMPARISON_TABLE
-    ],
+    report=lambda models: ComparisonReport.of_models(models, SI),
 )
 _LADDER = dataclasses.replace(_COMPARISON, kind=output_files.ladder_files(selection.rung_names()))
 

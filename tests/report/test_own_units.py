@@ -27,12 +27,12 @@ from bayesdrill.basics import units
 from bayesdrill.basics.symbols import latex_unit, unit_product
 from bayesdrill.config.job import SI, OwnUnits
 from bayesdrill.report import figures, tables, words
-from bayesdrill.report.comparison_report import OverlayReport
+from bayesdrill.report.comparison_report import ComparisonReport
 from bayesdrill.report.publish import TABLES
 from bayesdrill.report.run_report import sections
 from bayesdrill.report.section import as_markdown
 from bayesdrill.report.sections import fit_words, physics_words
-from bayesdrill.report.sections.overlay_figure import intervals_figure, overlay_corner_figure
+from bayesdrill.report.sections.comparison_figure import intervals_figure, overlay_corner_figure
 from bayesdrill.report.view import View
 from bayesdrill.results.run_folder import Folder
 from bayesdrill.rig.models.motor_shaft import MotorShaft
@@ -277,7 +277,7 @@ def test_figures_are_of_the_same_draws_in_these_units() -> None:
 # --- several runs --------------------------------------------------------------------------------
 
 
-def overlaid(first: str, second: str) -> OverlayReport:
+def overlaid(first: str, second: str) -> ComparisonReport:
     views = {"own": pair().own, "plain": pair().plain}
     jobs = {"own": users().job, "plain": usual().job}
     shown = comparison.overlay_units([jobs[first], jobs[second]])
@@ -285,7 +285,7 @@ def overlaid(first: str, second: str) -> OverlayReport:
         comparison.overlay_layer(name, jobs[name], views[name].mode, views[name].sampled, shown)
         for name in (first, second)
     ]
-    return OverlayReport(tuple(layers), shown)
+    return ComparisonReport(tuple(layers), shown)
 
 
 def test_runs_are_shown_in_the_units_of_the_first_and_saved_in_si() -> None:

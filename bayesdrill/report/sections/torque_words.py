@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import csv
 import dataclasses
-import io
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -18,6 +16,7 @@ from bayesdrill.analysis.latent_torque import TAILS, Follows, Shaking, follows
 from bayesdrill.basics import symbols
 from bayesdrill.basics.symbols import Symbol
 from bayesdrill.basics.units import Unit
+from bayesdrill.report import tables
 from bayesdrill.report.section import Table
 from bayesdrill.report.sections.physics_words import listed, speed_symbol
 from bayesdrill.rig import models
@@ -257,17 +256,15 @@ def torque_csv(every: Sequence[Shaking]) -> str | None:
     """SI, a line for each sample; None where no torque is missing."""
     if not every:
         return None
-    out = io.StringIO()
-    writer = csv.writer(out, lineterminator="\n")
     names = list(dict.fromkeys(n for one in every for n in (*one.states, *one.inputs)))
-    writer.writerow(["experiment", "t", "torque", "sd", "low", "high", *names])
+    lines: list[Sequence[object]] = [["experiment", "t", "torque", "sd", "low", "high", *names]]
     for one in every:
         sds, (low, high) = one.draws.std(axis=0), one.band
         columns = [one.states.get(n, one.inputs.get(n)) for n in names]
         for k, t in enumerate(one.t):
             row = [one.label, t, one.expected[k], sds[k], low[k], high[k]]
-            writer.writerow([*row, *("" if c is None else c[k] for c in columns)])
-    return out.getvalue()
+            lines.append([*row, *(None if c is None else c[k] for c in columns)])
+    return tables.lines_as_csv(lines)
 
 
 def torque_data(every: Sequence[Shaking]) -> list[dict[str, Any]]:

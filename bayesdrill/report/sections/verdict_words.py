@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import itertools
 import math
 from collections.abc import Iterator, Mapping, Sequence
@@ -16,6 +14,7 @@ from bayesdrill.analysis.verdict import FALSE_ALARM, Quantity, Verdict
 from bayesdrill.basics.symbols import Symbol, unit_product
 from bayesdrill.inference.derived import HDI_PROBABILITY
 from bayesdrill.inference.step_error import ENOUGH, FINER, StepError
+from bayesdrill.report import tables
 from bayesdrill.report.section import Table
 from bayesdrill.report.sections.identify_words import percent, priors_of, product
 from bayesdrill.report.sections.physics_words import listed
@@ -401,11 +400,7 @@ def verdict_csv(found: Verdict, symbols: Sequence[Symbol]) -> str:
     """
     units = {symbol.name: symbol.unit for symbol in symbols}
     entries = [_entry(found, quantity, units) for quantity in verdict_rows(found)]
-    out = io.StringIO()
-    writer = csv.DictWriter(out, fieldnames=list(entries[0]), lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(entries)
-    return out.getvalue()
+    return tables.lines_as_csv([list(entries[0]), *(list(entry.values()) for entry in entries)])
 
 
 def verdict_data(
