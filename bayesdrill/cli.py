@@ -378,13 +378,22 @@ def paper(
             raise typer.Exit(NOT_CONVERGED)
 
 
+class Described(StrEnum):
+    config = "config"
+    run = "run"
+
+
 @app.command(epilog="Example: bayesdrill schema > schema.json")
-def schema() -> None:
+def schema(
+    of: Annotated[
+        Described, typer.Option("--of", help="Of configs, or of the run.json of a posterior.")
+    ] = Described.config,
+) -> None:
     """Print the JSON schema of configs, for editors that complete and check them."""
     with guarded():
         from bayesdrill.api import files
 
-        typer.echo(files.schema(), nl=False)
+        typer.echo(files.schema(of.value), nl=False)
 
 
 @app.command(epilog="Example: bayesdrill cite results/nominal_step --format bibtex")

@@ -293,8 +293,10 @@ def calibration(config: str | Path) -> Calibration:
 
 
 @checked
-def schema() -> str:
-    """The JSON schema of configs."""
+def schema(of: str = "config") -> str:
+    """The JSON schema of configs or, `of` a `run`, of the `run.json` that a posterior leaves."""
     from bayesdrill.config.schema.config import json_schema
+    from bayesdrill.tasks.conclusions import run_schema
 
-    return json_schema()
+    every = {"config": json_schema, "run": run_schema}
+    return arguments.known(every, of, "of", "schema")()

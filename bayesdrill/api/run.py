@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from bayesdrill.analysis.run_analysis import RunAnalysis
 from bayesdrill.analysis.verdict import Verdict
 from bayesdrill.api import arguments
 from bayesdrill.basics.errors import InputError, shown
@@ -146,6 +147,13 @@ class Run(Value):
         """How probable the record is under the model: `log_z` and its standard `error`."""
         return self.sampled.evidence
 
+    @property
+    def analysis(self) -> RunAnalysis:
+        """Every number of the report by name, evaluated once: see `RunAnalysis`, whose `describe` gives
+        the unit of each.
+        """
+        return self._view.analysis
+
     def judge(self) -> Judged:
         """What fit and draws say of the nominal table."""
         return Judged(self._view)
@@ -211,13 +219,13 @@ class Judged(Value):
 
     @property
     def verdict(self) -> Verdict | None:
-        judgement = self.view.judged
+        judgement = self.view.analysis.judged
         return None if judgement is None else judgement.verdict
 
     @property
     def rows(self) -> list[dict[str, Any]]:
         """A record for each unknown, for a table of any kind."""
-        return [tables.as_record(row) for row in self.view.rows]
+        return [tables.as_record(row) for row in self.view.analysis.unknowns]
 
     @property
     def reasons(self) -> tuple[str, ...]:

@@ -154,7 +154,7 @@ class _Climb:
         found, sampled = made
         job = job.at(found)
         # What may be missing the other rungs say, and the report of the config as given.
-        view = dataclasses.replace(concluded(job, found, sampled), alone=not rung.parts)
+        view = concluded(job, found, sampled, alone=not rung.parts)
         pipeline.write_result(job, view, self.output / rung.name, None, force=True)
         if not self._known(rung, job, found, sampled):
             self.left_out[rung.name] = "its evidence could not be computed"

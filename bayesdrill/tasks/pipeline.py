@@ -35,7 +35,7 @@ from bayesdrill.sampling.ensembles import Memory, Sampled, Shelf, loaded, sample
 from bayesdrill.sampling.mode_search import Mode
 from bayesdrill.sampling.proposal.learning import Nowhere
 from bayesdrill.sampling.workers import Crew
-from bayesdrill.tasks.conclusions import concluded, entries, held, plan
+from bayesdrill.tasks.conclusions import concluded, entries, held, kept_analysis, plan
 from bayesdrill.tasks.find_map import (
     MAP_FILE,
     begin_search,
@@ -150,13 +150,15 @@ def republish(output: Path, processes: int, report: Reporter = SILENT) -> Outcom
     job, marks = _made(output)
     with Folder(output, "report", marks, POSTERIOR) as folder:
         job, found, sampled = _finished(job, folder)
+        run = run_folder.read_run(output) or {}
         folder.begin()
         posterior = job.problem.posterior
         with Crew(posterior, processes) as crew:
-            seconds = dict((run_folder.read_run(output) or {}).get("seconds", {}))
+            seconds = dict(run.get("seconds", {}))
             seconds.pop("report", None)  # is being made again
             report.update(0.0, DRAWS_SAY)
-            view = concluded(job, found, sampled, seconds=seconds)
+            kept = kept_analysis(job, found, sampled, run)
+            view = concluded(job, found, sampled, seconds=seconds, kept=kept)
             return _publish(job, folder, view, crew, report)
 
 
@@ -285,19 +287,19 @@ def _publish(
     begun: float | None = None,
 ) -> Outcome:
     """`begun`: when the report began, of a run that is timed."""
-    seconds, judged = dict(view.seconds), view.judged
+    seconds, judged = dict(view.seconds), view.analysis.judged
     missing = publish.everything(view, folder, crew, report)
     report.update(1.0, "")
     if begun is not None:
         seconds["report"] = time.perf_counter() - begun
         folder.write_run(seconds={name: round(value, 3) for name, value in seconds.items()})
     files = {name: output_files.digest(folder.path / name) for name in folder.made()}
-    folder.write_run(status="finished", missing=missing, files=files, **entries(view))
+    folder.write_run(status="finished", missing=missing, files=files, **entries(job, view))
     return Outcome(
         folder=folder.path,
         mode=view.mode,
         sampled=view.sampled,
-        rows=view.rows,
+        rows=view.analysis.unknowns,
         verdict=None if judged is None else judged.verdict,
         said="\n\n".join((words.convergence(view.sampled), *as_text(sections(view)))),
         reasons=view.reasons,

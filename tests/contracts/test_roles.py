@@ -26,6 +26,7 @@ from bayesdrill.analysis.energy import accounts, curve, rubbings
 from bayesdrill.analysis.identifiability.frictions import RIVALS, stops_below
 from bayesdrill.analysis.identifiability.information import Scenery
 from bayesdrill.analysis.latent_torque import follows, shakings
+from bayesdrill.analysis.run_analysis import torque_summary
 from bayesdrill.basics import symbols
 from bayesdrill.inference import derived
 from bayesdrill.report import words
@@ -131,7 +132,7 @@ def of_torque(of: bd.Case) -> Iterator[Any]:
     theta = posterior.space.vector(posterior.space.start)
     (found,) = shakings(posterior, theta[None], np.random.default_rng(1))
     yield [found.expected, found.angle, found.gear, repr(follows(found))]
-    yield torque_words.followed(found, follows(found))
+    yield torque_words.followed(torque_summary(found))
     yield [(each.label.latex, each.means) for each in torque_shown(found, of.job.clock).against]
 
 

@@ -190,7 +190,10 @@ def test_tables_show_what_was_found_over_the_unit_of_the_user() -> None:
     """Mutants killed: SI numbers under a user's unit, a unit that is not shown, an sd left in SI."""
     own, plain = pair().own, pair().plain
     for heads, one, other in (
-        (tables.HEADERS, *(tables.of_rows(v.units.rows(v.rows)).lines for v in (own, plain))),
+        (
+            tables.HEADERS,
+            *(tables.of_rows(v.units.rows(v.analysis.unknowns)).lines for v in (own, plain)),
+        ),
         (
             ("", "unit", "nominal", "MAP", "dev. %"),
             *(
@@ -201,7 +204,9 @@ def test_tables_show_what_was_found_over_the_unit_of_the_user() -> None:
         (
             ("", "unit", "nominal", "mean", "sd", "94 % HDI", "dev. %", "meaning"),
             *(
-                physics_words.derived_table(v.units.rows(v.following), v.derived).lines
+                physics_words.derived_table(
+                    v.units.rows(v.analysis.derived), v.analysis.meanings
+                ).lines
                 for v in (own, plain)
             ),
         ),
@@ -227,7 +232,7 @@ def test_the_table_for_papers_is_in_these_units() -> None:
     texts = [TABLES["table.tex"](view) for view in (own, plain)]
     assert all(text is not None and text.isascii() for text in texts)
     one, other = ([line.split(" & ") for line in str(text).splitlines()[5:-2]] for text in texts)
-    for row, mine, theirs in zip(own.rows, one, other, strict=True):
+    for row, mine, theirs in zip(own.analysis.unknowns, one, other, strict=True):
         power, of_si = ([*numbers(cells[1].replace("10^", "")), 0] for cells in (mine, theirs))
         found = 10.0 ** power[0] if "10^" in mine[1] else 1.0
         base = 10.0 ** of_si[0] if "10^" in theirs[1] else 1.0
@@ -248,7 +253,9 @@ def test_sentences_have_the_unit_of_the_user_and_parameters_stay_as_they_are() -
     assert "d 4 mm" in said
     assert "L = 240 cm" in words.opening(view.problem, view.units)
     assert "k_T = 0.12," in words.opening(view.problem, view.units)
-    pressed = [replace(view.rows[0], name="sigma_theta_1", pressed_against=math.radians(0.25))]
+    pressed = [
+        replace(view.analysis.unknowns[0], name="sigma_theta_1", pressed_against=math.radians(0.25))
+    ]
     assert "against the end 0.25 deg of its prior" in tables.notes(pressed, view.units)[0]
     everything = as_markdown("x", sections(view))
     assert "| sigma_theta_1 | deg |" in everything
@@ -256,7 +263,7 @@ def test_sentences_have_the_unit_of_the_user_and_parameters_stay_as_they_are() -
 
 
 def test_times_are_told_in_the_unit_of_their_column() -> None:
-    left = pair().own.left[0]
+    left = pair().own.analysis.fit[0]
     far = replace(left, farthest=9.0, rms=1.0, time=0.75, limits=replace(left.limits, most=2.0))
     clock = units.shown("ms", "s")
     assert "theta_1 9 at 750 ms" in fit_words.residual_sentences([far], clock)
@@ -355,7 +362,7 @@ def test_files_for_machines_are_si_whatever_the_units_of_the_config() -> None:
                 if numbers(text) and key not in ("unit", "name", "quantity"):
                     assert float(text) == pytest.approx(float(theirs[key]), rel=1e-6, abs=1e-6)
     expected = {s.name: s.unit for s in own.problem.symbols}
-    assert conclusions.entries(own)["units"] == expected
+    assert conclusions.entries(users().job, own)["units"] == expected
     assert expected["sigma_theta_1"] == "rad"
 
 
@@ -437,7 +444,7 @@ def test_a_unit_that_formulas_do_not_have_is_shown_in_si() -> None:
 
 
 def test_what_has_no_unit_of_its_own_stays_as_it_is() -> None:
-    row = pair().own.rows[0]
+    row = pair().own.analysis.unknowns[0]
     assert row.name == "k_e"
     assert pair().own.units.rows([row]) == (row,)
     assert SI.said("k_s", 0.26) == "0.26"

@@ -469,7 +469,7 @@ CORNER = (
 
 
 def draw_corner(run: View) -> Drawing:
-    own, at_map = run.units, run.best[None]
+    own, at_map = run.units, run.chain.best[None]
     names = run.config.output.corner or run.config.output.parameters
     shown = physics_words.derived_shown(run.problem, names, run.sampled.draws, run.derived, at_map)
     draws = shown.draws / own.factors(shown.symbols)

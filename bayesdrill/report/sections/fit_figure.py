@@ -452,8 +452,9 @@ FIT_RUBBED = f"{FIT} Below: what rubs, and when it sticks."
 def draw_fit(run: View) -> tuple[Drawing, ...]:
     group = run.tree["posterior_predictive"]
     draws = {str(name): np.asarray(values) for name, values in group.data_vars.items()}
-    found = every_fit(run.problem, run.config, run.best, run.left, draws, run.rubbing)
-    return _fits(found, run.width, FIT_RUBBED if run.rubbing else FIT)
+    best, rubbing = run.chain.best, run.chain.rubbing
+    found = every_fit(run.problem, run.config, best, run.analysis.fit, draws, rubbing)
+    return _fits(found, run.width, FIT_RUBBED if rubbing else FIT)
 
 
 PREDICTIVE_CHECK = "Whether the record is as the posterior predicts it, channel by channel."

@@ -304,11 +304,11 @@ INVARIANTS = "The products of parameters that such a record can show (corner plo
 
 
 def draw_invariants(run: View) -> Drawing | None:
-    if run.judged is None or not run.judged.verdict.products:
+    if run.analysis.judged is None or not run.analysis.judged.verdict.products:
         return None
-    verdict, symbols = run.judged.verdict, run.problem.symbols
+    verdict, symbols = run.analysis.judged.verdict, run.problem.symbols
     return Drawing(
-        invariants_figure, (verdict, run.draws, run.best, symbols, run.width), says=INVARIANTS
+        invariants_figure, (verdict, run.draws, run.chain.best, symbols, run.width), says=INVARIANTS
     )
 
 
@@ -319,7 +319,7 @@ RIDGE = (
 
 def draw_ridge(run: View) -> Drawing | None:
     """Where there is a symmetry."""
-    judged, shown = run.judged, run.shown()
+    judged, shown = run.analysis.judged, run.shown()
     pair = None if judged is None else strongest_pair(run.draws, judged.study.structure)
     if pair is None:
         return None

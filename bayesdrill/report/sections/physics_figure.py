@@ -18,6 +18,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
+from bayesdrill.analysis.run_analysis import BANDS
 from bayesdrill.basics.symbols import Symbol
 from bayesdrill.inference.derived import HDI_PROBABILITY
 from bayesdrill.report import scales, style
@@ -25,7 +26,7 @@ from bayesdrill.report.pages import Page
 from bayesdrill.report.sections.fit_figure import extremes
 from bayesdrill.report.sections.physics_words import Balance, Law, Stacked, energy_balance, laws
 from bayesdrill.report.sections.torque_words import Against, Shown, torque_shown
-from bayesdrill.report.view import BANDS, Drawing, View, captioned
+from bayesdrill.report.view import Drawing, View, captioned
 
 Array = NDArray[np.float64]
 
@@ -337,8 +338,8 @@ FRICTION = "Each friction against its speed: its law, where the record saw it, a
 def draw_friction(run: View) -> tuple[Drawing, ...]:
     """Of a rig that rubs."""
     drawings = []
-    for one, found in zip(run.problem.observations, run.rubbing, strict=False):
-        shown = laws(one, found, run.problem, run.best, run.some(BANDS))
+    for one, found in zip(run.problem.observations, run.chain.rubbing, strict=False):
+        shown = laws(one, found, run.problem, run.chain.best, run.chain.some(BANDS))
         says = captioned(one.label, FRICTION)
         drawings.append(Drawing(friction_figure, (shown, run.width), says=says))
     return tuple(drawings)
@@ -355,7 +356,7 @@ def draw_energy(run: View) -> tuple[Drawing, ...]:
             (energy_balance(one, model, run.clock), run.width),
             says=captioned(one.label, ENERGY),
         )
-        for one in run.accounts
+        for one in run.chain.accounts
     )
 
 
@@ -370,5 +371,5 @@ def draw_torque(run: View) -> tuple[Drawing, ...]:
             (torque_shown(one, run.clock), run.width),
             says=captioned(one.label, TORQUE),
         )
-        for one in run.shaking
+        for one in run.chain.shaking
     )

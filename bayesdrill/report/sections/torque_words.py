@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from bayesdrill.analysis.identifiability.study import Study
 from bayesdrill.analysis.identifiability.torque_confounding import StandIn
-from bayesdrill.analysis.latent_torque import TAILS, Follows, Shaking, follows
+from bayesdrill.analysis.latent_torque import TAILS, Follows, Shaking
+from bayesdrill.analysis.run_analysis import TorqueSummary
 from bayesdrill.basics import symbols
 from bayesdrill.basics.symbols import Symbol
 from bayesdrill.basics.units import Unit
@@ -118,14 +119,12 @@ READ = (
 )
 
 
-def torque_sentence(found: Shaking) -> str:
+def torque_sentence(found: TorqueSummary) -> str:
     of = f" in {found.label}" if found.label else ""
-    low, high = np.quantile(found.expected, (0.03, 0.97))
-    width = np.mean(found.band[1] - found.band[0]) / 2
-    sure = np.mean((found.band[0] > 0) | (found.band[1] < 0))
     return (
-        f"missing torque{of}: {WHERE[found.at]} {low:.3g} to {high:.3g} N m in 94 % of the samples, "
-        f"each known to {width:.2g} N m; its sign is sure in {100 * sure:.0f} % of the samples"
+        f"missing torque{of}: {WHERE[found.at]} {found.low:.3g} to {found.high:.3g} N m in 94 % of the "
+        f"samples, each known to {found.width:.2g} N m; its sign is sure in {100 * found.sure:.0f} % of "
+        "the samples"
     )
 
 
@@ -140,7 +139,7 @@ def beside(*, rubs: bool) -> str:
     )
 
 
-def strayed(found: Shaking) -> str:
+def strayed(found: TorqueSummary) -> str:
     """How good an approximation it was; empty for a rig that does not rub."""
     every = [one for one in found.courses if np.isfinite(one.strayed)]
     if not every:
@@ -158,8 +157,9 @@ def strayed(found: Shaking) -> str:
     )
 
 
-def followed(found: Shaking, every: Sequence[Follows]) -> str:
+def followed(found: TorqueSummary) -> str:
     """What the torque follows, a line for each; what it would be in the equations."""
+    every = found.follows
     taken = [one for one in every if one.taken]
     if not taken:
         most = f" (at most {100 * every[0].share:.0f} %: {_what(found, every[0])})" if every else ""
@@ -169,10 +169,10 @@ def followed(found: Shaking, every: Sequence[Follows]) -> str:
     return "\n".join(_line(found, one) for one in taken)
 
 
-def _line(found: Shaking, one: Follows) -> str:
+def _line(found: TorqueSummary, one: Follows) -> str:
     size, sd = abs(one.size), f"{one.sd:.1g}"
     against = one.size < 0
-    turning = found.turning.mean()
+    turning = found.turning
     still = f" where it turns, in {100 * turning:.0f} % of the samples," if turning < FULL else ""
     share = f"which{still} explains {100 * one.share:.0f} % of it by itself"
     said = f"missing torque: it follows {_what(found, one)}, {share}"
@@ -202,7 +202,7 @@ UNITS = {
 }
 
 
-def _what(found: Shaking, one: Follows) -> str:
+def _what(found: TorqueSummary, one: Follows) -> str:
     motor = one.of == found.roles.motor.speed
     speed = f"the speed of {'the motor' if motor else 'rotor 1'}"
     return {
@@ -241,7 +241,7 @@ def _stands_in(one: StandIn) -> str:
     )
 
 
-def torque_table(found: Shaking) -> Table:
+def torque_table(found: TorqueSummary) -> Table:
     lines = [
         (
             one.channel,
@@ -267,15 +267,15 @@ def torque_csv(every: Sequence[Shaking]) -> str | None:
     return tables.lines_as_csv(lines)
 
 
-def torque_data(every: Sequence[Shaking]) -> list[dict[str, Any]]:
+def torque_data(every: Sequence[TorqueSummary]) -> list[dict[str, Any]]:
     """For `run.json`."""
     return [
         {
             "experiment": one.label,
             "at": one.at,
-            "rms": float(np.sqrt(np.mean(one.expected**2))),
-            "sd": float(one.draws.std(axis=0).mean()),
-            "follows": [dataclasses.asdict(each) for each in follows(one)],
+            "rms": one.rms,
+            "sd": one.sd,
+            "follows": [dataclasses.asdict(each) for each in one.follows],
             "channels": {
                 c.channel: {
                     "without": c.without / c.spread,
