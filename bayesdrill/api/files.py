@@ -296,7 +296,7 @@ def calibration(config: str | Path) -> Calibration:
 def schema(of: str = "config") -> str:
     """The JSON schema of configs or, `of` a `run`, of the `run.json` that a posterior leaves."""
     from bayesdrill.config.schema.config import json_schema
-    from bayesdrill.tasks.conclusions import run_schema
+    from bayesdrill.tasks.run_entries import run_schema
 
     every = {"config": json_schema, "run": run_schema}
     return arguments.known(every, of, "of", "schema")()

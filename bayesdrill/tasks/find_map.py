@@ -38,6 +38,7 @@ from bayesdrill.results.run_folder import COMPUTED_AGAIN, Folder
 from bayesdrill.sampling import mode_search, multiple_modes
 from bayesdrill.sampling.mode_search import Mode, Search
 from bayesdrill.sampling.workers import Crew
+from bayesdrill.tasks import run_entries
 
 
 def check_place(output: Path, *, force: bool) -> None:
@@ -67,7 +68,7 @@ def save(job: Job, found: Mode, output: Path, record: str | None, *, force: bool
             publish.draw(job.problem.posterior, stem, figure, place, note, *look)
         folder.write_text("report.html", said.page(output))
         files = {name: output_files.digest(output / name) for name in folder.made()}
-        fit = fit_words.residual_data(said.left)
+        fit = run_entries.residual_data(said.left)
         folder.write_run(status="finished", reasons=list(said.reasons), fit=fit, files=files)
 
 

@@ -26,7 +26,6 @@ from bayesdrill.output_files import (
 from bayesdrill.report import publish, words
 from bayesdrill.report.run_report import sections
 from bayesdrill.report.section import as_text
-from bayesdrill.report.sections import verdict_words
 from bayesdrill.report.view import View
 from bayesdrill.results import provenance, run_folder
 from bayesdrill.results.run_folder import Folder
@@ -35,7 +34,7 @@ from bayesdrill.sampling.ensembles import Memory, Sampled, Shelf, loaded, sample
 from bayesdrill.sampling.mode_search import Mode
 from bayesdrill.sampling.proposal.learning import Nowhere
 from bayesdrill.sampling.workers import Crew
-from bayesdrill.tasks.conclusions import concluded, entries, held, kept_analysis, plan
+from bayesdrill.tasks.conclusions import analysis_mark, concluded, kept_analysis, plan
 from bayesdrill.tasks.find_map import (
     MAP_FILE,
     begin_search,
@@ -46,6 +45,7 @@ from bayesdrill.tasks.find_map import (
     write_mode,
 )
 from bayesdrill.tasks.identify import preflight
+from bayesdrill.tasks.run_entries import entries, evidence_of_data, held
 
 DRAWS_SAY = "looking at what the draws say"
 
@@ -218,7 +218,7 @@ def _finished(job: Job, folder: Folder) -> tuple[Job, Mode, Sampled]:
     again = again.doubted(found.doubts)
     run = run_folder.read_run(path) or {}
     beyond = folder.opened_ends(again.pieces) or not_kept(again, problem.posterior, problem.nominal)
-    evidence = verdict_words.evidence_of_data(run)
+    evidence = evidence_of_data(run)
     sampled = dataclasses.replace(again, held=held(run), evidence=evidence, beyond=beyond)
     return job, found, sampled
 
@@ -294,7 +294,12 @@ def _publish(
         seconds["report"] = time.perf_counter() - begun
         folder.write_run(seconds={name: round(value, 3) for name, value in seconds.items()})
     files = {name: output_files.digest(folder.path / name) for name in folder.made()}
-    folder.write_run(status="finished", missing=missing, files=files, **entries(job, view))
+    folder.write_run(
+        status="finished",
+        missing=missing,
+        files=files,
+        **entries(view, analysis_mark(job, view.mode, view.sampled)),
+    )
     return Outcome(
         folder=folder.path,
         mode=view.mode,

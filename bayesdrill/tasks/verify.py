@@ -24,7 +24,7 @@ from bayesdrill.report import publish
 from bayesdrill.report.comparison_report import COMPARED, OVERLAID, ComparisonReport, Form
 from bayesdrill.report.sections import verdict_words
 from bayesdrill.results import provenance, run_folder
-from bayesdrill.tasks import comparison, conclusions, find_map, pipeline
+from bayesdrill.tasks import comparison, conclusions, find_map, pipeline, run_entries
 
 SAME = 1e-6  # relative: numbers that other versions of a library round otherwise
 MOST = 5  # numbers that are named
@@ -89,14 +89,14 @@ def verify(folder: Path) -> Verified:
         raise InputError.one(str(folder), message)
     found = tuple(dict.fromkeys([*_changed(folder, way.kind, files), *way.problems(folder, run)]))
     checked = len(files) - len({problem.place for problem in found})
-    numbers = sum(1 for _ in leaves(run.get(conclusions.ANALYSIS) or []))
+    numbers = sum(1 for _ in leaves(run.get(run_entries.ANALYSIS) or []))
     return Verified(folder, checked, found, way.what, way.follows, numbers)
 
 
 def _of_posterior(folder: Path, run: Mapping[str, Any]) -> Iterator[Issue]:
     yield from _configs(folder)
     try:
-        alone = run.get(conclusions.ANALYSIS, {}).get("alone", True)
+        alone = run.get(run_entries.ANALYSIS, {}).get("alone", True)
         view = conclusions.concluded(*pipeline.read_result(folder), alone=alone)
     except InputError as error:  # another record, a config of another run, a damaged chain
         yield from error.problems
@@ -114,7 +114,7 @@ def _of_posterior(folder: Path, run: Mapping[str, Any]) -> Iterator[Issue]:
 
 def _numbers(folder: Path, run: Mapping[str, Any], analysis: RunAnalysis) -> Iterator[Issue]:
     """Of `run.json`, which older versions have not kept there."""
-    given = dict(leaves(run.get(conclusions.ANALYSIS, {})))
+    given = dict(leaves(run.get(run_entries.ANALYSIS, {})))
     wrong = [
         f"{name} is {given.get(name, 'missing')}, and the chain gives {value}"
         for name, value in analysis.numbers.items()

@@ -15,6 +15,7 @@ from bayesdrill.inference import residual_checks
 from bayesdrill.report.sections import fit_words, verdict_words
 from bayesdrill.rig.models.linear import USUAL
 from bayesdrill.rig.models.motor_shaft import MotorShaft
+from bayesdrill.tasks import run_entries
 
 CONFIG = bd.load("configs/example_rig.yaml").job.config
 PHYSICS = {"t_c1": 0.25, "v_d": 0.8, "c_1": 0.02, "c_s": 5e-3}
@@ -100,7 +101,7 @@ def test_where_both_would_do_both_are_said() -> None:
     assert named.other.lacking == ("t_cm",)
     said = fit_words.explained(named, CONFIG)
     assert "or, as well as by these, by\n  - dry friction at the motor of " in said
-    data = fit_words.causes_data(named)
+    data = run_entries.causes_data(named)
     assert data is not None
     assert data["or"]["by"][0]["of"] == "t_cm"
     assert fit_words.lacking(named, USUAL) == "dry friction at the motor (t_cm)"
@@ -206,9 +207,9 @@ def test_what_is_still_left_is_said_and_shares_are_never_rounded_up() -> None:
     assert "high: 0.005}" in said
     all_of_it = Causes(share=1.0, rest=1.0, found=(cause,))
     assert "down to" not in fit_words.explained(all_of_it, CONFIG)
-    assert fit_words.instead_data(None) == {}
+    assert run_entries.instead_data(None) == {}
     assert list(fit_words.instead(None, USUAL)) == []
-    data = fit_words.instead_data(Instead(parameter="t_cm", value=0.1, lost=-3.0))
+    data = run_entries.instead_data(Instead(parameter="t_cm", value=0.1, lost=-3.0))
     assert data["instead"]["log_likelihood"] == 3.0
 
 

@@ -37,7 +37,7 @@ from bayesdrill.report.view import View
 from bayesdrill.results.run_folder import Folder
 from bayesdrill.rig.models.motor_shaft import MotorShaft
 from bayesdrill.sampling.mode_search import Other
-from bayesdrill.tasks import calibrate, comparison, conclusions
+from bayesdrill.tasks import calibrate, comparison, conclusions, run_entries
 
 T = np.linspace(0.0, 6.0, 121)
 FACTORS = {  # of the case in users' units: how many SI each is
@@ -362,7 +362,7 @@ def test_files_for_machines_are_si_whatever_the_units_of_the_config() -> None:
                 if numbers(text) and key not in ("unit", "name", "quantity"):
                     assert float(text) == pytest.approx(float(theirs[key]), rel=1e-6, abs=1e-6)
     expected = {s.name: s.unit for s in own.problem.symbols}
-    assert conclusions.entries(users().job, own)["units"] == expected
+    assert run_entries.entries(own, "")["units"] == expected
     assert expected["sigma_theta_1"] == "rad"
 
 

@@ -30,6 +30,7 @@ from bayesdrill.report.sections.fit_figure import fit_figure
 from bayesdrill.report.sections.physics_figure import energy_figure, friction_figure, looks
 from bayesdrill.report.sections.physics_words import Law
 from bayesdrill.report.view import View
+from bayesdrill.tasks import run_entries
 
 T = 0.04 * np.arange(250)
 V = np.where((T // 2.52) % 2 == 0, 1.0, -1.0) * np.where(T < 5.04, 5.0, 2.5)
@@ -248,7 +249,7 @@ def test_the_report_has_a_table_of_it() -> None:
     assert "## Where the energy goes" in text
     assert "| out | friction at rotor 1 | " in text
     assert "k_T is not k_e" in text
-    (data,) = physics_words.energy_data(view().analysis.energy)
+    (data,) = run_entries.energy_data(view().analysis.energy)
     assert list(data["in"]) == ["conversion", "v"] or list(data["in"]) == ["v", "conversion"]
     assert data["out"]["friction_1"]["share"] > 0.1
     assert json.loads(json.dumps(data)) == data
@@ -280,7 +281,7 @@ def test_steps_that_are_enough_and_steps_that_are_not() -> None:
     assert said.endswith("say `model: {pieces: 8}`")
     assert verdict_words.steps_wanted(dataclasses.replace(few, pieces=3, errors=(0.11,))) == 6
     assert verdict_words.step_sentences(()) == ""
-    (data,) = verdict_words.step_data([few])
+    (data,) = run_entries.step_data([few])
     assert data == {"experiment": "slow", "pieces": 1, "over_sigma": {"w_1": 0.45}}
 
 

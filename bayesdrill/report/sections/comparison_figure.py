@@ -21,7 +21,7 @@ from bayesdrill.analysis.comparison import SURE, Contender, Layer, Row
 from bayesdrill.config.job import OwnUnits
 from bayesdrill.inference.derived import HDI_PROBABILITY
 from bayesdrill.report import scales, style
-from bayesdrill.report.pages import LEVELS, Page, contours
+from bayesdrill.report.pages import AXES, LEVELS, contours, legend_above
 from bayesdrill.report.sections.comparison_words import (
     elided,
     in_logs,
@@ -251,17 +251,6 @@ INTERVALS_REACH = 1.0  # how far an axis may grow for the nominal value, in widt
 BAR: dict[str, Any] = {"linewidth": 1.2, "marker": "|", "markersize": 5}
 HELD: dict[str, Any] = {"marker": "x", "markersize": 5, "markeredgewidth": 1.2}
 CREDIBLE = f"narrowest {100 * HDI_PROBABILITY:.0f} % interval"
-PAGE = Page(
-    columns=3,
-    width=scales.DOUBLE,
-    row=0.0,
-    left=0.14,
-    right=0.14,
-    gap_x=0.2,
-    gap_y=0.56,
-    top=0.0,
-    bottom=0.5,
-)
 INTERVALS, MODELS = (0.17, 0.2), (0.19, 0.22)  # inches of a run and of the margins of a panel
 
 
@@ -275,25 +264,17 @@ def intervals_figure(layers: Sequence[Layer], rows: Sequence[Row], own: OwnUnits
     with style.styled():
         said = _handles(layers, every)
         longest = max(len(str(handle.get_label())) for handle in said)
-        fitting = int(PAGE.width / (HANDLE + LEGEND_LETTER * longest))
+        fitting = int(AXES.width / (HANDLE + LEGEND_LETTER * longest))
         columns = max(1, min(len(said), 4, fitting))
         top = LEGEND_MARGIN + LEGEND_LINE * -(-len(said) // columns)
-        figure, panels = replace(PAGE, row=frame + n * height, top=top).build(len(rows))
+        figure, panels = replace(AXES, row=frame + n * height, top=top).build(len(rows))
         for panel, (row, scale) in zip(panels, every, strict=True):
             _intervals(panel, row, scale, range(n), LOOKS)
             _below_each_other(panel, n, INTERVALS)
             if side := scale.side(row.agreed):
                 x, marker = (0.97, ">") if side > 0 else (0.03, "<")
                 panel.plot([x], [0.5], transform=panel.transAxes, marker=marker, **style.AWAY)
-        figure.legend(
-            handles=said,
-            loc="upper center",
-            ncols=columns,
-            borderaxespad=0.3,
-            labelspacing=0.3,
-            columnspacing=1.4,
-            handlelength=2.6,
-        )
+        legend_above(figure, said, columns, 1.4, 2.6)
     return figure
 
 
@@ -381,7 +362,7 @@ def comparison_figure(models: Sequence[Contender], rows: Sequence[Row], own: Own
         several = any(one.label for one in layers[0].problem.observations)
         per_line = min(PER_LONG_LINE if several else PER_LINE, len(handles))
         row_height, top = MODELS[1] + len(models) * MODELS[0], -(-len(handles) // per_line)
-        page = replace(PAGE, row=row_height, left=left, gap_x=0.18, top=0.44 + LEGEND_LINE * top)
+        page = replace(AXES, row=row_height, left=left, gap_x=0.18, top=0.44 + LEGEND_LINE * top)
         figure, panels = page.build(SCORES + len(shared))
         ordered = [models[k] for k in order]
         _odds(panels[0], ordered)
@@ -393,7 +374,7 @@ def comparison_figure(models: Sequence[Contender], rows: Sequence[Row], own: Own
         for panel, (row, scale) in zip(panels[SCORES:], shared, strict=True):
             _intervals(panel, row, scale, order, looks)
         for k, panel in enumerate(panels):
-            _below_each_other(panel, len(models), MODELS, names if k % PAGE.columns == 0 else None)
+            _below_each_other(panel, len(models), MODELS, names if k % AXES.columns == 0 else None)
             panel.tick_params(axis="y", length=0)
         figure.legend(
             handles=handles,

@@ -94,7 +94,7 @@ def trace_figure(
             _ensembles(panel, steps, scales[d](bands[..., d]))
             _values(panel, scales[d], known[d], mode.get(symbol.name))
             _numbers(panel, scales[d], symbol, n_steps)
-        _legend(figure, handles, len(symbols), width)
+        legend_above(figure, handles, _legend_columns(len(symbols), width), 2.0, 2.8)
     return figure
 
 
@@ -209,18 +209,6 @@ def _trace_handles(n_ensembles: int, burn_in: int, sides: set[int]) -> list[Line
 
 def _legend_columns(n: int, width: float) -> int:
     return 2 if n == 1 or width < scales.DOUBLE else 3
-
-
-def _legend(figure: Figure, handles: list[Line2D | Patch], n: int, width: float) -> None:
-    figure.legend(
-        handles=handles,
-        loc="upper center",
-        ncols=_legend_columns(n, width),
-        borderaxespad=0.3,
-        labelspacing=0.3,
-        columnspacing=2.0,
-        handlelength=2.8,
-    )
 
 
 BEYOND = 2.0  # windows, the longest of which are shown

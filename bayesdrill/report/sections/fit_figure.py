@@ -349,17 +349,7 @@ def _legend(panel: Axes, entries: dict[str, Any], columns: int, x: float = 0.0) 
     )
 
 
-PAGE = Page(
-    columns=2,
-    width=scales.DOUBLE,
-    row=1.3,
-    left=0.58,
-    right=0.12,
-    gap_x=0.66,
-    gap_y=0.16,
-    top=0.5,
-    bottom=0.42,
-)
+PAGE = Page(columns=2, row=1.3, gap_x=0.66, gap_y=0.16, top=0.5)
 FARTHEST = 4.5  # sds shown; what lies beyond stands in the last bin
 BINS = 36
 NAMES = 1.7  # of the farthest line: where a panel ends, above which names stand

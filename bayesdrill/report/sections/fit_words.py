@@ -11,7 +11,6 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import groupby
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -271,31 +270,6 @@ def residual_reasons(found: Sequence[Left]) -> tuple[str, ...]:
     return tuple(said)
 
 
-def residual_data(found: Sequence[Left]) -> list[dict[str, Any]]:
-    """For `run.json`."""
-    return [
-        {
-            "channel": one.channel,
-            **({"experiment": one.experiment} if one.experiment else {}),
-            "rms_over_sigma": round(one.rms, 5),
-            "rms_over_spread": None if math.isnan(one.share) else round(one.share, 7),
-            "correlation": round(one.correlation, 5),
-            "farthest_over_sigma": round(one.farthest, 5),
-            "says": [
-                word
-                for word, true in (
-                    ("more than noise", one.large),
-                    ("less than noise", one.small),
-                    ("far samples", one.far),
-                    ("correlated", one.correlated),
-                )
-                if true
-            ],
-        }
-        for one in found
-    ]
-
-
 def _worst(found: Sequence[Left], which: str, by: str) -> list[Left]:
     """Those of which it is true, the worst first."""
     chosen = [one for one in found if getattr(one, which)]
@@ -398,35 +372,6 @@ def _missing(name: str, value: float, roles: Roles) -> str:
 def _named(name: str, value: float) -> str:
     """How a config switches it on."""
     return f"say `parameters: {{{name}: {{prior: uniform, low: 0, high: {WIDER * value:.2g}}}}}`"
-
-
-def causes_data(found: Causes | None) -> dict[str, Any] | None:
-    """For `run.json`, SI."""
-    if found is None:
-        return None
-    return {
-        "share": round(found.share, 4),
-        "left_over_sigma": round(math.sqrt(found.rest), 4),
-        "by": [
-            {
-                "kind": one.kind,
-                "of": one.of,
-                **({"experiment": one.experiment} if one.experiment else {}),
-                "value": one.value,
-                "sd": one.sd,
-            }
-            for one in found.found
-        ],
-        **({} if found.other is None else {"or": causes_data(found.other)}),
-    }
-
-
-def instead_data(found: Instead | None) -> dict[str, Any]:
-    """An entry of `run.json`, SI, where there is something to say."""
-    if found is None:
-        return {}
-    said = {"parameter": found.parameter, "value": found.value, "log_likelihood": -found.lost}
-    return {"instead": said}
 
 
 def moment(found: Moment | None) -> Iterable[str]:

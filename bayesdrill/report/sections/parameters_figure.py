@@ -23,7 +23,7 @@ from bayesdrill.analysis.verdict import Verdict
 from bayesdrill.basics.symbols import Symbol, product_latex
 from bayesdrill.inference.priors import Prior, flat_in_logs
 from bayesdrill.report import scales, style
-from bayesdrill.report.pages import Page
+from bayesdrill.report.pages import AXES, Page, legend_above
 from bayesdrill.report.scales import DOUBLE, scale
 from bayesdrill.report.sections.corner_figure import corner_figure
 from bayesdrill.report.sections.identify_words import product
@@ -31,17 +31,7 @@ from bayesdrill.report.view import Drawing, View
 
 Array = NDArray[np.float64]
 
-PAGE = Page(
-    columns=3,
-    width=scales.DOUBLE,
-    row=1.05,
-    left=0.14,
-    right=0.14,
-    gap_x=0.2,
-    gap_y=0.56,
-    top=0.36,
-    bottom=0.5,
-)
+PAGE = dataclasses.replace(AXES, row=1.05, top=0.36)
 SMALL = dataclasses.replace(
     PAGE, columns=2, width=scales.SINGLE, row=0.66, gap_x=0.16, gap_y=0.43, top=0.42, bottom=0.44
 )
@@ -129,15 +119,8 @@ def _prior_posterior_legend(figure: Figure, sides: set[int], page: Page) -> None
         *style.nominal_handles(sides),
         Line2D([], [], label="MAP", **style.MAP_LINE),
     ]
-    figure.legend(
-        handles=handles,
-        loc="upper center",
-        ncols=len(handles) if page is PAGE or len(handles) <= 4 else 3,
-        borderaxespad=0.3,
-        handlelength=2.4,
-        columnspacing=1.6 if page is PAGE else 1.2,
-        labelspacing=0.3,
-    )
+    most = len(handles) if page is PAGE or len(handles) <= 4 else 3
+    legend_above(figure, handles, most, 1.6 if page is PAGE else 1.2, 2.4)
 
 
 LEFT, BOTTOM, RIGHT, TOP = 0.62, 0.5, 0.14, 0.74  # inches

@@ -22,7 +22,7 @@ from bayesdrill.analysis.run_analysis import BANDS
 from bayesdrill.basics.symbols import Symbol
 from bayesdrill.inference.derived import HDI_PROBABILITY
 from bayesdrill.report import scales, style
-from bayesdrill.report.pages import Page
+from bayesdrill.report.pages import Page, legend_above
 from bayesdrill.report.sections.fit_figure import extremes
 from bayesdrill.report.sections.physics_words import Balance, Law, Stacked, energy_balance, laws
 from bayesdrill.report.sections.torque_words import Against, Shown, torque_shown
@@ -150,17 +150,7 @@ def looks(parts: Sequence[Stacked]) -> list[dict[str, Any]]:
     return found
 
 
-PAGE = Page(
-    columns=3,
-    width=scales.DOUBLE,
-    row=1.6,
-    left=0.84,
-    right=0.1,
-    gap_x=0.94,
-    gap_y=0.6,
-    top=0.36,
-    bottom=0.42,
-)
+PAGE = Page(row=1.6, left=0.84, right=0.1, gap_x=0.94, gap_y=0.6, top=0.36)
 SMALL = dataclasses.replace(
     PAGE, columns=1, width=scales.SINGLE, row=1.15, left=0.7, gap_y=0.5, top=0.5, bottom=0.4
 )
@@ -228,15 +218,7 @@ def _friction_legend(figure: Figure, laws: Sequence[Law], broad: bool) -> None:
     if any(law.nominal is not None for law in laws):
         handles.append(Line2D([], [], label="nominal values", **style.NOMINAL))
     handles.append(Patch(label="speeds of the record", **SEEN))
-    figure.legend(
-        handles=handles,
-        loc="upper center",
-        ncols=len(handles) if broad else 2,
-        borderaxespad=0.3,
-        handlelength=2.4,
-        columnspacing=1.6,
-        labelspacing=0.3,
-    )
+    legend_above(figure, handles, len(handles) if broad else 2, 1.6, 2.4)
 
 
 TORQUE_LEFT, TORQUE_RIGHT, TOP, TORQUE_BOTTOM, GAP_X, GAP_Y = (

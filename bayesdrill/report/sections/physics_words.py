@@ -7,7 +7,6 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -217,23 +216,6 @@ def energy_note(found: EnergySummary, model: Model) -> str:
         "current and speed; in an ideal one the two are equal."
     )
     return f"{said} {unequal}" if CONVERTED in (*found.came, *found.went) else said
-
-
-def energy_data(found: Sequence[EnergySummary]) -> list[dict[str, Any]]:
-    """For `run.json`: J."""
-    return [
-        {
-            **({"experiment": one.label} if one.label else {}),
-            "in": {part.name: _data(part) for part in ordered(one, one.came)},
-            "out": {part.name: _data(part) for part in ordered(one, one.went)},
-            "open": one.left,
-        }
-        for one in found
-    ]
-
-
-def _data(part: Part) -> dict[str, float | None]:
-    return {"joules": part.joules, "share": part.share, "sd": part.sd}
 
 
 TAILS = (0.5 - HDI_PROBABILITY / 2, 0.5 + HDI_PROBABILITY / 2)

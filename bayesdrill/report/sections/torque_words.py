@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -265,26 +264,3 @@ def torque_csv(every: Sequence[Shaking]) -> str | None:
             row = [one.label, t, one.expected[k], sds[k], low[k], high[k]]
             lines.append([*row, *(None if c is None else c[k] for c in columns)])
     return tables.lines_as_csv(lines)
-
-
-def torque_data(every: Sequence[TorqueSummary]) -> list[dict[str, Any]]:
-    """For `run.json`."""
-    return [
-        {
-            "experiment": one.label,
-            "at": one.at,
-            "rms": one.rms,
-            "sd": one.sd,
-            "follows": [dataclasses.asdict(each) for each in one.follows],
-            "channels": {
-                c.channel: {
-                    "without": c.without / c.spread,
-                    "with": c.left / c.spread,
-                    "moved": c.share,
-                    **({"strayed": c.strayed} if np.isfinite(c.strayed) else {}),
-                }
-                for c in one.courses
-            },
-        }
-        for one in every
-    ]
