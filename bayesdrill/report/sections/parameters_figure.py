@@ -69,11 +69,7 @@ def prior_posterior_figure(
 
 
 def _scale(prior: Prior, x: Array) -> scales.Scale:
-    """All of a prior that has ends; nearly all of one that has none, and of the draws."""
-    low, high = (float(q) for q in prior.quantile(np.array([TAIL, 1 - TAIL])))
-    low = prior.low if math.isfinite(prior.low) and prior.low > 0 else min(low, float(x.min()))
-    high = prior.high if math.isfinite(prior.high) else max(high, float(x.max()))
-    return scales.scale(low, high, log=flat_in_logs(prior), margin=0.04)
+    return scales.scale(*_ends(prior, x), log=flat_in_logs(prior), margin=0.04)
 
 
 def _densities(panel: Axes, scale: scales.Scale, x: Array, prior: Prior) -> None:
@@ -209,6 +205,7 @@ def ridge_figure(
 
 
 def _ends(prior: Prior, x: Array) -> tuple[float, float]:
+    """All of a prior that has ends; nearly all of one that has none, and of the draws."""
     low, high = (float(q) for q in prior.quantile(np.array([TAIL, 1 - TAIL])))
     low = prior.low if prior.low > 0 else min(low, float(x.min()))
     high = prior.high if np.isfinite(prior.high) else max(high, float(x.max()))
