@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import sys
+from collections.abc import Callable
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
@@ -41,6 +42,48 @@ def _tell_version(wanted: bool) -> None:
     if wanted:
         typer.echo(f"bayesdrill {__version__}")
         raise typer.Exit
+
+
+def _run(
+    read: Callable[[Path], Any],
+    config: Path,
+    output: Path | None,
+    *,
+    resume: bool,
+    force: bool,
+    **options: Any,
+) -> Any:
+    """A case, a calibration or a ladder, from its config on; where it fails, how it goes on."""
+    from bayesdrill.api.arguments import mode
+    from bayesdrill.basics.progress import reporter
+
+    mode(resume=resume, force=force)  # before the record is read
+    case = read(config)
+    with saved_in(case.place(output)), reporter() as report:
+        return case.run(output, resume=resume, force=force, report=report, **options)
+
+
+def _compare(name: str, folders: list[Path], output: Path | None, *, force: bool) -> None:
+    """Runs beside each other or as models, by the `name` of table and page."""
+    from bayesdrill.api import comparison
+
+    check, made = {
+        "overlay": (comparison.check_overlay_place, comparison.overlay),
+        "comparison": (comparison.check_comparison_place, comparison.compare),
+    }[name]
+    place = check(folders, output, force=force)
+    found = made(folders)
+    found.save(place, force=force)
+    files = f"report.html, {name}.md, {name}.csv, figures/"
+    _end(found.text, place, files, good=not found.reasons)
+
+
+def _end(said: str, folder: Path, files: str, *, good: bool) -> None:
+    """What was found, where it is, and the status."""
+    say(said)
+    say(f"results: {folder}/ ({files})")
+    if not good:
+        raise typer.Exit(NOT_CONVERGED)
 
 
 @app.callback()
@@ -175,17 +218,9 @@ def posterior(
 ) -> None:
     """MAP, sampling, diagnostics, tables and figures: the main job."""
     with guarded():
-        from bayesdrill.api.arguments import mode
         from bayesdrill.api.case import load
-        from bayesdrill.basics.progress import reporter
 
-        mode(resume=resume, force=force)  # before the record is read
-        case = load(config)
-        with saved_in(case.place(output)), reporter() as report:
-            outcome = case.run(
-                output, resume=resume, force=force, processes=processes, report=report
-            )
-        finish(outcome)
+        finish(_run(load, config, output, resume=resume, force=force, processes=processes))
 
 
 @app.command(epilog="Example: bayesdrill calibrate configs/nominal_step.yaml")
@@ -201,25 +236,12 @@ def calibrate(
 ) -> None:
     """Test the posterior of a config: refit simulated records, and see where the truth ranks."""
     with guarded():
-        from bayesdrill.api.arguments import mode
         from bayesdrill.api.files import calibration
-        from bayesdrill.basics.progress import reporter
 
-        mode(resume=resume, force=force)
-        case = calibration(config)
-        with saved_in(case.place(output)), reporter() as report:
-            outcome = case.run(
-                output,
-                resume=resume,
-                force=force,
-                processes=processes,
-                scheduler=scheduler,
-                report=report,
-            )
-        say(outcome.said)
-        say(f"results: {outcome.folder}/ (report.html, summary.md, figures/, ranks.csv)")
-        if not outcome.verdict.calibrated:
-            raise typer.Exit(NOT_CONVERGED)
+        options = {"processes": processes, "scheduler": scheduler}
+        done = _run(calibration, config, output, resume=resume, force=force, **options)
+        files = "report.html, summary.md, figures/, ranks.csv"
+        _end(done.said, done.folder, files, good=done.verdict.calibrated)
 
 
 @app.command(epilog="Example: bayesdrill report results/nominal_step")
@@ -239,25 +261,13 @@ def report(
         from bayesdrill.basics.progress import reporter
 
         if len(folders) > 1:
-            _lay_over(folders, output, force=force)
+            _compare("overlay", folders, output, force=force)
             return
         with reporter() as told:
             outcome = files.publish(
                 folders[0], output, force=force, processes=processes, report=told
             )
         finish(outcome)
-
-
-def _lay_over(folders: list[Path], output: Path | None, *, force: bool) -> None:
-    from bayesdrill.api.comparison import check_overlay_place, overlay
-
-    place = check_overlay_place(folders, output, force=force)
-    found = overlay(folders)
-    found.save(place, force=force)
-    say(found.text)
-    say(f"results: {place}/ (report.html, overlay.md, overlay.csv, figures/)")
-    if found.reasons:
-        raise typer.Exit(NOT_CONVERGED)
 
 
 @app.command(epilog="Example: bayesdrill compare results/nominal_step results/damped")
@@ -271,16 +281,7 @@ def compare(
 ) -> None:
     """Say which model of a record is the more probable, and whether model or noise makes it so."""
     with guarded():
-        from bayesdrill.api.comparison import check_comparison_place
-        from bayesdrill.api.comparison import compare as compared
-
-        place = check_comparison_place(folders, output, force=force)
-        found = compared(folders)
-        found.save(place, force=force)
-        say(found.text)
-        say(f"results: {place}/ (report.html, comparison.md, comparison.csv, figures/)")
-        if found.reasons:
-            raise typer.Exit(NOT_CONVERGED)
+        _compare("comparison", folders, output, force=force)
 
 
 @app.command(epilog="Example: bayesdrill ladder configs/nominal_step.yaml")
@@ -296,25 +297,12 @@ def ladder(
 ) -> None:
     """Try what a config may be missing (noise, friction, damping), compare, and recommend a config."""
     with guarded():
-        from bayesdrill.api.arguments import mode
         from bayesdrill.api.comparison import ladder as made
-        from bayesdrill.basics.progress import reporter
 
-        mode(resume=resume, force=force)
-        every = made(config)
-        with saved_in(every.place(output)), reporter() as report:
-            outcome = every.run(
-                output,
-                resume=resume,
-                force=force,
-                processes=processes,
-                scheduler=scheduler,
-                report=report,
-            )
-        say(outcome.said)
-        say(f"results: {outcome.folder}/ (report.html, comparison.md, recommended.yaml, ...)")
-        if outcome.report.reasons:
-            raise typer.Exit(NOT_CONVERGED)
+        options = {"processes": processes, "scheduler": scheduler}
+        done = _run(made, config, output, resume=resume, force=force, **options)
+        files = "report.html, comparison.md, recommended.yaml, ..."
+        _end(done.said, done.folder, files, good=not done.report.reasons)
 
 
 @app.command(epilog="Example: bayesdrill verify results/nominal_step")
@@ -372,19 +360,26 @@ def paper(
 
         with saved_in(output, "start over with --force"), reporter() as report:
             done = reproduce(configs, output, workers(processes), report, force=force)
-        say("\n".join(done.said))
-        say(f"results: {done.folder}/ (report.html, report.md, tables, figures/, two posteriors)")
-        if not done.converged:
-            raise typer.Exit(NOT_CONVERGED)
+        files = "report.html, report.md, tables, figures/, two posteriors"
+        _end("\n".join(done.said), done.folder, files, good=done.converged)
+
+
+class Described(StrEnum):
+    config = "config"
+    run = "run"
 
 
 @app.command(epilog="Example: bayesdrill schema > schema.json")
-def schema() -> None:
+def schema(
+    of: Annotated[
+        Described, typer.Option("--of", help="Of configs, or of the run.json of a posterior.")
+    ] = Described.config,
+) -> None:
     """Print the JSON schema of configs, for editors that complete and check them."""
     with guarded():
         from bayesdrill.api import files
 
-        typer.echo(files.schema(), nl=False)
+        typer.echo(files.schema(of.value), nl=False)
 
 
 @app.command(epilog="Example: bayesdrill cite results/nominal_step --format bibtex")
@@ -402,6 +397,17 @@ def cite(
         from bayesdrill.api.files import citation
 
         say(getattr(citation(folder), form.value).rstrip("\n"))
+
+
+@app.command(epilog="Example: bayesdrill cache --clear")
+def cache(
+    clear: Annotated[bool, typer.Option("--clear", help="Remove all of them.")] = False,
+) -> None:
+    """Say where compiled kernels are kept, and how large they are; the next command finds them there."""
+    with guarded():
+        from bayesdrill.api import files
+
+        say(files.cache(clear=clear))
 
 
 def main() -> None:

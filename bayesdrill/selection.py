@@ -5,7 +5,6 @@ the rich.
 from __future__ import annotations
 
 import copy
-import io
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
@@ -13,16 +12,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bayesdrill.analysis import edits
+from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.symbols import noise_name
 from bayesdrill.config import loading
 from bayesdrill.config.job import Job, assemble
 from bayesdrill.config.records import sources
 from bayesdrill.config.resolve import experiments
 from bayesdrill.config.schema.config import Config
-from bayesdrill.config.yaml_source import Source
+from bayesdrill.config.yaml_source import Source, as_yaml
 from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.noise import NOISES
 from bayesdrill.inference.unknowns import ParameterSpace
@@ -99,8 +98,6 @@ def rounded(value: float) -> float:
     return float(f"{value:.3g}")
 
 
-Array = NDArray[np.float64]
-
 GIVEN = "as_given"
 UNKNOWN = "unknown_noise"
 NOISE = (UNKNOWN, RED)
@@ -172,7 +169,7 @@ class Rung:
 
     def job(self) -> Job:
         """Raises `InputError` where the config cannot have it."""
-        return assemble(loading.validated(self.source), self.source)
+        return assemble(loading.validated(self.source))
 
 
 def rung_name(parts: Sequence[str]) -> str:
@@ -353,29 +350,7 @@ def recommended(rung: Rung, name: str, folder: Path, opening: str) -> str:
         data["output"] = dict(rung.output)
     if not data.get("output"):
         data.pop("output", None)
-    for entry, key in _files(data):
-        record = (given.path.parent / entry[key]).resolve()
-        entry[key] = sources.name_in(folder.resolve(), record)
+    for section in rung_sections(data):
+        sources.rebase(section, given.path.parent, folder)
     lines = "".join(f"# {line}\n" for line in opening.splitlines())
     return f"{lines}{as_yaml(data)}"
-
-
-def _files(data: Mapping[str, Any]) -> Iterator[tuple[dict[str, Any], str]]:
-    """Each mapping that names a file, and the key that does."""
-    for section in rung_sections(data):
-        record, inputs = section.get("record", {}), section.get("inputs", {})
-        every = [record, *record.get("channels", {}).values(), *inputs.values()]
-        for one in every:
-            if isinstance(one, dict) and "file" in one:
-                file = one["file"]
-                yield (file, "path") if isinstance(file, dict) else (one, "file")
-
-
-def as_yaml(data: Mapping[str, Any]) -> str:
-    from ruamel.yaml import YAML
-
-    yaml, out = YAML(), io.StringIO()
-    yaml.width = 120
-    yaml.default_flow_style = None
-    yaml.dump(dict(data), out)
-    return out.getvalue()

@@ -22,11 +22,11 @@ from numpy.typing import NDArray
 import bayesdrill as bd
 from bayesdrill.analysis.comparison import Contender, Decision, decide
 from bayesdrill.config.job import Job
-from bayesdrill.config.resolve import assembly
 from bayesdrill.inference.laplace import PosteriorSurface
 from bayesdrill.rig.models.motor_shaft import MotorShaft
+from bayesdrill.sampling.fit import FitPlan, fit
 from bayesdrill.sampling.gauss_newton import climb
-from bayesdrill.tasks import comparison, conclusions, remote
+from bayesdrill.tasks import comparison, find_map
 
 Array = NDArray[np.float64]
 
@@ -169,7 +169,7 @@ class Bench:
         found = []
         for name in kind.rivals(index):
             job = of(self.jobs[name], y)
-            mode, sampled = remote.compute_remotely(task(job, index))
+            mode, sampled = fit(job.problem.posterior, plan(job, index))
             found.append(comparison.contender(name, name, job, mode, sampled, job.units))
         return found, size
 
@@ -201,22 +201,13 @@ def _red(rho: float, rng: np.random.Generator) -> Array:
 
 def of(job: Job, y: Array) -> Job:
     """Of another record."""
-    posterior = job.problem.posterior
-    one = posterior.likelihood.observations[0].with_record(y)
-    likelihood = replace(posterior.likelihood, observations=(one,))
-    problem = replace(job.problem, posterior=replace(posterior, likelihood=likelihood))
-    return replace(job, problem=problem)
+    posterior = job.problem.posterior.edit(records=[y])
+    return replace(job, problem=replace(job.problem, posterior=posterior))
 
 
-def task(job: Job, seed: int) -> remote.Task:
-    return remote.Task(
-        nominal=job.problem.nominal,
-        posterior=job.problem.posterior,
-        optimiser=assembly.optimiser(job.config),
-        starts=job.config.map.starts,
-        evaluations=job.config.map.evaluations,
-        plan=replace(conclusions.plan(job.config), seed=seed),
-    )
+def plan(job: Job, seed: int) -> FitPlan:
+    own = find_map.fit_plan(job)
+    return replace(own, chains=replace(own.chains, seed=seed))
 
 
 def rightly(kind: Kind, one: Found) -> bool:

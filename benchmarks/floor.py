@@ -16,32 +16,32 @@ import numpy as np
 from llvmlite import ir
 
 from bayesdrill.rig.kernels import lanes
-from bayesdrill.rig.kernels.compiling import Layout
 from bayesdrill.rig.kernels.exponential import TAYLOR_DEGREE, TAYLOR_NORM
 from bayesdrill.rig.kernels.lanes import LANES
+from bayesdrill.rig.kernels.layout import Layout
 
 CHAINS = 16  # independent sums: more than a core needs to hide what one operation takes
 ROUNDS = 20_000_000
 
 
-def operations(layout: Layout, n_samples: int, theta: np.ndarray) -> float:
-    """Vector operations of one group of walkers at parameters `theta (P,)`."""
+def operations(layout: Layout, dt: float, n_samples: int, numbers: np.ndarray) -> float:
+    """Vector operations of one group of walkers at `numbers (P + C,)`: parameters, constant inputs."""
     reach = np.array(layout.reach)
     x = layout.n_states
     columns = [k for k in range(len(reach)) if k != x]
     step = sum(int(reach[i, columns].sum()) + 1 for i in range(x))
-    channels = sum(sum(w != 0.0 for w in weights) + 1 for weights in layout.channels)
+    channels = sum(sum(kind != 0 for kind in kinds) + 1 for kinds in layout.channels)
     product = int(sum(np.sum(reach[i][:, None] & reach) for i in range(len(reach))))
-    squarings = max(0, int(np.ceil(np.log2(_norm(layout, theta) / TAYLOR_NORM))))
+    squarings = max(0, int(np.ceil(np.log2(_norm(layout, dt, numbers) / TAYLOR_NORM))))
     horner = TAYLOR_DEGREE // 4 - 1
     exponential = (3 + horner + squarings) * product + 4 * (horner + 1) * int(reach.sum())
     return n_samples * (step + channels) + exponential
 
 
-def _norm(layout: Layout, theta: np.ndarray) -> float:
+def _norm(layout: Layout, dt: float, numbers: np.ndarray) -> float:
     matrix = np.zeros((layout.size, layout.size))
-    for row, column, value in layout.entries(list(theta)):
-        matrix[row, column] += value * layout.dt
+    for row, column, value in layout.entries(list(numbers)):
+        matrix[row, column] += value * dt
     return float(np.abs(matrix[: layout.n_states, : layout.n_states]).sum(axis=1).max())
 
 
@@ -78,5 +78,5 @@ def operations_per_second() -> float:
     return best
 
 
-def seconds_per_evaluation(layout: Layout, n_samples: int, theta: np.ndarray) -> float:
-    return operations(layout, n_samples, theta) / (LANES * operations_per_second())
+def seconds_per_evaluation(layout: Layout, dt: float, n_samples: int, numbers: np.ndarray) -> float:
+    return operations(layout, dt, n_samples, numbers) / (LANES * operations_per_second())

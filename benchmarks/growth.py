@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 import json
 import resource
@@ -18,9 +19,9 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from bayesdrill.basics.progress import Silent
+from bayesdrill.config import loading
 from bayesdrill.config.job import assemble
-from bayesdrill.config.resolve import assembly, channel_noise
-from bayesdrill.config.resolve.experiments import View
+from bayesdrill.config.resolve import assembly
 from bayesdrill.inference.posterior import Problem
 from bayesdrill.report import scales, style
 from bayesdrill.tasks import pipeline
@@ -43,33 +44,22 @@ def variant(
     job: problem.Job, *, samples: int = 1001, unknowns: int = 9, channels: int = 4
 ) -> Problem:
     """The bundled problem with another size; the record is simulated anew at nominal values."""
-    config, original = job.config, job.problem.experiment
-    names = job.problem.names
-    held = dict.fromkeys(names[unknowns:], "nominal")
-    specs = dict(config.record.channels)
-    specs["i"] = specs["w_2"].model_copy(update={"unit": "A", "column": "i"})
-    specs = dict(list(specs.items())[:channels])
-    config = config.model_copy(
-        update={
-            "parameters": config.parameters.model_copy(update=held),
-            "record": config.record.model_copy(update={"channels": specs}),
-        }
-    )
-    rig = assembly.model(config)
-    entries = [
-        channel_noise.measured(name, spec, rig.states).channel for name, spec in specs.items()
-    ]
+    original, data = job.problem.experiment, copy.deepcopy(job.source.data)
+    data["parameters"] |= dict.fromkeys(job.problem.names[unknowns:], "nominal")
+    specs = data["record"]["channels"]
+    specs["i"] = {**specs["w_2"], "unit": "A", "column": "i"}
+    data["record"]["channels"] = dict(list(specs.items())[:channels])
+    case = loading.validated(dataclasses.replace(job.source, data=data))
+    entries = [entry.channel for entry in case.experiments[0].channels]
     t = np.linspace(original.t[0], original.t[-1], samples)
     empty = dataclasses.replace(
         original, t=t, y=np.zeros((samples, channels)), channels=tuple(entries)
     )
-    quiet = assembly.problem(config, [View("", config, job.source)], [empty]).posterior
+    quiet = assembly.problem(case, [empty]).posterior
     truth = quiet.space.vector({name: job.problem.nominal[name] for name in quiet.space.free})
     y = quiet.likelihood.signals(truth[None])[0]
     y = y + 0.1 * np.random.default_rng(2).standard_normal(y.shape)
-    return assembly.problem(
-        config, [View("", config, job.source)], [dataclasses.replace(empty, y=y)]
-    )
+    return assembly.problem(case, [dataclasses.replace(empty, y=y)])
 
 
 def cost(made: Problem, batch: int = BATCH) -> float:

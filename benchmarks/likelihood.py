@@ -7,6 +7,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from bayesdrill.rig.kernels.layout import present
 from bayesdrill.rig.simulators.exact import layout
 from benchmarks import floor, problem
 
@@ -35,9 +36,9 @@ def table(job: problem.Job) -> list[str]:
     single = best_of(lambda: target.density(theta[:1]))
     response = target.likelihood.response
     full = target.space.full(theta)
-    lowest = floor.seconds_per_evaluation(
-        layout(response.model, response.experiment), len(response.experiment.t), full[0]
-    )
+    own, record = layout(response.model, response.experiment), response.experiment
+    numbers = [*full[0], *(record.constant[name] for name in present(record.constant))]
+    lowest = floor.seconds_per_evaluation(own, record.dt, len(record.t), np.array(numbers))
     rows = [
         ("arithmetic floor, see below", lowest, 0.0),
         (f"likelihood, batch of {BATCH}", ours, 0.0),

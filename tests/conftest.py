@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import gc
+import os
 from collections.abc import Iterator
+from pathlib import Path
 
 import numpy as np  # noqa: F401
 import pytest
 import scipy.linalg  # noqa: F401
 from threadpoolctl import threadpool_limits
+
+# Kernels of all workers and their children are compiled once, and apart from those of the user.
+os.environ["BAYESDRILL_CACHE"] = str(Path(__file__).parents[1] / ".pytest_cache")
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -13,7 +13,6 @@ import scipy.linalg
 import bayesdrill as bd
 from bayesdrill.config import loading
 from bayesdrill.config.records import reading
-from bayesdrill.config.resolve import experiments
 from bayesdrill.config.yaml_source import parse
 
 RPM, DEG = 30 / math.pi, 180 / math.pi
@@ -21,8 +20,7 @@ RPM, DEG = 30 / math.pi, 180 / math.pi
 
 def accepted(config: Path) -> tuple[str, ...]:
     """What is told of the records of a config that is valid."""
-    whole, source = loading.load(config)
-    records = [reading.read(one.config, one.source) for one in experiments.views(whole, source)]
+    records = [reading.read(one) for one in loading.load(config).experiments]
     return tuple(said for record in records for said in record.told)
 
 

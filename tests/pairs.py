@@ -91,9 +91,8 @@ simulation: {duration: 2.5, rate: 40, sigma: {twist: 0.4, w_2: 0.6},
 @functools.cache
 def records(text: str) -> dict[str, str]:
     """By file name, what `simulate` makes of the config `text`, once."""
-    source = parse(Path("all.yaml"), text)
-    config = loading.validated(source)
-    made = simulation.simulate_all(config, source, config.seed)
+    case = loading.validated(parse(Path("all.yaml"), text))
+    made = simulation.simulate_all(case, case.config.seed)
     return {path.name: record for path, record in made.items()}
 
 

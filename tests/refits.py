@@ -12,9 +12,7 @@ import numpy as np
 from scipy.signal import lfilter
 from threadpoolctl import threadpool_limits
 
-from bayesdrill.analysis.calibration import fitted
 from bayesdrill.analysis.identifiability.information import Scenery
-from bayesdrill.analysis.plausibility import with_open_ends
 from bayesdrill.analysis.verdict import Verdict, conclude
 from bayesdrill.basics import seeds
 from bayesdrill.basics.progress import Silent
@@ -22,6 +20,8 @@ from bayesdrill.config import job
 from bayesdrill.config.job import Job
 from bayesdrill.report.sections import fit_words
 from bayesdrill.sampling import mode_search
+from bayesdrill.sampling.fit import fit
+from bayesdrill.sampling.opened_ends import with_open_ends
 from bayesdrill.tasks import calibrate, conclusions
 from benchmarks.zoo import entries as e
 from benchmarks.zoo import folder
@@ -46,16 +46,13 @@ class Trial:
         """The verdict on record `seed`, and why it must not be believed, if so."""
         noise = seeds.stream(seed, "record").standard_normal(self.clean.shape)
         shaped = lfilter([np.sqrt(1.0 - self.memory**2)], [1.0, -self.memory], noise, axis=0)
-        likelihood = self.job.problem.posterior.likelihood
-        response = likelihood.response.with_record(self.clean + SIGMA * shaped)
-        posterior = replace(
-            self.job.problem.posterior, likelihood=likelihood.with_alone(response=response)
-        )
+        posterior = self.job.problem.posterior.edit(records=[self.clean + SIGMA * shaped])
         own = replace(self.job, problem=replace(self.job.problem, posterior=posterior))
-        found, sampled = fitted(calibrate.study(own), posterior, seed)
-        tops, plan = mode_search.tops(posterior, found), conclusions.plan(own.config)
-        nominal = own.problem.nominal
-        sampled = with_open_ends(sampled, posterior, nominal, tops, plan, Silent())
+        plan, chains = calibrate.study(own).plan, conclusions.plan(own.config)
+        own_chains = replace(plan.chains, seed=seed)
+        found, sampled = fit(posterior, replace(plan, chains=own_chains))
+        tops, nominal = mode_search.tops(posterior, found), own.problem.nominal
+        sampled = with_open_ends(sampled, posterior, nominal, tops, chains, Silent())
         scenery = Scenery(posterior.likelihood)
         _, left, judged = conclude(own.problem, own.asked, found, sampled, scenery)
         assert judged is not None

@@ -14,8 +14,8 @@ from typer.testing import CliRunner
 
 from bayesdrill import output_files
 from bayesdrill.cli import app
+from bayesdrill.config import loading
 from bayesdrill.config.records import simulation
-from bayesdrill.config.schema import config
 from bayesdrill.results.run_folder import Folder
 
 ROOT = Path(__file__).parent.parent
@@ -105,8 +105,7 @@ def small_record() -> str:
     """The record that `SMALL` asks for, simulated once."""
     from bayesdrill.config.yaml_source import parse
 
-    source = parse(Path("small.yaml"), SMALL)
-    return simulation.simulate(config.Config.model_validate(source.data), source, seed=7)
+    return simulation.simulate(loading.validated(parse(Path("small.yaml"), SMALL)), seed=7)
 
 
 def small(folder: Path, *changes: tuple[str, str], name: str = "small.yaml") -> Path:

@@ -1,20 +1,15 @@
 """Simulation-based calibration: many simulated records refitted, where the truth ranks, and one
 verdict on all.
 
-How far uniform ranks wander by chance: exact bands for their distribution and for counts.
-
 With the right posterior the rank of a true value among L draws is uniform on 0 ... L (Talts et al.
 2018).  The band for the empirical distribution function of N ranks is that of Saeilynoja, Buerkner
 and Vehtari (2022): pointwise binomial intervals of one level, chosen so that the whole function
 stays inside with the wanted probability, which their recursion gives exactly.
 
-One refit: unknowns from the prior, a record of them, its posterior, the ranks of the truth.
-
 `refit` is a function of the study and the index alone: it can run anywhere, and run again.
 
-One verdict on all ranks, wrong with at most `FALSE_ALARM` where the posterior is right.
-
-Half of that chance goes to the rank bands, shared equally by the quantities, and half to the
+The verdict on all ranks is wrong with at most `FALSE_ALARM` where the posterior is right.  Half of that
+chance goes to the rank bands, shared equally by the quantities, and half to the
 credible intervals, shared equally by unknowns and levels: a union bound, as the ranks of one refit
 depend on each other.
 """
@@ -24,30 +19,20 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
-import pickle
-import threading
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import bdtr, gammaln
-from threadpoolctl import threadpool_limits
 
-from bayesdrill.basics import seeds, software
+from bayesdrill.basics import seeds
+from bayesdrill.basics.arrays import Array, Counts
 from bayesdrill.basics.errors import InputError
-from bayesdrill.basics.progress import SILENT
-from bayesdrill.inference import laplace, step_error
 from bayesdrill.inference.posterior import Posterior
-from bayesdrill.sampling import mode_search
-from bayesdrill.sampling.ensembles import Memory, Plan, Sampled, sample
-from bayesdrill.sampling.optimisers.contract import Optimiser
-from bayesdrill.sampling.workers import Crew
-
-Array = NDArray[np.float64]
-Counts = NDArray[np.int64]
+from bayesdrill.sampling.ensembles import Sampled
+from bayesdrill.sampling.fit import FitPlan, fit
 
 PLAIN = 3.0  # standard errors from which a shift or a spread of the ranks is named
 
@@ -187,18 +172,14 @@ TRIES = 1000  # draws from the prior until the model has a finite response
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Study:
-    """What is repeated: `posterior` without its record, how its mode is sought and it is sampled.
+    """What is repeated: `posterior` without its record, and how it is fitted.
 
-    `draws`: L, among which the truth is ranked; `starts`: searches for the mode, at most.
+    `draws`: L, among which the truth is ranked.
     """
 
     posterior: Posterior
-    optimiser: Optimiser
-    starts: int
-    evaluations: int
-    plan: Plan
+    plan: FitPlan
     draws: int
-    seed: int
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -230,7 +211,7 @@ class Refit:
 def refit(study: Study, index: int) -> Refit:
     """Refit `index`, counted from 0; the truth is used to make the record and to be ranked."""
     begun = time.perf_counter()
-    rng = seeds.stream(study.seed, "calibrate", index)
+    rng = seeds.stream(study.plan.chains.seed, "calibrate", index)
     theta, posterior = _simulated(study.posterior, rng)
     seed = int(rng.integers(2**32))
     truth = np.array([*theta, posterior.likelihood(theta[None])[0]])
@@ -245,7 +226,8 @@ def refit(study: Study, index: int) -> Refit:
         seconds=0.0,
     )
     try:
-        _, sampled = fitted(study, posterior, seed)
+        chains = dataclasses.replace(study.plan.chains, seed=seed)
+        _, sampled = fit(posterior, dataclasses.replace(study.plan, chains=chains))
     except ValueError as error:  # numbers fail far from any reasonable record
         found = dataclasses.replace(found, reasons=(f"nothing could be sampled: {error}",))
     else:
@@ -272,52 +254,9 @@ def _simulated(posterior: Posterior, rng: np.random.Generator) -> tuple[Array, P
     else:
         message = f"the model has no finite response at {TRIES} draws from the priors; narrow them"
         raise InputError.one("parameters", message)
-    made = [
-        one.with_record(one.draw(each, theta, rng)[0])
-        for one, each in zip(likelihood.observations, signals, strict=True)
-    ]
-    simulated = dataclasses.replace(likelihood, observations=tuple(made))
-    return theta[0], dataclasses.replace(posterior, likelihood=simulated)
-
-
-def fitted(study: Study, posterior: Posterior, seed: int) -> tuple[mode_search.Mode, Sampled]:
-    """From all maxima that are found, as a posterior of its own is."""
-    draws = posterior.space.draw(mode_search.SCOUTS, seeds.stream(seed, "scout"))
-    scouted = mode_search.scouts(posterior, draws)
-    found = mode_search.summarise(posterior, (_best(study, posterior, seed),), scouted)
-    tops = mode_search.tops(posterior, found)
-    posterior = step_error.taking(posterior, found.pieces)
-    plan = dataclasses.replace(study.plan, seed=seed)
-    with Crew(posterior, 1) as crew:
-        sampled = sample(crew, posterior, tops, plan, Memory(), SILENT)
-        return found, sampled.doubted(found.doubts)
-
-
-def _best(study: Study, posterior: Posterior, seed: int) -> mode_search.Search:
-    """Searches from the most promising starts, until one is seen to have arrived.
-
-    That is when two agree, or one leaves no more residuals than known noise explains: maxima that
-    are somewhere else are for scouts to find.
-    """
-    points = mode_search.starts(posterior, study.starts, seeds.stream(seed, "map"))
-    points = points[np.argsort(-posterior.density(points), kind="stable")]
-    found: list[mode_search.Search] = []
-    for point in points:
-        found.append(mode_search.search(posterior, study.optimiser, study.evaluations, point))
-        best = max(found, key=lambda search: search.log_posterior)
-        near = best.log_posterior - mode_search.SAME_LOG_DENSITY
-        if sum(search.log_posterior > near for search in found) >= 2:
-            break
-        if _explained(posterior, posterior.space.vector(best.end)):
-            break
-    return best
-
-
-def _explained(posterior: Posterior, theta: Array) -> bool:
-    """Whether the noise, where all of it is known, explains what `theta (D,)` leaves."""
-    likelihood = posterior.likelihood
-    known = not any(one.unknowns for one in likelihood.observations)
-    return known and laplace.excess(posterior, theta) <= 1.0 + np.sqrt(2.0 / likelihood.numbers)
+    pairs = zip(likelihood.observations, signals, strict=True)
+    records = [one.draw(each, theta, rng)[0] for one, each in pairs]
+    return theta[0], posterior.edit(records=records)
 
 
 def _ranks(
@@ -328,31 +267,6 @@ def _ranks(
     draws = pool[rng.choice(len(pool), study.draws, replace=len(pool) < study.draws)]
     values = np.column_stack([draws, posterior.likelihood(draws)])
     return tuple(rank(x, column, rng) for x, column in zip(truth, values.T, strict=True))
-
-
-# A process computes one refit at a time, whoever asks: limits on threads hold for all of it.
-_ONE_AT_A_TIME = threading.Lock()
-
-
-def packed(study: Study) -> bytes:
-    """What `work` wants: compiled code is left out, and is made once by each process."""
-    return pickle.dumps(study)
-
-
-_unpacked = functools.lru_cache(maxsize=1)(pickle.loads)
-
-
-def same_software(versions: Mapping[str, str]) -> None:
-    """Raises `InputError` where this process has another."""
-    if wrong := software.unlike(software.installed_versions(), versions):
-        raise InputError.one("a worker", f"it has {', '.join(wrong)}; install the same there")
-
-
-def work(packed: bytes, versions: Mapping[str, str], index: int) -> Refit:
-    """A task for any process that has the same software; raises `InputError` in any other."""
-    same_software(versions)
-    with _ONE_AT_A_TIME, threadpool_limits(1):
-        return refit(_unpacked(packed), index)
 
 
 FALSE_ALARM = 0.01  # of the whole verdict

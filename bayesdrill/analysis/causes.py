@@ -1,11 +1,7 @@
 """What would explain what the fit leaves, and whether the nominal table may be right after all.
 
-What would explain what the fit leaves: sensors, the start, efforts that the rig lacks.
-
-What is not unknown yet becomes so with a wide prior, all of it together, and the maximum is sought again
-from the MAP.
-
-Whether the table may be right after all: physics that the rig lacks, tried with the table's values.
+What is not unknown yet of sensors, the start and efforts that the rig lacks becomes so with a wide
+prior, all of it together, and the maximum is sought again from the MAP.
 
 What the rig is held without bends the parameters that it has, and the fit may well look like noise.  So
 before a table is blamed, each thing that the rig offers and has not is tried by itself: parameters
@@ -20,15 +16,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from bayesdrill.analysis.edits import Candidate, Kind, Widened, widened
+from bayesdrill.basics.arrays import Array, Flags
 from bayesdrill.inference.laplace import PosteriorSurface
 from bayesdrill.inference.posterior import Posterior, Problem
 from bayesdrill.sampling.gauss_newton import climb
-
-Array = NDArray[np.float64]
 
 CAUSE_STEPS = 60  # uphill
 TRIED = (0.0, 3.0, -3.0)  # samples: lags from which it is sought
@@ -38,17 +32,13 @@ WORTH = 0.3  # of what is unexplained so far, that each thing named must explain
 ROUNDING = 1e-12
 EXPLAINS = 0.5  # of what the fit leaves beyond noise: with less, nothing is named
 MOST_NAMED = 5
-PROMISES = (
-    0.3  # of what is left, to first order, for what is worth a search beside another cause ...
-)
+PROMISES = 0.3  # of what is left, to first order, for a search beside another cause ...
 HOPE = 0.1  # ... and for the first one
 ALIKE = 0.1  # of what is left: two explanations that differ by less are equals
 
 SENSORS: frozenset[Kind] = frozenset({"gain", "offset", "lag", "input offset", "input lag"})
 LATE: frozenset[Kind] = frozenset({"input lag"})
-NEARLY = (
-    0.97  # of what the fit leaves: where late inputs alone explain it, nothing else need be late
-)
+NEARLY = 0.97  # of what the fit leaves: where late inputs explain that, nothing else need be late
 STAGES: tuple[frozenset[Kind], ...] = (
     LATE,
     SENSORS,
@@ -141,23 +131,11 @@ class _Trial:
         count = _Left.of(posterior, theta, wide.posterior)
         return cls(posterior, theta, wide, count) if count.before > count.floor else None
 
-    @property
-    def tried(self) -> slice:
-        """Places of what is tried among the unknowns."""
-        first = len(self.theta) - len(self.posterior.space.columns("noise"))
-        return slice(first, first + len(self.wide.every))
-
     def starts(self) -> Array:
         """In coordinates: with each lag from which it is sought."""
-        every = self.wide.every
-        lags = TRIED if any(c.step for c in every) else (0.0,)
-        full = [self._with([c.at(lag) for c in every]) for lag in lags]
+        lags = TRIED if any(c.step for c in self.wide.every) else (0.0,)
+        full = [self.wide.at(self.theta, lag) for lag in lags]
         return self.wide.posterior.coordinates.from_physical(np.array(full))
-
-    def _with(self, tried: Sequence[float]) -> Array:
-        """The MAP, and these of what is tried."""
-        m = self.tried.start
-        return np.concatenate([self.theta[:m], tried, self.theta[m:]])
 
     def promises(self, least: float) -> bool:
         """Whether it would explain so much of what is left, were the response straight: at the MAP, and
@@ -173,7 +151,7 @@ class _Trial:
             height + _gain(slope, curvature, free)
             for height, slope, curvature in zip(value, here.slope, here.curvature, strict=True)
         ]
-        free[self.tried] = False
+        free[self.wide.tried] = False
         without = value[0] + _gain(here.slope[0], here.curvature[0], free)
         return bool(2.0 * (max(reached) - without) > least * (self.count.before - self.count.floor))
 
@@ -187,9 +165,7 @@ class _Trial:
             return None
         u = top.u[[which]]
         there = wider.coordinates.to_physical(u)[0]
-        rest = (
-            count.at(wider, there, self._with([c.neutral for c in self.wide.every])) / count.numbers
-        )
+        rest = count.at(wider, there, self.wide.at(self.theta)) / count.numbers
         explained = count.before / count.numbers - rest
         if explained <= 0:
             return None
@@ -204,23 +180,23 @@ class _Trial:
 
     def _named(self, there: Array, curvature: Array, least: float) -> tuple[Cause, ...]:
         """At the maximum `there (E,)`, where the cost is bent by `curvature (E, E)`."""
-        every, m = self.wide.every, self.tried.start
+        every, tried = self.wide.every, self.wide.tried
         # In units of what each would be known to alone, so that its diagonal is one.
         own = 1.0 / np.sqrt(np.maximum(np.diag(curvature), 1e-300))
         steps = own * self.wide.posterior.coordinates.slopes(there[None])[0]
         scaled = curvature * own[:, None] * own
         inverse = np.linalg.pinv(scaled, hermitian=True)
         sds = np.maximum(steps * np.sqrt(np.maximum(np.diag(inverse), 0.0)), 1e-300)
-        off = (there[self.tried] - [c.neutral for c in every]) / steps[self.tried]
+        off = (there[tried] - [c.neutral for c in every]) / steps[tried]
         return tuple(
             Cause(kind=c.kind, of=c.of, experiment=c.label, value=float(there[k]), sd=float(sds[k]))
-            for group in _chosen(scaled, m, off, every, least)
-            for k, c in enumerate(every, start=m)
+            for group in _chosen(scaled, tried.start, off, every, least)
+            for k, c in enumerate(every, start=tried.start)
             if c.group == group
         )
 
 
-def _gain(slope: Array, curvature: Array, free: NDArray[np.bool_]) -> float:
+def _gain(slope: Array, curvature: Array, free: Flags) -> float:
     """Of the log density, by a step of what is `free (D,)` alone."""
     own = 1.0 / np.sqrt(np.maximum(np.diag(curvature)[free], 1e-300))
     scaled = curvature[np.ix_(free, free)] * own[:, None] * own + ROUNDING * np.eye(len(own))
@@ -278,7 +254,7 @@ class _Left:
     it is unknown.
     """
 
-    seen: list[NDArray[np.bool_]]
+    seen: list[Flags]
     before: float
     floor: float
 
@@ -354,9 +330,8 @@ def _held(
     problem: Problem, wide: Widened, theta: Array, held: list[int], which: int | None
 ) -> tuple[float, float] | None:
     """With one of what is tried, or with nothing: its value, and what is lost."""
-    space, wider = problem.posterior.space, wide.posterior
-    m = len(theta) - len(space.columns("noise"))
-    start = np.concatenate([theta[:m], [c.neutral for c in wide.every], theta[m:]])
+    space, wider, m = problem.posterior.space, wide.posterior, wide.tried.start
+    start = wide.at(theta)
     ends = np.stack([start, start])
     for k in held:
         name = space.free[k]

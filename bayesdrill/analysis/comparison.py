@@ -16,20 +16,18 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from bayesdrill.analysis.identifiability.information import BLIND, RANK_TOLERANCE, Scenery
 from bayesdrill.analysis.identifiability.structure import Exponents
 from bayesdrill.analysis.plausibility import Vague
 from bayesdrill.analysis.prediction import HeldOut, LeftOut
+from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.symbols import Symbol
 from bayesdrill.inference.derived import hdi
 from bayesdrill.inference.posterior import Problem
 from bayesdrill.inference.residual_checks import Left, like_noise
 from bayesdrill.sampling.evidence import Evidence
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -163,6 +161,10 @@ class Contender:
     @property
     def name(self) -> str:
         return self.layer.name
+
+    @property
+    def mark(self) -> str:
+        return self.layer.mark
 
     @property
     def log_z(self) -> float:

@@ -9,7 +9,7 @@ dealing the ranks out anew: tables of the same numbers of draws in all ensembles
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -17,23 +17,19 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import rankdata
 
+from bayesdrill.basics.arrays import Array, Counts
 from bayesdrill.inference.derived import hdi
 from bayesdrill.inference.posterior import Problem
 from bayesdrill.inference.priors import Prior, spread
 from bayesdrill.sampling.convergence import Convergence, thinned
 from bayesdrill.sampling.mode_search import Mode
-
-Array = NDArray[np.float64]
-
+from bayesdrill.sampling.opened_ends import pressed_against
 
 Word = Literal["determined", "weak", "through others", "prior only"]
 
 PRIOR_ONLY_SHRINKAGE = 0.1  # below it, and ...
 PRIOR_ONLY_DISTANCE = 0.1  # ... nearer to the prior than this: the record says nothing
 DETERMINED_SHRINKAGE = 0.5
-
-END_MASS = 0.05  # of the prior, at an end of it; half of the draws there is a crowd
-RISING = 0.25  # of the draws are nearer than half the median where their density is flat
 
 MEANING: dict[Word, str] = {
     "determined": "the record, with what is believed of the others, narrows the prior to less than half",
@@ -109,42 +105,6 @@ def distance_to_prior(x: Array, prior: Prior) -> float:
     return float(np.max(np.abs(below - shares)))
 
 
-def pressed_against(x: Array, prior: Prior) -> float | None:
-    """The end of `prior` that draws `(N,)` crowd at, as if they wanted past it, or None.
-
-    Half of them lie in the last `END_MASS` of the prior's mass, and they get denser towards the end
-    both along x and relative to the prior.  What the corners of a box of priors do alone is weaker:
-    where all nine parameters share one scale, a marginal rises like its eighth power, and 37 % of it
-    lie in the last twentieth.
-    """
-    if prior.vanishes_at_ends:
-        return None
-    middle = float(np.median(x))
-    for end, sign in ((prior.low, 1.0), (prior.high, -1.0)):
-        if not math.isfinite(end):
-            continue
-
-        def at(mass: float, sign: float = sign) -> float:
-            """The point that has this mass of the prior between itself and the end."""
-            return float(prior.quantile(np.array(mass if sign > 0 else 1.0 - mass)))
-
-        if sign * (middle - at(END_MASS)) > 0:
-            continue
-        halves = (0.5 * (end + middle), at(0.5 * _mass_between(at, middle, sign)))
-        if all(np.mean(sign * (half - x) > 0) > RISING for half in halves):
-            return end
-    return None
-
-
-def _mass_between(at: Callable[[float], float], x: float, sign: float) -> float:
-    """The mass of the prior between its end and `x`, by bisection of its logarithm."""
-    low, high = -40.0, 0.0
-    for _ in range(60):
-        mid = 0.5 * (low + high)
-        low, high = (mid, high) if sign * (at(math.exp(mid)) - x) < 0 else (low, mid)
-    return math.exp(high)
-
-
 def _word(shrinkage: float, distance: float) -> Word:
     if shrinkage < PRIOR_ONLY_SHRINKAGE and distance < PRIOR_ONLY_DISTANCE:
         return "prior only"
@@ -179,8 +139,6 @@ def leaning(rows: Sequence[Row], draws: Array) -> Mapping[str, tuple[str, ...]]:
             )
     return found
 
-
-Counts = NDArray[np.int64]
 
 BINS = 50
 TABLES, BLOCK = 20_000, 2_000  # dealt out, so many at a time

@@ -1,7 +1,4 @@
-"""A posterior in which more is unknown, and the candidates for it: sensors, starts, and physics
-that a rig lacks.
-
-What could be behind a fit that leaves more than noise: each a number that is not unknown yet.
+"""A posterior in which more is unknown: what could be behind a fit that leaves more than noise.
 
 Gains, offsets and lags of channels, the offset of a measured voltage, lags of single inputs, the states
 at the start, and physics that the rig offers and has not been given.
@@ -16,19 +13,17 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.symbols import Symbol
-from bayesdrill.inference.likelihood import Likelihood, Observation
+from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.priors import Prior, TruncatedNormal, Uniform
-from bayesdrill.inference.unknowns import ParameterSpace, Unknown, of_label
+from bayesdrill.inference.unknowns import MOVES, ParameterSpace, Unknown, of_label
 from bayesdrill.record.experiment import DRIVES, of_states, usual_inputs
 from bayesdrill.rig.models.composed import with_named
 from bayesdrill.rig.models.linear import Linear, Model
-from bayesdrill.rig.simulators import simulator
-
-Array = NDArray[np.float64]
+from bayesdrill.rig.simulators.sensors import Sensing
 
 Kind = Literal["gain", "offset", "lag", "input offset", "input lag", "start", "rig"]
 
@@ -56,7 +51,9 @@ class Candidate:
 
     @property
     def name(self) -> str:
-        return of_label(f"tried {self.kind} {self.of}", self.label)
+        return (
+            self.of if self.kind == "rig" else of_label(f"tried {self.kind} {self.of}", self.label)
+        )
 
     def at(self, lag: float) -> float:
         """Where a search begins; `lag` in samples."""
@@ -206,60 +203,49 @@ class Widened:
     posterior: Posterior
     every: tuple[Candidate, ...]
 
+    @property
+    def tried(self) -> slice:
+        """Places of what is tried among the unknowns."""
+        last = len(self.posterior.space.columns(*MOVES))
+        return slice(last - len(self.every), last)
+
+    def at(self, theta: Array, lag: float = 0.0) -> Array:
+        """The unknowns `theta (D,)`, and what is tried where its search begins, `(E,)`."""
+        where = self.tried.start
+        return np.insert(theta, where, [one.at(lag) for one in self.every])
+
 
 def widened(posterior: Posterior, theta: Array, kinds: frozenset[Kind]) -> Widened:
     """With all unknown that is of these kinds, at `theta (D,)` and neutral so far."""
     space, every = posterior.space, posterior.likelihood.observations
     rig = tuple(rig_candidates(every, space, theta)) if "rig" in kinds else ()
-    tried, parts = [*rig], []
+    tried = [*rig]
     for one in every:
-        own = [c for c in sensor_candidates(one) if c.kind in kinds]
-        if "start" in kinds:
-            own += start_candidates(one, space, theta)
-        tried += own
-        parts.append(_part(one, own, rig, late="start" in kinds))
-    noise = len(space.unknowns) - len(space.columns("noise"))
-    new = tuple(c.unknown for c in tried)
-    wider = dataclasses.replace(
-        space,
-        model=(*space.model, *(c.name for c in tried)),
-        unknowns=(*space.unknowns[:noise], *new, *space.unknowns[noise:]),
-    )
-    made = Posterior(
-        space=wider, likelihood=Likelihood.joint(wider, parts), coordinates=wider.coordinates()
-    )
-    return Widened(made, tuple(tried))
+        tried += [c for c in sensor_candidates(one) if c.kind in kinds]
+        tried += start_candidates(one, space, theta) if "start" in kinds else []
+
+    def with_tried(one: Observation) -> Observation:
+        seen = _without_first(one) if "start" in kinds else one  # it may move before its start
+        model = with_named(one.response.model, [c.of for c in rig])
+        own = [c for c in tried[len(rig) :] if c.label == one.label]
+        return seen.of_rig(model, _sensing(one.response.sensing, own))
+
+    free = [c.unknown for c in tried]
+    return Widened(posterior.edit(free=free, each=with_tried), tuple(tried))
 
 
-def _part(
-    one: Observation,
-    own: Sequence[Candidate],
-    rig: Sequence[Candidate],
-    *,
-    late: bool,
-) -> Observation:
-    """`own`: of this experiment; `rig`: of all; `late`: a rig that may move before its start."""
-    old = one.response.sensing
-    names = {(c.kind, c.of): c.name for c in own}
-
-    def with_new(kind: Kind, known: Mapping[str, str]) -> dict[str, str]:
-        return {**known, **{of: name for (k, of), name in names.items() if k == kind}}
-
-    sensing = dataclasses.replace(
-        old,
-        gains=with_new("gain", old.gains),
-        offsets=with_new("offset", old.offsets),
-        lags=with_new("lag", old.lags),
-        input_offsets=with_new("input offset", old.input_offsets),
-        input_lags=with_new("input lag", old.input_lags),
-        states=with_new("start", old.states),
-    )
-    seen = _without_first(one) if late else one
-    model = with_named(one.response.model, [c.of for c in rig])
-    steps = one.response.stepping or ()  # others would explain what these do
-    response = simulator(model, seen.experiment, sensing, *steps)
-    told = one.named(one.response.parameters) | {c.of: c.name for c in rig}
-    return seen.simulated(response, [told.get(name, name) for name in response.parameters])
+def _sensing(old: Sensing, tried: Sequence[Candidate]) -> Sensing:
+    """With what is `tried` of the sensors and the start of one experiment."""
+    fields: dict[str, Kind] = {
+        "gains": "gain",
+        "offsets": "offset",
+        "lags": "lag",
+        "input_offsets": "input offset",
+        "input_lags": "input lag",
+        "states": "start",
+    }
+    more = {n: {c.of: c.name for c in tried if c.kind == kind} for n, kind in fields.items()}
+    return dataclasses.replace(old, **{n: getattr(old, n) | new for n, new in more.items()})
 
 
 def _without_first(one: Observation) -> Observation:

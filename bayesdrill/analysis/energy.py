@@ -8,15 +8,13 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bayesdrill.basics.arrays import Array, Flags
 from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.rig.energy import Energies, can_tell, energies
 from bayesdrill.rig.models.friction import Friction
 from bayesdrill.rig.simulators.contract import Simulator
-
-Array = NDArray[np.float64]
 
 STORED, CONVERTED, AT_START = "stored", "conversion", "start"
 NOTHING = 1e-9  # of the largest flow
@@ -110,8 +108,6 @@ def _shares(flows: dict[str, Array], names: tuple[list[str], list[str]]) -> dict
     signs = dict.fromkeys(names[0], 1.0) | dict.fromkeys(names[1], -1.0)
     return {name: signs[name] * end / total if total else 0.0 for name, end in ends.items()}
 
-
-Flags = NDArray[np.bool_]
 
 SPEEDS = 200  # of each sign, at which a law is drawn: ...
 NEAREST = 1e-4  # ... from this share of the largest one on, as static friction falls near zero

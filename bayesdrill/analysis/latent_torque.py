@@ -16,8 +16,8 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bayesdrill.basics.arrays import Array, Flags
 from bayesdrill.inference.derived import HDI_PROBABILITY
 from bayesdrill.inference.likelihood import Observation, Torque
 from bayesdrill.inference.posterior import Posterior
@@ -25,8 +25,6 @@ from bayesdrill.record.experiment import of_states
 from bayesdrill.rig.models.latent_torque import TORQUE, At, Loaded, angles
 from bayesdrill.rig.models.linear import USUAL, Roles
 from bayesdrill.rig.simulators import simulator
-
-Array = NDArray[np.float64]
 
 STILL = 0.05  # of the root mean square of a speed: slower is standing still
 HARDLY = 0.05  # of all samples
@@ -85,7 +83,7 @@ class Shaking:
         return self.speeds[0][1]
 
     @property
-    def turning(self) -> NDArray[np.bool_]:
+    def turning(self) -> Flags:
         """`(T,)`: where that is no standstill, at which dry friction may be anything; all of a record
         that hardly has another.
         """
@@ -135,7 +133,7 @@ def _of(
     made = found.filtered.pushed
     sizes = found.sizes(draws)[:, :1]
     place = made.states.index(TORQUE)
-    by_torque = smooth @ np.array(found.filtered.noisy.channels).T
+    by_torque = smooth @ found.filtered.weights.T
     return Shaking(
         label=one.label,
         at=made.torque.at,

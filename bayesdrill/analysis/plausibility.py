@@ -1,16 +1,10 @@
-"""Whether values can be those of a real rig, and priors that end at the table or reach too far.
+"""Whether values can be those of a real rig, and priors that reach too far.
 
 Findings are sentences with their numbers; none is an error.
-
-Priors that end where the table stands, opened there: draws can then lie beyond a nominal value.
-
-Against an end of a prior a tail cannot be counted: a box that begins at the nominal value has no draw
-below it, however well the record agrees.  What the record says there is seen where the prior goes on.
 """
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -18,18 +12,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdrill.analysis.diagnostics import Row, pressed_against
+from bayesdrill.analysis.diagnostics import Row
 from bayesdrill.analysis.identifiability.information import Information, Scenery
-from bayesdrill.basics.progress import Reporter
-from bayesdrill.inference.posterior import Posterior, Problem
+from bayesdrill.basics.arrays import Array
+from bayesdrill.inference.posterior import Problem
 from bayesdrill.inference.priors import Prior, spread, spread_of_log
 from bayesdrill.rig import models
 from bayesdrill.rig.models.linear import STATES, Model, MotorRoles, Roles, dynamics
-from bayesdrill.sampling.ensembles import Memory, Opened, Plan, Sampled, sample
-from bayesdrill.sampling.proposal.learning import Nowhere
-from bayesdrill.sampling.workers import Crew
-
-Array = NDArray[np.float64]
 
 APPRECIABLE = 0.05  # relative
 MOST_DRAWS = 2000  # whose poles are looked at
@@ -252,106 +241,6 @@ def _in(every: NDArray[np.complex128], share: float) -> str:
 
 def _percent(share: float) -> str:
     return f"{100 * share:.3g} %"
-
-
-NEAR = 0.05  # of the prior between nominal value and end, or less
-TAIL, SIGMA = 1e-3, 2.28e-2  # shares of the draws at three and two sigma of a normal
-REACH = math.log(10.0)  # an end is moved by the prior's own range, but by no more than this factor
-
-
-def with_open_ends(
-    sampled: Sampled,
-    posterior: Posterior,
-    nominal: Mapping[str, float],
-    maxima: Array,
-    plan: Plan,
-    report: Reporter,
-) -> Sampled:
-    """With what is seen beyond ends of priors that are in the way, where ensembles have converged."""
-    if not sampled.convergence.converged:
-        return sampled
-    draws = sampled.draws.reshape(-1, maxima.shape[1])
-    beyond = open_ends(posterior, nominal, draws, maxima, plan, report)
-    return dataclasses.replace(sampled, beyond=beyond)
-
-
-def not_kept(sampled: Sampled, posterior: Posterior, nominal: Mapping[str, float]) -> Opened | None:
-    """What is known of ends in the way where a run has kept nothing from beyond: no more than names."""
-    if not sampled.convergence.converged:
-        return None
-    draws = sampled.draws.reshape(-1, len(posterior.space.free))
-    names = tuple(_in_the_way(posterior, nominal, draws))
-    return Opened(names=names, draws=None, pressed=names, kept=False) if names else None
-
-
-def open_ends(
-    posterior: Posterior,
-    nominal: Mapping[str, float],
-    draws: Array,
-    maxima: Array,
-    plan: Plan,
-    report: Reporter,
-) -> Opened | None:
-    """From physical draws `(N, D)` and maxima `(M, D)`; None where no end is in the way."""
-    priors = _in_the_way(posterior, nominal, draws)
-    if not priors:
-        return None
-    beyond = dataclasses.replace(posterior, space=posterior.space.with_priors(priors))
-    names = tuple(priors)
-    report.say(
-        f"priors of {', '.join(names)} end near nominal values: once more without these ends"
-    )
-    try:
-        with Crew(beyond, 1) as crew:
-            sampled = sample(crew, beyond, maxima, plan, Memory(), report)
-    except Nowhere:
-        return Opened(names=names, draws=None, pressed=names)
-    if not sampled.convergence.converged:
-        return Opened(names=names, draws=None, pressed=names)
-    found = sampled.draws.reshape(-1, draws.shape[1])
-    columns = dict(zip(posterior.space.free, found.T, strict=True))
-    crowded = [name for name in names if pressed_against(columns[name], priors[name]) is not None]
-    return Opened(names=names, draws=found, pressed=tuple(crowded))
-
-
-def _in_the_way(
-    posterior: Posterior, nominal: Mapping[str, float], draws: Array
-) -> dict[str, Prior]:
-    """Priors that end too near to their nominal values, with these ends moved."""
-    space = posterior.space
-    wider = {
-        name: _wider(prior, nominal[name], draws[:, column])
-        for column, (name, prior) in enumerate(space.priors.items())
-        if name in nominal
-    }
-    return {name: prior for name, prior in wider.items() if prior is not space.priors[name]}
-
-
-def _wider(prior: Prior, nominal: float, draws: Array) -> Prior:
-    """The same density with the ends moved that are near the nominal value and that draws feel."""
-    ends = []
-    for end, sign in ((prior.low, 1.0), (prior.high, -1.0)):
-        ends.append(end)
-        if not (0 < end < math.inf and _near(prior, nominal, sign) and _felt(end, draws, sign)):
-            continue
-        own = math.log(prior.high / prior.low) if prior.low > 0 else REACH
-        past = 2.0 * max(sign * math.log(end / nominal), 0.0)
-        ends[-1] = end * math.exp(-sign * max(min(own, REACH), past))
-    low, high = ends
-    return prior if (low, high) == (prior.low, prior.high) else prior.extended(low, high)
-
-
-def _near(prior: Prior, nominal: float, sign: float) -> bool:
-    """Whether little of the prior lies between nominal value and its lower (upper: -1) end."""
-    share = float(prior.quantile(np.array(NEAR if sign > 0 else 1.0 - NEAR)))
-    return sign * (nominal - share) <= 0
-
-
-def _felt(end: float, draws: Array, sign: float) -> bool:
-    """Whether the end cuts off what draws `(N,)` show of a tail: farther out it does no harm."""
-    logs = sign * np.log(draws)
-    far, less = np.quantile(logs, [TAIL, SIGMA])
-    return bool(far - sign * math.log(end) < less - far)
 
 
 DECADES = 2.1  # of a log-uniform prior, or of one that is as wide: with more it is vague

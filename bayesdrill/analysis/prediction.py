@@ -21,12 +21,11 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp, ndtr
 
 from bayesdrill.analysis.calibration import Band, ecdf_band, shape
+from bayesdrill.basics.arrays import Array
 from bayesdrill.inference.likelihood import Likelihood, Observation
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.residual_checks import Left
 from bayesdrill.record.experiment import Channel
-
-Array = NDArray[np.float64]
 
 BINS = 100
 MOST_CHECKED = 2000  # samples of a channel that are looked at

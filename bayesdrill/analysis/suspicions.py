@@ -2,8 +2,6 @@
 
 Findings are sentences; none is an error, and none is said of what may as well be sound.
 
-What the moment at which a step is given has to do with the unknowns: half a sample of it.
-
 A step that is given between two samples leaves a fit that looks like noise, and moves what is inferred.
 """
 
@@ -14,17 +12,16 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bayesdrill.analysis.edits import rig_at
 from bayesdrill.analysis.identifiability.information import Scenery, root_of
+from bayesdrill.basics.arrays import Array, Flags
 from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.posterior import Problem
 from bayesdrill.record import anomalies
 from bayesdrill.record.clocks import usual_step
 from bayesdrill.record.experiment import Channel, Experiment
 from bayesdrill.rig.models.linear import Model, driven, dynamics
-
-Array = NDArray[np.float64]
 
 BITS = (12, 14, 16, 24, 32)  # of counters
 CALM = 0.4  # of a period: a larger step can only be a counter that ran over, and a smaller one none
@@ -112,7 +109,7 @@ def _overrun(channel: Channel, t: Array, y: Array, factor: float) -> list[str]:
     return []
 
 
-def _goes_on(y: Array, jumps: NDArray[np.bool_]) -> bool:
+def _goes_on(y: Array, jumps: Flags) -> bool:
     """Whether the motion before each jump goes on after it, against it, and nothing takes it back."""
     steps, at = np.diff(y), np.flatnonzero(jumps)
     before = steps[np.maximum(at - 1, 0)]
@@ -246,9 +243,8 @@ def _told(one: Observation) -> bool:
 def _later(one: Observation, scenery: Scenery, theta: Array, motion: Array) -> Array:
     """d signal / d delay over the noise, where it was measured: minus how fast each channel changes."""
     experiment, model = one.experiment, one.response.model
-    told = one.told(scenery.likelihood.space.full(theta[None]))[0]
-    named = dict(zip(model.parameters, told[: len(model.parameters)], strict=True))
-    linear, n = model.linear(named), len(experiment.t)
+    linear = model.linear(rig_at(one, scenery.likelihood.space, theta))
+    n = len(experiment.t)
     given = {
         name: experiment.constant.get(name, 0.0) + experiment.series.get(name, 0.0)
         for name in model.inputs

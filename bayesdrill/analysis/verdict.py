@@ -30,6 +30,7 @@ from bayesdrill.analysis.identifiability.information import (
 from bayesdrill.analysis.identifiability.structure import Exponents
 from bayesdrill.analysis.identifiability.study import Study, study_of
 from bayesdrill.basics import seeds
+from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.values import checked
 from bayesdrill.config.schema.config import Asked, Thresholds
 from bayesdrill.inference import residual_checks
@@ -39,8 +40,6 @@ from bayesdrill.inference.residual_checks import Left
 from bayesdrill.sampling import mode_search
 from bayesdrill.sampling.ensembles import Opened, Sampled
 from bayesdrill.sampling.mode_search import Mode
-
-Array = NDArray[np.float64]
 
 FARTHEST, STEP = 3.0, 0.25  # sigma: tails are counted up to here, ...
 LEAST_BEYOND = 25  # ... where at least so many draws lie beyond

@@ -7,9 +7,9 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import TypeAdapter, ValidationError
 
+from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.entries import entries_of
 from bayesdrill.basics.errors import InputError, Issue, did_you_mean, shown
 from bayesdrill.basics.registry import lookup
@@ -22,8 +22,6 @@ if TYPE_CHECKING:
     from bayesdrill.results.run_folder import Mode
     from bayesdrill.tasks.remote import RefitExecutor
 
-
-Array = NDArray[np.float64]
 
 MOST_PROCESSES = 256  # of which each takes the memory of an interpreter with all libraries
 

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from bayesdrill.analysis.identifiability.information import Scenery
 from bayesdrill.api import arguments
+from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.errors import InputError, Issue
 from bayesdrill.basics.progress import SILENT, Reporter
 from bayesdrill.basics.values import Value, alike, checked
@@ -28,8 +28,6 @@ if TYPE_CHECKING:
     from bayesdrill.sampling.mode_search import Mode as Maximum
     from bayesdrill.tasks.pipeline import Outcome
 
-
-Array = NDArray[np.float64]
 
 CHANNELS = "a bd.Channel(values, unit, sigma) for each name"
 INPUTS = "a number in SI or a bd.Input(values, unit) for each name"
@@ -91,7 +89,7 @@ class Case(Value):
         """What would run: columns and units, priors, the start, sizes, and what the record can show."""
         problem, config = self.job.problem, self.job.config
         first = identify.preflight(self.job, Scenery(problem.posterior.likelihood))
-        columns = [] if self.columns is not None else [words.record_columns(problem, config)]
+        columns = [] if self.columns is not None else [words.record_columns(problem, self.job.case)]
         return "\n".join(
             [str(self), *columns, words.preview(problem, config, self.job.units), first]
         )
@@ -187,7 +185,7 @@ class Case(Value):
         job, workers = self.job, arguments.workers(processes)
         if seed is not None:
             own = {"seed": arguments.whole("seed", seed, 0)}
-            job = dataclasses.replace(job, config=job.config.model_copy(update=own))
+            job = job.with_settings(**own)
         told = report or SILENT
         found = find_map.find_mode(job, workers, told) if best is None else self._mode(best)
         job = job.at(found)

@@ -16,7 +16,7 @@ from bayesdrill.basics.errors import InputError
 from bayesdrill.basics.progress import SILENT, Reporter
 from bayesdrill.basics.values import Value, checked
 from bayesdrill.config.job import Job
-from bayesdrill.report.comparison_report import FIGURE, ComparisonReport, OverlayReport
+from bayesdrill.report.comparison_report import COMPARED, OVERLAID, ComparisonReport, Form
 from bayesdrill.report.section import as_markdown
 from bayesdrill.tasks import comparison
 
@@ -68,13 +68,14 @@ def ladder(config: str | Path) -> Ladder:
 
 @checked
 @dataclass(frozen=True, eq=False, repr=False)
-class Overlay(Value):
-    """What several runs say of their unknowns, side by side.
+class Comparison(Value):
+    """What several runs say of their unknowns, side by side; of models of one record, which is the more
+    probable.
 
     `runs`: where each is, None where it is in no folder.
     """
 
-    report: OverlayReport
+    report: ComparisonReport
     runs: tuple[Path | None, ...]
 
     @property
@@ -83,31 +84,63 @@ class Overlay(Value):
         return self.report.rows
 
     @property
+    def models(self) -> tuple[Contender, ...]:
+        """Of each run its `evidence`, what its fit leaves (`left`), `held_out` and `loo`; empty of an
+        overlay.
+        """
+        return self.report.models
+
+    @property
+    def decision(self) -> Decision | None:
+        """`word`: model, noise, both, either, priors or neither; `best`: which of the models."""
+        return self.report.decision
+
+    @property
+    def best(self) -> str | None:
+        """The name of the most probable model."""
+        return None if self.report.best is None else self.report.best.name
+
+    @property
+    def log_evidence(self) -> dict[str, float]:
+        """By the names of models; a pure number."""
+        return {one.name: one.log_z for one in self.models}
+
+    @property
     def reasons(self) -> tuple[str, ...]:
-        """Why some run must not be believed; empty where all may be."""
+        """Why some run of an overlay, or the most probable model, must not be believed; empty where all
+        may be.
+        """
         return self.report.reasons
 
     @property
     def text(self) -> str:
         return self.report.text
 
-    def plot(self, name: str = "corner") -> Figure:
-        """`corner`, or `intervals`.  Raises `InputError` where there is no such figure."""
-        found = arguments.known(self.report.figures, name, "plot", "figure of these runs")
+    def plot(self, name: str | None = None) -> Figure:
+        """Of an overlay its `corner`, or `intervals`; of models their `comparison`: log odds, what each
+        leaves of each channel, and where it has each unknown.
+
+        Raises `InputError` where there is no such figure.
+        """
+        wanted = self.report.form.figure if name is None else name
+        found = arguments.known(self.report.figures, wanted, "plot", "figure of these runs")
         return for_notebooks(found.drawn())
 
     def place(self, folder: str | Path | None = None) -> Path:
-        """Where `save` leaves its results: `results/<name>-<name>` by default."""
-        usual = comparison.default_overlay_folder([layer.name for layer in self.report.layers])
+        """Where `save` leaves its results: `results/<name>-<name>` by default, of models
+        `results/compare-<name>-<name>`.
+        """
+        names = [layer.name for layer in self.report.layers]
+        usual = comparison.default_folder(self.report.form, names)
         return usual if folder is None else Path(folder).expanduser()
 
     def save(self, folder: str | Path | None = None, *, force: bool = False) -> Path:
         """Table, page and figures.
 
-        Raises `InputError` where something else is there, or an overlay and not `force`.
+        Raises `InputError` where something else is there, or a comparison and not `force`.
         """
         place = self.place(folder)
-        comparison.publish_overlay(self.report, self.runs, place, force=force)
+        comparison.publish(self.report, self.runs, place, force=force)
         return place
 
     def __str__(self) -> str:
@@ -120,20 +153,47 @@ class Overlay(Value):
     __repr__ = __str__
 
 
+Overlay = Comparison
+
+
 @checked
-def overlay(runs: Sequence[single.Run | str | Path], names: Sequence[str] | None = None) -> Overlay:
+def overlay(
+    runs: Sequence[single.Run | str | Path], names: Sequence[str] | None = None
+) -> Comparison:
     """Of two runs or more, of any records, priors and rigs: runs in memory, or folders of them.
 
     `names`: by default those of the folders and cases.  Raises `InputError`.
     """
-    comparison.check_number_overlaid(len(runs))
+    comparison.check_number(OVERLAID, len(runs))
     own, opened, places = named_runs(runs, names)
     units = comparison.overlay_units([one.job for one in opened])
     layers = [
         comparison.overlay_layer(name, one.job, one.mode, one.sampled, units)
         for name, one in zip(own, opened, strict=True)
     ]
-    return Overlay(OverlayReport(tuple(layers), units), tuple(places))
+    return Comparison(ComparisonReport(tuple(layers), units), tuple(places))
+
+
+@checked
+def compare(
+    runs: Sequence[single.Run | str | Path], names: Sequence[str] | None = None
+) -> Comparison:
+    """Of two runs or more of one record: runs in memory, or folders of them.
+
+    The first is what the others are held against.  `names`: by default those of the folders and cases.
+    Raises `InputError`, also where records are not the same.
+    """
+    comparison.check_number(COMPARED, len(runs))
+    own, opened, places = named_runs(runs, names)
+    jobs = [one.job for one in opened]
+    where = [name if place is None else str(place) for name, place in zip(own, places, strict=True)]
+    comparison.check_same_record(where, [job.problem for job in jobs])
+    units = comparison.overlay_units(jobs)
+    models = [
+        comparison.contender(name, place, one.job, one.mode, one.sampled, units)
+        for name, place, one in zip(own, where, opened, strict=True)
+    ]
+    return Comparison(ComparisonReport.of_models(models, units), tuple(places))
 
 
 def named_runs(
@@ -156,106 +216,7 @@ def check_overlay_place(
     folders: Sequence[str | Path], output: str | Path | None = None, *, force: bool = False
 ) -> Path:
     """Where the overlay of these would be saved; raises `InputError` where it cannot be."""
-    comparison.check_number_overlaid(len(folders))
-    places = [Path(folder).expanduser() for folder in folders]
-    names = comparison.distinct([place.resolve().name for place in places])
-    usual = comparison.default_overlay_folder(names)
-    target = usual if output is None else Path(output).expanduser()
-    comparison.check_overlay_folder(target, places, force=force)
-    return target
-
-
-@checked
-@dataclass(frozen=True, eq=False, repr=False)
-class Comparison(Value):
-    """What several models say of one record, and which is the more probable.
-
-    `runs`: where each is, None where it is in no folder.
-    """
-
-    report: ComparisonReport
-    runs: tuple[Path | None, ...]
-
-    @property
-    def models(self) -> tuple[Contender, ...]:
-        """Of each run its `evidence`, what its fit leaves (`left`), `held_out` and `loo`."""
-        return self.report.models
-
-    @property
-    def decision(self) -> Decision:
-        """`word`: model, noise, both, either, priors or neither; `best`: which of the models."""
-        return self.report.decision
-
-    @property
-    def best(self) -> str:
-        return self.report.best.name
-
-    @property
-    def log_evidence(self) -> dict[str, float]:
-        return {one.name: one.log_z for one in self.models}
-
-    @property
-    def rows(self) -> tuple[Row, ...]:
-        """Of each unknown: where each run has it, SI, and how far apart they are, in sds."""
-        return self.report.rows
-
-    @property
-    def reasons(self) -> tuple[str, ...]:
-        """Why the most probable model must not be believed; empty where it may be."""
-        return self.report.reasons
-
-    @property
-    def text(self) -> str:
-        return self.report.text
-
-    def plot(self) -> Figure:
-        """Log odds, what each leaves of each channel, and where it has each unknown."""
-        return for_notebooks(self.report.figures[FIGURE].drawn())
-
-    def place(self, folder: str | Path | None = None) -> Path:
-        """Where `save` leaves its results: `results/compare-<name>-<name>` by default."""
-        usual = comparison.default_comparison_folder([one.name for one in self.models])
-        return usual if folder is None else Path(folder).expanduser()
-
-    def save(self, folder: str | Path | None = None, *, force: bool = False) -> Path:
-        """Table, page and figure.
-
-        Raises `InputError` where something else is there, or a comparison and not `force`.
-        """
-        place = self.place(folder)
-        comparison.publish_comparison(self.report, self.runs, place, force=force)
-        return place
-
-    def __str__(self) -> str:
-        return self.text
-
-    def _repr_markdown_(self) -> str:
-        brief = [section for section in self.report.sections if section.brief]
-        return as_markdown(self.report.title, brief)
-
-    __repr__ = __str__
-
-
-@checked
-def compare(
-    runs: Sequence[single.Run | str | Path], names: Sequence[str] | None = None
-) -> Comparison:
-    """Of two runs or more of one record: runs in memory, or folders of them.
-
-    The first is what the others are held against.  `names`: by default those of the folders and cases.
-    Raises `InputError`, also where records are not the same.
-    """
-    comparison.check_number_compared(len(runs))
-    own, opened, places = named_runs(runs, names)
-    jobs = [one.job for one in opened]
-    where = [name if place is None else str(place) for name, place in zip(own, places, strict=True)]
-    comparison.check_same_record(where, [job.problem for job in jobs])
-    units = comparison.overlay_units(jobs)
-    models = [
-        comparison.contender(name, place, one.job, one.mode, one.sampled, units)
-        for name, place, one in zip(own, where, opened, strict=True)
-    ]
-    return Comparison(ComparisonReport(tuple(models), units), tuple(places))
+    return _checked_place(OVERLAID, folders, output, force=force)
 
 
 @checked
@@ -263,11 +224,16 @@ def check_comparison_place(
     folders: Sequence[str | Path], output: str | Path | None = None, *, force: bool = False
 ) -> Path:
     """Where the comparison of these would be saved; raises `InputError` where it cannot be."""
-    comparison.check_number_compared(len(folders))
+    return _checked_place(COMPARED, folders, output, force=force)
+
+
+def _checked_place(
+    form: Form, folders: Sequence[str | Path], output: str | Path | None, *, force: bool
+) -> Path:
+    comparison.check_number(form, len(folders))
     places = [Path(folder).expanduser() for folder in folders]
     names = comparison.distinct([place.resolve().name for place in places])
-    target = (
-        comparison.default_comparison_folder(names) if output is None else Path(output).expanduser()
-    )
-    comparison.check_comparison_folder(target, places, force=force)
+    usual = comparison.default_folder(form, names)
+    target = usual if output is None else Path(output).expanduser()
+    comparison.check_folder(form, target, places, force=force)
     return target

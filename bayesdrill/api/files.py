@@ -187,26 +187,25 @@ def simulate(
     of each.  `seed`: the config's.  Raises `InputError`, before anything is written.
     """
     from bayesdrill.config import loading
-    from bayesdrill.config.records import reading, simulation
-    from bayesdrill.config.resolve import experiments
+    from bayesdrill.config.records import reading, simulation, sources
 
-    read, source = loading.load(Path(config).expanduser())
-    own = read.seed if seed is None else arguments.whole("seed", seed, 0)
+    case = loading.load(Path(config).expanduser())
+    own = case.config.seed if seed is None else arguments.whole("seed", seed, 0)
     place = None if output is None else Path(output).expanduser()
-    if place is not None and read.experiments and place.exists() and not place.is_dir():
+    if place is not None and case.config.experiments and place.exists() and not place.is_dir():
         message = "is no folder; name one for the records of several experiments"
         raise InputError.one(str(place), message)
-    texts = simulation.simulate_all(read, source, own, place)
-    every = experiments.views(read, source)
-    records = [reading.path_of(view.config, view.source) for view in every]
+    texts = simulation.simulate_all(case, own, place)
+    every = case.experiments
+    records = [sources.path_of(one.config, one.source) for one in every]
     for (target, text), record in zip(texts.items(), records, strict=True):
         simulation.check_place(text, target, record, force=force)
     files = {}
-    for (target, text), record, view in zip(texts.items(), records, every, strict=True):
-        if read.experiments:
+    for (target, text), record, one in zip(texts.items(), records, every, strict=True):
+        if case.config.experiments:
             target.parent.mkdir(parents=True, exist_ok=True)
         simulation.save(text, target, record, force=force)
-        skipped = reading.csv_options(view.config.record).skip_rows
+        skipped = reading.csv_options(one.config.record).skip_rows
         files[target] = len(text.splitlines()) - 1 - skipped
     return Simulated(files)
 
@@ -293,8 +292,32 @@ def calibration(config: str | Path) -> Calibration:
 
 
 @checked
-def schema() -> str:
-    """The JSON schema of configs."""
+def schema(of: str = "config") -> str:
+    """The JSON schema of configs or, `of` a `run`, of the `run.json` that a posterior leaves."""
     from bayesdrill.config.schema.config import json_schema
+    from bayesdrill.tasks.run_entries import run_schema
 
-    return json_schema()
+    every = {"config": json_schema, "run": run_schema}
+    return arguments.known(every, of, "of", "schema")()
+
+
+@checked
+def cache(*, clear: bool = False) -> str:
+    """Where compiled kernels are kept, and how much of them; `clear` removes them all first.
+
+    Raises `InputError` where the folder is refused, or cannot be cleared.
+    """
+    from bayesdrill.rig.kernels.cache import OFF, VARIABLE, user_cache
+
+    kept = user_cache()
+    if kept.folder is None:
+        return f"compiled kernels are not kept: {VARIABLE}={OFF}"
+    try:
+        if clear:
+            kept.clear()
+        sizes = kept.sizes
+    except OSError as error:
+        reason = error.strerror or str(error)
+        message = f"{reason}; mend this, or name another folder by {VARIABLE}"
+        raise InputError.one(str(kept.folder), message) from None
+    return f"{kept.folder}: {len(sizes)} compiled kernels, {sum(sizes) / 1e6:.1f} MB"

@@ -6,10 +6,11 @@ from collections.abc import Mapping, Sequence
 from typing import Annotated
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from bayesdrill.api import arguments
 from bayesdrill.basics import symbols
+from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.errors import InputError, Issue, did_you_mean, shown
 from bayesdrill.basics.formulas import linear_combination
 from bayesdrill.basics.values import checked
@@ -20,8 +21,6 @@ from bayesdrill.rig.models.composed import in_vain, lacking, with_named
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.simulators import simulator
 from bayesdrill.rig.simulators.sensors import Sensing
-
-Array = NDArray[np.float64]
 
 NUMBERS = "a number for each name"
 

@@ -12,11 +12,10 @@ from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-from numpy.typing import NDArray
-
+from bayesdrill.analysis.run_analysis import RunAnalysis
 from bayesdrill.analysis.verdict import Verdict
 from bayesdrill.api import arguments
+from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.errors import InputError, shown
 from bayesdrill.basics.values import Value, checked
 from bayesdrill.config import job
@@ -51,9 +50,6 @@ def _as_png(figure: Figure) -> bytes:
     out = io.BytesIO()
     figure.savefig(out, format="png", dpi=DPI)
     return out.getvalue()
-
-
-Array = NDArray[np.float64]
 
 
 @checked
@@ -146,6 +142,13 @@ class Run(Value):
         """How probable the record is under the model: `log_z` and its standard `error`."""
         return self.sampled.evidence
 
+    @property
+    def analysis(self) -> RunAnalysis:
+        """Every number of the report by name, evaluated once: see `RunAnalysis`, whose `describe` gives
+        the unit of each.
+        """
+        return self._view.analysis
+
     def judge(self) -> Judged:
         """What fit and draws say of the nominal table."""
         return Judged(self._view)
@@ -211,13 +214,13 @@ class Judged(Value):
 
     @property
     def verdict(self) -> Verdict | None:
-        judgement = self.view.judged
+        judgement = self.view.analysis.judged
         return None if judgement is None else judgement.verdict
 
     @property
     def rows(self) -> list[dict[str, Any]]:
         """A record for each unknown, for a table of any kind."""
-        return [tables.as_record(row) for row in self.view.rows]
+        return [tables.as_record(row) for row in self.view.analysis.unknowns]
 
     @property
     def reasons(self) -> tuple[str, ...]:

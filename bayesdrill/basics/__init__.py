@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING
 from bayesdrill.basics.registry import late
 
 if TYPE_CHECKING:
+    from bayesdrill.basics.arrays import Array as Array
+    from bayesdrill.basics.arrays import Flags as Flags
     from bayesdrill.basics.entries import Count as Count
     from bayesdrill.basics.entries import Positive as Positive
     from bayesdrill.basics.errors import InputError as InputError
@@ -28,7 +30,9 @@ if TYPE_CHECKING:
 __getattr__ = late(
     __name__,
     {
+        "Array": "arrays",
         "Count": "entries",
+        "Flags": "arrays",
         "InputError": "errors",
         "Interrupted": "errors",
         "Issue": "errors",

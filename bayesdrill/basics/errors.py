@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import difflib
 import errno
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import BrokenExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass, field
 
 LONGEST = 60  # letters of a value in a message
 
@@ -34,6 +36,24 @@ class InputError(Exception):
     @classmethod
     def one(cls, place: str, message: str) -> InputError:
         return cls([Issue(place, message)])
+
+
+@dataclass(frozen=True, slots=True)
+class Sparing:
+    """`missing`: what could not be made, and why."""
+
+    missing: list[str] = field(default_factory=list)
+
+    @contextmanager
+    def making(self, what: str) -> Iterator[None]:
+        """Notes what goes wrong inside; a full disk or a killed worker is no matter of `what`."""
+        try:
+            yield
+        except (OSError, MemoryError, BrokenExecutor):
+            raise
+        except Exception as error:
+            first = (str(error).splitlines() or [""])[0]
+            self.missing.append(f"{what} ({type(error).__name__}: {first})")
 
 
 def of_each[T, S](do: Callable[[T], S], those: Iterable[T]) -> list[S]:

@@ -264,7 +264,7 @@ def _short(text: str) -> str:
 def linear_combination(text: str, known: Iterable[str]) -> dict[str, float]:
     """Weights of the `known` names; raises `ValueError` with a message for the user."""
     names = list(known)
-    shown = _short_term(text)
+    shown = _short(text)
     try:
         tree = ast.parse(text.strip(), mode="eval").body
         weights = _weights(tree, names)
@@ -289,7 +289,7 @@ def _weights(node: ast.expr, known: list[str]) -> dict[str, float]:
             return {"": float(value)}
         case ast.Name(id=name):
             if name not in known:
-                raise ValueError(f"{_short_term(name)} is not a state{did_you_mean(name, known)}")
+                raise ValueError(f"{_short(name)} is not a state{did_you_mean(name, known)}")
             return {name: 1.0}
         case ast.UnaryOp(op=ast.USub(), operand=operand):
             return _scaled(_weights(operand, known), -1.0)
@@ -312,13 +312,9 @@ def _weights(node: ast.expr, known: list[str]) -> dict[str, float]:
             if set(divisor) == {""} and divisor[""] != 0.0:
                 return _scaled(_weights(left, known), 1.0 / divisor[""])
     raise ValueError(
-        f"{_short_term(ast.unparse(node))} is not linear; only sums of multiples of states are possible"
+        f"{_short(ast.unparse(node))} is not linear; only sums of multiples of states are possible"
     )
 
 
 def _scaled(weights: dict[str, float], factor: float) -> dict[str, float]:
     return {name: factor * weight for name, weight in weights.items()}
-
-
-def _short_term(text: str) -> str:
-    return repr(text if len(text) <= 60 else f"{text[:57]}...")

@@ -22,6 +22,9 @@ class Unit:
     latex: str
 
 
+SECOND = Unit("s", 1.0, "s")
+
+
 def shown(own: str, si: str | None = None, latex: str = "") -> Unit:
     """A user's unit of what is `si` inside; `latex`: of that.  None: of any kind, in its `coherent` one.
 

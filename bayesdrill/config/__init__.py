@@ -13,11 +13,11 @@ from bayesdrill.basics.registry import late
 
 if TYPE_CHECKING:
     from bayesdrill.config.job import Job as Job
-    from bayesdrill.config.records.reading import path_of as path_of
     from bayesdrill.config.records.simulation import simulate as simulate
     from bayesdrill.config.records.simulation import truth as truth
-    from bayesdrill.config.resolve.assembly import model as model
+    from bayesdrill.config.records.sources import path_of as path_of
     from bayesdrill.config.resolve.assembly import optimiser as optimiser
+    from bayesdrill.config.resolve.case import ResolvedCase as ResolvedCase
     from bayesdrill.config.schema.config import Config as Config
     from bayesdrill.config.yaml_source import Source as Source
 
@@ -27,9 +27,9 @@ __getattr__ = late(
         "Config": "schema.config",
         "Job": "job",
         "Source": "yaml_source",
-        "model": "resolve.assembly",
+        "ResolvedCase": "resolve.case",
         "optimiser": "resolve.assembly",
-        "path_of": "records.reading",
+        "path_of": "records.sources",
         "simulate": "records.simulation",
         "truth": "records.simulation",
     },

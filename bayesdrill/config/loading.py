@@ -1,4 +1,4 @@
-"""From a YAML file to a `Config`, or to all of its errors at once."""
+"""From a YAML file to a `ResolvedCase`, or to all of its errors at once."""
 
 from __future__ import annotations
 
@@ -16,11 +16,12 @@ from pydantic import BaseModel, ValidationError
 from bayesdrill.basics.entries import SMALLEST
 from bayesdrill.basics.errors import InputError, Issue, did_you_mean
 from bayesdrill.config import consistency
-from bayesdrill.config.consistency import several
-from bayesdrill.config.resolve import assembly, experiments
+from bayesdrill.config.resolve import experiments
+from bayesdrill.config.resolve.case import ResolvedCase, ResolvedExperiment
 from bayesdrill.config.schema.config import Config
 from bayesdrill.config.yaml_source import Place, Source, read
 from bayesdrill.inference.priors import PRIORS
+from bayesdrill.rig.models.linear import Model
 
 # What a config cannot do without.  Of an entry that is missing or spoilt nothing more is said, but
 # the others can be judged with these in its place; sections before what stands in them.
@@ -35,67 +36,73 @@ _STAND_INS: dict[Place, Any] = {
     ("parameters",): {},
 }
 
+RUBBING_WALKERS = 96
+WALKERS_OF_EXPERIMENT = 16  # more: it may bring unknowns of its own
 NONE = (
     "no experiment stands here; name each, such as `slow: {record: {file: slow.csv}}`, or remove "
     "this entry"
 )
 
+NO_RECORD = "this experiment has no record; give `record: {file: ...}` in it"
 
-def load(path: Path) -> tuple[Config, Source]:
+
+def load(path: Path) -> ResolvedCase:
     """Raises `InputError` with every problem, in the order of the lines."""
-    source = read(path)
-    return validated(source), source
+    return validated(read(path))
 
 
-def validated(source: Source) -> Config:
-    """See `load`; of several experiments the config of the first, which names them all."""
-    return assembly.with_walkers(_validated(source))
+def validated(source: Source) -> ResolvedCase:
+    """See `load`."""
+    if experiments.EXPERIMENTS in source.data:
+        config, every = _several(source)
+    else:
+        alone = _one(source, alone=True)
+        config, every = alone.config, {"": alone}
+    experiments_ = tuple(every.values())
+    config = _with_walkers(config, experiments_[0].model)
+    return ResolvedCase(config=config, source=source, experiments=experiments_)
 
 
-def _validated(source: Source) -> Config:
-    if experiments.EXPERIMENTS not in source.data:
-        return _one(source, alone=True)
-    alone = experiments.split(source)
-    problems = [*source.repeated, *_without_record(source, alone)]
-    for own in alone.values() or [experiments.bare(source)]:
+def _with_walkers(config: Config, model: Model) -> Config:
+    """Fewer by themselves where the rig rubs: a step of a walker is dear there, and its 256 would tell
+    far more than is asked.
+    """
+    sampler = config.sampler
+    if "walkers" in sampler.model_fields_set or not model.frictions:
+        return config
+    walkers = min(
+        sampler.walkers, RUBBING_WALKERS + WALKERS_OF_EXPERIMENT * len(config.experiments)
+    )
+    fewer = sampler.model_copy(update={"walkers": walkers})
+    return config.model_copy(update={"sampler": fewer})
+
+
+def _several(source: Source) -> tuple[Config, dict[str, ResolvedExperiment]]:
+    """All experiments, and the config of the first, which names them."""
+    alone, resolved = experiments.split(source), dict[str, ResolvedExperiment]()
+    problems = [*source.repeated]
+    for label, own in (alone or {"": experiments.alone(source, "", {})}).items():
+        record = own.data.get("record", {})
+        if isinstance(record, Mapping) and "file" not in record:
+            record = {**record, "file": _STAND_INS["record", "file"]}
+            own = dataclasses.replace(own, data={**own.data, "record": record})
+            place = (experiments.EXPERIMENTS, label, "record", "file")
+            problems += [source.problem(place, NO_RECORD)] if alone else []
         try:
-            _one(_with_a_record(own), alone=False)
+            resolved[label] = _one(own, label, alone=False)
         except InputError as error:
             problems += error.problems
-    if not alone and not source.data[experiments.EXPERIMENTS]:
-        problems.append(source.problem((experiments.EXPERIMENTS,), NONE))
-    elif not alone:
-        problems += _complaints(experiments.join_experiments(source, {}), source)
-    else:
-        whole = experiments.join_experiments(source, alone)
+    whole = experiments.join_experiments(source, alone)
+    if alone or source.data[experiments.EXPERIMENTS]:
         problems += _complaints(whole, source)
-        if not problems:
-            problems += several.check_experiments(Config.model_validate(whole), source)
+    else:
+        problems.append(source.problem((experiments.EXPERIMENTS,), NONE))
+    if not problems:
+        config = Config.model_validate(whole)
+        problems += consistency.check_experiments(config, source, resolved)
     if problems:
         raise InputError(sorted(dict.fromkeys(problems), key=_line))
-    return Config.model_validate(whole)
-
-
-def _without_record(source: Source, alone: Mapping[str, Source]) -> list[Issue]:
-    message = "this experiment has no record; give `record: {file: ...}` in it"
-    return [
-        source.problem((experiments.EXPERIMENTS, label, "record", "file"), message)
-        for label, own in alone.items()
-        if _lacks_record(own)
-    ]
-
-
-def _lacks_record(source: Source) -> bool:
-    record = source.data.get("record", {})
-    return isinstance(record, Mapping) and "file" not in record
-
-
-def _with_a_record(source: Source) -> Source:
-    """That it has none is said elsewhere, and once."""
-    if not _lacks_record(source):
-        return source
-    record = {**source.data.get("record", {}), "file": _STAND_INS["record", "file"]}
-    return dataclasses.replace(source, data={**source.data, "record": record})
+    return config, resolved
 
 
 def _complaints(data: Mapping[str, Any], source: Source) -> list[Issue]:
@@ -113,7 +120,7 @@ def _complaints(data: Mapping[str, Any], source: Source) -> list[Issue]:
     ]
 
 
-def _one(source: Source, *, alone: bool) -> Config:
+def _one(source: Source, label: str = "", *, alone: bool) -> ResolvedExperiment:
     """`alone`: whether there is no other experiment."""
     problems = list(source.repeated)
     pruned = copy.deepcopy(source.data)
@@ -130,9 +137,10 @@ def _one(source: Source, *, alone: bool) -> Config:
         ]
         problems += _judge_rest(pruned, [*found, *filter(None, meant)], source, alone=alone)
     else:
-        problems += consistency.check(config, source, frozenset(), alone=alone)
-        if not problems:
-            return config
+        broken, resolved = consistency.check(config, source, frozenset(), label, alone=alone)
+        problems += broken
+        if not problems and resolved is not None:
+            return resolved
     raise InputError(sorted(dict.fromkeys(problems), key=_line))
 
 
@@ -148,7 +156,7 @@ def _judge_rest(data: Any, spoilt: list[Place], source: Source, *, alone: bool) 
         config = Config.model_validate(data)
     except ValidationError:
         return []
-    return consistency.check(config, source, frozenset(spoilt), alone=alone)
+    return consistency.check(config, source, frozenset(spoilt), alone=alone)[0]
 
 
 def _meant(error: dict[str, Any], place: Place) -> Place | None:
@@ -275,29 +283,29 @@ def _hint(value: Any) -> str:
 
 def _keys_at(loc: tuple[str | int, ...]) -> list[str]:
     """The keys that may stand where the unknown key `loc[-1]` stands."""
-    models: list[type[BaseModel]] = [Config]
+    sections: list[Mapping[str, Any]] = [_entries(Config)]
     for part in loc[:-1]:
-        annotations = [
-            model.model_fields[str(part)].annotation
-            for model in models
-            if str(part) in model.model_fields
-        ]
+        annotations = [section[str(part)] for section in sections if str(part) in section]
         if annotations:
-            models = [found for annotation in annotations for found in _models(annotation)]
-        tagged = [model for model in models if part in _literals(model)]
-        models = tagged or models
-    return sorted({key for model in models for key in model.model_fields} - {str(loc[-1])})
+            sections = [found for annotation in annotations for found in _sections(annotation)]
+        tagged = [one for one in sections if part in typing.get_args(one.get("prior"))]
+        sections = tagged or sections
+    return sorted({key for section in sections for key in section} - {str(loc[-1])})
 
 
-def _models(annotation: Any) -> list[type[BaseModel]]:
-    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
-        return [annotation]
-    return [found for inner in typing.get_args(annotation) for found in _models(inner)]
+def _sections(annotation: Any) -> list[Mapping[str, Any]]:
+    """Annotations by key of each mapping that may stand there."""
+    if typing.is_typeddict(annotation) or (
+        isinstance(annotation, type) and issubclass(annotation, BaseModel)
+    ):
+        return [_entries(annotation)]
+    return [found for inner in typing.get_args(annotation) for found in _sections(inner)]
 
 
-def _literals(model: type[BaseModel]) -> tuple[Any, ...]:
-    field = model.model_fields.get("prior")
-    return typing.get_args(field.annotation) if field else ()
+def _entries(kind: Any) -> Mapping[str, Any]:
+    if typing.is_typeddict(kind):
+        return typing.get_type_hints(kind)
+    return {name: field.annotation for name, field in kind.model_fields.items()}
 
 
 def _line(problem: Issue) -> tuple[int, str]:

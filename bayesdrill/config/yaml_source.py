@@ -110,6 +110,17 @@ def parse(path: Path, text: str) -> Source:
     return Source(path, text, data, walk.lines, tuple(walk.repeated))
 
 
+def as_yaml(data: Mapping[str, Any]) -> str:
+    """As people read it."""
+    from ruamel.yaml import YAML
+
+    yaml, out = YAML(), io.StringIO()
+    yaml.width = 120
+    yaml.default_flow_style = None
+    yaml.dump(dict(data), out)
+    return out.getvalue()
+
+
 @dataclass(slots=True)
 class _Walk:
     """Through all nodes: notes lines and repeated keys, refuses what no config needs.

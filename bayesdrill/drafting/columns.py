@@ -12,9 +12,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bayesdrill.basics import units
+from bayesdrill.basics.arrays import Array
 from bayesdrill.record.formats.table import Table
 
 LONGEST = 200  # letters of a head, or of a unit
@@ -217,8 +217,6 @@ def _kind(tokens: list[str]) -> tuple[str, str]:
         return _LETTERS[tokens[0]], tokens[0]
     return "", ""
 
-
-Array = NDArray[np.float64]
 
 LEAST = 20  # samples, below which nothing is guessed
 LARGEST = 1e12  # number that is believed

@@ -278,7 +278,7 @@ def _asks(text: str, target: Path, record: Path) -> tuple[Issue, ...]:
     """
     whole = parse(target, text.replace(entries.UNKNOWN, entries.UNKNOWN.replace("# ", "")))
     try:
-        assemble(loading.validated(whole), whole)
+        assemble(loading.validated(whole))
     except InputError as error:
         message = "`check` would refuse what can be made of it; mend it, or write a config by hand"
         raise InputError([Issue(str(record), message), *error.problems]) from None

@@ -16,8 +16,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
+from bayesdrill.basics.arrays import Array
 from bayesdrill.drafting import signals
-from bayesdrill.drafting.columns import GEARBOX, MOTOR, ROTOR, TWIST, Array
+from bayesdrill.drafting.columns import GEARBOX, MOTOR, ROTOR, TWIST
 from bayesdrill.drafting.sensors import SLOWEST
 from bayesdrill.drafting.signals import TURNS, Sensor
 from bayesdrill.drafting.timing import Part

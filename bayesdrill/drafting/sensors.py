@@ -7,8 +7,9 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from bayesdrill.basics import units
+from bayesdrill.basics.arrays import Array
 from bayesdrill.drafting import signals
-from bayesdrill.drafting.columns import GEARBOX, MOTOR, ROTOR, SI, TWIST, Array, Seen, believable
+from bayesdrill.drafting.columns import GEARBOX, MOTOR, ROTOR, SI, TWIST, Seen, believable
 from bayesdrill.drafting.signals import TURNS, Raw, Sensor
 from bayesdrill.drafting.timing import Part
 

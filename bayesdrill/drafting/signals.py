@@ -14,11 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayesdrill.basics import units
+from bayesdrill.basics.arrays import Array
 from bayesdrill.drafting.columns import LEAST, SI, TWIST, Seen, believable
 from bayesdrill.drafting.timing import Part
 from bayesdrill.record import anomalies
-
-Array = NDArray[np.float64]
 
 # How many units of the angle are one of the speed, times s: what a derivative can be.
 FACTORS = {

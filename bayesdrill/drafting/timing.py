@@ -13,10 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayesdrill.basics import units
+from bayesdrill.basics.arrays import Array
 from bayesdrill.drafting.columns import LARGEST, LEAST, Seen
 from bayesdrill.record.experiment import STEP_TOLERANCE
-
-Array = NDArray[np.float64]
 
 USUAL_RATE = 300.0  # Hz; rates of rigs lie around it, by their logarithm
 

@@ -10,9 +10,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bayesdrill.basics import symbols
+from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.symbols import Symbol, product_latex, unit_product
 from bayesdrill.inference.posterior import Problem
 from bayesdrill.record.experiment import usual_inputs
@@ -20,8 +20,6 @@ from bayesdrill.rig import models
 from bayesdrill.rig.models.friction import Named
 from bayesdrill.rig.models.linear import Linear, Model, driven, dynamics
 from bayesdrill.rig.steady_state import angles_of, ends, turning, turns
-
-Array = NDArray[np.float64]
 
 HDI_PROBABILITY = 0.94
 _TRIED = 1000  # draws from the priors, at which formulas are tried

@@ -1,11 +1,7 @@
 """The log posterior near a point: its slopes and curvature, and the Gaussian approximation there.
 
-The Gaussian approximation of the posterior at a point: scales for optimiser and walkers.
-
-Gauss-Newton information of the record plus the information of the priors, both in the logs of the
-unknowns.  It decides where to start and how to scale, never what is reported.
-
-The log posterior over the sampler's coordinates, with slopes and curvature, point by point.
+The approximation is the Gauss-Newton information of the record plus that of the priors, both in the logs
+of the unknowns.  It decides where to start and how to scale, never what is reported.
 
 Slopes of the response are exact (`models.tangent`), its curvature is that of Gauss and Newton: what
 a straight response would have.  That is positive, and right where the fit leaves only noise.
@@ -19,14 +15,12 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bayesdrill.basics.arrays import Array, Flags
 from bayesdrill.inference.likelihood import Directions, Observation, along, weighted
 from bayesdrill.inference.posterior import Posterior
-from bayesdrill.inference.priors import spread, spread_of_log
+from bayesdrill.inference.priors import Prior, spread, spread_of_log
 from bayesdrill.inference.unknowns import MOVES, Coordinates, Unknown
-
-Array = NDArray[np.float64]
 
 _STEP = 1e-5  # of a log: central differences then err by about 1e-10
 
@@ -193,7 +187,7 @@ class Surface(Protocol):
 
     def value(self, u: Array) -> Array: ...
 
-    def inside(self, u: Array) -> NDArray[np.bool_]: ...
+    def inside(self, u: Array) -> Flags: ...
 
     def expand(self, u: Array, directions: Array) -> Expansion:
         """`directions (D, q)`: columns along which slopes are wanted."""
@@ -222,7 +216,7 @@ class PosteriorSurface:
             return self.posterior(u)
         return self.posterior.density(self.posterior.coordinates.to_physical(u))
 
-    def inside(self, u: Array) -> NDArray[np.bool_]:
+    def inside(self, u: Array) -> Flags:
         return self.posterior.supports(u)
 
     def expand(self, u: Array, directions: Array) -> Expansion:
@@ -288,9 +282,14 @@ def _ends(unknown: Unknown) -> tuple[float, float]:
         low, high = unknown.between
         inset = NOTHING * (high - low)
         return max(prior.low, low + inset), min(prior.high, high - inset)
+    return ends_of(prior, NOTHING)
+
+
+def ends_of(prior: Prior, tail: float) -> tuple[float, float]:
+    """Of the support; where that has no end, or zero, with so much of the prior beyond."""
     bounded = np.isfinite(prior.low) and prior.low != 0  # where nothing itself may be impossible
-    low = prior.low if bounded else float(prior.quantile(np.array(NOTHING)))
-    high = prior.high if np.isfinite(prior.high) else float(prior.quantile(np.array(1 - NOTHING)))
+    low = prior.low if bounded else float(prior.quantile(np.array(tail)))
+    high = prior.high if np.isfinite(prior.high) else float(prior.quantile(np.array(1 - tail)))
     return low, high
 
 

@@ -3,23 +3,24 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import islice
 from typing import Any, Protocol, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bayesdrill.basics.arrays import Array
 from bayesdrill.inference.noise.contract import Noise
 from bayesdrill.inference.noise.mixed import of_record
 from bayesdrill.inference.unknowns import ParameterSpace, Unknown
 from bayesdrill.record.experiment import Experiment, frozen
+from bayesdrill.rig.models.linear import Model
+from bayesdrill.rig.simulators import simulator
 from bayesdrill.rig.simulators.contract import Simulator
 from bayesdrill.rig.simulators.kalman import Filtered
-
-Array = NDArray[np.float64]
+from bayesdrill.rig.simulators.sensors import Sensing
 
 
 @dataclass(frozen=True)
@@ -194,6 +195,16 @@ class Observation:
         """By another simulator, whose parameters have these names; to be `placed`."""
         return dataclasses.replace(self, response=response, parameters=parameters)
 
+    def of_rig(self, model: Model, sensing: Sensing) -> Self:
+        """Return it for another rig and other sensors, in the same steps; to be `placed`.
+
+        New parameters are called among those of all as they are in rig and sensors.
+        """
+        old = self.response
+        response = simulator(model, self.experiment, sensing, *(old.stepping or ()))
+        told = self.named(old.parameters)
+        return self.simulated(response, [told.get(name, name) for name in response.parameters])
+
     def on(self, y: Array) -> Self:
         """Of a record `(T, K)` at the same times, with other samples missing; raises `ValueError` where
         the noise has to see all.
@@ -339,6 +350,16 @@ class Likelihood:
         """Of several experiments; their names stand in `space`."""
         return cls(tuple(one.placed(space) for one in parts), space)
 
+    def edited(
+        self, space: ParameterSpace, each: Callable[[Observation], Observation]
+    ) -> Likelihood:
+        """Return it for the unknowns of `space`, each observation replaced by another."""
+        every, apart = (
+            tuple(each(one).placed(space) for one in some)
+            for some in (self.observations, self.apart)
+        )
+        return Likelihood(every, space, apart)
+
     def without(self, labels: Collection[str]) -> Likelihood:
         """With these experiments `apart`."""
         kept = [one for one in self.observations if one.label not in labels]
@@ -410,14 +431,6 @@ class Likelihood:
     def with_alone(self, **changes: Any) -> Likelihood:
         """With another `response` or `noise`."""
         return dataclasses.replace(self, observations=(dataclasses.replace(self.alone, **changes),))
-
-    def own(self, theta: Array) -> Array:
-        """The noise's unknowns among `theta`, `(W, n)`."""
-        return theta[:, self.alone.own]
-
-    def sigmas(self, theta: Array) -> Array:
-        """Of every channel, known or not: `(W, K)`, SI."""
-        return self.alone.scales(theta)
 
     def signals(self, theta: Array) -> Array:
         """The channels without noise, `(W, T, K)`."""

@@ -4,20 +4,23 @@ values (a `Problem`).
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import dataclasses
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from types import MappingProxyType
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bayesdrill.basics.arrays import Array, Flags
 from bayesdrill.basics.formulas import Expression
 from bayesdrill.basics.symbols import Symbol
+from bayesdrill.basics.units import SECOND, Unit
+from bayesdrill.inference.display_units import SI, OwnUnits
 from bayesdrill.inference.likelihood import Likelihood, Observation
-from bayesdrill.inference.unknowns import Coordinates, ParameterSpace
+from bayesdrill.inference.priors import Prior
+from bayesdrill.inference.unknowns import MOVES, Coordinates, ParameterSpace, Unknown
 from bayesdrill.record.experiment import Experiment
 from bayesdrill.rig.models.linear import Model
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,6 +35,31 @@ class Posterior:
     likelihood: Likelihood
     coordinates: Coordinates
 
+    def edit(
+        self,
+        *,
+        free: Sequence[Unknown] = (),
+        priors: Mapping[str, Prior] = MappingProxyType({}),
+        records: Sequence[Array] = (),
+        each: Callable[[Observation], Observation] = lambda one: one,
+    ) -> Posterior:
+        """Return it with something changed, and all else as it is: steps, sensors, experiments.
+
+        `free`: what becomes unknown, numbers that were held or parameters that observations have only
+        now: those of the rig stand behind the rig's others, and all others before the noise.  `priors`:
+        of unknowns, by name.  `records`: one `(T, K)` for each observation.  `each`: makes another
+        observation of every one, such as `Observation.of_rig`, also of those that are held out.
+        """
+        space = self.space if not free else _with_unknowns(self.space, free)
+        space = space if not priors else space.with_priors(priors)
+        likelihood = self.likelihood.edited(space, each)
+        if records:
+            pairs = zip(likelihood.observations, records, strict=True)
+            measured = tuple(one.with_record(y) for one, y in pairs)
+            likelihood = dataclasses.replace(likelihood, observations=measured)
+        coordinates = self.coordinates if space is self.space else space.coordinates()
+        return Posterior(space, likelihood, coordinates)
+
     def __call__(self, z: Array) -> Array:
         return self.evaluate(z)[0]
 
@@ -43,7 +71,7 @@ class Posterior:
         log_p[inside] += log_jacobian[inside]
         return log_p, failures
 
-    def supports(self, z: Array) -> NDArray[np.bool_]:
+    def supports(self, z: Array) -> Flags:
         """Whether the priors have a density at `z (W, D)`: `(W,)`, without asking the model."""
         theta = self.coordinates.to_physical(z)
         return np.asarray(self.space.log_prior(theta) > -np.inf)
@@ -64,6 +92,20 @@ class Posterior:
         return log_p, int(failed.sum())
 
 
+def _with_unknowns(space: ParameterSpace, new: Sequence[Unknown]) -> ParameterSpace:
+    """What is `new` among the unknowns, and no longer among what is held."""
+    names, old = [one.name for one in new], space.unknowns
+    rig, moving = len(space.columns("rig", "quantity")), len(space.columns(*MOVES))
+    of_rig = [one for one in new if one.role == "rig"]
+    others = [one for one in new if one.role != "rig"]
+    return dataclasses.replace(
+        space,
+        model=(*space.model, *(name for name in names if name not in space.model)),
+        unknowns=(*old[:rig], *of_rig, *old[rig:moving], *others, *old[moving:]),
+        fixed={name: value for name, value in space.fixed.items() if name not in names},
+    )
+
+
 @dataclass(frozen=True, slots=True)
 class Formula:
     symbol: Symbol
@@ -75,7 +117,9 @@ class Problem:
     """All that inference needs: `symbols` of the unknowns and their nominal values (if any).
 
     `published`: names whose nominal value a table gives; `tolerance`: relative, of nominal values;
-    `derived`: formulas of the config's own, beside what is always derived.
+    `derived`: formulas of the config's own, beside what is always derived; `units` in which people are
+    shown unknowns and what follows from them, and `clock`, times; `compared_with`: what the nominal
+    values are called in sentences.
     """
 
     posterior: Posterior
@@ -84,6 +128,9 @@ class Problem:
     published: frozenset[str] = frozenset()
     tolerance: Mapping[str, float] = field(default_factory=dict)
     derived: tuple[Formula, ...] = ()
+    units: OwnUnits = SI
+    clock: Unit = SECOND
+    compared_with: str = ""
 
     @property
     def observations(self) -> tuple[Observation, ...]:

@@ -12,13 +12,15 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Any, ClassVar, Protocol
+from typing import Annotated, Any, ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field
 from scipy.special import log_ndtr, ndtr, ndtri
 
-Array = NDArray[np.float64]
+from bayesdrill.basics.arrays import Array
+from bayesdrill.basics.entries import SMALLEST, NonNegative, Number, Positive
 
 _LOG_SQRT_2PI = 0.5 * math.log(2 * math.pi)
 
@@ -60,6 +62,10 @@ class Prior(Protocol):
         """The same density with other ends, where it has some."""
         ...
 
+    def scaled(self, factor: float) -> Prior:
+        """That of the unknown times a positive factor, as in another unit."""
+        ...
+
     def describe(self) -> str: ...
 
 
@@ -74,11 +80,30 @@ class _Family:
     def extended(self: Prior, low: float, high: float) -> Prior:
         return self
 
+    def scaled(self: Any, factor: float) -> Prior:
+        every = (field.name for field in dataclasses.fields(self))
+        moved = {name: getattr(self, name) * factor for name in every if name != "sd_log"}
+        made: Prior = dataclasses.replace(self, **moved)
+        return made
+
+
+class _Positive(_Family):
+    """And those of all positive numbers."""
+
+    __slots__ = ()
+    low: ClassVar[float] = 0.0
+    high: ClassVar[float] = math.inf
+    in_logs: ClassVar[bool] = False
+
 
 class _Ended(_Family):
     """And those with ends of their own."""
 
     __slots__ = ()
+
+    @property
+    def in_logs(self: Any) -> bool:
+        return bool(self.low > 0)
 
     def extended(self: Any, low: float, high: float) -> Prior:
         made: Prior = dataclasses.replace(self, low=low, high=high)
@@ -89,12 +114,8 @@ class _Ended(_Family):
 class Uniform(_Ended):
     flat: ClassVar[bool] = True
 
-    low: float
-    high: float
-
-    @property
-    def in_logs(self) -> bool:
-        return self.low > 0
+    low: NonNegative
+    high: Positive
 
     def logpdf(self, x: Array) -> Array:
         inside = (x >= self.low) & (x <= self.high) & _possible(self, x)
@@ -111,12 +132,8 @@ class Uniform(_Ended):
 class LogUniform(_Ended):
     flat_in_logs: ClassVar[bool] = True
 
-    low: float
-    high: float
-
-    @property
-    def in_logs(self) -> bool:
-        return True
+    low: Positive
+    high: Positive
 
     def logpdf(self, x: Array) -> Array:
         inside = (x >= self.low) & (x <= self.high)
@@ -134,14 +151,10 @@ class LogUniform(_Ended):
 class TruncatedNormal(_Ended):
     """Normal(mean, sd) given low <= x <= high; mean and sd are those before truncation."""
 
-    mean: float
-    sd: float
-    low: float = 0.0
-    high: float = math.inf
-
-    @property
-    def in_logs(self) -> bool:
-        return self.low > 0
+    mean: Number
+    sd: Positive
+    low: NonNegative = 0.0
+    high: Positive = math.inf
 
     def logpdf(self, x: Array) -> Array:
         inside = (x >= self.low) & (x <= self.high) & _possible(self, x)
@@ -175,25 +188,17 @@ class TruncatedNormal(_Ended):
 
 
 @dataclass(frozen=True, slots=True)
-class LogNormal(_Family):
+class LogNormal(_Positive):
     """log x is normal with mean log(median) and standard deviation `sd_log`."""
 
     vanishes_at_ends: ClassVar[bool] = True
+    in_logs: ClassVar[bool] = True
 
-    median: float
-    sd_log: float
-
-    @property
-    def low(self) -> float:
-        return 0.0
-
-    @property
-    def high(self) -> float:
-        return math.inf
-
-    @property
-    def in_logs(self) -> bool:
-        return True
+    median: Positive
+    sd_log: Annotated[
+        float,
+        Field(ge=SMALLEST, le=20, description="Standard deviation of the natural logarithm."),
+    ]
 
     def logpdf(self, x: Array) -> Array:
         inside = x > 0
@@ -210,22 +215,10 @@ class LogNormal(_Family):
 
 
 @dataclass(frozen=True, slots=True)
-class HalfNormal(_Family):
+class HalfNormal(_Positive):
     """|Normal(0, scale)|."""
 
-    scale: float
-
-    @property
-    def low(self) -> float:
-        return 0.0
-
-    @property
-    def high(self) -> float:
-        return math.inf
-
-    @property
-    def in_logs(self) -> bool:
-        return False
+    scale: Positive
 
     def logpdf(self, x: Array) -> Array:
         inside = x > 0
@@ -238,45 +231,6 @@ class HalfNormal(_Family):
 
     def describe(self) -> str:
         return f"half-normal, scale {self.scale:.6g}"
-
-
-@dataclass(frozen=True, slots=True)
-class InUnits(_Family):
-    """`si`, of a quantity that is written in a unit of `factor` SI."""
-
-    si: Prior
-    factor: float
-
-    @property
-    def flat_in_logs(self) -> bool:  # type: ignore[override]
-        return self.si.flat_in_logs
-
-    @property
-    def low(self) -> float:
-        return self.si.low / self.factor
-
-    @property
-    def high(self) -> float:
-        return self.si.high / self.factor
-
-    @property
-    def in_logs(self) -> bool:
-        return self.si.in_logs
-
-    def logpdf(self, x: Array) -> Array:
-        return self.si.logpdf(np.asarray(x) * self.factor) + math.log(self.factor)
-
-    def quantile(self, u: Array) -> Array:
-        return self.si.quantile(u) / self.factor
-
-    def describe(self) -> str:
-        """In numbers of that unit."""
-        si: Any = self.si
-        scaled = ("low", "high", "mean", "sd", "median", "scale")
-        given = [one.name for one in dataclasses.fields(si) if one.name in scaled]
-        own = {name: getattr(si, name) / self.factor for name in given}
-        described: str = dataclasses.replace(si, **own).describe()
-        return described
 
 
 def _possible(prior: Prior, x: Array) -> NDArray[np.bool_] | bool:
@@ -293,11 +247,17 @@ def flat_in_logs(prior: Prior | None) -> bool:
     return prior is not None and prior.flat_in_logs
 
 
-def normal(mean: float, sd: float) -> TruncatedNormal:
-    """A normal prior of a positive quantity: cut at zero and renormalised."""
+def normal(mean: Number, sd: Positive) -> TruncatedNormal:
+    """Cut at zero and renormalised, as all unknowns are positive."""
     return TruncatedNormal(mean, sd)
 
 
+def uncut_normal(mean: Number, sd: Positive) -> TruncatedNormal:
+    """Not cut anywhere."""
+    return TruncatedNormal(mean, sd, -math.inf, math.inf)
+
+
+# By the words of a config.  The annotated numbers of each are its entries there, with their bounds.
 PRIORS: Mapping[str, Callable[..., Prior]] = MappingProxyType(
     {
         "uniform": Uniform,
@@ -306,6 +266,15 @@ PRIORS: Mapping[str, Callable[..., Prior]] = MappingProxyType(
         "truncated_normal": TruncatedNormal,
         "log_normal": LogNormal,
         "half_normal": HalfNormal,
+    }
+)
+# Of a sensor or a start, whose ends may be below zero.
+SIGNED_PRIORS: Mapping[str, Callable[..., Prior]] = MappingProxyType(
+    {
+        "uniform": Uniform,
+        "normal": uncut_normal,
+        "truncated_normal": TruncatedNormal,
+        "log_normal": LogNormal,
     }
 )
 

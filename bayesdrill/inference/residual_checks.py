@@ -12,12 +12,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import chdtri, ndtri
 
+from bayesdrill.basics.arrays import Array
 from bayesdrill.inference.likelihood import Likelihood, Observation
-
-Array = NDArray[np.float64]
 
 FALSE_ALARM = 0.01  # of records of the model, with its noise, would give any finding at most
 FAR_TOO_LARGE = 1.5  # rms over sigma, from which on nothing that counts on the noise is believed

@@ -14,8 +14,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bayesdrill.basics.arrays import Array
 from bayesdrill.inference.likelihood import Directions, Observation
 from bayesdrill.inference.noise.mixed import Mixed, Part
 from bayesdrill.inference.noise.white import White
@@ -23,8 +23,6 @@ from bayesdrill.inference.unknowns import ParameterSpace, Unknown
 from bayesdrill.rig.models.latent_torque import SIZE, TIME
 from bayesdrill.rig.simulators.contract import Simulator
 from bayesdrill.rig.simulators.kalman import Filtered
-
-Array = NDArray[np.float64]
 
 MOST_BYTES = 6e7  # of slopes at a time
 
@@ -169,14 +167,14 @@ class ShakenObservation(Observation):
     def followed(self, full: Array, theta: Array) -> Array:
         signals = self.signals(full)
         states = self.smooth(self.experiment.y - signals, theta)
-        return signals + np.asarray(states @ np.array(self.filtered.noisy.channels).T)
+        return signals + np.asarray(states @ self.filtered.weights.T)
 
     def known(self, samples: Array, theta: Array, rng: np.random.Generator) -> tuple[Array, Array]:
         own = self._own(theta)
         with np.errstate(all="ignore"):
             fresh, shown = self.filtered.draw(self._of_process(own), self._scales(own), rng)
         drawn = fresh + self.smooth(samples - shown, theta)
-        return drawn, np.asarray(drawn @ np.array(self.filtered.noisy.channels).T)
+        return drawn, np.asarray(drawn @ self.filtered.weights.T)
 
     def again(self, signals: Array, theta: Array, rng: np.random.Generator) -> Array:
         moved = self.known(self.experiment.y - signals, theta, rng)[1]

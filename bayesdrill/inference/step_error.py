@@ -8,23 +8,19 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bayesdrill.basics.arrays import Array
 from bayesdrill.inference.likelihood import Likelihood, Observation
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.rig.simulators.contract import Simulator, Stepping
 from bayesdrill.rig.simulators.stepped import TURNS
 
-Array = NDArray[np.float64]
 Taken = tuple[int, int]  # steps to a sample, and parts of those in which something turns
 
 FINER = 16  # times as many pieces are taken for the truth
 ENOUGH = 0.1  # of the noise: what steps may do to a sample
 SAFE = 0.5  # of that, where they are chosen: elsewhere than where they are looked at in the end
-POINTS, SCATTER = (
-    8,
-    0.1,
-)  # that are looked at: as many as take no longer than one; and how far they are
+POINTS, SCATTER = 8, 0.1  # looked at: as many as take no longer than one; and how far apart
 STRANGE = 1  # of them, which need not have enough
 MOST = 64
 # Pieces, and parts of those in which something turns, that are taken by themselves.
@@ -88,9 +84,7 @@ def evidence_shift(posterior: Posterior, draws: Array) -> EvidenceShift | None:
 
 
 def _finer(posterior: Posterior, part: int) -> Posterior:
-    return _with(
-        posterior, lambda one: dataclasses.replace(one, response=_truth(one.response, part))
-    )
+    return _with(posterior, lambda one: _by(one, _truth(one.response, part)))
 
 
 def _log_likelihood(posterior: Posterior, draws: Array) -> Array:
@@ -131,17 +125,15 @@ def taking(posterior: Posterior, steps: Mapping[str, Taken]) -> Posterior:
 
 def _with(posterior: Posterior, made: Callable[[Observation], Observation]) -> Posterior:
     """With other observations where they are stepped."""
-    likelihood = posterior.likelihood
-    every, apart = (
-        tuple(made(one) if one.response.stepping else one for one in some)
-        for some in (likelihood.observations, likelihood.apart)
-    )
-    likelihood = dataclasses.replace(likelihood, observations=every, apart=apart)
-    return dataclasses.replace(posterior, likelihood=likelihood)
+    return posterior.edit(each=lambda one: made(one) if one.response.stepping else one)
 
 
 def _in(one: Observation, pieces: int, turns: int) -> Observation:
-    return dataclasses.replace(one, response=one.response.finer(pieces, turns, chosen=True))
+    return _by(one, one.response.finer(pieces, turns, chosen=True))
+
+
+def _by(one: Observation, response: Simulator) -> Observation:
+    return dataclasses.replace(one, response=response)
 
 
 def _about(posterior: Posterior, theta: Array) -> Array:

@@ -18,15 +18,13 @@ from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import ndtr, ndtri
 
+from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.duals import Dual
 from bayesdrill.basics.formulas import Expression
 from bayesdrill.basics.symbols import Symbol, raised
 from bayesdrill.inference.priors import Prior, draw, signed, spread
-
-Array = NDArray[np.float64]
 
 LOG_ROOT_2PI = 0.5 * math.log(2.0 * math.pi)
 

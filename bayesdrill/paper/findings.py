@@ -8,13 +8,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
 from bayesdrill import output_files
 from bayesdrill.analysis import Verdict
-from bayesdrill.basics import InputError, Issue
-from bayesdrill.config import Config, Job, Source, job, loading
+from bayesdrill.basics import Array, InputError, Issue
+from bayesdrill.config import Job, ResolvedCase, job, loading
 from bayesdrill.config import optimiser as optimiser_of
 from bayesdrill.paper import printed
 from bayesdrill.paper.forward import Error, Reading
@@ -24,8 +21,6 @@ from bayesdrill.paper.searches import Control, End, Heuristic
 from bayesdrill.paper.verification import Verification
 from bayesdrill.record import Experiment
 from bayesdrill.sampling import Optimiser
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -110,7 +105,7 @@ class Studies:
     two: Job
     nines: tuple[Job, ...]
     pairwise: tuple[Optimiser, ...]
-    makers: tuple[tuple[Config, Source], ...]
+    makers: tuple[ResolvedCase, ...]
 
 
 def prepare(configs: Path) -> Studies:

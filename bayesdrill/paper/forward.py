@@ -1,9 +1,8 @@
 """The paper's forward model beside the exact one: its printed matrix, its integrator (MATLAB's
 ode23t), its misfit.
 
-The paper's integrator: MATLAB's ode23t, of which this is the same kind, written anew.
-
-The trapezoidal rule with steps that fit a tolerance, for `x' = A x + f` with both constant:
+The integrator is one of the same kind, written anew: the trapezoidal rule with steps that fit a
+tolerance, for `x' = A x + f` with both constant:
 
     x_new - x = (h/2)(x' + x'_new),  so  x_new = x + (1 - h A/2)^-1 h x'
 
@@ -31,15 +30,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bayesdrill.basics import Array
 from bayesdrill.inference import Likelihood, derived
 from bayesdrill.paper.plugins import AsPrinted
 from bayesdrill.record import Experiment, regular
 from bayesdrill.rig import Model, MotorShaft, Named, Response
 from bayesdrill.sampling import Task
-
-Array = NDArray[np.float64]
 
 SIX_STATES = ("theta_1", "theta_2", "q", "w_1", "w_2", "i")
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -10,9 +11,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from numpy.typing import NDArray
 
-from bayesdrill.basics import PARAMETERS, STATES, own_symbol
+from bayesdrill.basics import PARAMETERS, STATES, Array, own_symbol
 from bayesdrill.inference import HDI_PROBABILITY, hdi
 from bayesdrill.paper import printed as paper
 from bayesdrill.paper.forward import Reading
@@ -31,7 +31,6 @@ from bayesdrill.report import (
     usable,
 )
 
-Array = NDArray[np.float64]
 Look = Mapping[str, Any]
 
 FIT_LEGEND: Look = {"loc": "upper center", "borderaxespad": 0.3, "columnspacing": 1.6}
@@ -80,10 +79,7 @@ def readings_figure(readings: Sequence[Reading]) -> Figure:
             for k, reading in enumerate(readings):
                 looks = CURVES[k % len(CURVES)]
                 panel.plot(time(reading.t), speed(reading.curve), zorder=3 - 0.1 * k, **looks)
-            panel.set_xlim(time.low, time.high)
-            panel.set_ylim(speed.low, speed.high)
-            style.set_ticks(panel.xaxis, *scales.ticks(time.low, time.high, 6, clear=0.0))
-            style.set_ticks(panel.yaxis, *scales.ticks(speed.low, speed.high, 5))
+            _axes(panel, time, speed)
             panel.set_xlabel(time.label(TIME))
             style.side_label(panel, speed.label(STATES["w_2"]))
         everything = scales.scale(*ranges[0])
@@ -95,6 +91,13 @@ def readings_figure(readings: Sequence[Reading]) -> Figure:
         ]
         figure.legend(handles=handles, ncols=2, handlelength=3.0, labelspacing=0.25, **FIT_LEGEND)
     return figure
+
+
+def _axes(panel: Axes, time: scales.Scale, numbers: scales.Scale) -> None:
+    panel.set_xlim(time.low, time.high)
+    panel.set_ylim(numbers.low, numbers.high)
+    style.set_ticks(panel.xaxis, *scales.ticks(time.low, time.high, 6, clear=0.0))
+    style.set_ticks(panel.yaxis, *scales.ticks(numbers.low, numbers.high, 5))
 
 
 def _ending(reading: Reading) -> str:
@@ -188,17 +191,7 @@ def _errors(panel: Axes, v: Verification, k: int, printed: Mapping[float, paper.
 
 # The fit
 
-FIT = Page(
-    columns=2,
-    width=scales.DOUBLE,
-    row=1.45,
-    left=0.62,
-    right=0.12,
-    gap_x=0.74,
-    gap_y=0.14,
-    top=0.32,
-    bottom=0.42,
-)
+FIT = dataclasses.replace(PAIR, row=1.45, gap_y=0.14, top=0.32)
 MEASURED: Look = {"color": style.NOMINAL["color"], "linestyle": "-", "linewidth": 0.8}
 ESTIMATED: Look = {
     "color": style.MAP_COLOUR,
@@ -227,10 +220,7 @@ def fit_paper_figure(experiment: Experiment, estimated: Array) -> Figure:
             line = extremes(y, LINE_POINTS)
             panel.plot(time(t[line]), numbers(y[line]), **MEASURED)
             panel.plot(time(t[marks]), numbers(model[marks]), zorder=3, **ESTIMATED)
-            panel.set_xlim(time.low, time.high)
-            panel.set_ylim(numbers.low, numbers.high)
-            style.set_ticks(panel.xaxis, *scales.ticks(time.low, time.high, 6, clear=0.0))
-            style.set_ticks(panel.yaxis, *scales.ticks(numbers.low, numbers.high, 5))
+            _axes(panel, time, numbers)
             style.side_label(panel, numbers.label(channel))
             lowest = k + FIT.columns >= n
             panel.tick_params(labelbottom=lowest)

@@ -46,11 +46,9 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Annotated, ClassVar, Literal
 
-import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
-from bayesdrill.basics import Count, Positive, Symbol, did_you_mean
+from bayesdrill.basics import Array, Count, Positive, Symbol, did_you_mean
 from bayesdrill.rig import Gear, Linear, Model, MotorShaft, Named
 from bayesdrill.sampling import Optimum, Run, Task, descend
 
@@ -80,8 +78,6 @@ class AsPrinted(Model):
         }
         return Linear(A={**right.A, **printed}, B=right.B, c=right.c)
 
-
-Array = NDArray[np.float64]
 
 TOLERANCE = 1e-4  # TolX and TolFun
 PER_UNKNOWN = 200  # MaxIter and MaxFunEvals, times the number of unknowns

@@ -1,9 +1,8 @@
 """The paper's misfit and how well an estimate can do at all: Cramer-Rao bounds, and records of
 known truth.
 
-What is known of a record's truth: the record is made anew, and must be the one there is.
-
-So a measured record that takes the place of a simulated one has no truth, whatever configs say.
+Where a truth is claimed the record is made anew, and must be the one there is: a measured record that
+takes the place of a simulated one has no truth, whatever configs say.
 """
 
 from __future__ import annotations
@@ -14,13 +13,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from bayesdrill.analysis import Scenery, from_sensitivities
-from bayesdrill.basics import seeds
-from bayesdrill.config import Config, Source, path_of, simulate
-from bayesdrill.config import model as model_of
+from bayesdrill.basics import Array, seeds
+from bayesdrill.config import ResolvedCase, path_of, simulate
 from bayesdrill.config import truth as simulated_truth
 from bayesdrill.inference import Likelihood, Posterior
 from bayesdrill.paper import printed
@@ -28,8 +25,6 @@ from bayesdrill.paper.plugins import Fminsearch
 from bayesdrill.record import regular
 from bayesdrill.rig import Model, MotorShaft, Response, TwoRotors
 from bayesdrill.sampling import THOROUGH, Optimiser, Task, mode_search
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -44,7 +39,7 @@ class Length:
 def bounds(likelihood: Likelihood, truth: Array) -> Array:
     """Cramer-Rao bounds of the unknowns `(D,)`, physical, for noise of sigma 1 in every channel."""
     scenery = Scenery(likelihood)
-    sigma = likelihood.sigmas(truth[None])[0]
+    sigma = likelihood.alone.scales(truth[None])[0]
     rows = scenery.sensitivities(truth)
     each = (rows.reshape(-1, len(sigma), rows.shape[1]) * sigma[:, None]).reshape(rows.shape)
     known = from_sensitivities(scenery.unknowns, each)
@@ -146,47 +141,37 @@ def made_record(posterior: Posterior, truth: Array, seed: int, index: int) -> Po
     """With record `index` of the rig `truth (D,)`: its noise is the same for every sigma but in size."""
     rng = seeds.stream(seed, "study", index)
     y = posterior.likelihood.signals(truth[None])
-    return record_of(posterior, posterior.likelihood.noise.draw(y, np.empty((1, 0)), rng)[0])
+    return posterior.edit(records=[*posterior.likelihood.noise.draw(y, np.empty((1, 0)), rng)])
 
 
 def clean_record(posterior: Posterior, truth: Array) -> Posterior:
     """With a record without noise."""
-    return record_of(posterior, posterior.likelihood.signals(truth[None])[0])
+    return posterior.edit(records=[*posterior.likelihood.signals(truth[None])])
 
 
 def with_sigma(posterior: Posterior, sigma: float) -> Posterior:
     """With this noise in every channel."""
-    likelihood = posterior.likelihood
-    known = dict.fromkeys(range(likelihood.noise.n_channels), sigma)
-    noise = dataclasses.replace(likelihood.noise, known=known)
-    return dataclasses.replace(posterior, likelihood=likelihood.with_alone(noise=noise))
-
-
-def record_of(posterior: Posterior, y: Array) -> Posterior:
-    """With the record `y (T, K)`."""
-    likelihood = posterior.likelihood
-    own = likelihood.with_alone(response=likelihood.response.with_record(y))
-    return dataclasses.replace(posterior, likelihood=own)
+    noise = posterior.likelihood.noise
+    known = dict.fromkeys(range(noise.n_channels), sigma)
+    other = dataclasses.replace(noise, known=known)
+    return posterior.edit(each=lambda one: dataclasses.replace(one, noise=other))
 
 
 SAME = 1e-6  # relative, and absolute: records hold nine digits
 
 
-def truth_of(
-    config: Config, source: Source, makers: Sequence[tuple[Config, Source]]
-) -> dict[str, float] | None:
+def truth_of(case: ResolvedCase, makers: Sequence[ResolvedCase]) -> dict[str, float] | None:
     """Parameters of its model with which its record was simulated by one of `makers`.
 
     Of a rig with more to it, those of the paper's model that it is the same as.
     """
-    path, own = path_of(config, source), model_of(config)
-    for other, its_source in makers:
-        if path_of(other, its_source).resolve() != path.resolve():
+    path = path_of(case.config, case.source)
+    for other in makers:
+        if path_of(other.config, other.source).resolve() != path.resolve():
             continue
         text = path.read_text(encoding="utf-8", errors="replace")
-        if _same(simulate(other, its_source, other.seed), text):
-            rig = model_of(other)
-            return _of_model(own, rig, simulated_truth(other, rig))
+        if _same(simulate(other, other.config.seed), text):
+            return _of_model(case.model, other.model, simulated_truth(other.experiments[0]))
     return None
 
 

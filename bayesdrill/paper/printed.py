@@ -1,11 +1,7 @@
 """What the paper prints, what follows from it by arithmetic, and what missing physics would do to
 it.
 
-What the paper prints: its tables as they stand, and what follows from them by arithmetic alone.
-
-Sandoval, Cunha Jr and Sampaio (ENIEF 2013), Tables 1 to 3.
-
-What Table 3 says in quantities that a record can show, and what missing physics would do to them.
+The tables are those of Sandoval, Cunha Jr and Sampaio (ENIEF 2013), Tables 1 to 3.
 
 An inertia j_2 at the output of the gearbox and a resistance r_s in series make the rig another one
 of the same model: with j_m + i_m^2 j_2 and r_m + r_s (`models.two_rotors`).  So they move products
@@ -29,10 +25,9 @@ from decimal import Decimal
 from types import MappingProxyType
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bayesdrill.analysis import Scenery, from_sensitivities, plausibility
-from bayesdrill.basics import symbols
+from bayesdrill.basics import Array, symbols
 from bayesdrill.inference import Posterior, derived, hdi
 from bayesdrill.record import usual_inputs
 from bayesdrill.rig import Model, MotorShaft, Named, TwoRotors
@@ -135,7 +130,7 @@ class Inconsistency:
 
 def inconsistencies() -> tuple[Inconsistency, ...]:
     """Those that numbers show; what is wrong with the matrix is in `models.as_printed`."""
-    return (*_of_tables(), *_of_rig(), *_of_table_2(), *_of_table_3())
+    return (*_of_tables(), *_of_rig(), *_of_estimates())
 
 
 def _of_tables() -> list[Inconsistency]:
@@ -184,21 +179,15 @@ def _of_rig() -> list[Inconsistency]:
     ]
 
 
-def _of_table_2() -> list[Inconsistency]:
-    return [
-        odd
+def _of_estimates() -> list[Inconsistency]:
+    printed = [
+        (f"Table 2 at sigma_n {sigma:g}", name, cell)
         for sigma, row in TWO_PARAMETERS.items()
         for name, cell in row.items()
-        if (odd := _odd(f"{name} in Table 2 at sigma_n {sigma:g}: deviation", name, cell))
     ]
-
-
-def _of_table_3() -> list[Inconsistency]:
-    return [
-        odd
-        for name, cell in NINE_PARAMETERS.items()
-        if (odd := _odd(f"{name} in Table 3: deviation", name, cell))
-    ]
+    printed += [("Table 3", name, cell) for name, cell in NINE_PARAMETERS.items()]
+    found = (_odd(f"{name} in {where}: deviation", name, cell) for where, name, cell in printed)
+    return [odd for odd in found if odd]
 
 
 def _odd(what: str, name: str, cell: Estimate) -> Inconsistency | None:
@@ -227,8 +216,6 @@ def signed_deviation(name: str) -> float:
     cell = NINE_PARAMETERS[name]
     return math.copysign(cell.deviation, cell.value - GUESS[name])
 
-
-Array = NDArray[np.float64]
 
 # The seven products that neither symmetry changes, and some that follow from them.
 PRODUCTS: Mapping[str, Mapping[str, int]] = {

@@ -290,65 +290,33 @@ def _paper(name: str) -> float:
 
 def _figures(found: Findings) -> list[Wanted]:
     from bayesdrill.paper import plots
-    from bayesdrill.paper import plots as search
-    from bayesdrill.paper.plots import table_3_figure
     from bayesdrill.report import heuristic_figure, rig_figure
 
     heuristics = [(nine.name, nine.heuristic) for nine in found.nines]
     latex = [
         ", ".join(symbols.PARAMETERS[name].latex for name in names) for names in found.symmetries
     ]
-    wanted: list[Wanted] = [
-        ("rig", "The rig.", rig_figure, ()),
-        (
-            "heuristic",
-            "The heuristic, as in the paper.",
-            heuristic_figure,
-            (circle(ORDER), ITERATIONS),
-        ),
-        (
-            "matrix",
-            "Speed of theta_2 with four readings of the printed matrix.",
-            plots.readings_figure,
-            (found.readings,),
-        ),
-        (
-            "table_2",
-            "Error of the two-parameter estimates against the noise.",
-            plots.verification_figure,
-            (found.verification, dict(printed.TWO_PARAMETERS)),
-        ),
-        (
-            "simultaneous",
-            "Where searches for all unknowns at once end.",
-            search.simultaneous_figure,
-            (found.ends, latex),
-        ),
-        (
-            "convergence",
-            "Misfit after each iteration of the heuristic.",
-            search.convergence_figure,
-            (heuristics,),
-        ),
-    ]
+    wanted: list[Wanted] = []
+
+    def want(stem: str, says: str, figure: Callable[..., Figure], *arguments: Any) -> None:
+        wanted.append((stem, says, figure, arguments))
+
+    want("rig", "The rig.", rig_figure)
+    pairs = circle(ORDER)
+    want("heuristic", "The heuristic, as in the paper.", heuristic_figure, pairs, ITERATIONS)
+    says = "Speed of theta_2 with four readings of the printed matrix."
+    want("matrix", says, plots.readings_figure, found.readings)
+    says, paper = "Error of the two-parameter estimates against the noise.", printed.TWO_PARAMETERS
+    want("table_2", says, plots.verification_figure, found.verification, dict(paper))
+    says = "Where searches for all unknowns at once end."
+    want("simultaneous", says, plots.simultaneous_figure, found.ends, latex)
+    says = "Misfit after each iteration of the heuristic."
+    want("convergence", says, plots.convergence_figure, heuristics)
     for nine in found.nines:
-        h = nine.heuristic
-        wanted.append(
-            (
-                f"fit_{nine.name}",
-                f"Record `{nine.name}` and the heuristic's fit.",
-                plots.fit_paper_figure,
-                (nine.experiment, nine.signals),
-            )
-        )
-        paper = np.array([_paper(name) for name in nine.names])
-        values = (nine.names, h.guess, h.estimate, h.others, nine.truth, nine.draws, paper)
-        wanted.append(
-            (
-                f"table_3_{nine.name}",
-                f"Record `{nine.name}`: the heuristic's estimates and the posterior.",
-                table_3_figure,
-                values,
-            )
-        )
+        says = f"Record `{nine.name}` and the heuristic's fit."
+        want(f"fit_{nine.name}", says, plots.fit_paper_figure, nine.experiment, nine.signals)
+        h, estimates = nine.heuristic, np.array([_paper(name) for name in nine.names])
+        values = (nine.names, h.guess, h.estimate, h.others, nine.truth, nine.draws, estimates)
+        says = f"Record `{nine.name}`: the heuristic's estimates and the posterior."
+        want(f"table_3_{nine.name}", says, plots.table_3_figure, *values)
     return wanted

@@ -9,12 +9,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bayesdrill import output_files
 from bayesdrill.analysis import Scenery, study_of
-from bayesdrill.basics import Interrupted, Reporter, Silent, software
-from bayesdrill.config import Config, Job, Source
+from bayesdrill.basics import Array, Interrupted, Reporter, Silent, software
+from bayesdrill.config import Job, ResolvedCase
 from bayesdrill.inference import ParameterSpace
 from bayesdrill.paper import forward, precision, printed, reproduction, searches
 from bayesdrill.paper.findings import Findings, Misfits, Nine, Studies, prepare
@@ -25,8 +24,6 @@ from bayesdrill.results import Folder
 from bayesdrill.rig import MotorShaft
 from bayesdrill.sampling import Crew, Optimiser
 from bayesdrill.tasks import conclusions, pipeline
-
-Array = NDArray[np.float64]
 
 RECORDS = 400  # of each sigma in the verification study
 STARTS = 40  # of the simultaneous searches, each way
@@ -144,7 +141,7 @@ def _control(nine: Job, search: Optimiser, processes: int) -> tuple[Control, ...
 def _nine(
     nine: Job,
     search: Optimiser,
-    makers: Sequence[tuple[Config, Source]],
+    makers: Sequence[ResolvedCase],
     folder: Path,
     processes: int,
     clock: _Clock,
@@ -160,7 +157,7 @@ def _nine(
     state = "converged" if whole.sampled.convergence.converged else "NOT converged"
     clock.done(f"{name}: the posterior, {state}")
     draws = whole.sampled.draws.reshape(-1, len(found.estimate))
-    values = truth_of(nine.config, nine.source, makers)
+    values = truth_of(nine.case, makers)
     truth = None if values is None else posterior.space.vector(values)
     mode = posterior.space.vector(whole.mode.values)
     assert whole.verdict is not None  # there are unknowns with nominal values

@@ -1,7 +1,5 @@
 """All unknowns at once from many starts, the paper's pairwise heuristic, and the control of it.
 
-All unknowns at once, from many starts: where the searches end, and how far from the truth.
-
 An exact symmetry leaves the misfit as it is, so that a search may end anywhere along it.  An end is
 as far from the truth as the logs of its unknowns; that distance has a part along each symmetry,
 which no misfit can show, and the rest.
@@ -13,15 +11,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bayesdrill.analysis import Exponents
-from bayesdrill.basics import seeds
+from bayesdrill.basics import Array, seeds
 from bayesdrill.inference import Posterior
 from bayesdrill.paper import forward, precision
 from bayesdrill.sampling import Crew, Optimiser, Optimum
-
-Array = NDArray[np.float64]
 
 EVALUATIONS = 8000
 SAME = 4.0  # of the paper's misfit: ends nearer to the least one are equally good
@@ -61,7 +56,9 @@ def many_searches(
     around = rng.uniform(1 - WITHIN, 1 + WITHIN, (starts - 1, len(centre)))
     points = np.vstack([centre, centre * around])
     tasks = [
-        (way, crew.submit(_search_from, way, point)) for way in precision.WAYS for point in points
+        (way, crew.submit(_searched, optimiser, EVALUATIONS, point))
+        for way, optimiser in precision.WAYS.items()
+        for point in points
     ]
     found = [(way, task.result()) for way, task in tasks]
     likelihood = posterior.likelihood
@@ -103,8 +100,10 @@ def distinct_ends(
     )
 
 
-def _search_from(posterior: Posterior, way: str, point: Array) -> Optimum:
-    return precision.WAYS[way](precision.misfit_task(posterior), point, EVALUATIONS)
+def _searched(
+    posterior: Posterior, optimiser: Optimiser, evaluations: int, point: Array
+) -> Optimum:
+    return optimiser(precision.misfit_task(posterior), point, evaluations)
 
 
 AROUND = 0.2  # other starts are from 1 - this to 1 + this of the configured one
@@ -138,7 +137,7 @@ def run_heuristic(
     if forward.applies(posterior.likelihood):  # first, because it takes longest
         by_integrator = crew.submit(_search_stepped, optimiser, evaluations, guess)
     points = [guess, *(guess * around)]
-    tasks = [crew.submit(_pairwise_search, optimiser, evaluations, point) for point in points]
+    tasks = [crew.submit(_searched, optimiser, evaluations, point) for point in points]
     found, *rest = [task.result() for task in tasks]
     first = precision.misfit_per_number(posterior, guess)
     # The misfit is -2 log likelihood but for a constant, which the first point tells.
@@ -155,12 +154,6 @@ def run_heuristic(
         stepped=end,
         stepped_misfit=None if end is None else forward.stepped_misfit(posterior.likelihood, end),
     )
-
-
-def _pairwise_search(
-    posterior: Posterior, optimiser: Optimiser, evaluations: int, point: Array
-) -> Optimum:
-    return optimiser(precision.misfit_task(posterior), point, evaluations)
 
 
 def _search_stepped(
@@ -219,4 +212,4 @@ def _estimate(
     index: int,
 ) -> Array:
     target = precision.made_record(precision.with_sigma(posterior, sigma), truth, seed, index)
-    return optimiser(precision.misfit_task(target), truth, evaluations).theta
+    return _searched(target, optimiser, evaluations, truth).theta

@@ -174,26 +174,27 @@ class Said:
     says: str
 
 
+ESTIMATES = (
+    *("fminsearch", "scaled", "weights_only", "weights_only_trapezoid"),
+    *("trapezoid_both", "trapezoid_fit"),
+)  # of `Cell`, each held against the truth
+
+
 def lines_2(found: Verification) -> tuple[Line2, ...]:
     lines = []
     for cell in found.cells:
         paper = printed.TWO_PARAMETERS[cell.sigma][cell.name]
         percent = 100.0 / cell.truth
+        off = {f"{n}_percent": percent * abs(getattr(cell, n) - cell.truth) for n in ESTIMATES}
         lines.append(
             Line2(
+                **off,
                 sigma=cell.sigma,
                 parameter=cell.name,
                 printed=paper.value,
                 printed_percent=paper.deviation,
                 fminsearch=cell.fminsearch,
-                fminsearch_percent=percent * abs(cell.fminsearch - cell.truth),
                 scaled=cell.scaled,
-                scaled_percent=percent * abs(cell.scaled - cell.truth),
-                weights_only_percent=percent * abs(cell.weights_only - cell.truth),
-                weights_only_trapezoid_percent=percent
-                * abs(cell.weights_only_trapezoid - cell.truth),
-                trapezoid_both_percent=percent * abs(cell.trapezoid_both - cell.truth),
-                trapezoid_fit_percent=percent * abs(cell.trapezoid_fit - cell.truth),
                 bound_percent=percent * cell.bound,
                 posterior=cell.posterior,
                 posterior_sd_percent=percent * cell.posterior_sd,

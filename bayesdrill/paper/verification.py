@@ -13,16 +13,13 @@ from concurrent.futures import Future
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from bayesdrill.basics import Silent
+from bayesdrill.basics import Array, Silent
 from bayesdrill.inference import Coordinates, Posterior, laplace
 from bayesdrill.paper import forward, precision
 from bayesdrill.paper.plugins import Fminsearch
 from bayesdrill.paper.precision import WAYS, bounds
 from bayesdrill.sampling import THOROUGH, Crew, Memory, Plan, Task, mode_search, sample
-
-Array = NDArray[np.float64]
 
 EVALUATIONS = 4000  # of one search, at most
 BATCHES = 8  # in which the records of one sigma are shared out
@@ -211,6 +208,7 @@ def _by_trapezoid(
     target = precision.made_record(sized, truth, seed, 0) if noisy else exact
     if own:
         y = target.likelihood.response.experiment.y - exact.likelihood.response.experiment.y
-        target = precision.record_of(target, y + forward.stepped_signals(target.likelihood, truth))
+        stepped = forward.stepped_signals(target.likelihood, truth)
+        target = target.edit(records=[y + stepped])
     task = forward.stepped_task(_free(target), target.likelihood)
     return Fminsearch()(task, start, EVALUATIONS).theta

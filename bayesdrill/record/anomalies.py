@@ -14,7 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from bayesdrill.basics.arrays import Array
+
 Mask = NDArray[np.bool_]
 
 LONGEST = (2, 6, 20)  # samples of a spike, by the width of the median it is judged against

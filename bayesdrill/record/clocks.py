@@ -11,9 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from bayesdrill.basics.arrays import Array
 from bayesdrill.record.experiment import STEP_TOLERANCE, even
-
-Array = NDArray[np.float64]
 
 SAME = 1e-9  # of a step: times nearer than this are one
 SPARSE = 10  # times as many places as samples, and a grid explains nothing

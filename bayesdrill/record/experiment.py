@@ -9,10 +9,11 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.entries import SMALLEST
 from bayesdrill.basics.errors import InputError, Issue
-
-Array = NDArray[np.float64]
+from bayesdrill.basics.symbols import INPUTS
+from bayesdrill.basics.units import SECOND, Unit
 
 EARLIEST_DAY, LATEST_DAY = 20_000, 800_000  # of the calendars of Excel and MATLAB, in our time
 COARSE = 0.1  # of all steps: more that are zero are no mistake of single rows
@@ -23,13 +24,32 @@ STEP_TOLERANCE = 1e-3  # how far a time step may be from the usual one, relative
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Channel:
-    """A measured linear combination of states; `unit` is SI, `latex` without dollars."""
+    """A measured linear combination of states; `unit` is SI, `latex` without dollars.
+
+    `column`: the unit of its column, as far as it can be shown; `factor`: how many SI one of it is.
+    """
 
     name: str
     weights: Mapping[str, float]
     unit: str
     latex: str
     latex_unit: str
+    column: Unit | None = field(default=None, repr=False)
+    factor: float = field(default=1.0, repr=False)
+
+    @property
+    def shown(self) -> Unit:
+        """In which people are shown it."""
+        return self.column or Unit(self.unit, 1.0, self.latex_unit)
+
+
+@dataclass(frozen=True, slots=True)
+class Written:
+    """How a record is written: its files, and in which units people are shown times and inputs."""
+
+    files: tuple[str, ...] = ()
+    time: Unit = SECOND
+    inputs: Mapping[str, Unit] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -77,6 +97,7 @@ class Experiment:
     held_out: Array | None = None
     # Not in the `repr`, by which results know the noise of a missing torque: it decides no density.
     input_steps: Mapping[str, float] = field(default_factory=dict, repr=False)
+    written: Written = field(default_factory=Written, repr=False)
 
     @property
     def dt(self) -> float:
@@ -104,6 +125,11 @@ class Experiment:
     def counts(self) -> tuple[int, ...]:
         """How many samples each channel has."""
         return tuple(int(n) for n in self.seen.sum(axis=0))
+
+    def unit_of_input(self, name: str) -> Unit:
+        """In which people are shown it."""
+        known, symbol = self.written.inputs.get(name), INPUTS[name]
+        return known or Unit(symbol.unit, 1.0, symbol.latex_unit)
 
     @property
     def names(self) -> tuple[str, ...]:

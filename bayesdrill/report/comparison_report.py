@@ -1,5 +1,5 @@
-"""What is said and drawn of several runs or models: sections, a table, figures; what a ladder
-recommends.
+"""What is said and drawn of several runs, beside each other or as models of one record; what a
+ladder recommends.
 """
 
 from __future__ import annotations
@@ -11,69 +11,156 @@ from pathlib import Path
 
 from bayesdrill.analysis import comparison
 from bayesdrill.analysis.comparison import Contender, Decision, Layer, Row, decide
-from bayesdrill.config.job import OwnUnits
+from bayesdrill.inference.display_units import OwnUnits
+from bayesdrill.output_files import COMPARE, OVERLAY, Kind
 from bayesdrill.report.section import Picture, Section, as_markdown, as_text
 from bayesdrill.report.sections import comparison_words
 from bayesdrill.report.view import Drawing
 from bayesdrill.selection import Rung
 
-SAYS = (
+MODELS = (
     "Of each model the log odds against the most probable, what its fit leaves of each channel, and "
     "where it has each unknown."
 )
-FIGURE = "comparison"
-COMPARISON_TABLE, COMPARISON_PAGE = "comparison.csv", "comparison.md"
+INTERVALS = "Where each run has each unknown: mean, interval and nominal value."
+CORNER = "The posteriors of all runs over each other, for each unknown and each pair (corner plot)."
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Form:
+    """A comparison of runs in one of its two forms: its files, and how many runs it has room for.
+
+    `name`: of table, page and the inside of figures; `figure`: what is shown unasked.
+    """
+
+    name: str
+    kind: Kind
+    figure: str
+    most: int
+    purpose: str  # of runs, in messages
+    between: str  # names of runs, in a heading
+    prefix: str = ""  # of the folder
+
+    @property
+    def table(self) -> str:
+        return f"{self.name}.csv"
+
+    @property
+    def page(self) -> str:
+        return f"{self.name}.md"
+
+
+OVERLAID = Form(
+    name="overlay",
+    kind=OVERLAY,
+    figure="corner",
+    most=6,  # that can be told apart in grey
+    purpose="laid over each other",
+    between=" beside ",
+)
+COMPARED = Form(
+    name="comparison",
+    kind=COMPARE,
+    figure="comparison",
+    most=24,
+    purpose="compared",
+    between=" against ",
+    prefix="compare-",
+)
 
 
 @dataclass(frozen=True)
 class ComparisonReport:
-    """Of two `models` or more; `units`: in which people are shown unknowns; `heading`: of pages."""
+    """Of two runs or more, `layers`; as `models` of one record, where they are that.
 
-    models: tuple[Contender, ...]
+    `units`: in which people are shown unknowns; `heading`: of pages.
+    """
+
+    layers: tuple[Layer, ...]
     units: OwnUnits
+    models: tuple[Contender, ...] = ()
     heading: str = ""
+
+    @classmethod
+    def of_models(cls, models: Sequence[Contender], units: OwnUnits) -> ComparisonReport:
+        return cls(tuple(model.layer for model in models), units, tuple(models))
+
+    @property
+    def form(self) -> Form:
+        return COMPARED if self.models else OVERLAID
 
     @cached_property
     def rows(self) -> tuple[Row, ...]:
         """SI."""
-        return comparison.overlay_rows([one.layer for one in self.models])
+        return comparison.overlay_rows(self.layers)
 
     @cached_property
-    def decision(self) -> Decision:
-        return decide(self.models)
+    def decision(self) -> Decision | None:
+        """None of runs that are no models of one record."""
+        return decide(self.models) if self.models else None
 
     @property
-    def best(self) -> Contender:
-        return self.models[self.decision.best]
+    def best(self) -> Contender | None:
+        """The most probable of the models."""
+        return None if self.decision is None else self.models[self.decision.best]
 
     @property
     def title(self) -> str:
-        return self.heading or " against ".join(one.name for one in self.models)
+        return self.heading or self.form.between.join(layer.name for layer in self.layers)
+
+    @property
+    def mark(self) -> str:
+        """By which a figure says whose it is: the marks of all runs."""
+        return " ".join(layer.mark for layer in self.layers)
 
     @property
     def reasons(self) -> tuple[str, ...]:
-        """Why the most probable must not be believed; empty where it may be."""
-        return tuple(f"{self.best.name}: {reason}" for reason in self.best.layer.reasons)
+        """Why it must not be believed, because of the most probable model or, where there is none, of
+        any run; empty where it may be.
+        """
+        layers = self.layers if self.best is None else (self.best.layer,)
+        return tuple(f"{layer.name}: {reason}" for layer in layers for reason in layer.reasons)
 
     @property
     def sections(self) -> tuple[Section, ...]:
-        """With the figure, which a page shows and a terminal does not."""
+        """With the figures, which a page shows and a terminal does not."""
         pictures = [Picture(name, drawing.says) for name, drawing in self.figures.items()]
-        return comparison_words.comparison_sections(self.models, self.rows, self.units, pictures)
+        return comparison_words.comparison_sections(
+            self.layers, self.models, self.rows, self.units, pictures
+        )
 
     @cached_property
     def figures(self) -> Mapping[str, Drawing]:
-        from bayesdrill.report.sections.comparison_figure import comparison_figure
+        """By name; no corner where no two runs share an unknown."""
+        # Late: matplotlib takes a second to load.
+        from bayesdrill.report.sections.comparison_figure import (
+            comparison_figure,
+            intervals_figure,
+            overlay_corner_figure,
+        )
 
-        return {FIGURE: Drawing(comparison_figure, (self.models, self.rows, self.units), says=SAYS)}
+        if self.models:
+            given = (self.models, self.rows, self.units)
+            return {COMPARED.figure: Drawing(comparison_figure, given, says=MODELS)}
+        drawn, found = (self.layers, self.rows, self.units), {}
+        if self.rows:
+            found["intervals"] = Drawing(intervals_figure, drawn, says=INTERVALS)
+        if any(row.shared for row in self.rows):
+            found[OVERLAID.figure] = Drawing(overlay_corner_figure, drawn, says=CORNER)
+        return found
+
+    @property
+    def table(self) -> str:
+        """CSV."""
+        if self.models:
+            return comparison_words.comparison_csv(self.models, self.rows)
+        return comparison_words.overlay_csv(self.layers, self.rows)
 
     @property
     def texts(self) -> Mapping[str, str]:
         """Files by name."""
-        return {
-            COMPARISON_TABLE: comparison_words.comparison_csv(self.models, self.rows),
-            COMPARISON_PAGE: as_markdown(self.title, self.sections),
-        }
+        page = as_markdown(self.title, self.sections)
+        return {self.form.table: self.table, self.form.page: page}
 
     def page(self, figures: Path) -> str:
         """HTML, with the pictures that stand in `figures`."""
@@ -81,7 +168,7 @@ class ComparisonReport:
         from bayesdrill.report.render import as_html
 
         symbols = [row.symbol for row in self.rows]
-        return as_html(self.title, "comparison", self.sections, figures, symbols)
+        return as_html(self.title, self.form.name, self.sections, figures, symbols)
 
     @property
     def text(self) -> str:
@@ -114,76 +201,3 @@ def about_config(chosen: Rung, name: str, report: ComparisonReport) -> str:
     verdict = next(iter(comparison_words.comparison_verdict(report.models)))
     simplest = "the simplest of the models that are about as probable as the best"
     return f"{name}: {chosen.about}, {simplest}.\n{verdict}"
-
-
-INTERVALS = "Where each run has each unknown: mean, interval and nominal value."
-CORNER = "The posteriors of all runs over each other, for each unknown and each pair (corner plot)."
-OVERLAY_TABLE, OVERLAY_PAGE = "overlay.csv", "overlay.md"
-
-
-@dataclass(frozen=True)
-class OverlayReport:
-    """Of two `layers` or more; `units`: in which people are shown their unknowns."""
-
-    layers: tuple[Layer, ...]
-    units: OwnUnits
-
-    @cached_property
-    def rows(self) -> tuple[Row, ...]:
-        """SI."""
-        return comparison.overlay_rows(self.layers)
-
-    @property
-    def title(self) -> str:
-        return " beside ".join(layer.name for layer in self.layers)
-
-    @property
-    def reasons(self) -> tuple[str, ...]:
-        """Why some of it must not be believed; empty where all of it may be."""
-        return tuple(f"{one.name}: {reason}" for one in self.layers for reason in one.reasons)
-
-    @property
-    def sections(self) -> tuple[Section, ...]:
-        """With the figures, which a page shows and a terminal does not."""
-        return comparison_words.overlay_sections(self.layers, self.rows, self.units, self.pictures)
-
-    @property
-    def pictures(self) -> tuple[Picture, ...]:
-        return tuple(Picture(name, drawing.says) for name, drawing in self.figures.items())
-
-    @cached_property
-    def figures(self) -> Mapping[str, Drawing]:
-        """By name; no corner where no two runs share an unknown."""
-        from bayesdrill.report.sections.overlay_figure import (
-            intervals_figure,
-            overlay_corner_figure,
-        )
-
-        given = (self.layers, self.rows, self.units)
-        found = {}
-        if self.rows:
-            found["intervals"] = Drawing(intervals_figure, given, says=INTERVALS)
-        if any(row.shared for row in self.rows):
-            found["corner"] = Drawing(overlay_corner_figure, given, says=CORNER)
-        return found
-
-    @property
-    def texts(self) -> Mapping[str, str]:
-        """Files by name."""
-        return {
-            OVERLAY_TABLE: comparison_words.overlay_csv(self.layers, self.rows),
-            OVERLAY_PAGE: as_markdown(self.title, self.sections),
-        }
-
-    def page(self, figures: Path) -> str:
-        """HTML, with the pictures that stand in `figures`."""
-        # Late: templates are for this page alone.
-        from bayesdrill.report.render import as_html
-
-        symbols = [row.symbol for row in self.rows]
-        return as_html(self.title, "overlay", self.sections, figures, symbols)
-
-    @property
-    def text(self) -> str:
-        """For a terminal."""
-        return "\n\n".join(as_text(self.sections))

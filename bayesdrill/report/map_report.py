@@ -7,13 +7,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
 from bayesdrill import output_files
-from bayesdrill.config import job
-from bayesdrill.config.job import OwnUnits
-from bayesdrill.config.resolve import assembly
+from bayesdrill.basics.arrays import Array
 from bayesdrill.config.schema.config import Config
 from bayesdrill.inference import residual_checks
 from bayesdrill.inference.posterior import Problem
@@ -36,8 +31,6 @@ from bayesdrill.report.sections import (
 from bayesdrill.report.view import Drawing
 from bayesdrill.results import provenance
 from bayesdrill.sampling.mode_search import Mode
-
-Array = NDArray[np.float64]
 
 TABLE, PAGE = "map.csv", "map.md"
 
@@ -70,10 +63,9 @@ class MapReport:
 
     @property
     def sections(self) -> tuple[Section, ...]:
-        table = assembly.compared_with(self.config)
+        table = self.problem.compared_with
         read = Note(f"`dev. %` is the deviation of the MAP from the nominal value ({table}).")
-        own = OwnUnits.of(self.config, self.problem)
-        clock = job.clock_unit(self.config, self.problem)
+        own, clock = self.problem.units, self.problem.clock
         steps = verdict_words.step_sentences(
             step_errors(self.problem.posterior.likelihood, self.best)
         )
@@ -108,7 +100,7 @@ class MapReport:
         """Those that follow from `map.json` alone."""
         return {
             TABLE: tables.mode_as_csv(tables.mode_rows(self.problem, self.mode)),
-            **fit_words.prediction_csv(self.problem, self.config, self.best),
+            **fit_words.prediction_csv(self.problem, self.best),
         }
 
     def page(self, folder: Path) -> str:
@@ -120,7 +112,7 @@ class MapReport:
         marks = provenance.marks(config, self.problem, "")
         lines = (
             ("config", config.name),
-            *provenance_of_records(self.problem, config),
+            *provenance_of_records(self.problem),
             ("model", words.model(self.problem)),
             ("seed", marks["Seed"]),
             ("versions", marks["Versions"]),

@@ -12,10 +12,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.transforms import Affine2D
-from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
 from bayesdrill.analysis.diagnostics import Row
+from bayesdrill.basics.arrays import Array
 from bayesdrill.inference.priors import Prior, flat_in_logs
 from bayesdrill.report import style
 from bayesdrill.report.scales import DOUBLE
@@ -28,17 +28,19 @@ NARROW_GAP = 0.8
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Page:
-    """`row`: the height of a panel; `foot`: room for something else below all panels."""
+    """Inches, of panels in three columns; `row`: the height of a panel; `foot`: room for something else
+    below all of them.
+    """
 
-    columns: int
-    width: float
-    row: float
-    left: float
-    right: float
-    gap_x: float
-    gap_y: float
-    top: float
-    bottom: float
+    columns: int = 3
+    width: float = DOUBLE
+    row: float = 1.15
+    left: float = 0.58
+    right: float = 0.12
+    gap_x: float = 0.12
+    gap_y: float = 0.12
+    top: float = 0.52
+    bottom: float = 0.42
     foot: float = 0.0
 
     def fitting(self, width: float, n_handles: int) -> Page:
@@ -83,29 +85,23 @@ class Page:
         return figure, panels
 
 
-SMALL_PANELS = Page(
-    columns=3,
-    width=DOUBLE,
-    row=1.15,
-    left=0.58,
-    right=0.12,
-    gap_x=0.12,
-    gap_y=0.12,
-    top=0.52,
-    bottom=0.42,
-)
+SMALL_PANELS = Page()
+# Of an axis that is a row of intervals or a density, with its numbers and label below.
+AXES = Page(left=0.14, right=0.14, gap_x=0.2, gap_y=0.56, bottom=0.5)
 
 
-def legend_above(figure: Figure, handles: Sequence[Any], most: int) -> None:
-    """In at most so many columns."""
+def legend_above(
+    figure: Figure, handles: Sequence[Any], most: int, gap: float = 1.2, length: float = 1.9
+) -> None:
+    """In at most so many columns with a `gap` between them; `length`: of what stands for a line."""
     figure.legend(
         handles=handles,
         loc="upper center",
         ncols=min(most, len(handles)),
         borderaxespad=0.3,
         labelspacing=0.3,
-        columnspacing=1.2,
-        handlelength=1.9,
+        columnspacing=gap,
+        handlelength=length,
     )
 
 
@@ -133,7 +129,6 @@ def _bar(row: Row, prior: Prior) -> Bar:
     return Bar(share(row.hdi_low), share(row.hdi_high), nominal, share(row.map))
 
 
-Array = NDArray[np.float64]
 Ends = tuple[float, float]
 
 LEVELS = tuple(1.0 - math.exp(-0.5 * sigma**2) for sigma in (1.0, 2.0))  # 39.3 %, 86.5 %

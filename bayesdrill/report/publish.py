@@ -30,22 +30,21 @@ if TYPE_CHECKING:
 
 
 def _verdict(view: View) -> str | None:
+    judged = view.analysis.judged
     return (
-        None
-        if view.judged is None
-        else verdict_words.verdict_csv(view.judged.verdict, view.problem.symbols)
+        None if judged is None else verdict_words.verdict_csv(judged.verdict, view.problem.symbols)
     )
 
 
 # What follows from a chain alone; None where a run has no such table.
 TABLES: Mapping[str, Callable[[View], str | None]] = MappingProxyType(
     {
-        "summary.csv": lambda view: tables.as_csv(view.rows),
-        "derived.csv": lambda view: physics_words.derived_csv(view.following),
+        "summary.csv": lambda view: tables.as_csv(view.analysis.unknowns),
+        "derived.csv": lambda view: physics_words.derived_csv(view.analysis.derived),
         "verdict.csv": _verdict,
-        "torque.csv": lambda view: torque_words.torque_csv(view.shaking),
+        "torque.csv": lambda view: torque_words.torque_csv(view.chain.shaking),
         "table.tex": lambda view: render.latex_table(
-            view.units.rows(view.rows),
+            view.units.rows(view.analysis.unknowns),
             view.units.symbols(view.problem.symbols),
             believed=not view.reasons,
         ),
@@ -65,7 +64,7 @@ def everything(view: View, folder: Folder, crew: Crew, report: Reporter) -> tupl
 
     Raises `OSError` when the disk is full; files already there stay whole.
     """
-    output, sparing = view.config.output, view.sparing
+    output, sparing = view.config.output, view.chain.sparing
     place = (*_place(folder, view), view.warning, tuple(output.formats), output.dpi)
     tasks: list[tuple[str, str, Future[None]]] = []
     wanted = drawn(output.figures)
@@ -100,9 +99,9 @@ def everything(view: View, folder: Folder, crew: Crew, report: Reporter) -> tupl
 
 def _pages(view: View, pictures: Sequence[Picture], folder: Folder) -> None:
     """The report for eyes: as Markdown, and as one page of HTML with its pictures inside."""
-    with view.sparing.making("summary.md"):
+    with view.chain.sparing.making("summary.md"):
         folder.write_text("summary.md", as_markdown(view.config.name, sections(view, pictures)))
-    with view.sparing.making("report.html"):
+    with view.chain.sparing.making("report.html"):
         # Late: templates are for this page alone.
         from bayesdrill.report.render import as_html
 

@@ -9,13 +9,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from bayesdrill import output_files
-from bayesdrill.analysis.latent_torque import follows
 from bayesdrill.analysis.verdict import Judgement, Verdict
 from bayesdrill.basics.software import citation
-from bayesdrill.config.records import sources
-from bayesdrill.config.resolve import experiments
-from bayesdrill.config.resolve.assembly import compared_with
-from bayesdrill.config.schema.config import Config
 from bayesdrill.inference.posterior import Problem
 from bayesdrill.inference.residual_checks import like_noise
 from bayesdrill.output_files import CONFIG_FILE, RESOLVED_FILE
@@ -53,20 +48,20 @@ def run_marks(run: View) -> tuple[Mark, ...]:
     if run.reasons:
         plain = [replace(one, tone="plain") if one.tone == "good" else one for one in (fit, first)]
         return tuple(sorted(plain, key=lambda one: one.tone != "bad"))
-    return (first, fit) if run.judged is None else (first, fit, _table(run))
+    return (first, fit) if run.analysis.judged is None else (first, fit, _table(run))
 
 
 def _fit_mark(run: View) -> Mark:
-    if any(one.unbelievable for one in run.left):
+    if any(one.unbelievable for one in run.analysis.fit):
         return Mark("does not fit", "bad")
-    if like_noise(run.left):
+    if like_noise(run.analysis.fit):
         return Mark("fits: noise is left", "good")
     return Mark("more than noise is left", "doubt")
 
 
 def _table(run: View) -> Mark:
-    assert run.judged is not None
-    found, table = run.judged.verdict, compared_with(run.config)
+    assert run.analysis.judged is not None
+    found, table = run.analysis.judged.verdict, run.problem.compared_with
     if all(quantity.says == "not determined" for quantity in found.products):
         return Mark(f"says nothing of {table}", "doubt")
     if not found.fits:
@@ -113,7 +108,7 @@ def _lines(run: View) -> Iterator[tuple[str, str]]:
     c, sampler = run.sampled.convergence, config.sampler
     yield "config", config.name
     yield "run", f"{marks[provenance.RUN_MARK]}, a digest of record, config and seed"
-    yield from provenance_of_records(run.problem, config)
+    yield from provenance_of_records(run.problem)
     yield "model", words.model(run.problem)
     yield "seed", marks["Seed"]
     yield (
@@ -126,11 +121,11 @@ def _lines(run: View) -> Iterator[tuple[str, str]]:
         yield "seconds", ", ".join(f"{name} {value:.1f}" for name, value in run.seconds.items())
 
 
-def provenance_of_records(problem: Problem, config: Config) -> Iterator[tuple[str, str]]:
+def provenance_of_records(problem: Problem) -> Iterator[tuple[str, str]]:
     """The file of each experiment, and its channels."""
     every = provenance.records(problem)
     for one in problem.observations:
-        files = sources.named(experiments.experiment_configs(config, one.label))
+        files = ", ".join(f"`{name}`" for name in one.experiment.written.files)
         length = one.experiment.t[-1] - one.experiment.t[0]
         yield one.entitled("record"), f"{files}: {every[one.label]} over {length:g} s"
         yield one.entitled("channels"), ", ".join(one.experiment.names)
@@ -153,7 +148,7 @@ FOUND = "nothing found: energy, poles and sampling are as in a real rig"
 
 def sections(run: View, pictures: Sequence[Picture] = ()) -> tuple[Section, ...]:
     """Of which a terminal shows the brief ones, the last first."""
-    judged = run.judged
+    judged = run.analysis.judged
     shown = (Section("Figures", tuple(pictures), brief=False),) if pictures else ()
     return (
         Section("Verdict", tuple(_verdict(run))),
@@ -182,14 +177,14 @@ def sections(run: View, pictures: Sequence[Picture] = ()) -> tuple[Section, ...]
 
 def _verdict(run: View) -> Iterator[Block]:
     """The whole in a line, then whether it may be believed."""
-    c, table = run.sampled.convergence, compared_with(run.config)
+    c, table = run.sampled.convergence, run.problem.compared_with
     yield Marks(run_marks(run))
     if doubts := words.unbelievable(run.reasons, converged=c.converged):
         yield Sentences(doubts)
-    if run.judged is not None:
-        n, verdict = len(run.problem.observations), run.judged.verdict
+    if run.analysis.judged is not None:
+        n, verdict = len(run.problem.observations), run.analysis.judged.verdict
         roles = run.problem.model.roles
-        lacking = fit_words.lacking(run.causes, roles)
+        lacking = fit_words.lacking(run.analysis.causes, roles)
         said = verdict_words.verdict_sentences(
             verdict,
             table,
@@ -197,47 +192,47 @@ def _verdict(run: View) -> Iterator[Block]:
             believed=not run.reasons,
             records=n,
             lacking=lacking,
-            rests=run.judged.study.resting,
+            rests=run.analysis.judged.study.resting,
         )
-        more = fit_words.instead(run.instead, roles) if c.converged else ()
+        more = fit_words.instead(run.analysis.instead, roles) if c.converged else ()
         yield Sentences("\n".join([said, *more]))
 
 
 def _fit(run: View) -> Iterator[Block]:
     if several := words.maxima(run.mode, run.sampled.held, run.units):
         yield Sentences(several)
-    yield Sentences(fit_words.residual_sentences(run.left, run.clock))
-    if said := fit_words.explained(run.causes, run.config):
+    yield Sentences(fit_words.residual_sentences(run.analysis.fit, run.clock))
+    if said := fit_words.explained(run.analysis.causes, run.problem):
         yield Sentences(said)
-    if said := verdict_words.step_sentences(run.step_errors):
+    if said := verdict_words.step_sentences(run.analysis.step_errors):
         yield Sentences(said)
 
 
 def _repeats(run: View) -> Iterator[Section]:
     """Where there are several experiments to compare."""
-    if run.repeats:
+    if run.analysis.repeats:
         names = run.names_of_rig
-        said = Sentences(verdict_words.repeats_sentence(run.repeats, names))
+        said = Sentences(verdict_words.repeats_sentence(run.analysis.repeats, names))
         read = Note(verdict_words.REPEATS_EXPLAINED)
         yield Section(
             "From one experiment to the next",
-            (said, verdict_words.repeats_table(run.repeats, names), read),
+            (said, verdict_words.repeats_table(run.analysis.repeats, names), read),
         )
 
 
 def _evidence(run: View) -> Iterator[Section]:
-    if run.evidence is not None:
+    if run.analysis.evidence is not None:
         said = verdict_words.evidence_sentences(
-            run.evidence, run.vague, converged=run.sampled.convergence.converged
+            run.analysis.evidence, run.analysis.vague, converged=run.sampled.convergence.converged
         )
         yield Section("Evidence", (Sentences(said), Note(verdict_words.EVIDENCE_EXPLAINED)))
 
 
 def _torque(run: View) -> Iterator[Section]:
     """Of a rig whose equations leave one out."""
-    for one in run.shaking:
+    for one in run.analysis.torques:
         where = f" of {one.label}" if one.label else ""
-        law = torque_words.followed(one, follows(one))
+        law = torque_words.followed(one)
         parts = (torque_words.torque_sentence(one), law, torque_words.strayed(one))
         said = Sentences("\n".join(filter(None, parts)))
         shown = torque_words.torque_table(one)
@@ -247,7 +242,7 @@ def _torque(run: View) -> Iterator[Section]:
 def _energy(run: View) -> Iterator[Section]:
     """Of a rig that rubs."""
     model = run.problem.model
-    for one in run.accounts:
+    for one in run.analysis.energy:
         where = f" in {one.label}" if one.label else ""
         shown = physics_words.energy_table(one, model)
         read = Note(physics_words.energy_note(one, model))
@@ -258,13 +253,20 @@ def _parameters(run: View) -> tuple[Block, ...]:
     read = (
         "`shrinkage` is one minus the ratio of the posterior's to the prior's standard deviation."
     )
-    if any(row.nominal is not None for row in run.rows):
-        nominal = f"the nominal value ({compared_with(run.config)})"
+    if any(row.nominal is not None for row in run.analysis.unknowns):
+        nominal = f"the nominal value ({run.problem.compared_with})"
         read = f"`dev. %` is the deviation of the posterior mean from {nominal}; {read}"
-    drawn = bars(run.rows, run.problem.posterior.space.priors)
-    known = [*tables.in_words(run.rows), *words.leaning(run.leaning).splitlines()]
+    drawn = bars(run.analysis.unknowns, run.problem.posterior.space.priors)
+    known = [
+        *tables.in_words(run.analysis.unknowns),
+        *words.leaning(run.analysis.leaning).splitlines(),
+    ]
     said = Sentences("\n".join([*([] if run.reasons else known), *run.notes]))
-    return _told(run, tables.of_rows(run.units.rows(run.rows), drawn)), Note(read), said
+    return (
+        _told(run, tables.of_rows(run.units.rows(run.analysis.unknowns), drawn)),
+        Note(read),
+        said,
+    )
 
 
 def _told(run: View, table: Table) -> Table:
@@ -273,8 +275,8 @@ def _told(run: View, table: Table) -> Table:
 
 
 def _following(run: View) -> Table | Note:
-    rows = run.following
-    return physics_words.derived_table(run.units.rows(rows), run.derived) if rows else Note("none")
+    rows, meanings = run.units.rows(run.analysis.derived), run.analysis.meanings
+    return physics_words.derived_table(rows, meanings) if rows else Note("none")
 
 
 def _against(run: View, verdict: Verdict) -> Section:

@@ -15,8 +15,8 @@ from typing import Protocol
 
 import numpy as np
 from markupsafe import Markup
-from numpy.typing import NDArray
 
+from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.symbols import INPUTS, PARAMETERS, STATES, Symbol
 from bayesdrill.inference.priors import Prior
 
@@ -197,8 +197,6 @@ class Typesetter:
 def _powers(text: str) -> Markup:
     return _within(_POWER, text, Markup("<sup>{}</sup>").format, str)
 
-
-Array = NDArray[np.float64]
 
 LONG = 1e4  # the ratio of its ends from which on a logarithmic axis says its powers of ten at its ticks
 CROWDED = 1e5  # and that from which on small ticks would be too many

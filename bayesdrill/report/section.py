@@ -4,31 +4,10 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Iterator, Sequence
-from concurrent.futures import BrokenExecutor
-from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from bayesdrill.basics.errors import printable
-
-
-@dataclass(frozen=True, slots=True)
-class Sparing:
-    """`missing`: what could not be made, and why."""
-
-    missing: list[str] = field(default_factory=list)
-
-    @contextmanager
-    def making(self, what: str) -> Iterator[None]:
-        """Notes what goes wrong inside; a full disk or a killed worker is no matter of `what`."""
-        try:
-            yield
-        except (OSError, MemoryError, BrokenExecutor):
-            raise
-        except Exception as error:
-            first = (str(error).splitlines() or [""])[0]
-            self.missing.append(f"{what} ({type(error).__name__}: {first})")
-
 
 _TAG = re.compile(r"<(?=[A-Za-z/!?])")
 

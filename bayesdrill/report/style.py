@@ -25,13 +25,12 @@ from matplotlib.transforms import Affine2D, ScaledTranslation
 from numpy.typing import NDArray
 
 from bayesdrill import output_files
+from bayesdrill.basics.arrays import Array
 from bayesdrill.report.scales import DOUBLE, DPI, SINGLE, Scale
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-
-Array = NDArray[np.float64]
 
 TICKS_WIDTH = 0.43  # between an axis and its label, inches
 SMALL = 0.83  # of the letters of a figure in one column, in those of one in two

@@ -5,14 +5,14 @@ from __future__ import annotations
 import csv
 import dataclasses
 import io
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from bayesdrill.analysis.diagnostics import MEANING, Row
 from bayesdrill.basics.symbols import plain
-from bayesdrill.config.job import OwnUnits
 from bayesdrill.inference.derived import HDI_PROBABILITY
+from bayesdrill.inference.display_units import OwnUnits
 from bayesdrill.inference.posterior import Problem
 from bayesdrill.report.section import Bar, Table
 from bayesdrill.sampling.mode_search import Mode
@@ -60,12 +60,15 @@ def records_as_csv(
     """
     named = {"hdi_low": _ENDS[0], "hdi_high": _ENDS[1], **names}
     keys = [field.name for field in dataclasses.fields(kind) if field.name not in leave]
+    heads = [named.get(key, key) for key in keys]
+    return lines_as_csv([heads, *([getattr(row, key) for key in keys] for row in rows)])
+
+
+def lines_as_csv(lines: Iterable[Sequence[object]]) -> str:
+    """Of all tables; what is None is empty."""
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
-    writer.writerow([named.get(key, key) for key in keys])
-    for row in rows:
-        values = (getattr(row, key) for key in keys)
-        writer.writerow(["" if value is None else value for value in values])
+    writer.writerows(["" if value is None else value for value in line] for line in lines)
     return out.getvalue()
 
 

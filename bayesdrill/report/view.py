@@ -7,45 +7,26 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 import bayesdrill
-from bayesdrill.analysis import energy
-from bayesdrill.analysis.causes import Causes, Instead, causes, instead
-from bayesdrill.analysis.comparison import Repeat
-from bayesdrill.analysis.diagnostics import Row, leaning
-from bayesdrill.analysis.energy import Rubbing, rubbings
-from bayesdrill.analysis.latent_torque import Shaking, shakings
-from bayesdrill.analysis.plausibility import Vague, vague
-from bayesdrill.analysis.verdict import Judgement
+from bayesdrill.analysis.run_analysis import RunAnalysis, RunDraws
 from bayesdrill.basics import seeds
+from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.units import Unit
 from bayesdrill.basics.values import Value
-from bayesdrill.config import job
-from bayesdrill.config.job import OwnUnits, Shown
 from bayesdrill.config.schema.config import Config
-from bayesdrill.inference.derived import Derived, derive, summarise, with_products
-from bayesdrill.inference.derived import Row as Following
+from bayesdrill.inference.derived import Derived
+from bayesdrill.inference.display_units import OwnUnits, Shown
 from bayesdrill.inference.posterior import Problem
-from bayesdrill.inference.residual_checks import Left, like_noise
-from bayesdrill.inference.step_error import StepError, step_errors
-from bayesdrill.report import words
+from bayesdrill.report import tables, words
 from bayesdrill.report.scales import WIDTHS
-from bayesdrill.report.section import Sparing
+from bayesdrill.report.sections import fit_words, verdict_words
 from bayesdrill.results import provenance
 from bayesdrill.sampling.ensembles import Sampled
-from bayesdrill.sampling.evidence import Evidence
 from bayesdrill.sampling.mode_search import Mode
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from xarray import DataTree
-
-
-Array = NDArray[np.float64]
-
-BANDS, ACCOUNTS, PATHS = 100, 25, 300  # draws
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,35 +50,55 @@ def captioned(label: str, says: str) -> str:
 
 @dataclass(frozen=True, eq=False)
 class View(Value):
-    """`rows`: of the unknowns; `left`: what the best fit leaves of each channel; `judged`: None where
-    there is no table; `notes`: sentences; `repeats`: products as each of several experiments has them;
-    `seconds`: how long the parts of the run took, where that is known.  `sparing` is told of derived
-    quantities that fail.  `alone`: no other model of the record is tried beside it, so that the report
-    is to say what could be missing.
+    """`chain`: its draws; `analysis`: all that is said of it; `seconds`: how long its parts took, where
+    that is known.
     """
 
-    problem: Problem
+    chain: RunDraws
     config: Config
-    mode: Mode
-    sampled: Sampled
-    rows: tuple[Row, ...]
-    left: tuple[Left, ...]
-    judged: Judgement | None
-    notes: tuple[str, ...]
-    repeats: tuple[Repeat, ...] = ()
+    analysis: RunAnalysis
     seconds: Mapping[str, float] = field(default_factory=dict)
-    sparing: Sparing = field(default_factory=Sparing, compare=False)
-    alone: bool = True
+
+    @property
+    def problem(self) -> Problem:
+        return self.chain.problem
+
+    @property
+    def mode(self) -> Mode:
+        return self.chain.mode
+
+    @property
+    def sampled(self) -> Sampled:
+        return self.chain.sampled
+
+    @property
+    def draws(self) -> Array:
+        """`(N, D)`, of all ensembles."""
+        return self.chain.draws
 
     @property
     def warning(self) -> str:
         """What every figure must carry; empty where there is nothing to warn of."""
-        return words.warning(self.sampled, self.left)
+        return words.warning(self.sampled, self.analysis.fit)
 
     @property
     def reasons(self) -> tuple[str, ...]:
         """Why the result must not be believed: it did not converge, or does not fit."""
-        return words.reasons(self.sampled, self.left)
+        return words.reasons(self.sampled, self.analysis.fit)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Sentences on priors, record and rig that are no reason to doubt the draws."""
+        found = self.analysis
+        others = (
+            *verdict_words.not_kept(self.sampled.beyond),
+            *fit_words.moment(found.moment),
+            *found.course,
+            *found.rig,
+            *(f"record: {one}" for one in words.record_made(self.problem)),
+            *(f"record, {one}" for one in found.suspicions),
+        )
+        return (*tables.notes(found.unknowns, self.units), *(f"note: {one}" for one in others))
 
     @cached_property
     def marks(self) -> Mapping[str, str]:
@@ -106,93 +107,30 @@ class View(Value):
         burn_in = f"{c.burn_in} of {c.steps} steps"
         return provenance.marks(self.config, self.problem, burn_in)
 
-    @cached_property
-    def draws(self) -> Array:
-        """`(N, D)`, of all ensembles."""
-        return self.sampled.draws.reshape(-1, self.sampled.draws.shape[-1])
-
-    @cached_property
-    def best(self) -> Array:
-        """The MAP `(D,)`."""
-        return self.problem.posterior.space.vector(self.mode.values)
-
-    @cached_property
-    def causes(self) -> Causes | None:
-        """What would explain a fit that leaves more than noise."""
-        if like_noise(self.left) or not self.alone:
-            return None
-        return causes(self.problem.posterior, self.best)
-
-    @cached_property
-    def instead(self) -> Instead | None:
-        """Of a table that would be blamed: what the rig may lack."""
-        if self.judged is None or not self.judged.verdict.far or not self.alone:
-            return None
-        return instead(self.problem, self.best)
-
-    def some(self, n: int) -> Array:
-        """At most `n` draws `(n, D)`, evenly spaced."""
-        return self.draws[:: max(1, -(-len(self.draws) // n))]
-
-    @cached_property
-    def rubbing(self) -> tuple[tuple[Rubbing, ...], ...]:
-        """Of each experiment; nothing where the rig does not rub."""
-        if not self.problem.model.frictions:
-            return ()
-        return rubbings(self.problem.posterior, self.best, self.some(BANDS))
-
-    @cached_property
-    def step_errors(self) -> tuple[StepError, ...]:
-        """What the steps of a rig that is stepped do at the MAP."""
-        return step_errors(self.problem.posterior.likelihood, self.best)
-
-    @cached_property
-    def accounts(self) -> tuple[energy.Account, ...]:
-        """Where the energy goes, of a rig that rubs."""
-        if not self.problem.model.frictions:
-            return ()
-        return energy.accounts(self.problem.posterior, self.best, self.some(ACCOUNTS))
-
-    @property
-    def evidence(self) -> Evidence | None:
-        """None where it was not computed, or there was nothing to compute it of."""
-        return self.sampled.evidence
-
-    @cached_property
-    def vague(self) -> tuple[Vague, ...]:
-        """Priors that are too wide for the evidence to mean much."""
-        return vague(self.rows, self.draws, self.problem.posterior.space.priors)
-
-    @cached_property
-    def shaking(self) -> tuple[Shaking, ...]:
-        """The missing torque of each experiment, where there is one."""
-        rng = seeds.stream(self.config.seed, "torque")
-        return shakings(self.problem.posterior, self.some(PATHS), rng)
-
-    @cached_property
-    def leaning(self) -> Mapping[str, tuple[str, ...]]:
-        """What is determined only with the priors of others, and of which."""
-        return leaning(self.rows, self.draws)
-
     @property
     def names_of_rig(self) -> tuple[str, ...]:
         """Of which products are made."""
-        return () if self.judged is None else self.judged.study.names
+        return () if self.analysis.judged is None else self.analysis.judged.study.names
+
+    @cached_property
+    def derived(self) -> Derived:
+        """Draws of what follows from the unknowns."""
+        return self.chain.derived(self.analysis.judged)
 
     @property
     def width(self) -> float:
         """Of figures, inches."""
         return WIDTHS[self.config.output.size]
 
-    @cached_property
+    @property
     def units(self) -> OwnUnits:
         """In which people are shown unknowns and what follows from them."""
-        return OwnUnits.of(self.config, self.problem)
+        return self.problem.units
 
     @property
     def clock(self) -> Unit:
         """In which people are told times."""
-        return job.clock_unit(self.config, self.problem)
+        return self.problem.clock
 
     def shown(self, names: Sequence[str] | None = None) -> Shown:
         """For figures: the unknowns of these names, or all where none is among them."""
@@ -208,25 +146,6 @@ class View(Value):
             nominal=own.values(problem.nominal),
             mode=own.values(self.mode.values),
         )
-
-    @cached_property
-    def derived(self) -> Derived:
-        """Nothing where they cannot be made."""
-        problem, draws, judged = self.problem, self.sampled.draws, self.judged
-        with self.sparing.making("derived quantities"):
-            derived = derive(problem, draws)
-            if judged is None:
-                return derived
-            products = [quantity.exponents for quantity in judged.verdict.products]
-            return with_products(derived, problem, draws, products)
-        return Derived(symbols=(), values=np.empty((*draws.shape[:2], 0)), nominal={})
-
-    @cached_property
-    def following(self) -> tuple[Following, ...]:
-        """A row for each derived quantity; none where they cannot be made."""
-        with self.sparing.making("derived quantities"):
-            return summarise(self.derived)
-        return ()
 
     @cached_property
     def tree(self) -> DataTree:

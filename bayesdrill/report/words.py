@@ -12,11 +12,13 @@ from bayesdrill import output_files
 from bayesdrill.analysis import plausibility
 from bayesdrill.analysis import suspicions as suspected
 from bayesdrill.basics import units
+from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.symbols import Symbol
-from bayesdrill.config.job import OwnUnits
-from bayesdrill.config.resolve import channel_noise, experiments, quantities
+from bayesdrill.config.resolve import quantities
+from bayesdrill.config.resolve.case import ResolvedCase
 from bayesdrill.config.schema.config import Config
 from bayesdrill.config.schema.records import Column, TimeColumn
+from bayesdrill.inference.display_units import OwnUnits
 from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.posterior import Problem
 from bayesdrill.inference.residual_checks import Left, like_noise
@@ -29,32 +31,25 @@ from bayesdrill.sampling.convergence import Convergence
 from bayesdrill.sampling.ensembles import Sampled
 from bayesdrill.sampling.mode_search import SAME_PLACE, Mode, Other
 
-Array = NDArray[np.float64]
-
 FEW, ALL = 3, 50  # places of what is odd that a report names, and `check`
 
 HEADERS = ("", "measures", "column", "unit", "first", "from", "to")
 
 
-def record_columns(problem: Problem, config: Config) -> str:
+def record_columns(problem: Problem, case: ResolvedCase) -> str:
     """Of each record: time, channels and measured inputs, in the units of their columns."""
-    return "\n".join(
-        _columns(one, problem, experiments.experiment_configs(config, one.label))
-        for one in problem.every
-    )
+    return "\n".join(_columns(one, case.experiment(one.label).config) for one in problem.every)
 
 
-def _columns(one: Observation, problem: Problem, config: Config) -> str:
+def _columns(one: Observation, config: Config) -> str:
     experiment = one.experiment
     lines: list[tuple[str, ...]] = [HEADERS]
     time = config.record.time
     if isinstance(time, TimeColumn):
         lines.append(_line("time", "time", time, experiment.t / units.factor(time.unit, "s")))
-    measured = channel_noise.channels(config, problem.model)
-    for entry, values in zip(measured, experiment.y.T, strict=True):
-        name = entry.channel.name
-        channel = config.record.channels[name]
-        lines.append(_line(name, channel.measures or name, channel, values / entry.factor))
+    for channel, values in zip(experiment.channels, experiment.y.T, strict=True):
+        name, spec = channel.name, config.record.channels[channel.name]
+        lines.append(_line(name, spec.measures or name, spec, values / channel.factor))
     held = "first" if experiment.first_order else "zero"
     for name, given in quantities.measured_input(config).items():
         own = quantities.input_entry(config, name)
@@ -91,7 +86,7 @@ def _made(experiment: Experiment) -> tuple[str, ...]:
     return (*times, *some, *experiment.told)
 
 
-def record_suspicions(problem: Problem, config: Config, most: int = FEW) -> tuple[str, ...]:
+def record_suspicions(problem: Problem, most: int = FEW) -> tuple[str, ...]:
     """What a wrong column, unit, counter or sensor would look like, and this record does.
 
     `most`: how many places of each are named.
@@ -99,10 +94,7 @@ def record_suspicions(problem: Problem, config: Config, most: int = FEW) -> tupl
     found: list[str] = []
     for one in problem.observations:
         odd = [each.in_words(most) for each in one.experiment.odd]
-        measured = channel_noise.channels(
-            experiments.experiment_configs(config, one.label), problem.model
-        )
-        factors = [entry.factor for entry in measured]
+        factors = [channel.factor for channel in one.experiment.channels]
         said = suspected.suspicions_of_record(one.experiment, factors, problem.model)
         found += [f"{one.label}, {each}" if one.label else each for each in (*odd, *said)]
     return (*found, *suspected.suspicions_of_start(problem))
@@ -232,7 +224,7 @@ def _findings(problem: Problem, config: Config) -> str:
         *plausibility.of_roles(problem),
         *plausibility.plausibility_of_gear(problem),
         *(f"record: {one}" for one in record_made(problem)),
-        *(f"record, {one}" for one in record_suspicions(problem, config, ALL)),
+        *(f"record, {one}" for one in record_suspicions(problem, ALL)),
     )
     return "".join("\n" + one for one in said)
 

@@ -11,6 +11,7 @@ from arviz_base import from_dict
 from numpy.typing import NDArray
 from xarray import DataTree
 
+from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.symbols import INPUTS
 from bayesdrill.inference.derived import Derived
 from bayesdrill.inference.likelihood import Observation
@@ -18,8 +19,6 @@ from bayesdrill.inference.posterior import Problem
 from bayesdrill.inference.unknowns import of_label
 from bayesdrill.record.experiment import Channel
 from bayesdrill.sampling.ensembles import Sampled
-
-Array = NDArray[np.float64]
 
 PRIOR_DRAWS = 2000
 

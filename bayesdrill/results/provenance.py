@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import io
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -11,12 +10,13 @@ from typing import Any
 import bayesdrill
 from bayesdrill.basics.software import DECISIVE, installed_versions, versions_in_words
 from bayesdrill.basics.symbols import INPUTS, noise_name
-from bayesdrill.config.job import OwnUnits
 from bayesdrill.config.records import sources
-from bayesdrill.config.resolve import assembly, experiments
+from bayesdrill.config.resolve import experiments
+from bayesdrill.config.resolve.case import ResolvedCase
 from bayesdrill.config.resolve.experiments import WHOSE
 from bayesdrill.config.schema.config import Config
-from bayesdrill.config.yaml_source import Source
+from bayesdrill.config.yaml_source import as_yaml
+from bayesdrill.inference.display_units import OwnUnits
 from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.posterior import Problem
 from bayesdrill.record.experiment import Experiment
@@ -146,34 +146,25 @@ def _noise_held(config: Config, problem: Problem, own: OwnUnits) -> dict[str, st
     return found
 
 
-def resolved(config: Config, source: Source, folder: Path) -> str:
+def resolved(case: ResolvedCase, folder: Path) -> str:
     """The config with every default, its record relative to `folder`, versions as comments."""
-    from ruamel.yaml import YAML
-
+    config = case.config
     data: dict[str, Any] = config.model_dump(exclude_none=True)
-    for view in experiments.views(config, source):
+    for one in case.experiments:
         sections = data
-        if view.label:
-            own = view.config.model_dump(exclude_none=True)
+        if one.label:
+            own = one.config.model_dump(exclude_none=True)
             sections = {key: own[key] for key in experiments.SECTIONS}
-            held = {"held_out": True} if config.experiments[view.label].held_out else {}
-            data["experiments"][view.label] = sections | held
-        _without_foreign(sections, view.config, assembly.model(config))
-        for section, key in sources.named_in(sections):
-            # Links are resolved first: `..` in a path goes up from where a link leads to.
-            record = (source.path.parent / section[key]).resolve()
-            section[key] = sources.name_in(folder.resolve(), record)
+            held = {"held_out": True} if config.experiments[one.label].held_out else {}
+            data["experiments"][one.label] = sections | held
+        _without_foreign(sections, one.config, case.model)
+        sources.rebase(sections, case.source.path.parent, folder)
     # Of several, those of the first are no defaults of the others.
     for key in experiments.SECTIONS if config.experiments else (experiments.EXPERIMENTS, *WHOSE):
         del data[key]
-    out = io.StringIO()
-    yaml = YAML()
-    yaml.width = 120
-    yaml.default_flow_style = None
-    yaml.dump(data, out)
     made_by = "".join(f"# {name} {number}\n" for name, number in installed_versions().items())
     opening = "# Every entry of the config with its default filled in, and what read it:\n"
-    return f"{opening}{made_by}{out.getvalue()}"
+    return f"{opening}{made_by}{as_yaml(data)}"
 
 
 def _without_foreign(sections: dict[str, Any], config: Config, rig: Model) -> None:

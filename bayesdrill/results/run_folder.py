@@ -90,7 +90,9 @@ def read_piece(path: Path) -> tuple[Piece, str | None]:
 def write_opened(path: Path, opened: Opened, pieces: Sequence[Sequence[Piece]]) -> None:
     """With a mark of the chain of these `pieces`, beyond which it was found."""
     draws = () if opened.draws is None else opened.draws
-    np.savez(path, names=opened.names, pressed=opened.pressed, draws=draws, chain=_mark(pieces))
+    np.savez(
+        path, names=opened.names, pressed=opened.pressed, draws=draws, chain=chain_mark(pieces)
+    )
 
 
 def read_opened(path: Path, pieces: Sequence[Sequence[Piece]]) -> Opened:
@@ -99,14 +101,14 @@ def read_opened(path: Path, pieces: Sequence[Sequence[Piece]]) -> Opened:
         with path.open("rb") as raw, np.load(raw) as file:
             names, pressed = (tuple(map(str, file[name])) for name in ("names", "pressed"))
             draws, mark = file["draws"].reshape(-1, pieces[0][0].z.shape[-1]), str(file["chain"])
-        if mark != _mark(pieces):
+        if mark != chain_mark(pieces):
             raise ValueError("of another chain")
         return Opened(names=names, draws=draws if draws.size else None, pressed=pressed)
     except DAMAGED:
         raise InputError.one(str(path), f"is of another chain, or {COMPUTED_AGAIN}") from None
 
 
-def _mark(pieces: Sequence[Sequence[Piece]]) -> str:
+def chain_mark(pieces: Sequence[Sequence[Piece]]) -> str:
     """Of a chain, however it was cut."""
     digest = hashlib.sha256()
     for chain in pieces:

@@ -19,10 +19,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import expm
 
+from bayesdrill.basics.arrays import Array
 from bayesdrill.rig.models.linear import STATES, Model, dynamics
 from bayesdrill.rig.simulators.contract import Simulator, Steps
 
-Array = NDArray[np.float64]
 Whole = NDArray[np.intp]
 
 # Roles of parameters that take power, where they are named.

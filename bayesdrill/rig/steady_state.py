@@ -5,12 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bayesdrill.basics.arrays import Array
 from bayesdrill.rig import models
 from bayesdrill.rig.models.linear import Model
-
-Array = NDArray[np.float64]
 
 ROUNDING = 1e-12
 

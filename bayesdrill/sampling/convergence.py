@@ -1,8 +1,6 @@
 """Whether the ensembles may be believed, which of their steps, and troubles that R-hat does not
 see.
 
-Troubles that R-hat between ensembles and one autocorrelation time for all walkers do not see.
-
 R-hat is blind where every ensemble has the same trouble, and a few walkers out of many hardly move
 an average.  So each walker is looked at by itself: does it move, is it where the others are, does
 it cross between two places, and do the walkers' means spread as far as tau says they should?
@@ -18,12 +16,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import fft
 from scipy.special import chdtri
 
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
+from bayesdrill.basics.arrays import Array, Flags, Indices
 
 STILL_SHARE = 0.5  # of the kept steps: a walker that stands still for as long is stuck, ...
 STILL_RATIO = 5.0  # ... if that is as many times longer than half of the walkers ever do
@@ -69,7 +65,7 @@ def standing_still(theta: Array) -> Flags:
     return np.asarray(stay >= (least if usual >= least else max(least, STILL_RATIO * usual)))
 
 
-def longest_stay(theta: Array) -> NDArray[np.intp]:
+def longest_stay(theta: Array) -> Indices:
     """`(E, S, W, D) -> (E, W)`: most steps in a row without a move."""
     moved = (theta[:, 1:] != theta[:, :-1]).any(axis=-1)
     step = np.arange(1, theta.shape[1])[:, None]
@@ -416,7 +412,7 @@ class Autocorrelation:
 
     rho: Array
     tau: Array
-    window: NDArray[np.intp]
+    window: Indices
 
 
 def autocorrelation(chains: Array) -> Autocorrelation:

@@ -12,10 +12,10 @@ from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from bayesdrill.basics import seeds
+from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.errors import InputError
 from bayesdrill.basics.progress import SILENT, Reporter
 from bayesdrill.inference.laplace import Expansion, PosteriorSurface, joined
@@ -62,8 +62,6 @@ class Memory:
     def save(self, ensemble: int, first_step: int, piece: Piece) -> None:
         self.kept.setdefault(ensemble, []).append(piece)
 
-
-Array = NDArray[np.float64]
 
 UPWARD = 25  # steps from a maximum over the unknowns to one over the coordinates
 MOST_SLOPES = 20_000  # of a point, of records with samples of their own

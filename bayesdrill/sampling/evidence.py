@@ -10,16 +10,13 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bayesdrill.basics import seeds
+from bayesdrill.basics.arrays import Array
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.step_error import EvidenceShift
 from bayesdrill.sampling.proposal.ridge_tracing import bound
-from bayesdrill.sampling.samplers.independence import Inside, Mixture, Proposal
-
-Array = NDArray[np.float64]
-Random = np.random.RandomState
+from bayesdrill.sampling.samplers.independence import Inside, Mixture, Proposal, Random
 
 DRAWS = 40_000  # of the chain at most, and as many of the proposal inside the prior
 SETTLED_DRAWS = 4000  # of each, where a draw costs some hundred responses

@@ -5,12 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bayesdrill.basics.arrays import Array, Flags
 from bayesdrill.inference.laplace import Expansion, Surface
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 MOST_STEP = 3.0  # of the priors' spreads: what a curvature says is not true further on
 FIRST_DAMPING = 0.1  # of what the priors know: it holds the loose directions, not the tight ones

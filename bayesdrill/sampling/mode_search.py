@@ -11,8 +11,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bayesdrill.basics.arrays import Array
 from bayesdrill.inference import laplace, step_error
 from bayesdrill.inference.laplace import PosteriorSurface, Surface
 from bayesdrill.inference.posterior import Posterior
@@ -20,8 +20,6 @@ from bayesdrill.inference.step_error import Taken
 from bayesdrill.sampling import multiple_modes
 from bayesdrill.sampling.gauss_newton import Climbed, climb, gain_left
 from bayesdrill.sampling.optimisers.contract import Optimiser, Task
-
-Array = NDArray[np.float64]
 
 SAME_LOG_DENSITY = 1e-3  # searches that end nearer than this have found the same height
 ROUNDING = 1e-12  # of the log posterior: nor can two searches agree better than its own digits

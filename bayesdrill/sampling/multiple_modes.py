@@ -25,13 +25,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
+from bayesdrill.basics.arrays import Array
 from bayesdrill.inference.laplace import PosteriorSurface, Surface
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.rig.models.linear import dynamics
 from bayesdrill.sampling.gauss_newton import climb
 from bayesdrill.sampling.proposal import ridge_tracing
-
-Array = NDArray[np.float64]
 
 FIRST_STEPS = 8  # of all starts, and then ...
 BEST_STARTS = 10  # ... as many of those spread over the prior go on, ...

@@ -59,6 +59,11 @@ class Crew:
         self._posterior = step_error.taking(self._posterior, steps)
 
     @property
+    def posterior(self) -> Posterior:
+        """In the steps that it is taken in."""
+        return self._posterior
+
+    @property
     def alone(self) -> bool:
         """Whether the work is done in this process."""
         return self._pool is None

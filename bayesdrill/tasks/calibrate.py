@@ -2,47 +2,42 @@
 
 from __future__ import annotations
 
-import csv
 import dataclasses
-import io
 import time
 from collections.abc import Callable, Sequence
-from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from bayesdrill import output_files
-from bayesdrill.analysis.calibration import Refit, Study, Verdict, judge_calibration, packed, work
+from bayesdrill.analysis import calibration
+from bayesdrill.analysis.calibration import Refit, Study, Verdict, judge_calibration
 from bayesdrill.basics import software
-from bayesdrill.basics.errors import InputError, Interrupted
+from bayesdrill.basics.errors import InputError
 from bayesdrill.basics.progress import Reporter
 from bayesdrill.config import loading
 from bayesdrill.config.job import Job
 from bayesdrill.config.records import reading, simulation, sources
 from bayesdrill.config.resolve import assembly
-from bayesdrill.config.resolve.experiments import views
 from bayesdrill.inference.posterior import Problem
 from bayesdrill.output_files import (
-    CONFIG_FILE,
     FIGURES,
     REFITS,
-    RESOLVED_FILE,
     dumps_checksummed,
     loads_checksummed,
     typed,
 )
-from bayesdrill.record.experiment import Experiment, frozen
+from bayesdrill.record.experiment import Experiment
 from bayesdrill.report import run_report
 from bayesdrill.report.section import Section, as_markdown, markdown
 from bayesdrill.report.sections import calibration_words
 from bayesdrill.results import provenance, run_folder
 from bayesdrill.results.run_folder import COMPUTED_AGAIN, Folder
 from bayesdrill.sampling.convergence import Targets
-from bayesdrill.sampling.workers import ctrl_c_waits
-from bayesdrill.tasks import conclusions
-from bayesdrill.tasks.remote import RefitExecutor, results
+from bayesdrill.tasks.find_map import fit_plan
+from bayesdrill.tasks.job_folder import begin, interruptions
+from bayesdrill.tasks.remote import RefitExecutor, packed, run_jobs
 
 RANKS = "ranks.csv"
 
@@ -63,47 +58,30 @@ class Outcome:
 
 def prepare(path: Path) -> Job:
     """As `job.prepare`, but nothing has to be measured yet where `simulation:` gives times."""
-    config, source = loading.load(path)
-    there = all(
-        path.exists()
-        for view in views(config, source)
-        for path in sources.paths(view.config, view.source)
-    )
+    case = loading.load(path)
+    there = all(path.exists() for one in case.experiments for path in sources.paths(one))
     read: Callable[..., Experiment] = reading.read if there else simulation.grid
-    every = views(config, source)
-    records = [read(view.config, view.source) for view in every]
-    problem = assembly.problem(config, every, records)
-    return Job(config=config, source=source, problem=_blank(problem))
+    problem = assembly.problem(case, [read(one) for one in case.experiments])
+    return Job(case=case, problem=_blank(problem))
 
 
 def _blank(problem: Problem) -> Problem:
     """What was measured plays no part but in priors of free states, and so must not stop a calibration
     from being resumed.
     """
-    seen = [one.experiment.seen for one in problem.observations]
-    blank = tuple(
-        one.with_record(frozen(np.where(where, 0.0, np.nan)))
-        for one, where in zip(problem.observations, seen, strict=True)
-    )
-    posterior = problem.posterior
-    likelihood = dataclasses.replace(posterior.likelihood, observations=blank)
-    return dataclasses.replace(
-        problem, posterior=dataclasses.replace(posterior, likelihood=likelihood)
-    )
+    blank = [np.where(one.experiment.seen, 0.0, np.nan) for one in problem.observations]
+    return dataclasses.replace(problem, posterior=problem.posterior.edit(records=blank))
 
 
 def study(job: Job) -> Study:
     own = job.config.calibration
     targets = Targets(r_hat=job.config.sampler.r_hat, n_tau=own.n_tau, ess=own.ess)
-    plan = conclusions.plan(job.config)
+    plan = fit_plan(job)
+    chains = dataclasses.replace(plan.chains, targets=targets, max_steps=own.max_steps)
     return Study(
         posterior=job.problem.posterior,
-        optimiser=assembly.optimiser(job.config),
-        starts=own.starts,
-        evaluations=job.config.map.evaluations,
-        plan=dataclasses.replace(plan, targets=targets, max_steps=own.max_steps),
+        plan=dataclasses.replace(plan, starts=own.starts, chains=chains, brief=True),
         draws=own.draws,
-        seed=job.config.seed,
     )
 
 
@@ -127,24 +105,14 @@ def calibrate(
         if how == "resume":
             saved(folder.path / REFITS, study(job))  # what is damaged, before anything is written
         report.say(calibration_words.opening(job.problem, job.config))
-        folder.begin(
-            status="running",
-            seed=job.config.seed,
-            versions=software.installed_versions(),
-            refits=own.refits,
-        )
-        folder.write_text(CONFIG_FILE, job.source.text)
-        folder.write_text(RESOLVED_FILE, provenance.resolved(job.config, job.source, output))
-        try:
-            refits = run(study(job), own.refits, folder.path / REFITS, crew, report)
-        except KeyboardInterrupt:
-            folder.write_run(status="interrupted")
+        begin(job, folder, refits=own.refits)
+
+        def kept() -> str:
             done = len(saved(folder.path / REFITS, study(job)))
-            message = f"stopped; {done} of {own.refits} refits are saved in {output}"
-            raise Interrupted(f"{message}; continue with --resume") from None
-        except (InputError, BrokenProcessPool):
-            folder.write_run(status="interrupted")
-            raise
+            return f"{done} of {own.refits} refits are saved in {output}"
+
+        with interruptions(folder, kept, (InputError,)):
+            refits = run(study(job), own.refits, folder.path / REFITS, crew, report)
         verdict = _publish(job, folder, refits)
         folder.write_run(seconds=round(time.perf_counter() - begun, 3))
         return Outcome(folder=folder.path, verdict=verdict, refits=tuple(refits))
@@ -165,29 +133,18 @@ def run(
     missing = [index for index in range(n) if index not in done]
     folder.mkdir(exist_ok=True)
     report.update(0.0, f"{len(done)} of {n} refits")
-    _collect(study, missing, crew, done, n, folder, report)
-    report.update(1.0, "")
-    return [done[index] for index in range(n)]
 
-
-def _collect(
-    study: Study,
-    missing: Sequence[int],
-    crew: RefitExecutor,
-    done: dict[int, Refit],
-    n: int,
-    folder: Path,
-    report: Reporter,
-) -> None:
-    blob, versions = packed(study), software.installed_versions()
-    with ctrl_c_waits():
-        futures = [crew.submit(work, blob, versions, index) for index in missing]
-    for count, (_, refit) in enumerate(results(crew, futures, folder.parent, report), 1):
-        save(folder, refit)
-        done[refit.index] = refit
-        strayed = sum(not refit.converged for refit in done.values())
+    def finish(index: int, found: Refit) -> str:
+        save(folder, found)
+        done[index] = found
+        strayed = sum(not one.converged for one in done.values())
         doubt = f", {strayed} not converged" if strayed else ""
-        report.update(count / len(missing), f"{len(done)} of {n} refits{doubt}")
+        return f"{len(done)} of {n} refits{doubt}"
+
+    blob = packed(study)
+    tasks = {index: (blob, index) for index in missing}
+    run_jobs(crew, calibration.refit, tasks, finish, folder.parent, report)
+    return [done[index] for index in range(n)]
 
 
 def save(folder: Path, refit: Refit) -> None:
@@ -208,7 +165,7 @@ def _read(path: Path, study: Study) -> Refit:
         found = typed(Refit, loads_checksummed(path.read_bytes()))
         ranked = {len(study.names), *([0] if found.reasons else [])}
         right = len(found.truth) == len(study.names) and len(found.ranks) in ranked
-        right &= 0 <= found.steps <= study.plan.max_steps
+        right &= 0 <= found.steps <= study.plan.chains.max_steps
         right &= all(0 <= rank <= study.draws for rank in found.ranks)
         if not right or found.index != int(path.stem) or not np.isfinite(found.truth).all():
             raise ValueError("of another study")
@@ -220,7 +177,7 @@ def _read(path: Path, study: Study) -> Refit:
 def _publish(job: Job, folder: Folder, refits: Sequence[Refit]) -> Verdict:
     names = study(job).names
     verdict = judge_calibration(names, refits, job.config.calibration.draws)
-    folder.write_text(RANKS, as_csv(names, refits))
+    folder.write_text(RANKS, calibration_words.ranks_csv(names, refits))
     _draw(job, folder, verdict)
     _pages(
         job,
@@ -271,17 +228,3 @@ def _draw(job: Job, folder: Folder, verdict: Verdict) -> None:
     )
     folder.take_away(set(every) - set(wanted))
     save_figure(verdict, job.problem.symbols, output, figures, note)
-
-
-def as_csv(names: Sequence[str], refits: Sequence[Refit]) -> str:
-    """A line for each refit: all digits, SI; nothing that depends on when or where it ran."""
-    out = io.StringIO()
-    writer = csv.writer(out, lineterminator="\n")
-    keys = [name.replace(" ", "_") for name in names]
-    heads = ["refit", "converged", "r_hat", "ess", "steps"]
-    writer.writerow([*heads, *(f"true_{key}" for key in keys), *(f"rank_{key}" for key in keys)])
-    for refit in refits:
-        ranks = refit.ranks or [""] * len(names)
-        first = (refit.index, int(refit.converged), refit.r_hat, refit.ess, refit.steps)
-        writer.writerow([*first, *refit.truth, *ranks])
-    return out.getvalue()

@@ -4,7 +4,6 @@ what they say.
 
 from __future__ import annotations
 
-import dataclasses
 import hashlib
 import os
 from collections.abc import Sequence
@@ -17,34 +16,32 @@ from bayesdrill.analysis.diagnostics import summarise
 from bayesdrill.analysis.plausibility import vague
 from bayesdrill.basics import software
 from bayesdrill.basics.errors import InputError, encodable
-from bayesdrill.config.job import SI, Job, OwnUnits
-from bayesdrill.config.resolve import experiments
+from bayesdrill.config.job import Job
 from bayesdrill.inference import residual_checks
+from bayesdrill.inference.display_units import SI, OwnUnits
 from bayesdrill.inference.posterior import Problem
 from bayesdrill.inference.residual_checks import left
 from bayesdrill.inference.unknowns import MOVES
-from bayesdrill.output_files import COMPARE, OVERLAY
 from bayesdrill.report import words
-from bayesdrill.report.comparison_report import ComparisonReport, OverlayReport
-from bayesdrill.report.sections.overlay_figure import LOOKS
+from bayesdrill.report.comparison_report import ComparisonReport, Form
 from bayesdrill.results import provenance
 from bayesdrill.results.run_folder import Folder
 from bayesdrill.sampling.ensembles import Sampled
 from bayesdrill.sampling.mode_search import Mode
 
-FEWEST_OVERLAID, MOST_OVERLAID = 2, len(LOOKS)  # that can be told apart in grey
+FEWEST = 2  # runs
 LONGEST = 100  # letters of a folder's name
-OVERLAY_TITLE = (
-    "overlay"  # inside of figures, where a file's format may write letters of a name otherwise
+OF_NOISE = ("the noise of", "the kind of noise")  # begin the names of settings
+WITHOUT = (
+    "has no log evidence: it was made before there was any, or its proposal found nothing; "
+    "`bayesdrill posterior CONFIG --resume` computes it from the chain that is there"
 )
 
 
-def check_number_overlaid(n: int) -> None:
+def check_number(form: Form, n: int) -> None:
     """Raises `InputError` for fewer runs than two, and for more than can be told apart."""
-    if not FEWEST_OVERLAID <= n <= MOST_OVERLAID:
-        message = (
-            f"{n} given; {FEWEST_OVERLAID} to {MOST_OVERLAID} runs can be laid over each other"
-        )
+    if not FEWEST <= n <= form.most:
+        message = f"{n} given; {FEWEST} to {form.most} runs can be {form.purpose}"
         raise InputError.one("runs", message)
 
 
@@ -86,73 +83,68 @@ def distinct(names: Sequence[str]) -> list[str]:
     return found
 
 
-def default_overlay_folder(names: Sequence[str]) -> Path:
-    return Path("results") / "-".join(names)[:LONGEST]
+def default_folder(form: Form, names: Sequence[str]) -> Path:
+    return Path("results") / (form.prefix + "-".join(names))[:LONGEST]
 
 
-def check_overlay_folder(output: Path, runs: Sequence[Path | None], *, force: bool) -> None:
+def check_folder(form: Form, output: Path, runs: Sequence[Path | None], *, force: bool) -> None:
     """Raises `InputError` where `publish` would, before runs are read."""
     if output.resolve() in [run.resolve() for run in runs if run is not None]:
         raise InputError.one(str(output), "is one of these runs; give another --output")
-    Folder(output, "force" if force else "fresh", {}, OVERLAY).check()
+    Folder(output, "force" if force else "fresh", {}, form.kind).check()
 
 
-def publish_overlay(
-    report: OverlayReport, runs: Sequence[Path | None], output: Path, *, force: bool
+def publish(
+    report: ComparisonReport, runs: Sequence[Path | None], output: Path, *, force: bool
 ) -> None:
     """Table, page and figures; `runs`: where each run is, None where it is in no folder."""
+    check_folder(report.form, output, runs, force=force)
+    with Folder(output, "force" if force else "fresh", {}, report.form.kind) as folder:
+        folder.begin(status="running", versions=software.installed_versions())
+        write(report, folder)
+        folder.write_run(status="finished", **entries(report, runs, folder))
+
+
+def write(report: ComparisonReport, folder: Folder) -> None:
+    """Table, page and figures into a folder that is open."""
     from bayesdrill.report import style  # late: matplotlib takes a second to load
 
-    check_overlay_folder(output, runs, force=force)
-    with Folder(output, "force" if force else "fresh", {}, OVERLAY) as folder:
-        folder.begin(status="running", versions=software.installed_versions())
-        for name, text in report.texts.items():
-            folder.write_text(name, text)
-        figures = output / output_files.FIGURES
-        figures.mkdir(exist_ok=True)
-        note = _note(report)
-        for name, drawing in report.figures.items():
-            own = {**note, "Title": f"{OVERLAY_TITLE}: {name}"}
-            style.save(drawing.figure(*drawing.arguments), figures, name, own)
-        folder.write_text("report.html", report.page(figures))
-        files = {name: output_files.digest(output / name) for name in folder.made()}
-        listed = [describe_overlay(*pair, output) for pair in zip(report.layers, runs, strict=True)]
-        folder.write_run(status="finished", runs=listed, reasons=list(report.reasons), files=files)
+    for name, text in report.texts.items():
+        folder.write_text(name, text)
+    figures = folder.path / output_files.FIGURES
+    figures.mkdir(exist_ok=True)
+    note = {"Creator": software.creator(), provenance.RUN_MARK: report.mark}
+    for name, drawing in report.figures.items():
+        # Not the heading: a file's format may write letters of a name otherwise.
+        style.save(drawing.drawn(), figures, name, {**note, "Title": f"{report.form.name}: {name}"})
+    folder.write_text("report.html", report.page(figures))
 
 
-def _note(report: OverlayReport) -> dict[str, str]:
-    """Inside of each figure."""
-    return {"Creator": software.creator(), provenance.RUN_MARK: overlay_mark(report)}
+def entries(
+    report: ComparisonReport, runs: Sequence[Path | None], folder: Folder
+) -> dict[str, object]:
+    """Of `run.json`, once all files are written."""
+    pairs = zip(report.layers, runs, strict=True)
+    found: dict[str, object] = {
+        "runs": [_described(*pair, folder.path) for pair in pairs],
+        "files": {name: output_files.digest(folder.path / name) for name in folder.made()},
+        "reasons": list(report.reasons),
+    }
+    if report.decision is None or report.best is None:
+        return found
+    return found | {
+        "verdict": report.decision.word,
+        "best": report.best.name,
+        "log_evidence": {model.name: model.log_z for model in report.models},
+        "log_evidence_error": {model.name: model.evidence.error for model in report.models},
+    }
 
 
-def overlay_mark(report: OverlayReport) -> str:
-    """By which a figure says whose it is: the marks of all runs."""
-    return " ".join(layer.mark for layer in report.layers)
-
-
-def describe_overlay(of: Layer, run: Path | None, output: Path) -> dict[str, str | None]:
-    """For `run.json`."""
+def _described(layer: Layer, run: Path | None, output: Path) -> dict[str, str | None]:
     place = None
     if run is not None:
         place = Path(os.path.relpath(run.resolve(), output.resolve())).as_posix()
-    return {"name": of.name, "run": of.mark, "folder": place}
-
-
-FEWEST_COMPARED, MOST_COMPARED = 2, 24
-COMPARISON_TITLE = "comparison"  # inside of the figure
-OF_NOISE = ("the noise of", "the kind of noise")  # begin the names of settings
-WITHOUT = (
-    "has no log evidence: it was made before there was any, or its proposal found nothing; "
-    "`bayesdrill posterior CONFIG --resume` computes it from the chain that is there"
-)
-
-
-def check_number_compared(n: int) -> None:
-    """Raises `InputError` for fewer models than two, and for more than a table has room for."""
-    if not FEWEST_COMPARED <= n <= MOST_COMPARED:
-        raise InputError.one(
-            "runs", f"{n} given; {FEWEST_COMPARED} to {MOST_COMPARED} runs can be compared"
-        )
+    return {"name": layer.name, "run": layer.mark, "folder": place}
 
 
 def check_same_record(places: Sequence[str], problems: Sequence[Problem]) -> None:
@@ -226,64 +218,9 @@ def _noise(job: Job) -> dict[str, str]:
     """Of each channel: its kind, and its size where it is known."""
     found = {}
     for one in job.problem.observations:
-        record = experiments.experiment_configs(job.config, one.label).record
+        record = job.case.experiment(one.label).config.record
         for name, channel in record.channels.items():
             known = isinstance(channel.sigma, int | float)
             size = f"sigma {channel.sigma}" if known else "sigma unknown"
             found[one.entitled(name)] = f"{channel.noise.model_dump()}, {size}"
     return found
-
-
-def default_comparison_folder(names: Sequence[str]) -> Path:
-    return Path("results") / ("compare-" + "-".join(names))[:LONGEST]
-
-
-def check_comparison_folder(output: Path, runs: Sequence[Path | None], *, force: bool) -> None:
-    """Raises `InputError` where `publish` would, before runs are read."""
-    if output.resolve() in [run.resolve() for run in runs if run is not None]:
-        raise InputError.one(str(output), "is one of these runs; give another --output")
-    Folder(output, "force" if force else "fresh", {}, COMPARE).check()
-
-
-def publish_comparison(
-    report: ComparisonReport, runs: Sequence[Path | None], output: Path, *, force: bool
-) -> None:
-    """Table, page and figure; `runs`: where each run is, None where it is in no folder."""
-    check_comparison_folder(output, runs, force=force)
-    with Folder(output, "force" if force else "fresh", {}, COMPARE) as folder:
-        folder.begin(status="running", versions=software.installed_versions())
-        write_comparison(report, folder)
-        files = {name: output_files.digest(output / name) for name in folder.made()}
-        pairs = zip([one.layer for one in report.models], runs, strict=True)
-        told = [describe_overlay(*pair, output) for pair in pairs]
-        folder.write_run(status="finished", runs=told, files=files, **comparison_entries(report))
-
-
-def write_comparison(report: ComparisonReport, folder: Folder, title: str = "") -> None:
-    """Tables, page and figure into a folder that is open."""
-    from bayesdrill.report import style  # late: matplotlib takes a second to load
-
-    if title:
-        report = dataclasses.replace(report, heading=title)
-    for name, text in report.texts.items():
-        folder.write_text(name, text)
-    figures = folder.path / output_files.FIGURES
-    figures.mkdir(exist_ok=True)
-    mark = " ".join(one.layer.mark for one in report.models)
-    note = {"Creator": software.creator(), provenance.RUN_MARK: mark}
-    for name, drawing in report.figures.items():
-        own = {**note, "Title": f"{COMPARISON_TITLE}: {name}"}
-        style.save(drawing.figure(*drawing.arguments), figures, name, own)
-    folder.write_text("report.html", report.page(figures))
-
-
-def comparison_entries(report: ComparisonReport) -> dict[str, object]:
-    """Of `run.json`."""
-    found = report.decision
-    return {
-        "verdict": found.word,
-        "best": report.best.name,
-        "log_evidence": {one.name: one.log_z for one in report.models},
-        "log_evidence_error": {one.name: one.evidence.error for one in report.models},
-        "reasons": list(report.reasons),
-    }

@@ -6,9 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
 from bayesdrill import output_files
 from bayesdrill.analysis import plausibility
 from bayesdrill.analysis.identifiability.information import Scenery
@@ -16,6 +13,7 @@ from bayesdrill.analysis.identifiability.profile import Fitter, Profile, profile
 from bayesdrill.analysis.identifiability.study import Study, study_of
 from bayesdrill.analysis.latent_torque import rubs_besides
 from bayesdrill.analysis.suspicions import Moment, half_a_sample
+from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.errors import InputError, did_you_mean
 from bayesdrill.basics.progress import Reporter
 from bayesdrill.basics.symbols import Symbol
@@ -26,8 +24,6 @@ from bayesdrill.output_files import FIGURES, IDENTIFY
 from bayesdrill.report.scales import WIDTHS
 from bayesdrill.report.sections import fit_words, physics_words, torque_words
 from bayesdrill.report.sections import identify_words as words
-
-Array = NDArray[np.float64]
 
 ALL = "all"
 MARK = "<!-- bayesdrill identify -->"  # begins the text, and so says whose the figures are

@@ -5,28 +5,30 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Mapping, Sequence
-from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from pathlib import Path
 
 from bayesdrill import output_files, selection
 from bayesdrill.analysis.comparison import SURE, Contender
-from bayesdrill.basics import software
-from bayesdrill.basics.errors import InputError, Interrupted
+from bayesdrill.basics.errors import InputError
 from bayesdrill.basics.progress import Reporter
 from bayesdrill.config.job import Job
-from bayesdrill.output_files import CONFIG_FILE, POSTERIOR, RECOMMENDED, RESOLVED_FILE
+from bayesdrill.inference.posterior import Posterior
+from bayesdrill.output_files import POSTERIOR, RECOMMENDED
 from bayesdrill.report import comparison_report
 from bayesdrill.report.comparison_report import ComparisonReport
 from bayesdrill.results import provenance, run_folder
 from bayesdrill.results.run_folder import Folder
 from bayesdrill.sampling.ensembles import Sampled
+from bayesdrill.sampling.fit import FitPlan, fit
 from bayesdrill.sampling.mode_search import Mode
-from bayesdrill.sampling.workers import ctrl_c_waits
+from bayesdrill.sampling.proposal.learning import Nowhere
 from bayesdrill.selection import Ladder, Rung
-from bayesdrill.tasks import comparison, find_map, pipeline, remote
+from bayesdrill.tasks import comparison, pipeline
 from bayesdrill.tasks.conclusions import concluded
-from bayesdrill.tasks.remote import RefitExecutor, results
+from bayesdrill.tasks.find_map import fit_plan
+from bayesdrill.tasks.job_folder import begin, check_record, interruptions
+from bayesdrill.tasks.remote import RefitExecutor, packed, run_jobs
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -59,21 +61,16 @@ def ladder(
     kind = output_files.ladder_files(selection.rung_names())
     for name in selection.rung_names():
         Folder(output / name, "fresh" if how == "fresh" else "force", {}, POSTERIOR).check()
-    find_map.check_record(job, output, None)
+    check_record(job, output)
     with Folder(output, how, marks, kind) as folder:
-        folder.begin(status="running", seed=job.config.seed, versions=software.installed_versions())
-        folder.write_text(CONFIG_FILE, job.source.text)
-        folder.write_text(RESOLVED_FILE, provenance.resolved(job.config, job.source, output))
+        begin(job, folder)
         work = _Climb(job, output, crew, report, again=how == "resume")
-        try:
+
+        def kept() -> str:
+            return f"{len(work.done)} rungs are done and kept in {output}"
+
+        with interruptions(folder, kept, (InputError,)):
             work.up(Ladder.of(job))
-        except KeyboardInterrupt:
-            folder.write_run(status="interrupted")
-            message = f"stopped; {len(work.done)} rungs are done and kept in {output}"
-            raise Interrupted(f"{message}; continue with --resume") from None
-        except (InputError, BrokenProcessPool):
-            folder.write_run(status="interrupted")
-            raise
         return _published(job, folder, work)
 
 
@@ -113,18 +110,16 @@ class _Climb:
         self.report.say(
             comparison_report.ladder_opening([one for one, _ in jobs.values()], len(missing))
         )
-        versions = software.installed_versions()
-        with ctrl_c_waits():
-            futures = {
-                self.crew.submit(remote.work_remotely, remote.pack_task(made), versions): pair
-                for pair in missing.values()
-                for made in [pair[1]]
-            }
-        every = results(self.crew, futures, self.output, self.report)
-        for count, (future, found) in enumerate(every, 1):
-            self._finish(found, *futures[future])
-            self.report.update(count / len(futures), f"{len(self.done)} rungs")
-        self.report.update(1.0, "")
+
+        def finish(name: str, found: tuple[Mode, Sampled] | str) -> str:
+            self._finish(found, *missing[name])
+            return f"{len(self.done)} rungs"
+
+        tasks = {
+            name: (packed(made.problem.posterior, fit_plan(made)),)
+            for name, (_, made) in missing.items()
+        }
+        run_jobs(self.crew, _fit, tasks, finish, self.output, self.report)
 
     def _job(self, rung: Rung) -> Job | None:
         if not rung.parts:
@@ -154,7 +149,7 @@ class _Climb:
         found, sampled = made
         job = job.at(found)
         # What may be missing the other rungs say, and the report of the config as given.
-        view = dataclasses.replace(concluded(job, found, sampled), alone=not rung.parts)
+        view = concluded(job, found, sampled, alone=not rung.parts)
         pipeline.write_result(job, view, self.output / rung.name, None, force=True)
         if not self._known(rung, job, found, sampled):
             self.left_out[rung.name] = "its evidence could not be computed"
@@ -168,28 +163,31 @@ class _Climb:
         return True
 
 
+def _fit(posterior: Posterior, plan: FitPlan) -> tuple[Mode, Sampled] | str:
+    """A sentence where nothing can be sampled."""
+    try:
+        return fit(posterior, plan)
+    except Nowhere as error:
+        return str(error)
+
+
 def _published(job: Job, folder: Folder, work: _Climb) -> Outcome:
     """Always in the same order: the config as given first, and then as they are named."""
     order = [name for name in selection.rung_names() if name in work.done]
     every = [work.done[name] for name in order]
-    report = ComparisonReport(tuple(one for _, one in every), job.units)
+    report = ComparisonReport.of_models([one for _, one in every], job.units)
+    report = dataclasses.replace(report, heading=f"Ladder of {job.config.name}")
     chosen = recommended([rung for rung, _ in every], report)
     about = comparison_report.about_config(chosen, job.config.name, report)
     name = f"{job.config.name}_{chosen.name}"[: selection.LONGEST_NAME]
     folder.write_text(RECOMMENDED, selection.recommended(chosen, name, folder.path, about))
-    comparison.write_comparison(report, folder, title=f"Ladder of {job.config.name}")
-    files = {made: output_files.digest(folder.path / made) for made in folder.made()}
-    runs = [
-        comparison.describe_overlay(one.layer, folder.path / rung.name, folder.path)
-        for rung, one in every
-    ]
+    comparison.write(report, folder)
+    places = [folder.path / rung.name for rung, _ in every]
     folder.write_run(
         status="finished",
         recommended=chosen.name,
-        runs=runs,
         left_out=work.left_out,
-        files=files,
-        **comparison.comparison_entries(report),
+        **comparison.entries(report, places, folder),
     )
     return Outcome(
         folder=folder.path,
@@ -203,8 +201,8 @@ def _published(job: Job, folder: Folder, work: _Climb) -> Outcome:
 
 def recommended(every: Sequence[Rung], report: ComparisonReport) -> Rung:
     """The simplest of those that are about as probable as the best."""
-    least = report.best.log_z - SURE
     models = report.models
+    least = max(one.log_z for one in models) - SURE
     good = [k for k, one in enumerate(models) if one.log_z >= least]
     return every[
         min(good, key=lambda k: (len(every[k].parts), len(models[k].layer.problem.symbols), k))

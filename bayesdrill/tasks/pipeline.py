@@ -6,17 +6,14 @@ import dataclasses
 import importlib
 import time
 from collections.abc import Mapping
-from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from pathlib import Path
 
 from bayesdrill import output_files
 from bayesdrill.analysis.diagnostics import Row
 from bayesdrill.analysis.identifiability.information import Scenery
-from bayesdrill.analysis.plausibility import not_kept, with_open_ends
 from bayesdrill.analysis.verdict import Verdict
-from bayesdrill.basics import software
-from bayesdrill.basics.errors import InputError, Interrupted
+from bayesdrill.basics.errors import InputError
 from bayesdrill.basics.progress import SILENT, Reporter
 from bayesdrill.config.job import Job, prepare
 from bayesdrill.output_files import (
@@ -26,26 +23,26 @@ from bayesdrill.output_files import (
 from bayesdrill.report import publish, words
 from bayesdrill.report.run_report import sections
 from bayesdrill.report.section import as_text
-from bayesdrill.report.sections import verdict_words
 from bayesdrill.report.view import View
 from bayesdrill.results import provenance, run_folder
 from bayesdrill.results.run_folder import Folder
-from bayesdrill.sampling import mode_search
-from bayesdrill.sampling.ensembles import Memory, Sampled, Shelf, loaded, sample, stored, weighed
+from bayesdrill.sampling.ensembles import Memory, Sampled, Shelf, loaded, stored
+from bayesdrill.sampling.fit import begin_searches, sample_maxima
 from bayesdrill.sampling.mode_search import Mode
+from bayesdrill.sampling.opened_ends import not_kept
 from bayesdrill.sampling.proposal.learning import Nowhere
 from bayesdrill.sampling.workers import Crew
-from bayesdrill.tasks.conclusions import concluded, entries, held, plan
+from bayesdrill.tasks.conclusions import analysis_mark, concluded, kept_analysis, plan
 from bayesdrill.tasks.find_map import (
     MAP_FILE,
-    begin_search,
-    check_record,
     end_search,
+    fit_plan,
     read_mode,
-    write_given,
     write_mode,
 )
 from bayesdrill.tasks.identify import preflight
+from bayesdrill.tasks.job_folder import begin, check_record, interruptions
+from bayesdrill.tasks.run_entries import entries, evidence_of_data, held
 
 DRAWS_SAY = "looking at what the draws say"
 
@@ -81,17 +78,9 @@ def posterior(
         report.say(
             f"{words.opening(job.problem, job.units)}\n{words.size(job.problem, job.config)}"
         )
-        seed, versions = job.config.seed, software.installed_versions()
-        folder.begin(status="running", seed=seed, versions=versions)
-        write_given(job, folder)
-        try:
+        begin(job, folder)
+        with interruptions(folder, lambda: _kept(folder)):
             return _run(job, folder, known, processes, report)
-        except KeyboardInterrupt:
-            folder.write_run(status="interrupted")
-            raise Interrupted(f"stopped; {_kept(folder)}; continue with --resume") from None
-        except BrokenProcessPool:
-            folder.write_run(status="interrupted")
-            raise
 
 
 def _kept(folder: Folder) -> str:
@@ -117,7 +106,7 @@ def _read_ahead(job: Job, folder: Folder) -> None:
 def _run(job: Job, folder: Folder, known: Mode | None, processes: int, report: Reporter) -> Outcome:
     clock = [time.perf_counter()]
     with Crew(job.problem.posterior, processes) as crew:
-        hunt = None if known else begin_search(job, crew, report)
+        hunt = None if known else begin_searches(crew, fit_plan(job), report)
         # While others search the MAP, this process looks at what the record can show, and loads
         # what sampling and report will need.
         scenery = Scenery(job.problem.posterior.likelihood)
@@ -150,13 +139,15 @@ def republish(output: Path, processes: int, report: Reporter = SILENT) -> Outcom
     job, marks = _made(output)
     with Folder(output, "report", marks, POSTERIOR) as folder:
         job, found, sampled = _finished(job, folder)
+        run = run_folder.read_run(output) or {}
         folder.begin()
         posterior = job.problem.posterior
         with Crew(posterior, processes) as crew:
-            seconds = dict((run_folder.read_run(output) or {}).get("seconds", {}))
+            seconds = dict(run.get("seconds", {}))
             seconds.pop("report", None)  # is being made again
             report.update(0.0, DRAWS_SAY)
-            view = concluded(job, found, sampled, seconds=seconds)
+            kept = kept_analysis(job, found, sampled, run)
+            view = concluded(job, found, sampled, seconds=seconds, kept=kept)
             return _publish(job, folder, view, crew, report)
 
 
@@ -170,11 +161,11 @@ def copied(source: Path, output: Path, *, force: bool) -> None:
     how: run_folder.Mode = "force" if force else "fresh"
     Folder(output, how, {}, POSTERIOR).check()  # before the chain is read
     job, _, _ = read_result(source)
-    check_record(job, output, None)
+    check_record(job, output)
     run = run_folder.read_run(source) or {}
     with Folder(output, how, run["fingerprint"], POSTERIOR) as folder:
         folder.begin(**run | {"status": "running"})
-        folder.write_text(RESOLVED_FILE, provenance.resolved(job.config, job.source, output))
+        folder.write_text(RESOLVED_FILE, provenance.resolved(job.case, output))
         for name in output_files.present(source, output_files.GROUND):
             if name != output_files.RUN:
                 folder.take_over(name, source)
@@ -216,7 +207,7 @@ def _finished(job: Job, folder: Folder) -> tuple[Job, Mode, Sampled]:
     again = again.doubted(found.doubts)
     run = run_folder.read_run(path) or {}
     beyond = folder.opened_ends(again.pieces) or not_kept(again, problem.posterior, problem.nominal)
-    evidence = verdict_words.evidence_of_data(run)
+    evidence = evidence_of_data(run)
     sampled = dataclasses.replace(again, held=held(run), evidence=evidence, beyond=beyond)
     return job, found, sampled
 
@@ -226,8 +217,7 @@ def write_result(job: Job, view: View, output: Path, record: str | None, *, forc
     check_record(job, output, record)
     marks = provenance.fingerprint(job.config, job.problem)
     with Folder(output, "force" if force else "fresh", marks, POSTERIOR) as folder:
-        folder.begin(status="running", seed=job.config.seed, versions=software.installed_versions())
-        write_given(job, folder, record)
+        begin(job, folder, record)
         write_mode(folder, view.mode)
         for ensemble, pieces in enumerate(view.sampled.pieces):
             first = 0
@@ -240,24 +230,17 @@ def write_result(job: Job, view: View, output: Path, record: str | None, *, forc
 
 
 def sample_in_memory(job: Job, found: Mode, processes: int, report: Reporter) -> Sampled:
+    """From the maximum `found`, in whose steps the job is."""
     with Crew(job.problem.posterior, processes) as crew:
         return _sample(job, crew, found, Memory(), report)
 
 
 def _sample(job: Job, crew: Crew, found: Mode, shelf: Shelf, report: Reporter) -> Sampled:
-    posterior = job.problem.posterior
-    tops = mode_search.tops(posterior, found)
     try:
-        sampled = sample(crew, posterior, tops, plan(job.config), shelf, report)
-        sampled = sampled.doubted(found.doubts)
+        return sample_maxima(crew, found, fit_plan(job), shelf, report)
     except Nowhere as error:
         message = f"{error}; the record and the priors do not go together, check units and values"
         raise InputError([job.source.problem(("parameters",), message)]) from None
-    report.update(0.0, "computing the evidence")
-    sampled = weighed(posterior, sampled, job.config.seed)
-    report.update(1.0, "")
-    nominal = job.problem.nominal
-    return with_open_ends(sampled, posterior, nominal, tops, plan(job.config), report)
 
 
 def _finish_chain(job: Job, folder: Folder, sampled: Sampled) -> None:
@@ -285,19 +268,24 @@ def _publish(
     begun: float | None = None,
 ) -> Outcome:
     """`begun`: when the report began, of a run that is timed."""
-    seconds, judged = dict(view.seconds), view.judged
+    seconds, judged = dict(view.seconds), view.analysis.judged
     missing = publish.everything(view, folder, crew, report)
     report.update(1.0, "")
     if begun is not None:
         seconds["report"] = time.perf_counter() - begun
         folder.write_run(seconds={name: round(value, 3) for name, value in seconds.items()})
     files = {name: output_files.digest(folder.path / name) for name in folder.made()}
-    folder.write_run(status="finished", missing=missing, files=files, **entries(view))
+    folder.write_run(
+        status="finished",
+        missing=missing,
+        files=files,
+        **entries(view, analysis_mark(job, view.mode, view.sampled)),
+    )
     return Outcome(
         folder=folder.path,
         mode=view.mode,
         sampled=view.sampled,
-        rows=view.rows,
+        rows=view.analysis.unknowns,
         verdict=None if judged is None else judged.verdict,
         said="\n\n".join((words.convergence(view.sampled), *as_text(sections(view)))),
         reasons=view.reasons,

@@ -1,10 +1,9 @@
-"""Where long work is computed: processes of this machine or a Dask cluster, and a posterior in
-another process.
-"""
+"""Where long work is computed: processes of this machine or a Dask cluster; and many jobs there."""
 
 from __future__ import annotations
 
 import asyncio
+import functools
 import logging
 import pickle
 import re
@@ -13,37 +12,21 @@ import time
 from collections.abc import Callable, Collection, Iterator, Mapping
 from concurrent.futures import CancelledError, Executor, Future
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
 from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import Any
 
-import numpy as np
 from threadpoolctl import threadpool_limits
 
-from bayesdrill.analysis.calibration import same_software
-from bayesdrill.analysis.plausibility import with_open_ends
-from bayesdrill.basics import seeds, software
+from bayesdrill.basics import software
 from bayesdrill.basics.errors import InputError, Issue
-from bayesdrill.basics.progress import SILENT, Reporter
-from bayesdrill.config.job import Job
-from bayesdrill.config.resolve import assembly
-from bayesdrill.inference import step_error
-from bayesdrill.inference.posterior import Posterior
-from bayesdrill.sampling import mode_search, multiple_modes
-from bayesdrill.sampling.ensembles import Memory, Plan, Sampled, sample, weighed
-from bayesdrill.sampling.mode_search import Mode
-from bayesdrill.sampling.optimisers.contract import Optimiser
-from bayesdrill.sampling.proposal.learning import Nowhere
-from bayesdrill.sampling.workers import Crew, closed, workers
-from bayesdrill.tasks.conclusions import plan
+from bayesdrill.basics.progress import Reporter
+from bayesdrill.sampling.workers import closed, ctrl_c_waits, workers
 
 ADDRESS = re.compile(r"((tcp|tls|ws|wss)://)?(\[[0-9a-fA-F:]+\]|[^/:\s\[\]]+):\d{1,5}")
 PATIENCE = 5.0  # seconds for a scheduler to answer, a first worker, and what a worker is asked
 WATCH = 2.0  # seconds between two looks at a cluster
-SILENT_SECONDS = (
-    20.0  # seconds after which who has said nothing is given up; heartbeats come twice a second
-)
+SILENT_SECONDS = 20.0  # after which who says nothing is given up; heartbeats come twice a second
 
 
 @contextmanager
@@ -282,66 +265,44 @@ def _quiet() -> Iterator[None]:
         log.setLevel(before)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Task:
-    """All that decides a posterior: what `bayesdrill posterior` would do with it."""
+def run_jobs[K, T](
+    crew: RefitExecutor,
+    function: Callable[..., T],
+    jobs: Mapping[K, tuple[bytes, *tuple[Any, ...]]],
+    finish: Callable[[K, T], str],
+    folder: Path,
+    report: Reporter,
+) -> None:
+    """Compute `function` of what each job has `packed` and of its further arguments, wherever that is.
 
-    posterior: Posterior
-    nominal: Mapping[str, float]
-    optimiser: Optimiser
-    starts: int
-    evaluations: int
-    plan: Plan
-
-
-def pack_task(job: Job) -> bytes:
-    """What `work` wants: compiled code is left out, and made once by each process."""
-    task = Task(
-        posterior=job.problem.posterior,
-        nominal=job.problem.nominal,
-        optimiser=assembly.optimiser(job.config),
-        starts=job.config.map.starts,
-        evaluations=job.config.map.evaluations,
-        plan=plan(job.config),
-    )
-    return pickle.dumps(task)
+    `finish`: keeps what one gave, as soon as it is done, and says how far all are; `folder` has what is
+    kept.  A job that is computed twice, as a worker was lost, is finished once.  Raises as `results`.
+    """
+    versions = software.installed_versions()
+    with ctrl_c_waits():
+        keys = {crew.submit(_work, function, versions, *job): key for key, job in jobs.items()}
+    for count, (future, found) in enumerate(results(crew, keys, folder, report), 1):
+        report.update(count / len(keys), finish(keys[future], found))
+    report.update(1.0, "")
 
 
-# A process computes one posterior at a time, whoever asks: limits on threads hold for all of it.
+# A process computes one job at a time, whoever asks: limits on threads hold for all of it.
 _ONE_AT_A_TIME = threading.Lock()
 
 
-def work_remotely(blob: bytes, versions: Mapping[str, str]) -> tuple[Mode, Sampled] | str:
-    """In any process that has the same software; raises `InputError` in any other.
+def packed(*arguments: Any) -> bytes:
+    """Pickle `arguments` for other processes: compiled code is left out, and is made once by each."""
+    return pickle.dumps(arguments)
 
-    A sentence where nothing can be sampled.
-    """
-    same_software(versions)
+
+_unpacked = functools.lru_cache(maxsize=1)(pickle.loads)
+
+
+def _work[T](
+    function: Callable[..., T], versions: Mapping[str, str], blob: bytes, *arguments: Any
+) -> T:
+    """Compute one job where the software is the same; raises `InputError` elsewhere."""
+    if wrong := software.unlike(software.installed_versions(), versions):
+        raise InputError.one("a worker", f"it has {', '.join(wrong)}; install the same there")
     with _ONE_AT_A_TIME, threadpool_limits(1):
-        task: Task = pickle.loads(blob)
-        try:
-            return compute_remotely(task)
-        except Nowhere as error:
-            return str(error)
-
-
-def compute_remotely(task: Task) -> tuple[Mode, Sampled]:
-    """As one process does it that does nothing else."""
-    posterior, seed = task.posterior, task.plan.seed
-    points = mode_search.starts(posterior, task.starts, seeds.stream(seed, "map"))
-    searches = tuple(
-        mode_search.search(posterior, task.optimiser, task.evaluations, point) for point in points
-    )
-    scouted = None
-    if task.optimiser.polished:
-        draws = posterior.space.draw(mode_search.SCOUTS, seeds.stream(seed, "scout"))
-        scouted = multiple_modes.together(
-            [mode_search.scouts(posterior, some) for some in np.array_split(draws, 2)]
-        )
-    found = mode_search.summarise(posterior, searches, scouted)
-    posterior = step_error.taking(posterior, found.pieces)
-    with Crew(posterior, 1) as crew:
-        tops = mode_search.tops(posterior, found)
-        sampled = sample(crew, posterior, tops, task.plan, Memory(), SILENT).doubted(found.doubts)
-    sampled = weighed(posterior, sampled, seed)
-    return found, with_open_ends(sampled, posterior, task.nominal, tops, task.plan, SILENT)
+        return function(*_unpacked(blob), *arguments)

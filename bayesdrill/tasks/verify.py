@@ -14,21 +14,21 @@ from typing import Any
 
 from bayesdrill import output_files, selection
 from bayesdrill.analysis.comparison import Contender, Layer
+from bayesdrill.analysis.run_analysis import RunAnalysis
 from bayesdrill.basics.errors import InputError, Issue
-from bayesdrill.config import loading, yaml_source
-from bayesdrill.config.job import SI
-from bayesdrill.config.records import sources
-from bayesdrill.config.resolve import experiments
-from bayesdrill.config.schema.config import Config
+from bayesdrill.basics.records import leaves
+from bayesdrill.config import loading
+from bayesdrill.inference.display_units import SI
 from bayesdrill.output_files import COMPARE, MAP, OVERLAY, POSTERIOR, Kind
-from bayesdrill.report import comparison_report, publish
-from bayesdrill.report.comparison_report import ComparisonReport, OverlayReport
+from bayesdrill.report import publish
+from bayesdrill.report.comparison_report import COMPARED, OVERLAID, ComparisonReport, Form
 from bayesdrill.report.sections import verdict_words
 from bayesdrill.results import provenance, run_folder
-from bayesdrill.tasks import comparison, find_map, pipeline
-from bayesdrill.tasks.conclusions import concluded
+from bayesdrill.tasks import comparison, conclusions, find_map, pipeline, run_entries
 
 SAME = 1e-6  # relative: numbers that other versions of a library round otherwise
+MOST = 5  # numbers that are named
+UP_TO_SIGNS = "judged.study.information.root"  # of its rows, which libraries choose
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,6 +42,7 @@ class Verified:
     problems: tuple[Issue, ...]
     what: str = "config, record, chain"
     follows: str = "the tables follow from the chain"
+    numbers: int = 0  # of `run.json` that were computed again
 
     @property
     def together(self) -> bool:
@@ -51,7 +52,8 @@ class Verified:
     def said(self) -> str:
         if self.together:
             files = f"{self.what} and {self.checked} files belong together"
-            return f"{self.folder}: {files}; {self.follows}"
+            numbers = f", and so do the {self.numbers} numbers of {output_files.RUN}"
+            return f"{self.folder}: {files}; {self.follows}{numbers if self.numbers else ''}"
         return "\n".join(map(str, self.problems))
 
     def __str__(self) -> str:
@@ -87,13 +89,15 @@ def verify(folder: Path) -> Verified:
         raise InputError.one(str(folder), message)
     found = tuple(dict.fromkeys([*_changed(folder, way.kind, files), *way.problems(folder, run)]))
     checked = len(files) - len({problem.place for problem in found})
-    return Verified(folder, checked, found, way.what, way.follows)
+    numbers = sum(1 for _ in leaves(run.get(run_entries.ANALYSIS) or []))
+    return Verified(folder, checked, found, way.what, way.follows, numbers)
 
 
-def _of_posterior(folder: Path, _: Mapping[str, Any]) -> Iterator[Issue]:
+def _of_posterior(folder: Path, run: Mapping[str, Any]) -> Iterator[Issue]:
     yield from _configs(folder)
     try:
-        view = concluded(*pipeline.read_result(folder))
+        alone = run.get(run_entries.ANALYSIS, {}).get("alone", True)
+        view = conclusions.concluded(*pipeline.read_result(folder), alone=alone)
     except InputError as error:  # another record, a config of another run, a damaged chain
         yield from error.problems
         return
@@ -101,10 +105,24 @@ def _of_posterior(folder: Path, _: Mapping[str, Any]) -> Iterator[Issue]:
     if beyond is None or beyond.kept:
         texts = {name: table(view) or "" for name, table in publish.TABLES.items()}
         yield from _tables(folder, texts, "the chain")
+        yield from _numbers(folder, run, view.analysis)
     else:
         yield Issue(str(folder / output_files.OPENED), verdict_words.NOT_KEPT)
     mark = view.marks[provenance.RUN_MARK]
     yield from _figures(folder, POSTERIOR, mark, view.config.name)
+
+
+def _numbers(folder: Path, run: Mapping[str, Any], analysis: RunAnalysis) -> Iterator[Issue]:
+    """Of `run.json`, which older versions have not kept there."""
+    given = dict(leaves(run.get(run_entries.ANALYSIS, {})))
+    wrong = [
+        f"{name} is {given.get(name, 'missing')}, and the chain gives {value}"
+        for name, value in analysis.numbers.items()
+        if given and not name.startswith(UP_TO_SIGNS) and not _near(given.get(name), value)
+    ]
+    more = f", and {len(wrong) - MOST} more" if len(wrong) > MOST else ""
+    if wrong:
+        yield Issue(str(folder / output_files.RUN), f"{'; '.join(wrong[:MOST])}{more}")
 
 
 def _of_map(folder: Path, _: Mapping[str, Any]) -> Iterator[Issue]:
@@ -121,14 +139,13 @@ def _of_map(folder: Path, _: Mapping[str, Any]) -> Iterator[Issue]:
 
 @dataclass(frozen=True, slots=True)
 class _Several:
-    """How what is said of several runs is made again: of each by `read`, and of all by `text`."""
+    """How what is said of several runs is made again: of each by `read`, and of all by `report`."""
 
+    form: Form
     kind: Kind
-    title: str
-    table: str
     done: str
-    read: Callable[[str, Path], tuple[str, Any]]
-    text: Callable[[Sequence[Any]], str]
+    read: Callable[[str, Path], Layer | Contender]
+    report: Callable[[Sequence[Any]], ComparisonReport]
 
     def problems(self, folder: Path, run: Mapping[str, Any]) -> Iterator[Issue]:
         """Of runs that were only in memory nothing can be computed again."""
@@ -141,49 +158,43 @@ class _Several:
                 continue
             place = folder / one["folder"]
             try:
-                mark, own = self.read(one["name"], place)
+                own = self.read(one["name"], place)
             except InputError as error:
                 yield from error.problems
                 continue
-            if mark != one["run"]:
+            if own.mark != one["run"]:
                 yield Issue(str(place), f"is another run than the one that was {self.done}")
             else:
                 found.append(own)
         if len(found) == len(told):
-            yield from _tables(folder, {self.table: self.text(found)}, "the chains")
+            yield from _tables(folder, {self.form.table: self.report(found).table}, "the chains")
         mark = " ".join(one["run"] for one in told)
-        yield from _figures(folder, self.kind, mark, self.title)
+        yield from _figures(folder, self.kind, mark, self.form.name)
 
 
-def _layer(name: str, place: Path) -> tuple[str, Layer]:
+def _layer(name: str, place: Path) -> Layer:
     job, found, sampled = pipeline.read_result(place)
-    layer = comparison.overlay_layer(name, job, found, sampled, job.units)
-    return layer.mark, layer
+    return comparison.overlay_layer(name, job, found, sampled, job.units)
 
 
-def _contender(name: str, place: Path) -> tuple[str, Contender]:
+def _contender(name: str, place: Path) -> Contender:
     job, found, sampled = pipeline.read_result(place)
-    model = comparison.contender(name, str(place), job, found, sampled, job.units)
-    return model.layer.mark, model
+    return comparison.contender(name, str(place), job, found, sampled, job.units)
 
 
 _OVERLAY = _Several(
-    kind=OVERLAY,
-    title=comparison.OVERLAY_TITLE,
-    table=comparison_report.OVERLAY_TABLE,
+    form=OVERLAID,
+    kind=OVERLAID.kind,
     done="laid over others",
     read=_layer,
-    text=lambda layers: OverlayReport(tuple(layers), SI).texts[comparison_report.OVERLAY_TABLE],
+    report=lambda layers: ComparisonReport(tuple(layers), SI),
 )
 _COMPARISON = _Several(
-    kind=COMPARE,
-    title=comparison.COMPARISON_TITLE,
-    table=comparison_report.COMPARISON_TABLE,
+    form=COMPARED,
+    kind=COMPARED.kind,
     done="compared with others",
     read=_contender,
-    text=lambda models: ComparisonReport(tuple(models), SI).texts[
-        comparison_report.COMPARISON_TABLE
-    ],
+    report=lambda models: ComparisonReport.of_models(models, SI),
 )
 _LADDER = dataclasses.replace(_COMPARISON, kind=output_files.ladder_files(selection.rung_names()))
 
@@ -247,20 +258,11 @@ def _configs(folder: Path) -> Iterator[Issue]:
 
 
 def _settings(path: Path) -> dict[str, Any] | None:
-    """All but where the record is; None where that cannot be read, which is said elsewhere."""
+    """None where that cannot be read, which is said elsewhere."""
     try:
-        source = yaml_source.read(path)
-        config: Config = loading.validated(source)
+        return conclusions.settings(loading.load(path))
     except InputError:
         return None
-    own = (*experiments.SECTIONS, experiments.EXPERIMENTS)
-    settings = config.model_dump(exclude_none=True, exclude=set(own))
-    for view in experiments.views(config, source):
-        alone = view.config.model_dump(exclude_none=True, include=set(experiments.SECTIONS))
-        for section, key in sources.named_in(alone):
-            del section[key]
-        settings[f"experiment {view.label}"] = alone
-    return settings | {"held out": experiments.held_out(config)}
 
 
 def _tables(folder: Path, texts: Mapping[str, str], source: str) -> Iterator[Issue]:
@@ -279,13 +281,15 @@ def _same(found: str, expected: str) -> bool:
     if [len(row) for row in one] != [len(row) for row in other]:
         return False
     pairs = ((a, b) for r, s in zip(one, other, strict=True) for a, b in zip(r, s, strict=True))
-    return all(a == b or _near(a, b) for a, b in pairs)
+    return all(_near(a, b) for a, b in pairs)
 
 
-def _near(one: str, other: str) -> bool:
+def _near(one: Any, other: Any) -> bool:
+    if one == other:
+        return True
     try:
         return math.isclose(float(one), float(other), rel_tol=SAME, abs_tol=1e-12)
-    except ValueError:
+    except (TypeError, ValueError):
         return False
 
 

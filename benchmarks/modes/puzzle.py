@@ -65,10 +65,12 @@ class Puzzle:
 
     def record(self, path: Path) -> str:
         """The text of the record, which will stand at `path`."""
-        config, source = parsed(path.with_suffix(".yaml"), self._text(self._making, path))
-        empty = {spec.column: np.arange(len(self.t)) for spec in config.record.channels.values()}
+        case = parsed(path.with_suffix(".yaml"), self._text(self._making, path))
+        empty = {
+            spec.column: np.arange(len(self.t)) for spec in case.config.record.channels.values()
+        }
         path.write_text(as_csv({"t": self.t, **empty, **self.series}), encoding="utf-8")
-        return self._with_blanks(simulation.simulate(config, source, self.seed))
+        return self._with_blanks(simulation.simulate(case, self.seed))
 
     def load(self, folder: Path) -> bd.Case:
         """Writes record and config to `folder`, and reads them as a user would."""

@@ -18,14 +18,14 @@ def write(row: Row, folder: Path) -> tuple[Path, Path]:
     records = folder / "records"
     records.mkdir(parents=True, exist_ok=True)
     first = folder / f"{row.name}.yaml"
-    config, source = parsed(first, text(row, row.seed))
+    case = parsed(first, text(row, row.seed))
     record = records / f"{row.name}.csv"
-    made = row.made.record(config, source, record)
+    made = row.made.record(case, record)
     second = folder / "again" / first.name
     second.parent.mkdir(exist_ok=True)
     for path, content in (
         (record, made),
-        (first, source.text),
+        (first, case.source.text),
         (second, text(row, row.seed + SECOND, "../")),
     ):
         with atomic_write(path) as aside:

@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayesdrill.config.records import simulation
-from bayesdrill.config.resolve import assembly, channel_noise
-from bayesdrill.config.schema.config import Config
+from bayesdrill.config.resolve.case import ResolvedCase
 
 Array = NDArray[np.float64]
 
@@ -31,21 +30,19 @@ class DryFriction:
     parts: int = 40
 
     def measured(
-        self, config: Config, t: Array, v: Array, rng: np.random.Generator
+        self, case: ResolvedCase, t: Array, v: Array, rng: np.random.Generator
     ) -> dict[str, Array]:
-        """The columns of the channels of `config`, with their noise, under the voltage `v (T,)`."""
-        rig = assembly.model(config)
-        x = self.states(rig.i_m, simulation.truth(config, rig), t, v)  # type: ignore[attr-defined]
+        """The columns of the channels of a case, with their noise, under the voltage `v (T,)`."""
+        (one,), rig = case.experiments, case.model
+        x = self.states(rig.i_m, simulation.truth(one), t, v)  # type: ignore[attr-defined]
         columns = {}
-        for entry, spec in zip(
-            channel_noise.channels(config, rig), config.record.channels.values(), strict=True
-        ):
+        for entry, spec in zip(one.channels, case.config.record.channels.values(), strict=True):
             clean = sum(
                 weight * x[:, rig.states.index(state)]
                 for state, weight in entry.channel.weights.items()
             )
             noise = entry.noisy.sigma * rng.standard_normal(len(t))  # type: ignore[operator]
-            columns[str(spec.column)] = (clean + noise) / entry.factor
+            columns[str(spec.column)] = (clean + noise) / entry.channel.factor
         return columns
 
     def states(self, i_m: float, p: dict[str, float], t: Array, v: Array) -> Array:

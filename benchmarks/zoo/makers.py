@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayesdrill.config.records import simulation
-from bayesdrill.config.schema.config import Config
-from bayesdrill.config.yaml_source import Source
+from bayesdrill.config.resolve.case import ResolvedCase
 from bayesdrill.record.experiment import times
 from benchmarks.zoo.friction import DryFriction
 from benchmarks.zoo.plant import Plant
@@ -37,8 +36,8 @@ class Steady:
 
     available = True
 
-    def record(self, config: Config, source: Source, path: Path) -> str:
-        return simulation.simulate(config, source, config.seed)
+    def record(self, case: ResolvedCase, path: Path) -> str:
+        return simulation.simulate(case, case.config.seed)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -54,14 +53,14 @@ class Driven:
     late: int = 0
     available = True
 
-    def record(self, config: Config, source: Source, path: Path) -> str:
+    def record(self, case: ResolvedCase, path: Path) -> str:
         t = times(self.duration, self.rate)
-        plant = Plant.of(config, 1.0 / self.rate)
+        plant = Plant.of(case, 1.0 / self.rate)
         inputs = {name: signal.series(t, plant) for name, signal in self.series.items()}
         # Channels are filled in by the simulation, which reads times and inputs from the record.
-        empty = {spec.column: np.arange(len(t)) for spec in config.record.channels.values()}
+        empty = {spec.column: np.arange(len(t)) for spec in case.config.record.channels.values()}
         path.write_text(as_csv({"t": t, **empty, **inputs}), encoding="utf-8")
-        text = simulation.simulate(config, source, config.seed)
+        text = simulation.simulate(case, case.config.seed)
         return _later(text, tuple(inputs), self.late) if self.late else text
 
 
@@ -84,9 +83,10 @@ class Otherwise:
     maker: Steady | Driven = field(default_factory=Steady)
     available = True
 
-    def record(self, config: Config, source: Source, path: Path) -> str:
+    def record(self, case: ResolvedCase, path: Path) -> str:
+        source = case.source
         other = parsed(source.path, as_yaml(changed(source.data, self.changes)))
-        return self.maker.record(*other, path)
+        return self.maker.record(other, path)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -99,11 +99,11 @@ class Rubbing:
     friction: DryFriction
     available = True
 
-    def record(self, config: Config, source: Source, path: Path) -> str:
+    def record(self, case: ResolvedCase, path: Path) -> str:
         t = times(self.duration, self.rate)
-        v = self.voltage.series(t, Plant.of(config, 1.0 / self.rate))
-        rng = np.random.default_rng(config.seed)
-        measured = self.friction.measured(config, t, v, rng)
+        v = self.voltage.series(t, Plant.of(case, 1.0 / self.rate))
+        rng = np.random.default_rng(case.config.seed)
+        measured = self.friction.measured(case, t, v, rng)
         return as_csv({"t": t, **measured, "v": v})
 
 
@@ -117,5 +117,5 @@ class Taken:
     def available(self) -> bool:
         return (data() / self.file).exists()
 
-    def record(self, config: Config, source: Source, path: Path) -> str:
+    def record(self, case: ResolvedCase, path: Path) -> str:
         return (data() / self.file).read_text(encoding="utf-8")

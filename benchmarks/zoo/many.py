@@ -10,8 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from bayesdrill.config.schema.config import Config
-from bayesdrill.config.yaml_source import Source
+from bayesdrill.config.resolve.case import ResolvedCase
 from bayesdrill.inference.posterior import Posterior
 from benchmarks.modes import collection
 from benchmarks.modes.grid import Modes
@@ -41,7 +40,7 @@ class Posed:
     puzzle: Puzzle
     available = True
 
-    def record(self, config: Config, source: Source, path: Path) -> str:
+    def record(self, case: ResolvedCase, path: Path) -> str:
         return self.puzzle.record(path)
 
     @property

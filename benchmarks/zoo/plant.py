@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from scipy.linalg import expm
 
 from bayesdrill.config.records import simulation
-from bayesdrill.config.resolve import assembly, quantities
-from bayesdrill.config.schema.config import Config
+from bayesdrill.config.resolve import quantities
+from bayesdrill.config.resolve.case import ResolvedCase
 from bayesdrill.rig.models.linear import dynamics
 
 Array = NDArray[np.float64]
@@ -29,10 +29,10 @@ class Plant:
     rise: Array
 
     @classmethod
-    def of(cls, config: Config, dt: float) -> Self:
+    def of(cls, case: ResolvedCase, dt: float) -> Self:
         """Without a load; exact for a voltage that is held, or goes straight, for `dt` [s]."""
-        model = assembly.model(config)
-        linear = model.linear(simulation.truth(config, model))
+        (one,), model = case.experiments, case.model
+        linear = model.linear(simulation.truth(one))
         n = len(model.states)
         whole = np.zeros((n + 3, n + 3))  # and: one, the voltage, its change in a step
         whole[:n, :n] = dynamics(linear, model.states, 1)[0]
@@ -41,7 +41,7 @@ class Plant:
             whole[k, n + 1] = linear.B.get((state, "v"), 0.0)
         whole[n + 1, n + 2] = 1.0 / dt
         after = expm(whole * dt)
-        measured = quantities.measured_input(config)
+        measured = quantities.measured_input(case.config)
         return cls(
             states=model.states,
             first_order=any(spec.hold == "first" for spec in measured.values()),

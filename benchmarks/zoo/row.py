@@ -11,8 +11,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdrill.config.schema.config import Config
-from bayesdrill.config.yaml_source import Source
+from bayesdrill.config.resolve.case import ResolvedCase
 
 Array = NDArray[np.float64]
 Entry = dict[str, Any]  # a part of a config, as YAML has it
@@ -28,8 +27,8 @@ class Maker(Protocol):
         """False where it needs a file that is not there."""
         ...
 
-    def record(self, config: Config, source: Source, path: Path) -> str:
-        """The text of the record, which `config` names as `path`; `source` is its YAML."""
+    def record(self, case: ResolvedCase, path: Path) -> str:
+        """The text of the record, which the config of `case` names as `path`."""
         ...
 
 

@@ -12,8 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 from ruamel.yaml import YAML
 
-from bayesdrill.config.schema.config import Config
-from bayesdrill.config.yaml_source import Source, parse
+from bayesdrill.config import loading
+from bayesdrill.config.resolve.case import ResolvedCase
+from bayesdrill.config.yaml_source import parse
 from benchmarks.zoo.row import Entry
 
 Array = NDArray[np.float64]
@@ -29,10 +30,9 @@ def as_yaml(data: Entry) -> str:
     return out.getvalue()
 
 
-def parsed(path: Path, content: str) -> tuple[Config, Source]:
+def parsed(path: Path, content: str) -> ResolvedCase:
     """As if it stood in the file `path`."""
-    source = parse(path, content)
-    return Config.model_validate(source.data), source
+    return loading.validated(parse(path, content))
 
 
 def changed(data: Entry, changes: Entry) -> Entry:

@@ -13,6 +13,7 @@ import pytest
 from together import for_each
 
 from bayesdrill.analysis.latent_torque import Shaking, follows
+from bayesdrill.analysis.run_analysis import torque_summary
 from bayesdrill.report.sections import torque_words
 
 T = np.linspace(0.0, 10.0, 2001)
@@ -83,7 +84,7 @@ def test_what_friction_does_at_rest_does_not_count_against_it() -> None:
     assert first.size == pytest.approx(-0.2, rel=0.01)
     assert first.share > 0.99
     assert not second.taken
-    said = torque_words.followed(still, follows(still))
+    said = torque_words.followed(torque_summary(still))
     assert f"where it turns, in {100 * still.turning.mean():.0f} % of the samples, explains" in said
     assert still.turning.mean() == pytest.approx(np.mean(~rests), abs=0.05)
 
@@ -92,12 +93,12 @@ def test_what_follows_nothing_is_said_to() -> None:
     torque = 0.1 * np.sin(40.0 * T)
     found = follows(shaking(torque))
     assert not any(one.taken for one in found)
-    assert "follows no speed" in torque_words.followed(shaking(torque), found)
+    assert "follows no speed" in torque_words.followed(torque_summary(shaking(torque)))
     assert follows(dataclasses.replace(shaking(torque), expected=np.zeros(len(T)))) == ()
 
 
 def test_the_line_of_the_config_is_said() -> None:
     torque, at, *_ = MADE["speed"]
-    said = torque_words.followed(shaking(torque, at), follows(shaking(torque, at)))
+    said = torque_words.followed(torque_summary(shaking(torque, at)))
     assert "viscous damping at the motor of 0.03 N m s/rad" in said
     assert "c_m: {prior: log_uniform, low: 0.01, high: 0.09}" in said

@@ -330,12 +330,10 @@ def test_the_tie_of_an_ideal_motor_leaves_one() -> None:
 
     from bayesdrill.analysis.identifiability.study import study_of
     from bayesdrill.config import job, loading
-    from bayesdrill.config.schema.config import Config
 
-    config, source = loading.load(Path(__file__).parents[2] / "configs" / "nominal_step.yaml")
-    entries = config.model_dump(exclude_unset=True, exclude_none=True)
-    entries["parameters"]["k_T"] = {"tie": "k_e"}
-    tied = job.assemble(Config.model_validate(entries), source)
+    source = loading.load(Path(__file__).parents[2] / "configs" / "nominal_step.yaml").source
+    source.data["parameters"]["k_T"] = {"tie": "k_e"}
+    tied = job.assemble(loading.validated(source))
     target = tied.problem.posterior
     theta = target.space.vector(target.space.start)
     found = study_of(Scenery(target.likelihood), target, theta, tied.asked).structure

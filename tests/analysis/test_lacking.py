@@ -15,8 +15,9 @@ from bayesdrill.inference import residual_checks
 from bayesdrill.report.sections import fit_words, verdict_words
 from bayesdrill.rig.models.linear import USUAL
 from bayesdrill.rig.models.motor_shaft import MotorShaft
+from bayesdrill.tasks import run_entries
 
-CONFIG = bd.load("configs/example_rig.yaml").job.config
+PROBLEM = bd.load("configs/example_rig.yaml").job.problem
 PHYSICS = {"t_c1": 0.25, "v_d": 0.8, "c_1": 0.02, "c_s": 5e-3}
 STEADY = np.full(len(T), 8.0)
 
@@ -51,7 +52,7 @@ def test_physics_that_is_missing_is_named_with_its_size(
         assert named.lacking == (name,)
         assert named.found[0].value == pytest.approx(truth, rel=0.08)
         assert named.share > 0.8
-        said = fit_words.explained(named, CONFIG)
+        said = fit_words.explained(named, PROBLEM)
         assert f"say `parameters: {{{name}: {{prior: uniform, low: 0, high: " in said
 
     for_each({str(case): case for case in cases}, check)
@@ -98,9 +99,9 @@ def test_where_both_would_do_both_are_said() -> None:
     assert named.lacking == ()
     assert named.other is not None
     assert named.other.lacking == ("t_cm",)
-    said = fit_words.explained(named, CONFIG)
+    said = fit_words.explained(named, PROBLEM)
     assert "or, as well as by these, by\n  - dry friction at the motor of " in said
-    data = fit_words.causes_data(named)
+    data = run_entries.causes_data(named)
     assert data is not None
     assert data["or"]["by"][0]["of"] == "t_cm"
     assert fit_words.lacking(named, USUAL) == "dry friction at the motor (t_cm)"
@@ -198,17 +199,17 @@ def test_a_verdict_in_doubt_says_what_is_missing() -> None:
 def test_what_is_still_left_is_said_and_shares_are_never_rounded_up() -> None:
     cause = Cause(kind="rig", of="t_cm", experiment="", value=0.0025, sd=1e-5)
     much = Causes(share=0.99996, rest=9.0, found=(cause,))
-    said = fit_words.explained(much, CONFIG)
+    said = fit_words.explained(much, PROBLEM)
     assert said.startswith(
         "fit: 99.9 % of what is left beyond noise would be explained (down to 3 "
     )
     assert "dry friction at the motor of 0.0025 N m" in said
     assert "high: 0.005}" in said
     all_of_it = Causes(share=1.0, rest=1.0, found=(cause,))
-    assert "down to" not in fit_words.explained(all_of_it, CONFIG)
-    assert fit_words.instead_data(None) == {}
+    assert "down to" not in fit_words.explained(all_of_it, PROBLEM)
+    assert run_entries.instead_data(None) == {}
     assert list(fit_words.instead(None, USUAL)) == []
-    data = fit_words.instead_data(Instead(parameter="t_cm", value=0.1, lost=-3.0))
+    data = run_entries.instead_data(Instead(parameter="t_cm", value=0.1, lost=-3.0))
     assert data["instead"]["log_likelihood"] == 3.0
 
 

@@ -82,7 +82,7 @@ def test_a_late_torque_is_named_with_the_line_of_a_config(
         assert told.found[0].value == pytest.approx(late, abs=2e-3)
         assert told.share > 0.9
         low, high = sorted((0.0, 2e3 * told.found[0].value))
-        said = fit_words.explained(told, of.config)
+        said = fit_words.explained(told, of.problem)
         assert (
             f"a lag of inputs.t_1: {1e3 * told.found[0].value:.3g} ms: say `lag: {{prior:" in said
         )

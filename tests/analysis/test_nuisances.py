@@ -202,5 +202,5 @@ def test_half_a_sample_is_told_only_where_the_fit_is_noise() -> None:
     off = replace(posterior, likelihood=posterior.likelihood.with_alone(response=response))
     job = replace(run.job, problem=replace(run.job.problem, posterior=off))
     view = concluded(job, run.mode, run.sampled)
-    assert not like_noise(view.left)
+    assert not like_noise(view.analysis.fit)
     assert not [note for note in view.notes if "moment" in note]

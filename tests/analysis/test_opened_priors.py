@@ -10,13 +10,13 @@ from scipy.stats import norm
 from together import for_each
 from verdicts import LINEAR, NAMES, PRIOR, TABLE, gaussian
 
-from bayesdrill.analysis.plausibility import open_ends
 from bayesdrill.analysis.verdict import judge, tension
 from bayesdrill.basics.progress import Silent
 from bayesdrill.config.schema.config import Thresholds
 from bayesdrill.inference.priors import LogNormal, LogUniform, Prior, TruncatedNormal, Uniform
 from bayesdrill.sampling.convergence import Targets
 from bayesdrill.sampling.ensembles import Opened, Plan
+from bayesdrill.sampling.opened_ends import open_ends
 
 SIGMA = np.full(4, 0.1)
 PLAN = Plan(

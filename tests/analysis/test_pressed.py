@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 from together import for_each
 
-from bayesdrill.analysis.diagnostics import pressed_against
 from bayesdrill.inference.priors import (
     HalfNormal,
     LogNormal,
@@ -14,6 +13,7 @@ from bayesdrill.inference.priors import (
     TruncatedNormal,
     Uniform,
 )
+from bayesdrill.sampling.opened_ends import pressed_against
 
 N = 4000
 U = (np.arange(N) + 0.5) / N

@@ -17,6 +17,7 @@ from rigs import STATES, experiment, posterior, unknown, vector
 from together import for_each
 
 from bayesdrill.analysis.latent_torque import Shaking, shakings
+from bayesdrill.analysis.run_analysis import torque_summary
 from bayesdrill.basics.units import Unit
 from bayesdrill.inference.likelihood import Likelihood
 from bayesdrill.inference.noise.white import White
@@ -119,7 +120,7 @@ def test_it_is_drawn_said_and_written() -> None:
     assert labels[0].startswith("time")
     assert any("speed of the motor" in label for label in labels)
     assert any("voltage" in label for label in labels)
-    assert "at the motor" in torque_words.torque_sentence(found)
+    assert "at the motor" in torque_words.torque_sentence(torque_summary(found))
     text = torque_words.torque_csv([found])
     assert text is not None
     rows = list(csv.DictReader(io.StringIO(text)))

@@ -60,7 +60,7 @@ def test_there_are_configs() -> None:
 def test_nothing_is_suspected_of_the_records_of_the_house() -> None:
     def check(path: Path) -> None:
         job = bd.load(path).job
-        assert words.record_suspicions(job.problem, job.config) == ()
+        assert words.record_suspicions(job.problem) == ()
 
     for_each({str(path.stem): (path,) for path in CONFIGS}, check)
 

@@ -19,6 +19,7 @@ from bayesdrill.inference.priors import (
 )
 from bayesdrill.report.sections import verdict_words
 from bayesdrill.sampling.evidence import Evidence
+from bayesdrill.tasks import run_entries
 
 RNG = np.random.default_rng(6)
 SHARP = 0.05 * (1.0 + 0.01 * RNG.standard_normal(4000))
@@ -79,6 +80,6 @@ def test_what_a_run_has_left_is_read_back() -> None:
     one = Evidence(log_z=-1.0 / 3.0, error=0.01, overlap=0.5)
     stepped = dataclasses.replace(one, steps=0.2, steps_error=0.009)
     for found in (one, stepped):
-        assert verdict_words.evidence_of_data(verdict_words.evidence_data(found, ())) == found
-    assert verdict_words.evidence_of_data({}) is None
-    assert verdict_words.evidence_data(None, ()) == {}
+        assert run_entries.evidence_of_data(run_entries.evidence_data(found, ())) == found
+    assert run_entries.evidence_of_data({}) is None
+    assert run_entries.evidence_data(None, ()) == {}

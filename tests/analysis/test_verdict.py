@@ -31,9 +31,10 @@ from bayesdrill.analysis.verdict import (
     tension,
 )
 from bayesdrill.basics.symbols import PARAMETERS
-from bayesdrill.config.resolve.assembly import nominal_tolerance
+from bayesdrill.config.resolve.quantities import nominal_table
 from bayesdrill.config.schema.config import Nominal, Thresholds
 from bayesdrill.report.sections import verdict_words
+from bayesdrill.tasks import run_entries
 
 N = 4000
 NORMAL = norm.ppf((np.arange(N) + 0.5) / N)
@@ -150,9 +151,9 @@ def test_a_fit_that_is_not_noise_leaves_the_table_in_doubt() -> None:
     text = verdict_words.verdict_sentences(doubtful, "table")
     assert "with table would disagree, were the model right, r_m (" in text
     assert "IN DOUBT: the verdict holds only if the model does" in text
-    assert verdict_words.verdict_data(doubtful, "table")["agrees"] is None
+    assert run_entries.verdict_data(doubtful, "table")["agrees"] is None
     assert "IN DOUBT" not in verdict_words.verdict_sentences(sure, "table")
-    assert verdict_words.verdict_data(sure, "table")["agrees"] is False
+    assert run_entries.verdict_data(sure, "table")["agrees"] is False
 
 
 def test_a_table_agrees_only_with_a_fit_that_is_noise() -> None:
@@ -166,7 +167,7 @@ def test_a_table_agrees_only_with_a_fit_that_is_noise() -> None:
     for converged, why in ((True, "the model does not fit"), (False, "the run did not converge")):
         text = verdict_words.verdict_sentences(found, "table", converged=converged, believed=False)
         assert text == f"verdict: none, because {why}; the numbers may be wrong"
-        data = verdict_words.verdict_data(found, "table", converged=converged, believed=False)
+        data = run_entries.verdict_data(found, "table", converged=converged, believed=False)
         assert (data["sentence"], data["agrees"]) == (text, None)
 
 
@@ -263,7 +264,7 @@ def test_words_name_what_disagrees_and_what_nobody_can_know() -> None:
     assert "determines 2 of the 2 independent products" in first
     assert "with tables_2_3 disagree r_m (+" in first
     assert "not determined by themselves: k_s, j_1" in second
-    data = verdict_words.verdict_data(found, "tables_2_3")
+    data = run_entries.verdict_data(found, "tables_2_3")
     assert not data["agrees"]
     assert data["quantities"]["r_m"]["says"] == "disagrees"
     every = list(
@@ -287,8 +288,10 @@ def test_false_alarms_are_shared_by_all_that_is_judged() -> None:
 
 
 def given(entry: object) -> dict[str, float]:
-    config: Any = SimpleNamespace(nominal=Nominal.model_validate({"tolerance": entry}))
-    return nominal_tolerance(config)
+    config: Any = SimpleNamespace(
+        nominal=Nominal.model_validate({"tolerance": entry}), parameters={}
+    )
+    return {**nominal_table(config).tolerance}
 
 
 def test_tolerances_by_number_and_by_symbol() -> None:

@@ -16,7 +16,6 @@ from together import together
 
 from bayesdrill.config.job import prepare
 from bayesdrill.config.records import simulation
-from bayesdrill.config.resolve import assembly
 from bayesdrill.record.experiment import Experiment
 from bayesdrill.rig.simulators.exact import Response
 from benchmarks.modes import collection
@@ -263,8 +262,8 @@ def test_what_is_run_again_takes_the_place_of_what_was(tmp_path: Path) -> None:
 def _noiseless(job_path: Path) -> tuple[Experiment, np.ndarray, np.ndarray]:
     """Experiment, true parameters in the model's order, and the exact signals."""
     job = prepare(job_path)
-    rig = assembly.model(job.config)
-    truth = simulation.truth(job.config, rig)
+    rig = job.case.model
+    truth = simulation.truth(job.case.experiments[0])
     theta = np.array([[truth[name] for name in rig.parameters]])
     return job.problem.experiment, theta[0], Response(rig, job.problem.experiment).signals(theta)[0]
 
@@ -274,8 +273,8 @@ def test_a_loop_closes_around_the_rig_that_is_simulated(name: str, tmp_path: Pat
     """Kills: a plant that holds its input otherwise than the config says."""
     path, _ = folder.write(row(name), tmp_path)
     experiment, _, signals = _noiseless(path)
-    config, _ = parsed(path, path.read_text(encoding="utf-8"))
-    plant, v = Plant.of(config, experiment.dt), experiment.series["v"]
+    case = parsed(path, path.read_text(encoding="utf-8"))
+    plant, v = Plant.of(case, experiment.dt), experiment.series["v"]
     x = plant.rest()
     for k in range(len(v) - 1):
         end = v[k + 1] if plant.first_order else v[k]
@@ -288,8 +287,7 @@ def test_a_loop_closes_around_the_rig_that_is_simulated(name: str, tmp_path: Pat
 def test_without_friction_the_integrator_gives_the_packages_response(tmp_path: Path) -> None:
     path, _ = folder.write(row("dry_friction"), tmp_path)
     experiment, theta, signals = _noiseless(path)
-    config, _ = parsed(path, path.read_text(encoding="utf-8"))
-    rig = assembly.model(config)
+    rig = parsed(path, path.read_text(encoding="utf-8")).model
     truth = dict(zip(rig.parameters, theta, strict=True)) | {"t_f": 0.0}
     quiet = Response(rig, experiment).signals(np.array([list(truth.values())]))[0]
     n = 150

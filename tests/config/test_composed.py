@@ -18,7 +18,6 @@ from bayesdrill.basics.errors import InputError
 from bayesdrill.config import loading
 from bayesdrill.config.job import prepare
 from bayesdrill.config.records import simulation
-from bayesdrill.config.resolve import assembly
 from bayesdrill.report import words
 from bayesdrill.results import provenance
 from bayesdrill.rig.models.linear import Model
@@ -47,7 +46,7 @@ def simulated(path: Path) -> Path:
 
 
 def model(path: Path) -> Model:
-    return assembly.model(loading.load(path)[0])
+    return loading.load(path).model
 
 
 def moved(c_s: float, r_s: float, n: int = T) -> np.ndarray:
@@ -82,9 +81,9 @@ def test_to_name_a_parameter_is_to_switch_its_physics_on(
         tmp_path = tmp_path_factory.mktemp("case")
         path = config(tmp_path, *lines, model="{name: motor_shaft, i_m: 0.2, stribeck: 2}")
         assert model(path) == MotorShaft(0.2, 2, added)
-        found = loading.load(path)[0]
-        space = assembly.space(found, assembly.model(found), [])
-        assert space.model == assembly.model(found).parameters
+        (one,) = loading.load(path).experiments
+        space = one.space
+        assert space.model == one.model.parameters
         assert {"c_s", "eta"} & {*space.free} == {
             n for n in ("c_s", "eta") if f"{n}: {{pr" in f"{lines}"
         }
@@ -235,8 +234,7 @@ def test_a_simulated_record_has_what_is_named(tmp_path: Path) -> None:
     path = config(tmp_path, C_S, "r_s: r_m/3", simulation="{duration: 4.0, rate: 40, c_s: 0.02}")
     text = path.read_text().replace("sigma: 0.05", "sigma: 1.0e-7")
     path.write_text(text)
-    loaded, source = loading.load(path)
-    rows = simulation.simulate(loaded, source, 3).splitlines()
+    rows = simulation.simulate(loading.load(path), 3).splitlines()
     found = np.array([line.split(",") for line in rows[1:]], dtype=float)
     true = moved(0.02, 0.11)[:, [0, 2]]
     columns = [rows[0].split(",").index(name) for name in ("theta_1", "w_1")]
@@ -272,12 +270,12 @@ def test_a_rig_with_constants_that_are_no_numbers_is_told(tmp_path: Path) -> Non
 def test_each_experiment_may_have_its_own(tmp_path: Path) -> None:
     names = "{slow: {record: {file: a.csv}}, fast: {record: {file: b.csv}, inputs: {v: 12.0}}}"
     path = config(tmp_path, C_S, experiments=names, own="[c_s]")
-    loaded, source = loading.load(path)
-    rig = assembly.model(loaded)
+    case = loading.load(path)
+    rig = case.model
     assert rig.parameters[9:] == ("c_s",)
-    space = assembly.space(loaded, rig, [], [], ["slow", "fast"])
+    space = case.experiments[0].numbers.space(["c_s"], ["slow", "fast"])
     assert space.free == ("k_e", "j_1", "c_s_slow", "c_s_fast")
-    assert len(simulation.simulate_all(loaded, source, 1, tmp_path)) == 2
+    assert len(simulation.simulate_all(case, 1, tmp_path)) == 2
 
 
 def test_lines_of_a_first_config_switch_it_on(tmp_path: Path) -> None:
@@ -350,7 +348,7 @@ def test_a_rig_by_itself_takes_what_is_named() -> None:
 
 def test_a_rig_that_rubs_takes_fewer_walkers_unless_it_is_told_how_many(tmp_path: Path) -> None:
     def walkers(line: str, sampler: str) -> int:
-        return loading.load(config(tmp_path, line, sampler=sampler))[0].sampler.walkers
+        return loading.load(config(tmp_path, line, sampler=sampler)).config.sampler.walkers
 
     assert walkers(C_S, "{ensembles: 5}") == 256
     assert walkers("t_c1: 0.1", "{ensembles: 5}") == 96

@@ -13,7 +13,6 @@ from together import for_each
 from bayesdrill.config import job, loading
 from bayesdrill.config.job import prepare
 from bayesdrill.config.records import simulation
-from bayesdrill.config.resolve import assembly
 from bayesdrill.config.schema import config
 from bayesdrill.config.yaml_source import parse
 from bayesdrill.record.formats.csv import CsvOptions, read
@@ -50,8 +49,8 @@ def test_bundled_config_says_what_the_documents_say() -> None:
 
 
 def test_bundled_record_is_what_simulate_makes() -> None:
-    config, source = loading.load(BUNDLED)
-    made = simulation.simulate(config, source, config.seed)
+    case = loading.load(BUNDLED)
+    made = simulation.simulate(case, case.config.seed)
     assert made == (ROOT / "configs" / "records" / "nominal_step.csv").read_text()
 
 
@@ -72,10 +71,10 @@ def test_simulated_records_differ_by_seed_and_obey_the_truth(tmp_path: Path) -> 
     text = BUNDLED.read_text().replace("rate: 100\n", "rate: 50\n  k_s: 0.31\n  j_1: 0.02\n")
     path = tmp_path / "mine.yaml"
     path.write_text(text)
-    config, source = loading.load(path)
-    one, two = (simulation.simulate(config, source, seed) for seed in (1, 2))
+    case = loading.load(path)
+    one, two = (simulation.simulate(case, seed) for seed in (1, 2))
     assert one != two
-    assert one == simulation.simulate(config, source, 1)
+    assert one == simulation.simulate(case, 1)
     (tmp_path / "r.csv").write_text(one)
     found = read(tmp_path / "r.csv", CsvOptions())
     truth = {**NOMINAL, "k_s": 0.31, "j_1": 0.02}
@@ -86,7 +85,7 @@ def test_simulated_records_differ_by_seed_and_obey_the_truth(tmp_path: Path) -> 
 def test_resolved_config_means_the_same(tmp_path: Path) -> None:
     """Mutant killed: a default that is not written out."""
     job = prepare(BUNDLED)
-    (tmp_path / "config.yaml").write_text(provenance.resolved(job.config, job.source, tmp_path))
+    (tmp_path / "config.yaml").write_text(provenance.resolved(job.case, tmp_path))
     again = prepare(tmp_path / "config.yaml")
     one, two = (provenance.fingerprint(j.config, j.problem) for j in (job, again))
     assert one == two
@@ -132,8 +131,7 @@ def test_nominal_values_may_be_corrected(tmp_path: Path) -> None:
     )
     path = tmp_path / "mine.yaml"
     path.write_text(text)
-    config, _ = loading.load(path)
-    found = assembly.nominal(config)
+    found = loading.load(path).nominal.values
     assert (found["k_s"], found["j_1"], found["j_m"]) == (0.30, 0.03, 4e-4)
 
 
@@ -148,6 +146,6 @@ def test_yaml_is_version_1_2(tmp_path: Path) -> None:
     path = tmp_path / "mine.yaml"
     text = BUNDLED.read_text().replace("v: 8.0", "v: 8e0").replace("t_1: 0.0", "t_1: 1e-4")
     path.write_text(text)
-    config, _ = loading.load(path)
+    config = loading.load(path).config
     assert config.inputs.t_1 == 1e-4
     assert config.inputs.v == 8.0

@@ -20,8 +20,8 @@ EXAMPLE = CONFIGS / "example_experiments.yaml"
 
 def test_its_records_are_what_simulate_makes() -> None:
     """The voltage of the second is its own, and stays."""
-    config, source = loading.load(EXAMPLE)
-    made = simulation.simulate_all(config, source, config.seed)
+    case = loading.load(EXAMPLE)
+    made = simulation.simulate_all(case, case.config.seed)
     assert [path.name for path in made] == ["example_step.csv", "example_rundown.csv"]
     for path, text in made.items():
         assert text == path.read_text()

@@ -11,7 +11,6 @@ from together import for_each
 from bayesdrill.basics.errors import InputError
 from bayesdrill.config import loading
 from bayesdrill.config.job import prepare
-from bayesdrill.config.resolve.experiments import experiment_configs, views
 
 SLOW = "  slow: {record: {file: slow.csv}, inputs: {v: 4.0}}\n"
 FAST = "  fast: {record: {file: fast.csv}}\n"
@@ -120,17 +119,13 @@ def test_mistakes_of_all_experiments_are_told_at_once(tmp_path: Path) -> None:
 def test_an_experiment_reads_as_if_it_were_alone(tmp_path: Path) -> None:
     """Entries of its own stand over common ones, mapping by mapping; a kind that differs, instead."""
     own = "{record: {file: fast.csv, channels: {w_1: {sigma: 3}}}, inputs: {v: {column: w_1, unit: V}}}"
-    config, source = loading.load(pairs.write(tmp_path, fast(own)))
-    slow, quick = views(config, source)
+    slow, quick = loading.load(pairs.write(tmp_path, fast(own))).experiments
     assert (slow.label, quick.label) == ("slow", "fast")
     assert slow.config.inputs.v == 4.0
     assert slow.config.record.channels["w_1"].sigma == 0.1
     channel = quick.config.record.channels["w_1"]
     assert (channel.sigma, channel.unit, channel.column) == (3.0, "rad/s", "w_1")
     assert quick.config.inputs.v.column == "w_1"  # type: ignore[union-attr]
-    for view in (slow, quick):
-        again = experiment_configs(config, view.label)
-        assert (again.record, again.inputs) == (view.config.record, view.config.inputs)
 
 
 def test_names_say_whose_an_unknown_is(tmp_path: Path) -> None:

@@ -246,10 +246,10 @@ def test_a_simulated_record_reads_back(tmp_path_factory: pytest.TempPathFactory)
     def check(imposed: bool) -> None:
         tmp_path = tmp_path_factory.mktemp("case")
         path = write(tmp_path, *([TOP] if imposed else []))
-        config, source = loading.load(path)
-        before = reading.read(config, source)
-        (tmp_path / "drill.csv").write_text(simulation.simulate(config, source, seed=1))
-        after = reading.read(config, source)
+        case = loading.load(path)
+        before = reading.read(case.experiments[0])
+        (tmp_path / "drill.csv").write_text(simulation.simulate(case, seed=1))
+        after = reading.read(case.experiments[0])
         for name, series in before.series.items():
             assert after.series[name] == pytest.approx(series, rel=1e-5), name
         assert after.start == pytest.approx(before.start)

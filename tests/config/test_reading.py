@@ -12,7 +12,6 @@ from bayesdrill.basics.errors import InputError
 from bayesdrill.config import loading
 from bayesdrill.config.records import reading
 from bayesdrill.config.resolve import assembly
-from bayesdrill.config.resolve.experiments import views
 from bayesdrill.record.experiment import Experiment
 
 DATA = Path(__file__).parents[3] / "shared" / "data"
@@ -27,8 +26,7 @@ PARAMETERS = (
 def read(folder: Path, record: str, inputs: str = "{v: 8}", rest: str = "") -> Experiment:
     path = folder / "mine.yaml"
     path.write_text(f"name: mine\nseed: 1\nrecord:\n{record}\ninputs: {inputs}\n{PARAMETERS}{rest}")
-    config, source = loading.load(path)
-    return reading.read(config, source)
+    return reading.read(loading.load(path).experiments[0])
 
 
 def table(folder: Path, n: int = 50) -> np.ndarray:
@@ -80,8 +78,7 @@ def test_everything_arrives_in_si(tmp_path: Path) -> None:
 def test_sigma_and_its_prior_are_in_the_columns_unit(tmp_path: Path) -> None:
     table(tmp_path)
     experiment = read(tmp_path, RECORD)
-    config, source = loading.load(tmp_path / "mine.yaml")
-    problem = assembly.problem(config, views(config, source), [experiment])
+    problem = assembly.problem(loading.load(tmp_path / "mine.yaml"), [experiment])
     noise = problem.posterior.likelihood.noise
     assert noise.known == {0: pytest.approx(np.radians(2)), 2: pytest.approx(1.5 * np.pi / 30)}
     assert problem.names == ("k_e", "sigma_w_1")

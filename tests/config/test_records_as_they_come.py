@@ -45,8 +45,7 @@ def one(folder: Path, record: str = "", channel: str = "", inputs: str = "{v: 8}
     path = folder / "mine.yaml"
     own = f"  file: r.csv\n{record}{MOTION}{channel}}}"
     path.write_text(f"name: mine\nseed: 1\nrecord:\n{own}\ninputs: {inputs}\n{PARAMETERS}")
-    config, source = loading.load(path)
-    return reading.read(config, source)
+    return reading.read(loading.load(path).experiments[0])
 
 
 def refused(folder: Path, *arguments: str) -> str:

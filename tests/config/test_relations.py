@@ -74,8 +74,8 @@ def test_units_of_quantities_are_si_inside(problem: Problem, space: ParameterSpa
 
 def test_truth_of_a_simulated_record_obeys_the_ties() -> None:
     """Against an independent response; and the bundled record is the one that the config makes."""
-    config, source = loading.load(EXAMPLE)
-    text = simulation.simulate(config, source, config.seed)
+    case = loading.load(EXAMPLE)
+    text = simulation.simulate(case, case.config.seed)
     assert text == (EXAMPLE.parent / "records" / "example_ties.csv").read_text()
     found = read(EXAMPLE.parent / "records" / "example_ties.csv", CsvOptions())
     k_s = np.pi * 79.6e9 * 3.005e-3**4 / (32 * 2.4)
@@ -137,7 +137,7 @@ def test_slopes_of_a_sum_are_exact(tmp_path: Path) -> None:
 
 def test_resolved_config_means_the_same(tmp_path: Path) -> None:
     job = prepare(EXAMPLE)
-    (tmp_path / "config.yaml").write_text(provenance.resolved(job.config, job.source, tmp_path))
+    (tmp_path / "config.yaml").write_text(provenance.resolved(job.case, tmp_path))
     again = prepare(tmp_path / "config.yaml")
     one, two = (provenance.fingerprint(j.config, j.problem) for j in (job, again))
     assert one == two

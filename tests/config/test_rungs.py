@@ -147,11 +147,11 @@ def test_what_is_recommended_is_a_config_from_anywhere(
         path = far / "recommended.yaml"
         path.write_text(selection.recommended(one, "mine", far, "first\nsecond"))
         assert path.read_text().startswith("# first\n# second\nname: mine\n")
-        config, source = loading.load(path)
-        assert list(config.output.figures) == ["corner"]
+        case = loading.load(path)
+        assert list(case.config.output.figures) == ["corner"]
         again = prepare(path).problem
         assert again.names == one.job().problem.names
         assert (again.experiment.y == one.job().problem.experiment.y).all()
-        assert YAML(typ="safe").load(source.text)["record"]["file"] == "../../here/small.csv"
+        assert YAML(typ="safe").load(case.source.text)["record"]["file"] == "../../here/small.csv"
 
     for_each({name: (name,) for name in ["as_given", "ar1", "damping_shaft"]}, check)

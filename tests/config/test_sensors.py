@@ -58,7 +58,7 @@ CASES = [
      [("  v: 8.0", "  v: 8.0\n  t_0: {prior: normal, mean: 1.9, sd: 0.9}"), initial("{w_1: 3}")],
      "inputs.t_0", "no sample of theta_1, w_1 is sure to be later"),
     ("a prior of one number", [(OFFSET, "offset: {prior: normal, mean: 9, sd: 1e-12}")],
-     "channels.theta_1.offset", "this is one number"),
+     "channels.theta_1.offset", "nearly all of it is at 9; hold the value"),
     ("ends exchanged", [(OFFSET, "offset: {prior: uniform, low: 2, high: -2}")],
      "channels.theta_1.offset", "low 2 is not below high -2"),
     ("start outside", [(OFFSET, "offset: {prior: uniform, low: -2, high: 2, start: 3}")],

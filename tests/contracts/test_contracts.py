@@ -61,7 +61,7 @@ DENSITY = (
     *("followed", "draw", "again", "pinned", "unknowns", "white", "kind", "torque"),
 )
 EXECUTORS = (Local, Cluster)
-PRIORS = (*(one for one in priors.PRIORS.values() if inspect.isclass(one)), priors.InUnits)
+PRIORS = tuple(one for one in priors.PRIORS.values() if inspect.isclass(one))
 # What variables are called that hold a member.
 MEMBERS = {
     *("model", "rig", "noise", "prior", "response", "simulator", "observation", "observed"),
@@ -70,7 +70,7 @@ MEMBERS = {
 # By file and what is asked there.
 ALLOWED = {
     ("api/arguments.py", "getattr(rig, name)"): "values of a class that a notebook brings, judged",
-    ("config/job.py", "getattr(si, key, None)"): "a row of a table, and no prior",
+    ("inference/display_units.py", "getattr(si, key, None)"): "a row of a table, and no prior",
     (
         "paper/precision.py",
         "isinstance(own, MotorShaft)",

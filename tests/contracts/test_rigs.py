@@ -60,7 +60,7 @@ def test_its_names_have_symbols_and_places_in_a_config(name: str) -> None:
     rig = RIGS[name]
     kind: Any = type(rig)
     assert rig.name == kind.name == name.removesuffix(" with all")
-    assert {*rig.parameters} <= {*models.PARAMETERS} & {*Parameters.model_fields}
+    assert {*rig.parameters} <= {*models.PARAMETERS} & {*Parameters.__annotations__}
     assert {*rig.states} <= {*models.STATES}
     assert {*rig.inputs} <= {*symbols.INPUTS}
     assert {one.name for one in rig.declares} <= {*rig.parameters, *rig.offers, *rig.states}

@@ -26,6 +26,7 @@ from bayesdrill.analysis.energy import accounts, curve, rubbings
 from bayesdrill.analysis.identifiability.frictions import RIVALS, stops_below
 from bayesdrill.analysis.identifiability.information import Scenery
 from bayesdrill.analysis.latent_torque import follows, shakings
+from bayesdrill.analysis.run_analysis import torque_summary
 from bayesdrill.basics import symbols
 from bayesdrill.inference import derived
 from bayesdrill.report import words
@@ -86,7 +87,7 @@ def of_record(of: bd.Case) -> Iterator[Any]:
     theta = posterior.space.vector(posterior.space.start)
     roles = problem.model.roles
     yield words.model(problem)
-    yield words.record_suspicions(problem, of.job.config)
+    yield words.record_suspicions(problem)
     yield [
         *plausibility.plausibility_of_nominal(problem),
         *plausibility.plausibility_of_gear(problem),
@@ -131,7 +132,7 @@ def of_torque(of: bd.Case) -> Iterator[Any]:
     theta = posterior.space.vector(posterior.space.start)
     (found,) = shakings(posterior, theta[None], np.random.default_rng(1))
     yield [found.expected, found.angle, found.gear, repr(follows(found))]
-    yield torque_words.followed(found, follows(found))
+    yield torque_words.followed(torque_summary(found))
     yield [(each.label.latex, each.means) for each in torque_shown(found, of.job.clock).against]
 
 

@@ -88,10 +88,10 @@ def test_bundled_records_come_back_as_their_configs_have_them(
 
     def check(name: str) -> None:
         tmp_path = tmp_path_factory.mktemp("case")
-        config, source = loading.load(CONFIGS / f"{name}.yaml")
+        case = loading.load(CONFIGS / f"{name}.yaml")
         record = tmp_path / "mine.csv"
-        simulation.save(simulation.simulate(config, source, 11, record), record, record, force=True)
-        found = made(record, voltage=8.0)
+        simulation.save(simulation.simulate(case, 11, record), record, record, force=True)
+        found, config = made(record, voltage=8.0), case.config
         channels = config.record.channels
         assert told(found) == {k: (str(one.column), one.unit) for k, one in channels.items()}
         for key, one in channels.items():
@@ -116,9 +116,9 @@ def test_bundled_records_come_back_as_their_configs_have_them(
 def test_check_is_content_with_what_is_written(tmp_path_factory: pytest.TempPathFactory) -> None:
     def check(name: str) -> None:
         tmp_path = tmp_path_factory.mktemp("case")
-        config, source = loading.load(CONFIGS / f"{name}.yaml")
+        case = loading.load(CONFIGS / f"{name}.yaml")
         record = tmp_path / "mine.csv"
-        simulation.save(simulation.simulate(config, source, 11, record), record, record, force=True)
+        simulation.save(simulation.simulate(case, 11, record), record, record, force=True)
         bd.init(record, voltage=8.0)
         assert systems.cli("check", tmp_path / "mine.yaml").status == 0
 

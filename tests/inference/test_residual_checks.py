@@ -11,10 +11,11 @@ from oracles import NOMINAL
 from rigs import measured, posterior
 from together import for_each
 
-from bayesdrill.config.job import SECOND
+from bayesdrill.basics.units import SECOND
 from bayesdrill.inference.likelihood import Likelihood
 from bayesdrill.inference.residual_checks import FALSE_ALARM, Left, left
 from bayesdrill.report.sections import fit_words as words
+from bayesdrill.tasks import run_entries
 
 Array = NDArray[np.float64]
 
@@ -78,7 +79,7 @@ def test_a_channel_that_does_nothing_has_no_share(rig: Likelihood) -> None:
     found = left(rig.with_alone(response=rig.response.with_record(flat)), AT)
     assert np.isnan(found[0].share)
     assert "theta_1" not in words.residual_sentences(found, SECOND).splitlines()[0]
-    assert words.residual_data(found)[0]["rms_over_spread"] is None
+    assert run_entries.residual_data(found)[0]["rms_over_spread"] is None
 
 
 def test_a_wrong_sigma_is_told_in_its_channel(rig: Likelihood) -> None:
@@ -97,7 +98,7 @@ def test_a_wrong_sigma_is_told_in_its_channel(rig: Likelihood) -> None:
         assert says in text
         assert f"w_1 {found[2].rms:.3g}" in text
         assert "theta" not in text
-        assert [one["says"] != [] for one in words.residual_data(found)] == [
+        assert [one["says"] != [] for one in run_entries.residual_data(found)] == [
             False,
             False,
             True,

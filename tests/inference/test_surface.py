@@ -106,7 +106,7 @@ def test_curvatures_are_those_of_least_squares() -> None:
         h = 1e-4 * surface.spread
         to = target.coordinates.to_physical
         theta = to(u)
-        sigmas = likelihood.sigmas(theta)
+        sigmas = likelihood.alone.scales(theta)
         noise = likelihood.noise
         slopes = differences(lambda z: likelihood.signals(to(z)), u, h) / sigmas[:, None]
         expected = np.einsum("dwtk,ewtk->wde", slopes, slopes)

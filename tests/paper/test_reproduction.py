@@ -233,7 +233,7 @@ def test_truth_is_known_only_of_a_record_that_comes_out_again(tmp_path: Path) ->
     makers = [loading.load(folder / name) for name in ("estimates.yaml", "missing_physics.yaml")]
 
     def truth(name: str) -> dict[str, float] | None:
-        return truth_of(*loading.load(folder / name), makers)
+        return truth_of(loading.load(folder / name), makers)
 
     assert truth("estimates.yaml") == pytest.approx(
         {name: cell.value for name, cell in printed.NINE_PARAMETERS.items()}
@@ -279,4 +279,4 @@ def test_a_record_that_no_simulation_writes_has_no_truth(
     heads, first, *rest = record.read_text().splitlines()
     record.write_bytes("\n".join([head or heads, row or first, *rest]).encode("latin-1"))
     makers = [loading.load(folder / "missing_physics.yaml")]
-    assert truth_of(*loading.load(folder / "measured.yaml"), makers) is None
+    assert truth_of(loading.load(folder / "measured.yaml"), makers) is None

@@ -287,9 +287,9 @@ def test_each_search_ends_low_in_the_misfit_of_its_own_record_and_model(
     own = forward.exact_signals(MotorShaft(), rig.likelihood.response.experiment, p)[0]
     y, exact = (x.likelihood.response.experiment.y for x in (noisy, clean))
     record = {
-        "trapezoid_both": precision.record_of(sized, own + y - exact),
+        "trapezoid_both": sized.edit(records=[own + y - exact]),
         "trapezoid_fit": noisy,
-        "weights_only_trapezoid": precision.record_of(sized, own),
+        "weights_only_trapezoid": sized.edit(records=[own]),
     }
     ends = {name: column(found, sigma, lambda c, n=name: getattr(c, n)) for name in record}
     beside = 0.2 / rig.likelihood.numbers  # how high a search may stop: less than what noise does

@@ -10,7 +10,7 @@ from pictures import clashes, drawn, marked, xy
 from together import for_each
 
 from bayesdrill.analysis.comparison import Contender, overlay_rows
-from bayesdrill.config.job import SI
+from bayesdrill.inference.display_units import SI
 from bayesdrill.report.sections.comparison_figure import comparison_figure
 
 

@@ -13,7 +13,7 @@ from pictures import SYMBOLS, TABLE, clashes, drawn, mode_of, posterior, si
 from together import for_each
 
 from bayesdrill.basics.symbols import PARAMETERS
-from bayesdrill.inference.priors import InUnits, LogUniform, Prior, Uniform, flat_in_logs
+from bayesdrill.inference.priors import LogUniform, Prior, Uniform, flat_in_logs
 from bayesdrill.report import scales
 from bayesdrill.report.sections.corner_figure import corner_figure
 from bayesdrill.report.sections.parameters_figure import Pair, prior_posterior_figure, ridge_figure
@@ -145,16 +145,15 @@ def test_an_axis_too_short_to_be_told_from_a_plain_one_is_plain() -> None:
 
 def test_a_prior_in_other_units_is_the_same_prior() -> None:
     def check(prior: Prior) -> None:
-        degrees = InUnits(prior, math.pi / 180)
-        x = np.geomspace(0.2, 2.5, 7)
-        density = np.exp(degrees.logpdf(x / degrees.factor)) / degrees.factor
+        factor = math.pi / 180
+        degrees, x = prior.scaled(1 / factor), np.geomspace(0.2, 2.5, 7)
+        density = np.exp(degrees.logpdf(x / factor)) / factor
         np.testing.assert_allclose(density, np.exp(prior.logpdf(x)))
         np.testing.assert_allclose(
-            degrees.quantile(np.array([0.3])) * degrees.factor, prior.quantile(np.array([0.3]))
+            degrees.quantile(np.array([0.3])) * factor, prior.quantile(np.array([0.3]))
         )
-        assert (degrees.low * degrees.factor, degrees.high * degrees.factor) == pytest.approx(
-            (prior.low, prior.high)
-        )
+        ends = (degrees.low * factor, degrees.high * factor)
+        assert ends == pytest.approx((prior.low, prior.high))
         assert flat_in_logs(degrees) is flat_in_logs(prior) is isinstance(prior, LogUniform)
 
     for_each({str(prior): (prior,) for prior in [LogUniform(1e-3, 1e2), Uniform(0.1, 3.0)]}, check)

@@ -15,11 +15,16 @@ from together import for_each
 
 import bayesdrill as bd
 from bayesdrill.analysis.comparison import Layer, overlay_rows
-from bayesdrill.config.job import SI
+from bayesdrill.inference.display_units import SI
 from bayesdrill.report import style
+from bayesdrill.report.comparison_report import OVERLAID
 from bayesdrill.report.section import as_markdown, as_text
 from bayesdrill.report.sections import comparison_words
-from bayesdrill.report.sections.overlay_figure import LOOKS, intervals_figure, overlay_corner_figure
+from bayesdrill.report.sections.comparison_figure import (
+    LOOKS,
+    intervals_figure,
+    overlay_corner_figure,
+)
 
 CONFIG = Path(__file__).parents[2] / "configs" / "nominal_step.yaml"
 PROBLEM = bd.load(CONFIG).job.problem
@@ -80,6 +85,7 @@ def test_no_legend_lies_on_a_panel() -> None:
 
 def test_runs_are_told_apart_without_colours() -> None:
     """By grey and width where lines are whole, by dashes else; none has those of a nominal value."""
+    assert len(LOOKS) == OVERLAID.most
     grey = {look: np.dot(to_rgb(look.color), (0.299, 0.587, 0.114)) for look in LOOKS}
     whole = sorted(grey[look] for look in LOOKS if look.linestyle == "-")
     assert min(np.diff(whole)) > 0.1
@@ -107,7 +113,7 @@ def test_a_run_that_did_not_converge_says_so_in_legend_and_words() -> None:
         texts = [text.get_text() for text in figure.legends[0].get_texts()]
         assert texts[:2] == ["run_with_a_name_0", "run_with_a_name_1 (NOT CONVERGED)"]
     given = layers(2, 3)
-    sections = comparison_words.overlay_sections(given, overlay_rows(given), SI)
+    sections = comparison_words.comparison_sections(given, (), overlay_rows(given), SI)
     for text in ("\n".join(as_text(sections)), as_markdown("overlay", sections)):
         assert "run_with_a_name_1: NOT CONVERGED" in text
         assert "the ensembles disagree" in text

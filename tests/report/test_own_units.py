@@ -25,19 +25,19 @@ from bayesdrill.analysis.calibration import FIT, Refit, judge_calibration
 from bayesdrill.analysis.identifiability.profile import Profile
 from bayesdrill.basics import units
 from bayesdrill.basics.symbols import latex_unit, unit_product
-from bayesdrill.config.job import SI, OwnUnits
+from bayesdrill.inference.display_units import SI, OwnUnits
 from bayesdrill.report import figures, tables, words
-from bayesdrill.report.comparison_report import OverlayReport
+from bayesdrill.report.comparison_report import ComparisonReport
 from bayesdrill.report.publish import TABLES
 from bayesdrill.report.run_report import sections
 from bayesdrill.report.section import as_markdown
 from bayesdrill.report.sections import fit_words, physics_words
-from bayesdrill.report.sections.overlay_figure import intervals_figure, overlay_corner_figure
+from bayesdrill.report.sections.comparison_figure import intervals_figure, overlay_corner_figure
 from bayesdrill.report.view import View
 from bayesdrill.results.run_folder import Folder
 from bayesdrill.rig.models.motor_shaft import MotorShaft
 from bayesdrill.sampling.mode_search import Other
-from bayesdrill.tasks import calibrate, comparison, conclusions
+from bayesdrill.tasks import calibrate, comparison, conclusions, run_entries
 
 T = np.linspace(0.0, 6.0, 121)
 FACTORS = {  # of the case in users' units: how many SI each is
@@ -190,7 +190,10 @@ def test_tables_show_what_was_found_over_the_unit_of_the_user() -> None:
     """Mutants killed: SI numbers under a user's unit, a unit that is not shown, an sd left in SI."""
     own, plain = pair().own, pair().plain
     for heads, one, other in (
-        (tables.HEADERS, *(tables.of_rows(v.units.rows(v.rows)).lines for v in (own, plain))),
+        (
+            tables.HEADERS,
+            *(tables.of_rows(v.units.rows(v.analysis.unknowns)).lines for v in (own, plain)),
+        ),
         (
             ("", "unit", "nominal", "MAP", "dev. %"),
             *(
@@ -201,7 +204,9 @@ def test_tables_show_what_was_found_over_the_unit_of_the_user() -> None:
         (
             ("", "unit", "nominal", "mean", "sd", "94 % HDI", "dev. %", "meaning"),
             *(
-                physics_words.derived_table(v.units.rows(v.following), v.derived).lines
+                physics_words.derived_table(
+                    v.units.rows(v.analysis.derived), v.analysis.meanings
+                ).lines
                 for v in (own, plain)
             ),
         ),
@@ -227,7 +232,7 @@ def test_the_table_for_papers_is_in_these_units() -> None:
     texts = [TABLES["table.tex"](view) for view in (own, plain)]
     assert all(text is not None and text.isascii() for text in texts)
     one, other = ([line.split(" & ") for line in str(text).splitlines()[5:-2]] for text in texts)
-    for row, mine, theirs in zip(own.rows, one, other, strict=True):
+    for row, mine, theirs in zip(own.analysis.unknowns, one, other, strict=True):
         power, of_si = ([*numbers(cells[1].replace("10^", "")), 0] for cells in (mine, theirs))
         found = 10.0 ** power[0] if "10^" in mine[1] else 1.0
         base = 10.0 ** of_si[0] if "10^" in theirs[1] else 1.0
@@ -248,7 +253,9 @@ def test_sentences_have_the_unit_of_the_user_and_parameters_stay_as_they_are() -
     assert "d 4 mm" in said
     assert "L = 240 cm" in words.opening(view.problem, view.units)
     assert "k_T = 0.12," in words.opening(view.problem, view.units)
-    pressed = [replace(view.rows[0], name="sigma_theta_1", pressed_against=math.radians(0.25))]
+    pressed = [
+        replace(view.analysis.unknowns[0], name="sigma_theta_1", pressed_against=math.radians(0.25))
+    ]
     assert "against the end 0.25 deg of its prior" in tables.notes(pressed, view.units)[0]
     everything = as_markdown("x", sections(view))
     assert "| sigma_theta_1 | deg |" in everything
@@ -256,7 +263,7 @@ def test_sentences_have_the_unit_of_the_user_and_parameters_stay_as_they_are() -
 
 
 def test_times_are_told_in_the_unit_of_their_column() -> None:
-    left = pair().own.left[0]
+    left = pair().own.analysis.fit[0]
     far = replace(left, farthest=9.0, rms=1.0, time=0.75, limits=replace(left.limits, most=2.0))
     clock = units.shown("ms", "s")
     assert "theta_1 9 at 750 ms" in fit_words.residual_sentences([far], clock)
@@ -277,7 +284,7 @@ def test_figures_are_of_the_same_draws_in_these_units() -> None:
 # --- several runs --------------------------------------------------------------------------------
 
 
-def overlaid(first: str, second: str) -> OverlayReport:
+def overlaid(first: str, second: str) -> ComparisonReport:
     views = {"own": pair().own, "plain": pair().plain}
     jobs = {"own": users().job, "plain": usual().job}
     shown = comparison.overlay_units([jobs[first], jobs[second]])
@@ -285,7 +292,7 @@ def overlaid(first: str, second: str) -> OverlayReport:
         comparison.overlay_layer(name, jobs[name], views[name].mode, views[name].sampled, shown)
         for name in (first, second)
     ]
-    return OverlayReport(tuple(layers), shown)
+    return ComparisonReport(tuple(layers), shown)
 
 
 def test_runs_are_shown_in_the_units_of_the_first_and_saved_in_si() -> None:
@@ -355,7 +362,7 @@ def test_files_for_machines_are_si_whatever_the_units_of_the_config() -> None:
                 if numbers(text) and key not in ("unit", "name", "quantity"):
                     assert float(text) == pytest.approx(float(theirs[key]), rel=1e-6, abs=1e-6)
     expected = {s.name: s.unit for s in own.problem.symbols}
-    assert conclusions.entries(own)["units"] == expected
+    assert run_entries.entries(own, "")["units"] == expected
     assert expected["sigma_theta_1"] == "rad"
 
 
@@ -437,7 +444,7 @@ def test_a_unit_that_formulas_do_not_have_is_shown_in_si() -> None:
 
 
 def test_what_has_no_unit_of_its_own_stays_as_it_is() -> None:
-    row = pair().own.rows[0]
+    row = pair().own.analysis.unknowns[0]
     assert row.name == "k_e"
     assert pair().own.units.rows([row]) == (row,)
     assert SI.said("k_s", 0.26) == "0.26"
@@ -459,10 +466,9 @@ def test_a_profile_is_told_and_drawn_in_these_units_as_large_as_the_config_wants
     output = users().job.config.output.model_copy(
         update={"formats": ["svg"], "size": "single", "dpi": 90}
     )
-    config = users().job.config.model_copy(update={"output": output})
     found = replace(
         users().identify(),
-        job=replace(users().job, config=config),
+        job=users().job.with_settings(output=output),
         profiles=(Profile(name="d", values=line, loss=loss, **known),),
     )
     row = found.text.splitlines()[-1].split()
@@ -479,7 +485,7 @@ def test_a_profile_is_told_and_drawn_in_these_units_as_large_as_the_config_wants
 
 def test_a_maximum_is_drawn_in_the_files_that_the_config_wants(tmp_path: Path) -> None:
     output = users().job.config.output.model_copy(update={"formats": ["svg"]})
-    job = replace(users().job, config=users().job.config.model_copy(update={"output": output}))
+    job = users().job.with_settings(output=output)
     best = bd.Best(job, pair().own.mode, users().columns)
     best.save(tmp_path / "map")
     assert [p.name for p in (tmp_path / "map" / "figures").iterdir()] == ["fit.svg"]
@@ -502,10 +508,9 @@ def test_a_calibration_is_drawn_as_large_and_in_the_files_that_the_config_wants(
     verdict = judge_calibration(names, refits, 99)
     for formats, size in ((["png"], "double"), (["svg"], "single")):
         output = users().job.config.output.model_copy(update={"formats": formats, "size": size})
-        config = users().job.config.model_copy(update={"output": output})
         with Folder(tmp_path, "force", {}, output_files.CALIBRATE) as folder:
             folder.write_run(status="running")
-            calibrate._draw(replace(users().job, config=config), folder, verdict)
+            calibrate._draw(users().job.with_settings(output=output), folder, verdict)
         (file,) = (tmp_path / "figures").iterdir()
         assert file.name == f"calibration.{formats[0]}"
     text = file.read_text()

@@ -200,33 +200,35 @@ def test_the_marks_say_what_the_verdict_says() -> None:
 def test_a_table_is_in_doubt_where_the_fit_is_no_noise() -> None:
     """Mutant killed: a table that agrees, by a model that the fit speaks against."""
     view = run()._view
-    assert view.judged is not None
-    found = view.judged.verdict
+    assert view.analysis.judged is not None
+    found = view.analysis.judged.verdict
     products = tuple(dataclasses.replace(one, says="agrees") for one in found.products)
     agreeing = dataclasses.replace(found, products=products, parameters=(), joint=0.0)
     said = {}
     for fits in (True, False):
         verdict = dataclasses.replace(agreeing, fits=fits)
-        judged = dataclasses.replace(view.judged, verdict=verdict)
-        mark = run_report.run_marks(dataclasses.replace(view, judged=judged))[-1]
+        judged = dataclasses.replace(view.analysis.judged, verdict=verdict)
+        mark = run_report.run_marks(analysed(view, judged=judged))[-1]
         said[fits] = (mark.text, mark.tone)
     assert said == {True: ("agrees with tables_2_3", "good"), False: ("verdict in doubt", "doubt")}
+
+
+def analysed(view: View, **said: object) -> View:
+    """As if this were said of it."""
+    return dataclasses.replace(view, analysis=dataclasses.replace(view.analysis, **said))  # type: ignore[arg-type]
 
 
 def unfit() -> View:
     """Of a run that converged to what does not fit."""
     view = run()._view
-    return dataclasses.replace(
-        view, left=tuple(dataclasses.replace(one, rms=9.0) for one in view.left)
-    )
+    return analysed(view, fit=tuple(dataclasses.replace(one, rms=9.0) for one in view.analysis.fit))
 
 
 def stopped() -> View:
     view = run()._view
     convergence = dataclasses.replace(view.sampled.convergence, reasons=("too short",))
-    return dataclasses.replace(
-        view, sampled=dataclasses.replace(view.sampled, convergence=convergence)
-    )
+    sampled = dataclasses.replace(view.sampled, convergence=convergence)
+    return dataclasses.replace(view, chain=dataclasses.replace(view.chain, sampled=sampled))
 
 
 @pytest.mark.parametrize(
@@ -264,9 +266,13 @@ def test_nothing_is_good_about_a_run_that_must_not_be_believed(
 def test_a_rig_without_nominal_values_has_no_columns_of_them() -> None:
     """Mutants killed: columns that are empty in every line, on each way to a reader."""
     view = run()._view
-    rows = tuple(dataclasses.replace(row, nominal=None, deviation=None) for row in view.rows)
+    rows, derived = (
+        tuple(dataclasses.replace(row, nominal=None, deviation=None) for row in every)
+        for every in (view.analysis.unknowns, view.analysis.derived)
+    )
     problem = dataclasses.replace(view.problem, nominal={}, tolerance={})
-    view = dataclasses.replace(view, rows=rows, problem=problem, judged=None)
+    view = dataclasses.replace(view, chain=dataclasses.replace(view.chain, problem=problem))
+    view = analysed(view, unknowns=rows, derived=derived, judged=None)
     every, alone = sections(view), MapReport(problem, view.config, view.mode)
     latex_table, machine = (str(publish.TABLES[n](view)) for n in ("table.tex", "summary.csv"))
     shown = (as_markdown("t", every), as_markdown("t", alone.sections), "\n".join(as_text(every)))

@@ -30,6 +30,7 @@ from bayesdrill.report.sections.fit_figure import fit_figure
 from bayesdrill.report.sections.physics_figure import energy_figure, friction_figure, looks
 from bayesdrill.report.sections.physics_words import Law
 from bayesdrill.report.view import View
+from bayesdrill.tasks import run_entries
 
 T = 0.04 * np.arange(250)
 V = np.where((T // 2.52) % 2 == 0, 1.0, -1.0) * np.where(T < 5.04, 5.0, 2.5)
@@ -97,7 +98,7 @@ def panel_of(found: Figure, what: str) -> Axes:
 def test_the_fit_shows_frictions_with_their_bands_and_where_they_stick() -> None:
     """Mutants killed: efforts of another friction, times of sticking by samples."""
     found = figure("fit")
-    moved = view().rubbing[0]
+    moved = view().chain.rubbing[0]
     for rub, what in zip(moved, ("T_m", "T_1"), strict=True):
         panel = panel_of(found, what)
         (line,) = panel.get_lines()
@@ -141,8 +142,8 @@ def test_a_law_is_drawn_at_the_speeds_of_the_motor_with_map_and_nominal_values()
     motor, rotor = figure("friction").axes
     best = view().mode.values
     for panel, rub, name in (
-        (motor, view().rubbing[0][0], "t_cm"),
-        (rotor, view().rubbing[0][1], "t_c1"),
+        (motor, view().chain.rubbing[0][0], "t_cm"),
+        (rotor, view().chain.rubbing[0][1], "t_c1"),
     ):
         lines = {line.get_color(): line for line in panel.get_lines() if len(line.get_xdata()) > 9}
         for colour, size in ((style.NOMINAL["color"], TABLE[name]), (style.BLACK, best[name])):
@@ -162,7 +163,9 @@ def test_the_speeds_of_the_record_stand_below() -> None:
     panel = figure("friction").axes[1]
     (steps,) = (p for p in panel.patches if isinstance(p, StepPatch))
     heights, edges, low = steps.get_data()
-    counts, _ = np.histogram(view().rubbing[0][1].speed, [si(panel.get_xlabel(), e) for e in edges])
+    counts, _ = np.histogram(
+        view().chain.rubbing[0][1].speed, [si(panel.get_xlabel(), e) for e in edges]
+    )
     np.testing.assert_allclose((heights - low) / (heights - low).max(), counts / counts.max())
 
 
@@ -181,7 +184,7 @@ def test_a_law_without_draws_and_nominal_values_is_a_line() -> None:
 
 def test_shares_of_the_energy_close() -> None:
     """Mutants killed: a part left out, a part counted on both sides."""
-    (account,) = view().accounts
+    (account,) = view().chain.accounts
     assert sum(account.came.values())[-1] == pytest.approx(account.total[-1])
     went = sum(account.went.values())
     assert np.abs(went - account.total).max() < 2e-3 * account.total[-1]
@@ -207,7 +210,7 @@ def test_a_rig_that_runs_down_brings_its_energy() -> None:
     rig = dataclasses.replace(one, response=one.response.of(moving))
     likelihood = dataclasses.replace(posterior.likelihood, observations=(rig,))
     coasting = dataclasses.replace(posterior, likelihood=likelihood)
-    (account,) = accounts(coasting, view().best, np.empty((0, len(view().best))))
+    (account,) = accounts(coasting, view().chain.best, np.empty((0, len(view().chain.best))))
     # A motor whose terminals are at no voltage brakes, and its k_T over k_e brakes more.
     assert {*account.came} == {AT_START}
     assert account.parts[0].sd is None
@@ -220,7 +223,7 @@ def test_the_figure_of_energy_stacks_to_what_came_in() -> None:
     found = figure("energy")
     joules, shares = found.axes
     (total,) = joules.get_lines()
-    (account,) = view().accounts
+    (account,) = view().chain.accounts
     assert si(joules.get_ylabel(), total.get_ydata()[-1]) == pytest.approx(account.total[-1])
     tops = [band.get_paths()[0].vertices[:, 1].max() for band in joules.collections]
     assert tops == sorted(tops)
@@ -246,14 +249,14 @@ def test_the_report_has_a_table_of_it() -> None:
     assert "## Where the energy goes" in text
     assert "| out | friction at rotor 1 | " in text
     assert "k_T is not k_e" in text
-    (data,) = physics_words.energy_data(view().accounts)
+    (data,) = run_entries.energy_data(view().analysis.energy)
     assert list(data["in"]) == ["conversion", "v"] or list(data["in"]) == ["v", "conversion"]
     assert data["out"]["friction_1"]["share"] > 0.1
     assert json.loads(json.dumps(data)) == data
 
 
 def test_what_does_not_close_is_said() -> None:
-    (account,) = view().accounts
+    (account,) = view().analysis.energy
     assert "is in neither" not in physics_words.energy_note(
         dataclasses.replace(account, left=1e-4), view().problem.model
     )
@@ -278,7 +281,7 @@ def test_steps_that_are_enough_and_steps_that_are_not() -> None:
     assert said.endswith("say `model: {pieces: 8}`")
     assert verdict_words.steps_wanted(dataclasses.replace(few, pieces=3, errors=(0.11,))) == 6
     assert verdict_words.step_sentences(()) == ""
-    (data,) = verdict_words.step_data([few])
+    (data,) = run_entries.step_data([few])
     assert data == {"experiment": "slow", "pieces": 1, "over_sigma": {"w_1": 0.45}}
 
 
@@ -305,9 +308,9 @@ def test_a_rig_that_does_not_rub_has_none_of_it() -> None:
     plain = case.sample(processes=1)._view
     assert drawings("friction", plain) == {}
     assert drawings("energy", plain) == {}
-    assert plain.accounts == ()
-    assert plain.rubbing == ()
-    assert plain.step_errors == ()
+    assert plain.chain.accounts == plain.analysis.energy == ()
+    assert plain.chain.rubbing == ()
+    assert plain.analysis.step_errors == ()
     text = as_markdown("x", sections(plain))
     assert "energy goes" not in text
     assert "steps: " not in text

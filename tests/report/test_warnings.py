@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from together import for_each
 
-from bayesdrill.config.job import OwnUnits
+from bayesdrill.inference.display_units import OwnUnits
 from bayesdrill.inference.residual_checks import Left, Limits
 from bayesdrill.report import words
 from bayesdrill.sampling.mode_search import Mode, Other

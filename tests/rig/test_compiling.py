@@ -12,8 +12,8 @@ from llvmlite import ir
 from oracles import NOMINAL
 from rigs import vector
 
-from bayesdrill.rig.kernels import compile_kernels
-from bayesdrill.rig.kernels.compiling import machine_code
+from bayesdrill.rig.kernels.compiling import compile_kernel, linked, machine_code
+from bayesdrill.rig.kernels.recurrence import write_response
 from bayesdrill.rig.models.motor_shaft import MotorShaft
 from bayesdrill.rig.simulators.exact import Response, layout
 
@@ -37,10 +37,11 @@ def doubling() -> ir.Module:
 
 def test_code_that_is_kept_takes_little() -> None:
     """Without the compiler's own tables, 0.8 MB an engine and 2 to 5 of those of a rig."""
-    first = machine_code(doubling())
+    code = machine_code(doubling())
+    first = linked(code)
     gc.collect()
     before = resident()
-    engines = [machine_code(doubling()) for _ in range(MANY)]
+    engines = [linked(code) for _ in range(MANY)]
     gc.collect()
     assert resident() - before < 0.3 * MANY
     kind = ctypes.CFUNCTYPE(ctypes.c_double, ctypes.c_double)
@@ -49,15 +50,18 @@ def test_code_that_is_kept_takes_little() -> None:
 
 
 def test_code_lives_as_long_as_a_simulator_of_it() -> None:
-    """Whether or not the cache of kernels has it still."""
+    """Once memory keeps it no more, it is freed with the last of them."""
     theta = vector(NOMINAL)[None]
     experiment = response("step").experiment
-    compiled = compile_kernels.__wrapped__(layout(MotorShaft(), experiment))  # past the cache
-    engine = weakref.ref(compiled.engine)
-    made = Response(MotorShaft(), experiment, compiled)
-    del compiled
+    compile_kernel.cache_clear()
+    made = Response(MotorShaft(), experiment)
+    expected = made.squares(theta)
+    own = layout(MotorShaft(), experiment)
+    engine = weakref.ref(compile_kernel(write_response, own, "misfit", "signals").engine)
+    assert compile_kernel.cache_info().hits == 1
+    compile_kernel.cache_clear()
     gc.collect()
-    assert np.array_equal(made.squares(theta), response("step").squares(theta))
+    assert np.array_equal(made.squares(theta), expected)
     del made
     gc.collect()
     assert engine() is None

@@ -227,8 +227,8 @@ def code(rig: Model, series: bool) -> str:
     """What is handed to the compiler."""
     u = {"v": np.ones(20)} if series else {}
     own, module = layout(rig, experiment(20, start=START, series=u)), ir.Module("rig")
-    step = emit_exponential(module, own, "step", own.dt)
-    emit_response(module, own, step, None, "misfit", SQUARES)
+    exponential = emit_exponential(module, own, increments=True)
+    emit_response(module, own, exponential, "misfit", SQUARES)
     return str(module)
 
 

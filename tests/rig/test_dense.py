@@ -11,6 +11,7 @@ from oracles import NOMINAL, ORDER
 from rigs import STATES, experiment, vector
 from together import for_each
 
+from bayesdrill.rig.kernels.sums import SQUARES
 from bayesdrill.rig.models.linear import Linear, Model, Tangent
 from bayesdrill.rig.models.motor_shaft import MotorShaft, TwoRotors
 from bayesdrill.rig.simulators.exact import Response
@@ -140,6 +141,11 @@ def walkers(model, n_series: int, k_count: int, rng: np.random.Generator, shift:
 SHIFTS = (2.4, -0.7, 0.0, 30.0)
 
 
+def squares(dense: Dense, *walkers_and_record: np.ndarray | None) -> np.ndarray:
+    *walkers, y = walkers_and_record
+    return dense.tallied(tuple(walkers), y, SQUARES)[..., 0]
+
+
 def test_equals_steps_in_extended_precision() -> None:
     kinds = ["uniform", "left out", "gaps", "jitter", "long gap"]
     cases = [
@@ -168,7 +174,7 @@ def test_equals_steps_in_extended_precision() -> None:
         y = rng.normal(0, 1, (n, 4))
         y[rng.uniform(size=y.shape) < 0.3] = np.nan
         sums = np.nansum((y - found) ** 2, axis=1)
-        assert np.allclose(dense.squares(theta, x0, before, shifts, rows, y), sums, rtol=1e-12)
+        assert np.allclose(squares(dense, theta, x0, before, shifts, rows, y), sums, rtol=1e-12)
 
     for_each({f"{kind} {case}": (kind, *case) for kind in kinds for case in cases}, check)
 
@@ -207,7 +213,7 @@ def test_a_plain_experiment_is_the_response() -> None:
         plain = Response(MotorShaft(), record)
         found, true = dense.signals(theta, start, start, None, rows), plain.signals(theta)
         assert np.abs(found - true).max() < 1e-11 * np.abs(true).max()
-        sums = dense.squares(theta, start, start, None, rows, y)
+        sums = squares(dense, theta, start, start, None, rows, y)
         assert np.allclose(sums, plain.squares(theta), rtol=1e-11)
 
     for_each({str(first_order): (first_order,) for first_order in [False, True]}, check)
@@ -281,8 +287,8 @@ def test_a_walker_does_not_depend_on_its_neighbours() -> None:
         together = dense.signals(theta, x0, before, shift, rows)
         alone = [dense.signals(theta[w], x0[w], before[w], shift[w], rows[w])[0] for w in one]
         assert np.array_equal(alone, together)
-        sums = dense.squares(theta, x0, before, shift, rows, y)
-        each = [dense.squares(theta[w], x0[w], before[w], shift[w], rows[w], y)[0] for w in one]
+        sums = squares(dense, theta, x0, before, shift, rows, y)
+        each = [squares(dense, theta[w], x0[w], before[w], shift[w], rows[w], y)[0] for w in one]
         assert np.array_equal(each, sums)
 
     for_each({kind: (kind,) for kind in ["uniform", "jitter"]}, check)
@@ -294,13 +300,13 @@ def test_an_overflowing_walker_leaves_its_neighbours_alone() -> None:
     theta = vector(NOMINAL) * rng.uniform(0.5, 1.5, (8, 9))
     x0, before, rows = rng.normal(0, 1, (8, 5)), np.zeros((8, 5)), rng.normal(0, 1, (8, 2, 6))
     shift, y = STEP * rng.uniform(0, 3, (8, 2)), rng.normal(0, 1, (60, 2))
-    true = dense.squares(theta, x0, before, shift, rows, y)
+    true = squares(dense, theta, x0, before, shift, rows, y)
     sick, late = theta.copy(), shift.copy()
     sick[2, ORDER.index("l_m")] = 0.0
     sick[5, ORDER.index("j_m")] = 1e-300
     late[6] = np.nan
     for moved in (late, None):
-        found = dense.squares(sick, x0, before, moved, rows, y)
+        found = squares(dense, sick, x0, before, moved, rows, y)
         healthy = [0, 1, 3, 4, 7]
         assert not np.isfinite(found[[2, 5]]).any()
         if moved is not None:

@@ -34,6 +34,7 @@ MEASURES = {
     "twist": {"theta_1": 1.0, "theta_2": -1.0},
     "w_1": {"w_1": 1.0},
 }
+GEARED = {"speed": {"w_2": 8.0, "w_1": -0.5}, "angle": {"theta_2": 0.25}}
 SIGMAS = np.array([0.05, 0.02, 0.3])
 SIZE, TIME = 0.08, 0.4
 P = skewed()
@@ -103,8 +104,8 @@ def test_gaps_uneven_times_and_a_start_before_the_first_sample() -> None:
 
 
 def test_a_start_before_the_first_sample_of_even_times() -> None:
-    """Where all states are something, angles told of by themselves or not."""
-    cases = [MEASURES, {"w_1": {"w_1": 1.0}, "twist": MEASURES["twist"]}]
+    """Where all states are something, angles told of by themselves or not, by weights of any size."""
+    cases = [MEASURES, {"w_1": {"w_1": 1.0}, "twist": MEASURES["twist"]}, GEARED]
 
     def check(measures: dict[str, dict[str, float]]) -> None:
         start = {"theta_1": 0.7, "theta_2": -1.2, "w_1": 2.0, "w_2": -9.0, "i": 0.4}
@@ -138,7 +139,7 @@ def test_of_any_number_of_samples() -> None:
 
 def test_states_of_the_rig_are_those_that_channels_show() -> None:
     """Angles are relative ones inside; outside they are those of the rig, as far as any is told of."""
-    cases = [MEASURES, {"w_1": {"w_1": 1.0}, "twist": MEASURES["twist"]}]
+    cases = [MEASURES, {"w_1": {"w_1": 1.0}, "twist": MEASURES["twist"]}, GEARED]
 
     def check(measures: dict[str, dict[str, float]]) -> None:
         one = experiment(20, 0.02, measures=measures)
@@ -147,7 +148,8 @@ def test_states_of_the_rig_are_those_that_channels_show() -> None:
             told(3)[0], 1e-9 * np.ones((3, len(measures))), np.random.default_rng(8)
         )
         named = found.pushed.of_states(states)
-        assert ("theta_1" in named) == ("theta_2" in named) == ("theta_2" in measures)
+        assert ("theta_1" in named) == ("theta_2" in named) == (measures != cases[1])
+        assert states @ found.weights.T == pytest.approx(shown, abs=1e-7)
         for k, weights in enumerate(measures.values()):
             if set(weights) <= set(named):
                 ours = sum(weight * named[name] for name, weight in weights.items())

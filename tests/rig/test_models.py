@@ -13,7 +13,6 @@ from together import for_each
 
 from bayesdrill.basics.errors import InputError
 from bayesdrill.config import loading
-from bayesdrill.config.resolve import assembly
 from bayesdrill.config.schema.config import Config
 from bayesdrill.inference import derived
 from bayesdrill.paper.forward import six_states
@@ -175,13 +174,13 @@ def test_a_second_rotor_of_nothing_is_the_rig() -> None:
     assert TwoRotors(I_M).linear(p) == MotorShaft(I_M).linear(p)
 
 
-def load(tmp_path: Path, model: str) -> Config:
+def load(tmp_path: Path, model: str) -> Model:
     text = (ROOT / "configs" / "nominal_step.yaml").read_text()
     old = "model:\n  name: motor_shaft\n  i_m: 0.125                # gear 8:1\n"
     assert text.count(old) == 1
     path = tmp_path / "config.yaml"
     path.write_text(text.replace(old, f"model: {model}\n"))
-    return loading.load(path)[0]
+    return loading.load(path).model
 
 
 def test_a_config_gives_a_model_its_constants(tmp_path_factory: pytest.TempPathFactory) -> None:
@@ -195,7 +194,7 @@ def test_a_config_gives_a_model_its_constants(tmp_path_factory: pytest.TempPathF
 
     def check(text: str, model: Model) -> None:
         tmp_path = tmp_path_factory.mktemp("case")
-        assert assembly.model(load(tmp_path, text)) == model
+        assert load(tmp_path, text) == model
 
     for_each({case[0]: case for case in cases}, check)
 

@@ -198,7 +198,7 @@ def test_pairs_are_the_papers_for_its_nine_and_a_circle_for_fewer() -> None:
 
 
 def test_no_unknown_may_be_left_out_of_the_pairs() -> None:
-    config, _ = loading.load(CONFIGS / "nominal_step.yaml")
+    config = loading.load(CONFIGS / "nominal_step.yaml").config
     pairs = [["k_s", "j_1"], ["j_m", "c_m"], ["k_e", "k_T"]]
     own = config.map.model_copy(update={"method": "pairwise", "pairs": pairs})
     changed = config.model_copy(update={"map": own})

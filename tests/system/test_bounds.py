@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,7 +16,6 @@ from bayesdrill.basics import seeds
 from bayesdrill.basics.progress import Silent
 from bayesdrill.config import loading
 from bayesdrill.config.job import Job, assemble
-from bayesdrill.config.schema.config import Config
 from bayesdrill.sampling import ensembles
 from bayesdrill.sampling.ensembles import Memory
 from bayesdrill.sampling.workers import Crew
@@ -30,8 +30,8 @@ FITS = 500
 @pytest.fixture(scope="module")
 def job(tmp_path_factory: pytest.TempPathFactory) -> Job:
     """The paper's verification study: two unknowns, noise of 0.001 on every channel."""
-    config, source = loading.load(CONFIG)
-    entries = config.model_dump(exclude_unset=True, exclude_none=True)
+    source = loading.load(CONFIG).source
+    entries = copy.deepcopy(source.data)
     for name in entries["parameters"]:
         if name not in TWO:
             entries["parameters"][name] = "nominal"
@@ -39,11 +39,11 @@ def job(tmp_path_factory: pytest.TempPathFactory) -> Job:
         channel["sigma"] = SIGMA
     from bayesdrill.config.records import simulation
 
-    changed = Config.model_validate(entries)
+    changed = loading.validated(replace(source, data=entries))
     record = tmp_path_factory.mktemp("record") / "record.csv"
-    record.write_text(simulation.simulate(changed, source, 11))
+    record.write_text(simulation.simulate(changed, 11))
     entries["record"]["file"] = str(record)
-    return assemble(Config.model_validate(entries), source)
+    return assemble(loading.validated(replace(source, data=entries)))
 
 
 def bounds_at_nominal(job: Job) -> np.ndarray:

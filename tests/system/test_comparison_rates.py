@@ -11,8 +11,8 @@ from together import together
 
 from bayesdrill.config.job import Job
 from bayesdrill.inference.laplace import PosteriorSurface
+from bayesdrill.sampling.fit import fit
 from bayesdrill.sampling.gauss_newton import climb
-from bayesdrill.tasks import remote
 from benchmarks import compare
 from benchmarks.compare import KINDS, RED, Bench, Kind, rightly
 
@@ -69,7 +69,7 @@ def test_a_correlation_that_is_none_needs_no_look_along_settled_ridges() -> None
     """
     y, _ = bench().record(KINDS[2], 3)
     job = compare.of(bench().jobs[RED], y)
-    _, sampled = remote.compute_remotely(compare.task(job, 3))
+    _, sampled = fit(job.problem.posterior, compare.plan(job, 3))
     assert sampled.learnt is not None
     assert sampled.learnt.proposal.settled is None
     assert sampled.learnt.share > 0.8

@@ -199,8 +199,8 @@ def test_the_readmes_own_config_is_valid(tree: Path) -> None:
     rest = "".join(f"  {name}: nominal\n" for name in ("j_m", "c_m", "k_T", "l_m", "t_f"))
     path = tree / "configs" / "readme.yaml"
     path.write_text(f"name: readme\nseed: 1\n{block}{rest}")
-    config, _ = loading.load(path)
-    assert config.parameters.j_1 == 0.0283
+    config = loading.load(path).config
+    assert config.parameters["j_1"] == 0.0283
 
 
 REST: dict[str, Any] = {
@@ -233,7 +233,7 @@ def test_every_block_of_the_pages_on_records_and_rigs_is_valid(block: str, tmp_p
         whole = _of_the_papers_rig(given)
     with (tmp_path / "page.yaml").open("w") as file:
         yaml.dump(whole, file)
-    config, _ = loading.load(tmp_path / "page.yaml")
+    config = loading.load(tmp_path / "page.yaml").config
     assert config.record.channels
 
 

@@ -167,9 +167,9 @@ def test_what_is_missing_is_named_and_recommended(done: Done, tmp_path: Path) ->
     recommended = done.folder / "recommended.yaml"
     checked = systems.cli("check", recommended)
     assert checked.status == 0, checked.text
-    config, _ = loading.load(recommended)
+    config = loading.load(recommended).config
     assert config.name == "turned_friction_motor"
-    assert config.parameters.t_cm is not None
+    assert config.parameters["t_cm"] is not None
 
 
 def test_a_rung_is_the_run_of_its_config(done: Done, tmp_path: Path) -> None:

@@ -11,7 +11,6 @@ from together import together
 
 from bayesdrill.config import loading
 from bayesdrill.config.records import reading, simulation
-from bayesdrill.config.resolve import assembly
 from bayesdrill.rig.models.motor_shaft import PARAMETERS as NINE
 
 W_1 = "    w_1: {column: w_1, unit: rad/s, sigma: 0.05}\n"
@@ -169,12 +168,12 @@ FORMS = {
 @together("form", FORMS)
 def test_a_simulated_record_is_written_as_its_config_reads_it(form: str, tmp_path: Path) -> None:
     path = systems.small(tmp_path, ("  file: small.csv", f"  file: other.txt\n  {FORMS[form]}"))
-    config, source = loading.load(path)
-    grid = simulation.grid(config, source)
+    (one,) = loading.load(path).experiments
+    grid = simulation.grid(one)
     y = np.random.default_rng(3).normal(size=(len(grid.t), 2)) * [1e-3, 1e4]
-    text = simulation.record_text(config, source, grid, y)
+    text = simulation.record_text(one.config, one.source, grid, y)
     (tmp_path / "other.txt").write_text(text, encoding="utf-8")
-    read = reading.read(config, source)
+    read = reading.read(one)
     np.testing.assert_allclose(read.t, grid.t, rtol=1e-8)
     np.testing.assert_allclose(read.y, y, rtol=1e-8)
 
@@ -264,8 +263,8 @@ def nominal_of(
     """A config, the parameters that it compares with something, and what it calls that."""
     given = [("map: {", f"nominal: {say}\nmap: {{")] if say else []
     path = systems.small(folder, *changes, *given)
-    config, _ = loading.load(path)
-    return path, set(assembly.compared(config)), assembly.compared_with(config)
+    nominal = loading.load(path).nominal
+    return path, set(nominal.compared), nominal.name
 
 
 OWN_VALUES = "j_m: 1, c_m: 1, k_e: 0.2, k_T: 0.2, r_m: 1, l_m: 1, k_s: 1, j_1: 0.1, t_f: 1"

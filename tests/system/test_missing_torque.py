@@ -17,6 +17,7 @@ from together import together
 import bayesdrill as bd
 from bayesdrill.analysis.identifiability.torque_confounding import scaled
 from bayesdrill.analysis.latent_torque import Shaking, follows, shakings
+from bayesdrill.analysis.run_analysis import torque_summary
 from bayesdrill.basics import seeds
 from bayesdrill.inference import laplace
 from bayesdrill.inference.posterior import Posterior
@@ -94,7 +95,7 @@ def test_the_torque_of_a_rig_that_rubs_is_its_friction(seed: int, tmp_path: Path
     first = follows(found)[0]
     assert (first.kind, first.of, first.taken) == ("sign", "w_1", True)
     assert -first.size == pytest.approx(FRICTION, rel=0.15)
-    said = torque_words.followed(found, follows(found))
+    said = torque_words.followed(torque_summary(found))
     assert "dry friction at rotor 1" in said
     assert "t_c1: {prior: log_uniform" in said
 

@@ -14,7 +14,6 @@ from verdicts import off_by
 from bayesdrill.analysis.identifiability.information import Scenery
 from bayesdrill.analysis.identifiability.study import study_of
 from bayesdrill.config.records import simulation
-from bayesdrill.config.resolve import assembly
 from benchmarks.zoo import entries as e
 from benchmarks.zoo.friction import DryFriction
 from benchmarks.zoo.row import Row
@@ -123,10 +122,9 @@ def amplified(clean: np.ndarray) -> np.ndarray:
 
 
 def rubbed(job: refits.Job) -> np.ndarray:
-    config, experiment = job.config, job.problem.experiment
-    rig = assembly.model(config)
+    (one,), experiment = job.case.experiments, job.problem.experiment
     friction = DryFriction(motor=0.01, sliding=0.05, sticking=0.08)
-    x = friction.states(1 / 8, simulation.truth(config, rig), experiment.t, experiment.series["v"])
+    x = friction.states(1 / 8, simulation.truth(one), experiment.t, experiment.series["v"])
     return x[:, :4]
 
 

@@ -20,7 +20,7 @@ import bayesdrill as bd
 from bayesdrill.config.job import prepare
 from bayesdrill.output_files import dumps_checksummed, loads_checksummed
 from bayesdrill.results.run_folder import seal
-from bayesdrill.tasks.find_map import check_record
+from bayesdrill.tasks.job_folder import check_record
 
 DRAWN = ("figures: []", "figures: [corner, trace]")
 

@@ -15,7 +15,6 @@ from together import together
 from bayesdrill.config import loading
 from bayesdrill.config.job import Job, prepare
 from bayesdrill.config.records import simulation
-from bayesdrill.config.resolve import assembly, channel_noise, quantities
 from bayesdrill.config.schema.config import Config
 from bayesdrill.inference import residual_checks
 from benchmarks.zoo import folder, judge, rows, runs
@@ -179,7 +178,7 @@ def test_unsound_rows_are_of_several_kinds() -> None:
 def test_every_config_is_valid(row: Row, tmp_path: Path) -> None:
     path = tmp_path / f"{row.name}.yaml"
     path.write_text(folder.text(row, row.seed), encoding="utf-8")
-    config, _ = loading.load(path)
+    config = loading.load(path).config
     assert config.name == row.name
     usual = Config.model_fields["sampler"].default
     usual = usual.model_copy(update={"walkers": config.sampler.walkers})  # as the rig has it
@@ -211,15 +210,15 @@ def test_the_bundled_row_has_the_bundled_record(tmp_path: Path) -> None:
 def residuals_at_truth(job: Job) -> tuple[residual_checks.Left, ...]:
     """What the record leaves at the values that it was made of."""
     config, space = job.config, job.problem.posterior.space
-    rig = assembly.model(config)
-    values = {**space.start, **simulation.truth(config, rig)}
+    (one,) = job.case.experiments
+    values = {**space.start, **simulation.truth(one)}
     made: Any = config.simulation
     if made is not None:
-        factors = {e.channel.name: e.factor for e in channel_noise.channels(config, rig)}
+        factors = {e.channel.name: e.channel.factor for e in one.channels}
         values |= {f"sigma_{name}": s * factors[name] for name, s in made.sigma.items()}
         values |= made.truth
         for name, value in made.quantities.items():
-            values[name] = value * quantities.quantity(name, config.quantities[name]).factor
+            values[name] = value * one.numbers.quantities[name].factor
     return residual_checks.left(job.problem.posterior.likelihood, space.vector(values))
 
 

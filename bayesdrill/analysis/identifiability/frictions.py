@@ -10,16 +10,14 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bayesdrill.analysis.energy import Rubbing, rubbings
 from bayesdrill.analysis.identifiability.information import Scene, Scenery
+from bayesdrill.basics.arrays import Array
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.record.experiment import usual_inputs
 from bayesdrill.rig import steady_state
 from bayesdrill.rig.models.linear import USUAL, Model, Roles, driven, dynamics
-
-Array = NDArray[np.float64]
 
 KNOWN = 0.1  # sd of the log: what is known as well is told apart, whatever it is like
 ALIKE = 2.0  # times: how much smaller an sd would be, were the others known

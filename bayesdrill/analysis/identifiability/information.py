@@ -1,15 +1,11 @@
 """Exact sensitivities of what is measured, and how well they determine unknowns: Fisher and
 Cramer-Rao.
 
-Exact sensitivities of what is measured, in these experiments and in ones that might be made.
-
 A scene is the experiments as they are, or with further channels, or with inputs changed half-way.
 What is unknown of sensors and starts is taken out of the sensitivities: what is left of them is what
 the record says of the rig, whatever these are.
 
-How well a record determines unknowns and products of their powers: Fisher and Cramer-Rao.
-
-All in the logs of the unknowns, so that a standard deviation of 0.01 is one per cent.  The
+All is in the logs of the unknowns, so that a standard deviation of 0.01 is one per cent.  The
 information is kept as its square root R (information = R' R): squaring would lose the digits that
 tell a badly determined direction from one that is not determined at all.
 """
@@ -23,14 +19,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bayesdrill.basics.arrays import Array
 from bayesdrill.inference.laplace import natural_spread
 from bayesdrill.inference.likelihood import Likelihood, Observation
 from bayesdrill.inference.unknowns import MOVES
 from bayesdrill.record.experiment import of_states
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

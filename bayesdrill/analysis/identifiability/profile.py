@@ -10,15 +10,14 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import brentq, lsq_linear
 
 from bayesdrill.analysis.identifiability import information
 from bayesdrill.analysis.identifiability.information import Scenery
+from bayesdrill.basics.arrays import Array, Indices
+from bayesdrill.inference.laplace import ends_of
 from bayesdrill.inference.posterior import Posterior
-from bayesdrill.inference.priors import Prior
 
-Array = NDArray[np.float64]
 Shape = Literal["bounded", "one-sided", "flat", "at the bound"]
 
 THRESHOLD = 1.92  # half the 95 % quantile of chi-squared with one degree of freedom
@@ -70,7 +69,7 @@ class Fitter:
         self._m = len(scenery.unknowns) + len(scenery.nuisances)
         self._noise = theta[self._m :]
         moving = posterior.space.unknowns[: self._m]
-        ends = np.array([_ends(one.prior) for one in moving]).T
+        ends = np.array([ends_of(one.prior, TAIL) for one in moving]).T
         self.low, self.high = self._natural(ends)
         self.best = self._fit(self._natural(theta[None, : self._m])[0], None)
         if len(self._noise):
@@ -125,7 +124,7 @@ class Fitter:
                 break
         return Fitted(logs, float(0.5 * residuals @ residuals))
 
-    def _step(self, reduced: Array, logs: Array, free: NDArray[np.intp], damping: float) -> Array:
+    def _step(self, reduced: Array, logs: Array, free: Indices, damping: float) -> Array:
         """The damped linear least-squares step that stays inside the priors."""
         m = len(free)
         scale = np.linalg.norm(reduced[:, :m], axis=0)
@@ -137,7 +136,7 @@ class Fitter:
         bounded = lsq_linear(matrix, target, bounds=(low, high), method="bvls")
         return np.asarray(bounded.x)
 
-    def _moved(self, logs: Array, free: NDArray[np.intp], step: Array) -> Array:
+    def _moved(self, logs: Array, free: Indices, step: Array) -> Array:
         moved = logs.copy()
         moved[free] = np.clip(logs[free] + step, self.low[free], self.high[free])
         return moved
@@ -186,14 +185,6 @@ class Fitted:
 
     logs: Array
     cost: float
-
-
-def _ends(prior: Prior) -> tuple[float, float]:
-    """Of the support; where that has no end, or zero for one of a log, of nearly all of the prior."""
-    bounded = np.isfinite(prior.low) and prior.low != 0
-    low = prior.low if bounded else float(prior.quantile(np.array(TAIL)))
-    high = prior.high if np.isfinite(prior.high) else float(prior.quantile(np.array(1 - TAIL)))
-    return low, high
 
 
 def profile(fitter: Fitter, names: tuple[str, ...], column: int) -> Profile:

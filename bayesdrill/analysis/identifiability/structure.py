@@ -1,10 +1,9 @@
 """Exact scaling symmetries of a posterior, and unknowns that are known only as far as held numbers
 are right.
 
-Exact scaling symmetries: products of powers of the unknowns that no measured signal shows.
-
-Found in the null space of the log-sensitivities at several points of the prior, written with small
-whole exponents, and each one proven by scaling: twice the factor, the same response to rounding.
+Symmetries are products of powers of the unknowns that no measured signal shows.  They are found in the
+null space of the log-sensitivities at several points of the prior, written with small whole exponents,
+and each one proven by scaling: twice the factor, the same response to rounding.
 
 A number that is held settles a scale that no signal shows: were it another, so would be all that is
 told through it, and the record would look the same.  Unless the record hardly shows that number: then
@@ -13,7 +12,6 @@ priors settle the scale, held or not.
 
 from __future__ import annotations
 
-import dataclasses
 import itertools
 import math
 from collections.abc import Callable, Collection, Sequence
@@ -21,17 +19,15 @@ from dataclasses import dataclass
 from fractions import Fraction
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bayesdrill.analysis.identifiability.information import RANK_TOLERANCE, Information, Scenery
-from bayesdrill.inference.likelihood import Likelihood
+from bayesdrill.basics.arrays import Array
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.priors import Uniform
 from bayesdrill.inference.unknowns import Unknown
 from bayesdrill.rig.models import PARAMETERS
 from bayesdrill.rig.models.linear import Model
 
-Array = NDArray[np.float64]
 Exponents = tuple[int, ...]
 
 SAME_RESPONSE = 1e-9  # relative to the largest value of each channel
@@ -259,7 +255,7 @@ def resting(
     if not held:
         return ()
     first = len(space.columns("rig", "quantity"))
-    wider = _freed(posterior, model, held, first)
+    wider = _freed(posterior, model, held)
     at = np.insert(theta, first, [space.fixed[name] for name in held])
     found = structure_of(wider, Scenery(wider.likelihood), at, rng)
     follows = following(known, prior_sd)
@@ -276,23 +272,18 @@ def following(known: Information, prior_sd: Array) -> Array:
     return np.asarray(spread @ spread.T / prior_sd**2)
 
 
-def _freed(posterior: Posterior, model: Model, held: tuple[str, ...], first: int) -> Posterior:
-    """With what is held unknown, behind the rig's other unknowns, of which `first` is the number."""
-    space, (low, high) = posterior.space, NEAR
+def _freed(posterior: Posterior, model: Model, held: tuple[str, ...]) -> Posterior:
+    """With what is held unknown."""
+    (low, high), fixed = NEAR, posterior.space.fixed
     known = {one.name: one for one in (*PARAMETERS.values(), *model.declares)}
-    new = tuple(
-        Unknown(
-            symbol=known[name],
-            role="rig",
-            prior=Uniform(low=low * space.fixed[name], high=high * space.fixed[name]),
-            start=space.fixed[name],
-        )
-        for name in held
+    return posterior.edit(
+        free=[
+            Unknown(
+                symbol=known[name],
+                role="rig",
+                prior=Uniform(low=low * fixed[name], high=high * fixed[name]),
+                start=fixed[name],
+            )
+            for name in held
+        ]
     )
-    wider = dataclasses.replace(
-        space,
-        unknowns=(*space.unknowns[:first], *new, *space.unknowns[first:]),
-        fixed={name: value for name, value in space.fixed.items() if name not in held},
-    )
-    likelihood = Likelihood.joint(wider, posterior.likelihood.observations)
-    return Posterior(space=wider, likelihood=likelihood, coordinates=wider.coordinates())

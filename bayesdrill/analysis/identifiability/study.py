@@ -1,10 +1,8 @@
 """The whole study of one config: structure, bounds, simple products, and remedies tried by
 computing.
 
-What would help: each single action tried by computing, not by rule of thumb.
-
-An action is another scene (a channel more, another course of the inputs), or knowledge from
-elsewhere (weighing a part, a tie that theory gives).  Tried at the start values, with the priors
+An action that would help is another scene (a channel more, another course of the inputs), or knowledge
+from elsewhere (weighing a part, a tie that theory gives).  Tried at the start values, with the priors
 taken as Gaussian in the logs.
 """
 
@@ -14,7 +12,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bayesdrill.analysis.identifiability import information
 from bayesdrill.analysis.identifiability.frictions import NOTHING, Told, told_apart
@@ -38,14 +35,13 @@ from bayesdrill.analysis.identifiability.structure import (
 )
 from bayesdrill.analysis.identifiability.torque_confounding import StandIn, scaled, stand_ins
 from bayesdrill.basics import seeds
+from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.symbols import INPUTS
 from bayesdrill.config.schema.config import Asked, Class, Thresholds
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.priors import spread_of_log
 from bayesdrill.record.experiment import usual_inputs
 from bayesdrill.rig.models import INNER, STATES
-
-Array = NDArray[np.float64]
 
 WEIGHED_TO = 0.01  # what fixing or weighing a part is taken to give: one per cent
 # Equal in SI by conservation of energy in an ideal motor.

@@ -13,18 +13,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bayesdrill.analysis.identifiability.structure import Exponents
+from bayesdrill.basics.arrays import Array, Counts
 from bayesdrill.inference.laplace import PosteriorSurface
-from bayesdrill.inference.likelihood import Likelihood, Observation, Torque
+from bayesdrill.inference.likelihood import Observation, Torque
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.record.experiment import Channel, frozen
 from bayesdrill.rig import models
 from bayesdrill.rig.models.latent_torque import SIZE, At, pushes
-
-Array = NDArray[np.float64]
-Seeds = NDArray[np.int64]
 
 FALLS = 3.0  # times: how much worse an sd is with the torque, for a parameter that is named
 KNOWN = 0.5  # of the prior's sd: with no more left a parameter is known, torque or not
@@ -133,7 +130,7 @@ def _helps(
     return tuple(good[:MOST])
 
 
-def _known(posterior: Posterior, theta: Array, before: Array, seeds: Seeds) -> Array:
+def _known(posterior: Posterior, theta: Array, before: Array, seeds: Counts) -> Array:
     """Information in logs `(D, D)`, priors included."""
     full, total = posterior.space.full(theta[None]), np.diag(1.0 / before**2)
     coordinates = posterior.coordinates
@@ -141,29 +138,24 @@ def _known(posterior: Posterior, theta: Array, before: Array, seeds: Seeds) -> A
     for seed in seeds:
         rng = np.random.default_rng(seed)
         drawn = [
-            one.with_record(one.draw(one.signals(full), theta[None], rng)[0])
+            one.draw(one.signals(full), theta[None], rng)[0]
             for one in posterior.likelihood.observations
         ]
-        likelihood = dataclasses.replace(posterior.likelihood, observations=tuple(drawn))
-        surface = PosteriorSurface(dataclasses.replace(posterior, likelihood=likelihood))
+        surface = PosteriorSurface(posterior.edit(records=drawn))
         curvature = surface.of_record(theta[None], np.diag(steps))[1][0]
         total = total + curvature / len(seeds)
     return np.asarray(total)
 
 
 def _alone(
-    posterior: Posterior, theta: Array, before: Array, seeds: Seeds, rig: list[int]
+    posterior: Posterior, theta: Array, before: Array, seeds: Counts, rig: list[int]
 ) -> Array:
     """Sds of all `(D,)`, if there were no torque: it is known to be nothing."""
     levels = [k for k, name in enumerate(posterior.space.free) if name.startswith(SIZE)]
-    small = [
-        one.torque.times(NOTHING) if one.torque else one
-        for one in posterior.likelihood.observations
-    ]
-    likelihood = dataclasses.replace(posterior.likelihood, observations=tuple(small))
+    small = posterior.edit(each=lambda one: one.torque.times(NOTHING) if one.torque else one)
     there = theta.copy()
     there[levels] *= NOTHING
-    known = _known(dataclasses.replace(posterior, likelihood=likelihood), there, before, seeds)
+    known = _known(small, there, before, seeds)
     sds = np.full(len(theta), np.inf)
     sds[rig] = np.sqrt(np.diag(np.linalg.inv(known)))[rig]
     return sds
@@ -176,15 +168,15 @@ def _unseen(posterior: Posterior) -> list[str]:
     return [name for name in one.response.model.states if name not in seen]
 
 
-def _measured(posterior: Posterior, theta: Array, before: Array, seeds: Seeds, state: str) -> Array:
+def _measured(
+    posterior: Posterior, theta: Array, before: Array, seeds: Counts, state: str
+) -> Array:
     """Information, if every record showed this state too."""
     full = posterior.space.full(theta[None])
-    more = [
-        _with(one, one.torque, full, state) if one.torque else one
-        for one in posterior.likelihood.observations
-    ]
-    likelihood = Likelihood(tuple(more), posterior.space)
-    return _known(dataclasses.replace(posterior, likelihood=likelihood), theta, before, seeds)
+    more = posterior.edit(
+        each=lambda one: _with(one, one.torque, full, state) if one.torque else one
+    )
+    return _known(more, theta, before, seeds)
 
 
 def _with(one: Observation, torque: Torque, full: Array, state: str) -> Observation:

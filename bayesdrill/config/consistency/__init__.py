@@ -1,11 +1,15 @@
-"""What must hold between the entries of a config, each broken rule as a problem with its place."""
+"""What must hold between the entries of a config, each broken rule as a problem with its place, and
+the experiment that they make where none is broken.
+"""
 
 from __future__ import annotations
 
 from bayesdrill.basics.errors import Issue
 from bayesdrill.config.consistency import record, several, unknowns, work
 from bayesdrill.config.consistency.several import check_experiments
-from bayesdrill.config.resolve import assembly
+from bayesdrill.config.resolve import quantities
+from bayesdrill.config.resolve import rig as rig_of
+from bayesdrill.config.resolve.case import ResolvedExperiment
 from bayesdrill.config.schema.config import Config
 from bayesdrill.config.yaml_source import Collector, Place, Source
 from bayesdrill.rig import models
@@ -13,31 +17,52 @@ from bayesdrill.rig import models
 __all__ = ["check", "check_experiments"]
 
 
-def check(config: Config, source: Source, spoilt: frozenset[Place], *, alone: bool) -> list[Issue]:
+def check(
+    config: Config, source: Source, spoilt: frozenset[Place], label: str = "", *, alone: bool
+) -> tuple[list[Issue], ResolvedExperiment | None]:
     """Problems of a config whose entries are each valid; `spoilt` places were reported already.
 
     `alone`: whether there is no other experiment, so that it is known what all unknowns are called.
     """
     found = Collector(source, spoilt)
     told = [name for name in models.PARAMETERS if found.spoilt(("parameters", name))]
-    model = found.run(("model", "name"), assembly.model, config, told)
-    nominal = found.run(("nominal", "table"), assembly.nominal, config)
+    model = found.run(("model", "name"), rig_of.model, config, told)
+    nominal = found.run(("nominal", "table"), quantities.nominal_table, config)
+    resolved = None
     if model is not None:
         unknowns.check_model(found, config, model)
+        rig = None
         if nominal is not None:
-            unknowns.check_parameters(found, config, model, nominal)
-            unknowns.check_relations(found, config, model)
-        unknowns.check_torque(found, config, model)
-        record.check_channels(found, config, model)
+            rig = unknowns.check_rig(found, config, model, nominal)
+        channels = record.check_channels(found, config, model)
         record.check_states(found, config, model)
-        record.check_sensors(found, config, model)
-        every = several.names(config, model, {"": config}) if alone else None
+        sensed = record.check_sensors(found, config, model)
+        torque = unknowns.check_torque(found, config, model, sensed.sensing)
+        beside = record.beside(config, channels, sensed, torque)
+        every = several.names(config, model, {"": beside}) if alone else None
         work.check_counts(found, config, every)
         work.check_map(found, config, every)
         work.check_output(found, config, model, every)
         if alone:
-            told = several.told(config, model, {"": config})
+            told = several.told(config, {"": beside})
             work.check_truth(found, config, [*config.record.channels], told)
+        if nominal is not None and rig is not None and sensed.sensing is not None:
+            resolved = ResolvedExperiment(
+                label=label,
+                config=config,
+                source=source,
+                model=model,
+                nominal=nominal,
+                numbers=rig[0],
+                space=rig[1],
+                channels=tuple(one for one in channels.values() if one is not None),
+                entries=sensed.entries,
+                declared=tuple(one for one in sensed.declared if one is not None),
+                sensing=sensed.sensing,
+                free=sensed.free,
+                torque={name: x for name, x in torque.items() if x is not None},
+                beside=beside,
+            )
     for key in ("shared", "own"):
         if getattr(config, key) and alone:
             found.add(
@@ -49,4 +74,4 @@ def check(config: Config, source: Source, spoilt: frozenset[Place], *, alone: bo
     work.check_calibration(found, config)
     if alone:
         work.check_identify(found, config, [""])
-    return found.problems
+    return found.problems, None if found.problems else resolved

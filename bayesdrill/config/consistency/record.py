@@ -5,6 +5,8 @@ with their units.
 from __future__ import annotations
 
 import itertools
+from collections.abc import Mapping
+from dataclasses import dataclass
 
 from bayesdrill.basics import symbols, units
 from bayesdrill.basics.entries import strange
@@ -12,9 +14,12 @@ from bayesdrill.basics.formulas import linear_combination
 from bayesdrill.basics.registry import lookup
 from bayesdrill.basics.symbols import INPUTS, noise_name
 from bayesdrill.config.resolve import channel_noise, quantities, sensors
+from bayesdrill.config.resolve.case import Beside
+from bayesdrill.config.resolve.channel_noise import Measured
+from bayesdrill.config.resolve.quantities import Declared
+from bayesdrill.config.resolve.sensors import Entry
 from bayesdrill.config.schema import numbers
 from bayesdrill.config.schema.config import Config
-from bayesdrill.config.schema.numbers import Sensed
 from bayesdrill.config.schema.records import (
     AngleColumn,
     ChannelSpec,
@@ -33,15 +38,32 @@ from bayesdrill.record.formats import FORMATS
 from bayesdrill.rig import models
 from bayesdrill.rig.models.composed import lacking, with_named
 from bayesdrill.rig.models.linear import Model
+from bayesdrill.rig.simulators.sensors import Sensing
 
 
-def check_sensors(found: Collector, config: Config, model: Model) -> None:
-    for entry in sensors.sensor_entries(config, model):
-        if entry.kind != "offset" or getattr(entry.spec, "unit", None) or _fits(entry):
-            found.run(entry.place, sensors.sensor_specs, entry)
-    found.run(("inputs",), sensors.sensing, config, model)
-    names = [entry.name for entry in sensors.sensor_entries(config, model)]
-    names += [sensors.state_name(name) for name in sensors.free_states(config, model)]
+@dataclass(frozen=True, slots=True)
+class Sensed:
+    """Of sensors and the start: entries, each as declared or None with a mistake, states of which the
+    record tells, and all of it in words of simulators, where it goes together.
+    """
+
+    entries: tuple[Entry, ...]
+    declared: tuple[Declared | None, ...]
+    free: tuple[str, ...]
+    sensing: Sensing | None
+
+
+def check_sensors(found: Collector, config: Config, model: Model) -> Sensed:
+    entries = tuple(sensors.sensor_entries(config, model))
+    declared = tuple(
+        found.run(entry.place, sensors.sensor_specs, entry)
+        if entry.kind != "offset" or getattr(entry.spec, "unit", None) or _fits(entry)
+        else None
+        for entry in entries
+    )
+    free = sensors.free_states(config, model)
+    sensing = found.run(("inputs",), sensors.sensing, config, entries, free)
+    names = [entry.name for entry in entries] + [sensors.state_name(name) for name in free]
     for name in config.quantities:
         if name in names:
             found.add(("quantities", name), "a sensor's number has this name; choose another one")
@@ -49,9 +71,37 @@ def check_sensors(found: Collector, config: Config, model: Model) -> None:
     _check_constant(found, config)
     if config.initial.state == "steady":
         _check_steady(found, config, model)
+    return Sensed(entries, declared, free, sensing)
 
 
-def _fits(entry: sensors.Entry) -> bool:
+def beside(
+    config: Config,
+    channels: Mapping[str, Measured | None],
+    sensed: Sensed,
+    torque: Mapping[str, float | Unknown | None],
+) -> Beside:
+    """Of a channel with a mistake, which is said elsewhere, only what is given, as None: what a kind of
+    noise has unless it is told otherwise may be what its entry was to hold.
+    """
+    pairs = zip(sensed.entries, sensed.declared, strict=True)
+    numbers_ = {entry.name: None if one is None else one.value for entry, one in pairs}
+    levels: dict[str, Unknown | None] = {}
+    for name, channel in channels.items():
+        if channel is not None:
+            found = channel_noise.noise([channel], n_samples=1).unknowns
+            levels |= {unknown.name: unknown for unknown in found}
+        elif isinstance(config.record.channels[name].sigma, numbers.ParameterPrior):
+            levels[noise_name(name)] = None
+    if None not in torque.values():
+        levels |= {name: one for name, one in torque.items() if isinstance(one, Unknown)}
+    return Beside(
+        sensors=numbers_ | {sensors.state_name(name): None for name in sensed.free},
+        levels=levels,
+        channels=tuple(config.record.channels),
+    )
+
+
+def _fits(entry: Entry) -> bool:
     """Whether its column has a unit that can be; else that is said of the column."""
     try:
         units.factor(entry.unit, entry.si)
@@ -62,7 +112,7 @@ def _fits(entry: sensors.Entry) -> bool:
 
 def _check_derived_channels(found: Collector, config: Config) -> None:
     for name, spec in config.record.channels.items():
-        for kind in Sensed.model_fields if spec.derived_from is not None else ():
+        for kind in numbers.Sensed.model_fields if spec.derived_from is not None else ():
             if getattr(spec, kind) is not None:
                 message = (
                     f"{name} is derived from {spec.derived_from}, and no evidence; remove this"
@@ -100,77 +150,45 @@ def _check_steady(found: Collector, config: Config, model: Model) -> None:
         found.add(("initial", name), message)
 
 
-def in_vain(spec: ChannelSpec) -> dict[str, str]:
-    """Entries that mean nothing to the kind of noise, and what to do about each."""
-    kinds = {name: one.Entries for name, one in NOISES.usable().items()}
-    if spec.noise.name not in kinds:
-        return {}
-    return strange(("name", "noise"), kinds, kinds[spec.noise.name], spec.noise)
-
-
-def scatter(config: Config, model: Model) -> dict[str, Unknown | None]:
-    """Unknowns of the noise by name.  Of a channel with a mistake, which is said elsewhere, only what is
-    given, as None: what a kind has unless it is told otherwise may be what its entry was to hold.
-    """
-    found: dict[str, Unknown | None] = {}
-    for name, spec in config.record.channels.items():
-        if spec.derived_from is not None:
-            continue
-        own = _of_channel(name, spec, model)
-        if own is not None:
-            found |= own
-        elif isinstance(spec.sigma, numbers.PriorBase):
-            found[noise_name(name)] = None
-    return found | _of_torque(config)
-
-
-def _of_torque(config: Config) -> dict[str, Unknown | None]:
-    try:
-        return {unknown.name: unknown for unknown in sensors.latent_torque_unknowns(config)}
-    except ValueError:  # said of its entry
-        return {}
-
-
-def _of_channel(name: str, spec: ChannelSpec, model: Model) -> dict[str, Unknown | None] | None:
-    """None where something is wrong with it."""
-    if in_vain(spec):
-        return None
-    try:
-        noise = channel_noise.noise([channel_noise.measured(name, spec, model.outer)], n_samples=1)
-    except ValueError:
-        return None
-    return {unknown.name: unknown for unknown in noise.unknowns}
-
-
-def check_channels(found: Collector, config: Config, model: Model) -> None:
+def check_channels(found: Collector, config: Config, model: Model) -> dict[str, Measured | None]:
+    """Those that are evidence: what is only derived from another is not.  None with a mistake."""
+    measured = dict[str, Measured | None]()
     for name, spec in config.record.channels.items():
         place: Place = ("record", "channels", name)
-        _check_measured(found, place, spec, model)
+        channel = _check_measured(found, place, spec, model)
         check_series(found, place, spec)
         if spec.derived_from is not None:
             _check_derived(found, config, place, spec.derived_from)
+        else:
+            measured[name] = channel
+    return measured
 
 
-def _check_measured(found: Collector, place: Place, spec: ChannelSpec, model: Model) -> None:
+def _check_measured(
+    found: Collector, place: Place, spec: ChannelSpec, model: Model
+) -> Measured | None:
     """Entry by entry, so that each mistake has the line where it stands."""
-    before = len(found.problems)
-    combines = {str(place[-1]): 1.0}
+    before, name = len(found.problems), str(place[-1])
+    combines = {name: 1.0}
     if spec.measures is not None:
         text, at = spec.measures, (*place, "measures")
         combines = found.run(at, linear_combination, text, model.outer) or {}
     states = [models.STATES[state] for state in combines if state in model.outer]
     if states:
         found.run((*place, "unit"), units.factor, spec.unit, states[0].unit)
-    found.run((*place, "noise"), lookup, NOISES, spec.noise.name, "noise")
-    for entry, message in in_vain(spec).items():
+    kinds, vain = {name: kind.Entries for name, kind in NOISES.usable().items()}, dict[str, str]()
+    if found.run((*place, "noise"), lookup, NOISES, spec.noise.name, "noise") is not None:
+        vain = strange(("name", "noise"), kinds, kinds[spec.noise.name], spec.noise)
+    for entry, message in vain.items():
         found.add((*place, "noise", entry), message)
     known = spec.model_copy(update={"sigma": 1.0})
     if len(found.problems) == before:
-        found.run(place, channel_noise.measured, place[-1], known, model.outer)
-    if len(found.problems) == before:
-        one = found.run((*place, "sigma"), channel_noise.measured, place[-1], spec, model.outer)
-        if one is not None:
-            found.run((*place, "noise"), channel_noise.noise, [one], 1)
+        found.run(place, channel_noise.measured, name, known, model.outer)
+    if len(found.problems) > before or vain:
+        return None
+    channel = found.run((*place, "sigma"), channel_noise.measured, name, spec, model.outer)
+    made = channel and found.run((*place, "noise"), channel_noise.noise, [channel], 1)
+    return channel if made else None
 
 
 def _check_derived(found: Collector, config: Config, place: Place, of: str) -> None:
@@ -303,7 +321,7 @@ def _check_angles(found: Collector, config: Config) -> None:
         if entry in config.initial.model_fields_set:
             message = "the angle that is imposed begins at its first sample; remove this entry"
             found.add(("initial", entry), message)
-        for kind in Sensed.model_fields:
+        for kind in numbers.Sensed.model_fields:
             if getattr(spec, kind) is not None:
                 message = (
                     f"all else is measured against the angle that is imposed; remove this, or give "

@@ -2,46 +2,48 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 
 from bayesdrill.basics import symbols
 from bayesdrill.basics.errors import Issue
-from bayesdrill.config.consistency import record, unknowns, work
-from bayesdrill.config.resolve import assembly, quantities, sensors
-from bayesdrill.config.resolve.experiments import common_or_own, held_out, split
+from bayesdrill.config.consistency import unknowns, work
+from bayesdrill.config.resolve import quantities, sensors
+from bayesdrill.config.resolve.case import Beside, ResolvedExperiment
+from bayesdrill.config.resolve.experiments import common_or_own
 from bayesdrill.config.schema.config import Config
 from bayesdrill.config.yaml_source import Collector, Source
-from bayesdrill.inference.priors import Prior
 from bayesdrill.inference.unknowns import of_label
 from bayesdrill.rig import models
 from bayesdrill.rig.models.linear import Model
 
-Alone = Mapping[str, Config]  # each experiment by its name, which is empty where there is only one
+Alone = Mapping[str, Beside]  # each experiment by its name, which is empty where there is only one
 
 
-def check_experiments(config: Config, source: Source) -> list[Issue]:
+def check_experiments(
+    config: Config, source: Source, resolved: Mapping[str, ResolvedExperiment]
+) -> list[Issue]:
     """Of a config whose experiments are each valid."""
     found = Collector(source, frozenset())
-    model = found.run(("model", "name"), assembly.model, config)
     for label in config.experiments:
         if not label.isidentifier():
             place = ("experiments", label)
             found.add(place, f"'{label}' cannot name an experiment; use letters, digits and `_`")
-    if model is None or found.problems:
+    if found.problems:
         return found.problems
-    every = {label: Config.model_validate(own.data) for label, own in split(source).items()}
+    model = next(iter(resolved.values())).model
+    every = {label: one.beside for label, one in resolved.items()}
     _check_own(found, config, model)
     _check_shared(found, config, model, every)
-    _check_held_out(found, config, model, every)
-    _check_names(found, config, model, every)
+    _check_held_out(found, config, every)
+    _check_names(found, config, every)
     if not found.problems:
         unknown = names(config, model, every)
         work.check_counts(found, config, unknown)
         work.check_map(found, config, unknown)
         work.check_output(found, config, model, unknown)
         work.check_identify(found, config, [*every])
-    channels = dict.fromkeys(name for one in every.values() for name in one.record.channels)
-    work.check_truth(found, config, [*channels], told(config, model, every))
+    channels = dict.fromkeys(name for one in every.values() for name in one.channels)
+    work.check_truth(found, config, [*channels], told(config, every))
     return found.problems
 
 
@@ -50,47 +52,23 @@ def names(config: Config, model: Model, every: Alone) -> list[str]:
     rig = [n for n in unknowns.free_parameters(config, model.parameters) if n not in config.own]
     own = unknowns.free_parameters(config, config.own)
     rest = [
-        common_or_own(config, name, label)
-        for label, one in every.items()
-        for name, (prior, _) in _told(one, model).items()
-        if not isinstance(prior, float)
+        common_or_own(config, name, label) for label, one in every.items() for name in one.unknown
     ]
     each = [of_label(name, label) for name in own for label in every]
     return list(dict.fromkeys([*rig, *each, *unknowns.free_quantities(config), *rest]))
 
 
-def told(config: Config, model: Model, every: Alone) -> list[str]:
+def told(config: Config, every: Alone) -> list[str]:
     """What a true value can be given for beside the rig, held or not: of one experiment, or of all."""
     found = [(label, name) for label in every for name in config.own]
     if config.missing_torque is not None:
         found += [(label, name) for label in every for name in sensors.ENTRIES]
     for label, one in every.items():
-        found += [(label, name) for name, _ in _of_sensors(one, model)]
-        sizes = {symbols.noise_name(name) for name in one.record.channels}  # `simulation.sigma`
-        found += [(label, name) for name in record.scatter(one, model) if name not in sizes]
+        sizes = {symbols.noise_name(name) for name in one.channels}  # `simulation.sigma`
+        found += [(label, name) for name in one.sensors]
+        found += [(label, name) for name in one.levels if name not in sizes]
     own = [of_label(name, label) for label, name in found if name not in config.shared]
     return list(dict.fromkeys([*(name for _, name in found), *own]))
-
-
-def _of_sensors(config: Config, model: Model) -> Iterator[tuple[str, float | Prior | None]]:
-    """Names with numbers or priors; a prior is None where the record will give it."""
-    for entry in sensors.sensor_entries(config, model):
-        try:
-            yield entry.name, sensors.sensor_specs(entry).value
-        except ValueError:  # said of the entry
-            yield entry.name, None
-    for name in sensors.free_states(config, model):
-        yield sensors.state_name(name), None
-
-
-def _told(config: Config, model: Model) -> dict[str, tuple[float | Prior | None, object]]:
-    """Sensors, start and noise of one experiment by name; with what is the same where it is shared."""
-    found = {name: (value, value) for name, value in _of_sensors(config, model)}
-    levels = record.scatter(config, model).items()
-    return found | {
-        name: (None, None) if one is None else (one.prior, (one.prior, one.start))
-        for name, one in levels
-    }
 
 
 def _check_own(found: Collector, config: Config, model: Model) -> None:
@@ -110,7 +88,7 @@ def _check_own(found: Collector, config: Config, model: Model) -> None:
 
 def _check_shared(found: Collector, config: Config, model: Model, every: Alone) -> None:
     """What is shared is unknown in several experiments, with one prior."""
-    of = {label: _told(one, model) for label, one in every.items()}
+    of = {label: one.all for label, one in every.items()}
     known = [name for each in of.values() for name in each]
     for k, name in enumerate(config.shared):
         place = ("shared", k)
@@ -144,22 +122,20 @@ def _check_shared(found: Collector, config: Config, model: Model, every: Alone) 
             found.add(place, message)
 
 
-def _check_held_out(found: Collector, config: Config, model: Model, every: Alone) -> None:
+def _check_held_out(found: Collector, config: Config, every: Alone) -> None:
     """What is predicted of an experiment that is no evidence, others have to tell."""
-    away = held_out(config)
+    away = [label for label, one in config.experiments.items() if one.held_out]
     if away and len(away) == len(every):
         found.add(("experiments", away[0], "held_out"), "all are held out; leave one to be fitted")
         return
-    told = {n for label, one in every.items() if label not in away for n in _told(one, model)}
+    told = {n for label, one in every.items() if label not in away for n in one.all}
     for label in away:
         place = ("experiments", label, "held_out")
         for k, name in enumerate(config.own):
             message = f"nothing tells {name} of {label}, which is held out; remove it here"
             found.add(("own", k), message)
         alone = [
-            name
-            for name, (prior, _) in _told(every[label], model).items()
-            if not isinstance(prior, float) and not (name in config.shared and name in told)
+            name for name in every[label].unknown if not (name in config.shared and name in told)
         ]
         if alone:
             names_of = ", ".join(alone)
@@ -167,22 +143,20 @@ def _check_held_out(found: Collector, config: Config, model: Model, every: Alone
             found.add(place, message)
 
 
-def _check_names(found: Collector, config: Config, model: Model, every: Alone) -> None:
+def _check_names(found: Collector, config: Config, every: Alone) -> None:
     """That no two unknowns, and no two columns of results, have one name."""
     taken = dict.fromkeys([*models.PARAMETERS, *config.quantities, *symbols.DERIVED], "")
     taken |= dict.fromkeys(config.derived, "")
     before = len(found.problems)
     for label, one in every.items():
         own = {of_label(name, label): f"{name} of {label}" for name in config.own}
-        for name in _told(one, model):
+        for name in one.all:
             if name not in config.shared:
                 own[of_label(name, label)] = f"{name} of {label}"
         _no_clash(found, label, own, taken)
     columns = dict[str, str]()
     for label, one in every.items() if len(found.problems) == before else ():
-        here = {
-            of_label(n, label): f"{n} of {label}" for n in (*one.record.channels, *symbols.INPUTS)
-        }
+        here = {of_label(n, label): f"{n} of {label}" for n in (*one.channels, *symbols.INPUTS)}
         _no_clash(found, label, here, columns)
 
 

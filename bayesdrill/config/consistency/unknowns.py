@@ -2,24 +2,26 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Mapping
-from typing import Any
 
 import numpy as np
 
 from bayesdrill.basics.entries import LARGEST, SMALLEST, strange
 from bayesdrill.basics.formulas import Expression, RelationError
 from bayesdrill.config import latex
-from bayesdrill.config.resolve import assembly, quantities, sensors
+from bayesdrill.config.resolve import quantities, sensors
+from bayesdrill.config.resolve.quantities import Declared, NominalTable
+from bayesdrill.config.resolve.rig import RigNumbers
 from bayesdrill.config.schema import numbers
 from bayesdrill.config.schema.config import Config
 from bayesdrill.config.yaml_source import Collector, Place
-from bayesdrill.inference.unknowns import ParameterSpace
+from bayesdrill.inference.posterior import Formula
+from bayesdrill.inference.unknowns import ParameterSpace, Unknown
 from bayesdrill.rig import models
 from bayesdrill.rig.models import MODELS
 from bayesdrill.rig.models.composed import in_vain, lacking, with_all
 from bayesdrill.rig.models.linear import Model
+from bayesdrill.rig.simulators.sensors import Sensing
 
 _TRIED = 4096  # draws from the priors, at which formulas are tried
 
@@ -31,60 +33,38 @@ def check_model(found: Collector, config: Config, model: Model) -> None:
         found.add(("model", entry), message)
 
 
-def check_torque(found: Collector, config: Config, model: Model) -> None:
-    """What is missing has to have an inertia, and numbers that are its own."""
+def check_torque(
+    found: Collector, config: Config, model: Model, sensing: Sensing | None
+) -> dict[str, float | Unknown | None]:
+    """What is missing has to have an inertia, and numbers that are its own: size and time, if any."""
     acts = sensors.latent_torque(config)
     if acts is None:
-        return
-    sensing = found.run(("missing_torque",), sensors.sensing, config, model)
+        return {}
     if sensing is not None and (said := sensors.refuse_latent_torque(model, acts, sensing)):
         found.add(("missing_torque",), said)
-    for entry in sensors.ENTRIES.values():
-        found.run(("missing_torque", entry), sensors.latent_torque_number, config, entry)
+    return {
+        name: found.run(("missing_torque", entry), sensors.latent_torque_number, config, entry)
+        for name, entry in sensors.ENTRIES.items()
+    }
 
 
-def check_parameters(
-    found: Collector, config: Config, model: Model, nominal: dict[str, float]
-) -> None:
+def check_rig(
+    found: Collector, config: Config, model: Model, table: NominalTable
+) -> tuple[RigNumbers, ParameterSpace] | None:
+    """Parameters, quantities, ties and formulas, with the space that they make; None with a mistake."""
+    given = dict[str, Declared | Expression | None]()
     for name in models.PARAMETERS:
-        spec = getattr(config.parameters, name)
         place: Place = ("parameters", name)
-        if spec is None:
+        if config.parameters.get(name) is None:
             if name in model.parameters:
-                found.add(
-                    place,
-                    f"missing; to hold it write {_usual(name, nominal)}a number",
-                )
+                message = f"missing; to hold it write {_usual(name, table.values)}a number"
+                found.add(place, message)
         elif name not in model.parameters:
             found.add(place, f"the model {model.name} has no {name}; {_way_out(name)}")
-        elif spec == "nominal" and name not in nominal:
-            found.add(place, f"{_no_table(name)}; give a number, or `nominal: {{{name}: ...}}`")
-        elif isinstance(spec, numbers.PriorBase):
-            if spec.relative and name not in nominal:
-                way_out = f"`nominal: {{{name}: ...}}`, or leave out `relative:`"
-                found.add(place, f"{_no_table(name)}, to be relative to; give {way_out}")
-            else:
-                _check_prior(found, config, name, spec, nominal.get(name))
+        else:
+            given[name] = found.run(place, quantities.parameter, config, model, table, name)
     _check_added(found, config, model)
-
-
-def _check_prior(
-    found: Collector,
-    config: Config,
-    name: str,
-    spec: Any,
-    nominal: float | None,
-) -> None:
-    place, most = ("parameters", name), models.PARAMETERS[name].at_most
-    built = found.run(place, quantities.prior, spec, nominal)
-    if built is None:
-        return
-    if built.high > most:
-        reaches = "has no end" if math.isinf(built.high) else f"goes up to {built.high:.6g}"
-        ends = f"such as {{prior: uniform, low: {0.5 * most:g}, high: {most:g}}}"
-        found.add(place, f"the prior {reaches}, and {name} is at most {most:g}; let it end, {ends}")
-        return
-    found.run(place, quantities.start, spec, built, assembly.compared(config).get(name))
+    return _check_relations(found, config, model, given)
 
 
 def _way_out(name: str) -> str:
@@ -92,12 +72,6 @@ def _way_out(name: str) -> str:
     every = {n: with_all(kind()) for n, kind in MODELS.usable().items()}
     having = [n for n, rig in every.items() if name in rig.parameters]
     return f"remove it, or take model.name: {' or '.join(having)}" if having else "remove it"
-
-
-def _no_table(name: str) -> str:
-    """With what is known of it."""
-    typical = models.PARAMETERS[name].typical
-    return f"no table has {name}" + (f" ({typical})" if typical else "")
 
 
 def _check_added(found: Collector, config: Config, model: Model) -> None:
@@ -121,39 +95,47 @@ def _usual(name: str, nominal: Mapping[str, float]) -> str:
     return f"`{name}: nominal` ({nominal[name]:g}) or " if name in nominal else ""
 
 
-def check_relations(found: Collector, config: Config, model: Model) -> None:
-    """Ties, formulas, and the quantities in them."""
+def _check_relations(
+    found: Collector,
+    config: Config,
+    model: Model,
+    given: Mapping[str, Declared | Expression | None],
+) -> tuple[RigNumbers, ParameterSpace] | None:
     before = len(found.problems)
-    used: set[str] = set()
+    quantities_, derived = dict[str, Declared](), list[Formula]()
     for name, spec in config.quantities.items():
-        given = found.run(("quantities", name), quantities.quantity, name, spec)
-        if given is not None and getattr(spec, "latex", None) is not None:
-            found.run(("quantities", name, "latex"), latex.check, given.symbol)
-    for name, derived in config.derived.items():
-        own = found.run(("derived", name), quantities.formula, config, model, name)
-        if own is not None and derived.latex is not None:
-            found.run(("derived", name, "latex"), latex.check, own.symbol)
-        used |= set(own.expression.names) if own else set()
-    relations = {
-        name: found.run(("parameters", name), quantities.relation, config, model, name)
-        for name in model.parameters
-    }
-    related = {name: r for name, r in relations.items() if r is not None}
-    missing = any(getattr(config.parameters, name) is None for name in model.parameters)
-    if missing or len(found.problems) > before:
-        return
-    used |= {name for r in related.values() for name in r.names}
+        own = found.run(("quantities", name), quantities.quantity, name, spec)
+        if own is not None:
+            quantities_[name] = own
+            if getattr(spec, "latex", None) is not None:
+                found.run(("quantities", name, "latex"), latex.check, own.symbol)
+    for name, formula in config.derived.items():
+        made = found.run(("derived", name), quantities.formula, config, model, name)
+        if made is not None:
+            derived.append(made)
+            if formula.latex is not None:
+                found.run(("derived", name, "latex"), latex.check, made.symbol)
+    tied = [name for name in given if quantities.is_tied(config.parameters[name])]
+    related = {name: x for name, x in given.items() if isinstance(x, Expression)}
+    wrong = any(given[name] is None for name in tied) or len(found.problems) > before
+    if wrong or not {*model.parameters} <= {*given}:
+        return None
+    used = {name for each in derived for name in each.expression.names}
+    used |= {name for each in related.values() for name in each.names}
     for name in [n for n in config.quantities if n not in used]:
         message = "no formula names it; use it in `parameters:` or `derived:`, or remove it"
         found.add(("quantities", name), message)
+    parameters = {name: x for name in model.parameters if (x := given[name]) is not None}
+    if len(parameters) < len(model.parameters):  # a prior or a start, said already
+        return None
+    numbers_ = RigNumbers(parameters=parameters, quantities=quantities_, derived=tuple(derived))
     try:
-        space = assembly.space(config, model, [])
+        space = numbers_.space()
     except RelationError as error:
         found.add(("parameters", error.name), str(error))
-        return
-    except ValueError:  # a prior or a start, said already
-        return
+        return None
     _check_values(found, space, related)
+    return numbers_, space
 
 
 def _check_values(
@@ -179,13 +161,8 @@ def _check_values(
 def free_parameters(config: Config, names: Iterable[str]) -> list[str]:
     """Those of `names` that have a prior."""
     given = config.parameters
-    return [name for name in names if isinstance(getattr(given, name, None), numbers.PriorBase)]
+    return [name for name in names if isinstance(given.get(name), numbers.ParameterPrior)]
 
 
 def free_quantities(config: Config) -> list[str]:
-    return [name for name, q in config.quantities.items() if isinstance(q, numbers.PriorBase)]
-
-
-def free(config: Config, model: Model) -> list[str]:
-    """Parameters and quantities with a prior."""
-    return free_parameters(config, model.parameters) + free_quantities(config)
+    return [name for name, q in config.quantities.items() if isinstance(q, numbers.ParameterPrior)]

@@ -11,7 +11,6 @@ from bayesdrill.basics.entries import entries_of, strange
 from bayesdrill.basics.registry import lookup
 from bayesdrill.config.consistency.unknowns import free_parameters
 from bayesdrill.config.resolve import assembly, quantities
-from bayesdrill.config.schema import numbers
 from bayesdrill.config.schema.config import Config
 from bayesdrill.config.yaml_source import Collector, Place
 from bayesdrill.inference.unknowns import of_label
@@ -113,12 +112,8 @@ def check_output(
         found.run(("output", "figures", k), lookup, RUN_FIGURES, name, "figure of a run")
     if unknown is None:
         return
-    related = [
-        name
-        for name in model.parameters
-        if isinstance(getattr(config.parameters, name), numbers.Tie)
-        or quantities.is_formula(getattr(config.parameters, name))
-    ]
+    given = config.parameters
+    related = [name for name in model.parameters if quantities.is_tied(given.get(name))]
     shown = [*unknown, *related, *symbols.DERIVED, *config.derived]
     for k, name in enumerate(config.output.parameters or ()):
         found.expect(("output", "parameters", k), name, unknown, f"{name} is no unknown")

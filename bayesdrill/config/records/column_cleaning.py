@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayesdrill.basics import units
+from bayesdrill.basics.arrays import Array
 from bayesdrill.config.records.sources import Clock, Sources
 from bayesdrill.config.schema.records import AngleColumn, ChannelSpec, InputColumn, Series, mask
 from bayesdrill.config.yaml_source import Place
@@ -18,7 +19,6 @@ from bayesdrill.record import anomalies
 from bayesdrill.record.anomalies import Spans
 from bayesdrill.record.experiment import Odd
 
-Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 

@@ -3,33 +3,39 @@
 from __future__ import annotations
 
 import math
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bayesdrill import output_files
-from bayesdrill.basics import units
+from bayesdrill.basics import symbols, units
+from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.entries import made
 from bayesdrill.basics.errors import InputError
+from bayesdrill.basics.units import Unit
 from bayesdrill.config.records import column_cleaning, sources
 from bayesdrill.config.records.column_cleaning import Column, Findings
 from bayesdrill.config.records.sources import Clock, Sources, location_of
-from bayesdrill.config.resolve import assembly, channel_noise, quantities
+from bayesdrill.config.resolve import quantities
+from bayesdrill.config.resolve.case import ResolvedExperiment
+from bayesdrill.config.resolve.rig import initial_state
 from bayesdrill.config.schema.config import Config
 from bayesdrill.config.schema.records import (
     AngleColumn,
     InputColumn,
+    InputQuantity,
     RecordSpec,
     Series,
+    TimeColumn,
     between,
     windows,
 )
-from bayesdrill.config.yaml_source import Place, Source
+from bayesdrill.config.yaml_source import Place
 from bayesdrill.record import anomalies, clocks
 from bayesdrill.record.experiment import (
     Experiment,
     Odd,
+    Written,
     calendar,
     check_length,
     check_series,
@@ -39,14 +45,7 @@ from bayesdrill.record.experiment import (
 from bayesdrill.record.formats.csv import CsvOptions
 from bayesdrill.record.formats.table import Table
 
-Array = NDArray[np.float64]
-
 FAR = 1000  # times its own length after the initial state, and a record has times of a clock
-
-
-def path_of(config: Config, source: Source) -> Path:
-    """The record's own file."""
-    return sources.path_of(config, source)
 
 
 def csv_options(record: RecordSpec) -> CsvOptions:
@@ -54,27 +53,24 @@ def csv_options(record: RecordSpec) -> CsvOptions:
     return made(CsvOptions, record)
 
 
-def read(config: Config, source: Source, table: Table | None = None) -> Experiment:
+def read(one: ResolvedExperiment, table: Table | None = None) -> Experiment:
     """Raises `InputError` with the places in the config and the rows of the files.
 
     `table`: what the record's file would hold, where there is none.
     """
-    return _Reader(config, source, table).experiment()
+    return _Reader(one, table).experiment()
 
 
 class _Reader:
     """One pass over a record: columns are picked and judged one by one, problems collected."""
 
-    def __init__(self, config: Config, source: Source, table: Table | None) -> None:
-        self._config = config
-        self._source = source
-        self._sources = Sources(config, source, table)
+    def __init__(self, one: ResolvedExperiment, table: Table | None) -> None:
+        self._one, self._config, self._source = one, one.config, one.source
+        self._sources = Sources(one.config, one.source, table)
         self._findings = Findings()
 
     def experiment(self) -> Experiment:
         config, findings = self._config, self._findings
-        model = assembly.model(config)
-        measured = channel_noise.channels(config, model)
         columns = self._columns()
         t = self._times()
         y = self._signals(t, columns)
@@ -85,19 +81,21 @@ class _Reader:
         held = self._held_out(t, y)
         series, turned = self._inputs(t, columns)
         raise_if_any(self._sources.problems)
-        levels = channel_noise.scatter(config, measured, len(t))
-        n_unknown = len(assembly.space(config, model, levels).free)
+        time, n_unknown = (
+            config.record.time,
+            len(self._one.space.free) + len(self._one.beside.levels),
+        )
         shortened_by = "file" if config.record.window is None else "window"
         label = self._sources.label(("record", shortened_by))
         raise_if_any(check_length(label, np.sum(~np.isnan(y), axis=0).tolist(), n_unknown))
         found = Experiment(
             t=frozen(t),
             y=frozen(y),
-            channels=tuple(entry.channel for entry in measured),
-            constant=quantities.constant_input(config, model),
+            channels=tuple(entry.channel for entry in self._one.channels),
+            constant=quantities.constant_input(config, self._one.model),
             series={name: frozen(values) for name, values in series.items()},
             first_order=any(map(_straight, quantities.measured_input(config).values())),
-            start=assembly.initial_state(config, model) | turned,
+            start=initial_state(config, self._one.model) | turned,
             t_start=self._t_start(t, has_series=bool(series)),
             told=tuple(findings.told),
             odd=tuple(findings.odd),
@@ -108,6 +106,11 @@ class _Reader:
                 )
                 for name in series
             },
+            written=Written(
+                files=tuple(sources.names(config)),
+                time=units.shown(time.unit if isinstance(time, TimeColumn) else "s", "s"),
+                inputs={name: _unit_of_input(config, name) for name in symbols.INPUTS},
+            ),
         )
         return self._decimated(found)
 
@@ -156,12 +159,12 @@ class _Reader:
 
     def _signals(self, t: Array, columns: dict[Place, Column]) -> Array:
         """`(T, K)` SI, NaN where a channel has no sample."""
-        measured = channel_noise.channels(self._config, assembly.model(self._config))
+        measured = self._one.channels
         y = np.full((len(t), len(measured)), np.nan)
         for k, entry in enumerate(measured):
             one = columns["record", "channels", entry.channel.name]
             inside = one.clock.inside
-            y[self._rows(t, one.clock.t[inside]), k] = one.values[inside] * entry.factor
+            y[self._rows(t, one.clock.t[inside]), k] = one.values[inside] * entry.channel.factor
         spans = windows(self._config.record.window)
         if len(spans) > 1:
             y[~between(t, spans)] = np.nan
@@ -296,6 +299,13 @@ class _Reader:
             )
             raise InputError([self._source.problem(("record", "time"), message)])
         return min(begin, float(time[0]))
+
+
+def _unit_of_input(config: Config, name: str) -> Unit:
+    """SI of a speed that was given as an angle."""
+    spec, symbol = getattr(config.inputs, name), symbols.INPUTS[name]
+    unit = spec.unit if isinstance(spec, InputColumn | InputQuantity) else symbol.unit
+    return units.shown(unit, symbol.unit, symbol.latex_unit)
 
 
 def _straight(spec: Series) -> bool:

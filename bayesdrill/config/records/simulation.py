@@ -13,14 +13,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bayesdrill import output_files
 from bayesdrill.basics import seeds, units
+from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.errors import InputError, Issue
 from bayesdrill.config.records import reading, sources
-from bayesdrill.config.resolve import assembly, channel_noise, quantities, sensors
-from bayesdrill.config.resolve.experiments import View, views
+from bayesdrill.config.resolve import channel_noise, quantities, sensors
+from bayesdrill.config.resolve.case import ResolvedCase, ResolvedExperiment
+from bayesdrill.config.resolve.channel_noise import Measured
+from bayesdrill.config.resolve.rig import initial_state
 from bayesdrill.config.schema.config import Config
 from bayesdrill.config.schema.records import ChannelSpec, Column, TimeColumn
 from bayesdrill.config.yaml_source import Place, Source
@@ -31,10 +33,7 @@ from bayesdrill.record.experiment import Experiment, frozen, raise_if_any, times
 from bayesdrill.record.formats import format_of
 from bayesdrill.record.formats.csv import check_options
 from bayesdrill.record.formats.csv import table as text_table
-from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.simulators import simulator
-
-Array = NDArray[np.float64]
 
 DIGITS = 9
 SAME = 1e-8  # of the largest number in a column
@@ -57,7 +56,7 @@ def check_form(config: Config, source: Source, target: Path | None) -> None:
     record, wrong = config.record, ""
     place: Place = ("record", "file")
     try:
-        kind = record.format or format_of(target or reading.path_of(config, source))
+        kind = record.format or format_of(target or sources.path_of(config, source))
         check_options(Path(), reading.csv_options(record))
         wrong = "" if kind == "csv" else "a simulated record is text; name a .csv file"
     except InputError as error:
@@ -131,7 +130,7 @@ def _name(source: Source, place: Place, spec: Column) -> str:
 
 def _check_read_back(config: Config, source: Source, text: str, columns: list[_Column]) -> None:
     """Names and marks that a reader takes for something else."""
-    path = reading.path_of(config, source)
+    path = sources.path_of(config, source)
     try:
         table = text_table(path, text, reading.csv_options(config.record))
         for column in columns:
@@ -144,61 +143,60 @@ def _check_read_back(config: Config, source: Source, text: str, columns: list[_C
         raise InputError([source.problem(("record",), message)]) from None
 
 
-def simulate(config: Config, source: Source, seed: int, target: Path | None = None) -> str:
-    """Of the only experiment; see `one`."""
-    return simulate_one(View("", config, source), seed, target)
+def simulate(case: ResolvedCase, seed: int, target: Path | None = None) -> str:
+    """Of the only experiment; see `simulate_one`."""
+    (alone,) = case.experiments
+    return simulate_one(alone, seed, target)
 
 
-def simulate_all(
-    config: Config, source: Source, seed: int, output: Path | None = None
-) -> dict[Path, str]:
+def simulate_all(case: ResolvedCase, seed: int, output: Path | None = None) -> dict[Path, str]:
     """Records of all experiments, by where they go: the files that the config names, or `output`; of
     several, files of those names in the folder `output`.  Raises `InputError` with all that is wrong.
     """
     made, problems = dict[Path, str](), list[Issue]()
-    for index, view in enumerate(views(config, source)):
-        own = reading.path_of(view.config, view.source)
-        target = own if output is None else output / own.name if view.label else output
+    for index, one in enumerate(case.experiments):
+        own = sources.path_of(one.config, one.source)
+        target = own if output is None else output / own.name if one.label else output
         try:
             if target in made:
                 message = (
                     f"another experiment is simulated into {target} too; give each its own file"
                 )
-                raise InputError([view.source.problem(("record", "file"), message)])
-            made[target] = simulate_one(view, seed, target, index)
+                raise InputError([one.source.problem(("record", "file"), message)])
+            made[target] = simulate_one(one, seed, target, index)
         except InputError as error:
             problems += error.problems
     raise_if_any(list(dict.fromkeys(problems)))
     return made
 
 
-def simulate_one(view: View, seed: int, target: Path | None = None, index: int = 0) -> str:
+def simulate_one(
+    one: ResolvedExperiment, seed: int, target: Path | None = None, index: int = 0
+) -> str:
     """A record as text that the config itself reads, from `target` or by default its own record.
 
     Times and measured inputs are those of the config's `simulation:` grid, or else of its record.
     True values are nominal, or the config's fixed ones, unless `simulation:` names them; what is
     tied follows from them, and sensors are where their priors start.
     """
-    config, source = view.config, view.source
+    config, source = one.config, one.source
     check_form(config, source, target)
-    experiment = grid(config, source)
-    rig = assembly.model(config)
-    measured = channel_noise.channels(config, rig)
-    sensing = sensors.sensing(config, rig)
-    response = simulator(rig, experiment, sensing, step_error.MOST)
-    values = truth(config, rig, view.label) | _told(view, rig)
+    experiment = grid(one)
+    response = simulator(one.model, experiment, one.sensing, step_error.MOST)
+    values = truth(one) | _told(one)
     full = np.array([[values[name] for name in response.parameters]])
     signals = response.signals(full)[0]
-    known = [_known(config, source, entry) for entry in measured]
+    known = [_known(one, entry) for entry in one.channels]
     noise = of_record(channel_noise.noise(known, len(signals)), experiment.t, experiment.seen)
-    observed = sensors.observation(config, response, noise)
-    own = [_true_of_noise(view, unknown) for unknown in observed.unknowns]
+    acts = sensors.latent_torque(config)
+    observed = sensors.observation(acts, one.torque, response, noise)
+    own = [_true_of_noise(one, unknown) for unknown in observed.unknowns]
     rng = seeds.stream(seed, "record", index)
     space = ParameterSpace(
         model=response.parameters, unknowns=observed.unknowns, fixed=dict(values)
     )
     noisy = observed.placed(space).draw(signals[None], np.array([own]), rng)[0]
-    y = noisy / np.array([entry.factor for entry in measured])
+    y = noisy / np.array([entry.channel.factor for entry in one.channels])
     return record_text(config, source, experiment, y)
 
 
@@ -225,50 +223,49 @@ def check_place(text: str, target: Path, record: Path, *, force: bool) -> None:
                 raise InputError.one(str(target), message)
 
 
-def grid(config: Config, source: Source) -> Experiment:
+def grid(one: ResolvedExperiment) -> Experiment:
     """Times and inputs, those of `simulation:` or else of the record; what was measured is no matter."""
+    config = one.config
     simulation: Any = config.simulation
     series = list(quantities.measured_input(config))
     if simulation is None or simulation.duration is None:
-        return reading.read(config, source)
+        return reading.read(one)
     if series:
         raise InputError(
             [
-                source.problem(
+                one.source.problem(
                     ("simulation", "duration"),
                     f"the input {series[0]} is measured, so the times are those of the record; remove "
                     "`duration:` and `rate:`",
                 )
             ]
         )
-    rig = assembly.model(config)
-    t = times(simulation.duration, simulation.rate)
-    channels = tuple(entry.channel for entry in channel_noise.channels(config, rig))
+    t, channels = (
+        times(simulation.duration, simulation.rate),
+        tuple(e.channel for e in one.channels),
+    )
     return Experiment(
         t=frozen(t),
         y=frozen(np.zeros((len(t), len(channels)))),
         channels=channels,
-        constant=quantities.constant_input(config, rig),
+        constant=quantities.constant_input(config, one.model),
         series={},
         first_order=False,
-        start=assembly.initial_state(config, rig),
+        start=initial_state(config, one.model),
         t_start=min(0.0, config.initial.time or 0.0),
     )
 
 
-def truth(config: Config, rig: Model, label: str = "") -> dict[str, float]:
-    """What a simulated record is made of: the parameters of `rig`, SI.
-
-    `label`: of the experiment that may have some of its own.
-    """
-    space = assembly.space(config, rig, [])
+def truth(one: ResolvedExperiment) -> dict[str, float]:
+    """What a simulated record is made of: the parameters of the rig, SI."""
+    rig, space, config = one.model, one.space, one.config
     simulation: Any = config.simulation
     named = {name: getattr(simulation, name, None) for name in rig.parameters}
     given = simulation.truth if simulation else {}
-    named |= {n: x for n in rig.parameters if (x := _given(given, n, label)) is not None}
-    values = {**space.start, **assembly.compared(config), **space.fixed}
+    named |= {n: x for n in rig.parameters if (x := _given(given, n, one.label)) is not None}
+    values = {**space.start, **one.nominal.compared, **space.fixed}
     for name, value in simulation.quantities.items() if simulation else ():
-        values[name] = value * quantities.quantity(name, config.quantities[name]).factor
+        values[name] = value * one.numbers.quantities[name].factor
     values |= {name: value for name, value in named.items() if value is not None}
     for name in rig.parameters:
         if name in space.relations and named[name] is None:
@@ -276,28 +273,27 @@ def truth(config: Config, rig: Model, label: str = "") -> dict[str, float]:
     return values
 
 
-def _told(view: View, rig: Model) -> dict[str, float]:
+def _told(one: ResolvedExperiment) -> dict[str, float]:
     """What is true of sensors and the start, SI; of a free start zero, unless it is given."""
-    simulation: Any = view.config.simulation
+    simulation: Any = one.config.simulation
     given = simulation.truth if simulation else {}
-    free = sensors.free_states(view.config, rig)
-    found = {sensors.state_name(name): 0.0 for name in free}
+    found = {sensors.state_name(name): 0.0 for name in one.free}
     factors = dict.fromkeys(found, 1.0)
-    for each in (sensors.sensor_specs(entry) for entry in sensors.sensor_entries(view.config, rig)):
+    for each in one.declared:
         found[each.name], factors[each.name] = each.start, each.factor
-    own = {name: _given(given, name, view.label) for name in found}
+    own = {name: _given(given, name, one.label) for name in found}
     return found | {name: x * factors[name] for name, x in own.items() if x is not None}
 
 
-def _true_of_noise(view: View, unknown: Unknown) -> float:
+def _true_of_noise(one: ResolvedExperiment, unknown: Unknown) -> float:
     """As `simulation.truth` has it, or where its search would start."""
-    simulation: Any = view.config.simulation
-    value = _given(simulation.truth if simulation else {}, unknown.name, view.label)
+    simulation: Any = one.config.simulation
+    value = _given(simulation.truth if simulation else {}, unknown.name, one.label)
     low, high = unknown.between or (unknown.prior.low, unknown.prior.high)
     if value is None or low < value < high:
         return unknown.start if value is None else value
     message = f"{value:g} is impossible; give a number between {low:g} and {high:g}"
-    raise InputError([view.source.problem(("simulation", "truth", unknown.name), message)])
+    raise InputError([one.source.problem(("simulation", "truth", unknown.name), message)])
 
 
 def _given(values: Mapping[str, float], name: str, label: str) -> float | None:
@@ -305,16 +301,16 @@ def _given(values: Mapping[str, float], name: str, label: str) -> float | None:
     return values.get(of_label(name, label), values.get(name))
 
 
-def _known(config: Config, source: Source, entry: channel_noise.Measured) -> channel_noise.Measured:
+def _known(one: ResolvedExperiment, entry: Measured) -> Measured:
     """With the sigma of `simulation:`, where the noise is unknown."""
     if isinstance(entry.noisy.sigma, float):
         return entry
-    simulation: Any = config.simulation
+    simulation: Any = one.config.simulation
     name = entry.channel.name
     if simulation is None or name not in simulation.sigma:
         message = (
             f"the noise of this channel is unknown; add `simulation: {{sigma: {{{name}: ...}}}}`"
         )
-        raise InputError([source.problem(("record", "channels", name, "sigma"), message)])
-    sigma = float(simulation.sigma[name]) * entry.factor
+        raise InputError([one.source.problem(("record", "channels", name, "sigma"), message)])
+    sigma = float(simulation.sigma[name]) * entry.channel.factor
     return dataclasses.replace(entry, noisy=dataclasses.replace(entry.noisy, sigma=sigma))

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import dataclasses
 import os
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,9 +16,11 @@ from numpy.typing import NDArray
 
 from bayesdrill import output_files
 from bayesdrill.basics import units
+from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.entries import made
 from bayesdrill.basics.errors import InputError, Issue, encodable
 from bayesdrill.config.resolve import quantities
+from bayesdrill.config.resolve.case import ResolvedExperiment
 from bayesdrill.config.schema.config import Config
 from bayesdrill.config.schema.records import Column, FileSpec, Series, TimeColumn, TimeRate, windows
 from bayesdrill.config.yaml_source import Place, Source
@@ -26,8 +29,6 @@ from bayesdrill.record.clocks import on_grid
 from bayesdrill.record.experiment import Experiment, check_time, frozen
 from bayesdrill.record.formats import FORMATS, format_of
 from bayesdrill.record.formats.table import Table, variable_name
-
-Array = NDArray[np.float64]
 
 ELSEWHERE = "; if the times of this file stand elsewhere, give this entry its own `time:`"
 
@@ -54,16 +55,24 @@ def files(config: Config) -> list[FileSpec | None]:
     return list(dict.fromkeys([None, *map(file_of, file_entries(config).values())]))
 
 
-def paths(config: Config, source: Source) -> list[Path]:
-    return [path_of(config, source, file) for file in files(config)]
+def paths(one: ResolvedExperiment) -> list[Path]:
+    return [path_of(one.config, one.source, file) for file in files(one.config)]
 
 
-def named_in(data: dict[str, Any]) -> list[tuple[dict[str, Any], str]]:
+def named_in(data: Mapping[str, Any]) -> list[tuple[dict[str, Any], str]]:
     """Of a config as plain data: each mapping that names a file, and the key that does."""
-    inputs = [one for one in data["inputs"].values() if isinstance(one, dict)]
-    sections = [data["record"], *data["record"]["channels"].values(), *inputs]
-    having = [(section, section["file"]) for section in sections if "file" in section]
+    record, inputs = data.get("record", {}), data.get("inputs", {})
+    every = [record, *record.get("channels", {}).values(), *inputs.values()]
+    having = [(one, one["file"]) for one in every if isinstance(one, dict) and "file" in one]
     return [(file, "path") if isinstance(file, dict) else (s, "file") for s, file in having]
+
+
+def rebase(data: Mapping[str, Any], old: Path, new: Path) -> None:
+    """Names of files, from one folder to another; links are resolved first: `..` in a path goes up from
+    where a link leads to.
+    """
+    for section, key in named_in(data):
+        section[key] = name_in(new.resolve(), (old / section[key]).resolve())
 
 
 def name_in(folder: Path, file: Path) -> str:
@@ -75,10 +84,10 @@ def name_in(folder: Path, file: Path) -> str:
     return name
 
 
-def named(config: Config) -> str:
-    """All of them, for a reader."""
+def names(config: Config) -> list[str]:
+    """Of all of them, for a reader."""
     every = [config.record.file if file is None else file.path for file in files(config)]
-    return ", ".join(f"`{Path(one).name}`" for one in every)
+    return [Path(one).name for one in every]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

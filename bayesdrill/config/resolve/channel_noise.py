@@ -9,26 +9,21 @@ from bayesdrill.basics import symbols, units
 from bayesdrill.basics.errors import did_you_mean
 from bayesdrill.basics.formulas import linear_combination
 from bayesdrill.basics.registry import lookup
-from bayesdrill.config.resolve import sensors
-from bayesdrill.config.resolve.quantities import prior, rescaled, start
-from bayesdrill.config.schema.config import Config
+from bayesdrill.config.resolve.quantities import prior_in_si
 from bayesdrill.config.schema.records import ChannelSpec
 from bayesdrill.inference.noise import NOISES
 from bayesdrill.inference.noise.contract import Noise, Noisy
 from bayesdrill.inference.noise.mixed import Mixed
 from bayesdrill.inference.noise.mixed import Part as Kind
 from bayesdrill.inference.priors import Prior
-from bayesdrill.inference.unknowns import Unknown
 from bayesdrill.record.experiment import Channel
 from bayesdrill.rig import models
-from bayesdrill.rig.models.linear import Model
 
 
 @dataclass(frozen=True, slots=True)
 class Measured:
-    """How many SI units one unit of a column is, the kind of its noise, and what that has to know."""
+    """The kind of a channel's noise, and what that has to know."""
 
-    factor: float
     kind: str
     noisy: Noisy
 
@@ -56,12 +51,18 @@ def measured(name: str, spec: ChannelSpec, states: tuple[str, ...]) -> Measured:
     factor = units.factor(spec.unit, first.unit)
     latex = first.latex if name in states else rf"\mathrm{{{name.replace('_', chr(92) + '_')}}}"
     channel = Channel(
-        name=name, weights=weights, unit=first.unit, latex=latex, latex_unit=first.latex_unit
+        name=name,
+        weights=weights,
+        unit=first.unit,
+        latex=latex,
+        latex_unit=first.latex_unit,
+        column=units.shown(spec.unit, first.unit, first.latex_unit),
+        factor=factor,
     )
     sigma, begin = _sigma(spec, factor)
     kind, entries = spec.noise.name, spec.noise.model_dump(exclude={"name"})
     noisy = Noisy(channel=channel, sigma=sigma, start=begin, entries=entries, factor=factor)
-    return Measured(factor, kind, noisy)
+    return Measured(kind, noisy)
 
 
 def _sigma(spec: ChannelSpec, factor: float) -> tuple[float | Prior, float]:
@@ -70,8 +71,7 @@ def _sigma(spec: ChannelSpec, factor: float) -> tuple[float | Prior, float]:
         return spec.sigma * factor, spec.sigma * factor
     if spec.sigma.relative:
         raise ValueError("sigma has no nominal value; write its prior in the unit of the column")
-    begin = start(spec.sigma, prior(spec.sigma, 1.0))
-    return prior(rescaled(spec.sigma, factor), 1.0), begin * factor
+    return prior_in_si(spec.sigma, factor)
 
 
 def noise(channels: Sequence[Measured], n_samples: int) -> Noise:
@@ -84,14 +84,3 @@ def noise(channels: Sequence[Measured], n_samples: int) -> Noise:
         for kind, own in kinds.items()
     ]
     return parts[0].noise if len(parts) == 1 else Mixed(tuple(parts))
-
-
-def scatter(config: Config, channels: Sequence[Measured], n_samples: int) -> tuple[Unknown, ...]:
-    """Unknowns of the noise of all channels, and of what shakes the rig."""
-    return (*noise(channels, n_samples).unknowns, *sensors.latent_torque_unknowns(config))
-
-
-def channels(config: Config, model: Model) -> list[Measured]:
-    """Those that are evidence: what is only derived from another is not."""
-    every = config.record.channels.items()
-    return [measured(name, spec, model.outer) for name, spec in every if spec.derived_from is None]

@@ -6,14 +6,13 @@ import copy
 import dataclasses
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bayesdrill.basics.arrays import Array
 from bayesdrill.config.resolve import sensors
-from bayesdrill.config.resolve.sensors import Declared
+from bayesdrill.config.resolve.quantities import Declared
 from bayesdrill.config.schema.config import Config
 from bayesdrill.config.yaml_source import Place, Source
 from bayesdrill.inference.priors import Prior, TruncatedNormal
@@ -29,64 +28,27 @@ EXPERIMENTS = "experiments"
 WHOSE = ("shared", "own")  # of what the experiments have in common, or each for itself
 
 
-@dataclass(frozen=True, slots=True)
-class View:
-    """One experiment: `label` is its name, empty where there is only one."""
-
-    label: str
-    config: Config
-    source: Source
-
-
-def views(config: Config, source: Source) -> tuple[View, ...]:
-    """Of a config that is valid."""
-    if not config.experiments:
-        return (View("", config, source),)
-    return tuple(
-        View(label, Config.model_validate(own.data), own) for label, own in split(source).items()
-    )
-
-
 def split(source: Source) -> dict[str, Source]:
     """Of a config with experiments, what each reads as if it were alone; by name."""
     named = source.data.get(EXPERIMENTS)
     if not isinstance(named, Mapping):
         return {}
     return {
-        label: _alone(source, label, own)
+        label: alone(source, label, own)
         for label, own in named.items()
         if isinstance(own, Mapping)  # what is none is told of by its own entry
     }
 
 
-def bare(source: Source) -> Source:
-    """Of a config whose experiments are none: what else it says."""
-    return _alone(source, "", {})
-
-
-def join_experiments(source: Source, alone: Mapping[str, Source]) -> dict[str, Any]:
+def join_experiments(source: Source, every: Mapping[str, Source]) -> dict[str, Any]:
     """The config of all: at its top the first experiment, and under each name all that is its own."""
     named = source.data[EXPERIMENTS]
     named = dict(named) if isinstance(named, Mapping) else named
-    first = next(iter(alone.values()), source)
-    for label, own in alone.items():
+    first = next(iter(every.values()), source)
+    for label, own in every.items():
         named[label] = {**named[label], **{k: own.data[k] for k in SECTIONS if k in own.data}}
     kept = {key: source.data[key] for key in WHOSE if key in source.data}
     return {**first.data, EXPERIMENTS: named, **kept}
-
-
-def experiment_configs(config: Config, label: str) -> Config:
-    """The config of one experiment, of one that is `together`."""
-    if not label:
-        return config
-    data = config.model_dump(exclude_unset=True, exclude={EXPERIMENTS, *WHOSE, *SECTIONS})
-    own = config.experiments[label].model_dump(exclude_unset=True, include=set(SECTIONS))
-    return Config.model_validate(data | own)
-
-
-def held_out(config: Config) -> list[str]:
-    """Names of experiments that are no evidence."""
-    return [label for label, one in config.experiments.items() if one.held_out]
 
 
 def common_or_own(config: Config, name: str, label: str) -> str:
@@ -94,7 +56,8 @@ def common_or_own(config: Config, name: str, label: str) -> str:
     return name if name in config.shared else of_label(name, label)
 
 
-def _alone(source: Source, label: str, own: Mapping[str, Any]) -> Source:
+def alone(source: Source, label: str, own: Mapping[str, Any]) -> Source:
+    """What a config says of an experiment with such entries of its `own`."""
     data = {k: v for k, v in source.data.items() if k not in (EXPERIMENTS, *WHOSE)}
     data = copy.deepcopy(data)
     for section in [name for name in SECTIONS if name in own]:
@@ -121,8 +84,6 @@ def _chosen(entry: Mapping[str, Any]) -> str:
     """Which kind a number or column is, where it says so."""
     return next((key for key in ("prior", "value", "rate") if key in entry), "")
 
-
-Array = NDArray[np.float64]
 
 WIDE = 2.0  # times what a channel of the same kind spans: sd of the prior of a free state
 FURTHEST = 1e-6  # of the prior of a lag lies beyond what is left out of the start

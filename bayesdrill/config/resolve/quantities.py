@@ -6,81 +6,108 @@ The steps raise `ValueError` with a message for the user.
 
 from __future__ import annotations
 
+import dataclasses
 import keyword
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bayesdrill.basics import symbols, units
+from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.errors import did_you_mean
 from bayesdrill.basics.formulas import RESERVED, Expression, expression
+from bayesdrill.basics.registry import lookup
+from bayesdrill.basics.symbols import Symbol
 from bayesdrill.config.schema import numbers
 from bayesdrill.config.schema.config import Config
+from bayesdrill.config.schema.numbers import ParameterPrior, PriorSpec, QuantityPrior
 from bayesdrill.config.schema.records import InputColumn
 from bayesdrill.inference.posterior import Formula
 from bayesdrill.inference.priors import PRIORS, Prior
+from bayesdrill.inference.unknowns import Role, labelled
 from bayesdrill.record import anomalies
 from bayesdrill.record.experiment import Experiment
 from bayesdrill.rig import models
 from bayesdrill.rig.models.linear import Model
 
 
-@dataclass(frozen=True, slots=True)
-class Given:
-    """A quantity of the config in SI, held or with a prior, and how many SI its unit is."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Declared:
+    """A number of the config, SI: held, or unknown with a `start` for searches; `factor`: how many SI
+    its `unit` is.
+    """
 
-    symbol: symbols.Symbol
-    factor: float
+    symbol: Symbol
+    role: Role
     value: float | Prior
     start: float
+    factor: float = 1.0
+    unit: str = ""
+
+    @property
+    def name(self) -> str:
+        return self.symbol.name
+
+    def of(self, label: str, name: str) -> Declared:
+        """The same of one of several experiments; unless it has the same name in all of them."""
+        if name == self.name:
+            return self
+        return dataclasses.replace(self, symbol=labelled(self.symbol, label, name))
 
 
 _FARTHEST = 5  # sd of a normal between its mean and zero, where it is cut
-_SCALED = ("low", "high", "mean", "sd", "median", "scale")
+NARROWEST = 1e-9  # of a prior, relative: below it, numbers hold no more than one value
 
 
-def prior(spec: numbers.PriorSpec, nominal_value: float | None) -> Prior:
-    """The prior in SI; `relative` multiplies all but the sd of a log by `nominal_value`."""
-    values = spec.model_dump(exclude={"prior", "relative", "start", "unit", "latex"})
+def prior(spec: PriorSpec, nominal_value: float | None = None) -> Prior:
+    """The prior in the unit of its entry; one that is `relative` is of multiples of `nominal_value`."""
+    values, positive = spec.numbers, spec.families is PRIORS
     if "low" in values and not values["low"] < values["high"]:
         raise ValueError(
             f"low {values['low']:g} is not below high {values['high']:g}; exchange or mend them"
         )
-    if "mean" in values and values["mean"] < -_FARTHEST * values["sd"]:
+    if positive and "mean" in values and values["mean"] < -_FARTHEST * values["sd"]:
         raise ValueError(
             f"mean {values['mean']:g} lies more than {_FARTHEST} sd below zero, so that nothing of the "
             "prior is left; all unknowns are positive"
         )
-    if spec.relative and nominal_value is None:
-        raise ValueError(
-            "there is no nominal value to be relative to; give one in `nominal:`, or leave out "
-            "`relative:`"
-        )
-    if spec.relative:
-        values = {k: v * nominal_value if k in _SCALED else v for k, v in values.items()}
-    built = PRIORS[spec.prior](**values)
-    _check_width(built)
-    return built
-
-
-NARROWEST = 1e-9  # of a prior, relative: below it, numbers hold no more than one value
-
-
-def _check_width(built: Prior) -> None:
+    built = spec.families[spec.prior](**values)
+    if is_relative(spec):
+        if nominal_value is None:
+            raise ValueError(
+                "there is no nominal value to be relative to; give one in `nominal:`, or leave out "
+                "`relative:`"
+            )
+        built = built.scaled(nominal_value)
     with np.errstate(all="ignore"):
         low, middle, high = built.quantile(np.array([0.01, 0.5, 0.99]))
-    if not high - low > NARROWEST * middle:
+    if not high - low > NARROWEST * abs(middle):
         raise ValueError(
             f"{built.describe()}: nearly all of it is at {middle:.6g}; hold the value as a number, or "
             "mend the prior"
         )
+    return built
 
 
-def start(spec: numbers.PriorSpec, built: Prior, nominal_value: float | None = None) -> float:
+def is_relative(spec: object) -> bool:
+    return isinstance(spec, ParameterPrior) and spec.relative
+
+
+def is_tied(spec: object) -> bool:
+    """Whether it follows from others."""
+    return isinstance(spec, numbers.Tie) or (isinstance(spec, str) and spec != "nominal")
+
+
+def is_nominal(spec: object) -> bool:
+    """Whether it is the nominal value, or relative to it."""
+    return spec == "nominal" or is_relative(spec)
+
+
+def start(spec: PriorSpec, built: Prior, nominal_value: float | None = None) -> float:
     """Where the MAP search begins; raises where the prior excludes it.
 
     By default at the nominal value, or where there is none at the median.
@@ -96,36 +123,107 @@ def start(spec: numbers.PriorSpec, built: Prior, nominal_value: float | None = N
     return value
 
 
+def prior_in_si(spec: PriorSpec, factor: float) -> tuple[Prior, float]:
+    """Of an entry whose unit is `factor` SI, with the start; its mistakes are told in that unit."""
+    built = prior(spec)
+    return built.scaled(factor), start(spec, built) * factor
+
+
 def si(value: float | numbers.Quantity, unit: str) -> float:
     if isinstance(value, numbers.Quantity):
         return value.value * units.factor(value.unit, unit)
     return value
 
 
-def rescaled(spec: Any, factor: float) -> Any:
-    changes = {
-        key: getattr(spec, key) * factor for key in _SCALED if key in type(spec).model_fields
-    }
-    return spec.model_copy(update=changes)
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NominalTable:
+    """Nominal `values` of parameters: those of a table, unless the config says otherwise.
+
+    `compared`: those that are this rig's, all of a table that the config names or relies on; where it
+    has values of its own, or no use for a table, the table speaks of another rig.  `published`: names
+    of these whose value is that of a table; `tolerance`: relative, of all parameters; `name`: what the
+    values are called in sentences.
+    """
+
+    values: Mapping[str, float]
+    compared: Mapping[str, float]
+    published: tuple[str, ...]
+    tolerance: Mapping[str, float]
+    name: str
 
 
-def quantity(name: str, spec: numbers.QuantitySpec) -> Given:
+def nominal_table(config: Config) -> NominalTable:
+    """Raises `ValueError` where there is no such table."""
+    given: Any = config.nominal
+    table = given.table or symbols.DEFAULT_NOMINAL
+    own = {name: x for name in models.PARAMETERS if (x := getattr(given, name)) is not None}
+    values = {**lookup(symbols.NOMINAL, table, "nominal table").values, **own}
+    used = {name for name in values if is_nominal(config.parameters.get(name))}
+    compared = values
+    if given.table is None and (own or not used):
+        compared = {name: value for name, value in values.items() if name in own.keys() | used}
+    published = tuple(name for name in compared if name not in own)
+    called = f"{table} ({', '.join(n for n in compared if n in own)} as in the config)"
+    return NominalTable(
+        values=values,
+        compared=compared,
+        published=published,
+        tolerance=_tolerance(given.tolerance),
+        name=(called if published else "the config's nominal values") if own else table,
+    )
+
+
+def _tolerance(given: Any) -> dict[str, float]:
+    """`given`: one number, or by symbol and `default`."""
+    if isinstance(given, float):
+        return dict.fromkeys(models.PARAMETERS, given)
+    own = {name: getattr(given, name) for name in models.PARAMETERS}
+    return {name: given.default if value is None else value for name, value in own.items()}
+
+
+def parameter(
+    config: Config, model: Model, table: NominalTable, name: str
+) -> Declared | Expression:
+    """Of a rig: its number, or by what it follows from others."""
+    if (related := relation(config, model, name)) is not None:
+        return related
+    spec, symbol, value = config.parameters[name], models.PARAMETERS[name], table.values.get(name)
+    no_table = f"no table has {name}" + (f" ({symbol.typical})" if symbol.typical else "")
+    if not isinstance(spec, ParameterPrior):
+        held = float(spec) if isinstance(spec, float | int) else value
+        if held is None:
+            raise ValueError(f"{no_table}; give a number, or `nominal: {{{name}: ...}}`")
+        return Declared(symbol=symbol, role="rig", value=held, start=held)
+    if spec.relative and value is None:
+        way_out = f"`nominal: {{{name}: ...}}`, or leave out `relative:`"
+        raise ValueError(f"{no_table}, to be relative to; give {way_out}")
+    built, most = prior(spec, value), symbol.at_most
+    if built.high > most:
+        reaches = "has no end" if math.isinf(built.high) else f"goes up to {built.high:.6g}"
+        ends = f"such as {{prior: uniform, low: {0.5 * most:g}, high: {most:g}}}"
+        raise ValueError(f"the prior {reaches}, and {name} is at most {most:g}; let it end, {ends}")
+    begin = start(spec, built, table.compared.get(name))
+    return Declared(symbol=symbol, role="rig", value=built, start=begin)
+
+
+def quantity(name: str, spec: float | numbers.Quantity | QuantityPrior) -> Declared:
     _check_name(name)
+    value: float | Prior
     if isinstance(spec, float | int):
-        symbol = symbols.own_symbol(name, "", None, "held by the config")
-        return Given(symbol, 1.0, float(spec), float(spec))
-    unit, factor = units.coherent(spec.unit)
-    if isinstance(spec, numbers.Quantity):
-        if spec.value <= 0:
-            raise ValueError(f"{spec.value:g} is not positive; all quantities are")
-        symbol = symbols.own_symbol(name, unit, None, "held by the config")
-        return Given(symbol, factor, spec.value * factor, spec.value * factor)
-    if spec.relative:
-        raise ValueError("a quantity has no nominal value; write its prior in its own unit")
-    begin = start(spec, prior(spec, 1.0))  # first, for its mistakes to be told in the entry's unit
-    value = prior(rescaled(spec, factor), 1.0)
-    symbol = symbols.own_symbol(name, unit, spec.latex, "quantity of the config")
-    return Given(symbol, factor, value, begin * factor)
+        unit, factor, latex, value, begin = "", 1.0, None, float(spec), float(spec)
+    else:
+        (unit, factor), latex = units.coherent(spec.unit), getattr(spec, "latex", None)
+        if isinstance(spec, numbers.Quantity):
+            if spec.value <= 0:
+                raise ValueError(f"{spec.value:g} is not positive; all quantities are")
+            value = begin = spec.value * factor
+        else:
+            if spec.relative:
+                raise ValueError("a quantity has no nominal value; write its prior in its own unit")
+            value, begin = prior_in_si(spec, factor)
+    meaning = "held by" if isinstance(value, float) else "quantity of"
+    symbol = symbols.own_symbol(name, unit, latex, f"{meaning} the config")
+    return Declared(symbol=symbol, role="quantity", value=value, start=begin, factor=factor)
 
 
 def _check_name(name: str) -> None:
@@ -143,13 +241,14 @@ def _names(config: Config, model: Model) -> tuple[str, ...]:
 
 def relation(config: Config, model: Model, name: str) -> Expression | None:
     """By which parameter `name` follows from others; None where it has a value or a prior."""
-    spec = getattr(config.parameters, name)
-    known = _names(config, model)
-    if isinstance(spec, numbers.Tie):
-        spec = spec.tie
+    given, known = config.parameters.get(name), _names(config, model)
+    if isinstance(given, numbers.Tie):
+        spec = given.tie
         if spec not in known:
             raise ValueError(f"'{spec}' is no parameter or quantity{did_you_mean(spec, known)}")
-    elif not is_formula(spec):
+    elif isinstance(given, str) and given != "nominal":
+        spec = given
+    else:
         return None
     if spec.isidentifier() and spec not in known:
         hint = did_you_mean(spec, ("nominal", *known))
@@ -159,10 +258,6 @@ def relation(config: Config, model: Model, name: str) -> Expression | None:
         value = f"write for example {found.value({}):g}"
         raise ValueError(f"'{spec}' names no parameter or quantity; to hold this value {value}")
     return found
-
-
-def is_formula(spec: object) -> bool:
-    return isinstance(spec, str) and spec != "nominal"
 
 
 def formula(config: Config, model: Model, name: str) -> Formula:
@@ -177,8 +272,6 @@ def formula(config: Config, model: Model, name: str) -> Formula:
     symbol = symbols.own_symbol(name, unit, spec.latex, f"{name} = {spec.formula}")
     return Formula(symbol, expression(spec.formula, known))
 
-
-Array = NDArray[np.float64]
 
 # Inputs that are speeds, and the entries that give the angle instead.
 IMPOSED: Mapping[str, str] = MappingProxyType({"w_2": "theta_2"})

@@ -7,8 +7,7 @@ The steps raise `ValueError` with a message for the user.
 from __future__ import annotations
 
 import dataclasses
-import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Literal
@@ -18,23 +17,16 @@ import numpy as np
 from bayesdrill.basics import symbols, units
 from bayesdrill.basics.symbols import Symbol
 from bayesdrill.config.resolve import quantities
-from bayesdrill.config.resolve.quantities import prior, start
+from bayesdrill.config.resolve.quantities import Declared, prior_in_si
 from bayesdrill.config.schema.config import Config
-from bayesdrill.config.schema.numbers import (
-    PositiveLogNormal,
-    Quantity,
-    SignedNormal,
-    SignedPrior,
-    SignedTruncatedNormal,
-    SignedUniform,
-)
+from bayesdrill.config.schema.numbers import Quantity, SensorPrior
 from bayesdrill.config.schema.records import InputColumn, InputQuantity
 from bayesdrill.config.yaml_source import Place
 from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.noise.contract import Noise
-from bayesdrill.inference.priors import LogNormal, Prior, TruncatedNormal, Uniform
+from bayesdrill.inference.priors import Prior
 from bayesdrill.inference.state_space import ShakenObservation
-from bayesdrill.inference.unknowns import Role, Unknown, labelled
+from bayesdrill.inference.unknowns import Role, Unknown
 from bayesdrill.rig import models
 from bayesdrill.rig.models.latent_torque import SIZE, TIME, MissingTorque, pushes
 from bayesdrill.rig.models.linear import Model
@@ -56,36 +48,31 @@ def latent_torque(config: Config) -> MissingTorque | None:
     return None if given is None else MissingTorque(at=given.at, smoothness=given.smoothness)
 
 
-def latent_torque_numbers(config: Config) -> dict[str, float | Unknown]:
-    """Size and time; raises `ValueError`."""
-    return {name: latent_torque_number(config, entry) for name, entry in ENTRIES.items()}
-
-
 def latent_torque_number(config: Config, entry: str) -> float | Unknown:
-    """One of them, `size` or `time`."""
+    """One of its numbers, `size` or `time`."""
     symbol = next(one for one in SYMBOLS if ENTRIES[one.name] == entry)
     spec = getattr(config.missing_torque, entry)
     if isinstance(spec, float | int):
         return float(spec)
     if spec.relative:
         raise ValueError(f"it has no nominal value; write its prior in {symbol.plain_unit}")
-    built = prior(spec, 1.0)
-    return Unknown(symbol=symbol, role="noise", prior=built, start=start(spec, built))
+    built, begin = prior_in_si(spec, 1.0)
+    return Unknown(symbol=symbol, role="noise", prior=built, start=begin)
 
 
-def latent_torque_unknowns(config: Config) -> tuple[Unknown, ...]:
-    """Those of a config that has a missing torque; raises `ValueError`."""
-    if config.missing_torque is None:
-        return ()
-    return tuple(one for one in latent_torque_numbers(config).values() if isinstance(one, Unknown))
-
-
-def observation(config: Config, response: Simulator, noise: Noise, label: str = "") -> Observation:
-    """With the missing torque that the config has; raises `ValueError` where it cannot be.
+def observation(
+    acts: MissingTorque | None,
+    process: Mapping[str, float | Unknown],
+    response: Simulator,
+    noise: Noise,
+    label: str = "",
+) -> Observation:
+    """With a missing torque and the numbers of its process, or without one; raises `ValueError` where it
+    cannot be.
 
     Parameters and unknowns are called as in an experiment that has no others beside it.
     """
-    acts, parameters = latent_torque(config), response.parameters
+    parameters = response.parameters
     levels = [one.name for one in noise.unknowns]
     if acts is None:
         return Observation(
@@ -103,9 +90,9 @@ def observation(config: Config, response: Simulator, noise: Noise, label: str = 
         response=response,
         noise=noise,
         filtered=Filtered(response.model, acts, response.experiment),
-        process=latent_torque_numbers(config),
+        process=process,
         parameters=parameters,
-        levels=[*levels, *(one.name for one in latent_torque_unknowns(config))],
+        levels=[*levels, *(one.name for one in process.values() if isinstance(one, Unknown))],
         label=label,
     )
 
@@ -127,9 +114,7 @@ def refuse_latent_torque(model: Model, acts: MissingTorque, sensing: Sensing) ->
 
 
 Kind = Literal["gain", "offset", "lag", "delay", "state"]
-Spec = float | Quantity | SignedPrior
-
-FEWEST = 1e-9  # of a prior's sd: below it, numbers hold no more than one value
+Spec = float | Quantity | SensorPrior
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -147,28 +132,6 @@ class Entry:
     unit: str
     si: str
     latex: str
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Declared:
-    """A number of a sensor or a start, SI: held, or unknown with a `start` for searches."""
-
-    symbol: Symbol
-    role: Role
-    value: float | Prior
-    start: float
-    factor: float = 1.0
-    unit: str = ""
-
-    @property
-    def name(self) -> str:
-        return self.symbol.name
-
-    def of(self, label: str, name: str) -> Declared:
-        """The same of one of several experiments; unless it has the same name in all of them."""
-        if name == self.name:
-            return self
-        return dataclasses.replace(self, symbol=labelled(self.symbol, label, name))
 
 
 def sensor_entries(config: Config, model: Model) -> Iterator[Entry]:
@@ -229,7 +192,7 @@ def _of_states(config: Config, model: Model) -> Iterator[Entry]:
     """Those with a prior; what is held or `free` is said elsewhere."""
     for name in model.outer:
         given, symbol = getattr(config.initial, name), symbol_of_state(name)
-        if isinstance(given, SignedPrior):
+        if isinstance(given, SensorPrior):
             yield Entry(
                 place=("initial", name),
                 kind="state",
@@ -283,32 +246,9 @@ def _value(spec: Spec, factor: float) -> tuple[float | Prior, float]:
         return spec.value * factor, spec.value * factor
     if isinstance(spec, float | int):
         return float(spec) * factor, float(spec) * factor
-    built = _prior(spec, factor)
-    spread = float(np.ptp(built.quantile(np.array([0.16, 0.84]))))
+    built, begin = prior_in_si(spec, factor)
     middle = float(built.quantile(np.array([0.5]))[0])
-    if not spread > FEWEST * abs(middle):
-        raise ValueError(f"{built.describe()}: this is one number; hold it, or mend the prior")
-    begin = middle if spec.start is None else spec.start * factor
-    if not np.isfinite(built.logpdf(np.array([begin]))[0]):
-        raise ValueError(
-            f"the start {spec.start:g} is outside the prior; move it, or widen the prior"
-        )
-    return built, begin
-
-
-def _prior(spec: SignedPrior, factor: float) -> Prior:
-    if isinstance(spec, SignedUniform | SignedTruncatedNormal) and not spec.low < spec.high:
-        raise ValueError(f"low {spec.low:g} is not below high {spec.high:g}; exchange or mend them")
-    match spec:
-        case SignedUniform():
-            return Uniform(spec.low * factor, spec.high * factor)
-        case SignedNormal():
-            return TruncatedNormal(spec.mean * factor, spec.sd * factor, -math.inf, math.inf)
-        case SignedTruncatedNormal():
-            ends = spec.low * factor, spec.high * factor
-            return TruncatedNormal(spec.mean * factor, spec.sd * factor, *ends)
-        case PositiveLogNormal():
-            return LogNormal(spec.median * factor, spec.sd_log)
+    return built, middle if spec.start is None else begin
 
 
 def _unit_of(name: str, measures: str | None, model: Model) -> str:
@@ -334,9 +274,8 @@ def _meaning(entry: Entry) -> str:
     }[entry.kind]
 
 
-def sensing(config: Config, model: Model) -> Sensing:
-    """By the names of single experiments."""
-    found = list(sensor_entries(config, model))
+def sensing(config: Config, found: Sequence[Entry], free: Sequence[str]) -> Sensing:
+    """By the names of single experiments: of the entries `found`, and states that are `free`."""
     delays = [entry for entry in found if entry.kind == "delay"]
     single = [entry for entry in found if entry.kind == "lag" and entry.place[0] == "inputs"]
     if len(delays) > 1 or (delays and single):
@@ -350,7 +289,7 @@ def sensing(config: Config, model: Model) -> Sensing:
             e.of: e.name for e in found if e.kind == kind and (e.place[0] == "inputs") == inputs
         }
 
-    states = {name: state_name(name) for name in free_states(config, model)}
+    states = {name: state_name(name) for name in free}
     return Sensing(
         gains=of("gain", inputs=False),
         offsets=of("offset", inputs=False),

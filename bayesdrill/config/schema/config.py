@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypedDict
 
 from pydantic import BeforeValidator, Discriminator, Field, Tag, create_model
 
@@ -26,6 +26,7 @@ from bayesdrill.basics.entries import (
     chosen,
 )
 from bayesdrill.config.schema.numbers import (
+    ParameterSpec,
     QuantitySpec,
     SigmaSpec,
     ending,
@@ -152,13 +153,25 @@ class _SimulationBase(Strict):
     ] = Field(default_factory=dict)
 
 
-Parameters = _per_symbol(
-    "Parameters",
-    Strict,
-    lambda symbol: parameter_spec(held(symbol)),
-    "A prior, a number, `nominal`, a tie or a formula; what the model only offers is off unless it is "
-    "named.",
-)
+if TYPE_CHECKING:
+    Parameters = dict[str, ParameterSpec]
+else:  # those that are named, in the order of the vocabulary
+    Parameters = TypedDict(
+        "Parameters",
+        {
+            symbol.name: Annotated[
+                parameter_spec(held(symbol)) | None,
+                Field(description=f"{symbol.meaning} [{symbol.unit}]"),
+            ]
+            for symbol in models.PARAMETERS.values()
+        },
+        total=False,
+    )
+    Parameters.__pydantic_config__ = Strict.model_config
+    Parameters.__doc__ = (
+        "A prior, a number, `nominal`, a tie or a formula; what the model only offers is off unless it "
+        "is named."
+    )
 Nominal = _per_symbol(
     "Nominal",
     _NominalBase,
@@ -260,7 +273,7 @@ class Config(Strict):
     )
     model: ModelSpec = ModelSpec()
     nominal: Annotated[Nominal, BeforeValidator(_named_table)] = Nominal()  # type: ignore[valid-type]
-    parameters: Parameters  # type: ignore[valid-type]
+    parameters: Parameters
     quantities: Annotated[dict[str, QuantitySpec], Field(max_length=MOST_NAMED)] = Field(
         default_factory=dict, description="What formulas of parameters name beside parameters."
     )
@@ -277,6 +290,12 @@ class Config(Strict):
     identify: IdentifySpec = IdentifySpec()
     calibration: CalibrationSpec = CalibrationSpec()
     simulation: Simulation | None = None  # type: ignore[valid-type]
+
+    @property
+    def asked(self) -> Asked:
+        own = self.identify
+        thresholds = Thresholds(determined=own.determined, left_to_prior=own.left_to_prior)
+        return Asked(of_interest=tuple(own.of_interest), thresholds=thresholds, seed=self.seed)
 
 
 def json_schema() -> str:

@@ -4,15 +4,18 @@ below zero too.
 
 from __future__ import annotations
 
+import inspect
 import math
-from collections.abc import Mapping
+import typing
+from collections.abc import Callable, Mapping
 from types import MappingProxyType
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Union
 
-from pydantic import BaseModel, Discriminator, Field, Tag
+from pydantic import BaseModel, Discriminator, Field, Tag, create_model
 
-from bayesdrill.basics.entries import SMALLEST, Latex, NonNegative, Number, Positive, Strict
+from bayesdrill.basics.entries import Latex, NonNegative, Number, Positive, Strict
 from bayesdrill.basics.symbols import Symbol
+from bayesdrill.inference.priors import PRIORS, SIGNED_PRIORS, Prior
 
 
 def shape(value: Any) -> str:
@@ -27,12 +30,27 @@ def _parameter_shape(value: Any) -> str:
     return "<tie>" if tied else shape(value)
 
 
-def _quantity_shape(value: Any) -> str:
+def _held_shape(value: Any) -> str:
     held = "value" in value if isinstance(value, dict) else isinstance(value, Quantity)
     return "<held>" if held else shape(value)
 
 
-class PriorBase(Strict):
+class PriorSpec(Strict):
+    """A prior as a config has it: the numbers of its family, and what may stand beside them."""
+
+    families: ClassVar[Mapping[str, Callable[..., Prior]]] = PRIORS
+
+    if TYPE_CHECKING:  # each kind says what it may be, in its own order
+        prior: str
+        start: float | None
+
+    @property
+    def numbers(self) -> dict[str, float]:
+        """Those of its family."""
+        return {name: getattr(self, name) for name in _entries(self.families[self.prior])}
+
+
+class ParameterPrior(PriorSpec):
     relative: bool = Field(
         False, description="Bounds and scales are multiples of the nominal value."
     )
@@ -44,56 +62,76 @@ class PriorBase(Strict):
     )
 
 
-class UniformPrior(PriorBase):
-    prior: Literal["uniform"]
-    low: NonNegative
-    high: Positive
+class QuantityPrior(ParameterPrior):
+    unit: str = Field(
+        description="Of the prior's numbers, such as Pa or mm; 1 where there is none."
+    )
+    latex: Latex | None = Field(None, description="How figures write it, without dollars.")
 
 
-class LogUniformPrior(PriorBase):
-    prior: Literal["log_uniform"]
-    low: Positive
-    high: Positive
+class SensorPrior(PriorSpec):
+    families = SIGNED_PRIORS
 
-
-class NormalPrior(PriorBase):
-    """Cut at zero and renormalised, as all unknowns are positive."""
-
-    prior: Literal["normal"]
-    mean: Number
-    sd: Positive
-
-
-class TruncatedNormalPrior(PriorBase):
-    prior: Literal["truncated_normal"]
-    mean: Number
-    sd: Positive
-    low: NonNegative
-    high: Positive
-
-
-class LogNormalPrior(PriorBase):
-    prior: Literal["log_normal"]
-    median: Positive
-    sd_log: Annotated[float, Field(ge=SMALLEST, le=20)] = Field(
-        description="Standard deviation of the natural logarithm."
+    start: Number | None = Field(
+        None, description="Where the search for the MAP begins; default: the median."
+    )
+    unit: str | None = Field(
+        None, description="Of the numbers; default: the column's, s of times, SI of states."
     )
 
 
-class HalfNormalPrior(PriorBase):
-    prior: Literal["half_normal"]
-    scale: Positive
+def _entries(family: Callable[..., Prior]) -> dict[str, Any]:
+    """Numbers of a family that a config gives, as pydantic takes them."""
+    of = family if inspect.isroutine(family) else family.__init__
+    hints = typing.get_type_hints(of, include_extras=True)
+    return {name: hint for name, hint in hints.items() if name != "return"}
 
 
-PriorSpec = Annotated[
-    UniformPrior
-    | LogUniformPrior
-    | NormalPrior
-    | TruncatedNormalPrior
-    | LogNormalPrior
-    | HalfNormalPrior,
-    Field(discriminator="prior"),
-]
+_SIGNED: Mapping[str, Any] = MappingProxyType(
+    {"low": Number, "high": Number, "sd_log": Annotated[float, Field(ge=1e-6, le=20)]}
+)
+
+
+def _spec(base: type[PriorSpec], name: str) -> type[PriorSpec]:
+    """Of a family of priors, with what such a `base` adds; each number has to be given."""
+    family, other = base.families[name], _SIGNED if base is SensorPrior else {}
+    fields: dict[str, Any] = {"prior": (Literal[name], ...)}
+    fields |= {entry: (other.get(entry, hint), ...) for entry, hint in _entries(family).items()}
+    title = f"{name.title().replace('_', '')}{base.__name__}"
+    return create_model(title, __base__=base, __doc__=family.__doc__, __module__=__name__, **fields)
+
+
+_SPECS: Mapping[str, type[PriorSpec]] = MappingProxyType(
+    {
+        made.__name__: made
+        for base in (ParameterPrior, QuantityPrior, SensorPrior)
+        for made in (_spec(base, name) for name in base.families)
+    }
+)
+
+
+def __getattr__(name: str) -> type[PriorSpec]:
+    """By which records of them are pickled."""
+    try:
+        return _SPECS[name]
+    except KeyError:
+        raise AttributeError(name) from None
+
+
+def _any_of(base: type[PriorSpec]) -> Any:
+    """Of the families that such a prior may be of, the one that `prior:` names."""
+    every = tuple(made for made in _SPECS.values() if made.__base__ is base)
+    return Annotated[Union[every], Field(discriminator="prior")]  # noqa: UP007
+
+
+if TYPE_CHECKING:
+    _OfParameter = ParameterPrior
+    _OfQuantity = QuantityPrior
+    _OfSensor = SensorPrior
+else:
+    _OfParameter = _any_of(ParameterPrior)
+    _OfQuantity = _any_of(QuantityPrior)
+    _OfSensor = _any_of(SensorPrior)
 
 
 class Tie(Strict):
@@ -106,11 +144,12 @@ def parameter_spec(number: Any) -> Any:
         Annotated[number, Tag("<number>")]
         | Annotated[str, Tag("<word>")]
         | Annotated[Tie, Tag("<tie>")]
-        | Annotated[PriorSpec, Tag("<mapping>")],
+        | Annotated[_OfParameter, Tag("<mapping>")],
         Discriminator(_parameter_shape),
     ]
 
 
+ParameterSpec = float | str | Tie | ParameterPrior | None
 _HELD: Mapping[str, Any] = MappingProxyType(
     {"positive": Positive, "not negative": NonNegative, "any": Number}
 )
@@ -129,7 +168,7 @@ def ending(symbol: Symbol, number: Any) -> Any:
 
 
 SigmaSpec = Annotated[
-    Annotated[Positive, Tag("<number>")] | Annotated[PriorSpec, Tag("<mapping>")],
+    Annotated[Positive, Tag("<number>")] | Annotated[_OfParameter, Tag("<mapping>")],
     Discriminator(shape),
 ]
 
@@ -139,113 +178,26 @@ class Quantity(Strict):
     unit: str
 
 
-class _OfQuantity(Strict):
-    unit: str = Field(
-        description="Of the prior's numbers, such as Pa or mm; 1 where there is none."
-    )
-    latex: Latex | None = Field(None, description="How figures write it, without dollars.")
-
-
-class UniformOfQuantity(UniformPrior, _OfQuantity):
-    pass
-
-
-class LogUniformOfQuantity(LogUniformPrior, _OfQuantity):
-    pass
-
-
-class NormalOfQuantity(NormalPrior, _OfQuantity):
-    pass
-
-
-class TruncatedNormalOfQuantity(TruncatedNormalPrior, _OfQuantity):
-    pass
-
-
-class LogNormalOfQuantity(LogNormalPrior, _OfQuantity):
-    pass
-
-
-class HalfNormalOfQuantity(HalfNormalPrior, _OfQuantity):
-    pass
-
-
 QuantitySpec = Annotated[
     Annotated[Positive, Tag("<number>")]
     | Annotated[Quantity, Tag("<held>")]
-    | Annotated[
-        UniformOfQuantity
-        | LogUniformOfQuantity
-        | NormalOfQuantity
-        | TruncatedNormalOfQuantity
-        | LogNormalOfQuantity
-        | HalfNormalOfQuantity,
-        Field(discriminator="prior"),
-        Tag("<mapping>"),
-    ],
-    Discriminator(_quantity_shape),
+    | Annotated[_OfQuantity, Tag("<mapping>")],
+    Discriminator(_held_shape),
 ]
 
-
-class _Signed(Strict):
-    start: Number | None = Field(
-        None, description="Where the search for the MAP begins; default: the median."
-    )
-    unit: str | None = Field(
-        None, description="Of the numbers; default: the column's, s of times, SI of states."
-    )
-
-
-class SignedUniform(_Signed):
-    prior: Literal["uniform"]
-    low: Number
-    high: Number
-
-
-class SignedNormal(_Signed):
-    """Not cut anywhere."""
-
-    prior: Literal["normal"]
-    mean: Number
-    sd: Positive
-
-
-class SignedTruncatedNormal(_Signed):
-    prior: Literal["truncated_normal"]
-    mean: Number
-    sd: Positive
-    low: Number
-    high: Number
-
-
-class PositiveLogNormal(_Signed):
-    prior: Literal["log_normal"]
-    median: Positive
-    sd_log: Annotated[float, Field(ge=1e-6, le=20)]
-
-
-SignedPrior = SignedUniform | SignedNormal | SignedTruncatedNormal | PositiveLogNormal
-
-
-def _shape(value: Any) -> str:
-    held = "value" in value if isinstance(value, dict) else isinstance(value, Quantity)
-    return "<held>" if held else shape(value)
-
-
-_Prior = Annotated[SignedPrior, Field(discriminator="prior")]
 
 SensorSpec = Annotated[
     Annotated[Number, Tag("<number>")]
     | Annotated[Quantity, Tag("<held>")]
-    | Annotated[_Prior, Tag("<mapping>")],
-    Discriminator(_shape),
+    | Annotated[_OfSensor, Tag("<mapping>")],
+    Discriminator(_held_shape),
 ]
 StateSpec = Annotated[
     Annotated[Number, Tag("<number>")]
     | Annotated[Literal["free"], Tag("<word>")]
     | Annotated[Quantity, Tag("<held>")]
-    | Annotated[_Prior, Tag("<mapping>")],
-    Discriminator(_shape),
+    | Annotated[_OfSensor, Tag("<mapping>")],
+    Discriminator(_held_shape),
 ]
 
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from pydantic import BeforeValidator, Discriminator, Field, Tag, create_model
 
 from bayesdrill.basics import symbols
+from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.entries import MOST, Count, Number, Positive, Strict, chosen
 from bayesdrill.config.schema.numbers import (
     Quantity,
@@ -23,8 +24,6 @@ from bayesdrill.config.schema.numbers import (
 from bayesdrill.inference.noise import NOISES
 from bayesdrill.record.formats import FORMATS
 from bayesdrill.rig import models
-
-Array = NDArray[np.float64]
 
 MOST_SPANS = 1000
 

@@ -16,17 +16,14 @@ from functools import lru_cache
 from typing import Annotated, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
+from bayesdrill.basics.arrays import Array, Flags, Indices
 from bayesdrill.basics.symbols import Symbol
 from bayesdrill.inference.noise.contract import Noisy, Numbers, Residuals, of_pairs
 from bayesdrill.inference.noise.white import White
 from bayesdrill.inference.priors import Uniform
 from bayesdrill.inference.unknowns import Unknown
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 NEAR = 1e-3  # of an interval: times are rounded
 
@@ -39,7 +36,7 @@ class Apart:
     Residuals come as `(W, n)`, over sigma or not, with `rho (W,)`.
     """
 
-    rows: slice | NDArray[np.intp]
+    rows: slice | Indices
     count: int
     gaps: Array | None
     every: Array | None
@@ -122,14 +119,14 @@ class Spacing:
     """Of all channels; `seen (T, K)`.  `even`: each channel's own samples are one interval apart."""
 
     each: tuple[Apart, ...]
-    seen: Mask
+    seen: Flags
 
     @property
     def even(self) -> bool:
         return all(one.gaps is None for one in self.each)
 
     @classmethod
-    def of(cls, t: Array, seen: Mask) -> Spacing:
+    def of(cls, t: Array, seen: Flags) -> Spacing:
         return cls(tuple(_apart(t, column) for column in seen.T), seen)
 
     @classmethod
@@ -143,7 +140,7 @@ def _evenly(n_samples: int, n_channels: int) -> Spacing:
     return Spacing((Apart(slice(None), n_samples, None, None),) * n_channels, seen)
 
 
-def _apart(t: Array, seen: Mask) -> Apart:
+def _apart(t: Array, seen: Flags) -> Apart:
     rows = np.flatnonzero(seen)
     steps = np.diff(t[rows])
     usual = float(np.median(steps)) if len(steps) else 1.0
@@ -210,7 +207,7 @@ class AR1:
     def for_length(self, n_samples: int) -> AR1:
         return dataclasses.replace(self, levels=self.levels.for_length(n_samples), spacing=None)
 
-    def on(self, t: Array, seen: NDArray[np.bool_]) -> AR1:
+    def on(self, t: Array, seen: Flags) -> AR1:
         levels = self.levels.for_length(len(t)).seeing(tuple(int(n) for n in seen.sum(axis=0)))
         return dataclasses.replace(self, levels=levels, spacing=Spacing.of(t, seen))
 

@@ -8,12 +8,10 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bayesdrill.basics.arrays import Array, Flags
 from bayesdrill.inference.noise.contract import Noise, Residuals, square
 from bayesdrill.inference.unknowns import Unknown
-
-Array = NDArray[np.float64]
 
 WIDE = 1e3  # half an interval, over the sd: nothing is beyond its ends
 
@@ -26,7 +24,7 @@ class Part:
     columns: tuple[int, ...]
 
 
-def of_record(noise: Noise, t: Array, seen: NDArray[np.bool_]) -> Noise:
+def of_record(noise: Noise, t: Array, seen: Flags) -> Noise:
     """At times `t (T,)`, of channels that were `seen (T, K)`; raises `ValueError` where a kind must see
     every sample.
     """
@@ -109,7 +107,7 @@ class Mixed:
             )
         )
 
-    def on(self, t: Array, seen: NDArray[np.bool_]) -> Mixed:
+    def on(self, t: Array, seen: Flags) -> Mixed:
         return Mixed(
             tuple(
                 dataclasses.replace(p, noise=of_record(p.noise, t, seen[:, list(p.columns)]))

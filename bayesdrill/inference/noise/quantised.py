@@ -14,16 +14,14 @@ from dataclasses import dataclass
 from typing import Annotated, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 from scipy.special import log_ndtr, ndtri_exp
 
+from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.entries import LARGEST, SMALLEST
 from bayesdrill.inference.noise.contract import Noisy, Residuals
 from bayesdrill.inference.noise.white import White
 from bayesdrill.inference.unknowns import Unknown
-
-Array = NDArray[np.float64]
 
 WIDE = 0.2  # half a step over sigma, from which on kernels have the digits
 FAR = 9.0  # sigma from the end of an interval: beyond, nothing is left to be known

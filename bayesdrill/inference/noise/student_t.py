@@ -13,18 +13,16 @@ from dataclasses import dataclass
 from typing import Annotated, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 from scipy.special import digamma, gammaln, ndtri, polygamma, stdtr
 
+from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.entries import LARGEST
 from bayesdrill.basics.symbols import Symbol
 from bayesdrill.inference.noise.contract import Noisy, Numbers, Residuals, of_pairs
 from bayesdrill.inference.noise.white import White
 from bayesdrill.inference.priors import LogUniform
 from bayesdrill.inference.unknowns import Unknown
-
-Array = NDArray[np.float64]
 
 LEAST, MOST = 2.1, 100.0  # degrees of freedom: below 2 there is no sd, and far above it is Gauss's
 START = 5.0  # of a search

@@ -9,14 +9,12 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.entries import NoEntries
 from bayesdrill.basics.symbols import noise_symbol
 from bayesdrill.inference.noise.contract import Noisy, Residuals
 from bayesdrill.inference.unknowns import Unknown
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -19,9 +19,10 @@ from bayesdrill.report import scales, style
 from bayesdrill.report.pages import Page
 
 # Inches.
-LEFT, RIGHT, ROW, GAP_X, GAP_Y = 0.62, 0.1, 1.05, 0.12, 0.12
-BOTTOM, FOOT, COVERAGE, TOP = 0.3, 0.45, 1.6, 0.34
-COLUMNS = 4
+RIGHT, BOTTOM, FOOT, COVERAGE = 0.1, 0.3, 0.45, 1.6
+PAGE = Page(
+    columns=4, row=1.05, left=0.62, right=RIGHT, top=0.34, bottom=BOTTOM, foot=COVERAGE + FOOT
+)
 FIT = r"\log L"
 
 INSIDE: dict[str, Any] = {"color": style.BLACK, "linewidth": 0.9}
@@ -60,18 +61,7 @@ def save(
 
 
 def _page(n: int, width: float, n_handles: int) -> tuple[Figure, list[Axes], Axes]:
-    page = Page(
-        columns=COLUMNS,
-        width=scales.DOUBLE,
-        row=ROW,
-        left=LEFT,
-        right=RIGHT,
-        gap_x=GAP_X,
-        gap_y=GAP_Y,
-        top=TOP,
-        bottom=BOTTOM,
-        foot=COVERAGE + FOOT,
-    ).fitting(width, n_handles)
+    page = PAGE.fitting(width, n_handles)
     figure, panels = page.build(n)
     for k, panel in enumerate(panels):
         page.frame(panel, k, n, "normalised rank", "ECDF difference")

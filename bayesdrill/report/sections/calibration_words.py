@@ -14,6 +14,7 @@ from bayesdrill.analysis.calibration import (
 from bayesdrill.config.schema.config import Config
 from bayesdrill.inference.posterior import Problem
 from bayesdrill.report.section import Mark, Marks, Note, Picture, Section, Sentences, Table, Tone
+from bayesdrill.report.tables import lines_as_csv
 
 MOST_NAMED = 20  # refits that did not converge
 
@@ -127,3 +128,15 @@ def _cells(quantity: Quantity, found: Verdict, n_intervals: int) -> tuple[str, .
         word,
         *(covered or [""] * n_intervals),
     )
+
+
+def ranks_csv(names: Sequence[str], refits: Sequence[Refit]) -> str:
+    """A line for each refit: all digits, SI; nothing that depends on when or where it ran."""
+    keys = [name.replace(" ", "_") for name in names]
+    heads = ["refit", "converged", "r_hat", "ess", "steps"]
+    heads += [f"{what}_{key}" for what in ("true", "rank") for key in keys]
+    lines: list[Sequence[object]] = [heads]
+    for refit in refits:
+        first = (refit.index, int(refit.converged), refit.r_hat, refit.ess, refit.steps)
+        lines.append([*first, *refit.truth, *(refit.ranks or [None] * len(names))])
+    return lines_as_csv(lines)

@@ -1,33 +1,350 @@
-"""Models of one record: log odds, what each leaves of each channel, and where it has each unknown."""
+"""Several runs over each other in one corner, as rows of intervals, and as models of one record: log
+odds, what each leaves of each channel, and where it has each unknown.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.ticker import NullFormatter, NullLocator
+from numpy.typing import NDArray
 
-from bayesdrill.analysis.comparison import SURE, Contender, Row
-from bayesdrill.config.job import OwnUnits
+from bayesdrill.analysis.comparison import SURE, Contender, Layer, Row
+from bayesdrill.basics.arrays import Array
 from bayesdrill.inference.derived import HDI_PROBABILITY
+from bayesdrill.inference.display_units import OwnUnits
 from bayesdrill.report import scales, style
-from bayesdrill.report.pages import Page
-from bayesdrill.report.sections.comparison_words import elided, in_logs, overlay_shown
+from bayesdrill.report.pages import AXES, LEVELS, contours, legend_above
+from bayesdrill.report.sections.comparison_words import (
+    elided,
+    in_logs,
+    overlay_shown,
+    overlay_warnings,
+)
+
+LONGEST = 48  # letters of a name in a legend
+
+
+@dataclass(frozen=True, slots=True)
+class Look:
+    """Colours that print as different greys."""
+
+    color: str
+    linestyle: Any
+    marker: str
+    linewidth: float = 1.0
+    size: float = 4.0  # of the marker
+
+    @property
+    def line(self) -> dict[str, Any]:
+        return {"color": self.color, "linestyle": self.linestyle, "linewidth": self.linewidth}
+
+    @property
+    def contour(self) -> dict[str, Any]:
+        own = {"colors": self.color, "linestyles": [self.linestyle]}
+        return {**own, "linewidths": 0.9 * self.linewidth}
+
+
+# Thin and thick, dark and light in turn; none has the dashes of a nominal value.
+LOOKS = (
+    Look("0.0", "-", "o", 0.9),
+    Look("#e0832b", "-", "s", 1.7),
+    Look("#1d6b58", (0, (6, 1, 1, 1)), "^", 1.1),
+    Look("#7b4fb0", (0, (1, 1)), "D", 1.5),
+    Look("0.72", "-", "v", 2.2),
+    Look("#6b3d1e", (0, (10, 2)), "P"),
+)
+
+
+def run_handles(layers: Sequence[Layer], *, marked: bool) -> list[Line2D]:
+    """For a legend: the name of each run, with its warning."""
+    return [
+        Line2D([], [], label=legend_name(layer), marker=look.marker if marked else "", **look.line)
+        for layer, look in zip(layers, LOOKS, strict=False)
+    ]
+
+
+def legend_name(layer: Layer) -> str:
+    return elided(overlay_warnings(layer), LONGEST).replace("$", r"\$")
+
+
+CENTRAL = 0.998  # of the draws of each run, inside an axis
+CORNER_REACH = 0.5  # the axis grows by this share of its width at most to show the nominal value
+BINS = 40  # across an axis
+UNSEEN = 0.02  # of an axis that a run fills less of, its histogram would be a spike
+
+# Inches; a corner of nine is printed at two thirds of its size.
+PANEL_LARGEST, PANEL_SMALLEST, PANELS_WIDTH = 2.0, 1.03, 9.3
+LEFT, BOTTOM, TOP, RIGHT = 0.88, 0.88, 0.2, 0.15
+LEGEND_WIDTH, CORNER_LEGEND_LINE = 3.0, 0.21
+GAP = 0.06
+TICK_SIZE, LABEL_SIZE = 8.5, 10.0
+
+
+@dataclass(frozen=True, slots=True)
+class _Column:
+    """An unknown on the axis that all runs share; `draws` of each run, None where it has none."""
+
+    row: Row
+    scale: scales.Scale
+    draws: tuple[Array | None, ...]
+    ends: tuple[tuple[float, float], ...]
+    nominal: float | None
+
+
+def overlay_corner_figure(layers: Sequence[Layer], rows: Sequence[Row], own: OwnUnits) -> Figure:
+    """Of the unknowns that two runs or more have, `rows` in SI.
+
+    A run is left out of panels of what it has not.  Axes are logarithmic where the prior of the first
+    run is flat in the log.
+    """
+    columns = [_column(row, layers, own) for row in rows if row.shared]
+    n = len(columns)
+    with style.styled():
+        figure, panels = _corner_page(n, len(layers) + 4)
+        for i, row in enumerate(columns):
+            _histograms(panels[i, i], row)
+            for j, column in enumerate(columns[:i]):
+                _contours(panels[i, j], column, row)
+        _arrange(figure, panels, columns)
+        _legend(figure, layers, columns)
+    return figure
+
+
+def _column(si: Row, layers: Sequence[Layer], own: OwnUnits) -> _Column:
+    row, factor, log = overlay_shown(si, own), own.factor(si.symbol.name), in_logs(si, layers)
+    every = [None if x is None else x / factor for x in (layer.of(si.symbol) for layer in layers)]
+    tails = [0.5 - CENTRAL / 2, 0.5 + CENTRAL / 2]
+    found = np.array([np.quantile(x, tails) for x in every if x is not None])
+    low, high = float(found[:, 0].min()), float(found[:, 1].max())
+    low, high = scales.reaching(low, high, row.agreed, CORNER_REACH, log=log)
+    scale = scales.scale(low, high, log=log, margin=0.06)
+    inside = row.agreed is not None and scale.side(row.agreed) == 0
+    return _Column(
+        row=row,
+        scale=scale,
+        draws=tuple(None if x is None else scale(x) for x in every),
+        ends=tuple(_ends(layer, si, own, scale) for layer in layers),
+        nominal=float(scale(row.agreed)) if inside and row.agreed is not None else None,
+    )
+
+
+def _ends(layer: Layer, si: Row, own: OwnUnits, scale: scales.Scale) -> tuple[float, float]:
+    """Of the prior, on the axis."""
+    prior = layer.problem.posterior.space.priors.get(si.symbol.name)
+    if prior is None:
+        return -math.inf, math.inf
+    low, high = scale(np.array([prior.low, prior.high]) / own.factor(si.symbol.name))
+    return float(low), float(high)
+
+
+def _corner_page(n: int, lines: int) -> tuple[Figure, NDArray[np.object_]]:
+    """`(n, n)` panels, those above the diagonal empty; few of them have their legend beside them."""
+    panel = min(PANEL_LARGEST, max(PANEL_SMALLEST, PANELS_WIDTH / n))
+    size = panel * (n + GAP * (n - 1))
+    beside = LEGEND_WIDTH if n == 1 else max(0.0, LEGEND_WIDTH - (n - 1) * panel)
+    above = max(0.0, lines * CORNER_LEGEND_LINE - (n - 1) * panel) if n > 1 else 0.0
+    width, height = LEFT + size + RIGHT + beside, BOTTOM + size + TOP + above
+    figure = Figure(figsize=(width, height))
+    panels = figure.subplots(n, n, squeeze=False)
+    for empty in panels[np.triu_indices(n, 1)]:
+        empty.set_axis_off()
+    figure.subplots_adjust(
+        left=LEFT / width,
+        right=(LEFT + size) / width,
+        bottom=BOTTOM / height,
+        top=(BOTTOM + size) / height,
+        wspace=GAP,
+        hspace=GAP,
+    )
+    return figure, panels
+
+
+def _histograms(panel: Axes, column: _Column) -> None:
+    """Each as high as its panel: a narrow posterior would dwarf a wide one."""
+    for x, ends, look in zip(column.draws, column.ends, LOOKS, strict=False):
+        if x is None:
+            continue
+        first, last = max(float(x.min()), ends[0]), min(float(x.max()), ends[1])
+        share = max((last - first) / (column.scale.high - column.scale.low), UNSEEN)
+        edges = np.linspace(first, last, max(12, round(BINS * share)) + 1)
+        counts, _ = np.histogram(x, edges)
+        panel.stairs(counts / counts.max(), edges, **look.line)
+    if column.nominal is not None:
+        panel.axvline(column.nominal, **style.NOMINAL)
+    panel.set_ylim(0, 1.1)
+    panel.set_yticks([])
+
+
+def _contours(panel: Axes, column: _Column, row: _Column) -> None:
+    pairs = zip(column.draws, row.draws, column.ends, row.ends, LOOKS, strict=False)
+    for x, y, one, other, look in pairs:
+        if x is not None and y is not None:
+            contours(panel, (x, y), (one, other), lines=look.contour)
+    if column.nominal is not None:
+        panel.axvline(column.nominal, **style.NOMINAL)
+    if row.nominal is not None:
+        panel.axhline(row.nominal, **style.NOMINAL)
+
+
+def _arrange(figure: Figure, panels: NDArray[np.object_], columns: Sequence[_Column]) -> None:
+    n = len(columns)
+    for i in range(n):
+        for j in range(i + 1):
+            panels[i, j].set_xlim(columns[j].scale.low, columns[j].scale.high)
+            _numbers(panels[i, j].xaxis, columns[j], outer=i == n - 1)
+            if i > j:
+                panels[i, j].set_ylim(columns[i].scale.low, columns[i].scale.high)
+                _numbers(panels[i, j].yaxis, columns[i], outer=j == 0)
+    figure.align_xlabels(list(panels[-1]))
+    figure.align_ylabels(list(panels[1:, 0]))
+
+
+def _numbers(axis: Axis, column: _Column, *, outer: bool) -> None:
+    style.set_numbers(axis, column.scale, 3, clear=0.1, letter=0.055)
+    if not outer:
+        axis.set_major_formatter(NullFormatter())
+    else:
+        axis.set_tick_params(labelsize=TICK_SIZE, pad=4)
+        for text in axis.get_ticklabels():
+            text.set(rotation=45, ha="right", va="center_baseline", rotation_mode="anchor")
+        axis.set_label_text(column.scale.label(column.row.symbol, "\n"), fontsize=LABEL_SIZE)
+        axis.labelpad = 2
+
+
+def _legend(figure: Figure, layers: Sequence[Layer], columns: Sequence[_Column]) -> None:
+    width, height = figure.get_size_inches()
+    said: list[Any] = run_handles(layers, marked=False)
+    if any(column.nominal is not None for column in columns):
+        said.append(Line2D([], [], label="nominal value", **style.NOMINAL))
+    notes = []
+    if len(columns) > 1:
+        one, two = (f"{100 * level:.1f} %" for level in LEVELS)
+        notes = [
+            f"contours: {one} and {two} of the draws of a run;",
+            "none where the density is flat",
+        ]
+    notes.append("histograms: each as high as its panel")
+    said += [Line2D([], [], linestyle="none", label=note) for note in notes]
+    figure.legend(
+        handles=said,
+        loc="upper right",
+        bbox_to_anchor=(1 - 0.5 * RIGHT / width, 1 - 0.5 * TOP / height),
+        fontsize=8.0 if len(columns) < 5 else 12.0,
+        borderaxespad=0.0,
+        handlelength=2.6,
+    )
+
+
+HANDLE, LEGEND_LETTER = 0.55, 0.062  # of a legend: inches of a handle with its gaps, of a letter
+LEGEND_LINE, LEGEND_MARGIN = 0.17, 0.2
+INTERVALS_REACH = 1.0  # how far an axis may grow for the nominal value, in widths
+BAR: dict[str, Any] = {"linewidth": 1.2, "marker": "|", "markersize": 5}
+HELD: dict[str, Any] = {"marker": "x", "markersize": 5, "markeredgewidth": 1.2}
+CREDIBLE = f"narrowest {100 * HDI_PROBABILITY:.0f} % interval"
+INTERVALS, MODELS = (0.17, 0.2), (0.19, 0.22)  # inches of a run and of the margins of a panel
+
+
+def intervals_figure(layers: Sequence[Layer], rows: Sequence[Row], own: OwnUnits) -> Figure:
+    """Of all unknowns of any run, `rows` in SI; a run that has not got one leaves a gap.
+
+    Axes are logarithmic where the prior of the first run is flat in the log.
+    """
+    every = [_scaled(row, layers, own) for row in rows]
+    n, (height, frame) = len(layers), INTERVALS
+    with style.styled():
+        said = _handles(layers, every)
+        longest = max(len(str(handle.get_label())) for handle in said)
+        fitting = int(AXES.width / (HANDLE + LEGEND_LETTER * longest))
+        columns = max(1, min(len(said), 4, fitting))
+        top = LEGEND_MARGIN + LEGEND_LINE * -(-len(said) // columns)
+        figure, panels = replace(AXES, row=frame + n * height, top=top).build(len(rows))
+        for panel, (row, scale) in zip(panels, every, strict=True):
+            _intervals(panel, row, scale, range(n), LOOKS)
+            _below_each_other(panel, n, INTERVALS)
+            if side := scale.side(row.agreed):
+                x, marker = (0.97, ">") if side > 0 else (0.03, "<")
+                panel.plot([x], [0.5], transform=panel.transAxes, marker=marker, **style.AWAY)
+        legend_above(figure, said, columns, 1.4, 2.6)
+    return figure
+
+
+def _scaled(si: Row, layers: Sequence[Layer], own: OwnUnits) -> tuple[Row, scales.Scale]:
+    """As it is shown, on an axis with all intervals, what is held, and the nominal value if it is not
+    too far.
+    """
+    row, log = overlay_shown(si, own), in_logs(si, layers)
+    found = [place for place in row.places if place is not None]
+    low, high = min(place.low for place in found), max(place.high for place in found)
+    low, high = scales.reaching(low, high, row.agreed, INTERVALS_REACH, log=log)
+    return row, scales.scale(low, high, log=log, margin=0.08)
+
+
+def _intervals(
+    panel: Axes, row: Row, scale: scales.Scale, order: Sequence[int], looks: Sequence[Look]
+) -> None:
+    """Where each run has an unknown, the first of the `order` on top."""
+    agreed = row.agreed
+    if agreed is not None and scale.side(agreed) == 0:
+        panel.axvline(float(scale(agreed)), zorder=1, **style.NOMINAL)
+    for y, run, look in zip(range(len(order) - 1, -1, -1), order, looks, strict=False):
+        place, nominal = row.places[run], row.nominal[run]
+        if agreed is None and nominal is not None and scale.side(nominal) == 0:
+            panel.plot([float(scale(nominal))] * 2, [y - 0.5, y + 0.5], zorder=1, **style.NOMINAL)
+        if place is None:
+            continue
+        if place.held:
+            panel.plot([float(scale(place.mean))], [y], zorder=3, color=look.color, **HELD)
+            continue
+        ends = scale(np.array([place.low, place.high]))
+        panel.plot(ends, [y, y], zorder=2, color=look.color, **BAR)
+        mark: dict[str, Any] = {"marker": look.marker, "color": look.color, "markersize": look.size}
+        panel.plot([float(scale(place.mean))], [y], zorder=3, linestyle="none", **mark)
+    panel.set_xlim(scale.low, scale.high)
+    style.set_numbers(panel.xaxis, scale, 4)
+    panel.set_xlabel(scale.label(row.symbol), labelpad=2)
+
+
+def _below_each_other(
+    panel: Axes, n: int, sizes: tuple[float, float], names: Sequence[str] | None = None
+) -> None:
+    """Runs, from the top."""
+    margin = 0.5 + 0.5 * sizes[1] / sizes[0]
+    panel.set_ylim(-margin, n - 1 + margin)
+    places = np.arange(n, dtype=np.float64)[::-1]
+    style.set_ticks(panel.yaxis, places if names else np.array([]), names)
+
+
+def _handles(layers: Sequence[Layer], every: Sequence[tuple[Row, scales.Scale]]) -> list[Line2D]:
+    said = run_handles(layers, marked=True)
+    for handle in said:
+        handle.set(markersize=4, linestyle="-")
+    rows = [row for row, _ in every]
+    sides = {scale.side(row.agreed) for row, scale in every if row.agreed is not None}
+    different = any(row.agreed is None and any(v is not None for v in row.nominal) for row in rows)
+    said += style.nominal_handles(sides | ({0} if different else set()))
+    if any(place is not None and place.held for row in rows for place in row.places):
+        said.append(Line2D([], [], label="held there", color="0.3", linestyle="none", **HELD))
+    return [*said, Line2D([], [], linestyle="none", label=f"mean and {CREDIBLE}")]
+
 
 FEW, MOST_UNKNOWNS = 4, 12  # models of which all is shown, and unknowns
-COLUMNS, TOP = 3, 3  # panels of a row; those that are not of unknowns
-ROW, FRAME = 0.19, 0.22  # inches of a model and of the margins of a panel
+SCORES = 3  # panels that are not of unknowns
 LETTER, LEAST_LEFT, MOST_LEFT = 0.058, 0.5, 2.2  # inches of a letter of a name, and of all of them
-LONGEST = 42  # letters of a name
+LONGEST_MODEL = 42  # letters of a name
 MARKS = ("o", "s", "^", "D", "v", "P", "X", "*")  # of channels
 LIMIT: dict[str, Any] = {"color": style.MIDDLE, "linewidth": 0.7, "linestyle": (0, (1, 1.5))}
 PER_LINE, PER_LONG_LINE = 6, 4  # of the legend; with names of experiments
 READ = (
-    "the most probable model on top; shaded: odds of 20 to 1 or less; bars: means and narrowest "
-    f"{100 * HDI_PROBABILITY:.0f} % intervals"
+    f"the most probable model on top; shaded: odds of 20 to 1 or less; bars: means and {CREDIBLE}s"
 )
 
 
@@ -35,24 +352,29 @@ def comparison_figure(models: Sequence[Contender], rows: Sequence[Row], own: Own
     """The most probable on top and black; `rows` of unknowns in SI."""
     order = sorted(range(len(models)), key=lambda k: -models[k].log_z)
     layers = [one.layer for one in models]
-    shared = [(overlay_shown(row, own), in_logs(row, layers)) for row in _common(rows, len(models))]
+    shared = [_scaled(row, layers, own) for row in _common(rows, len(models))]
     names = [_name(models[k]) for k in order]
+    left = float(np.clip(0.14 + LETTER * max(map(len, names)), LEAST_LEFT, MOST_LEFT))
     channels = list(dict.fromkeys(one.name for model in models for one in model.left))
     with style.styled():
-        handles = _handles(models)
+        handles = _model_handles(models)
         several = any(one.label for one in layers[0].problem.observations)
         per_line = min(PER_LONG_LINE if several else PER_LINE, len(handles))
-        page = _page(len(models), max(map(len, names)), -(-len(handles) // per_line))
-        figure, panels = page.build(TOP + len(shared))
-        _odds(panels[0], [models[k] for k in order])
-        _left(panels[1], [models[k] for k in order], channels, lambda one: one.rms, 1.0)
+        row_height, top = MODELS[1] + len(models) * MODELS[0], -(-len(handles) // per_line)
+        page = replace(AXES, row=row_height, left=left, gap_x=0.18, top=0.44 + LEGEND_LINE * top)
+        figure, panels = page.build(SCORES + len(shared))
+        ordered = [models[k] for k in order]
+        _odds(panels[0], ordered)
+        _left(panels[1], ordered, channels, lambda one: one.rms, 1.0)
         panels[1].set_xlabel("rms of residuals over noise", labelpad=2)
-        _left(panels[2], [models[k] for k in order], channels, lambda one: one.correlation, 0.0)
+        _left(panels[2], ordered, channels, lambda one: one.correlation, 0.0)
         panels[2].set_xlabel("their correlation", labelpad=2)
-        for panel, (row, log) in zip(panels[TOP:], shared, strict=True):
-            _unknown(panel, row, order, log=log)
+        looks = [Look(_colour(k), "-", "o", size=3.6) for k in range(len(order))]
+        for panel, (row, scale) in zip(panels[SCORES:], shared, strict=True):
+            _intervals(panel, row, scale, order, looks)
         for k, panel in enumerate(panels):
-            _models(panel, names if k % COLUMNS == 0 else None, len(models))
+            _below_each_other(panel, len(models), MODELS, names if k % AXES.columns == 0 else None)
+            panel.tick_params(axis="y", length=0)
         figure.legend(
             handles=handles,
             loc="upper center",
@@ -74,31 +396,9 @@ def _common(rows: Sequence[Row], n_models: int) -> list[Row]:
     ]
 
 
-def _page(n_models: int, letters: int, lines: int) -> Page:
-    return Page(
-        columns=COLUMNS,
-        width=scales.DOUBLE,
-        row=FRAME + n_models * ROW,
-        left=float(np.clip(0.14 + LETTER * letters, LEAST_LEFT, MOST_LEFT)),
-        right=0.14,
-        gap_x=0.18,
-        gap_y=0.56,
-        top=0.44 + 0.17 * lines,
-        bottom=0.5,
-    )
-
-
 def _name(one: Contender) -> str:
-    name = elided(one.name, LONGEST)
+    name = elided(one.name, LONGEST_MODEL)
     return (name if one.converged else f"{name} *").replace("$", r"\$")
-
-
-def _models(panel: Axes, names: Sequence[str] | None, n: int) -> None:
-    """One below the other, from the top."""
-    panel.set_ylim(-0.5 - 0.5 * FRAME / ROW, n - 0.5 + 0.5 * FRAME / ROW)
-    places = np.arange(n, dtype=np.float64)[::-1]
-    style.set_ticks(panel.yaxis, places if names else np.array([]), names)
-    panel.tick_params(axis="y", length=0)
 
 
 def _odds(panel: Axes, models: Sequence[Contender]) -> None:
@@ -118,18 +418,12 @@ def _odds(panel: Axes, models: Sequence[Contender]) -> None:
     far = decades[decades < most][:: 1 + int(np.log10(most) > 3.5)]
     ticks = np.array([0.0, SURE, *far])
     style.set_ticks(panel.xaxis, ticks, [f"{x:.0f}" if x < 1e4 else _power(x) for x in ticks])
-    panel.xaxis.set_minor_locator(_none())
+    panel.xaxis.set_minor_locator(NullLocator())
     panel.set_xlabel("log odds against the best", labelpad=2)
 
 
 def _power(x: float) -> str:
     return rf"$10^{{{int(np.log10(x) + 0.5)}}}$"
-
-
-def _none() -> Any:
-    from matplotlib.ticker import NullLocator
-
-    return NullLocator()
 
 
 def _left(
@@ -161,28 +455,6 @@ def _left(
     style.set_numbers(panel.xaxis, scale, 4)
 
 
-def _unknown(panel: Axes, row: Row, order: Sequence[int], *, log: bool) -> None:
-    found = [place for place in row.places if place is not None]
-    low, high = min(place.low for place in found), max(place.high for place in found)
-    low, high = scales.reaching(low, high, row.agreed, 1.0, log=log)
-    scale = scales.scale(low, high, log=log, margin=0.08)
-    if row.agreed is not None and scale.side(row.agreed) == 0:
-        panel.axvline(float(scale(row.agreed)), zorder=1, **style.NOMINAL)
-    for k, model in enumerate(order):
-        place, y, colour = row.places[model], len(order) - 1 - k, _colour(k)
-        if place is None:
-            continue
-        if place.held:
-            panel.plot([float(scale(place.mean))], [y], marker="x", markersize=5, color=colour)
-            continue
-        ends = scale(np.array([place.low, place.high]))
-        panel.plot(ends, [y, y], color=colour, linewidth=1.2, marker="|", markersize=5)
-        panel.plot([float(scale(place.mean))], [y], marker="o", markersize=3.6, color=colour)
-    panel.set_xlim(scale.low, scale.high)
-    style.set_numbers(panel.xaxis, scale, 4)
-    panel.set_xlabel(scale.label(row.symbol), labelpad=2)
-
-
 def _colour(k: int) -> str:
     return style.BLACK if k == 0 else style.MIDDLE
 
@@ -191,7 +463,7 @@ def _of(experiment: str) -> str:
     return " in " + experiment.replace("$", r"\$") if experiment else ""
 
 
-def _handles(models: Sequence[Contender]) -> list[Line2D]:
+def _model_handles(models: Sequence[Contender]) -> list[Line2D]:
     """Of all channels of any model, and what a hollow mark says."""
     symbols = {
         (channel.name, one.label): f"${channel.latex}$" + _of(one.label)

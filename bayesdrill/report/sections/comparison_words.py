@@ -4,9 +4,7 @@ predicts.
 
 from __future__ import annotations
 
-import csv
 import dataclasses
-import io
 import math
 from collections.abc import Iterator, Sequence
 
@@ -23,12 +21,13 @@ from bayesdrill.analysis.comparison import (
     probabilities,
 )
 from bayesdrill.analysis.prediction import FEW, LeftOut
-from bayesdrill.config.job import OwnUnits
 from bayesdrill.inference.derived import HDI_PROBABILITY
+from bayesdrill.inference.display_units import OwnUnits
 from bayesdrill.inference.priors import flat_in_logs
 from bayesdrill.inference.residual_checks import Left
 from bayesdrill.report.section import Note, Picture, Section, Sentences, Table
 from bayesdrill.report.sections import verdict_words
+from bayesdrill.report.tables import lines_as_csv
 
 
 def overlay_shown(row: Row, own: OwnUnits) -> Row:
@@ -80,51 +79,57 @@ COLUMNS = (
 )
 
 
-def overlay_sections(
+def comparison_sections(
     layers: Sequence[Layer],
+    models: Sequence[Contender],
     rows: Sequence[Row],
     own: OwnUnits,
     pictures: Sequence[Picture] = (),
 ) -> tuple[Section, ...]:
-    """In the order in which they are read; `rows` in SI."""
+    """In the order in which they are read, of runs or, if there are any, `models`; `rows` in SI."""
     drawn = (Section("Figures", tuple(pictures), brief=False),) if pictures else ()
     differs = differing(layers)
-    doubts = [doubt(layer) for layer in layers if layer.warning]
-    first = Sentences("\n".join([f"{len(layers)} runs: {_names(layers)}", *doubts]))
-    said = Sentences("\n".join([*farthest(layers, rows), _what_differs(layers, differs)]))
+    moved = (
+        overlay_table(layers, [overlay_shown(row, own) for row in rows]),
+        Note(OVERLAY_READ),
+    )
+    far, settings = list(farthest(layers, rows)), overlay_settings(layers, differs)
+    if not models:
+        doubts = [doubt(layer) for layer in layers if layer.warning]
+        names = ", ".join(layer.name for layer in layers)
+        first = Sentences("\n".join([f"{len(layers)} runs: {names}", *doubts]))
+        said = Sentences("\n".join([*far, _what_differs(layers, differs)]))
+        return (
+            Section("", (first,)),
+            Section("", (*moved, said)),
+            *drawn,
+            Section("What differs between the runs", (settings,), brief=False),
+        )
+    scores = (
+        comparison_table(models),
+        Note(COMPARISON_READ),
+        Sentences("\n".join(predicted(models))),
+    )
     return (
-        Section("", (first,)),
-        Section(
-            "",
-            (
-                overlay_table(layers, [overlay_shown(row, own) for row in rows]),
-                Note(OVERLAY_READ),
-                said,
-            ),
-        ),
+        Section("Verdict", (Sentences("\n".join(comparison_verdict(models))),)),
+        Section("Models", scores),
         *drawn,
-        Section("What differs between the runs", (overlay_settings(layers, differs),), brief=False),
+        Section("How the unknowns move", (*moved, Sentences("\n".join(far)))),
+        Section("What differs between the models", (settings,), brief=False),
     )
 
 
 def overlay_csv(layers: Sequence[Layer], rows: Sequence[Row]) -> str:
     """A line for each unknown and run that has it, SI, all digits; `apart` is of all runs."""
-    out = io.StringIO()
-    writer = csv.writer(out, lineterminator="\n")
-    writer.writerow(COLUMNS)
+    lines: list[Sequence[object]] = [COLUMNS]
     for row in rows:
         for layer, place, nominal in zip(layers, row.places, row.nominal, strict=True):
             if place is not None:
                 sd = (place.sd, place.low, place.high)
                 numbers = (nominal, place.mean, *((None,) * 3 if place.held else sd))
                 last = ("yes" if place.held else "no", row.apart)
-                values = (row.symbol.name, row.symbol.unit, layer.name, *numbers, *last)
-                writer.writerow(["" if value is None else value for value in values])
-    return out.getvalue()
-
-
-def _names(layers: Sequence[Layer]) -> str:
-    return ", ".join(layer.name for layer in layers)
+                lines.append((row.symbol.name, row.symbol.unit, layer.name, *numbers, *last))
+    return lines_as_csv(lines)
 
 
 def doubt(layer: Layer) -> str:
@@ -225,34 +230,6 @@ COMPARISON_READ = (
     "its standard error; `rms` and `correlation` those of what the MAP leaves, over the noise, in the "
     "channel where they are worst: 1 and 0 where only noise is left."
 )
-
-
-def comparison_sections(
-    models: Sequence[Contender],
-    rows: Sequence[Row],
-    own: OwnUnits,
-    pictures: Sequence[Picture] = (),
-) -> tuple[Section, ...]:
-    """In the order in which they are read; `rows` in SI."""
-    layers = [one.layer for one in models]
-    drawn = (Section("Figures", tuple(pictures), brief=False),) if pictures else ()
-    moved = overlay_table(layers, [overlay_shown(row, own) for row in rows])
-    far = Sentences("\n".join(farthest(layers, rows)))
-    differ = overlay_settings(layers, differing(layers))
-    return (
-        Section("Verdict", (Sentences("\n".join(comparison_verdict(models))),)),
-        Section(
-            "Models",
-            (
-                comparison_table(models),
-                Note(COMPARISON_READ),
-                Sentences("\n".join(predicted(models))),
-            ),
-        ),
-        *drawn,
-        Section("How the unknowns move", (moved, Note(OVERLAY_READ), far)),
-        Section("What differs between the models", (differ,), brief=False),
-    )
 
 
 def comparison_verdict(models: Sequence[Contender]) -> Iterator[str]:
@@ -383,9 +360,7 @@ def comparison_csv(models: Sequence[Contender], rows: Sequence[Row]) -> str:
     heads += ["probability", "held_out", "held_out_samples", "loo", "loo_refused"]
     heads += [f"{what}_{name}" for name in channels for what in ("rms", "correlation")]
     heads += [f"{row.symbol.name}_{what}" for row in rows for what in ("mean", "sd")]
-    out = io.StringIO()
-    writer = csv.writer(out, lineterminator="\n")
-    writer.writerow(heads)
+    lines: list[Sequence[object]] = [heads]
     top, share = max(one.log_z for one in models), probabilities(models)
     for k, one in enumerate(models):
         own = {each.name: each for each in one.left}
@@ -399,5 +374,5 @@ def comparison_csv(models: Sequence[Contender], rows: Sequence[Row]) -> str:
         for row in rows:
             place = row.places[k]
             said += ["", ""] if place is None else [place.mean, place.sd]
-        writer.writerow(said)
-    return out.getvalue()
+        lines.append(said)
+    return lines_as_csv(lines)

@@ -16,14 +16,13 @@ from numpy.typing import NDArray
 
 from bayesdrill.analysis.diagnostics import FALSE_ALARM, SHARES, Ranks, independent, ranks
 from bayesdrill.basics import seeds
+from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.symbols import Symbol
 from bayesdrill.inference.priors import flat_in_logs
 from bayesdrill.report import scales, style
 from bayesdrill.report.pages import SMALL_PANELS, Page, legend_above
 from bayesdrill.report.view import Drawing, View
 from bayesdrill.sampling.convergence import WINDOW, Autocorrelation, autocorrelation
-
-Array = NDArray[np.float64]
 
 STEPS = 300  # drawn at most
 QUANTILES = (0.05, 0.5, 0.95)  # of the walkers
@@ -94,7 +93,7 @@ def trace_figure(
             _ensembles(panel, steps, scales[d](bands[..., d]))
             _values(panel, scales[d], known[d], mode.get(symbol.name))
             _numbers(panel, scales[d], symbol, n_steps)
-        _legend(figure, handles, len(symbols), width)
+        legend_above(figure, handles, _legend_columns(len(symbols), width), 2.0, 2.8)
     return figure
 
 
@@ -209,18 +208,6 @@ def _trace_handles(n_ensembles: int, burn_in: int, sides: set[int]) -> list[Line
 
 def _legend_columns(n: int, width: float) -> int:
     return 2 if n == 1 or width < scales.DOUBLE else 3
-
-
-def _legend(figure: Figure, handles: list[Line2D | Patch], n: int, width: float) -> None:
-    figure.legend(
-        handles=handles,
-        loc="upper center",
-        ncols=_legend_columns(n, width),
-        borderaxespad=0.3,
-        labelspacing=0.3,
-        columnspacing=2.0,
-        handlelength=2.8,
-    )
 
 
 BEYOND = 2.0  # windows, the longest of which are shown

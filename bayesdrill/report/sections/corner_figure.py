@@ -17,6 +17,7 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import FixedLocator, NullFormatter
 from numpy.typing import NDArray
 
+from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.symbols import Symbol
 from bayesdrill.inference.derived import HDI_PROBABILITY, hdi
 from bayesdrill.inference.priors import Prior, flat_in_logs
@@ -194,9 +195,6 @@ def legend(figure: Figure, first: Handles, second: Handles, page: CornerPage) ->
         return
     at_corner = (1 - edge, high)
     figure.legend(handles=[*first, *second], loc="upper right", bbox_to_anchor=at_corner, **shared)
-
-
-Array = NDArray[np.float64]
 
 
 POINTS = 2000  # drawn in a panel; contours and histograms count all draws
@@ -469,7 +467,7 @@ CORNER = (
 
 
 def draw_corner(run: View) -> Drawing:
-    own, at_map = run.units, run.best[None]
+    own, at_map = run.units, run.chain.best[None]
     names = run.config.output.corner or run.config.output.parameters
     shown = physics_words.derived_shown(run.problem, names, run.sampled.draws, run.derived, at_map)
     draws = shown.draws / own.factors(shown.symbols)

@@ -14,11 +14,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
-from numpy.typing import NDArray
 from scipy.special import ndtri
 from scipy.stats import norm
 
 from bayesdrill.analysis.prediction import FALSE_ALARM, Check, checks
+from bayesdrill.basics.arrays import Array, Indices
 from bayesdrill.basics.symbols import Symbol
 from bayesdrill.config.schema.config import Config
 from bayesdrill.inference.derived import HDI_PROBABILITY
@@ -123,9 +123,6 @@ def build_fit_page(n: int, n_courses: int, n_rubs: int, width: float, *, constan
         foot.tick_params(labelbottom=True)
     return FitPage(figure, courses, rows, rubs, 1 - 0.06 / height, size.left / width)
 
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
 
 DOTS = 3000  # measured samples drawn in a panel
 LINE_POINTS = 2000  # corners of a line
@@ -349,17 +346,7 @@ def _legend(panel: Axes, entries: dict[str, Any], columns: int, x: float = 0.0) 
     )
 
 
-PAGE = Page(
-    columns=2,
-    width=scales.DOUBLE,
-    row=1.3,
-    left=0.58,
-    right=0.12,
-    gap_x=0.66,
-    gap_y=0.16,
-    top=0.5,
-    bottom=0.42,
-)
+PAGE = Page(columns=2, row=1.3, gap_x=0.66, gap_y=0.16, top=0.5)
 FARTHEST = 4.5  # sds shown; what lies beyond stands in the last bin
 BINS = 36
 NAMES = 1.7  # of the farthest line: where a panel ends, above which names stand
@@ -452,8 +439,9 @@ FIT_RUBBED = f"{FIT} Below: what rubs, and when it sticks."
 def draw_fit(run: View) -> tuple[Drawing, ...]:
     group = run.tree["posterior_predictive"]
     draws = {str(name): np.asarray(values) for name, values in group.data_vars.items()}
-    found = every_fit(run.problem, run.config, run.best, run.left, draws, run.rubbing)
-    return _fits(found, run.width, FIT_RUBBED if run.rubbing else FIT)
+    best, rubbing = run.chain.best, run.chain.rubbing
+    found = every_fit(run.problem, best, run.analysis.fit, draws, rubbing)
+    return _fits(found, run.width, FIT_RUBBED if rubbing else FIT)
 
 
 PREDICTIVE_CHECK = "Whether the record is as the posterior predicts it, channel by channel."
@@ -472,7 +460,7 @@ def fits_alone(
     problem: Problem, config: Config, best: Array, left: Sequence[Left]
 ) -> dict[str, Drawing]:
     """Of the MAP `(D,)`, without draws, by stem; `left`: what it leaves."""
-    found = every_fit(problem, config, best, left)
+    found = every_fit(problem, best, left)
     return numbered("fit", _fits(found, WIDTHS[config.output.size], FIT_ALONE))
 
 

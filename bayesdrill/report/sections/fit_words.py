@@ -11,20 +11,16 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import groupby
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bayesdrill.analysis.causes import NOISE, Cause, Causes, Instead
 from bayesdrill.analysis.energy import Rubbing
 from bayesdrill.analysis.suspicions import Moment
-from bayesdrill.basics import symbols, units
+from bayesdrill.basics import symbols
+from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.symbols import Symbol
 from bayesdrill.basics.units import Unit
-from bayesdrill.config import job
-from bayesdrill.config.resolve import assembly, experiments
-from bayesdrill.config.schema.config import Config
 from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.posterior import Problem
 from bayesdrill.inference.residual_checks import Left
@@ -33,8 +29,6 @@ from bayesdrill.output_files import numbered
 from bayesdrill.report.sections.physics_words import Rub, rubs
 from bayesdrill.rig import models
 from bayesdrill.rig.models.linear import Roles
-
-Array = NDArray[np.float64]
 
 TIME = Symbol("t", "s", "t", "s", "time")
 
@@ -81,24 +75,16 @@ class Fit:
 
 def every_fit(
     problem: Problem,
-    config: Config,
     best: Array,
     left: Sequence[Left],
     predictive: Mapping[str, Array] | None = None,
     rubbing: Sequence[Sequence[Rubbing]] = (),
 ) -> tuple[Fit, ...]:
     """Of each experiment; see `fitted`.  `rubbing`: of each, or nothing."""
-    clock, each = job.clock_unit(config, problem), rubbing or [()] * len(problem.observations)
+    clock, each = problem.clock, rubbing or [()] * len(problem.observations)
     return tuple(
         dataclasses.replace(
-            fitted(
-                one,
-                problem,
-                experiments.experiment_configs(config, one.label),
-                best,
-                left,
-                predictive,
-            ),
+            fitted(one, problem, best, left, predictive),
             rubs=rubs(found, clock),
         )
         for one, found in zip(problem.observations, each, strict=True)
@@ -108,19 +94,17 @@ def every_fit(
 def fitted(
     one: Observation,
     problem: Problem,
-    config: Config,
     best: Array,
     left: Sequence[Left],
     predictive: Mapping[str, Array] | None = None,
 ) -> Fit:
     """Of the MAP `(D,)` and what it leaves; `predictive`: `(..., T)` of each channel, SI, by the name
-    that it has among all.  `config`: of this experiment.
+    that it has among all.
     """
-    experiment = one.experiment
-    clock = job.clock_unit(config, problem)
+    experiment, clock = one.experiment, problem.clock
     courses, constant = [], []
     for name in (n for n in symbols.INPUTS if n in {*experiment.series, *experiment.constant}):
-        unit = job.given_unit(config, name)
+        unit = experiment.unit_of_input(name)
         label = dataclasses.replace(symbols.INPUTS[name], latex_unit=unit.latex)
         if name in experiment.series:
             values = experiment.series[name] / unit.factor
@@ -130,7 +114,7 @@ def fitted(
     return Fit(
         t=experiment.t / clock.factor,
         time=dataclasses.replace(TIME, latex_unit=clock.latex),
-        signals=_signals(one, problem, config, best, left, predictive or {}),
+        signals=_signals(one, problem, best, left, predictive or {}),
         courses=tuple(courses),
         constant=tuple(constant),
         label=one.label,
@@ -140,7 +124,6 @@ def fitted(
 def _signals(
     one: Observation,
     problem: Problem,
-    config: Config,
     best: Array,
     left: Sequence[Left],
     predictive: Mapping[str, Array],
@@ -151,7 +134,7 @@ def _signals(
     shares = {each.channel: each.share for each in left if each.experiment == one.label}
     found = []
     for k, channel in enumerate(experiment.channels):
-        unit = job.channel_unit(config, channel)
+        unit = channel.shown
         draws = predictive.get(of_label(channel.name, one.label))
         found.append(
             Signal(
@@ -171,48 +154,45 @@ def _signals(
 DIGITS = 12
 
 
-def prediction_csv(problem: Problem, config: Config, theta: Array) -> dict[str, str]:
+def prediction_csv(problem: Problem, theta: Array) -> dict[str, str]:
     """At `theta (D,)`, by the names of files: one, or one with a number for each experiment."""
     full, observations = problem.posterior.space.full(theta[None]), problem.observations
-    texts = [
-        _of(one, experiments.experiment_configs(config, one.label), full) for one in observations
-    ]
+    texts = [_of(one, full) for one in observations]
     return {f"{stem}.csv": text for stem, text in numbered("prediction", texts).items()}
 
 
-def _of(one: Observation, config: Config, full: Array) -> str:
+def _of(one: Observation, full: Array) -> str:
     """A line for each sample: time, each channel as measured and as predicted without noise, and the
     inputs; the head of a column has its unit, as in `w_1 measured [rpm]`.
     """
-    columns = {**_time(one, config), **_channels(one, config, full)}
-    columns |= _inputs(one, config)
+    columns = {**_time(one), **_channels(one, full), **_inputs(one)}
     head, body = io.StringIO(), io.StringIO()
     csv.writer(head, lineterminator="\n").writerow(columns)
     np.savetxt(body, np.stack([*columns.values()], axis=-1), f"%.{DIGITS}g", ",")
     return head.getvalue() + body.getvalue()
 
 
-def _time(one: Observation, config: Config) -> dict[str, Array]:
-    unit = job.time_unit(config)
+def _time(one: Observation) -> dict[str, Array]:
+    unit = one.experiment.written.time
     return {f"t [{unit.name}]": one.experiment.t / unit.factor}
 
 
-def _channels(one: Observation, config: Config, full: Array) -> dict[str, Array]:
+def _channels(one: Observation, full: Array) -> dict[str, Array]:
     signals = one.signals(full)[0]
     columns = {}
     for k, channel in enumerate(one.experiment.channels):
-        name, unit = channel.name, job.channel_unit(config, channel)
+        name, unit = channel.name, channel.shown
         columns[f"{name} measured [{unit.name}]"] = one.experiment.y[:, k] / unit.factor
         columns[f"{name} predicted [{unit.name}]"] = signals[:, k] / unit.factor
     return columns
 
 
-def _inputs(one: Observation, config: Config) -> dict[str, Array]:
+def _inputs(one: Observation) -> dict[str, Array]:
     experiment = one.experiment
     every = {name: np.full(len(experiment.t), x) for name, x in experiment.constant.items()}
     columns = {}
     for name, values in {**every, **experiment.series}.items():
-        unit = job.given_unit(config, name)
+        unit = experiment.unit_of_input(name)
         columns[f"{name} [{unit.name}]"] = values / unit.factor
     return columns
 
@@ -271,31 +251,6 @@ def residual_reasons(found: Sequence[Left]) -> tuple[str, ...]:
     return tuple(said)
 
 
-def residual_data(found: Sequence[Left]) -> list[dict[str, Any]]:
-    """For `run.json`."""
-    return [
-        {
-            "channel": one.channel,
-            **({"experiment": one.experiment} if one.experiment else {}),
-            "rms_over_sigma": round(one.rms, 5),
-            "rms_over_spread": None if math.isnan(one.share) else round(one.share, 7),
-            "correlation": round(one.correlation, 5),
-            "farthest_over_sigma": round(one.farthest, 5),
-            "says": [
-                word
-                for word, true in (
-                    ("more than noise", one.large),
-                    ("less than noise", one.small),
-                    ("far samples", one.far),
-                    ("correlated", one.correlated),
-                )
-                if true
-            ],
-        }
-        for one in found
-    ]
-
-
 def _worst(found: Sequence[Left], which: str, by: str) -> list[Left]:
     """Those of which it is true, the worst first."""
     chosen = [one for one in found if getattr(one, which)]
@@ -336,7 +291,7 @@ LACKED: Mapping[str, str] = {
 }
 
 
-def explained(found: Causes | None, config: Config) -> str:
+def explained(found: Causes | None, problem: Problem) -> str:
     """What would explain what the fit leaves, with the lines of a config that say so."""
     if found is None:
         return ""
@@ -349,16 +304,16 @@ def explained(found: Causes | None, config: Config) -> str:
     still = f" (down to {math.sqrt(found.rest):.2g} sigma)" if found.rest > NOISE else ""
     said = [
         f"fit: {_percent(found.share)} of what is left beyond noise would be explained{still} by",
-        *_each_cause(found, config),
+        *_each_cause(found, problem),
     ]
     if found.other is not None:
-        said += ["fit: or, as well as by these, by", *_each_cause(found.other, config)]
+        said += ["fit: or, as well as by these, by", *_each_cause(found.other, problem)]
     return "\n".join(said)
 
 
-def _each_cause(found: Causes, config: Config) -> Iterable[str]:
+def _each_cause(found: Causes, problem: Problem) -> Iterable[str]:
     for (kind, of), group in groupby(found.found, key=_group):
-        yield f"  - {_said(kind, of, list(group), config)}"
+        yield f"  - {_said(kind, of, list(group), problem)}"
 
 
 def _percent(share: float) -> str:
@@ -400,35 +355,6 @@ def _named(name: str, value: float) -> str:
     return f"say `parameters: {{{name}: {{prior: uniform, low: 0, high: {WIDER * value:.2g}}}}}`"
 
 
-def causes_data(found: Causes | None) -> dict[str, Any] | None:
-    """For `run.json`, SI."""
-    if found is None:
-        return None
-    return {
-        "share": round(found.share, 4),
-        "left_over_sigma": round(math.sqrt(found.rest), 4),
-        "by": [
-            {
-                "kind": one.kind,
-                "of": one.of,
-                **({"experiment": one.experiment} if one.experiment else {}),
-                "value": one.value,
-                "sd": one.sd,
-            }
-            for one in found.found
-        ],
-        **({} if found.other is None else {"or": causes_data(found.other)}),
-    }
-
-
-def instead_data(found: Instead | None) -> dict[str, Any]:
-    """An entry of `run.json`, SI, where there is something to say."""
-    if found is None:
-        return {}
-    said = {"parameter": found.parameter, "value": found.value, "log_likelihood": -found.lost}
-    return {"instead": said}
-
-
 def moment(found: Moment | None) -> Iterable[str]:
     """How much half a sample of it matters; nothing where it hardly does."""
     if found is None or not found.matters:
@@ -449,17 +375,17 @@ def _group(cause: Cause) -> tuple[str, str]:
     return cause.kind, "" if cause.kind == "start" else cause.of
 
 
-def _said(kind: str, of: str, group: Sequence[Cause], config: Config) -> str:
+def _said(kind: str, of: str, group: Sequence[Cause], problem: Problem) -> str:
     if kind == "start":
         inside = {one.experiment for one in group}
         where = f" ({', '.join(sorted(inside))})" if inside != {""} else ""
         return f"another state at the start{where}: say `initial: free`"
     if kind == "rig":
         (one,) = group
-        missing = _missing(one.of, one.value, assembly.model(config).roles)
+        missing = _missing(one.of, one.value, problem.model.roles)
         return f"{missing}: {_named(one.of, one.value)}"
     each = ", ".join(
-        f"{_number(one, config)}{f' in {one.experiment}' if one.experiment else ''}"
+        f"{_number(one, problem)}{f' in {one.experiment}' if one.experiment else ''}"
         for one in group
     )
     largest = max(group, key=lambda one: abs(one.value))
@@ -470,24 +396,25 @@ def _said(kind: str, of: str, group: Sequence[Cause], config: Config) -> str:
         return f"a lag of {of}: {each}: say `lag: {{prior: uniform, low: {low:.3g}, high: {high:.3g}}}`"
     if kind == "gain":
         return f"a gain of {of}: {each}: say `gain: {{prior: normal, mean: 1, sd: 0.1}}`"
-    width = WIDER * abs(largest.value) / _unit(largest, config).factor
+    width = WIDER * abs(largest.value) / _unit(largest, problem).factor
     where = f"inputs.{of}" if kind == "input offset" else of
     return (
         f"an offset of {where}: {each}: say `offset: {{prior: normal, mean: 0, sd: {width:.2g}}}`"
     )
 
 
-def _unit(cause: Cause, config: Config) -> units.Unit:
-    alone = experiments.experiment_configs(config, cause.experiment)
+def _unit(cause: Cause, problem: Problem) -> Unit:
+    every = {one.label: one.experiment for one in problem.observations}
     if cause.kind == "input offset":
-        return job.given_unit(alone, cause.of)
+        return every[cause.experiment].unit_of_input(cause.of)
     if cause.kind == "offset":
-        return units.shown(alone.record.channels[cause.of].unit)
-    return units.Unit("", 1.0, "")
+        channels = every[cause.experiment].channels
+        return next(one.shown for one in channels if one.name == cause.of)
+    return Unit("", 1.0, "")
 
 
-def _number(cause: Cause, config: Config) -> str:
+def _number(cause: Cause, problem: Problem) -> str:
     if cause.kind in LAGS:
         return f"{1e3 * cause.value:.3g} ms"
-    unit = _unit(cause, config)
+    unit = _unit(cause, problem)
     return f"{cause.value / unit.factor:.3g} {symbols.plain(unit.name)}".strip()

@@ -20,17 +20,7 @@ from bayesdrill.basics.symbols import Symbol
 from bayesdrill.report import scales, style
 from bayesdrill.report.pages import Page
 
-PAGE = Page(
-    columns=3,
-    width=scales.DOUBLE,
-    row=1.15,
-    left=0.5,
-    right=0.12,
-    gap_x=0.18,
-    gap_y=0.62,
-    top=0.34,
-    bottom=0.5,
-)
+PAGE = Page(left=0.5, gap_x=0.18, gap_y=0.62, top=0.34, bottom=0.5)
 LEGEND = 3  # entries
 LETTER, ROOMY = 0.062, 1.6  # inches: of a letter, and of a panel that has room for four ticks
 HIGHEST = 8.0  # of the loss that is shown

@@ -16,32 +16,20 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Rectangle
-from numpy.typing import NDArray
 
 from bayesdrill.analysis.identifiability.structure import Exponents, Structure
 from bayesdrill.analysis.verdict import Verdict
+from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.symbols import Symbol, product_latex
 from bayesdrill.inference.priors import Prior, flat_in_logs
 from bayesdrill.report import scales, style
-from bayesdrill.report.pages import Page
+from bayesdrill.report.pages import AXES, Page, legend_above
 from bayesdrill.report.scales import DOUBLE, scale
 from bayesdrill.report.sections.corner_figure import corner_figure
 from bayesdrill.report.sections.identify_words import product
 from bayesdrill.report.view import Drawing, View
 
-Array = NDArray[np.float64]
-
-PAGE = Page(
-    columns=3,
-    width=scales.DOUBLE,
-    row=1.05,
-    left=0.14,
-    right=0.14,
-    gap_x=0.2,
-    gap_y=0.56,
-    top=0.36,
-    bottom=0.5,
-)
+PAGE = dataclasses.replace(AXES, row=1.05, top=0.36)
 SMALL = dataclasses.replace(
     PAGE, columns=2, width=scales.SINGLE, row=0.66, gap_x=0.16, gap_y=0.43, top=0.42, bottom=0.44
 )
@@ -79,11 +67,7 @@ def prior_posterior_figure(
 
 
 def _scale(prior: Prior, x: Array) -> scales.Scale:
-    """All of a prior that has ends; nearly all of one that has none, and of the draws."""
-    low, high = (float(q) for q in prior.quantile(np.array([TAIL, 1 - TAIL])))
-    low = prior.low if math.isfinite(prior.low) and prior.low > 0 else min(low, float(x.min()))
-    high = prior.high if math.isfinite(prior.high) else max(high, float(x.max()))
-    return scales.scale(low, high, log=flat_in_logs(prior), margin=0.04)
+    return scales.scale(*_ends(prior, x), log=flat_in_logs(prior), margin=0.04)
 
 
 def _densities(panel: Axes, scale: scales.Scale, x: Array, prior: Prior) -> None:
@@ -129,15 +113,8 @@ def _prior_posterior_legend(figure: Figure, sides: set[int], page: Page) -> None
         *style.nominal_handles(sides),
         Line2D([], [], label="MAP", **style.MAP_LINE),
     ]
-    figure.legend(
-        handles=handles,
-        loc="upper center",
-        ncols=len(handles) if page is PAGE or len(handles) <= 4 else 3,
-        borderaxespad=0.3,
-        handlelength=2.4,
-        columnspacing=1.6 if page is PAGE else 1.2,
-        labelspacing=0.3,
-    )
+    most = len(handles) if page is PAGE or len(handles) <= 4 else 3
+    legend_above(figure, handles, most, 1.6 if page is PAGE else 1.2, 2.4)
 
 
 LEFT, BOTTOM, RIGHT, TOP = 0.62, 0.5, 0.14, 0.74  # inches
@@ -226,6 +203,7 @@ def ridge_figure(
 
 
 def _ends(prior: Prior, x: Array) -> tuple[float, float]:
+    """All of a prior that has ends; nearly all of one that has none, and of the draws."""
     low, high = (float(q) for q in prior.quantile(np.array([TAIL, 1 - TAIL])))
     low = prior.low if prior.low > 0 else min(low, float(x.min()))
     high = prior.high if np.isfinite(prior.high) else max(high, float(x.max()))
@@ -304,11 +282,11 @@ INVARIANTS = "The products of parameters that such a record can show (corner plo
 
 
 def draw_invariants(run: View) -> Drawing | None:
-    if run.judged is None or not run.judged.verdict.products:
+    if run.analysis.judged is None or not run.analysis.judged.verdict.products:
         return None
-    verdict, symbols = run.judged.verdict, run.problem.symbols
+    verdict, symbols = run.analysis.judged.verdict, run.problem.symbols
     return Drawing(
-        invariants_figure, (verdict, run.draws, run.best, symbols, run.width), says=INVARIANTS
+        invariants_figure, (verdict, run.draws, run.chain.best, symbols, run.width), says=INVARIANTS
     )
 
 
@@ -319,7 +297,7 @@ RIDGE = (
 
 def draw_ridge(run: View) -> Drawing | None:
     """Where there is a symmetry."""
-    judged, shown = run.judged, run.shown()
+    judged, shown = run.analysis.judged, run.shown()
     pair = None if judged is None else strongest_pair(run.draws, judged.study.structure)
     if pair is None:
         return None

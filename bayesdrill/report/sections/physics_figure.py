@@ -18,16 +18,16 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
+from bayesdrill.analysis.run_analysis import BANDS
+from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.symbols import Symbol
 from bayesdrill.inference.derived import HDI_PROBABILITY
 from bayesdrill.report import scales, style
-from bayesdrill.report.pages import Page
+from bayesdrill.report.pages import Page, legend_above
 from bayesdrill.report.sections.fit_figure import extremes
 from bayesdrill.report.sections.physics_words import Balance, Law, Stacked, energy_balance, laws
 from bayesdrill.report.sections.torque_words import Against, Shown, torque_shown
-from bayesdrill.report.view import BANDS, Drawing, View, captioned
-
-Array = NDArray[np.float64]
+from bayesdrill.report.view import Drawing, View, captioned
 
 JOULES = Symbol("E", "J", "E", "J", "energy so far")
 SHARE = Symbol("share", "%", r"\mathrm{share}", r"\%", "of what came in")
@@ -149,17 +149,7 @@ def looks(parts: Sequence[Stacked]) -> list[dict[str, Any]]:
     return found
 
 
-PAGE = Page(
-    columns=3,
-    width=scales.DOUBLE,
-    row=1.6,
-    left=0.84,
-    right=0.1,
-    gap_x=0.94,
-    gap_y=0.6,
-    top=0.36,
-    bottom=0.42,
-)
+PAGE = Page(row=1.6, left=0.84, right=0.1, gap_x=0.94, gap_y=0.6, top=0.36)
 SMALL = dataclasses.replace(
     PAGE, columns=1, width=scales.SINGLE, row=1.15, left=0.7, gap_y=0.5, top=0.5, bottom=0.4
 )
@@ -227,15 +217,7 @@ def _friction_legend(figure: Figure, laws: Sequence[Law], broad: bool) -> None:
     if any(law.nominal is not None for law in laws):
         handles.append(Line2D([], [], label="nominal values", **style.NOMINAL))
     handles.append(Patch(label="speeds of the record", **SEEN))
-    figure.legend(
-        handles=handles,
-        loc="upper center",
-        ncols=len(handles) if broad else 2,
-        borderaxespad=0.3,
-        handlelength=2.4,
-        columnspacing=1.6,
-        labelspacing=0.3,
-    )
+    legend_above(figure, handles, len(handles) if broad else 2, 1.6, 2.4)
 
 
 TORQUE_LEFT, TORQUE_RIGHT, TOP, TORQUE_BOTTOM, GAP_X, GAP_Y = (
@@ -337,8 +319,8 @@ FRICTION = "Each friction against its speed: its law, where the record saw it, a
 def draw_friction(run: View) -> tuple[Drawing, ...]:
     """Of a rig that rubs."""
     drawings = []
-    for one, found in zip(run.problem.observations, run.rubbing, strict=False):
-        shown = laws(one, found, run.problem, run.best, run.some(BANDS))
+    for one, found in zip(run.problem.observations, run.chain.rubbing, strict=False):
+        shown = laws(one, found, run.problem, run.chain.best, run.chain.some(BANDS))
         says = captioned(one.label, FRICTION)
         drawings.append(Drawing(friction_figure, (shown, run.width), says=says))
     return tuple(drawings)
@@ -355,7 +337,7 @@ def draw_energy(run: View) -> tuple[Drawing, ...]:
             (energy_balance(one, model, run.clock), run.width),
             says=captioned(one.label, ENERGY),
         )
-        for one in run.accounts
+        for one in run.chain.accounts
     )
 
 
@@ -370,5 +352,5 @@ def draw_torque(run: View) -> tuple[Drawing, ...]:
             (torque_shown(one, run.clock), run.width),
             says=captioned(one.label, TORQUE),
         )
-        for one in run.shaking
+        for one in run.chain.shaking
     )

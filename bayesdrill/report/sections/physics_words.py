@@ -5,15 +5,15 @@ data.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bayesdrill.analysis.energy import AT_START, CONVERTED, STORED, Account, Part, Rubbing, curve
 from bayesdrill.analysis.identifiability.frictions import Alike, Deeds, Proposal, Told, Unseen
+from bayesdrill.analysis.run_analysis import EnergySummary
+from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.symbols import Symbol, own_symbol, plain
 from bayesdrill.basics.units import Unit
 from bayesdrill.inference.derived import HDI_PROBABILITY, Derived, Row, at
@@ -24,8 +24,6 @@ from bayesdrill.report.tables import records_as_csv
 from bayesdrill.rig import models
 from bayesdrill.rig.models.friction import Friction
 from bayesdrill.rig.models.linear import Model, Roles
-
-Array = NDArray[np.float64]
 
 _HDI = f"{100 * HDI_PROBABILITY:.0f} % HDI"
 _HEADERS = ("", "unit", "nominal", "mean", "sd", _HDI, "dev. %", "meaning")
@@ -46,9 +44,8 @@ def derived_csv(rows: Sequence[Row]) -> str:
     return records_as_csv(Row, rows, {})
 
 
-def derived_table(rows: Sequence[Row], derived: Derived) -> Table:
+def derived_table(rows: Sequence[Row], meanings: Mapping[str, str]) -> Table:
     """Of what follows, with its meanings."""
-    meanings = {symbol.name: symbol.meaning for symbol in derived.symbols}
     lines = []
     for row in rows:
         part = "" if row.share == 1.0 else f"; {100 * (1 - row.share):.2g} % of the draws have none"
@@ -136,7 +133,7 @@ def energy_names(part: str, model: Model) -> str:
     return names.get(part, part)
 
 
-def energy_table(found: Account, model: Model) -> Table:
+def energy_table(found: EnergySummary, model: Model) -> Table:
     """In the order: what came in, the largest first; what it went to; what is stored."""
     surely = any(part.sd is not None for part in found.parts)
     heads = ("", "", "J", "share", *(("sd",) if surely else ()))
@@ -149,7 +146,7 @@ def energy_table(found: Account, model: Model) -> Table:
     return Table(heads, tuple(lines), frozenset(heads[:1]))
 
 
-def ordered(found: Account, names: Mapping[str, Any]) -> list[Part]:
+def ordered(found: Account | EnergySummary, names: Collection[str]) -> list[Part]:
     """The largest first; what is stored stands last."""
     parts = [part for part in found.parts if part.name in names]
     return sorted(parts, key=lambda part: (part.name == STORED, -part.joules))
@@ -205,7 +202,7 @@ def energy_balance(found: Account, model: Model, clock: Unit) -> Balance:
     )
 
 
-def energy_note(found: Account, model: Model) -> str:
+def energy_note(found: EnergySummary, model: Model) -> str:
     left = (
         f", but {100 * found.left:.2g} % of it is in neither, because of steps in which a speed "
         "changes its sign: finer steps are `model: {pieces: ...}`"
@@ -217,23 +214,6 @@ def energy_note(found: Account, model: Model) -> str:
         "current and speed; in an ideal one the two are equal."
     )
     return f"{said} {unequal}" if CONVERTED in (*found.came, *found.went) else said
-
-
-def energy_data(found: Sequence[Account]) -> list[dict[str, Any]]:
-    """For `run.json`: J."""
-    return [
-        {
-            **({"experiment": one.label} if one.label else {}),
-            "in": {part.name: _data(part) for part in ordered(one, one.came)},
-            "out": {part.name: _data(part) for part in ordered(one, one.went)},
-            "open": one.left,
-        }
-        for one in found
-    ]
-
-
-def _data(part: Part) -> dict[str, float | None]:
-    return {"joules": part.joules, "share": part.share, "sd": part.sd}
 
 
 TAILS = (0.5 - HDI_PROBABILITY / 2, 0.5 + HDI_PROBABILITY / 2)

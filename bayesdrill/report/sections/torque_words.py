@@ -2,27 +2,24 @@
 
 from __future__ import annotations
 
-import csv
 import dataclasses
-import io
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bayesdrill.analysis.identifiability.study import Study
 from bayesdrill.analysis.identifiability.torque_confounding import StandIn
-from bayesdrill.analysis.latent_torque import TAILS, Follows, Shaking, follows
+from bayesdrill.analysis.latent_torque import TAILS, Follows, Shaking
+from bayesdrill.analysis.run_analysis import TorqueSummary
 from bayesdrill.basics import symbols
+from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.symbols import Symbol
 from bayesdrill.basics.units import Unit
+from bayesdrill.report import tables
 from bayesdrill.report.section import Table
 from bayesdrill.report.sections.physics_words import listed, speed_symbol
 from bayesdrill.rig import models
-
-Array = NDArray[np.float64]
 
 BINS = 24  # of a panel; each needs some samples
 FEWEST = 5
@@ -119,14 +116,12 @@ READ = (
 )
 
 
-def torque_sentence(found: Shaking) -> str:
+def torque_sentence(found: TorqueSummary) -> str:
     of = f" in {found.label}" if found.label else ""
-    low, high = np.quantile(found.expected, (0.03, 0.97))
-    width = np.mean(found.band[1] - found.band[0]) / 2
-    sure = np.mean((found.band[0] > 0) | (found.band[1] < 0))
     return (
-        f"missing torque{of}: {WHERE[found.at]} {low:.3g} to {high:.3g} N m in 94 % of the samples, "
-        f"each known to {width:.2g} N m; its sign is sure in {100 * sure:.0f} % of the samples"
+        f"missing torque{of}: {WHERE[found.at]} {found.low:.3g} to {found.high:.3g} N m in 94 % of the "
+        f"samples, each known to {found.width:.2g} N m; its sign is sure in {100 * found.sure:.0f} % of "
+        "the samples"
     )
 
 
@@ -141,7 +136,7 @@ def beside(*, rubs: bool) -> str:
     )
 
 
-def strayed(found: Shaking) -> str:
+def strayed(found: TorqueSummary) -> str:
     """How good an approximation it was; empty for a rig that does not rub."""
     every = [one for one in found.courses if np.isfinite(one.strayed)]
     if not every:
@@ -159,8 +154,9 @@ def strayed(found: Shaking) -> str:
     )
 
 
-def followed(found: Shaking, every: Sequence[Follows]) -> str:
+def followed(found: TorqueSummary) -> str:
     """What the torque follows, a line for each; what it would be in the equations."""
+    every = found.follows
     taken = [one for one in every if one.taken]
     if not taken:
         most = f" (at most {100 * every[0].share:.0f} %: {_what(found, every[0])})" if every else ""
@@ -170,10 +166,10 @@ def followed(found: Shaking, every: Sequence[Follows]) -> str:
     return "\n".join(_line(found, one) for one in taken)
 
 
-def _line(found: Shaking, one: Follows) -> str:
+def _line(found: TorqueSummary, one: Follows) -> str:
     size, sd = abs(one.size), f"{one.sd:.1g}"
     against = one.size < 0
-    turning = found.turning.mean()
+    turning = found.turning
     still = f" where it turns, in {100 * turning:.0f} % of the samples," if turning < FULL else ""
     share = f"which{still} explains {100 * one.share:.0f} % of it by itself"
     said = f"missing torque: it follows {_what(found, one)}, {share}"
@@ -203,7 +199,7 @@ UNITS = {
 }
 
 
-def _what(found: Shaking, one: Follows) -> str:
+def _what(found: TorqueSummary, one: Follows) -> str:
     motor = one.of == found.roles.motor.speed
     speed = f"the speed of {'the motor' if motor else 'rotor 1'}"
     return {
@@ -242,7 +238,7 @@ def _stands_in(one: StandIn) -> str:
     )
 
 
-def torque_table(found: Shaking) -> Table:
+def torque_table(found: TorqueSummary) -> Table:
     lines = [
         (
             one.channel,
@@ -257,37 +253,12 @@ def torque_csv(every: Sequence[Shaking]) -> str | None:
     """SI, a line for each sample; None where no torque is missing."""
     if not every:
         return None
-    out = io.StringIO()
-    writer = csv.writer(out, lineterminator="\n")
     names = list(dict.fromkeys(n for one in every for n in (*one.states, *one.inputs)))
-    writer.writerow(["experiment", "t", "torque", "sd", "low", "high", *names])
+    lines: list[Sequence[object]] = [["experiment", "t", "torque", "sd", "low", "high", *names]]
     for one in every:
         sds, (low, high) = one.draws.std(axis=0), one.band
         columns = [one.states.get(n, one.inputs.get(n)) for n in names]
         for k, t in enumerate(one.t):
             row = [one.label, t, one.expected[k], sds[k], low[k], high[k]]
-            writer.writerow([*row, *("" if c is None else c[k] for c in columns)])
-    return out.getvalue()
-
-
-def torque_data(every: Sequence[Shaking]) -> list[dict[str, Any]]:
-    """For `run.json`."""
-    return [
-        {
-            "experiment": one.label,
-            "at": one.at,
-            "rms": float(np.sqrt(np.mean(one.expected**2))),
-            "sd": float(one.draws.std(axis=0).mean()),
-            "follows": [dataclasses.asdict(each) for each in follows(one)],
-            "channels": {
-                c.channel: {
-                    "without": c.without / c.spread,
-                    "with": c.left / c.spread,
-                    "moved": c.share,
-                    **({"strayed": c.strayed} if np.isfinite(c.strayed) else {}),
-                }
-                for c in one.courses
-            },
-        }
-        for one in every
-    ]
+            lines.append([*row, *(None if c is None else c[k] for c in columns)])
+    return tables.lines_as_csv(lines)

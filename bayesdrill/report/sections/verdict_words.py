@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import itertools
 import math
 from collections.abc import Iterator, Mapping, Sequence
@@ -16,6 +14,7 @@ from bayesdrill.analysis.verdict import FALSE_ALARM, Quantity, Verdict
 from bayesdrill.basics.symbols import Symbol, unit_product
 from bayesdrill.inference.derived import HDI_PROBABILITY
 from bayesdrill.inference.step_error import ENOUGH, FINER, StepError
+from bayesdrill.report import tables
 from bayesdrill.report.section import Table
 from bayesdrill.report.sections.identify_words import percent, priors_of, product
 from bayesdrill.report.sections.physics_words import listed
@@ -68,37 +67,6 @@ def _wide(one: Vague) -> str:
     return f"that of {one.name} is {one.times:.0f} times as wide as what was found is large"
 
 
-def evidence_data(found: Evidence | None, priors: Sequence[Vague]) -> dict[str, Any]:
-    """For `run.json`."""
-    if found is None:
-        return {}
-    return {
-        "log_evidence": found.log_z,
-        "log_evidence_error": found.error,
-        "log_evidence_overlap": found.overlap,
-        **(
-            {"log_evidence_steps": found.steps, "log_evidence_steps_error": found.steps_error}
-            if found.steps_error
-            else {}
-        ),
-        "vague_priors": [one.name for one in priors],
-    }
-
-
-def evidence_of_data(run: Mapping[str, Any]) -> Evidence | None:
-    """What `as_data` has left in `run.json`."""
-    try:
-        return Evidence(
-            log_z=float(run["log_evidence"]),
-            error=float(run["log_evidence_error"]),
-            overlap=float(run["log_evidence_overlap"]),
-            steps=float(run.get("log_evidence_steps", 0.0)),
-            steps_error=float(run.get("log_evidence_steps_error", 0.0)),
-        )
-    except (KeyError, TypeError, ValueError):
-        return None
-
-
 REPEATS_EXPLAINED = (
     "Each experiment alone, around the joint maximum: how far it puts a product from all of them "
     "together, and its own standard deviation. `spread` is what is left between experiments beyond that."
@@ -143,20 +111,6 @@ def repeats_table(found: Sequence[Repeat], names: Sequence[str]) -> Table:
     return Table(heads, lines, frozenset(("",)))
 
 
-def repeats_data(found: Sequence[Repeat], names: Sequence[str]) -> list[dict[str, Any]]:
-    """For `run.json`; logs."""
-    return [
-        {
-            "product": product(names, one.exponents),
-            "apart": dict(zip(one.labels, one.apart, strict=True)),
-            "sd": dict(zip(one.labels, one.sds, strict=True)),
-            "spread": one.spread,
-            "p": one.p,
-        }
-        for one in found
-    ]
-
-
 def _cell(one: Repeat, label: str) -> str:
     if label not in one.labels:
         return ""
@@ -188,20 +142,6 @@ def _said(one: StepError) -> str:
 def steps_wanted(one: StepError) -> int:
     """Pieces that are enough, of an error that falls as steps get shorter, the next power of two."""
     return one.pieces << max(1, math.ceil(math.log2(one.worst / ENOUGH)))
-
-
-def step_data(found: Sequence[StepError]) -> list[dict[str, Any]]:
-    """For `run.json`."""
-    return [
-        {
-            **({"experiment": one.label} if one.label else {}),
-            "pieces": one.pieces,
-            "over_sigma": {
-                name: round(error, 6) for name, error in zip(one.channels, one.errors, strict=True)
-            },
-        }
-        for one in found
-    ]
 
 
 _HDI = f"{100 * HDI_PROBABILITY:.0f} % HDI"
@@ -246,13 +186,13 @@ def verdict_sentences(
     model may miss.
     """
     if not believed:
-        return _none(converged=converged)
-    whole = [_whole(found, table, records), *([] if found.fits else [_doubt(lacking)])]
+        return no_verdict(converged=converged)
+    whole = [verdict_sentence(found, table, records), *([] if found.fits else [_doubt(lacking)])]
     more = (_resting(found, rests), _opened(found), _not_determined(found), _pressed(found))
     return "\n".join([*whole, *itertools.chain(*more)])
 
 
-def _none(*, converged: bool) -> str:
+def no_verdict(*, converged: bool) -> str:
     """Of a run that must not be believed."""
     return _NONE.format("the model does not fit" if converged else "the run did not converge")
 
@@ -268,7 +208,7 @@ def verdict_rule(found: Verdict) -> str:
     )
 
 
-def _whole(found: Verdict, table: str, records: int = 1) -> str:
+def verdict_sentence(found: Verdict, table: str, records: int = 1) -> str:
     judged = [q for q in found.products if q.says != "not determined"]
     n, k = len(found.products), len(judged)
     several = records > 1
@@ -286,7 +226,8 @@ def _whole(found: Verdict, table: str, records: int = 1) -> str:
         opening = f"verdict: {determines} the one quantity that is compared"
     if far:
         listed = ", ".join(
-            f"{_name(found, q)} ({100 * q.deviation:+.3g} %, {_sigmas(q.tension)})" for q in far
+            f"{quantity_name(found, q)} ({100 * q.deviation:+.3g} %, {_sigmas(q.tension)})"
+            for q in far
         )
         how = "disagree" if found.fits else "would disagree, were the model right,"
         return f"{opening}; with {table} {how} {listed}{together}"
@@ -325,7 +266,7 @@ def _resting(found: Verdict, rests: Sequence[Resting]) -> list[str]:
             if one.scales(found.names, q.exponents):
                 priors = one.priors(found.names, q.exponents)
                 basis = (priors_of(priors), _LEANS) if priors else (listed(one.through), _HOLDS)
-                lines.setdefault(basis, []).append(_name(found, q))
+                lines.setdefault(basis, []).append(quantity_name(found, q))
     return [f"resting on {on}: {', '.join(names)} ({why})" for (on, why), names in lines.items()]
 
 
@@ -356,8 +297,8 @@ def _opened(found: Verdict) -> list[str]:
 
 def _not_determined(found: Verdict) -> list[str]:
     open_ones = found.saying("not determined")
-    blind = [_name(found, q) for q in open_ones if q.blind]
-    weak = [_name(found, q) for q in open_ones if not q.blind]
+    blind = [quantity_name(found, q) for q in open_ones if q.blind]
+    weak = [quantity_name(found, q) for q in open_ones if not q.blind]
     lines = []
     if blind:
         lines.append(
@@ -373,7 +314,7 @@ def _not_determined(found: Verdict) -> list[str]:
 
 
 def _pressed(found: Verdict) -> list[str]:
-    names = [_name(found, q) for q in found.saying("pressed against the prior")]
+    names = [quantity_name(found, q) for q in found.saying("pressed against the prior")]
     if not names:
         return []
     return [
@@ -401,37 +342,13 @@ def verdict_csv(found: Verdict, symbols: Sequence[Symbol]) -> str:
     """
     units = {symbol.name: symbol.unit for symbol in symbols}
     entries = [_entry(found, quantity, units) for quantity in verdict_rows(found)]
-    out = io.StringIO()
-    writer = csv.DictWriter(out, fieldnames=list(entries[0]), lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(entries)
-    return out.getvalue()
-
-
-def verdict_data(
-    found: Verdict, table: str, *, converged: bool = True, believed: bool = True
-) -> dict[str, Any]:
-    """For `run.json`; `agrees` is None where the run must not be believed, or the fit is not noise."""
-    names = {q.exponents: _name(found, q) for q in verdict_rows(found)}
-    return {
-        "table": table,
-        "agrees": found.agrees if believed and found.fits else None,
-        "fits": found.fits,
-        "sentence": _whole(found, table) if believed else _none(converged=converged),
-        "joint_sigma": None if found.joint is None else round(found.joint, 3),
-        "limit_sigma": round(found.limit, 3),
-        "opened": list(found.opened),
-        "quantities": {
-            names[q.exponents]: {"says": q.says, "sigma": round(q.tension, 3)}
-            for q in verdict_rows(found)
-        },
-    }
+    return tables.lines_as_csv([list(entries[0]), *(list(entry.values()) for entry in entries)])
 
 
 def _entry(found: Verdict, quantity: Quantity, units: Mapping[str, str]) -> dict[str, Any]:
     low, high = (f"hdi{100 * HDI_PROBABILITY:.0f}_{end}" for end in ("low", "high"))
     return {
-        "quantity": _name(found, quantity),
+        "quantity": quantity_name(found, quantity),
         "unit": unit_product([units[name] for name in found.names], quantity.exponents),
         "nominal": quantity.nominal,
         "tolerance_low": quantity.tolerance[0],
@@ -463,7 +380,7 @@ def _heads(found: Verdict, columns: Sequence[str]) -> tuple[str, ...]:
 def _cells(found: Verdict, quantity: Quantity) -> dict[str, str]:
     low, high = (100 * end for end in quantity.tolerance)
     return {
-        "": _name(found, quantity),
+        "": quantity_name(found, quantity),
         "nominal": f"{quantity.nominal:.4g}",
         "tol. %": f"{low:+.3g} to {high:+.3g}" if high > low else "",
         "mean": f"{quantity.mean:.4g}",
@@ -482,5 +399,5 @@ def _sigmas(x: float) -> str:
     return f"{x:.1f} sigma" if x < 10 else f"{x:.0f} sigma"
 
 
-def _name(found: Verdict, quantity: Quantity) -> str:
+def quantity_name(found: Verdict, quantity: Quantity) -> str:
     return product(found.names, quantity.exponents)

@@ -1,17 +1,28 @@
-"""Machine code of a module for the processor at hand, and what kernels are specialised for."""
+"""Kernels compiled for the processor at hand, once for each structure.
+
+A kernel is written in LLVM's language and compiled only where its machine code is neither in memory nor
+in the cache of the user.  What its code depends on is a text, its key: the structures that it is written
+for, with the formulas of the model as the code that they become, and all that writes and compiles it.
+"""
 
 from __future__ import annotations
 
-import functools
+import ctypes
 import gc
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import Any
+import hashlib
+import json
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from functools import cache
+from pathlib import Path
+from typing import Any, Protocol
 
-import llvmlite.binding as llvm
 import numpy as np
 from llvmlite import ir
-from numpy.typing import NDArray
+
+from bayesdrill.basics import duals
+from bayesdrill.rig.kernels.cache import CodeCache, user_cache
 
 # Of LLVM's passes, those that a kernel gains from: it is written without branches that could go, calls
 # nothing small and has its loops over vectors already. All others take as long again as these, the
@@ -22,99 +33,142 @@ PASSES = ("sroa", "instruction_combine", "simplify_cfg")
 EFFORT, HARDER = 1, 2
 
 
-def machine_code(module: ir.Module, effort: int = EFFORT) -> Any:
-    """Compile `module` for this processor, and return the engine that owns the code.
+class Structure(Protocol):
+    """What a kernel is written for; hashable."""
 
-    The engine holds machine code alone: a module of LLVM and a target that has compiled take ten times
-    as much memory, and would stay as long as the code.
+    @property
+    def text(self) -> str:
+        """All of it that the code depends on: equal where the code is."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class Kernel:
+    """Functions by name, of 64-bit counts and addresses, and what owns their machine code."""
+
+    functions: Mapping[str, Callable[..., None]]
+    engine: Any = field(repr=False)
+
+    def __getitem__(self, name: str) -> Callable[..., None]:
+        return self.functions[name]
+
+
+@cache
+def compile_kernel(
+    write: Callable[..., None], *structures: Structure | str, effort: int = EFFORT
+) -> Kernel:
+    """Return the kernel that `write(module, *structures)` writes, from the cache if it is there."""
+    texts = [one if isinstance(one, str) else one.text for one in structures]
+    key = "\n".join([write.__qualname__, *_toolchain(effort), *texts])
+    kept = user_cache() if _sources() else CodeCache(None)
+    code = kept.load(key)
+    if code is None:
+        with _no_garbage_collection():
+            module = ir.Module(write.__module__)
+            write(module, *structures)
+            code = _pack(module, effort)
+        kept.store(key, code)
+    return _unpack(code)
+
+
+def _toolchain(effort: int) -> list[str]:
+    """All that decides, beside its structures, what code a kernel has."""
+    import llvmlite
+    import llvmlite.binding as llvm
+
+    versions = (
+        f"llvmlite {llvmlite.__version__}, LLVM {llvm.llvm_version_info}, numpy {np.__version__}"
+    )
+    passes = f"{', '.join(PASSES)}; effort {effort}"
+    return [_sources(), versions, passes, llvm.get_default_triple(), *_processor()]
+
+
+@cache
+def _sources() -> str:
+    """The digest of what writes kernels: this folder, and the arithmetic of numbers with slopes.
+
+    Empty where they cannot be read, as in a package that is not unpacked.
     """
-    llvm.initialize_native_target()
-    llvm.initialize_native_asmprinter()
+    digest = hashlib.sha256()
+    try:
+        for path in (*sorted(Path(__file__).parent.glob("*.py*")), Path(duals.__file__)):
+            digest.update(path.name.encode() + path.read_bytes())
+    except OSError:
+        return ""
+    return digest.hexdigest()
+
+
+def _processor() -> tuple[str, str]:
+    """Its name and its features."""
+    import llvmlite.binding as llvm
+
+    return llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten()
+
+
+def _pack(module: ir.Module, effort: int) -> bytes:
+    """The machine code of `module`, after a line that says how many arguments each function has."""
+    found = (f for f in module.functions if not f.is_declaration and f.linkage != "internal")
+    line = json.dumps({function.name: len(function.args) for function in found})
+    return line.encode() + b"\n" + machine_code(module, effort)
+
+
+def _unpack(packed: bytes) -> Kernel:
+    line, _, code = packed.partition(b"\n")
+    engine = linked(code)
+    functions = {}
+    for name, count in json.loads(line).items():
+        prototype = ctypes.CFUNCTYPE(None, *[ctypes.c_int64] * count)
+        functions[name] = prototype(engine.get_function_address(name))
+    return Kernel(functions, engine)
+
+
+def machine_code(module: ir.Module, effort: int = EFFORT) -> bytes:
+    """Compile `module` for this processor into an object file."""
+    import llvmlite.binding as llvm
+
+    target = _target(effort)
     context = llvm.create_context()  # constants stay in one as long as it lives
     parsed = llvm.parse_assembly(str(module), context)
     parsed.verify()
-    target = _target(effort)
     passes = llvm.create_new_module_pass_manager()
     for name in PASSES:
         getattr(passes, f"add_{name}_pass")()
     passes.run(parsed, llvm.create_pass_builder(target, llvm.create_pipeline_tuning_options()))
-    code = llvm.ObjectFileRef.from_data(target.emit_object(parsed))
-    engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), _target(effort))
-    engine.add_object_file(code)
+    code: bytes = target.emit_object(parsed)
+    return code
+
+
+def linked(code: bytes) -> Any:
+    """Return the engine that owns the functions of an object file, ready to be called.
+
+    The engine holds machine code alone: a module of LLVM and a target that has compiled take ten times
+    as much memory, and would stay as long as the code.
+    """
+    import llvmlite.binding as llvm
+
+    engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), _target())
+    engine.add_object_file(llvm.ObjectFileRef.from_data(code))
     engine.finalize_object()
     return engine
 
 
-def _target(effort: int) -> llvm.TargetMachine:
-    return llvm.Target.from_default_triple().create_target_machine(
-        cpu=llvm.get_host_cpu_name(), features=llvm.get_host_cpu_features().flatten(), opt=effort
-    )
+def _target(effort: int = EFFORT) -> Any:
+    import llvmlite.binding as llvm
+
+    llvm.initialize_native_target()
+    llvm.initialize_native_asmprinter()
+    name, features = _processor()
+    triple = llvm.Target.from_default_triple()
+    return triple.create_target_machine(cpu=name, features=features, opt=effort)
 
 
-def in_one_go[**P, T](write: Callable[P, T]) -> Callable[P, T]:
-    """Without a look for garbage on the way: a module is many small things, of which none is any."""
-
-    @functools.wraps(write)
-    def undisturbed(*arguments: P.args, **named: P.kwargs) -> T:
-        looking = gc.isenabled()
-        gc.disable()
-        try:
-            return write(*arguments, **named)
-        finally:
-            if looking:
-                gc.enable()
-
-    return undisturbed
-
-
-Entries = Callable[[Sequence[Any]], Sequence[tuple[int, int, Any]]]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Layout:
-    """One rig in one experiment.
-
-    `entries(parameters)`: (row, column, value) of the augmented N x N matrix, whose columns are
-    X states, one constant input, `n_series` sampled inputs and, with a first-order hold, their
-    increments; a place may come more than once.  `dt`: the sampling step.  `lead`: from the start
-    `x0 (X,)` to the first sample, with constant inputs.  `channels`: weights `(K, X)`.
-    """
-
-    n_parameters: int
-    n_states: int
-    n_series: int
-    first_order: bool
-    entries: Entries
-    dt: float
-    lead: float
-    x0: tuple[float, ...]
-    channels: tuple[tuple[float, ...], ...]
-
-    @property
-    def size(self) -> int:
-        return self.n_states + 1 + self.n_series * (2 if self.first_order else 1)
-
-    @property
-    def reach(self) -> tuple[tuple[bool, ...], ...]:
-        """Entries of the exponential that can differ from zero."""
-        return reach_of(self._pattern)
-
-    @property
-    def idle(self) -> tuple[bool, ...]:
-        """Columns of zeros: on that nothing depends, and its own entry of the exponential is one."""
-        return tuple(not column for column in self._pattern.any(axis=0))
-
-    @property
-    def _pattern(self) -> NDArray[np.bool_]:
-        pattern = np.zeros((self.size, self.size), dtype=bool)
-        for row, column, _ in self.entries([1.0] * self.n_parameters):
-            pattern[row, column] = True
-        return pattern
-
-
-def reach_of(pattern: NDArray[np.bool_]) -> tuple[tuple[bool, ...], ...]:
-    """Entries of exp(M) that can differ from zero, for M with the `pattern (N, N)`."""
-    reach = pattern | np.eye(len(pattern), dtype=bool)
-    for _ in range(len(pattern)):
-        reach = reach | (reach.astype(int) @ reach.astype(int) > 0)
-    return tuple(tuple(bool(entry) for entry in row) for row in reach)
+@contextmanager
+def _no_garbage_collection() -> Iterator[None]:
+    """A module is many small things, of which none is garbage until it is compiled."""
+    looking = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if looking:
+            gc.enable()

@@ -50,7 +50,6 @@ from bayesdrill.rig.kernels.lanes import (
     largest,
     load,
     splat,
-    splat_whole,
     store,
     turned,
     vector,
@@ -111,6 +110,7 @@ class _Interval:
         self.m = Machine(
             b,
             layout,
+            none,
             none,
             none,
             none,
@@ -208,7 +208,7 @@ class _Interval:
         b, a, blocks = self.b, self.a, row_blocks(self.shape)
         first = b.mul(k, b.add(a["cells"], I64(1)))
         own = ir.Constant(INT_VEC, list(range(LANES)))
-        places = b.mul(b.add(cell, splat_whole(b, first)), whole_numbers(LANES))
+        places = b.mul(b.add(cell, splat(b, first)), whole_numbers(LANES))
         places = b.mul(b.add(places, own), whole_numbers(LANES * blocks))
         lanes: list[Values] = []
         for lane in range(LANES):
@@ -232,7 +232,7 @@ class _Interval:
         low = b.icmp_signed(">", below, I64(0))
         power = b.sitofp(b.shl(I64(1), b.select(low, below, I64(0))), F64)
         halves = b.fptosi(b.fmul(share, splat(b, power)), INT_VEC)
-        doubles = b.lshr(high, splat_whole(b, b.select(low, I64(0), rungs.index)))
+        doubles = b.lshr(high, splat(b, b.select(low, I64(0), rungs.index)))
         number = b.select(low, halves, doubles)
         mask = b.icmp_signed("!=", b.and_(number, whole_numbers(1)), whole_numbers(0))
         with b.if_then(anywhere(b, mask)):
@@ -367,7 +367,7 @@ class Late:
             value = vector(0.0)
             for r, one in enumerate([*states, vector(1.0), *inputs]):
                 value = fma(b, load(b, row, r), one, value)
-            sample = splat_whole(b, samples.index)
+            sample = splat(b, samples.index)
             due = b.icmp_signed("<", sample, wanted)
             emit_seen(a, self.shape, own.get("weight"), group, k, sample, due, value)
             samples.close([])
@@ -382,8 +382,8 @@ class Late:
             value = vector(0.0)
             for r, one in enumerate([*z, *slopes]):
                 value = fma(b, load(b, row, r), one, value)
-            sample = b.add(splat_whole(b, knot), load(b, self.own["offset"], k))
-            none = splat_whole(b, a["knots"])
+            sample = b.add(splat(b, knot), load(b, self.own["offset"], k))
+            none = splat(b, a["knots"])
             inside = b.icmp_unsigned("<", sample, none)
             sample = b.select(inside, sample, none)
             weight = own.get("weight")

@@ -13,12 +13,12 @@ from dataclasses import dataclass
 
 from llvmlite import ir
 
-from bayesdrill.rig.kernels.compiling import Layout
 from bayesdrill.rig.kernels.lanes import (
     F64,
     I64,
     INT_VEC,
     LANES,
+    NUMBERS,
     VEC,
     VECTORS,
     Lane,
@@ -33,6 +33,7 @@ from bayesdrill.rig.kernels.lanes import (
     vector,
     whole_numbers,
 )
+from bayesdrill.rig.kernels.layout import Layout, Matrix
 
 TAYLOR_DEGREE = 16
 TAYLOR_NORM = 0.75  # 0.75**17 / 17! = 2e-17: the truncated series is exact to rounding below it
@@ -42,28 +43,26 @@ _MANTISSA_BITS = 52
 _EXPONENT_BIAS = 1023
 
 
-def emit_exponential(
-    module: ir.Module, layout: Layout, name: str, span: float | None
-) -> ir.Function:
-    """`name(parameters (P, LANES), e (N, N, LANES))`: e = exp of the augmented matrix over `span`.
+def emit_exponential(module: ir.Module, layout: Layout, *, increments: bool) -> ir.Function:
+    """`exponential(parameters (P, LANES), constants (C,), spans (LANES,), e (N, N, LANES))`: e = exp of
+    the augmented matrix, each lane over a span of its own.
 
-    Without a span `name(parameters, spans (LANES,), e)`: each lane has its own, and the columns of
-    the increments become those of the inputs' slopes.
+    The last columns are those of the inputs' `increments` over the span, or else of their slopes.
 
     Taylor series of degree 16 in powers of the fourth power, then squarings lane by lane.  Both are
     of e - 1: beside a one, what a slow state does in the shortened span would be lost to rounding
     where another state is very fast.
     """
-    product = module.globals.get("product") or _emit_product(module, layout)
-    made = function(module, name, 0, [VECTORS] * (2 if span is not None else 3))
-    parameters, *spans, e = made.args
+    product = _emit_product(module, layout)
+    made = function(module, "exponential", 0, [VECTORS, NUMBERS, VECTORS, VECTORS])
+    parameters, constants, spans, e = made.args
     b = ir.IRBuilder(made.append_basic_block())
-    duration: Lane | float = Lane(b, load(b, spans[0], 0)) if span is None else span
     n, reach = layout.size, layout.reach
     reached = [i * n + j for i in range(n) for j in range(n) if reach[i][j]]
     scratch = b.alloca(VEC, I64(5 * n * n))
     a, second, third, fourth, spare = (b.gep(scratch, [I64(k * n * n)]) for k in range(5))
-    halvings = _emit_scaled_matrix(b, layout, parameters, duration, a)
+    matrix, span = layout.matrix(b, parameters, constants), Lane(b, load(b, spans, 0))
+    halvings = _emit_scaled_matrix(b, layout, _timed(layout, matrix, span, increments), a)
     for out, left, right in ((second, a, a), (third, second, a), (fourth, second, second)):
         b.call(product, [out, left, right])
 
@@ -103,18 +102,22 @@ def emit_exponential(
     return made
 
 
-def _emit_scaled_matrix(
-    b: ir.IRBuilder, layout: Layout, parameters: ir.Value, span: Lane | float, a: ir.Value
-) -> ir.Value:
-    """The augmented matrix times `span` into `a`, halved until its series converges: how often."""
-    n, x = layout.size, layout.n_states
-    lanes = [Lane(b, load(b, parameters, p)) for p in range(layout.n_parameters)]
-    matrix: dict[tuple[int, int], Lane | float] = {}
-    for row, column, value in layout.entries(lanes):
+Entries = dict[tuple[int, int], ir.Value]
+
+
+def _timed(layout: Layout, matrix: Matrix, span: Lane, increments: bool) -> Entries:
+    """What stands at each place, times the span."""
+    found: dict[tuple[int, int], Lane | float] = {}
+    for row, column, value in matrix:
         # Rows below the states stand for increments per step, whatever the step is, or for slopes.
-        timed = value * span if row < x or isinstance(span, Lane) else value
-        matrix[row, column] = matrix.get((row, column), 0.0) + timed
-    values = {place: _value(entry) for place, entry in matrix.items()}
+        timed = value if increments and row >= layout.n_states else value * span
+        found[row, column] = found.get((row, column), 0.0) + timed
+    return {place: _value(entry) for place, entry in found.items()}
+
+
+def _emit_scaled_matrix(b: ir.IRBuilder, layout: Layout, values: Entries, a: ir.Value) -> ir.Value:
+    """The matrix of these `values` into `a`, halved until its series converges: how often."""
+    n, x = layout.size, layout.n_states
     # The size of the inputs' columns does not matter: the series in A alone converges.
     absolute = intrinsic(b.module, f"llvm.fabs.v{LANES}f64", VEC, [VEC])
     norm = vector(0.0)
@@ -182,23 +185,19 @@ Use = Callable[[ir.Value, Values, Values], Values]
 
 def places_of(layout: Layout) -> list[tuple[int, int]]:
     """(row, column) of entries of A, c and B that the rig has."""
-    entries = layout.entries([1.0] * layout.n_parameters)
+    entries = layout.entries([1.0] * layout.n_numbers)
     return sorted({(row, column) for row, column, _ in entries if row < layout.n_states})
 
 
 def emit_rates(
-    b: ir.IRBuilder, layout: Layout, parameters: ir.Value, least: ir.Value, out: ir.Value
+    b: ir.IRBuilder, layout: Layout, matrix: Matrix, least: ir.Value, out: ir.Value
 ) -> ir.Value:
     """Entries at `places_of`, divided by norm, into `out`: norm, which is not below `least`."""
-    lanes = [Lane(b, load(b, parameters, p)) for p in range(layout.n_parameters)]
     entries: dict[tuple[int, int], Lane | float] = {}
-    for row, column, value in layout.entries(lanes):
+    for row, column, value in matrix:
         if row < layout.n_states:
             entries[row, column] = entries.get((row, column), 0.0) + value
-    values = {
-        place: entry.value if isinstance(entry, Lane) else vector(float(entry))
-        for place, entry in entries.items()
-    }
+    values = {place: _value(entry) for place, entry in entries.items()}
     norm = _emit_norm(b, layout.n_states, values)
     fit = b.fcmp_ordered(">", norm, least)
     fit = b.and_(fit, b.fcmp_ordered("<", norm, vector(LARGEST)))

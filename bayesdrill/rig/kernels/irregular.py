@@ -6,15 +6,8 @@ The second family beside `misfit` and `signals`: what is constant there is an ar
 
 from __future__ import annotations
 
-import ctypes
-from collections.abc import Callable
-from dataclasses import dataclass
-from functools import lru_cache
-from typing import Any
-
 from llvmlite import ir
 
-from bayesdrill.rig.kernels.compiling import in_one_go, machine_code
 from bayesdrill.rig.kernels.delays import Late, emit_interval
 from bayesdrill.rig.kernels.exponential import (
     DEGREE,
@@ -28,10 +21,10 @@ from bayesdrill.rig.kernels.knots import (
     BLOCKS,
     COUNTS,
     MOST_LEVELS,
+    OWN_NUMBERS,
     Arguments,
     Machine,
     Nodes,
-    Own,
     Rest,
     Shape,
     apply,
@@ -43,24 +36,13 @@ from bayesdrill.rig.kernels.knots import (
     slots,
 )
 from bayesdrill.rig.kernels.lanes import I64, VEC, Loop, function, load, splat, store, vector
+from bayesdrill.rig.kernels.layout import addresses
 from bayesdrill.rig.kernels.recurrence import next_state
 
-__all__ = ["BLOCKS", "COUNTS", "Kernel", "Own", "Shape", "compile_dense"]
 
-
-@dataclass(frozen=True, slots=True)
-class Kernel:
-    """A function of COUNTS and addresses of BLOCKS."""
-
-    run: Callable[..., None]
-    engine: Any  # owns the machine code
-
-
-@lru_cache(maxsize=64)
-@in_one_go
-def compile_dense(shape: Shape) -> Kernel:
-    module = ir.Module("dense")
-    exponential = emit_exponential(module, shape.layout, "exponential", None)
+def write_dense(module: ir.Module, shape: Shape) -> None:
+    """`dense`, of COUNTS and addresses of BLOCKS."""
+    exponential = emit_exponential(module, shape.layout, increments=False)
     interval = emit_interval(module, shape) if shape.late else None
     made = function(module, "dense", len(COUNTS), list(BLOCKS.values()))
     w = _Writer(shape, made, exponential, interval)
@@ -68,9 +50,6 @@ def compile_dense(shape: Shape) -> Kernel:
     w.group(groups.index)
     groups.close([])
     w.b.ret_void()
-    engine = machine_code(module)
-    kinds = [*[ctypes.c_int64] * len(COUNTS), *[ctypes.c_void_p] * len(BLOCKS)]
-    return Kernel(ctypes.CFUNCTYPE(None, *kinds)(engine.get_function_address("dense")), engine)
 
 
 class _Writer:
@@ -103,7 +82,7 @@ class _Writer:
 
     def group(self, group: ir.Value) -> None:
         b, a = self.b, self.a
-        own = Own(self.shape).of(b, a["own"], group)
+        own = addresses(b, a["own"], group, self.shape.own)
         m = self._machine(own)
         rest = self._tables(m)
         x0 = [load(b, own["x0"], i) for i in range(self.layout.n_states)]
@@ -191,11 +170,13 @@ class _Writer:
 
     def _machine(self, own: dict[str, ir.Value]) -> Machine:
         b, layout = self.b, self.layout
-        norm = emit_rates(b, layout, own["parameters"], self.least, self.rates)
+        constants = b.gep(self.a["numbers"], [I64(OWN_NUMBERS)])
+        matrix = layout.matrix(b, own["parameters"], constants)
+        norm = emit_rates(b, layout, matrix, self.least, self.rates)
         over = b.fdiv(vector(1.0), norm)
         product = b.module.globals["product"]
         return Machine(
-            b, layout, self.exponential, product, own["parameters"], self.rates, norm, over,
+            b, layout, self.exponential, product, own["parameters"], constants, self.rates, norm, over,
             self.span, self.e,
         )  # fmt: skip
 

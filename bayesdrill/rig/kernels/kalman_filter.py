@@ -1,30 +1,26 @@
-"""A Kalman filter sample after sample, exactly: for gaps, uneven times, slopes and smoothing.
+"""A Kalman filter sample after sample: for gaps, uneven times, slopes, smoothing and draws.
 
-Once the covariances do not change any more they are left alone, until a gap or another step.
+Once the covariances are steady they are left alone, until a gap or another step.  The smoother goes back
+by adjoints (Bryson and Frazier 1963; Bierman 1973), without inverting a covariance:
+
+    r <- Phi' r      r <- r + c' (e / S - k' r)  channel by channel      x + P r  is the smoothed state
 """
 
 from __future__ import annotations
 
-import ctypes
-from dataclasses import dataclass, field
-from functools import lru_cache
-from typing import Any
-
 from llvmlite import ir
 
 from bayesdrill.basics.duals import Dual, dual
-from bayesdrill.rig.kernels.compiling import in_one_go, machine_code
 from bayesdrill.rig.kernels.kalman_update import (
-    Noisy,
-    emit_carried,
-    emit_spread,
-    emit_taught,
-    met,
-    root_of,
-    width,
+    StateSpace,
+    emit_transition,
+    gain_width,
+    inverse_deviation,
+    predict_covariance,
+    update_covariance,
+    update_state,
 )
 from bayesdrill.rig.kernels.lanes import (
-    F64,
     I64,
     LANES,
     NUMBERS,
@@ -57,53 +53,37 @@ BLOCKS = {
     "node": WHOLE,  # (T,) which step leads to the next sample
     "same": WHOLE,  # (T,) whether gaps and step are as at the sample before
     "spans": NUMBERS,  # (M,)
+    "weights": NUMBERS,  # (K, n) of channels
     "table": VECTORS,  # scratch (M, 2, n, n) numbers
     "kept": VECTORS,  # scratch (T, `Steps.kept`) where it smooths
     "out": VECTORS,  # (G, T, K, 2) numbers, whitened and variances; or (G, T, n), (G, T, n + K)
 }
 
 
-@dataclass(frozen=True, slots=True)
-class Filtering:
-    """Kernels of one rig with its torque: `whiten`, `slopes` (whiten with slopes), `smooth`, `draw`."""
-
-    run: Any
-    engine: Any = field(repr=False)
-
-
-@lru_cache(maxsize=64)
-@in_one_go
-def compile_filtering(noisy: Noisy, name: str) -> Filtering:
-    module = ir.Module("filtering")
-    {"whiten": _emit_filter, "slopes": _emit_filter, "smooth": _emit_filter, "draw": _emit_draw}[
-        name
-    ](module, noisy, name)
-    engine = machine_code(module)
-    prototype = ctypes.CFUNCTYPE(
-        None, *[ctypes.c_int64] * len(COUNTS), *[ctypes.c_void_p] * len(BLOCKS)
-    )
-    return Filtering(prototype(engine.get_function_address(name)), engine)
+def write_filter(module: ir.Module, system: StateSpace, name: str) -> None:
+    """`whiten`, `slopes` (whiten with slopes), `smooth` or `draw`, of COUNTS and addresses of BLOCKS."""
+    (_emit_draw if name == "draw" else _emit_filter)(module, system, name)
 
 
 class _Writer:
     """Where a group of walkers has its numbers."""
 
-    def __init__(self, module: ir.Module, noisy: Noisy, name: str) -> None:
+    def __init__(self, module: ir.Module, system: StateSpace, name: str) -> None:
         made = function(module, name, len(COUNTS), list(BLOCKS.values()))
         names = (*COUNTS, *BLOCKS)
         self.a = dict(zip(names, made.args, strict=True))
         b = self.b = ir.IRBuilder(made.append_basic_block())
-        self.noisy, self.slopes, self.smooth = noisy, name == "slopes", name == "smooth"
+        self.system, self.slopes, self.smooth = system, name == "slopes", name == "smooth"
         self.memory = m = Memory(b, self.slopes)
-        n = self.n = noisy.n
-        self.spread = emit_spread(module, noisy, slopes=self.slopes)
-        self.p, self.x, self.gains = m.room(n * n), m.room(n), m.room(noisy.k * width(n))
+        n = self.n = system.n
+        self.spread = emit_transition(module, system, slopes=self.slopes)
+        self.p, self.x, self.gains = m.room(n * n), m.room(n), m.room(system.k * gain_width(n))
         self.span = b.alloca(VEC, I64(1))
         self.flag = b.alloca(I64, I64(1))
 
     @property
     def kept(self) -> int:
-        return kept(self.noisy)
+        return kept(self.system)
 
     def matrices(self, node: ir.Value) -> tuple[ir.Value, ir.Value]:
         b, size = self.b, self.n * self.n
@@ -113,40 +93,40 @@ class _Writer:
     def begin(self, group: ir.Value) -> None:
         """Matrices of all steps, and the covariance at the first sample."""
         b, m, a, n = self.b, self.memory, self.a, self.n
-        own = m.at(a["parameters"], b.mul(group, I64(self.noisy.p)))
-        self.variances = m.at(a["variances"], b.mul(group, I64(self.noisy.k)))
+        own = m.at(a["parameters"], b.mul(group, I64(self.system.p)))
+        self.variances = m.at(a["variances"], b.mul(group, I64(self.system.k)))
         steps = Loop(b, a["steps"], [], "steps")
         store(b, splat(b, b.load(b.gep(a["spans"], [steps.index]))), self.span, 0)
         b.call(self.spread, [own, self.span, *self.matrices(steps.index)])
         steps.close([])
         m.clear(self.p, n * n)
-        for i in range(n - self.noisy.own, n):
+        for i in range(n - self.system.own, n):
             m.put(1.0, self.p, i * n + i)
         m.clear(self.x, n)
         b.store(I64(0), self.flag)
         with b.if_then(b.icmp_signed("!=", a["lead"], I64(0))):
             phi, q = self.matrices(b.sub(a["steps"], I64(1)))
-            emit_carried(m, n, self.p, phi, q)
+            predict_covariance(m, n, self.p, phi, q)
 
 
-def kept(noisy: Noisy) -> int:
+def kept(system: StateSpace) -> int:
     """Numbers of a sample that smoothing wants: gains, residuals, state, covariance."""
-    n = noisy.n
-    return noisy.k * (n + 1) + n + n * n
+    n = system.n
+    return system.k * (n + 1) + n + n * n
 
 
-def _emit_revise(module: ir.Module, noisy: Noisy, *, slopes: bool) -> ir.Function:
-    """`revise(p, gains, variances, phi, q, seen, flag)`: what a sample teaches, and a step loses."""
-    n = noisy.n
-    made = function(module, "revise", 0, [VECTORS] * 5 + [NUMBERS, WHOLE])
-    p, gains, variances, phi, q, seen, flag = made.args
+def _emit_revise(module: ir.Module, system: StateSpace, *, slopes: bool) -> ir.Function:
+    """`revise(p, gains, variances, phi, q, seen, weights, flag)`: an update and a prediction."""
+    n = system.n
+    made = function(module, "revise", 0, [VECTORS] * 5 + [NUMBERS, NUMBERS, WHOLE])
+    p, gains, variances, phi, q, seen, weights, flag = made.args
     b = ir.IRBuilder(made.append_basic_block())
     memory = Memory(b, slopes)
     old = [dual(memory.get(p, i * n + i)) for i in range(n)]
-    for k in range(noisy.k):
+    for k in range(system.k):
         is_seen = Lane(b, splat(b, b.load(b.gep(seen, [I64(k)]))))
-        emit_taught(memory, noisy, k, p, variances, gains, is_seen)
-    emit_carried(memory, n, p, phi, q)
+        update_covariance(memory, system, k, p, variances, gains, weights, is_seen)
+    predict_covariance(memory, n, p, phi, q)
     moving = _moving(memory, n, p, old)
     b.store(b.select(anywhere(b, moving), I64(0), I64(1)), flag)
     b.ret_void()
@@ -170,24 +150,24 @@ def _moving(memory: Memory, n: int, p: ir.Value, old: list[Dual]) -> ir.Value:
     return moving
 
 
-def _emit_filter(module: ir.Module, noisy: Noisy, name: str) -> None:
-    revise = _emit_revise(module, noisy, slopes=name == "slopes")
-    w = _Writer(module, noisy, name)
+def _emit_filter(module: ir.Module, system: StateSpace, name: str) -> None:
+    revise = _emit_revise(module, system, slopes=name == "slopes")
+    w = _Writer(module, system, name)
     b, a, m, n = w.b, w.a, w.memory, w.n
     groups = Loop(b, a["groups"], [], "groups")
     w.begin(groups.index)
     samples = Loop(b, a["samples"], [], "samples")
     t = samples.index
-    here = b.mul(b.add(b.mul(groups.index, a["samples"]), t), I64(noisy.k))
+    here = b.mul(b.add(b.mul(groups.index, a["samples"]), t), I64(system.k))
     if w.smooth:
         keep = m.at(a["kept"], b.mul(t, I64(w.kept)))
-        emit_copy(b, w.x, b.gep(keep, [I64(noisy.k * (n + 1))]), n)
-        emit_copy(b, w.p, b.gep(keep, [I64(noisy.k * (n + 1) + n)]), n * n)
+        emit_copy(b, w.x, b.gep(keep, [I64(system.k * (n + 1))]), n)
+        emit_copy(b, w.p, b.gep(keep, [I64(system.k * (n + 1) + n)]), n * n)
     phi, q = w.matrices(b.load(b.gep(a["node"], [t])))
     settled = b.and_(b.load(w.flag), b.load(b.gep(a["same"], [t])))
-    seen = b.gep(a["seen"], [b.mul(t, I64(noisy.k))])
+    seen = b.gep(a["seen"], [b.mul(t, I64(system.k))])
     with b.if_then(b.icmp_signed("==", settled, I64(0))):
-        b.call(revise, [w.p, w.gains, w.variances, phi, q, seen, w.flag])
+        b.call(revise, [w.p, w.gains, w.variances, phi, q, seen, a["weights"], w.flag])
     _emit_sample(w, here, t, phi)
     samples.close([])
     if w.smooth:
@@ -197,15 +177,16 @@ def _emit_filter(module: ir.Module, noisy: Noisy, name: str) -> None:
 
 
 def _emit_sample(w: _Writer, here: ir.Value, t: ir.Value, phi: ir.Value) -> None:
-    """The state meets what is left of a sample, and goes on."""
-    b, m, n, noisy = w.b, w.memory, w.n, w.noisy
+    """Update the state by a sample, and predict the next."""
+    b, m, n, system = w.b, w.memory, w.n, w.system
     left, state = m.at(w.a["left"], here), m.row(w.x, n)
     out = m.at(w.a["out"], b.mul(here, I64(2)))
-    for k in range(noisy.k):
-        at = k * width(n)
-        rest, state = met(m, noisy, k, state, m.get(left, k), w.gains)
-        over = root_of(m, n, k, w.gains)
-        white = rest * over
+    for k in range(system.k):
+        at = k * gain_width(n)
+        y, weights = m.get(left, k), w.a["weights"]
+        innovation, state = update_state(m, system, k, state, y, w.gains, weights)
+        over = inverse_deviation(m, n, k, w.gains)
+        white = innovation * over
         if w.smooth:
             keep = m.at(w.a["kept"], b.mul(t, I64(w.kept)))
             for i in range(n):
@@ -220,32 +201,32 @@ def _emit_sample(w: _Writer, here: ir.Value, t: ir.Value, phi: ir.Value) -> None
 
 
 def _emit_back(w: _Writer, group: ir.Value) -> None:
-    """From the last sample to the first: what later ones say of the states of each."""
-    b, a, m, n, noisy = w.b, w.a, w.memory, w.n, w.noisy
+    """The smoother, from the last sample to the first."""
+    b, a, m, n, system = w.b, w.a, w.memory, w.n, w.system
     back = Loop(b, a["samples"], [vector(0.0)] * n, "back")
     t = b.sub(b.sub(a["samples"], I64(1)), back.index)
-    pull: list[Number] = [Lane(b, one) for one in back.carried]
+    adjoint: list[Number] = [Lane(b, one) for one in back.carried]
     keep = m.at(a["kept"], b.mul(t, I64(w.kept)))
-    for k in reversed(range(noisy.k)):
+    for k in reversed(range(system.k)):
         gain = [m.get(keep, k * (n + 1) + i) for i in range(n)]
-        more = m.get(keep, k * (n + 1) + n) - dot(gain, pull)
-        for i, weight in noisy.seen(k).items():
-            pull[i] = fused(Lane(b, vector(weight)), more, pull[i])
-    first = noisy.k * (n + 1)
+        more = m.get(keep, k * (n + 1) + n) - dot(gain, adjoint)
+        for i, weight in system.weights(b, a["weights"], k).items():
+            adjoint[i] = fused(weight, more, adjoint[i])
+    first = system.k * (n + 1)
     out = m.at(a["out"], b.mul(b.add(b.mul(group, a["samples"]), t), I64(n)))
     for i in range(n):
         row = [m.get(keep, first + n + i * n + j) for j in range(n)]
-        m.put(dot(row, pull, m.get(keep, first + i)), out, i)
+        m.put(dot(row, adjoint, m.get(keep, first + i)), out, i)
     before = b.select(b.icmp_signed(">", t, I64(0)), b.sub(t, I64(1)), I64(0))
     phi, _ = w.matrices(b.load(b.gep(a["node"], [before])))
     columns = [[m.get(phi, j * n + i) for j in range(n)] for i in range(n)]
-    back.close([dot(column, pull).value for column in columns])
+    back.close([dot(column, adjoint).value for column in columns])
 
 
-def _emit_draw(module: ir.Module, noisy: Noisy, name: str) -> None:
+def _emit_draw(module: ir.Module, system: StateSpace, name: str) -> None:
     """States, and what channels show of them with noise, of numbers that are standard normal."""
-    factor = emit_factor(module, noisy.n)
-    w = _Writer(module, noisy, name)
+    factor = emit_factor(module, system.n)
+    w = _Writer(module, system, name)
     b, a, m, n = w.b, w.a, w.memory, w.n
     groups = Loop(b, a["groups"], [], "groups")
     w.begin(groups.index)
@@ -258,7 +239,7 @@ def _emit_draw(module: ir.Module, noisy: Noisy, name: str) -> None:
     emit_copy(b, spare, q, n * n)
     steps.close([])
     samples = Loop(b, a["samples"], [vector(0.0)] * n, "samples")
-    t, k_count = samples.index, noisy.k
+    t, k_count = samples.index, system.k
     here = b.mul(b.add(b.mul(groups.index, a["samples"]), t), I64(n + k_count))
     normals = m.row(m.at(a["left"], here), n + k_count)
     before = b.select(b.icmp_signed(">", t, I64(0)), b.sub(t, I64(1)), I64(0))
@@ -278,12 +259,9 @@ def _emit_draw(module: ir.Module, noisy: Noisy, name: str) -> None:
     for k in range(k_count):
         size = Lane(b, root(b, load(b, w.variances, k)))
         value = size * normals[n + k]
-        for i, weight in noisy.seen(k).items():
-            value = fused(Lane(b, vector(weight)), state[i], value)
+        for i, weight in system.weights(b, a["weights"], k).items():
+            value = fused(weight, state[i], value)
         m.put(value, out, n + k)
     samples.close([one.value for one in state])
     groups.close([])
     b.ret_void()
-
-
-__all__ = ["BLOCKS", "COUNTS", "F64", "Filtering", "compile_filtering", "kept"]

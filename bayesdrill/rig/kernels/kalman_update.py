@@ -1,20 +1,25 @@
-"""Predict and update of a Kalman filter: what white noise does to the states in a step, and what a
-sample says of them.
+"""The steps of a Kalman filter: the transition with its process noise, update and prediction.
+
+Over a step h, the state-space model x' = F x + g w with white noise w of intensity q has
 
     Phi = exp(F h)      Q = q int exp(F s) g g' exp(F s)' ds  from 0 to h
 
-Over a step that is halved until a Taylor series is short; there Q is a Gauss-Legendre sum of
-squares.  Then Phi -> Phi Phi and Q -> Q + Phi Q Phi', as often as it was halved.
+(Van Loan 1978).  h is halved until a Taylor series is short; there Q is a Gauss-Legendre sum of squares.
+Then Phi -> Phi Phi and Q -> Q + Phi Q Phi', as often as it was halved.
 
-A state, and a covariance of what is not known of it: what a sample teaches, and a step takes away.
+Channels of a sample are taken one after the other, so that only numbers are divided by (Anderson and
+Moore 1979, section 6.4): with the innovation e = y - c x, its variance S = c P c' + R and the gain
+k = P c' / S,
 
-Channels are taken one after the other, so that only numbers are divided by.
+    update       x <- x + k e       P <- P - k c P
+    prediction   x <- Phi x         P <- Phi P Phi' + Q
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from llvmlite import ir
@@ -34,11 +39,11 @@ from bayesdrill.rig.kernels.lanes import (
     largest,
     load,
     splat,
-    splat_whole,
     store,
     vector,
     whole_numbers,
 )
+from bayesdrill.rig.kernels.layout import Kinds, formulas, weights_of
 from bayesdrill.rig.kernels.numbers import (
     Memory,
     Number,
@@ -57,14 +62,24 @@ NODES = 9  # exact up to powers of 17
 
 
 @dataclass(frozen=True, slots=True)
-class Noisy:
+class StateSpace:
     """A rig with its torque: what kernels are specialised for.
 
-    `channels`: weights `(K, n)` of states, those of the torque last.
+    `channels (K, n)`: weights of states, those of the torque last, see `weight_kinds`.
     """
 
     model: Pushed
-    channels: tuple[tuple[float, ...], ...]
+    channels: Kinds
+
+    @property
+    def text(self) -> str:
+        """See `Structure`."""
+        return f"{self.n} {self.own} {self.channels} {formulas(self.p, self._formulas)}"
+
+    def _formulas(self, lanes: Sequence[Lane]) -> Any:
+        """Of the model: its dynamics, and what drives its torque; they have slopes where kernels do."""
+        named: Any = dict(zip(self.model.parameters, lanes, strict=True))
+        return _entries(self, named), self.model.torque.driven(named[TIME])
 
     @property
     def n(self) -> int:
@@ -83,31 +98,36 @@ class Noisy:
         """States of the torque."""
         return len(self.model.torque.states)
 
-    def seen(self, k: int) -> dict[int, float]:
-        """States of which channel k tells, with their weights."""
-        return {i: weight for i, weight in enumerate(self.channels[k]) if weight != 0.0}
+    def seen(self, k: int) -> list[int]:
+        """States of which channel k tells."""
+        return [i for i, kind in enumerate(self.channels[k]) if kind != 0]
+
+    def weights(self, b: ir.IRBuilder, weights: ir.Value, k: int) -> dict[int, Lane]:
+        """Of channel k, by state, from the block of all `weights (K, n)`."""
+        return weights_of(b, weights, self.channels, k)
 
 
-def emit_spread(module: ir.Module, noisy: Noisy, *, slopes: bool) -> ir.Function:
-    """`spread(parameters (P,), span, phi (n, n), q (n, n))`, of numbers, with slopes or without.
+def emit_transition(module: ir.Module, system: StateSpace, *, slopes: bool) -> ir.Function:
+    """`transition(parameters (P,), span, phi (n, n), q (n, n))`: Phi, and Q of the process noise, of
+    numbers with slopes or without.
 
     `span`: one vector, a length of time of each lane.
     """
-    n = noisy.n
+    n = system.n
     multiply = emit_product(module, (n, n, n), slopes=slopes)
     turned = emit_even(module, n, adds=True, slopes=slopes)
-    made = function(module, "spread_d" if slopes else "spread", 0, [VECTORS] * 4)
+    made = function(module, "transition_d" if slopes else "transition", 0, [VECTORS] * 4)
     parameters, span, phi, q = made.args
     b = ir.IRBuilder(made.append_basic_block())
     memory = Memory(b, slopes)
-    named = dict(zip(noisy.model.parameters, memory.row(parameters, noisy.p), strict=True))
-    entries = _entries(noisy, named)
+    named = dict(zip(system.model.parameters, memory.row(parameters, system.p), strict=True))
+    entries = _entries(system, named)
     halvings = _halvings(b, entries, n, load(b, span, 0))
-    exponent = b.shl(b.sub(whole_numbers(1023), splat_whole(b, halvings)), whole_numbers(52))
+    exponent = b.shl(b.sub(whole_numbers(1023), splat(b, halvings)), whole_numbers(52))
     short = Lane(b, b.fmul(load(b, span, 0), b.bitcast(exponent, VEC)))
     timed = {place: entry * short for place, entry in entries.items()}
     _emit_series(memory, timed, n, phi)
-    driven = noisy.model.torque.driven(named[TIME]) * short
+    driven = system.model.torque.driven(named[TIME]) * short
     _emit_squares(memory, timed, n, q, driven)
     spare, other = memory.room(n * n), memory.room(n * n)
     twice = Loop(b, halvings, [], "twice")
@@ -120,9 +140,9 @@ def emit_spread(module: ir.Module, noisy: Noisy, *, slopes: bool) -> ir.Function
     return made
 
 
-def _entries(noisy: Noisy, named: dict[str, Number]) -> dict[tuple[int, int], Number]:
-    states = noisy.model.states
-    linear = noisy.model.linear(named)
+def _entries(system: StateSpace, named: dict[str, Number]) -> dict[tuple[int, int], Number]:
+    states = system.model.states
+    linear = system.model.linear(named)
     return {(states.index(r), states.index(c)): value for (r, c), value in linear.A.items()}
 
 
@@ -186,7 +206,7 @@ def _over(b: ir.IRBuilder, index: ir.Value) -> Lane:
 def _emit_squares(
     memory: Memory, timed: dict[tuple[int, int], Number], n: int, q: ir.Value, driven: Number
 ) -> None:
-    """`driven` times the integral over 0 to 1."""
+    """The integral over 0 to 1, times the intensity `driven`."""
     b = memory.b
     terms = memory.room((DEGREE + 1) * n)
     for i in range(n):
@@ -220,53 +240,60 @@ def _gauss() -> tuple[np.ndarray, np.ndarray]:
     return 0.5 * (nodes + 1.0), 0.5 * weights
 
 
-def width(n: int) -> int:
-    """Numbers that `emit_taught` leaves of a channel: the gain (n,), the variance of what it shows, and
-    the root of one over it.
+def gain_width(n: int) -> int:
+    """Numbers that `update_covariance` leaves of a channel: the gain (n,), the variance of what it
+    shows, and the root of one over it.
     """
     return n + 2
 
 
-def emit_taught(
+def update_covariance(
     memory: Memory,
-    noisy: Noisy,
+    system: StateSpace,
     k: int,
     p: ir.Value,
     variances: ir.Value,
     gains: ir.Value,
+    weights: ir.Value,
     is_seen: Number = 1.0,
 ) -> None:
-    """Of channel k into `gains (K, width)`; the covariance p (n, n) loses what it teaches."""
-    n, own = noisy.n, noisy.seen(k)
-    weights = weights_of(memory.b, noisy, k)
-    shown = [dot(weights, [memory.get(p, i * n + j) for j in own]) for i in range(n)]
-    variance = dot(weights, [shown[j] for j in own], memory.get(variances, k))
+    """Write the gain of channel k into `gains (K, gain_width)`, and update the covariance p (n, n)."""
+    n, own = system.n, system.weights(memory.b, weights, k)
+    c = list(own.values())
+    shown = [dot(c, [memory.get(p, i * n + j) for j in own]) for i in range(n)]
+    variance = dot(c, [shown[j] for j in own], memory.get(variances, k))
     over = is_seen / variance
     gain = [one * over for one in shown]
     for i in range(n):
         for j in range(n):
             memory.put(fused(-gain[i], shown[j], memory.get(p, i * n + j)), p, i * n + j)
-    at = k * width(n)
+    at = k * gain_width(n)
     for i, one in enumerate(gain):
         memory.put(one, gains, at + i)
     memory.put(variance * is_seen + (1.0 - is_seen), gains, at + n)
     memory.put(_root(memory.b, over), gains, at + n + 1)
 
 
-def met(
-    memory: Memory, noisy: Noisy, k: int, state: Sequence[Number], y: Number, gains: ir.Value
+def update_state(
+    memory: Memory,
+    system: StateSpace,
+    k: int,
+    state: Sequence[Number],
+    y: Number,
+    gains: ir.Value,
+    weights: ir.Value,
 ) -> tuple[Number, list[Number]]:
-    """What channel k shows that the state does not, and the state that knows of it."""
-    n = noisy.n
-    rest = y
-    for i, weight in noisy.seen(k).items():
-        rest = fused(Lane(memory.b, vector(-weight)), state[i], rest)
-    gain = [memory.get(gains, k * width(n) + i) for i in range(n)]
-    return rest, [fused(one, rest, x) for one, x in zip(gain, state, strict=True)]
+    """Return the innovation of channel k, and the updated state."""
+    n = system.n
+    innovation = y
+    for i, weight in system.weights(memory.b, weights, k).items():
+        innovation = fused(-weight, state[i], innovation)
+    gain = [memory.get(gains, k * gain_width(n) + i) for i in range(n)]
+    return innovation, [fused(one, innovation, x) for one, x in zip(gain, state, strict=True)]
 
 
-def emit_carried(memory: Memory, n: int, p: ir.Value, phi: ir.Value, q: ir.Value) -> None:
-    """p = phi p phi' + q, where that is written."""
+def predict_covariance(memory: Memory, n: int, p: ir.Value, phi: ir.Value, q: ir.Value) -> None:
+    """p = phi p phi' + q, in place."""
     b = memory.b
     half = emit_product(b.module, (n, n, n), slopes=memory.slopes)
     whole = emit_even(b.module, n, adds=True, slopes=memory.slopes)
@@ -276,14 +303,9 @@ def emit_carried(memory: Memory, n: int, p: ir.Value, phi: ir.Value, q: ir.Value
     b.call(whole, [p, spare, phi])
 
 
-def weights_of(b: ir.IRBuilder, noisy: Noisy, k: int) -> list[Number]:
-    """Those of the states of which channel k tells."""
-    return [Lane(b, vector(weight)) for weight in noisy.seen(k).values()]
-
-
-def root_of(memory: Memory, n: int, k: int, gains: ir.Value) -> Number:
+def inverse_deviation(memory: Memory, n: int, k: int, gains: ir.Value) -> Number:
     """Of one over the variance of what channel k shows."""
-    return memory.get(gains, k * width(n) + n + 1)
+    return memory.get(gains, k * gain_width(n) + n + 1)
 
 
 def _root(b: ir.IRBuilder, number: Number) -> Number:

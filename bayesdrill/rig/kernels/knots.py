@@ -10,7 +10,6 @@ from dataclasses import dataclass
 
 from llvmlite import ir
 
-from bayesdrill.rig.kernels.compiling import Layout
 from bayesdrill.rig.kernels.exponential import DEEPEST, Cell, Values, emit_terms
 from bayesdrill.rig.kernels.lanes import (
     F64,
@@ -26,13 +25,13 @@ from bayesdrill.rig.kernels.lanes import (
     load,
     scatter,
     splat,
-    splat_whole,
     store,
     vector,
     whole_numbers,
 )
+from bayesdrill.rig.kernels.layout import Layout, Pattern
 from bayesdrill.rig.kernels.recurrence import next_state
-from bayesdrill.rig.kernels.sums import Tally
+from bayesdrill.rig.kernels.sums import Sample, Tally
 
 WHOLE = I64.as_pointer()
 
@@ -40,8 +39,8 @@ WHOLE = I64.as_pointer()
 # no sample wants it.
 COUNTS = ("groups", "knots", "nodes", "runs", "cells", "high")
 BLOCKS = {
-    "own": VECTORS,  # (G, `Own.width`): what walkers have of their own
-    "numbers": NUMBERS,  # widths of a cell of steps and of one of shifts, least norm
+    "own": VECTORS,  # (G, vectors of `Shape.own`): what walkers have of their own
+    "numbers": NUMBERS,  # widths of a cell of steps and of one of shifts, least norm; constant inputs
     "spans": NUMBERS,  # (N,) of nodes
     "inside": NUMBERS,  # (N,) 1 where shares follow
     "chained": WHOLE,  # (N,) 1 where a node is the one before and a cell
@@ -59,6 +58,8 @@ BLOCKS = {
     "out": VECTORS,  # (G, K, n) sums or (G, T + 1, K) signals
 }
 
+OWN_NUMBERS = 3  # before the constant inputs
+
 
 @dataclass(frozen=True, slots=True)
 class Shape:
@@ -69,10 +70,15 @@ class Shape:
     """
 
     layout: Layout
-    pattern: tuple[tuple[bool, ...], ...]
+    pattern: Pattern
     tally: Tally | None
     shifted: tuple[bool, ...]
     even: bool
+
+    @property
+    def text(self) -> str:
+        """See `Structure`."""
+        return f"{self.pattern} {self.tally} {self.shifted} {self.even} {self.layout.text}"
 
     @property
     def late(self) -> bool:
@@ -92,34 +98,14 @@ class Shape:
     def r_count(self) -> int:
         return self.layout.n_states + 1 + self.layout.n_series
 
-
-@dataclass(frozen=True, slots=True)
-class Own:
-    """Parts of the block `own`, and how many vectors each has."""
-
-    shape: Shape
-
     @property
-    def parts(self) -> dict[str, int]:
-        k, x = len(self.shape.pattern), self.shape.layout.n_states
-        always = {
-            "parameters": self.shape.layout.n_parameters,
-            "x0": x,
-            "rows": k * self.shape.r_count,
-        }
-        late = {"before": x, "shift": k, "share": k, "offset": k, "head": k, "begin": k}
-        found = always | (late if self.shape.late else {})
-        return found | ({"weight": k * self.shape.weights} if self.shape.weights else {})
-
-    @property
-    def width(self) -> int:
-        return sum(self.parts.values())
-
-    def of(self, b: ir.IRBuilder, block: ir.Value, group: ir.Value) -> dict[str, ir.Value]:
-        found, place = {}, b.gep(block, [b.mul(group, I64(self.width))])
-        for name, size in self.parts.items():
-            found[name], place = place, b.gep(place, [I64(size)])
-        return found
+    def own(self) -> dict[str, int]:
+        """Parts of the block `own`, and how many vectors each has."""
+        k, x = len(self.pattern), self.layout.n_states
+        found = {"parameters": self.layout.n_parameters, "x0": x, "rows": k * self.r_count}
+        if self.late:
+            found |= {"before": x} | dict.fromkeys(("shift", "share", "offset", "head", "begin"), k)
+        return found | ({"weight": k * self.weights} if self.weights else {})
 
 
 @dataclass(frozen=True, slots=True)
@@ -177,22 +163,15 @@ def observe(
             seen = b.fcmp_ordered("ord", y, y)
             left = b.select(seen, b.fsub(y, total), vector(0.0))
             weights = [load(b, own["weight"], k * shape.weights + n) for n in range(shape.weights)]
-            add_to(b, shape.tally, totals[k], left, seen, weights)
+            add_to(b, shape.tally, totals[k], Sample(left, seen, weights))
         else:
             store(b, total, b.gep(a.signals_of(group, k_count), [flat]), 0)
 
 
-def add_to(
-    b: ir.IRBuilder,
-    tally: Tally,
-    place: ir.Value,
-    left: ir.Value,
-    seen: ir.Value,
-    weights: list[ir.Value],
-) -> None:
+def add_to(b: ir.IRBuilder, tally: Tally, place: ir.Value, sample: Sample) -> None:
     """To the tally of one channel, which stands at a place."""
     kept = [load(b, place, n) for n in range(tally.count)]
-    for n, value in enumerate(tally.added(b, kept, left, seen, weights)):
+    for n, value in enumerate(tally.added(b, kept, sample)):
         store(b, value, place, n)
 
 
@@ -212,8 +191,8 @@ def emit_seen(
     """
     b, k_count = a.b, len(shape.pattern)
     if shape.tally is None:
-        sample = b.select(due, sample, splat_whole(b, a["knots"]))
-    flat = b.add(b.mul(sample, whole_numbers(k_count)), splat_whole(b, k))
+        sample = b.select(due, sample, splat(b, a["knots"]))
+    flat = b.add(b.mul(sample, whole_numbers(k_count)), splat(b, k))
     if shape.tally is None:
         scatter(b, value, b.bitcast(a.signals_of(group, k_count), NUMBERS), flat)
         return
@@ -223,7 +202,7 @@ def emit_seen(
     place = b.gep(a.row("out", group, shape.out_count), [b.mul(k, I64(shape.tally.count))])
     first = b.mul(k, I64(shape.weights))
     own = [load(b, b.gep(weight, [first]), n) for n in range(shape.weights)]
-    add_to(b, shape.tally, place, left, seen, own)
+    add_to(b, shape.tally, place, Sample(left, seen, own))
 
 
 def row_blocks(shape: Shape) -> int:
@@ -275,6 +254,7 @@ class Machine:
     exponential: ir.Function
     product: ir.Function
     parameters: ir.Value
+    constants: ir.Value
     rates: ir.Value
     norm: ir.Value
     over: ir.Value
@@ -284,7 +264,7 @@ class Machine:
 
 def emit_exponential_of(m: Machine, spans: ir.Value, out: ir.Value) -> None:
     store(m.b, spans, m.spans, 0)
-    m.b.call(m.exponential, [m.parameters, m.spans, out])
+    m.b.call(m.exponential, [m.parameters, m.constants, m.spans, out])
 
 
 def keep(m: Machine, e: ir.Value, table: ir.Value) -> None:
@@ -312,7 +292,7 @@ def emit_ladder(m: Machine, rest: Rest, width: ir.Value) -> None:
     b = m.b
     with b.if_then(b.icmp_signed(">", rest.cell.depth, I64(0))):
         levels = Loop(b, rest.cell.depth, [ir.Constant(F64, 0.5)], "levels")
-        number = splat_whole(b, b.add(levels.index, I64(1)))
+        number = splat(b, b.add(levels.index, I64(1)))
         wanted = b.icmp_signed(">=", rest.cell.halvings, number)
         span = b.select(wanted, splat(b, b.fmul(width, levels.carried[0])), vector(0.0))
         emit_level(m, rest, levels.index, span)

@@ -5,9 +5,10 @@ code.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
 
 from llvmlite import ir
 
@@ -56,7 +57,8 @@ def store(b: ir.IRBuilder, value: ir.Value, base: ir.Value, index: int) -> None:
 
 
 def splat(b: ir.IRBuilder, scalar: ir.Value) -> ir.Value:
-    undefined = ir.Constant(VEC, ir.Undefined)
+    """A number of either kind, in all lanes."""
+    undefined = ir.Constant(ir.VectorType(scalar.type, LANES), ir.Undefined)
     one = b.insert_element(undefined, scalar, I32(0))
     lanes = ir.Constant(ir.VectorType(I32, LANES), [0] * LANES)
     return b.shuffle_vector(one, undefined, lanes)
@@ -83,6 +85,13 @@ def floor(b: ir.IRBuilder, value: ir.Value) -> ir.Value:
 def fma(b: ir.IRBuilder, left: ir.Value, right: ir.Value, total: ir.Value) -> ir.Value:
     name = f"llvm.fmuladd.v{LANES}f64"
     return b.call(intrinsic(b.module, name, VEC, [VEC] * 3), [left, right, total])
+
+
+def emit_clear(b: ir.IRBuilder, base: ir.Value, count: ir.Value) -> None:
+    """Zeros into so many vectors."""
+    each = Loop(b, count, [], "clear")
+    b.store(vector(0.0), b.gep(base, [each.index]), align=8)
+    each.close([])
 
 
 class Loop:
@@ -124,37 +133,34 @@ class Lane(Number):
     def _of(self, other: Lane | float) -> ir.Value:
         return other.value if isinstance(other, Lane) else vector(float(other))
 
-    def __add__(self, other: Lane | float) -> Lane:
+    def _with(self, other: Any, operation: str, *, turned: bool = False) -> Any:
+        """`operation` of the builder with what is a number too; others know how to take a lane."""
         if not isinstance(other, Lane | float | int):
             return NotImplemented
-        return Lane(self.b, self.b.fadd(self.value, self._of(other)))
+        pair = (self._of(other), self.value) if turned else (self.value, self._of(other))
+        return Lane(self.b, getattr(self.b, operation)(*pair))
 
-    def __radd__(self, other: float) -> Lane:
-        return self + other
+    def __add__(self, other: Any) -> Any:
+        return self._with(other, "fadd")
 
-    def __sub__(self, other: Lane | float) -> Lane:
-        if not isinstance(other, Lane | float | int):
-            return NotImplemented
-        return Lane(self.b, self.b.fsub(self.value, self._of(other)))
+    __radd__ = __add__
 
-    def __rsub__(self, other: float) -> Lane:
-        return Lane(self.b, self.b.fsub(self._of(other), self.value))
+    def __sub__(self, other: Any) -> Any:
+        return self._with(other, "fsub")
 
-    def __mul__(self, other: Lane | float) -> Lane:
-        if not isinstance(other, Lane | float | int):
-            return NotImplemented
-        return Lane(self.b, self.b.fmul(self.value, self._of(other)))
+    def __rsub__(self, other: Any) -> Any:
+        return self._with(other, "fsub", turned=True)
 
-    def __rmul__(self, other: float) -> Lane:
-        return self * other
+    def __mul__(self, other: Any) -> Any:
+        return self._with(other, "fmul")
 
-    def __truediv__(self, other: Lane | float) -> Lane:
-        if not isinstance(other, Lane | float | int):
-            return NotImplemented
-        return Lane(self.b, self.b.fdiv(self.value, self._of(other)))
+    __rmul__ = __mul__
 
-    def __rtruediv__(self, other: float) -> Lane:
-        return Lane(self.b, self.b.fdiv(self._of(other), self.value))
+    def __truediv__(self, other: Any) -> Any:
+        return self._with(other, "fdiv")
+
+    def __rtruediv__(self, other: Any) -> Any:
+        return self._with(other, "fdiv", turned=True)
 
     def __neg__(self) -> Lane:
         return Lane(self.b, self.b.fneg(self.value))
@@ -245,13 +251,6 @@ def emit_exp(b: ir.IRBuilder, value: ir.Value) -> ir.Value:
     return b.bitcast(b.add(b.bitcast(total, INT_VEC), power), VEC)
 
 
-def splat_whole(b: ir.IRBuilder, scalar: ir.Value) -> ir.Value:
-    undefined = ir.Constant(INT_VEC, ir.Undefined)
-    one = b.insert_element(undefined, scalar, I32(0))
-    lanes = ir.Constant(ir.VectorType(I32, LANES), [0] * LANES)
-    return b.shuffle_vector(one, undefined, lanes)
-
-
 def largest(b: ir.IRBuilder, values: ir.Value) -> ir.Value:
     """Of whole numbers."""
     name = f"llvm.vector.reduce.smax.v{LANES}i64"
@@ -264,39 +263,40 @@ def anywhere(b: ir.IRBuilder, mask: ir.Value) -> ir.Value:
 
 def gather(b: ir.IRBuilder, numbers: ir.Value, places: ir.Value) -> ir.Value:
     """Of a block of single numbers, at the place of each lane; quick where lanes have one place."""
-    first = b.extract_element(places, I32(0))
-    other = b.icmp_signed("!=", places, splat_whole(b, first))
-    with b.if_else(anywhere(b, other)) as (then, otherwise):
-        with then:
-            apart: ir.Value = ir.Constant(VEC, ir.Undefined)
-            for lane in range(LANES):
-                number = b.load(b.gep(numbers, [b.extract_element(places, I32(lane))]))
-                apart = b.insert_element(apart, number, I32(lane))
-            block_apart = b.block
-        with otherwise:
-            alike = splat(b, b.load(b.gep(numbers, [first])))
-            block_alike = b.block
-    found = b.phi(VEC)
-    found.add_incoming(apart, block_apart)
-    found.add_incoming(alike, block_alike)
-    return found
+
+    def of_lane(place: ir.Value, _: int) -> ir.Value:
+        return b.load(b.gep(numbers, [place]))
+
+    return _gathered(b, places, of_lane, lambda place: splat(b, of_lane(place, 0)))
 
 
 def gather_own(b: ir.IRBuilder, vectors: ir.Value, places: ir.Value) -> ir.Value:
     """Of a block of vectors, each lane's number of the vector at its place."""
-    first = b.extract_element(places, I32(0))
-    other = b.icmp_signed("!=", places, splat_whole(b, first))
     numbers = b.bitcast(vectors, F64.as_pointer())
+
+    def of_lane(place: ir.Value, lane: int) -> ir.Value:
+        return b.load(b.gep(numbers, [b.add(b.mul(place, I64(LANES)), I64(lane))]))
+
+    return _gathered(b, places, of_lane, lambda place: b.load(b.gep(vectors, [place]), align=8))
+
+
+def _gathered(
+    b: ir.IRBuilder,
+    places: ir.Value,
+    of_lane: Callable[[ir.Value, int], ir.Value],
+    of_all: Callable[[ir.Value], ir.Value],
+) -> ir.Value:
+    first = b.extract_element(places, I32(0))
+    other = b.icmp_signed("!=", places, splat(b, first))
     with b.if_else(anywhere(b, other)) as (then, otherwise):
         with then:
             apart: ir.Value = ir.Constant(VEC, ir.Undefined)
             for lane in range(LANES):
-                vector_of = b.mul(b.extract_element(places, I32(lane)), I64(LANES))
-                number = b.load(b.gep(numbers, [b.add(vector_of, I64(lane))]))
+                number = of_lane(b.extract_element(places, I32(lane)), lane)
                 apart = b.insert_element(apart, number, I32(lane))
             block_apart = b.block
         with otherwise:
-            alike = b.load(b.gep(vectors, [first]), align=8)
+            alike = of_all(first)
             block_alike = b.block
     found = b.phi(VEC)
     found.add_incoming(apart, block_apart)

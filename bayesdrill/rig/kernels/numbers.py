@@ -23,6 +23,7 @@ from bayesdrill.rig.kernels.lanes import (
     Loop,
     Mask,
     anywhere,
+    emit_clear,
     fma,
     function,
     intrinsic,
@@ -201,9 +202,7 @@ class Memory:
             return self.b.alloca(VEC, I64(count * self.width))
 
     def clear(self, base: ir.Value, count: int) -> None:
-        each = Loop(self.b, I64(count * self.width), [], "clear")
-        self.b.store(vector(0.0), self.b.gep(base, [each.index]), align=8)
-        each.close([])
+        emit_clear(self.b, base, I64(count * self.width))
 
 
 def emit_copy(b: ir.IRBuilder, source: ir.Value, target: ir.Value, count: int) -> None:

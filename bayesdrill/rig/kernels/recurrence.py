@@ -11,15 +11,19 @@ are multiplied with each other and with what is left of the record.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 from llvmlite import ir
 
-from bayesdrill.rig.kernels.compiling import Layout
+from bayesdrill.rig.kernels.exponential import emit_exponential
 from bayesdrill.rig.kernels.lanes import (
     I64,
     NUMBERS,
     VEC,
     VECTORS,
+    Lane,
     Loop,
+    emit_clear,
     fma,
     function,
     load,
@@ -27,50 +31,111 @@ from bayesdrill.rig.kernels.lanes import (
     store,
     vector,
 )
-from bayesdrill.rig.kernels.sums import Tally
+from bayesdrill.rig.kernels.layout import Layout, number, weights_of
+from bayesdrill.rig.kernels.sums import TALLIES, Sample, Tally
+
+
+def write_response(module: ir.Module, layout: Layout, *names: str) -> None:
+    """`misfit(G, T, parameters, constants, y, u, out)`, `signals(...)` and others for G groups of LANES
+    walkers.
+
+    All arguments but counts are addresses of C-contiguous blocks: `parameters (G, P, LANES)`,
+    `constants`, see `Constants`, `y (T, K)`, `u (T + 1, n_series)`.  `misfit` writes sums of squares
+    `(G, K, LANES)`, `signals` `(G, T, K, LANES)`; a lane whose numbers overflow gets NaN.  Other
+    `TALLIES` are as `misfit`, with as many numbers `(G, K, n, LANES)` as they have, and their weights
+    `(K, m)` after the parameters.
+    `normal`: see `emit_normal`.
+    """
+    exponential = emit_exponential(module, layout, increments=True)
+    for name in names:
+        if name == "normal":
+            emit_normal(module, layout, exponential)
+        else:
+            emit_response(module, layout, exponential, name, TALLIES.get(name))
+
+
+@dataclass(frozen=True, slots=True)
+class Constants:
+    """A block of numbers: the step, the span from the start to the first sample, inputs `(C,)`, the
+    start `(X,)`, and weights of channels `(K, X)`.
+    """
+
+    b: ir.IRBuilder
+    layout: Layout
+    block: ir.Value
+
+    @property
+    def inputs(self) -> ir.Value:
+        return self.b.gep(self.block, [I64(2)])
+
+    @property
+    def all_weights(self) -> ir.Value:
+        """`(K, X)`."""
+        return self.b.gep(self.block, [I64(2 + self.layout.n_constants + self.layout.n_states)])
+
+    def span(self, *, lead: bool) -> Lane:
+        """Of the lead, or of a step."""
+        return number(self.b, self.block, int(lead))
+
+    def start(self, count: int) -> list[ir.Value]:
+        """Of the first `count` states."""
+        first = 2 + self.layout.n_constants
+        return [number(self.b, self.block, first + i).value for i in range(count)]
+
+    def weights(self, k: int) -> dict[int, ir.Value]:
+        """Of channel k, those that are not zero, by state."""
+        found = weights_of(self.b, self.all_weights, self.layout.channels, k)
+        return {i: weight.value for i, weight in found.items()}
+
+    def exponential(self, of: ir.Function, own: ir.Value, e: ir.Value, *, lead: bool) -> None:
+        """Into `e`, over a step or over the lead, of parameters `own`."""
+        with self.b.goto_entry_block():
+            span = self.b.alloca(VEC)
+        store(self.b, self.span(lead=lead).value, span, 0)
+        self.b.call(of, [own, self.inputs, span, e])
 
 
 def emit_response(
     module: ir.Module,
     layout: Layout,
-    step: ir.Function,
-    lead: ir.Function | None,
+    exponential: ir.Function,
     name: str,
     tally: Tally | None,
 ) -> None:
-    """What is called `name`, a `tally` or signals, see `Kernels`.
+    """What is called `name`, a `tally` or signals, see `write_response`.
 
     x(k + 1) = Phi x(k) + g + G0 u(k) + G1 (u(k + 1) - u(k)), and what is made of x(k).
     """
-    blocks = [VECTORS, NUMBERS, NUMBERS, VECTORS]
+    blocks = [VECTORS, NUMBERS, NUMBERS, NUMBERS, VECTORS]
     made = function(module, name, 2, blocks)
-    n_groups, n_samples, parameters, y, u, out = made.args
+    n_groups, n_samples, parameters, block, y, u, out = made.args
     b = ir.IRBuilder(made.append_basic_block())
+    constants = Constants(b, layout, block)
     n, k_count = layout.size, len(layout.channels)
     e = b.alloca(VEC, I64(n * n))
     groups = Loop(b, n_groups, [], "groups")
     each = tally.weights if tally is not None else 0
     mine = b.gep(parameters, [b.mul(groups.index, I64(layout.n_parameters + k_count * each))])
     own = [load(b, mine, layout.n_parameters + place) for place in range(k_count * each)]
-    state = [vector(value) for value in layout.x0]
-    if lead is not None:
-        b.call(lead, [mine, e])
+    state = constants.start(layout.n_states)
+    if layout.lead:
+        constants.exponential(exponential, mine, e, lead=True)
         state = next_state(b, layout.n_states, entries(b, layout, e), state, [])
-    b.call(step, [mine, e])
+    constants.exponential(exponential, mine, e, lead=False)
     phi = entries(b, layout, e)
     totals = tally.begun(k_count) if tally is not None else []
     samples = Loop(b, n_samples, state + totals, "samples")
     state, totals = samples.carried[: len(state)], samples.carried[len(state) :]
     drive = emit_drive(b, layout, u, samples.index)
-    for k, weights in enumerate(layout.channels):
+    for k in range(k_count):
         flat = b.add(b.mul(samples.index, I64(k_count)), I64(k))
         value = vector(0.0) if tally is None else splat(b, b.load(b.gep(y, [flat])))
-        for weight, x in zip(weights, state, strict=True):
-            if weight != 0.0:
-                value = fma(b, vector(weight if tally is None else -weight), x, value)
+        for i, weight in constants.weights(k).items():
+            value = fma(b, weight if tally is None else b.fneg(weight), state[i], value)
         if tally is not None:
             kept = slice(k * tally.count, (k + 1) * tally.count)
-            totals[kept] = tally.added(b, totals[kept], value, None, own[k * each : (k + 1) * each])
+            sample = Sample(value, None, own[k * each : (k + 1) * each])
+            totals[kept] = tally.added(b, totals[kept], sample)
         else:
             row = b.add(b.mul(groups.index, b.mul(n_samples, I64(k_count))), flat)
             store(b, value, b.gep(out, [row]), 0)
@@ -146,21 +211,19 @@ def scratch_size(layout: Layout, q: int) -> int:
     return layout.size**2 + q * (x * (layout.size - x) + x + len(layout.channels))
 
 
-def emit_normal(
-    module: ir.Module, layout: Layout, step: ir.Function, lead: ir.Function | None
-) -> None:
-    """`normal(G, T, q, parameters, directions, scales, y, u, scratch, out)`.
+def emit_normal(module: ir.Module, layout: Layout, exponential: ir.Function) -> None:
+    """`normal(G, T, q, parameters, directions, scales, constants, y, u, scratch, out)`.
 
     `layout` is the tangent's: its first X states are the rig's, and its channels are derivatives.
     `parameters (G, P, LANES)`, `directions (G, q, P, LANES)`, `scales (G, K, LANES)`: one over the
     noise.  `out (G, K + q + q q, LANES)`: squares, slopes, and the lower triangle of the products.
     """
-    blocks = [VECTORS, VECTORS, VECTORS, NUMBERS, NUMBERS, VECTORS, VECTORS]
-    w = _Writer(function(module, "normal", 3, blocks), layout)
+    blocks = [VECTORS, VECTORS, VECTORS, NUMBERS, NUMBERS, NUMBERS, VECTORS, VECTORS]
+    w = _Writer(function(module, "normal", 3, blocks), layout, exponential)
     groups = Loop(w.b, w.n_groups, [], "groups")
     w.begin_group(groups.index)
-    state = w.first_state(lead)
-    phi = w.matrices(step)
+    state = w.first_state()
+    phi = w.matrices()
     samples = Loop(w.b, w.n_samples, state + [vector(0.0)] * w.k_count, "samples")
     state, totals = samples.carried[: w.x_count], samples.carried[w.x_count :]
     drive = emit_drive(w.b, layout, w.u, samples.index)
@@ -177,11 +240,13 @@ def emit_normal(
 class _Writer:
     """Where a group of walkers has its numbers, and the parts of the code that fills them in."""
 
-    def __init__(self, made: ir.Function, layout: Layout) -> None:
+    def __init__(self, made: ir.Function, layout: Layout, exponential: ir.Function) -> None:
         self.n_groups, self.n_samples, self.q, *blocks = made.args
-        self.parameters, self.directions, self.scales, self.y, self.u, self.e, self.out = blocks
+        self.parameters, self.directions, self.scales, block, *blocks = blocks
+        self.y, self.u, self.e, self.out = blocks
         b = self.b = ir.IRBuilder(made.append_basic_block())
-        self.layout = layout
+        self.layout, self.exponential = layout, exponential
+        self.constants = Constants(b, layout, block)
         self.x_count, self.k_count = layout.n_states // 2, len(layout.channels)
         self.p_count = layout.n_parameters // 2
         inputs = layout.size - layout.n_states  # the constant one and the sampled ones
@@ -190,7 +255,6 @@ class _Writer:
         self.slopes_x = b.gep(self.d, [b.mul(self.q, I64(self.d_count))])
         self.slopes_s = b.gep(self.slopes_x, [b.mul(self.q, I64(self.x_count))])
         self.both = b.alloca(VEC, I64(2 * self.p_count))
-        self.weights = [channel[self.x_count :] for channel in layout.channels]
 
     def row(self, base: ir.Value, index: ir.Value, count: int) -> ir.Value:
         return self.b.gep(base, [self.b.mul(index, I64(count))])
@@ -203,34 +267,33 @@ class _Writer:
         self.own_scales = self.row(self.scales, group, self.k_count)
         self.slope_sums = b.gep(self.own_out, [I64(self.k_count)])
         self.product_sums = b.gep(self.slope_sums, [q])
-        self._clear(self.own_out, out_count)
+        emit_clear(b, self.own_out, out_count)
         own = self.row(self.parameters, group, self.p_count)
         for p in range(self.p_count):
             store(b, load(b, own, p), self.both, p)
 
-    def _clear(self, base: ir.Value, count: ir.Value) -> None:
-        clear = Loop(self.b, count, [], "clear")
-        self.b.store(vector(0.0), self.b.gep(base, [clear.index]), align=8)
-        clear.close([])
+    def _weights(self, k: int) -> dict[int, ir.Value]:
+        """Of channel k, by the rig's own states: those of the derivatives that it shows."""
+        return {i - self.x_count: weight for i, weight in self.constants.weights(k).items()}
 
-    def _exponential(self, of: ir.Function, direction: ir.Value) -> None:
+    def _exponential(self, direction: ir.Value, *, lead: bool) -> None:
         """Of the tangent's matrix in this direction."""
         b = self.b
         row = self.row(self.directions, b.add(b.mul(self.group, self.q), direction), self.p_count)
         for p in range(self.p_count):
             store(b, load(b, row, p), self.both, self.p_count + p)
-        b.call(of, [self.both, self.e])
+        self.constants.exponential(self.exponential, self.both, self.e, lead=lead)
 
-    def first_state(self, lead: ir.Function | None) -> Values:
+    def first_state(self) -> Values:
         """Of the rig, at the first sample; those of the slopes are stored."""
         b, layout, count = self.b, self.layout, self.x_count
-        start: Values = [vector(value) for value in layout.x0[:count]]
-        if lead is None:
-            self._clear(self.slopes_x, b.mul(self.q, I64(count)))
+        start = self.constants.start(count)
+        if not layout.lead:
+            emit_clear(b, self.slopes_x, b.mul(self.q, I64(count)))
             return start
         zero = [vector(0.0)] * count
         begun = Loop(b, self.q, [], "begun")
-        self._exponential(lead, begun.index)
+        self._exponential(begun.index, lead=True)
         phi, slope = _entries(b, layout, self.e)
         mine = self.row(self.slopes_x, begun.index, count)
         for i, value in enumerate(_next_slope(b, layout, phi, slope, start, zero, [])):
@@ -238,11 +301,11 @@ class _Writer:
         begun.close([])
         return next_state(b, count, _entries(b, layout, self.e)[0], start, [])
 
-    def matrices(self, step: ir.Function) -> Entries:
+    def matrices(self) -> Entries:
         """Phi; its slopes in all directions are stored."""
         b, layout = self.b, self.layout
         each = Loop(b, self.q, [], "matrices")
-        self._exponential(step, each.index)
+        self._exponential(each.index, lead=False)
         mine = self.row(self.d, each.index, self.d_count)
         for place, value in enumerate(_slope_values(b, layout, self.e)):
             store(b, value, mine, place)
@@ -253,12 +316,11 @@ class _Writer:
         """Of the record, over the noise."""
         b = self.b
         found = []
-        for k, weights in enumerate(self.weights):
+        for k in range(self.k_count):
             flat = b.add(b.mul(sample, I64(self.k_count)), I64(k))
             value = splat(b, b.load(b.gep(self.y, [flat])))
-            for weight, x in zip(weights, state, strict=True):
-                if weight != 0.0:
-                    value = fma(b, vector(-weight), x, value)
+            for i, weight in self._weights(k).items():
+                value = fma(b, b.fneg(weight), state[i], value)
             found.append(b.fmul(value, load(b, self.own_scales, k)))
         return found
 
@@ -271,11 +333,10 @@ class _Writer:
         own_d = self.row(self.d, each.index, self.d_count)
         slope_x = [load(b, own_x, i) for i in range(self.x_count)]
         seen = []
-        for k, weights in enumerate(self.weights):
+        for k in range(self.k_count):
             value = vector(0.0)
-            for weight, x in zip(weights, slope_x, strict=True):
-                if weight != 0.0:
-                    value = fma(b, vector(weight), x, value)
+            for i, weight in self._weights(k).items():
+                value = fma(b, weight, slope_x[i], value)
             seen.append(b.fmul(value, load(b, self.own_scales, k)))
             store(b, seen[k], own_s, k)
         _add_products(b, b.gep(self.slope_sums, [each.index]), seen, left)

@@ -1,44 +1,38 @@
-"""The likelihood by a Kalman filter of one settled gain: the Riccati equation by doubling, and an
+"""The likelihood by a Kalman filter of one steady-state gain: the Riccati equation by doubling, and an
 exact start.
 
-The covariance P that a step leaves as it is: after 2^j steps it is H, with a transition B and what they
-teach, G (the information of their samples on the state before them).
-Two such stretches make one of twice the length:
+2^j steps have the covariance H that they leave of a known state, a transition B, and the information G
+of their samples on the state before them.  Two such stretches make one of twice the length (Anderson
+1978):
 
     B <- B E        E = (1 + H G)^-1 B
     G <- G + B' G E
     H <- H + B (1 + H G)^-1 H B'
 
-and one that goes before what a record ends in teaches, with that, G + B' G' (1 + H G')^-1 B: the
-record is put together of stretches as its length is written in twos.
+until H is the steady-state covariance P.  One that goes before a stretch of information G' has, with
+it, G + B' G' (1 + H G')^-1 B: the record is put together of stretches as its length is written in twos.
 
-The likelihood of a record that a missing torque has shaken: one gain throughout, an exact start.
-
-Channel after channel of a sample, r = y - c x, x <- x + k r; then x <- Phi x + g + G u: that of the
-response, and residuals.
+With the gain of P the filter is the recurrence of the response, channel after channel of a sample
+e = y - c x, x <- x + k e, then x <- Phi x + g + G u.  That the start has another covariance than P is
+made good at the end, from the information of all samples on it, see `emit_start`.
 """
 
 from __future__ import annotations
 
-import ctypes
 import math
-from dataclasses import dataclass, field
-from functools import lru_cache
-from typing import Any
+from dataclasses import dataclass
 
 from llvmlite import ir
 
-from bayesdrill.rig.kernels.compiling import HARDER, Layout, in_one_go, machine_code
 from bayesdrill.rig.kernels.exponential import emit_exponential
 from bayesdrill.rig.kernels.kalman_update import (
-    Noisy,
-    emit_carried,
-    emit_spread,
-    emit_taught,
-    met,
-    root_of,
-    weights_of,
-    width,
+    StateSpace,
+    emit_transition,
+    gain_width,
+    inverse_deviation,
+    predict_covariance,
+    update_covariance,
+    update_state,
 )
 from bayesdrill.rig.kernels.lanes import (
     I64,
@@ -54,6 +48,7 @@ from bayesdrill.rig.kernels.lanes import (
     store,
     vector,
 )
+from bayesdrill.rig.kernels.layout import Layout
 from bayesdrill.rig.kernels.numbers import (
     Memory,
     Number,
@@ -65,32 +60,32 @@ from bayesdrill.rig.kernels.numbers import (
     emit_solved,
     fused,
 )
-from bayesdrill.rig.kernels.recurrence import emit_drive, entries, next_state
+from bayesdrill.rig.kernels.recurrence import Constants, emit_drive, entries, next_state
 
 LEAST, MOST = 7, 44  # doublings
 SETTLED = 1e-14  # of the variance of a sample: what one more doubling may add to it
 ROUNDING = (
     1e-15  # of a sum; after a stretch that adds no more to it, one as long as both tells nothing
 )
-MATRICES = ("p", "phi", "q", "g", "a")  # (n, n) of `Settled`
+MATRICES = ("p", "phi", "q", "g", "a")  # (n, n) of `SteadyState`
 
 
 @dataclass(frozen=True, slots=True)
-class Settled:
-    """Where `settle` leaves what it finds, places of vectors in one block."""
+class SteadyState:
+    """Where `riccati` leaves what it finds, places of vectors in one block."""
 
     n: int
     k: int
 
     @property
     def gains(self) -> int:
-        """`(K, width)`, see `emit_taught`."""
+        """`(K, gain_width)`, see `update_covariance`."""
         return 5 * self.n**2
 
     @property
     def pulls(self) -> int:
         """`(K, n)`: what a channel shows of the state before the sample, over its variance."""
-        return self.gains + self.k * width(self.n)
+        return self.gains + self.k * gain_width(self.n)
 
     @property
     def size(self) -> int:
@@ -100,28 +95,28 @@ class Settled:
         return MATRICES.index(name) * self.n**2
 
 
-def emit_settle(module: ir.Module, noisy: Noisy) -> ir.Function:
-    """`settle(samples, block, variances, first)`: of Phi and Q in the `block`, all the rest of it; G is
-    that of all samples; `first (1,)` gets how many of them tell anything of the start.
+def emit_riccati(module: ir.Module, system: StateSpace) -> ir.Function:
+    """`riccati(samples, block, variances, weights, first)`: of Phi and Q in the `block`, all the rest of
+    it; G is that of all samples; `first (1,)` gets how many of them tell anything of the start.
     """
     double, gain, before = (
-        _emit_double(module, noisy),
-        _emit_gain(module, noisy),
-        _emit_before(module, noisy.n),
+        _emit_doubling(module, system),
+        _emit_gain(module, system),
+        _emit_prepend(module, system.n),
     )
-    made = function(module, "settle", 1, [VECTORS, VECTORS, I64.as_pointer()])
-    samples, block, variances, first = made.args
+    made = function(module, "riccati", 1, [VECTORS, VECTORS, NUMBERS, I64.as_pointer()])
+    samples, block, variances, weights, first = made.args
     b = ir.IRBuilder(made.append_basic_block())
-    n = noisy.n
-    places, memory = Settled(n, noisy.k), Memory(b, False)
+    n = system.n
+    places, memory = SteadyState(n, system.k), Memory(b, False)
     phi, q, p, g = (memory.at(block, places.of(name)) for name in ("phi", "q", "p", "g"))
-    one, other, taught = (memory.room(n * n) for _ in range(3))
-    grown, grows = memory.room(noisy.k), b.alloca(ir.IntType(1), I64(1))
-    for k in range(noisy.k):
+    one, other, information = (memory.room(n * n) for _ in range(3))
+    grown, grows = memory.room(system.k), b.alloca(ir.IntType(1), I64(1))
+    for k in range(system.k):
         memory.put(math.inf, grown, k)
     emit_copy(b, phi, one, n * n)
     emit_copy(b, q, p, n * n)
-    _emit_sample(memory, noisy, variances, taught)
+    _emit_sample(memory, system, variances, weights, information)
     memory.clear(g, n * n)
     b.store(samples, first)
     entry = b.block
@@ -132,8 +127,9 @@ def emit_settle(module: ir.Module, noisy: Noisy) -> ir.Function:
     for node, value in ((count, I64(0)), (transition, one), (spare, other)):
         node.add_incoming(value, entry)
     with b.if_then(b.trunc(b.lshr(samples, count), ir.IntType(1))):
-        b.call(before, [transition, taught, p, g])
-    moves = b.call(double, [transition, spare, taught, p, variances, grown, grows])
+        b.call(before, [transition, information, p, g])
+    arguments = [transition, spare, information, p, variances, weights, grown, grows]
+    moves = b.call(double, arguments)
     following = b.add(count, I64(1))
     length = b.shl(I64(1), following)
     told = b.and_(b.not_(b.load(grows)), b.icmp_signed("<", length, b.load(first)))
@@ -148,41 +144,51 @@ def emit_settle(module: ir.Module, noisy: Noisy) -> ir.Function:
     b.cbranch(more, body, after)
     b.position_at_end(after)
     with b.if_then(b.icmp_signed("<", b.load(first), samples)):
-        emit_copy(b, taught, g, n * n)
-    b.call(gain, [block, variances])
+        emit_copy(b, information, g, n * n)
+    b.call(gain, [block, variances, weights])
     b.ret_void()
     return made
 
 
-def _emit_sample(memory: Memory, noisy: Noisy, variances: ir.Value, taught: ir.Value) -> None:
-    """What one sample teaches."""
-    b, n = memory.b, noisy.n
-    memory.clear(taught, n * n)
-    for k in range(noisy.k):
+def _emit_sample(
+    memory: Memory,
+    system: StateSpace,
+    variances: ir.Value,
+    weights: ir.Value,
+    information: ir.Value,
+) -> None:
+    """The information of one sample on its state."""
+    b, n = memory.b, system.n
+    memory.clear(information, n * n)
+    for k in range(system.k):
         over = Lane(b, b.fdiv(vector(1.0), load(b, variances, k)))
-        for i, weight in noisy.seen(k).items():
-            for j, other in noisy.seen(k).items():
+        own = system.weights(b, weights, k)
+        for i, weight in own.items():
+            for j, other in own.items():
                 place = i * n + j
-                memory.put(memory.get(taught, place) + over * (weight * other), taught, place)
+                memory.put(
+                    memory.get(information, place) + over * (weight * other), information, place
+                )
 
 
-def _emit_double(module: ir.Module, noisy: Noisy) -> ir.Function:
-    """`double(B, its next, G, H, variances, grown (K,), grows)`: whether one more would change anything
-    in any lane; `grows (1,)`: whether G still does.
+def _emit_doubling(module: ir.Module, system: StateSpace) -> ir.Function:
+    """`doubling(B, its next, G, H, variances, weights, grown (K,), grows)`: whether one more changes
+    anything in any lane; `grows (1,)`: whether G still does.
     """
-    n = noisy.n
+    n = system.n
     plain, solved = emit_product(module, (n, n, n)), emit_solved(module, n, n)
     across = emit_even(module, n)
     along = emit_even(module, n, left=True, adds=True)
     flag = ir.IntType(1)
-    made = ir.Function(module, ir.FunctionType(flag, [VECTORS] * 6 + [flag.as_pointer()]), "double")
+    kinds = [*[VECTORS] * 5, NUMBERS, VECTORS, flag.as_pointer()]
+    made = ir.Function(module, ir.FunctionType(flag, kinds), "doubling")
     for argument in made.args:
         argument.add_attribute("noalias")
-    transition, following, taught, p, variances, grown, grows = made.args
+    transition, following, information, p, variances, weights, grown, grows = made.args
     b = ir.IRBuilder(made.append_basic_block())
     m = Memory(b, False)
     lu, x, e, more = (m.room(n * n) for _ in range(4))
-    b.call(plain, [x, p, taught])
+    b.call(plain, [x, p, information])
     _add_one(m, n, x)
     b.call(emit_decomposed(module, n), [lu, x, m.room(1)])
     b.call(solved, [x, lu, p])
@@ -190,11 +196,11 @@ def _emit_double(module: ir.Module, noisy: Noisy) -> ir.Function:
     b.call(across, [more, e, transition])
     b.call(solved, [e, lu, transition])
     b.call(plain, [following, transition, e])
-    b.call(plain, [x, taught, e])
-    before = [m.get(taught, i * n + i) for i in range(n)]
-    b.call(along, [taught, transition, x])
-    b.store(_differs(m, n, before, taught), grows)
-    b.ret(_grow(m, noisy, p, more, variances, grown))
+    b.call(plain, [x, information, e])
+    before = [m.get(information, i * n + i) for i in range(n)]
+    b.call(along, [information, transition, x])
+    b.store(_differs(m, n, before, information), grows)
+    b.ret(_grow(m, system, p, more, variances, weights, grown))
     return made
 
 
@@ -212,12 +218,12 @@ def _differs(m: Memory, n: int, before: list[Number], now: ir.Value) -> ir.Value
     return anywhere(m.b, grown)
 
 
-def _emit_before(module: ir.Module, n: int) -> ir.Function:
-    """`before(B, G, H, end)`: the stretch goes before what the `end (n, n)` of a record teaches."""
+def _emit_prepend(module: ir.Module, n: int) -> ir.Function:
+    """`prepend(B, G, H, end)`: the stretch goes before what has the information `end (n, n)`."""
     plain, solved = emit_product(module, (n, n, n)), emit_solved(module, n, n)
     along = emit_even(module, n, left=True, adds=True)
-    made = function(module, "before", 0, [VECTORS] * 4)
-    transition, taught, p, end = made.args
+    made = function(module, "prepend", 0, [VECTORS] * 4)
+    transition, information, p, end = made.args
     b = ir.IRBuilder(made.append_basic_block())
     m = Memory(b, False)
     lu, x, e = (m.room(n * n) for _ in range(3))
@@ -226,25 +232,32 @@ def _emit_before(module: ir.Module, n: int) -> ir.Function:
     b.call(emit_decomposed(module, n), [lu, x, m.room(1)])
     b.call(solved, [e, lu, transition])
     b.call(plain, [x, end, e])
-    emit_copy(b, taught, end, n * n)
+    emit_copy(b, information, end, n * n)
     b.call(along, [end, transition, x])
     b.ret_void()
     return made
 
 
 def _grow(
-    m: Memory, noisy: Noisy, p: ir.Value, more: ir.Value, variances: ir.Value, grown: ir.Value
+    m: Memory,
+    system: StateSpace,
+    p: ir.Value,
+    more: ir.Value,
+    variances: ir.Value,
+    weights: ir.Value,
+    grown: ir.Value,
 ) -> ir.Value:
     """`more` comes to p; whether a channel would see the next: that is less by at least as much as this
     one is than the one before, `grown (K,)`.
     """
-    b, n = m.b, noisy.n
+    b, n = m.b, system.n
     moves = ir.Constant(ir.VectorType(ir.IntType(1), LANES), [0] * LANES)
-    for k in range(noisy.k):
+    for k in range(system.k):
         change, variance = Lane(b, vector(0.0)), Lane(b, load(b, variances, k))
-        for i, weight in noisy.seen(k).items():
-            for j, other in noisy.seen(k).items():
-                both = Lane(b, vector(weight * other))
+        own = system.weights(b, weights, k)
+        for i, weight in own.items():
+            for j, other in own.items():
+                both = weight * other
                 change = fused(both, m.get(more, i * n + j), change)
                 variance = fused(both, m.get(p, i * n + j), variance)
         least = variance * SETTLED * m.get(grown, k)
@@ -255,13 +268,13 @@ def _grow(
     return anywhere(b, moves)
 
 
-def _emit_gain(module: ir.Module, noisy: Noisy) -> ir.Function:
-    """`gain(block, variances)`: gains, pulls, and A."""
-    n = noisy.n
-    places = Settled(n, noisy.k)
+def _emit_gain(module: ir.Module, system: StateSpace) -> ir.Function:
+    """`gain(block, variances, weights)`: gains, pulls, and A."""
+    n = system.n
+    places = SteadyState(n, system.k)
     onward = emit_product(module, (n, n, n))
-    made = function(module, "gain", 0, [VECTORS] * 2)
-    block, variances = made.args
+    made = function(module, "gain", 0, [VECTORS, VECTORS, NUMBERS])
+    block, variances, weights = made.args
     b = ir.IRBuilder(made.append_basic_block())
     m = Memory(b, False)
     phi, a = (m.at(block, places.of(name)) for name in ("phi", "a"))
@@ -270,14 +283,15 @@ def _emit_gain(module: ir.Module, noisy: Noisy) -> ir.Function:
     emit_copy(b, m.at(block, places.of("p")), left, n * n)
     m.clear(passed, n * n)
     _add_one(m, n, passed)
-    for k in range(noisy.k):
-        emit_taught(m, noisy, k, left, variances, gains)
-        rows = [m.row(m.at(passed, i * n), n) for i in noisy.seen(k)]
-        shows = [dot(weights_of(b, noisy, k), [row[j] for row in rows]) for j in range(n)]
-        root = root_of(m, n, k, gains)
+    for k in range(system.k):
+        update_covariance(m, system, k, left, variances, gains, weights)
+        own = list(system.weights(b, weights, k).values())
+        rows = [m.row(m.at(passed, i * n), n) for i in system.seen(k)]
+        shows = [dot(own, [row[j] for row in rows]) for j in range(n)]
+        root = inverse_deviation(m, n, k, gains)
         for i, one in enumerate(shows):
             m.put(one * root * root, pulls, k * n + i)
-            gain = -m.get(gains, k * width(n) + i)
+            gain = -m.get(gains, k * gain_width(n) + i)
             for j, other in enumerate(shows):
                 m.put(fused(gain, other, m.get(passed, i * n + j)), passed, i * n + j)
     b.call(onward, [a, phi, passed])
@@ -285,8 +299,8 @@ def _emit_gain(module: ir.Module, noisy: Noisy) -> ir.Function:
     return made
 
 
-def emit_begun(module: ir.Module, n: int) -> ir.Function:
-    """`begun(p, g, p0, b, gained, determinant)`: what the start adds to the sum of squares, and the
+def emit_start(module: ir.Module, n: int) -> ir.Function:
+    """`start(p, g, p0, b, gained, determinant)`: what the start adds to the sum of squares, and the
     determinant of the covariance of whitened residuals:
 
         b' (1 + P G) (1 + P0 G)^-1 (P - P0) b        det(1 + P0 G) / det(1 + P G)
@@ -295,7 +309,7 @@ def emit_begun(module: ir.Module, n: int) -> ir.Function:
     of it.
     """
     plain, decomposed = emit_product(module, (n, n, n)), emit_decomposed(module, n)
-    made = function(module, "begun", 0, [VECTORS] * 6)
+    made = function(module, "start", 0, [VECTORS] * 6)
     p, g, start, shown, gained, determinant = made.args
     b = ir.IRBuilder(made.append_basic_block())
     m = Memory(b, False)
@@ -321,6 +335,7 @@ def emit_begun(module: ir.Module, n: int) -> ir.Function:
 COUNTS = ("groups", "samples")
 BLOCKS = {
     "told": VECTORS,  # (G, P + K): parameters, variances
+    "constants": NUMBERS,  # see `recurrence.Constants`
     "y": NUMBERS,  # (T, K)
     "u": NUMBERS,  # (T + 1, n_series)
     "shown": VECTORS,  # scratch (T / `AT_ONCE` + 1, n)
@@ -329,69 +344,54 @@ BLOCKS = {
 AT_ONCE = 8  # samples
 
 
-@dataclass(frozen=True, slots=True)
-class Steadily:
-    """`run` gives minus half the sums of squares of the whitened residuals `(K,)`, the start's part with
-    them, their standard deviations `(K,)`, and the determinant that the start takes.
+def write_steady_state(module: ir.Module, system: StateSpace, layout: Layout) -> None:
+    """`steadily`, of COUNTS and addresses of BLOCKS: minus half the sums of squares of the whitened
+    residuals `(K,)`, the start's part with them, their standard deviations `(K,)`, and the determinant
+    that the start takes.  `layout`: of the rig with its torque.
     """
-
-    run: Any
-    engine: Any = field(repr=False)
-
-
-@lru_cache(maxsize=64)
-@in_one_go
-def compile_steadily(noisy: Noisy, layout: Layout) -> Steadily:
-    """`layout`: of the rig with its torque."""
-    module = ir.Module("steadily")
-    _emit(module, noisy, layout)
-    engine = machine_code(module, HARDER)
-    prototype = ctypes.CFUNCTYPE(
-        None, *[ctypes.c_int64] * len(COUNTS), *[ctypes.c_void_p] * len(BLOCKS)
-    )
-    return Steadily(prototype(engine.get_function_address("steadily")), engine)
-
-
-def _emit(module: ir.Module, noisy: Noisy, layout: Layout) -> None:
-    step = emit_exponential(module, layout, "step", layout.dt)
-    lead = emit_exponential(module, layout, "lead", layout.lead) if layout.lead > 0.0 else None
-    spread = emit_spread(module, noisy, slopes=False)
-    settle, begun = emit_settle(module, noisy), emit_begun(module, noisy.n)
+    exponential = emit_exponential(module, layout, increments=True)
+    spread = emit_transition(module, system, slopes=False)
+    riccati, start_of = emit_riccati(module, system), emit_start(module, system.n)
     made = function(module, "steadily", len(COUNTS), list(BLOCKS.values()))
     a = dict(zip((*COUNTS, *BLOCKS), made.args, strict=True))
     b = ir.IRBuilder(made.append_basic_block())
-    n, k_count, size = noisy.n, noisy.k, layout.size
-    m, places = Memory(b, False), Settled(n, k_count)
+    n, k_count, size = system.n, system.k, layout.size
+    m, places, constants = (
+        Memory(b, False),
+        SteadyState(n, k_count),
+        Constants(b, layout, a["constants"]),
+    )
+    weights = constants.all_weights
     e, block, start = m.room(size * size), m.room(places.size), m.room(n * n)
     shown, span, gained = m.room(n), m.room(1), m.room(1)
     first = b.alloca(I64, I64(1))
     groups = Loop(b, a["groups"], [], "groups")
-    own = b.gep(a["told"], [b.mul(groups.index, I64(noisy.p + k_count))])
-    variances = m.at(own, noisy.p)
+    own = b.gep(a["told"], [b.mul(groups.index, I64(system.p + k_count))])
+    variances = m.at(own, system.p)
     out = [
         b.gep(a["out"], [b.add(b.mul(a["groups"], I64(k)), groups.index)])
         for k in range(2 * k_count + 1)
     ]
-    state = [vector(value) for value in layout.x0]
+    state = constants.start(n)
     m.clear(start, n * n)
-    for i in range(n - noisy.own, n):
+    for i in range(n - system.own, n):
         m.put(1.0, start, i * n + i)
     phi_at, q_at, p_at, g_at = (m.at(block, places.of(name)) for name in ("phi", "q", "p", "g"))
-    if lead is not None:
-        store(b, vector(layout.lead), span, 0)
+    if layout.lead:
+        store(b, constants.span(lead=True).value, span, 0)
         b.call(spread, [own, span, phi_at, q_at])
-        emit_carried(m, n, start, phi_at, q_at)
-        b.call(lead, [own, e])
+        predict_covariance(m, n, start, phi_at, q_at)
+        constants.exponential(exponential, own, e, lead=True)
         state = next_state(b, n, entries(b, layout, e), state, [])
-    store(b, vector(layout.dt), span, 0)
+    store(b, constants.span(lead=False).value, span, 0)
     b.call(spread, [own, span, phi_at, q_at])
-    b.call(settle, [a["samples"], block, variances, first])
-    b.call(step, [own, e])
-    writer = _Samples(m, noisy, layout, a, entries(b, layout, e), block)
+    b.call(riccati, [a["samples"], block, variances, weights, first])
+    constants.exponential(exponential, own, e, lead=False)
+    writer = _Samples(m, system, layout, a, entries(b, layout, e), block, weights)
     blocks = b.sdiv(b.add(b.load(first), I64(AT_ONCE - 1)), I64(AT_ONCE))
     squares = _emit_samples(writer, blocks, state)
     _emit_back(writer, blocks, shown)
-    b.call(begun, [p_at, g_at, start, shown, gained, out[2 * k_count]])
+    b.call(start_of, [p_at, g_at, start, shown, gained, out[2 * k_count]])
     for k, (total, root) in enumerate(zip(squares, writer.roots, strict=True)):
         m.put(-0.5 * (total * root * root + m.get(gained, 0) * (1.0 / k_count)), out[k], 0)
         m.put(1.0 / root, out[k_count + k], 0)
@@ -404,30 +404,31 @@ class _Samples:
     """What all samples of a group of walkers have in common."""
 
     m: Memory
-    noisy: Noisy
+    system: StateSpace
     layout: Layout
     a: dict[str, ir.Value]
     phi: dict[tuple[int, int], ir.Value]
     block: ir.Value
+    weights: ir.Value
 
     def at(self, place: int) -> ir.Value:
         return self.m.at(self.block, place)
 
     @property
-    def places(self) -> Settled:
-        return Settled(self.noisy.n, self.noisy.k)
+    def places(self) -> SteadyState:
+        return SteadyState(self.system.n, self.system.k)
 
     @property
     def roots(self) -> list[Number]:
         """Of one over the variances of what channels show."""
-        n, gains = self.noisy.n, self.at(self.places.gains)
-        return [root_of(self.m, n, k, gains) for k in range(self.noisy.k)]
+        n, gains = self.system.n, self.at(self.places.gains)
+        return [inverse_deviation(self.m, n, k, gains) for k in range(self.system.k)]
 
     def passed(
         self, index: ir.Value, carried: list[ir.Value], pulls: ir.Value | None
     ) -> list[ir.Value]:
         """A sample: state (n), sums of squares (K) and, with `pulls (K, n)`, what it shows (n)."""
-        b, n, k_count = self.m.b, self.noisy.n, self.noisy.k
+        b, n, k_count = self.m.b, self.system.n, self.system.k
         lanes = [Lane(b, one) for one in carried]
         state, sums, shown = lanes[:n], lanes[n : n + k_count], lanes[n + k_count :]
         drive = emit_drive(b, self.layout, self.a["u"], index)
@@ -435,17 +436,21 @@ class _Samples:
         gains = self.at(self.places.gains)
         for k in range(k_count):
             value = Lane(b, splat(b, b.load(b.gep(y, [I64(k)]))))
-            rest, state = met(self.m, self.noisy, k, state, value, gains)
-            sums[k] = fused(rest, rest, sums[k])
+            innovation, state = update_state(
+                self.m, self.system, k, state, value, gains, self.weights
+            )
+            sums[k] = fused(innovation, innovation, sums[k])
             if pulls is not None:
-                shown = [fused(self.m.get(pulls, k * n + i), rest, x) for i, x in enumerate(shown)]
+                shown = [
+                    fused(self.m.get(pulls, k * n + i), innovation, x) for i, x in enumerate(shown)
+                ]
         following = next_state(b, n, self.phi, [x.value for x in state], drive, halves=False)
         return [*following, *(one.value for one in (*sums, *shown))]
 
 
 def _emit_samples(w: _Samples, blocks: ir.Value, state: list[ir.Value]) -> list[Number]:
     """Sums of squares of all samples, forwards; the first `blocks` say what they show of their start."""
-    m, b, n, k_count = w.m, w.m.b, w.noisy.n, w.noisy.k
+    m, b, n, k_count = w.m, w.m.b, w.system.n, w.system.k
     pulls = _emit_pulls(w)
     each = Loop(b, blocks, [*state, *[vector(0.0)] * k_count], "blocks")
     begins = b.mul(each.index, I64(AT_ONCE))
@@ -475,7 +480,7 @@ def _emit_samples(w: _Samples, blocks: ir.Value, state: list[ir.Value]) -> list[
 
 def _emit_pulls(w: _Samples) -> ir.Value:
     """`(AT_ONCE, K, n)`: what the samples of a block show of its first state, A'^k of the first's."""
-    m, b, n, k_count = w.m, w.m.b, w.noisy.n, w.noisy.k
+    m, b, n, k_count = w.m, w.m.b, w.system.n, w.system.k
     each = n * k_count
     onward = emit_product(b.module, (k_count, n, n))
     pulls, a = m.room(AT_ONCE * each), w.at(w.places.of("a"))
@@ -487,7 +492,7 @@ def _emit_pulls(w: _Samples) -> ir.Value:
 
 def _emit_back(w: _Samples, blocks: ir.Value, shown: ir.Value) -> None:
     """What all blocks show of the first state: sum of A'^k of theirs, from the last to the first."""
-    m, b, n = w.m, w.m.b, w.noisy.n
+    m, b, n = w.m, w.m.b, w.system.n
     square = emit_product(b.module, (n, n, n))
     powers, power = m.room(2 * n * n), w.at(w.places.of("a"))
     for k in range(AT_ONCE.bit_length() - 1):

@@ -9,8 +9,8 @@ from typing import Any
 from llvmlite import ir
 
 from bayesdrill.basics.duals import Dual
-from bayesdrill.rig.kernels.compiling import Layout
 from bayesdrill.rig.kernels.lanes import I64, NUMBERS, VECTORS, Lane, vector
+from bayesdrill.rig.kernels.layout import Layout, Pattern, formulas, with_slopes
 from bayesdrill.rig.kernels.numbers import Number, total
 from bayesdrill.rig.kernels.sums import Tally
 from bayesdrill.rig.models.friction import Friction
@@ -21,8 +21,8 @@ WHOLE = I64.as_pointer()
 # T samples; N steps.
 COUNTS = ("groups", "samples", "nodes")
 BLOCKS = {
-    "span": NUMBERS,  # two: that of a step, and of as many as are between usual samples
-    "own": VECTORS,  # (G, `Own.width`): what walkers have of their own
+    "numbers": NUMBERS,  # spans of a step, and of as many as are between usual samples; constant inputs
+    "own": VECTORS,  # (G, vectors of `Shape.own`): what walkers have of their own
     "u": NUMBERS,  # (N + 1 + 2 `pad`, columns of inputs)
     "pieces": WHOLE,  # (T,) steps to the next sample
     "usual": WHOLE,  # (T,) whether that is as many as usual
@@ -37,7 +37,8 @@ BLOCKS = {
 class Shape:
     """What a kernel is specialised for.
 
-    `series`: sampled inputs, of which `late` have a lag of each walker; `pattern (K, R)`: entries of
+    `series`: sampled inputs, of which `late` have a lag of each walker; `constant`: those that are and
+    are not zero; `pattern (K, R)`: entries of
     rows that may differ from zero, over states, one and (where `efforts`) what frictions do.  `tally`:
     None for signals.  `dual`: with slopes.  `read`: channels have times of their own.  `single`: a
     sample at each step.  `gaps`: samples without a number.  `turns`: parts of a step in which something
@@ -47,9 +48,9 @@ class Shape:
     model: Model
     series: tuple[str, ...]
     late: tuple[str, ...]
-    constant: tuple[tuple[str, float], ...]
+    constant: tuple[str, ...]
     first_order: bool
-    pattern: tuple[tuple[bool, ...], ...]
+    pattern: Pattern
     tally: Tally | None
     dual: bool
     read: bool
@@ -57,6 +58,51 @@ class Shape:
     efforts: bool
     gaps: bool
     turns: int
+
+    @property
+    def text(self) -> str:
+        """See `Structure`."""
+        names = (
+            "first_order",
+            "pattern",
+            "tally",
+            "dual",
+            "read",
+            "single",
+            "efforts",
+            "gaps",
+            "turns",
+        )
+        own = {name: getattr(self, name) for name in (*names, "strides")}
+        late = [self.series.index(name) for name in self.late]
+        both = [(c, name in self.series) for c, name in enumerate(self.constant)]
+        model = formulas(len(self._named_numbers) * self.numbers, self._formulas)
+        return f"{own} {len(self.series)} {late} {both} {model} {self.layout.text}"
+
+    @property
+    def _named_numbers(self) -> tuple[str, ...]:
+        """Of which formulas of the rig and of its frictions are made."""
+        return (*self.model.parameters, *self.constant, *self.model.states, *self.series)
+
+    def _formulas(self, lanes: Sequence[Lane]) -> list[Any]:
+        """All that the kernel asks of the model, in these numbers."""
+        names = self._named_numbers
+        n = len(names)
+        numbers: Any = map(Dual, lanes[:n], lanes[n:]) if self.dual else lanes
+        named = dict.fromkeys(self.model.inputs, 0.0) | dict(zip(names, numbers, strict=True))
+        rates = Rates(lanes[0].b, self, named, {name: named[name] for name in self.constant})
+        found: list[Any] = [rates.rows, rates.base]
+        place = self.model.states.index
+        for friction in self.frictions:
+            law = friction.law
+            found += [place(friction.against), friction.holds and place(friction.holds)]
+            found += [
+                law.steady,
+                sorted(place(name) for name in law.seen if name in self.model.states),
+            ]
+            found.append(law.size(named, 0.0 if law.steady else named[friction.against], named))
+            found.append(law.spent(named, named[friction.against]) if self.strides else None)
+        return found
 
     @property
     def strides(self) -> bool:
@@ -74,8 +120,7 @@ class Shape:
     @property
     def columns(self) -> tuple[str, ...]:
         """Of the sampled inputs in the block `u`, and in a step."""
-        slopes = tuple(f"{name} slope" for name in self.series) if self.first_order else ()
-        return (*self.series, *slopes)
+        return with_slopes(self.series, first_order=self.first_order)
 
     @property
     def driven(self) -> tuple[str, ...]:
@@ -87,85 +132,43 @@ class Shape:
         return 2 if self.dual else 1
 
     @property
-    def layout(self) -> Layout:
-        model = Tangent(self.model) if self.dual else self.model
-        return Layout(
-            n_parameters=len(model.parameters),
-            n_states=len(model.states),
-            n_series=len(self.driven),
-            first_order=False,
-            entries=_Entries(model, self.driven, self.constant),
-            dt=1.0,
-            lead=0.0,
-            x0=(),
-            channels=(),
-        )
-
-
-@dataclass(frozen=True, slots=True)
-class _Entries:
-    """Of the augmented matrix, see `Layout`."""
-
-    model: Model
-    driven: tuple[str, ...]
-    constant: tuple[tuple[str, float], ...]
-
-    def __call__(self, parameters: Sequence[Any]) -> list[tuple[int, int, Any]]:
-        linear = self.model.linear(dict(zip(self.model.parameters, parameters, strict=True)))
-        index = {name: k for k, name in enumerate(self.model.states)}
-        constant, x = dict(self.constant), len(index)
-        places = {name: x + 1 + k for k, name in enumerate(self.driven)}
-        found = [(index[row], index[column], value) for (row, column), value in linear.A.items()]
-        found += [(index[row], x, value) for row, value in linear.c.items()]
-        for (row, name), value in linear.B.items():
-            if name in places:
-                found.append((index[row], places[name], value))
-            if constant.get(name, 0.0) != 0.0:
-                found.append((index[row], x, value * constant[name]))
-        rising = [name for name in places if f"{name} slope" in places]
-        return found + [(places[name], places[f"{name} slope"], 1.0) for name in rising]
-
-
-@dataclass(frozen=True, slots=True)
-class Own:
-    """Parts of the block `own`, and how many numbers each has; with slopes, each part twice."""
-
-    shape: Shape
-
-    @property
-    def parts(self) -> dict[str, int]:
-        shape = self.shape
-        k, x, late = len(shape.pattern), len(shape.model.states), len(shape.late)
-        parts = {"parameters": len(shape.model.parameters), "x0": x, "rows": k * self.r_count}
-        if shape.read:
+    def own(self) -> dict[str, int]:
+        """Parts of the block `own`, and how many numbers each has; with slopes, each part twice."""
+        k, x, late = len(self.pattern), len(self.model.states), len(self.late)
+        parts = {"parameters": len(self.model.parameters), "x0": x, "rows": k * self.r_count}
+        if self.read:
             parts |= {"before": x, "shift": k}
-        weights = k * shape.tally.weights if shape.tally is not None else 0
+        weights = k * self.tally.weights if self.tally is not None else 0
         parts |= {"weight": weights} if weights else {}
         return parts | ({"share": late, "behind": late} if late else {})
 
     @property
-    def r_count(self) -> int:
-        shape = self.shape
-        return len(shape.model.states) + 1 + (len(shape.frictions) if shape.efforts else 0)
+    def own_vectors(self) -> dict[str, int]:
+        return {name: self.numbers * count for name, count in self.own.items()}
 
     @property
-    def width(self) -> int:
-        return self.shape.numbers * sum(self.parts.values())
+    def r_count(self) -> int:
+        return len(self.model.states) + 1 + (len(self.frictions) if self.efforts else 0)
 
-    def of(self, b: ir.IRBuilder, block: ir.Value, group: ir.Value) -> dict[str, ir.Value]:
-        found, place = {}, b.gep(block, [b.mul(group, I64(self.width))])
-        for name, count in self.parts.items():
-            found[name], place = place, b.gep(place, [I64(self.shape.numbers * count)])
-        return found
+    @property
+    def layout(self) -> Layout:
+        model = Tangent(self.model) if self.dual else self.model
+        return Layout.of(model, self.driven, self.constant, first_order=False)
 
 
 class Rates:
     """The right side of the rig's equations."""
 
-    def __init__(self, b: ir.IRBuilder, shape: Shape, parameters: Mapping[str, Number]) -> None:
+    def __init__(
+        self,
+        b: ir.IRBuilder,
+        shape: Shape,
+        parameters: Mapping[str, Number],
+        constant: Mapping[str, Number],
+    ) -> None:
         self.b, self.shape = b, shape
         linear, states = shape.model.linear(parameters), shape.model.states
-        constant, driven, x = dict(shape.constant), shape.driven, len(states)
+        driven, x = shape.driven, len(states)
         self.rows: list[dict[int, Number]] = [{} for _ in states]
         self.base: list[Number] = [self._number(0.0) for _ in states]
         for (row, column), value in linear.A.items():
@@ -176,7 +179,7 @@ class Rates:
             i = states.index(row)
             if name in driven:
                 self.rows[i][x + 1 + driven.index(name)] = self._number(value)
-            if constant.get(name, 0.0) != 0.0:
+            if name in constant:
                 self.base[i] = self.base[i] + value * constant[name]
 
     def _number(self, value: Number) -> Number:

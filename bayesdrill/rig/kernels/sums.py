@@ -24,11 +24,23 @@ Values = list[ir.Value]
 
 
 @dataclass(frozen=True, slots=True)
-class Tally:
-    """Squares.  `weights`: how many walkers have for each channel.  Registers carried from sample to
-    sample begin as `start`, one vector each.
+class Sample:
+    """What is `left` of one, zero in lanes that have not `seen` it (None: all have), of a channel with
+    these `weights`.
     """
 
+    left: ir.Value
+    seen: ir.Value | None
+    weights: Sequence[ir.Value]
+
+
+@dataclass(frozen=True, slots=True)
+class Tally:
+    """Squares.  `weights`: how many walkers have for each channel.  Registers carried from sample to
+    sample begin as `start`, one vector each.  `name`: of the function that adds them up.
+    """
+
+    name: str = "misfit"
     start: tuple[float, ...] = (0.0,)
     weights: int = 0
 
@@ -40,33 +52,21 @@ class Tally:
         """Of so many channels, one after the other."""
         return [vector(value) for value in self.start] * channels
 
-    def added(
-        self,
-        b: ir.IRBuilder,
-        kept: Sequence[ir.Value],
-        left: ir.Value,
-        seen: ir.Value | None,
-        weights: Sequence[ir.Value],
-    ) -> Values:
-        """With `left` of one more sample, zero in lanes that have not `seen` it (None: all have)."""
-        return [fma(b, left, left, kept[0])]
+    def added(self, b: ir.IRBuilder, kept: Sequence[ir.Value], sample: Sample) -> Values:
+        """With one more sample."""
+        return [fma(b, sample.left, sample.left, kept[0])]
 
 
 @dataclass(frozen=True, slots=True)
 class _Neighbours(Tally):
     """Squares; products of neighbours, as they are seen one after the other; the last, and the first."""
 
+    name: str = "neighbours"
     start: tuple[float, ...] = (0.0, 0.0, 0.0, math.nan)
 
-    def added(
-        self,
-        b: ir.IRBuilder,
-        kept: Sequence[ir.Value],
-        left: ir.Value,
-        seen: ir.Value | None,
-        weights: Sequence[ir.Value],
-    ) -> Values:
+    def added(self, b: ir.IRBuilder, kept: Sequence[ir.Value], sample: Sample) -> Values:
         squares, products, last, first = kept
+        left, seen = sample.left, sample.seen
         fresh = b.fcmp_unordered("uno", first, first)
         if seen is not None:
             fresh = b.and_(fresh, seen)
@@ -88,20 +88,14 @@ class _Logs(Tally):
     the power of two that it is times.  So no logarithm is taken but that of the whole.
     """
 
+    name: str = "logs"
     start: tuple[float, ...] = (0.0, 1.0, 0.0)
     weights: int = 1
 
-    def added(
-        self,
-        b: ir.IRBuilder,
-        kept: Sequence[ir.Value],
-        left: ir.Value,
-        seen: ir.Value | None,
-        weights: Sequence[ir.Value],
-    ) -> Values:
+    def added(self, b: ir.IRBuilder, kept: Sequence[ir.Value], sample: Sample) -> Values:
         squares, product, powers = kept
-        square = b.fmul(left, left)
-        factor = fma(b, weights[0], square, vector(1.0))
+        square = b.fmul(sample.left, sample.left)
+        factor = fma(b, sample.weights[0], square, vector(1.0))
         return [b.fadd(squares, square), *_times(b, product, powers, factor)]
 
 
@@ -153,18 +147,12 @@ class _Intervals(Tally):
     logs of what they are over.  Weights: one over the sd, half a width over it, at least 0.2.
     """
 
+    name: str = "intervals"
     start: tuple[float, ...] = (0.0, 1.0, 0.0, 0.0)
     weights: int = 2
 
-    def added(
-        self,
-        b: ir.IRBuilder,
-        kept: Sequence[ir.Value],
-        left: ir.Value,
-        seen: ir.Value | None,
-        weights: Sequence[ir.Value],
-    ) -> Values:
-        over, half = weights
+    def added(self, b: ir.IRBuilder, kept: Sequence[ir.Value], sample: Sample) -> Values:
+        left, seen, (over, half) = sample.left, sample.seen, sample.weights
         middle = b.fmul(Lane(b, left).size().value, over)
         near = b.fsub(middle, half)
         found = [fma(b, left, left, kept[0])]
@@ -206,3 +194,4 @@ SQUARES = Tally()
 NEIGHBOURS = _Neighbours()
 LOGS = _Logs()
 INTERVALS = _Intervals()
+TALLIES = {tally.name: tally for tally in (SQUARES, NEIGHBOURS, LOGS, INTERVALS)}

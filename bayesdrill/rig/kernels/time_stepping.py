@@ -8,16 +8,11 @@ the first, with the efforts of this step, and the one before the second.
 
 from __future__ import annotations
 
-import ctypes
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from functools import lru_cache
-from typing import Any
+from collections.abc import Sequence
 
 from llvmlite import ir
 
 from bayesdrill.basics.duals import Dual, dual, where
-from bayesdrill.rig.kernels.compiling import in_one_go, machine_code
 from bayesdrill.rig.kernels.exponential import emit_exponential
 from bayesdrill.rig.kernels.friction import Going, Past, Regime, Rub, Step
 from bayesdrill.rig.kernels.lanes import (
@@ -34,14 +29,15 @@ from bayesdrill.rig.kernels.lanes import (
     gather_own,
     load,
     splat,
-    splat_whole,
     store,
     vector,
     whole_numbers,
 )
+from bayesdrill.rig.kernels.layout import addresses, number
 from bayesdrill.rig.kernels.numbers import Kind, Number, fused, total
 from bayesdrill.rig.kernels.reversals import Parts, Regimes, Stride, step_on
-from bayesdrill.rig.kernels.step_arguments import BLOCKS, COUNTS, Own, Rates, Shape
+from bayesdrill.rig.kernels.step_arguments import BLOCKS, COUNTS, Rates, Shape
+from bayesdrill.rig.kernels.sums import Sample
 
 
 class Writer:
@@ -73,15 +69,18 @@ class Writer:
         return Dual(value, Lane(self.b, load(self.b, base, apart + index)))
 
     def part(self, name: str) -> list[Number]:
-        count = Own(self.shape).parts[name]
+        count = self.shape.own[name]
         return [self.number(self.own[name], k, count) for k in range(count)]
 
     def begin(self, group: ir.Value, exponential: ir.Function) -> None:
         b, shape = self.b, self.shape
-        self.group, self.own = group, Own(shape).of(b, self.a["own"], group)
+        self.group, self.own = group, addresses(b, self.a["own"], group, shape.own_vectors)
         model = shape.model
         self.parameters = dict(zip(model.parameters, self.part("parameters"), strict=True))
-        self.span = Lane(b, splat(b, b.load(self.a["span"])))
+        self.constant = {
+            name: number(b, self.a["numbers"], 2 + c) for c, name in enumerate(shape.constant)
+        }
+        self.span = number(b, self.a["numbers"], 0)
         self._exponential(exponential, self.span, self.whole)
         if shape.turns > 1:
             self._exponential(exponential, self.span * (1.0 / shape.turns), self.part_of_it)
@@ -94,7 +93,7 @@ class Writer:
         """From sample to sample, where that is more than a step and may be one."""
         if not self.shape.strides:
             return None
-        span = Lane(self.b, splat(self.b, self.b.load(self.b.gep(self.a["span"], [I64(1)]))))
+        span = number(self.b, self.a["numbers"], 1)
         (matrix,), (room,) = self.stride_of_it, self.stride_room
         self._exponential(exponential, span, matrix)
         step = self._step(matrix, span)
@@ -107,10 +106,11 @@ class Writer:
 
     def _exponential(self, function: ir.Function, span: Lane, room: ir.Value) -> None:
         store(self.b, span.value, self.spans, 0)
-        self.b.call(function, [self.own["parameters"], self.spans, room])
+        constants = self.b.gep(self.a["numbers"], [I64(2)])
+        self.b.call(function, [self.own["parameters"], constants, self.spans, room])
 
     def _rows(self) -> list[dict[int, Number]]:
-        count, rows = Own(self.shape).r_count, self.part("rows")
+        count, rows = self.shape.r_count, self.part("rows")
         return [
             {r: rows[k * count + r] for r, used in enumerate(pattern) if used}
             for k, pattern in enumerate(self.shape.pattern)
@@ -135,7 +135,7 @@ class Writer:
     def _step(self, e: ir.Value, span: Lane) -> Step:
         shape, x, s = self.shape, self.x_count, len(self.shape.series)
         first = x + 1 + len(shape.columns)
-        rubs, rates = [], Rates(self.b, shape, self.parameters)
+        rubs, rates = [], Rates(self.b, shape, self.parameters, self.constant)
         for f, friction in enumerate(shape.frictions):
             row = shape.model.states.index(friction.against)
             column = {i: self._entry(e, i, first + f) for i in range(x)}
@@ -183,7 +183,7 @@ class Writer:
         """What a step from a node on is driven by: by column, and by name in its middle."""
         shape, first = self.shape, self.x_count + 1
         found = [self._input(node, k) for k in range(len(shape.columns))]
-        middle: dict[str, Number] = dict(shape.constant)
+        middle: dict[str, Number] = dict.fromkeys(shape.model.inputs, 0.0) | self.constant
         for k, name in enumerate(shape.series):
             number = found[k] + middle.get(name, 0.0)
             if shape.first_order:
@@ -201,7 +201,7 @@ class Writer:
         late = shape.late.index(name)
         share = self.number(self.own["share"], late, len(shape.late))
         behind = b.fptosi(load(b, self.own["behind"], late), INT_VEC)
-        row = b.sub(splat_whole(b, node), behind)
+        row = b.sub(splat(b, node), behind)
         here, earlier = (
             Lane(
                 b,
@@ -338,7 +338,8 @@ class Writer:
             value = b.select(seen, value, vector(0.0))
         first, count = k * tally.weights, tally.count
         weights = [load(b, self.own["weight"], first + n) for n in range(tally.weights)]
-        return tally.added(b, totals[k * count : (k + 1) * count], value, seen, weights)
+        sample = Sample(value, seen, weights)
+        return tally.added(b, totals[k * count : (k + 1) * count], sample)
 
     def show(self, sample: ir.Value, k: int, value: Number) -> None:
         """To the signals."""
@@ -356,7 +357,7 @@ KEPT = 3  # the value, and the rates after it and before the next one, times a s
 def emit_trace(w: Writer) -> None:
     """Of all nodes; the last has a value alone."""
     b = w.b
-    rates = Rates(b, w.shape, w.parameters)
+    rates = Rates(b, w.shape, w.parameters, w.constant)
     nodes = Loop(b, w.a["nodes"], w.start(), "nodes")
     state = w.kind.shaped(nodes.carried)[: w.x_count]
     drive, _ = w.drive(nodes.index)
@@ -376,8 +377,8 @@ def _keep(w: Writer, node: ir.Value, k: int, kept: Sequence[Number]) -> None:
     b, numbers = w.b, w.shape.numbers
     place = b.mul(b.add(b.mul(node, I64(w.k_count)), I64(k)), I64(KEPT * numbers))
     at = b.gep(w.a["trace"], [place])
-    for q, number in enumerate(kept):
-        for n, register in enumerate(w.kind.flat([number])):
+    for q, value in enumerate(kept):
+        for n, register in enumerate(w.kind.flat([value])):
             store(b, register, at, q * numbers + n)
 
 
@@ -440,22 +441,9 @@ def _kept(w: Writer, node: ir.Value, k: int, q: int) -> Number:
     return w.kind.shaped(found)[0]
 
 
-__all__ = ["BLOCKS", "COUNTS", "Kernel", "Own", "Shape", "compile_stepping"]
-
-
-@dataclass(frozen=True, slots=True)
-class Kernel:
-    """A function of COUNTS and addresses of BLOCKS."""
-
-    run: Callable[..., None]
-    engine: Any  # owns the machine code
-
-
-@lru_cache(maxsize=64)
-@in_one_go
-def compile_stepping(shape: Shape) -> Kernel:
-    module = ir.Module("stepping")
-    exponential = emit_exponential(module, shape.layout, "step", None)
+def write_stepping(module: ir.Module, shape: Shape) -> None:
+    """`stepping`, of COUNTS and addresses of BLOCKS."""
+    exponential = emit_exponential(module, shape.layout, increments=False)
     made = function(module, "stepping", len(COUNTS), list(BLOCKS.values()))
     b = ir.IRBuilder(made.append_basic_block())
     rooms = [b.alloca(VEC, I64(shape.layout.size**2)) for _ in range(2 + shape.strides)]
@@ -469,6 +457,3 @@ def compile_stepping(shape: Shape) -> Kernel:
         w.march()
     groups.close([])
     b.ret_void()
-    engine = machine_code(module)
-    kinds = [*[ctypes.c_int64] * len(COUNTS), *[ctypes.c_void_p] * len(BLOCKS)]
-    return Kernel(ctypes.CFUNCTYPE(None, *kinds)(engine.get_function_address("stepping")), engine)

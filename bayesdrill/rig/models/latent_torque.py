@@ -15,14 +15,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
-import numpy as np
-from numpy.typing import NDArray
-
+from bayesdrill.basics.arrays import Array
 from bayesdrill.rig import models, steady_state
 from bayesdrill.rig.models.friction import Named
 from bayesdrill.rig.models.linear import Around, Linear, Model, dynamics
 
-Array = NDArray[np.float64]
 At = Literal["motor", "rotor_1"]
 Smoothness = Literal["1/2", "3/2"]
 

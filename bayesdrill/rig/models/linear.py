@@ -24,8 +24,8 @@ from types import MappingProxyType
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.duals import Dual, dual
 from bayesdrill.basics.symbols import Symbol
 from bayesdrill.rig.models.friction import Friction, Named
@@ -104,7 +104,6 @@ USUAL = Roles()
 STATES = ("rotor.angle", "rotor.speed", "motor.angle", "motor.speed", "motor.current")
 
 
-Array = NDArray[np.float64]
 Offers = Mapping[str, tuple[str, ...]]
 NOTHING: Offers = MappingProxyType({})
 

@@ -4,20 +4,21 @@ slopes.
 
 from __future__ import annotations
 
+import dataclasses
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol, Self
+from typing import Any, NamedTuple, Protocol, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
-from bayesdrill.record.experiment import Experiment
+from bayesdrill.basics.arrays import Array
+from bayesdrill.record.experiment import Experiment, frozen
 from bayesdrill.rig.kernels.lanes import LANES
+from bayesdrill.rig.kernels.sums import INTERVALS, LOGS, NEIGHBOURS, SQUARES, Tally
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.simulators.sensors import Sensing
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,6 +152,74 @@ class Simulator(Protocol):
         ...
 
 
+class Summed(ABC):
+    """What follows from sums over samples and from responses with their slopes, for frozen dataclasses
+    with a `model` and an `experiment`.
+    """
+
+    model: Model
+    experiment: Experiment
+
+    @abstractmethod
+    def sums(self, full: Array, tally: Tally, weights: Array | None = None) -> Array:
+        """A tally of residuals, `(W, K, n)`, with its `weights (W, K, m)`, if it has some."""
+
+    @abstractmethod
+    def course(self, full: Array, along: Array) -> tuple[Array, Array]:
+        """See `Simulator.course`."""
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Without what is compiled."""
+        return {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}  # type: ignore[arg-type]
+
+    def of(self, experiment: Experiment) -> Self:
+        """See `Simulator.of`."""
+        return dataclasses.replace(self, experiment=experiment)  # type: ignore[type-var]
+
+    def squares(self, full: Array) -> Array:
+        return self.sums(full, SQUARES)[..., 0]
+
+    def neighbours(self, full: Array) -> Array:
+        return self.sums(full, NEIGHBOURS)
+
+    def logs(self, full: Array, weights: Array) -> Array:
+        return log_sums(self.sums(full, LOGS, weights[..., None]))
+
+    def intervals(self, full: Array, over: Array, half: Array) -> Array:
+        return interval_sums(self.sums(full, INTERVALS, np.stack([over, half], axis=-1)))
+
+    def sensitivities(self, full: Array, along: Array) -> Array:
+        return self.course(full, along)[1]
+
+    def normal(self, full: Array, along: Array, scales: Array) -> tuple[Array, Array, Array]:
+        n, q, _ = along.shape
+        y, seen = self.experiment.y, self.experiment.seen
+        squares, slopes, products = np.empty((n, y.shape[1])), np.empty((n, q)), np.empty((n, q, q))
+        chunk = max(1, int(MOST_BYTES / (8 * q * max(seen.size, 1))))
+        for rows in (slice(k, k + chunk) for k in range(0, n, chunk)):
+            signals, found = self.course(full[rows], along[rows])
+            left = np.where(seen, y - signals, 0.0) * scales[rows, None, :]
+            shown = np.where(seen, found, 0.0) * scales[rows, None, None, :]
+            flat = shown.reshape(*shown.shape[:2], -1)
+            products[rows] = flat @ flat.swapaxes(1, 2)
+            slopes[rows] = (flat @ left.reshape(len(flat), -1, 1))[..., 0]
+            squares[rows] = (left**2).sum(axis=1)
+        return squares, slopes, products
+
+    def with_record(self, y: Array) -> Self:
+        """What was not measured stays so."""
+        if y.shape != self.experiment.y.shape:
+            raise ValueError(f"the record has shape {self.experiment.y.shape}, not {y.shape}")
+        kept = frozen(np.where(self.experiment.seen, y, np.nan))
+        return self.of(dataclasses.replace(self.experiment, y=kept))
+
+    def with_series(self, series: Mapping[str, Array]) -> Self:
+        if set(series) != set(self.experiment.series):
+            raise ValueError(f"series of {sorted(self.experiment.series)} are wanted")
+        ordered = {name: series[name] for name in self.experiment.series}
+        return self.of(dataclasses.replace(self.experiment, series=ordered))
+
+
 MOST_BYTES = 6e7  # of sensitivities at a time
 MOST_SQUARES = 1e200  # beyond which a product of their logs may have overflown
 
@@ -161,28 +230,11 @@ def interval_sums(tally: Array) -> Array:
 
 
 def log_sums(tally: Array) -> Array:
-    """Of a tally of logs `(W, K, 3)`, see `kernels.tally`: `(W, K)`, NaN where squares overflow."""
+    """Of a tally of logs `(W, K, 3)`, see `kernels.sums`: `(W, K)`, NaN where squares overflow."""
     squares, product, powers = np.moveaxis(tally, -1, 0)
     whole = np.ascontiguousarray(powers).view(np.int64)
     found = np.log(product) + math.log(2.0) * whole
     return np.asarray(np.where(squares < MOST_SQUARES, found, np.nan))
-
-
-def normal(of: Simulator, full: Array, along: Array, scales: Array) -> tuple[Array, Array, Array]:
-    """See `Simulator.normal`."""
-    n, q, _ = along.shape
-    y, seen = of.experiment.y, of.experiment.seen
-    squares, slopes, products = np.empty((n, y.shape[1])), np.empty((n, q)), np.empty((n, q, q))
-    chunk = max(1, int(MOST_BYTES / (8 * q * max(seen.size, 1))))
-    for rows in (slice(k, k + chunk) for k in range(0, n, chunk)):
-        signals, found = of.course(full[rows], along[rows])
-        left = np.where(seen, y - signals, 0.0) * scales[rows, None, :]
-        shown = np.where(seen, found, 0.0) * scales[rows, None, None, :]
-        flat = shown.reshape(*shown.shape[:2], -1)
-        products[rows] = flat @ flat.swapaxes(1, 2)
-        slopes[rows] = (flat @ left.reshape(len(flat), -1, 1))[..., 0]
-        squares[rows] = (left**2).sum(axis=1)
-    return squares, slopes, products
 
 
 def in_groups(*parts: Array) -> Array:

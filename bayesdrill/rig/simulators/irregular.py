@@ -8,31 +8,29 @@ states, so that sensors are rows of weights, and their derivatives other rows (`
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesdrill.record.experiment import Experiment, frozen
-from bayesdrill.rig.kernels.compiling import Layout
-from bayesdrill.rig.kernels.irregular import Kernel, compile_dense
+from bayesdrill.basics.arrays import Array
+from bayesdrill.record.experiment import Experiment
+from bayesdrill.rig.kernels.compiling import Kernel, compile_kernel
+from bayesdrill.rig.kernels.irregular import write_dense
 from bayesdrill.rig.kernels.knots import BLOCKS, COUNTS, MOST_LEVELS, Shape, entries_of, row_blocks
 from bayesdrill.rig.kernels.lanes import LANES
-from bayesdrill.rig.kernels.sums import INTERVALS, LOGS, NEIGHBOURS, SQUARES, Tally
+from bayesdrill.rig.kernels.layout import Layout, Pattern, present
+from bayesdrill.rig.kernels.sums import Tally
 from bayesdrill.rig.models.linear import Model, Tangent
-from bayesdrill.rig.simulators.contract import in_groups, interval_sums, log_sums, normal
-from bayesdrill.rig.simulators.exact import Matrix
+from bayesdrill.rig.simulators.contract import in_groups
 from bayesdrill.rig.simulators.sensors import Numbers, Sensing, Walkers
 from bayesdrill.rig.simulators.stepped import Unstepped
 from bayesdrill.rig.simulators.time_grid import Grid, grid, runs
 
-Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-Pattern = tuple[tuple[bool, ...], ...]
 
 CELLS, CELLS_PER = (32, 64), 20  # of shifts, one for 20 samples between these ends
 NEAR = 2.5  # usual steps: spans up to there are in cells
@@ -64,7 +62,7 @@ class Dense:
         self.model = model
         self._t = np.array(t, dtype=float)
         self._inputs = ({**series}, {**constant}, first_order)
-        self._layout = _layout(model, tuple(series), constant, first_order and bool(series))
+        self._layout = Layout.of(model, tuple(series), present(constant), first_order=first_order)
         g = self._grid = grid(self._t)
         self._kept = len(entries_of(self._layout))
         self._kernels: dict[Any, tuple[Kernel, Shape]] = {}
@@ -89,23 +87,12 @@ class Dense:
         held = np.array([*series.values()]).reshape(len(series), len(self._t)).T
         u, slopes = _driven(g, held, self._layout.first_order)
         node, length, share = runs(g)
-        numbers = np.array([g.width, self._near / self._cells, 1e-3 / g.usual])
+        inputs = [value for value in self._inputs[1].values() if value != 0.0]
+        numbers = np.array([g.width, self._near / self._cells, 1e-3 / g.usual, *inputs])
         return {
             "numbers": numbers, "spans": g.spans, "inside": g.inside, "chained": g.chained,
             "node": node, "length": length, "share": share, "u": u, "slopes": slopes, "t": g.t,
         }  # fmt: skip
-
-    def squares(
-        self,
-        parameters: Array,
-        x0: Array,
-        before: Array,
-        shift: Array | None,
-        rows: Array,
-        y: Array,
-    ) -> Array:
-        """Sums `(W, K)` of squared residuals of the record `y (T, K)`, where it is not NaN."""
-        return self.tallied((parameters, x0, before, shift, rows), y, SQUARES)[..., 0]
 
     def tallied(
         self, walkers: tuple[Any, ...], y: Array, tally: Tally, weights: Array | None = None
@@ -180,7 +167,7 @@ class Dense:
         counts = (len(out), len(g.t) - 1, len(g.spans), runs_count, self._cells, high)
         assert len(counts) == len(COUNTS)
         addresses = self._addresses | {name: block.ctypes.data for name, block in blocks.items()}
-        kernel.run(*counts, *(addresses[name] for name in BLOCKS))
+        kernel["dense"](*counts, *(addresses[name] for name in BLOCKS))
 
     def _kernel(
         self, pattern: Pattern, tally: Tally | None, shifted: tuple[bool, ...]
@@ -188,7 +175,7 @@ class Dense:
         wanted = (pattern, tally, shifted)
         if wanted not in self._kernels:
             shape = Shape(self._layout, pattern, tally, shifted, self._grid.uniform)
-            self._kernels[wanted] = compile_dense(shape), shape
+            self._kernels[wanted] = compile_kernel(write_dense, shape), shape
         return self._kernels[wanted]
 
     def _used(self, rows: Array) -> Pattern:
@@ -239,22 +226,6 @@ def _driven(g: Grid, held: Array, first_order: bool) -> tuple[Array, Array]:
     return np.ascontiguousarray(held[before] + (slopes * since)), slopes
 
 
-def _layout(
-    model: Model, series: tuple[str, ...], constant: Mapping[str, float], first_order: bool
-) -> Layout:
-    return Layout(
-        n_parameters=len(model.parameters),
-        n_states=len(model.states),
-        n_series=len(series),
-        first_order=first_order,
-        entries=Matrix(model, series, tuple(constant.items()), first_order),
-        dt=1.0,
-        lead=0.0,
-        x0=(0.0,) * len(model.states),
-        channels=(),
-    )
-
-
 @dataclass(frozen=True)
 class Measured(Unstepped):
     """See `simulator.Simulator`; parameters are the model's, then those that `sensing` names."""
@@ -270,49 +241,21 @@ class Measured(Unstepped):
     def parameters(self) -> tuple[str, ...]:
         return (*self.model.parameters, *self.sensing.names)
 
-    def of(self, experiment: Experiment) -> Measured:
-        return Measured(self.model, experiment, self.sensing)
-
-    def with_record(self, y: Array) -> Measured:
-        """What was not measured stays so."""
-        if y.shape != self.experiment.y.shape:
-            raise ValueError(f"the record has shape {self.experiment.y.shape}, not {y.shape}")
-        kept = frozen(np.where(self.experiment.seen, y, np.nan))
-        made = self.of(dataclasses.replace(self.experiment, y=kept))
+    def with_record(self, y: Array) -> Self:
+        made = super().with_record(y)
         for name in ("_dense", "_tangent"):  # which no record has a part in
             if name in self.__dict__:
                 made.__dict__[name] = self.__dict__[name]
         return made
 
-    def with_series(self, series: Mapping[str, Array]) -> Measured:
-        if set(series) != set(self.experiment.series):
-            raise ValueError(f"series of {sorted(self.experiment.series)} are wanted")
-        ordered = {name: series[name] for name in self.experiment.series}
-        return self.of(dataclasses.replace(self.experiment, series=ordered))
-
     def signals(self, full: Array) -> Array:
         with np.errstate(all="ignore"):
             return self._walkers.cut(self._dense.signals(*self._settings(full)))
 
-    def squares(self, full: Array) -> Array:
+    def sums(self, full: Array, tally: Tally, weights: Array | None = None) -> Array:
+        own = None if weights is None else weights.reshape(len(full), -1)
         with np.errstate(all="ignore"):
-            return self._dense.squares(*self._settings(full), self._walkers.padded)
-
-    def neighbours(self, full: Array) -> Array:
-        with np.errstate(all="ignore"):
-            return self._dense.tallied(self._settings(full), self._walkers.padded, NEIGHBOURS)
-
-    def logs(self, full: Array, weights: Array) -> Array:
-        with np.errstate(all="ignore"):
-            settings = self._settings(full)
-            return log_sums(self._dense.tallied(settings, self._walkers.padded, LOGS, weights))
-
-    def intervals(self, full: Array, over: Array, half: Array) -> Array:
-        own = np.stack([over, half], axis=-1).reshape(len(full), -1)
-        with np.errstate(all="ignore"):
-            settings = self._settings(full)
-            found = self._dense.tallied(settings, self._walkers.padded, INTERVALS, own)
-            return interval_sums(found)
+            return self._dense.tallied(self._settings(full), self._walkers.padded, tally, own)
 
     def sensitivities(self, full: Array, along: Array) -> Array:
         n, q, _ = along.shape
@@ -323,9 +266,6 @@ class Measured(Unstepped):
 
     def course(self, full: Array, along: Array) -> tuple[Array, Array]:
         return self.signals(full), self.sensitivities(full, along)
-
-    def normal(self, full: Array, along: Array, scales: Array) -> tuple[Array, Array, Array]:
-        return normal(self, full, along, scales)
 
     # What `Dense` is told.
 

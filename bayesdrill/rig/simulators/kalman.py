@@ -15,19 +15,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from bayesdrill.basics.arrays import Array
 from bayesdrill.record.experiment import Experiment
-from bayesdrill.rig.kernels.compiling import Layout
-from bayesdrill.rig.kernels.kalman_filter import BLOCKS, compile_filtering, kept
-from bayesdrill.rig.kernels.kalman_update import Noisy
+from bayesdrill.rig.kernels.compiling import HARDER, Kernel, compile_kernel
+from bayesdrill.rig.kernels.kalman_filter import BLOCKS, kept, write_filter
+from bayesdrill.rig.kernels.kalman_update import StateSpace
 from bayesdrill.rig.kernels.lanes import LANES
-from bayesdrill.rig.kernels.steady_state_kalman import AT_ONCE, Steadily, compile_steadily
+from bayesdrill.rig.kernels.layout import Layout, weight_kinds
+from bayesdrill.rig.kernels.steady_state_kalman import AT_ONCE, write_steady_state
 from bayesdrill.rig.kernels.steady_state_kalman import BLOCKS as STEADY_BLOCKS
 from bayesdrill.rig.models.latent_torque import MissingTorque, Pushed, pushed
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.simulators.contract import in_groups
-from bayesdrill.rig.simulators.exact import layout
-
-Array = NDArray[np.float64]
+from bayesdrill.rig.simulators.exact import constant_block, layout
 
 CLOCK = 1e-9  # of the usual step: what steps may differ by and be one
 MOST_STEPS = 64  # lengths of steps, each with matrices of its own
@@ -87,9 +87,13 @@ class Filtered:
         return pushed(self.model, self.torque, weights)
 
     @cached_property
-    def noisy(self) -> Noisy:
-        made = self.pushed
-        return Noisy(made, tuple(made.shown(c.weights) for c in self.experiment.channels))
+    def system(self) -> StateSpace:
+        return StateSpace(self.pushed, weight_kinds(self.weights))
+
+    @cached_property
+    def weights(self) -> Array:
+        """Of channels, `(K, n)`."""
+        return np.array([self.pushed.shown(c.weights) for c in self.experiment.channels])
 
     @cached_property
     def steps(self) -> Steps:
@@ -107,18 +111,21 @@ class Filtered:
             "node": self.steps.node,
             "same": same,
             "spans": self.steps.spans,
+            "weights": self.weights,
         }
 
     def log_density(self, parameters: Array, sigmas: Array, record: tuple[int, int]) -> Array:
         """Of the `Simulator.record` that lies there: `(W, K)`, what the start is worth shared by all
         channels alike.
         """
-        k, t_count = self.noisy.k, len(self.experiment.t)
+        k, t_count = self.system.k, len(self.experiment.t)
         told = in_groups(parameters, sigmas**2)
         out = np.empty((2 * k + 1, len(told) * LANES))
         (y, u), (_, shown) = record, self._shown
-        places = {"told": told.ctypes.data, "y": y, "u": u, "shown": shown, "out": out.ctypes.data}
-        self._steadily.run(len(told), t_count, *(places[name] for name in STEADY_BLOCKS))
+        places = {"told": told.ctypes.data, "constants": self._constants[1], "y": y, "u": u}
+        places |= {"shown": shown, "out": out.ctypes.data}
+        blocks = [places[name] for name in STEADY_BLOCKS]
+        self._steadily["steadily"](len(told), t_count, *blocks)
         logs = np.log(out[k:])
         spread = t_count * (logs[:k] + 0.5 * math.log(2 * math.pi)) + logs[k] / (2 * k)
         return np.asarray((out[:k] - spread)[:, : len(parameters)].T)
@@ -126,18 +133,24 @@ class Filtered:
     @cached_property
     def _shown(self) -> tuple[Array, int]:
         """Scratch, and its address."""
-        made = np.empty(((len(self.experiment.t) // AT_ONCE + 1) * self.noisy.n, LANES))
+        made = np.empty(((len(self.experiment.t) // AT_ONCE + 1) * self.system.n, LANES))
         return made, made.ctypes.data
 
     @cached_property
-    def _steadily(self) -> Steadily:
-        return compile_steadily(self.noisy, self._layout)
+    def _steadily(self) -> Kernel:
+        return compile_kernel(write_steady_state, self.system, self._layout, effort=HARDER)
 
     @cached_property
     def _layout(self) -> Layout:
-        found, start = layout(self.pushed, self.experiment), self.experiment.start
-        channels = self.noisy.channels
-        return dataclasses.replace(found, x0=self.pushed.begun(start), channels=channels)
+        found = layout(self.pushed, self.experiment)
+        return dataclasses.replace(found, channels=self.system.channels)
+
+    @cached_property
+    def _constants(self) -> tuple[Array, int]:
+        """What the kernel is told of the experiment, and its address."""
+        start = self.pushed.begun(self.experiment.start)
+        made = constant_block(self.experiment, start, self.weights)
+        return made, made.ctypes.data
 
     def whiten(self, parameters: Array, sigmas: Array, left: Array) -> tuple[Array, Array]:
         """Independent standard normal numbers `(W, T, K)`, NaN where nothing was seen, and the variances
@@ -169,9 +182,9 @@ class Filtered:
         self, parameters: Array, sigmas: Array, rng: np.random.Generator
     ) -> tuple[Array, Array]:
         """States `(W, T, n)`, and what channels show of them with their noise `(W, T, K)`."""
-        shape = (len(parameters), len(self.experiment.t), self.noisy.n + self.noisy.k)
+        shape = (len(parameters), len(self.experiment.t), self.system.n + self.system.k)
         found = self._run("draw", [parameters], [sigmas**2], [rng.standard_normal(shape)], 0)
-        return found[..., : self.noisy.n], found[..., self.noisy.n :]
+        return found[..., : self.system.n], found[..., self.system.n :]
 
     def _given(self, left: Array) -> Array:
         return np.where(self.experiment.seen, left, 0.0)
@@ -189,22 +202,22 @@ class Filtered:
         each: int,
     ) -> Array:
         """`each`: numbers of a channel that come out; zero for states (and channels)."""
-        noisy, width = self.noisy, len(parameters)
+        system, width = self.system, len(parameters)
         n_walkers, t_count = len(parameters[0]), len(self.experiment.t)
-        columns = noisy.k * each if each else noisy.n + (noisy.k if name == "draw" else 0)
+        columns = system.k * each if each else system.n + (system.k if name == "draw" else 0)
         rows = _in_turn(left)
         out = np.empty((len(rows), t_count * columns, LANES))
         blocks: dict[str, Any] = self._shared | {
             "parameters": _in_turn(parameters),
             "variances": _in_turn(variances),
             "left": rows,
-            "table": np.empty((len(self.steps.spans) * 2 * noisy.n**2 * width, LANES)),
-            "kept": np.empty((t_count * kept(noisy), LANES)) if name == "smooth" else NONE,
+            "table": np.empty((len(self.steps.spans) * 2 * system.n**2 * width, LANES)),
+            "kept": np.empty((t_count * kept(system), LANES)) if name == "smooth" else NONE,
             "out": out,
         }
         counts = (len(out), t_count, len(self.steps.spans), int(self.steps.lead))
-        kernel = compile_filtering(noisy, name)
-        kernel.run(*counts, *(blocks[block].ctypes.data for block in BLOCKS))
+        kernel = compile_kernel(write_filter, system, name)
+        kernel[name](*counts, *(blocks[block].ctypes.data for block in BLOCKS))
         made = out.transpose(0, 2, 1).reshape(-1, t_count, columns)[:n_walkers]
         return np.ascontiguousarray(made.reshape(n_walkers, t_count, -1, each) if each else made)
 

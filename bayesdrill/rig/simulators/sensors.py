@@ -13,8 +13,8 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bayesdrill.basics.arrays import Array
 from bayesdrill.record.experiment import Experiment
 from bayesdrill.rig import models, steady_state
 from bayesdrill.rig.models.friction import Named
@@ -120,7 +120,6 @@ def wired(rig: Model, sensing: Sensing) -> Model:
     return Wired(rig, tuple(gains), tuple(offsets))
 
 
-Array = NDArray[np.float64]
 Numbers = tuple[Array, Array, Array]
 
 

@@ -15,45 +15,45 @@ from itertools import pairwise
 from typing import Any, ClassVar, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
-from bayesdrill.record.experiment import Experiment, frozen
+from bayesdrill.basics.arrays import Array
+from bayesdrill.record.experiment import Experiment
+from bayesdrill.rig.kernels.compiling import Kernel, compile_kernel
 from bayesdrill.rig.kernels.lanes import LANES
-from bayesdrill.rig.kernels.step_arguments import BLOCKS, Own, Shape
-from bayesdrill.rig.kernels.sums import INTERVALS, LOGS, NEIGHBOURS, SQUARES, Tally
-from bayesdrill.rig.kernels.time_stepping import Kernel, compile_stepping
+from bayesdrill.rig.kernels.layout import present
+from bayesdrill.rig.kernels.step_arguments import BLOCKS, Shape
+from bayesdrill.rig.kernels.sums import Tally
+from bayesdrill.rig.kernels.time_stepping import write_stepping
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.simulators.contract import (
     Motion,
     Simulator,
     Stepping,
     Steps,
+    Summed,
     in_groups,
-    interval_sums,
-    log_sums,
-    normal,
 )
 from bayesdrill.rig.simulators.sensors import Sensing, Walkers
 from bayesdrill.rig.simulators.time_grid import Ahead
 
-Array = NDArray[np.float64]
 NONE = np.zeros(0)
 
 
 @dataclass(frozen=True)
 class Told:
-    """`y (T, K)` of the record."""
+    """`y (T, K)` of the record; `numbers`: of steps, and of constant inputs."""
 
     kernel: Kernel
     shape: Shape
     ahead: Ahead
     y: Array
+    numbers: Array
 
     @cached_property
     def _slices(self) -> dict[str, list[slice]]:
         """Of the numbers of a walker, by part: values, and slopes."""
         found, place, numbers = dict[str, list[slice]](), 0, self.shape.numbers
-        for name, count in Own(self.shape).parts.items():
+        for name, count in self.shape.own.items():
             ends = [place + k * count for k in range(numbers + 1)]
             found[name] = [slice(*both) for both in pairwise(ends)]
             place = ends[-1]
@@ -61,13 +61,13 @@ class Told:
 
     @cached_property
     def _width(self) -> int:
-        return Own(self.shape).width
+        return sum(self.shape.own_vectors.values())
 
     @cached_property
     def _staying(self) -> dict[str, int]:
         """Addresses; asking an array for its own takes as long as twenty steps of a group."""
         blocks = {
-            "span": self.ahead.spans,
+            "numbers": self.numbers,
             "pieces": self.ahead.counts,
             "usual": self.ahead.usual,
             "t": self.ahead.places,
@@ -104,11 +104,12 @@ class Told:
             "trace": trace.ctypes.data,
             "out": out.ctypes.data,
         }
-        self.kernel.run(len(own), ahead.samples, nodes, *[places[name] for name in BLOCKS])
+        blocks = [places[name] for name in BLOCKS]
+        self.kernel["stepping"](len(own), ahead.samples, nodes, *blocks)
         return np.moveaxis(out, -1, 1).reshape(-1, *each)[:n]
 
     def _in_lanes(self, n: int, parts: Mapping[str, list[Array]]) -> Array:
-        """`(G, width, LANES)`, as `Own` has it; the last walker fills the last group."""
+        """`(G, width, LANES)`, as `Shape.own` has it; the last walker fills the last group."""
         told = parts
         if self.shape.late:
             behind, *shares = self.ahead.delays(parts["lag"])
@@ -124,7 +125,7 @@ TURNS = 4  # 2 leave several times the error, 8 hardly less
 
 
 @dataclass(frozen=True)
-class Stepped:
+class Stepped(Summed):
     """See `simulator.Simulator`; parameters are the model's, then those that `sensing` names.
 
     `turns`: parts of a step in which something turns; `chosen`: both were, for the noise.
@@ -140,16 +141,9 @@ class Stepped:
     exact: ClassVar[bool] = False
     record: ClassVar[None] = None
 
-    def __getstate__(self) -> dict[str, Any]:
-        """Without what is compiled."""
-        return {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
-
     @property
     def parameters(self) -> tuple[str, ...]:
         return self._walkers.parameters
-
-    def of(self, experiment: Experiment) -> Stepped:
-        return dataclasses.replace(self, experiment=experiment)
 
     @property
     def stepping(self) -> Stepping:
@@ -158,42 +152,13 @@ class Stepped:
     def finer(self, pieces: int, turns: int = TURNS, *, chosen: bool = False) -> Stepped:
         return dataclasses.replace(self, pieces=pieces, turns=turns, chosen=chosen)
 
-    def with_record(self, y: Array) -> Stepped:
-        """What was not measured stays so."""
-        if y.shape != self.experiment.y.shape:
-            raise ValueError(f"the record has shape {self.experiment.y.shape}, not {y.shape}")
-        kept = frozen(np.where(self.experiment.seen, y, np.nan))
-        return self.of(dataclasses.replace(self.experiment, y=kept))
-
-    def with_series(self, series: Mapping[str, Array]) -> Stepped:
-        if set(series) != set(self.experiment.series):
-            raise ValueError(f"series of {sorted(self.experiment.series)} are wanted")
-        ordered = {name: series[name] for name in self.experiment.series}
-        return self.of(dataclasses.replace(self.experiment, series=ordered))
-
     def signals(self, full: Array) -> Array:
         with np.errstate(all="ignore"):
             return self._walkers.cut(self._run(self._ahead, full))
 
-    def squares(self, full: Array) -> Array:
+    def sums(self, full: Array, tally: Tally, weights: Array | None = None) -> Array:
         with np.errstate(all="ignore"):
-            return self._run(self._ahead, full, tally=SQUARES)[..., 0]
-
-    def neighbours(self, full: Array) -> Array:
-        with np.errstate(all="ignore"):
-            return self._run(self._ahead, full, tally=NEIGHBOURS)
-
-    def logs(self, full: Array, weights: Array) -> Array:
-        with np.errstate(all="ignore"):
-            return log_sums(self._run(self._ahead, full, tally=LOGS, weights=weights))
-
-    def intervals(self, full: Array, over: Array, half: Array) -> Array:
-        own = np.stack([over, half], axis=-1)
-        with np.errstate(all="ignore"):
-            return interval_sums(self._run(self._ahead, full, tally=INTERVALS, weights=own))
-
-    def sensitivities(self, full: Array, along: Array) -> Array:
-        return self.course(full, along)[1]
+            return self._run(self._ahead, full, tally=tally, weights=weights)
 
     def course(self, full: Array, along: Array) -> tuple[Array, Array]:
         n, q, p = along.shape
@@ -202,9 +167,6 @@ class Stepped:
             found = self._run(self._ahead, points, along.reshape(n * q, p))
         found = self._walkers.cut(found).reshape(n, q, *self.experiment.y.shape, 2)
         return np.ascontiguousarray(found[:, 0, ..., 0]), np.ascontiguousarray(found[..., 1])
-
-    def normal(self, full: Array, along: Array, scales: Array) -> tuple[Array, Array, Array]:
-        return normal(self, full, along, scales)
 
     def motion(self, full: Array) -> Motion:
         """As the rig moves, whatever sensors make of it."""
@@ -292,7 +254,7 @@ class Stepped:
                 model=w.wired,
                 series=w.inputs,
                 late=tuple(n for n in w.inputs if n in self.sensing.input_lags),
-                constant=tuple(one.constant.items()),
+                constant=present(one.constant),
                 first_order=one.first_order and bool(w.inputs),
                 pattern=tuple(map(tuple, (rows != 0).tolist())),
                 gaps=self._gaps,
@@ -300,7 +262,10 @@ class Stepped:
                 turns=self.turns if self.model.frictions else 1,
                 **kind,
             )
-            self._tellings[wanted] = Told(compile_stepping(shape), shape, ahead, w.padded)
+            kernel = compile_kernel(write_stepping, shape)
+            inputs = [one.constant[name] for name in shape.constant]
+            numbers = np.array([*ahead.spans, *inputs])
+            self._tellings[wanted] = Told(kernel, shape, ahead, w.padded, numbers)
         return self._tellings[wanted]
 
     def _run(
@@ -382,7 +347,7 @@ class Stepped:
         }
 
 
-class Unstepped:
+class Unstepped(Summed):
     """What simulators without steps of their own say of them: that they have none, and what a rig does
     in steps of a sample each.
     """

@@ -11,7 +11,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from bayesdrill.basics.arrays import Array
+
 Whole = NDArray[np.int64]
 
 SAME = 1e-12  # of a step: steps nearer to each other are one

@@ -15,12 +15,10 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bayesdrill.basics.arrays import Array
 from bayesdrill.inference import laplace
 from bayesdrill.sampling.optimisers.contract import Optimum, Task
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -74,9 +72,7 @@ def descend(function: Callable[[Array], float], start: Array, **options: Any) ->
 
 SIMPLEX = 200.0  # evaluations of a simplex for each unknown; more do not help it far from the top
 ROUGHLY = 1.0  # of the log density: how near a simplex has to come, where slopes do the rest
-LOG_TOLERANCE = (
-    1e-3  # ... and where they do not: what a restart must gain to be followed by another
-)
+LOG_TOLERANCE = 1e-3  # ... and where they do not: what a restart gains that another follows
 MOST_STEP = 0.3  # of a standard deviation, in a log: where the record says little it is long
 FAR = 100.0  # of the log density: a run that gained more was far from the optimum ...
 TENTH = 0.1  # ... and there first steps of the simplex are this, in a log of each unknown

@@ -11,8 +11,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.progress import SILENT, Reporter
 from bayesdrill.inference.laplace import Surface
 from bayesdrill.sampling.proposal.missed_mass import look
@@ -35,7 +35,6 @@ from bayesdrill.sampling.samplers.independence import (
     normalised,
 )
 
-Array = NDArray[np.float64]
 Random = np.random.RandomState
 Component = tuple[int, float, Array, Array]  # sheet, weight, mean, root
 

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.progress import SILENT, Reporter
 from bayesdrill.inference.laplace import Surface
 from bayesdrill.sampling.proposal.ridge_tracing import Expand, distances, moments, settled, trace
@@ -27,7 +28,6 @@ from bayesdrill.sampling.samplers.independence import (
 )
 from bayesdrill.sampling.samplers.ridge import Sheet
 
-Array = NDArray[np.float64]
 Random = np.random.RandomState
 
 DRAWS, LAST_DRAWS = 400, 1600  # of a round; the last ones judge once more

@@ -17,15 +17,14 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bayesdrill.basics.arrays import Array, Flags, Indices
 from bayesdrill.inference.laplace import Expansion, PosteriorSurface, Surface
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.sampling.samplers import ridge
 from bayesdrill.sampling.samplers.independence import Mixture, Proposal
 from bayesdrill.sampling.samplers.ridge import Frame, Ridge, Sheet
 
-Array = NDArray[np.float64]
 Expand = Callable[[Array, Array], Expansion]
 
 # A direction is tight if the record makes its variance so many times smaller than the prior's, ...
@@ -77,7 +76,7 @@ def corner(surface: Surface, centre: Array, here: Expansion) -> tuple[Frame, Arr
     return ridge.frame(centre, np.diag(scale), len(centre)), known
 
 
-def _beside(apart: Array, unknowns: NDArray[np.intp]) -> tuple[Array, list[int]]:
+def _beside(apart: Array, unknowns: Indices) -> tuple[Array, list[int]]:
     """Columns at right angles: those `apart`, then what `unknowns` add to them, and which these are."""
     own: list[int] = []
     for d in map(int, unknowns):
@@ -206,7 +205,7 @@ def _followed(
     surface: Surface,
     expand: Expand,
     at: Ridge,
-    bent: NDArray[np.intp],
+    bent: Indices,
     psi: Array,
     spread: Array,
     cloud: Array | None,
@@ -340,7 +339,7 @@ def led_back(
     tau: Array,
     near: float = ARRIVED,
     iterations: int = ITERATIONS,
-) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
+) -> tuple[Array, Array, Array, Flags]:
     """To the ridge at `psi (N, l)`: `tau (N, t)`, covariance roots `(N, t, t)`, the log density
     `(N,)` about there, and whether they arrived: by a last step from where they were `near`, in
     standard deviations.
@@ -385,7 +384,7 @@ def covariance_roots(curvature: Array) -> Array:
 
 
 def _best_fit(
-    base: Frame, bent: NDArray[np.intp], psi: Array, tau: Array, roots: Array, *, last: bool
+    base: Frame, bent: Indices, psi: Array, tau: Array, roots: Array, *, last: bool
 ) -> tuple[Ridge, float]:
     """The polynomials of the degree that points held out ask for, and how far off those are."""
     held = np.arange(len(psi)) % HELD_OUT == HELD_OUT - 1
@@ -465,7 +464,7 @@ class Settled:
         log_det[arrived] = np.log(root[row, row][:, arrived]).sum(axis=0)
         return place, root, log_det
 
-    def within(self, psi: Array) -> NDArray[np.bool_]:
+    def within(self, psi: Array) -> Flags:
         return self.ridge.within(psi)
 
     def bend(self, y: Array) -> tuple[Array, Array]:

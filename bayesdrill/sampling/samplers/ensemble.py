@@ -24,20 +24,16 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bayesdrill.basics.arrays import Array, Flags, Indices
 from bayesdrill.basics.registry import Registry, callable_one
-from bayesdrill.sampling.samplers.independence import Inside, Mixture, Proposal, Remembered
+from bayesdrill.sampling.samplers.independence import Inside, Mixture, Proposal, Random, Remembered
 from bayesdrill.sampling.samplers.ridge import Sheet
-
-Array = NDArray[np.float64]
 
 SHORTEST, LONGEST = 0.01, 1.0  # of a component's widths, over the root of the dimension
 
 
-def local_steps(
-    mixture: Mixture, u: Array, random: np.random.RandomState
-) -> tuple[Array, Array, Array]:
+def local_steps(mixture: Mixture, u: Array, random: Random) -> tuple[Array, Array, Array]:
     """From `u (n, D)`: new points, their Hastings factors (logs) and their log q, both `(n,)`.
 
     The component is drawn by its share of q, which is another where the step ends; the step has its
@@ -64,8 +60,6 @@ def local_steps(
     return fresh, factor, log_q_after
 
 
-Random = np.random.RandomState
-
 STRETCH = 2.0  # Goodman and Weare's a
 GAMMA = 2.38  # over sqrt(2 D): ter Braak's scale of a difference
 GAMMA_SPREAD = 1e-5  # relative: a little noise keeps walkers out of a common plane
@@ -74,7 +68,7 @@ GAMMA_SPREAD = 1e-5  # relative: a little noise keeps walkers out of a common pl
 class Move(Protocol):
     """`propose(model, state)`: emcee's contract; `state` is changed in place and given back."""
 
-    def propose(self, model: Any, state: Any) -> tuple[Any, NDArray[np.bool_]]: ...
+    def propose(self, model: Any, state: Any) -> tuple[Any, Flags]: ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,7 +82,7 @@ class Halves:
     proposal: Callable[[Array, Array, Random], tuple[Array, Array]]
     along: Sheet | None = None
 
-    def propose(self, model: Any, state: Any) -> tuple[Any, NDArray[np.bool_]]:
+    def propose(self, model: Any, state: Any) -> tuple[Any, Flags]:
         accepted = np.zeros(len(state.coords), dtype=bool)
         order = model.random.permutation(len(state.coords))
         middle = len(order) // 2
@@ -98,7 +92,7 @@ class Halves:
         return state, accepted
 
     def _proposed(
-        self, walkers: Array, half: NDArray[np.intp], others: NDArray[np.intp], random: Random
+        self, walkers: Array, half: Indices, others: Indices, random: Random
     ) -> tuple[Array, Array]:
         if self.along is None:
             return self.proposal(walkers[half], walkers[others], random)
@@ -120,7 +114,7 @@ class Independent:
     inside: Inside
     remembered: tuple[Remembered, Remembered]  # of the proposal, and of the widest
 
-    def propose(self, model: Any, state: Any) -> tuple[Any, NDArray[np.bool_]]:
+    def propose(self, model: Any, state: Any) -> tuple[Any, Flags]:
         everyone = np.arange(len(state.coords))
         one = self.proposal.one_of(model.random)
         known = self.remembered[one is self.proposal.settled]
@@ -133,7 +127,7 @@ class Independent:
         return state, moved
 
 
-def alone(model: Any, state: Any, proposal: Proposal, log_q: Array) -> NDArray[np.bool_]:
+def alone(model: Any, state: Any, proposal: Proposal, log_q: Array) -> Flags:
     """Steps of those walkers that would wait long; `log_q (W,)` is the proposal's where they stand."""
     moved = np.zeros(len(log_q), dtype=bool)
     which = np.flatnonzero(state.log_prob > proposal.high(log_q))
@@ -146,11 +140,11 @@ def alone(model: Any, state: Any, proposal: Proposal, log_q: Array) -> NDArray[n
 def _accept(
     model: Any,
     state: Any,
-    which: NDArray[np.intp],
+    which: Indices,
     fresh: Array,
     factor: Array,
     above: Array | float = -np.inf,
-) -> NDArray[np.bool_]:
+) -> Flags:
     """Metropolis and Hastings for the walkers `which`: `(len(which),)` whether each has moved.
 
     `above`: what the density, a log, is cut to.
@@ -158,7 +152,7 @@ def _accept(
     log_p = np.asarray(model.log_prob_fn(fresh))
     with np.errstate(divide="ignore"):
         threshold = np.log(model.random.random_sample(len(which)))
-    moved: NDArray[np.bool_] = threshold < log_p - state.log_prob[which] + factor
+    moved: Flags = threshold < log_p - state.log_prob[which] + factor
     moved &= log_p > above
     state.coords[which[moved]] = fresh[moved]
     state.log_prob[which[moved]] = log_p[moved]
@@ -241,7 +235,7 @@ class Piece:
     seconds: float
 
 
-def everywhere(z: Array) -> NDArray[np.bool_]:
+def everywhere(z: Array) -> Flags:
     return np.ones(len(z), dtype=bool)
 
 
@@ -251,7 +245,7 @@ def advance(
     n_steps: int,
     moves: Mapping[str, float],
     proposal: Proposal | None = None,
-    inside: Callable[[Array], NDArray[np.bool_]] = everywhere,
+    inside: Callable[[Array], Flags] = everywhere,
 ) -> Piece:
     """`n_steps` further; `evaluate` gives the log density of a batch and its failures.
 

@@ -25,11 +25,11 @@ from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bayesdrill.basics.arrays import Array, Flags, Indices
 from bayesdrill.sampling.samplers.ridge import Sheet
 
-Array = NDArray[np.float64]
+Random = np.random.RandomState
 
 LONG = 2.0  # of the log of p over q above the usual: e^2 times as long as usual
 
@@ -120,7 +120,7 @@ def effective(weights: Array) -> float:
     return float(scaled.sum() ** 2 / (scaled**2).sum())
 
 
-Inside = Callable[[Array], NDArray[np.bool_]]
+Inside = Callable[[Array], Flags]
 
 FILL = 0.8  # of what the prior cuts off: with all of it, nine of ten draws would be cut off in a corner
 FLOOR = 1e-4  # of the variance of all draws of a sheet, added to that of its components
@@ -134,9 +134,9 @@ class Drawn:
     u: Array
     jacobian: Array
     y: Array
-    sheet: NDArray[np.intp]
+    sheet: Indices
 
-    def those(self, good: NDArray[np.bool_] | NDArray[np.intp]) -> Drawn:
+    def those(self, good: Flags | Indices) -> Drawn:
         return Drawn(self.u[good], self.jacobian[good], self.y[good], self.sheet[good])
 
 
@@ -148,14 +148,14 @@ class Mixture:
     """
 
     sheets: tuple[Sheet, ...]
-    sheet: NDArray[np.intp]
+    sheet: Indices
     weights: Array
     means: Array
     roots: Array
     inverses: Array
     constants: Array
 
-    def draw(self, n: int, random: np.random.RandomState) -> Drawn:
+    def draw(self, n: int, random: Random) -> Drawn:
         """`n` draws, inside the prior or not."""
         chosen = np.searchsorted(np.cumsum(self.weights)[:-1], random.random_sample(n))
         normal = random.standard_normal((n, self.means.shape[1]))
@@ -224,7 +224,7 @@ def _summed(parts: Array) -> Array:
 
 def mixture(
     sheets: Sequence[Sheet],
-    sheet: Sequence[int] | NDArray[np.intp],
+    sheet: Sequence[int] | Indices,
     weights: Array,
     means: Array,
     roots: Array,
@@ -244,7 +244,7 @@ def fitted(
     weights: Array,
     inside: Inside,
     rounds: int,
-    random: np.random.RandomState,
+    random: Random,
 ) -> Mixture:
     """Expectation and maximisation from `start`, for draws `u (N, D)` that weigh `weights (N,)`.
 
@@ -277,7 +277,7 @@ def _step(
     means, roots = found.means.copy(), found.roots.copy()
     dimension = means.shape[1]
     for k, total in enumerate(totals):
-        if total < 1e-12 or _effective(shares[k]) < 2 * dimension:
+        if total < 1e-12 or effective(shares[k]) < 2 * dimension:
             continue  # too few draws to move it
         points = y[found.sheet[k]]
         means[k] = shares[k] @ points / total
@@ -302,13 +302,6 @@ def _floor(y: Array, weights: Array) -> Array:
     spread = weights @ (y - mean) ** 2 / total
     return np.diag(FLOOR * spread + 1e-12)
 
-
-def _effective(weights: Array) -> float:
-    total = float(weights.sum())
-    return total * total / max(float(weights @ weights), 1e-300)
-
-
-Random = np.random.RandomState
 
 SETTLED = 0.5  # of the steps, where there is such a proposal
 ALONE = 0.2  # of the steps: the model is as dear for one walker as for thirty, ...

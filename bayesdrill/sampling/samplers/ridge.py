@@ -17,10 +17,8 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
+from bayesdrill.basics.arrays import Array, Flags, Indices
 
 LEEWAY = 0.25  # of the range of a root's entries: beyond it a polynomial has lost its way
 
@@ -102,7 +100,7 @@ class Sheet(Protocol):
 
     def along(self, psi: Array) -> tuple[Array, Array, Array]: ...
 
-    def within(self, psi: Array) -> NDArray[np.bool_]: ...
+    def within(self, psi: Array) -> Flags: ...
 
     def bend(self, y: Array) -> tuple[Array, Array]:
         """See `bend`."""
@@ -164,7 +162,7 @@ class Ridge:
         """The ridge itself: `(W, l)` to tau `(W, t)`."""
         return self.along(psi)[0]
 
-    def within(self, psi: Array) -> NDArray[np.bool_]:
+    def within(self, psi: Array) -> Flags:
         """Whether `psi (W, l)` is where points of the fit lie: `(W,)`."""
         scaled = (psi[:, self.bent] - self.middle) / self.width
         return np.asarray((scaled**2).sum(axis=1) <= 1.0)

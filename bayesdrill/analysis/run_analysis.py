@@ -1,0 +1,279 @@
+"""All that is said of a finished run, evaluated once: what tables, sentences and `run.json` show."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from bayesdrill.analysis import causes, diagnostics, energy, latent_torque, plausibility
+from bayesdrill.analysis.causes import Causes, Instead
+from bayesdrill.analysis.comparison import Repeat, repeats
+from bayesdrill.analysis.diagnostics import Row
+from bayesdrill.analysis.energy import Account, Part, Rubbing
+from bayesdrill.analysis.identifiability.information import Scenery
+from bayesdrill.analysis.latent_torque import Course, Follows, Shaking, follows
+from bayesdrill.analysis.plausibility import Vague
+from bayesdrill.analysis.suspicions import Moment, half_a_sample
+from bayesdrill.analysis.verdict import Judgement, basis, conclude
+from bayesdrill.basics import records, seeds
+from bayesdrill.basics.arrays import Array
+from bayesdrill.basics.errors import Sparing
+from bayesdrill.basics.values import Value
+from bayesdrill.config.schema.config import Asked
+from bayesdrill.inference import derived
+from bayesdrill.inference.derived import Derived
+from bayesdrill.inference.posterior import Problem
+from bayesdrill.inference.residual_checks import Left, like_noise
+from bayesdrill.inference.step_error import StepError, step_errors
+from bayesdrill.rig.models.latent_torque import At
+from bayesdrill.rig.models.linear import Roles
+from bayesdrill.sampling.convergence import Convergence
+from bayesdrill.sampling.ensembles import Sampled
+from bayesdrill.sampling.evidence import Evidence
+from bayesdrill.sampling.mode_search import Mode
+
+BANDS, ACCOUNTS, PATHS = 100, 25, 300  # draws
+MIDDLE = (0.03, 0.97)  # of the samples of a torque
+
+
+@dataclass(frozen=True, eq=False)
+class RunDraws(Value):
+    """Draws of a finished run, and what figures show of them; each made once, when it is asked for.
+
+    `sparing` is told of derived quantities that fail.
+    """
+
+    problem: Problem
+    mode: Mode
+    sampled: Sampled
+    seed: int
+    sparing: Sparing = field(default_factory=Sparing, compare=False)
+
+    @cached_property
+    def draws(self) -> Array:
+        """`(N, D)`, of all ensembles."""
+        return self.sampled.draws.reshape(-1, self.sampled.draws.shape[-1])
+
+    @cached_property
+    def best(self) -> Array:
+        """The MAP `(D,)`."""
+        return self.problem.posterior.space.vector(self.mode.values)
+
+    def some(self, n: int) -> Array:
+        """At most `n` draws `(n, D)`, evenly spaced."""
+        return self.draws[:: max(1, -(-len(self.draws) // n))]
+
+    @cached_property
+    def rubbing(self) -> tuple[tuple[Rubbing, ...], ...]:
+        """Of each experiment; nothing where the rig does not rub."""
+        if not self.problem.model.frictions:
+            return ()
+        return energy.rubbings(self.problem.posterior, self.best, self.some(BANDS))
+
+    @cached_property
+    def accounts(self) -> tuple[Account, ...]:
+        """Where the energy goes, of a rig that rubs."""
+        if not self.problem.model.frictions:
+            return ()
+        return energy.accounts(self.problem.posterior, self.best, self.some(ACCOUNTS))
+
+    @cached_property
+    def shaking(self) -> tuple[Shaking, ...]:
+        """The missing torque of each experiment, where there is one."""
+        rng = seeds.stream(self.seed, "torque")
+        return latent_torque.shakings(self.problem.posterior, self.some(PATHS), rng)
+
+    @cached_property
+    def _derived(self) -> Derived:
+        return derived.derive(self.problem, self.sampled.draws)
+
+    def derived(self, judged: Judgement | None) -> Derived:
+        """With the products of a verdict; nothing where they cannot be made."""
+        problem, draws = self.problem, self.sampled.draws
+        with self.sparing.making("derived quantities"):
+            if judged is None:
+                return self._derived
+            products = [quantity.exponents for quantity in judged.verdict.products]
+            return derived.with_products(self._derived, problem, draws, products)
+        return Derived(symbols=(), values=np.empty((*draws.shape[:2], 0)), nominal={})
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TorqueSummary:
+    """The missing torque of one experiment, N m: from `low` to `high` in 94 % of the samples, each known
+    to `width`; `rms` of the expected one, and mean `sd` of the draws.
+
+    `sure`: share of the samples whose sign is sure; `turning`: of those in which its inertia turns.
+    """
+
+    label: str
+    at: At
+    low: float
+    high: float
+    width: float
+    rms: float
+    sd: float
+    sure: float
+    turning: float
+    follows: tuple[Follows, ...]
+    courses: tuple[Course, ...]
+    roles: Roles
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EnergySummary:
+    """Of one experiment: the `parts` that `came` in and `went`, until the end; `left`: the share that is
+    in neither, of the order of the steps.
+    """
+
+    label: str
+    parts: tuple[Part, ...]
+    came: tuple[str, ...]
+    went: tuple[str, ...]
+    left: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RunAnalysis:
+    """All that is said of a finished run; `numbers` has it by name, and `run.json` keeps it.
+
+    unknowns: what the draws say of each unknown [its own unit, SI]
+    fit: what the MAP leaves of each channel [sd of the noise]
+    judged: what the record can show, and the verdict, if there is a table [SI, sigma, natural logs]
+    repeats: products of unknowns as each of several experiments has them [natural logs]
+    causes: what would explain a fit that leaves more than noise [SI]
+    instead: what the rig may lack, where the nominal table would be blamed [SI]
+    derived: what follows from the unknowns [its own unit, SI]
+    meanings: what derived quantities are, by name
+    convergence: what the ensembles say of each other [steps, draws]
+    acceptance: the share of proposals accepted, of each ensemble [1]
+    failures: proposals inside the prior that had no finite response [1]
+    evidence: how probable the record is under the model [natural log]
+    vague: priors that are too wide for the evidence to mean much [decades, 1]
+    leaning: unknowns that are determined by the priors of others alone
+    step_errors: what the steps of a rig that is stepped do at the MAP [sd of the noise]
+    torques: the missing torque of each experiment [N m]
+    energy: where the energy goes in each experiment, of a rig that rubs [J, 1]
+    moment: what inputs half a sample later would move [s, sd of the unknown]
+    course: sentences on friction that drives instead of braking
+    rig: sentences on roles and gear of the rig
+    suspicions: sentences on columns, units and sensors of the record
+    alone: whether no other model of the record is tried beside it, so that causes are looked for
+    """
+
+    unknowns: tuple[Row, ...]
+    fit: tuple[Left, ...]
+    judged: Judgement | None
+    repeats: tuple[Repeat, ...]
+    causes: Causes | None
+    instead: Instead | None
+    derived: tuple[derived.Row, ...]
+    meanings: Mapping[str, str]
+    convergence: Convergence
+    acceptance: tuple[float, ...]
+    failures: int
+    evidence: Evidence | None
+    vague: tuple[Vague, ...]
+    leaning: Mapping[str, tuple[str, ...]]
+    step_errors: tuple[StepError, ...]
+    torques: tuple[TorqueSummary, ...]
+    energy: tuple[EnergySummary, ...]
+    moment: Moment | None
+    course: tuple[str, ...]
+    rig: tuple[str, ...]
+    suspicions: tuple[str, ...]
+    alone: bool
+
+    @property
+    def numbers(self) -> Mapping[str, Any]:
+        """By names such as `unknowns.k_s.mean`, `fit.w_1.rms` and `evidence.log_z`."""
+        return dict(records.leaves(records.as_data(self)))
+
+    @classmethod
+    def describe(cls, name: str) -> str:
+        """What a number of this name is, with its unit; raises `KeyError` for a name that is none."""
+        said = records.described(cls)[name.partition(".")[0]]
+        return f"{said['description']} [{said['unit']}]" if "unit" in said else said["description"]
+
+
+def analyse(
+    run: RunDraws,
+    asked: Asked,
+    scenery: Scenery,
+    suspicions: tuple[str, ...] = (),
+    *,
+    alone: bool = True,
+) -> RunAnalysis:
+    """Evaluate all that is said of a finished run; nothing is sampled.
+
+    `scenery`: of its likelihood; `suspicions`, `alone`: see `RunAnalysis`.
+    """
+    problem, sampled, best = run.problem, run.sampled, run.best
+    posterior = problem.posterior
+    rows, left, judged = conclude(problem, asked, run.mode, sampled, scenery)
+    fits = like_noise(left)
+    blamed = alone and judged is not None and bool(judged.verdict.far)
+    every = () if judged is None else basis(judged.study, judged.study.names)
+    following = run.derived(judged)
+    rows_of_derived: tuple[derived.Row, ...] = ()
+    with run.sparing.making("derived quantities"):
+        rows_of_derived = derived.summarise(following)
+    return RunAnalysis(
+        unknowns=rows,
+        fit=left,
+        judged=judged,
+        repeats=repeats(scenery, best, every),
+        causes=None if fits or not alone else causes.causes(posterior, best),
+        instead=causes.instead(problem, best) if blamed else None,
+        derived=rows_of_derived,
+        meanings={symbol.name: symbol.meaning for symbol in following.symbols},
+        convergence=sampled.convergence,
+        acceptance=tuple(map(float, sampled.acceptance)),
+        failures=sampled.failures,
+        evidence=sampled.evidence,
+        vague=plausibility.vague(rows, run.draws, posterior.space.priors),
+        leaning=diagnostics.leaning(rows, run.draws),
+        step_errors=step_errors(posterior.likelihood, best),
+        torques=tuple(map(torque_summary, run.shaking)),
+        energy=tuple(map(_energy, run.accounts)),
+        # What another moment would leave looks like noise only where this fit does.
+        moment=half_a_sample(scenery, best) if fits else None,
+        course=tuple(plausibility.plausibility_of_course(scenery, best)),
+        rig=(*plausibility.of_roles(problem), *plausibility.plausibility_of_gear(problem)),
+        suspicions=suspicions,
+        alone=alone,
+    )
+
+
+def torque_summary(found: Shaking) -> TorqueSummary:
+    """What is said of the missing torque of one experiment."""
+    low, high = np.quantile(found.expected, MIDDLE)
+    band = found.band
+    return TorqueSummary(
+        label=found.label,
+        at=found.at,
+        low=float(low),
+        high=float(high),
+        width=float(np.mean(band[1] - band[0]) / 2),
+        rms=float(np.sqrt(np.mean(found.expected**2))),
+        sd=float(found.draws.std(axis=0).mean()),
+        sure=float(np.mean((band[0] > 0) | (band[1] < 0))),
+        turning=float(found.turning.mean()),
+        follows=follows(found),
+        courses=found.courses,
+        roles=found.roles,
+    )
+
+
+def _energy(found: Account) -> EnergySummary:
+    return EnergySummary(
+        label=found.label,
+        parts=found.parts,
+        came=tuple(found.came),
+        went=tuple(found.went),
+        left=found.left,
+    )

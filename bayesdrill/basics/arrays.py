@@ -1,0 +1,11 @@
+"""What arrays are called everywhere: of numbers, of yes and no, of indices, of counts."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+Indices = NDArray[np.intp]
+Counts = NDArray[np.int64]

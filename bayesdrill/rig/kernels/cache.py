@@ -1,0 +1,177 @@
+"""Machine code of kernels, kept between processes in a folder that belongs to its user alone.
+
+What lies there is executed: a folder or a file that others own, may read or may write is not used.
+Nothing that is wrong with folder or files is ever an error; kernels are compiled again instead.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import logging
+import os
+import re
+import secrets
+import stat
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import IO
+
+VARIABLE = "BAYESDRILL_CACHE"  # in the environment: another folder, or ...
+OFF = "off"  # ... no cache at all
+MAX_FILES, MAX_BYTES = 1000, 256 * 1024**2
+_DIGEST_BYTES = hashlib.sha256().digest_size
+_NAMES = re.compile(r"[0-9a-f]{64}(\.[0-9a-f]+\.tmp)?")  # of our own files; others are left alone
+_log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class CodeCache:
+    """The files in `folder`, each the code of one key; without a folder nothing is kept."""
+
+    folder: Path | None
+    max_files: int = MAX_FILES
+    max_bytes: int = MAX_BYTES
+
+    def load(self, key: str) -> bytes | None:
+        """Return the code stored under `key`; None where there is none that is whole and ours."""
+        try:
+            with self._opened() as folder, _owned_file(_name(key), folder) as file:
+                content = file.read()
+                with suppress(OSError):  # used now: others go first
+                    os.utime(file.fileno())
+        except FileNotFoundError:
+            return None
+        except OSError as error:
+            _log.debug("code is not read from %s: %s", self.folder, error)
+            return None
+        code = content[_DIGEST_BYTES:]
+        if content[:_DIGEST_BYTES] != _digest(key, code):
+            _log.debug("code of %s in %s is damaged", _name(key), self.folder)
+            return None
+        return code
+
+    def store(self, key: str, code: bytes) -> None:
+        """Keep `code` under `key`, whole or not at all; the oldest files go where there are too many."""
+        try:
+            with self._opened(create=True) as folder:
+                _write(_name(key), _digest(key, code) + code, folder)
+                self._prune(folder)
+        except OSError as error:
+            _log.debug("code is not kept in %s: %s", self.folder, error)
+
+    @property
+    def sizes(self) -> tuple[int, ...]:
+        """Bytes of each file; raises `OSError` where the folder is refused."""
+        try:
+            with self._opened() as folder:
+                return tuple(status.st_size for status in _files(folder).values())
+        except FileNotFoundError:
+            return ()
+
+    def clear(self) -> None:
+        """Remove all files of the cache; raises `OSError` where that cannot be."""
+        with suppress(FileNotFoundError), self._opened() as folder:
+            for name in _files(folder):
+                os.unlink(name, dir_fd=folder)
+
+    @cached_property
+    def _supported(self) -> bool:
+        """Whether owners and permissions can be told, of the folder that was opened."""
+        return hasattr(os, "geteuid") and os.open in os.supports_dir_fd
+
+    @contextmanager
+    def _opened(self, *, create: bool = False) -> Iterator[int]:
+        """The descriptor of the folder, so that it stays the one whose owner was looked at.
+
+        Raises `FileNotFoundError` where there is none, and `PermissionError` where it is not the
+        user's alone.
+        """
+        if self.folder is None or not self._supported:
+            raise FileNotFoundError(
+                f"machine code is not kept: {VARIABLE}={OFF}, or no such system"
+            )
+        if create:
+            self.folder.parent.mkdir(parents=True, exist_ok=True)
+            with suppress(FileExistsError):
+                self.folder.mkdir(mode=0o700)
+        folder = os.open(self.folder, os.O_RDONLY | os.O_DIRECTORY)
+        try:
+            status = os.fstat(folder)
+            if status.st_uid != os.geteuid() or stat.S_IMODE(status.st_mode) & 0o777 != 0o700:
+                raise PermissionError(
+                    "it belongs to another user, or others may look into it (`chmod 700` bars them)"
+                )
+            yield folder
+        finally:
+            os.close(folder)
+
+    def _prune(self, folder: int) -> None:
+        """Remove the files that were used the longest ago, as far as there are too many."""
+        files = sorted(_files(folder).items(), key=lambda item: -item[1].st_mtime_ns)
+        total = 0
+        for count, (name, status) in enumerate(files, start=1):
+            total += status.st_size
+            if count > self.max_files or total > self.max_bytes:
+                with suppress(FileNotFoundError):  # another process was faster
+                    os.unlink(name, dir_fd=folder)
+
+
+def user_cache(environment: Mapping[str, str] = os.environ) -> CodeCache:
+    """Return the cache of this user: where the environment says, or where the system has caches."""
+    named = environment.get(VARIABLE, "")
+    if named == OFF:
+        return CodeCache(None)
+    if named:
+        return CodeCache(Path(named) / "kernels")
+    from platformdirs import user_cache_path
+
+    return CodeCache(user_cache_path("bayesdrill") / "kernels")
+
+
+def _name(key: str) -> str:
+    return hashlib.sha256(key.encode()).hexdigest()
+
+
+def _digest(key: str, code: bytes) -> bytes:
+    """Of the key too: code under another's name is damaged code."""
+    return hashlib.sha256(_name(key).encode() + code).digest()
+
+
+@contextmanager
+def _owned_file(name: str, folder: int) -> Iterator[IO[bytes]]:
+    """Open a file that is none of others'; raises `OSError`."""
+    flags = os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK
+    with open(os.open(name, flags, dir_fd=folder), "rb") as file:
+        status = os.fstat(file.fileno())
+        owned = stat.S_ISREG(status.st_mode) and status.st_uid == os.geteuid()
+        if not owned or status.st_mode & 0o077 or status.st_size > MAX_BYTES:
+            raise PermissionError(f"{name} is not a file of its user alone")
+        yield file
+
+
+def _write(name: str, content: bytes, folder: int) -> None:
+    """Under a name of its own first: a file with this one is always whole."""
+    temporary = f"{name}.{secrets.token_hex(8)}.tmp"
+    flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL
+    try:
+        with open(os.open(temporary, flags, 0o600, dir_fd=folder), "wb") as file:
+            file.write(content)
+        os.replace(temporary, name, src_dir_fd=folder, dst_dir_fd=folder)
+    except BaseException:
+        with suppress(OSError):
+            os.unlink(temporary, dir_fd=folder)
+        raise
+
+
+def _files(folder: int) -> dict[str, os.stat_result]:
+    """Our own files by name, those that are being written among them."""
+    found = {}
+    with os.scandir(folder) as entries:
+        for entry in entries:
+            if _NAMES.fullmatch(entry.name):
+                with suppress(FileNotFoundError):
+                    found[entry.name] = entry.stat(follow_symlinks=False)
+    return found

@@ -1,0 +1,158 @@
+"""Ends of priors: whether draws crowd at one, and priors that end where the table stands, opened there.
+
+Against an end of a prior a tail cannot be counted: a box that begins at the nominal value has no draw
+below it, however well the record agrees.  What the record says there is seen where the prior goes on.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Mapping
+
+import numpy as np
+
+from bayesdrill.basics.arrays import Array
+from bayesdrill.basics.progress import Reporter
+from bayesdrill.inference.posterior import Posterior
+from bayesdrill.inference.priors import Prior
+from bayesdrill.sampling.ensembles import Memory, Opened, Plan, Sampled, sample
+from bayesdrill.sampling.proposal.learning import Nowhere
+from bayesdrill.sampling.workers import Crew
+
+END_MASS = 0.05  # of the prior, at an end of it; half of the draws there is a crowd
+RISING = 0.25  # of the draws are nearer than half the median where their density is flat
+NEAR = 0.05  # of the prior between nominal value and end, or less
+TAIL, SIGMA = 1e-3, 2.28e-2  # shares of the draws at three and two sigma of a normal
+REACH = math.log(10.0)  # an end is moved by the prior's own range, but by no more than this factor
+
+
+def with_open_ends(
+    sampled: Sampled,
+    posterior: Posterior,
+    nominal: Mapping[str, float],
+    maxima: Array,
+    plan: Plan,
+    report: Reporter,
+) -> Sampled:
+    """With what is seen beyond ends of priors that are in the way, where ensembles have converged."""
+    if not sampled.convergence.converged:
+        return sampled
+    draws = sampled.draws.reshape(-1, maxima.shape[1])
+    beyond = open_ends(posterior, nominal, draws, maxima, plan, report)
+    return dataclasses.replace(sampled, beyond=beyond)
+
+
+def not_kept(sampled: Sampled, posterior: Posterior, nominal: Mapping[str, float]) -> Opened | None:
+    """What is known of ends in the way where a run has kept nothing from beyond: no more than names."""
+    if not sampled.convergence.converged:
+        return None
+    draws = sampled.draws.reshape(-1, len(posterior.space.free))
+    names = tuple(_in_the_way(posterior, nominal, draws))
+    return Opened(names=names, draws=None, pressed=names, kept=False) if names else None
+
+
+def open_ends(
+    posterior: Posterior,
+    nominal: Mapping[str, float],
+    draws: Array,
+    maxima: Array,
+    plan: Plan,
+    report: Reporter,
+) -> Opened | None:
+    """From physical draws `(N, D)` and maxima `(M, D)`; None where no end is in the way."""
+    priors = _in_the_way(posterior, nominal, draws)
+    if not priors:
+        return None
+    beyond = posterior.edit(priors=priors)
+    names = tuple(priors)
+    report.say(
+        f"priors of {', '.join(names)} end near nominal values: once more without these ends"
+    )
+    try:
+        with Crew(beyond, 1) as crew:
+            sampled = sample(crew, beyond, maxima, plan, Memory(), report)
+    except Nowhere:
+        return Opened(names=names, draws=None, pressed=names)
+    if not sampled.convergence.converged:
+        return Opened(names=names, draws=None, pressed=names)
+    found = sampled.draws.reshape(-1, draws.shape[1])
+    columns = dict(zip(posterior.space.free, found.T, strict=True))
+    crowded = [name for name in names if pressed_against(columns[name], priors[name]) is not None]
+    return Opened(names=names, draws=found, pressed=tuple(crowded))
+
+
+def _in_the_way(
+    posterior: Posterior, nominal: Mapping[str, float], draws: Array
+) -> dict[str, Prior]:
+    """Priors that end too near to their nominal values, with these ends moved."""
+    space = posterior.space
+    wider = {
+        name: _wider(prior, nominal[name], draws[:, column])
+        for column, (name, prior) in enumerate(space.priors.items())
+        if name in nominal
+    }
+    return {name: prior for name, prior in wider.items() if prior is not space.priors[name]}
+
+
+def _wider(prior: Prior, nominal: float, draws: Array) -> Prior:
+    """The same density with the ends moved that are near the nominal value and that draws feel."""
+    ends = []
+    for end, sign in ((prior.low, 1.0), (prior.high, -1.0)):
+        ends.append(end)
+        if not (0 < end < math.inf and _near(prior, nominal, sign) and _felt(end, draws, sign)):
+            continue
+        own = math.log(prior.high / prior.low) if prior.low > 0 else REACH
+        past = 2.0 * max(sign * math.log(end / nominal), 0.0)
+        ends[-1] = end * math.exp(-sign * max(min(own, REACH), past))
+    low, high = ends
+    return prior if (low, high) == (prior.low, prior.high) else prior.extended(low, high)
+
+
+def _near(prior: Prior, nominal: float, sign: float) -> bool:
+    """Whether little of the prior lies between nominal value and its lower (upper: -1) end."""
+    share = float(prior.quantile(np.array(NEAR if sign > 0 else 1.0 - NEAR)))
+    return sign * (nominal - share) <= 0
+
+
+def _felt(end: float, draws: Array, sign: float) -> bool:
+    """Whether the end cuts off what draws `(N,)` show of a tail: farther out it does no harm."""
+    logs = sign * np.log(draws)
+    far, less = np.quantile(logs, [TAIL, SIGMA])
+    return bool(far - sign * math.log(end) < less - far)
+
+
+def pressed_against(x: Array, prior: Prior) -> float | None:
+    """The end of `prior` that draws `(N,)` crowd at, as if they wanted past it, or None.
+
+    Half of them lie in the last `END_MASS` of the prior's mass, and they get denser towards the end
+    both along x and relative to the prior.  What the corners of a box of priors do alone is weaker:
+    where all nine parameters share one scale, a marginal rises like its eighth power, and 37 % of it
+    lie in the last twentieth.
+    """
+    if prior.vanishes_at_ends:
+        return None
+    middle = float(np.median(x))
+    for end, sign in ((prior.low, 1.0), (prior.high, -1.0)):
+        if not math.isfinite(end):
+            continue
+
+        def at(mass: float, sign: float = sign) -> float:
+            """The point that has this mass of the prior between itself and the end."""
+            return float(prior.quantile(np.array(mass if sign > 0 else 1.0 - mass)))
+
+        if sign * (middle - at(END_MASS)) > 0:
+            continue
+        halves = (0.5 * (end + middle), at(0.5 * _mass_between(at, middle, sign)))
+        if all(np.mean(sign * (half - x) > 0) > RISING for half in halves):
+            return end
+    return None
+
+
+def _mass_between(at: Callable[[float], float], x: float, sign: float) -> float:
+    """The mass of the prior between its end and `x`, by bisection of its logarithm."""
+    low, high = -40.0, 0.0
+    for _ in range(60):
+        mid = 0.5 * (low + high)
+        low, high = (mid, high) if sign * (at(math.exp(mid)) - x) < 0 else (low, mid)
+    return math.exp(high)

@@ -1,0 +1,341 @@
+"""What `run.json` says of a finished run, from its `RunAnalysis`, and its schema."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+
+from bayesdrill.analysis.causes import Causes, Instead
+from bayesdrill.analysis.comparison import Repeat
+from bayesdrill.analysis.energy import Part
+from bayesdrill.analysis.plausibility import Vague
+from bayesdrill.analysis.run_analysis import EnergySummary, RunAnalysis, TorqueSummary
+from bayesdrill.analysis.verdict import Verdict
+from bayesdrill.basics.arrays import Array
+from bayesdrill.basics.records import as_data, schema
+from bayesdrill.inference.posterior import Problem
+from bayesdrill.inference.residual_checks import Left
+from bayesdrill.inference.step_error import StepError
+from bayesdrill.report.sections import identify_words, physics_words, verdict_words
+from bayesdrill.report.view import View
+from bayesdrill.sampling.ensembles import Sampled
+from bayesdrill.sampling.evidence import Evidence
+from bayesdrill.sampling.mode_search import Mode
+
+ANALYSIS, ANALYSIS_OF = "analysis", "analysis_of"  # entries of `run.json`
+
+
+ENTRIES: Mapping[str, str] = MappingProxyType(
+    {
+        "job": "the command that made the folder",
+        "fingerprint": "what decides the chain, by name",
+        "status": "running, interrupted or finished",
+        "seed": "the seed of all random numbers",
+        "versions": "of bayesdrill, Python and the libraries",
+        "seconds": "how long the parts of the run took [s]",
+        "missing": "tables and figures that could not be made, and why",
+        "files": "digests of all files that were written, by name",
+        "units": "SI units of the unknowns, by name",
+        "converged": "whether all targets of the sampler are met",
+        "reasons": "why the result must not be believed; empty where it may be",
+        "notes": "sentences on priors, record and rig",
+        "fit": "what the MAP leaves of each channel [sd of the noise]",
+        "repeats": "products as each of several experiments has them [natural logs]",
+        "causes": "what would explain a fit that leaves more than noise [SI]",
+        "instead": "what the rig may lack, where the nominal table would be blamed [SI]",
+        "pieces": "what the steps of a rig that is stepped do at the MAP [sd of the noise]",
+        "torque": "the missing torque of each experiment [N m]",
+        "energy": "where the energy goes, of a rig that rubs [J]",
+        "verdict": "what the run says of the nominal table [sigma]",
+        "steps": "steps of each ensemble",
+        "burn_in": "steps that are dropped",
+        "burn_in_rule": "how many these are, and why",
+        "thin": "one of so many steps is kept",
+        "n_tau": "length of the chain [autocorrelation times]",
+        "tau": "autocorrelation times by unknowns [steps]",
+        "r_hat": "the largest R-hat of all unknowns",
+        "ess_bulk": "the fewest effective draws of all unknowns",
+        "acceptance": "the share of proposals accepted, of each ensemble",
+        "failures": "proposals inside the prior that had no finite response",
+        "log_evidence": "how probable the record is under the model [natural log]",
+        "log_evidence_error": "its standard error",
+        "log_evidence_overlap": "what posterior and proposal have in common, from 0 to 1",
+        "log_evidence_steps": "what finer steps of a rig that is stepped add to it [natural log]",
+        "log_evidence_steps_error": "the standard error of that",
+        "vague_priors": "unknowns whose priors are too wide for it to mean much",
+        "importance": "posterior means that the proposal gives without a chain [SI]",
+        "maxima": "maxima of the posterior, and the share of each [SI]",
+        ANALYSIS: "all that is said of the run, evaluated once",
+        ANALYSIS_OF: "a digest of what the analysis was made of",
+        "checksum": "of all entries before it",
+    }
+)
+
+
+def run_schema() -> str:
+    """The JSON schema of `run.json`, as text."""
+    analysis = schema(RunAnalysis)
+    entries = {name: {"description": said} for name, said in ENTRIES.items()}
+    entries[ANALYSIS] |= {"$ref": analysis["$ref"]}
+    found = {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "title": "run.json of bayesdrill posterior",
+        "type": "object",
+        "properties": entries,
+        "$defs": analysis["$defs"],
+    }
+    return json.dumps(found, indent=2) + "\n"
+
+
+def entries(view: View, made_of: str) -> dict[str, Any]:
+    """All of them; `made_of`: a digest of what the analysis is of."""
+    found, c = view.analysis, view.analysis.convergence
+    table = view.problem.compared_with
+    return {
+        "units": {symbol.name: symbol.unit for symbol in view.problem.symbols},
+        "converged": c.converged,
+        "reasons": list(view.reasons),
+        "notes": list(view.notes),
+        "fit": residual_data(found.fit),
+        "repeats": repeats_data(found.repeats, view.names_of_rig),
+        "causes": causes_data(found.causes),
+        **instead_data(found.instead if c.converged else None),
+        **({"pieces": step_data(found.step_errors)} if found.step_errors else {}),
+        **({"torque": torque_data(found.torques)} if found.torques else {}),
+        **({"energy": energy_data(found.energy)} if found.energy else {}),
+        "verdict": None
+        if found.judged is None
+        else verdict_data(
+            found.judged.verdict, table, converged=c.converged, believed=not view.reasons
+        ),
+        "steps": c.steps,
+        "burn_in": c.burn_in,
+        "burn_in_rule": c.burn_in_rule,
+        "thin": c.thin,
+        "n_tau": round(c.n_tau, 2),
+        "tau": {
+            name: round(float(x), 2) for name, x in zip(view.problem.names, c.tau, strict=True)
+        },
+        "r_hat": round(float(np.max(c.r_hat)), 5),
+        "ess_bulk": round(float(np.min(c.ess_bulk)), 1),
+        "acceptance": [round(x, 4) for x in found.acceptance],
+        "failures": found.failures,
+        **evidence_data(found.evidence, found.vague),
+        **_learnt(view.problem, view.mode, view.sampled),
+        ANALYSIS: as_data(found),
+        ANALYSIS_OF: made_of,
+    }
+
+
+def _learnt(problem: Problem, found: Mode, sampled: Sampled) -> dict[str, Any]:
+    """For `run.json`: what the proposal says without a chain, and where the maxima are."""
+    learnt, space = sampled.learnt, problem.posterior.space
+    if learnt is None or sampled.held is None:
+        return {}
+    theta = problem.posterior.coordinates.to_physical(learnt.u)
+    mean = learnt.weights @ theta
+    error = np.sqrt(learnt.weights**2 @ (theta - mean) ** 2)
+    return {
+        "importance": {
+            "draws": len(theta),
+            "share": round(learnt.share, 4),
+            "acceptance": round(learnt.acceptance, 4),
+            "mean": dict(zip(space.free, map(float, mean), strict=True)),
+            "error": dict(zip(space.free, map(float, error), strict=True)),
+        },
+        "maxima": [
+            {
+                "values": dict(one.values),
+                "log_posterior": one.log_posterior,
+                "weight": float(weight),
+            }
+            for one, weight in zip(found.maxima, sampled.held, strict=True)
+        ],
+    }
+
+
+def held(run: Mapping[str, Any]) -> Array | None:
+    """What each maximum holds, as a finished run has counted it."""
+    try:
+        return np.array([float(one["weight"]) for one in run["maxima"]])
+    except (KeyError, TypeError, ValueError):
+        return None
+
+
+def residual_data(found: Sequence[Left]) -> list[dict[str, Any]]:
+    """For `run.json`."""
+    return [
+        {
+            "channel": one.channel,
+            **({"experiment": one.experiment} if one.experiment else {}),
+            "rms_over_sigma": round(one.rms, 5),
+            "rms_over_spread": None if math.isnan(one.share) else round(one.share, 7),
+            "correlation": round(one.correlation, 5),
+            "farthest_over_sigma": round(one.farthest, 5),
+            "says": [
+                word
+                for word, true in (
+                    ("more than noise", one.large),
+                    ("less than noise", one.small),
+                    ("far samples", one.far),
+                    ("correlated", one.correlated),
+                )
+                if true
+            ],
+        }
+        for one in found
+    ]
+
+
+def causes_data(found: Causes | None) -> dict[str, Any] | None:
+    """For `run.json`, SI."""
+    if found is None:
+        return None
+    return {
+        "share": round(found.share, 4),
+        "left_over_sigma": round(math.sqrt(found.rest), 4),
+        "by": [
+            {
+                "kind": one.kind,
+                "of": one.of,
+                **({"experiment": one.experiment} if one.experiment else {}),
+                "value": one.value,
+                "sd": one.sd,
+            }
+            for one in found.found
+        ],
+        **({} if found.other is None else {"or": causes_data(found.other)}),
+    }
+
+
+def instead_data(found: Instead | None) -> dict[str, Any]:
+    """An entry of `run.json`, SI, where there is something to say."""
+    if found is None:
+        return {}
+    said = {"parameter": found.parameter, "value": found.value, "log_likelihood": -found.lost}
+    return {"instead": said}
+
+
+def evidence_data(found: Evidence | None, priors: Sequence[Vague]) -> dict[str, Any]:
+    """For `run.json`."""
+    if found is None:
+        return {}
+    return {
+        "log_evidence": found.log_z,
+        "log_evidence_error": found.error,
+        "log_evidence_overlap": found.overlap,
+        **(
+            {"log_evidence_steps": found.steps, "log_evidence_steps_error": found.steps_error}
+            if found.steps_error
+            else {}
+        ),
+        "vague_priors": [one.name for one in priors],
+    }
+
+
+def evidence_of_data(run: Mapping[str, Any]) -> Evidence | None:
+    """What `as_data` has left in `run.json`."""
+    try:
+        return Evidence(
+            log_z=float(run["log_evidence"]),
+            error=float(run["log_evidence_error"]),
+            overlap=float(run["log_evidence_overlap"]),
+            steps=float(run.get("log_evidence_steps", 0.0)),
+            steps_error=float(run.get("log_evidence_steps_error", 0.0)),
+        )
+    except (KeyError, TypeError, ValueError):
+        return None
+
+
+def repeats_data(found: Sequence[Repeat], names: Sequence[str]) -> list[dict[str, Any]]:
+    """For `run.json`; logs."""
+    return [
+        {
+            "product": identify_words.product(names, one.exponents),
+            "apart": dict(zip(one.labels, one.apart, strict=True)),
+            "sd": dict(zip(one.labels, one.sds, strict=True)),
+            "spread": one.spread,
+            "p": one.p,
+        }
+        for one in found
+    ]
+
+
+def step_data(found: Sequence[StepError]) -> list[dict[str, Any]]:
+    """For `run.json`."""
+    return [
+        {
+            **({"experiment": one.label} if one.label else {}),
+            "pieces": one.pieces,
+            "over_sigma": {
+                name: round(error, 6) for name, error in zip(one.channels, one.errors, strict=True)
+            },
+        }
+        for one in found
+    ]
+
+
+def verdict_data(
+    found: Verdict, table: str, *, converged: bool = True, believed: bool = True
+) -> dict[str, Any]:
+    """For `run.json`; `agrees` is None where the run must not be believed, or the fit is not noise."""
+    whole = verdict_words.verdict_sentence(found, table)
+    return {
+        "table": table,
+        "agrees": found.agrees if believed and found.fits else None,
+        "fits": found.fits,
+        "sentence": whole if believed else verdict_words.no_verdict(converged=converged),
+        "joint_sigma": None if found.joint is None else round(found.joint, 3),
+        "limit_sigma": round(found.limit, 3),
+        "opened": list(found.opened),
+        "quantities": {
+            verdict_words.quantity_name(found, q): {"says": q.says, "sigma": round(q.tension, 3)}
+            for q in verdict_words.verdict_rows(found)
+        },
+    }
+
+
+def torque_data(every: Sequence[TorqueSummary]) -> list[dict[str, Any]]:
+    """For `run.json`."""
+    return [
+        {
+            "experiment": one.label,
+            "at": one.at,
+            "rms": one.rms,
+            "sd": one.sd,
+            "follows": [dataclasses.asdict(each) for each in one.follows],
+            "channels": {
+                c.channel: {
+                    "without": c.without / c.spread,
+                    "with": c.left / c.spread,
+                    "moved": c.share,
+                    **({"strayed": c.strayed} if np.isfinite(c.strayed) else {}),
+                }
+                for c in one.courses
+            },
+        }
+        for one in every
+    ]
+
+
+def energy_data(found: Sequence[EnergySummary]) -> list[dict[str, Any]]:
+    """For `run.json`: J."""
+    return [
+        {
+            **({"experiment": one.label} if one.label else {}),
+            "in": {part.name: _part(part) for part in physics_words.ordered(one, one.came)},
+            "out": {part.name: _part(part) for part in physics_words.ordered(one, one.went)},
+            "open": one.left,
+        }
+        for one in found
+    ]
+
+
+def _part(part: Part) -> dict[str, float | None]:
+    return {"joules": part.joules, "share": part.share, "sd": part.sd}

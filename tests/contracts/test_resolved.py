@@ -1,0 +1,69 @@
+"""A config is resolved once: what makes a part of it is named in one function of the package."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+
+import bayesdrill
+
+PACKAGE = Path(bayesdrill.__file__).parent
+RESOLVE = "bayesdrill.config.resolve"
+MAKERS = {
+    "rig": ("model",),
+    "quantities": ("nominal_table", "parameter", "quantity", "formula"),
+    "channel_noise": ("measured",),
+    "sensors": ("sensor_entries", "sensor_specs", "sensing", "free_states", "latent_torque_number"),
+    "experiments": ("split", "join_experiments"),
+}
+
+
+def named(text: str, module: str, maker: str) -> Iterator[str]:
+    """Functions that name `maker` of a module of `config.resolve`, however it was imported."""
+    tree = ast.parse(text)
+    aliases, names = set[str](), set[str]()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ImportFrom) and node.module == RESOLVE:
+            aliases |= {one.asname or one.name for one in node.names if one.name == module}
+        if isinstance(node, ast.ImportFrom) and node.module == f"{RESOLVE}.{module}":
+            names |= {one.asname or one.name for one in node.names if one.name == maker}
+    for function in ast.walk(tree):
+        if isinstance(function, ast.FunctionDef):
+            for node in ast.walk(function):
+                of = node.value if isinstance(node, ast.Attribute) and node.attr == maker else None
+                by_module = isinstance(of, ast.Name) and of.id in aliases
+                if by_module or (isinstance(node, ast.Name) and node.id in names):
+                    yield function.name
+
+
+def test_the_names_are_found_however_they_are_imported() -> None:
+    by_module = f"from {RESOLVE} import rig as own\ndef a():\n    run(own.model)\n"
+    by_name = f"from {RESOLVE}.rig import model as make\ndef b():\n    make()\n    other.model()\n"
+    assert [*named(by_module, "rig", "model")] == ["a"]
+    assert [*named(by_name, "rig", "model")] == ["b"]
+    assert [*named(by_name, "rig", "nominal_table")] == []
+
+
+def test_each_part_of_a_config_is_made_in_one_place() -> None:
+    texts = {path: path.read_text() for path in sorted(PACKAGE.rglob("*.py"))}
+    for module, makers in MAKERS.items():
+        own = (PACKAGE / "config" / "resolve" / f"{module}.py").read_text()
+        for maker in makers:
+            assert f"def {maker}(" in own, f"{module} has no {maker}"
+            places = {
+                f"{path.relative_to(PACKAGE)}: {function}"
+                for path, text in texts.items()
+                if RESOLVE in text and maker in text
+                for function in named(text, module, maker)
+            }
+            assert len(places) == 1, f"{module}.{maker} is named in {sorted(places)}"
+
+
+def test_yaml_is_validated_where_it_is_loaded_and_nowhere_again() -> None:
+    found = [
+        path.relative_to(PACKAGE).as_posix()
+        for path in sorted(PACKAGE.rglob("*.py"))
+        if "model_validate" in path.read_text()
+    ]
+    assert found == ["config/loading.py"]

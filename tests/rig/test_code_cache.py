@@ -1,0 +1,360 @@
+"""The cache of machine code: what is wrong with it is never an error, and never a wrong number."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import systems
+from compiled import response
+from llvmlite import ir
+from oracles import NOMINAL
+from rigs import vector
+
+from bayesdrill.rig.kernels import cache
+from bayesdrill.rig.kernels.cache import VARIABLE, CodeCache, user_cache
+from bayesdrill.rig.kernels.compiling import compile_kernel
+from bayesdrill.rig.kernels.recurrence import write_response
+from bayesdrill.rig.kernels.step_arguments import Shape
+from bayesdrill.rig.kernels.sums import LOGS, SQUARES
+from bayesdrill.rig.kernels.time_stepping import write_stepping
+from bayesdrill.rig.models.motor_shaft import MotorShaft
+from bayesdrill.rig.simulators.exact import Response, layout
+
+KEY, CODE = "a kernel", bytes(range(256)) * 4
+THETA = vector(NOMINAL)[None]
+
+
+@pytest.fixture
+def kept(tmp_path: Path) -> CodeCache:
+    """A cache with the code of one key."""
+    made = CodeCache(tmp_path / "kernels")
+    made.store(KEY, CODE)
+    assert made.load(KEY) == CODE
+    return made
+
+
+def folder_of(kept: CodeCache) -> Path:
+    assert kept.folder is not None
+    return kept.folder
+
+
+def file_of(kept: CodeCache) -> Path:
+    (path,) = folder_of(kept).iterdir()
+    return path
+
+
+def test_files_and_their_folder_belong_to_the_user_alone(kept: CodeCache) -> None:
+    assert folder_of(kept).stat().st_mode & 0o777 == 0o700
+    assert file_of(kept).stat().st_mode & 0o777 == 0o600
+
+
+def test_nothing_is_kept_where_it_is_switched_off(tmp_path: Path) -> None:
+    off = user_cache({VARIABLE: "off"})
+    off.store(KEY, CODE)
+    assert off.load(KEY) is None
+    assert off.sizes == ()
+    off.clear()
+    moved = user_cache({VARIABLE: str(tmp_path)})
+    assert moved.folder == tmp_path / "kernels"
+    assert user_cache({}).folder == user_cache({VARIABLE: ""}).folder
+    assert "bayesdrill" in str(user_cache({}).folder)
+
+
+def test_a_flipped_byte_anywhere_is_found(kept: CodeCache) -> None:
+    path = file_of(kept)
+    whole = path.read_bytes()
+    for place in range(len(whole)):
+        path.write_bytes(whole[:place] + bytes([whole[place] ^ 1]) + whole[place + 1 :])
+        assert kept.load(KEY) is None, place
+    path.write_bytes(whole)
+    assert kept.load(KEY) == CODE
+
+
+def test_a_file_cut_short_or_with_more_at_its_end_is_found(kept: CodeCache) -> None:
+    path = file_of(kept)
+    whole = path.read_bytes()
+    for length in range(len(whole)):
+        path.write_bytes(whole[:length])
+        assert kept.load(KEY) is None, length
+    path.write_bytes(whole + b"\0")
+    assert kept.load(KEY) is None
+    kept.store(KEY, CODE)  # which mends it
+    assert kept.load(KEY) == CODE
+
+
+def test_code_under_the_name_of_another_key_is_not_taken(kept: CodeCache) -> None:
+    """As of another processor, another LLVM or another source: these are part of the key."""
+    first = file_of(kept)
+    kept.store("another", b"other code")
+    (second,) = set(folder_of(kept).iterdir()) - {first}
+    second.write_bytes(first.read_bytes())
+    assert kept.load("another") is None
+    assert kept.load(KEY) == CODE
+
+
+def test_a_folder_that_others_may_use_is_refused(kept: CodeCache) -> None:
+    for mode in (0o755, 0o750, 0o770, 0o777, 0o701):
+        folder_of(kept).chmod(mode)
+        assert kept.load(KEY) is None
+        kept.store("another", CODE)
+        with pytest.raises(PermissionError, match="others may look into it"):
+            assert kept.sizes
+    folder_of(kept).chmod(0o700)
+    assert kept.load(KEY) == CODE
+    assert len(kept.sizes) == 1
+
+
+def test_a_file_that_others_may_read_or_write_is_not_taken(kept: CodeCache) -> None:
+    for mode in (0o644, 0o620, 0o602):
+        file_of(kept).chmod(mode)
+        assert kept.load(KEY) is None
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root can give files away")
+def test_what_belongs_to_another_is_refused(kept: CodeCache, tmp_path: Path) -> None:
+    os.chown(file_of(kept), 12345, -1)
+    assert kept.load(KEY) is None
+    os.chown(file_of(kept), 0, -1)
+    os.chown(folder_of(kept), 12345, -1)
+    link = tmp_path / "link"
+    link.symlink_to(folder_of(kept))
+    for one in (kept, CodeCache(link)):
+        assert one.load(KEY) is None
+        one.store("another", CODE)
+    assert len(list(folder_of(kept).iterdir())) == 1
+
+
+def test_what_is_no_file_is_not_read(kept: CodeCache, tmp_path: Path) -> None:
+    """A link, a folder, a pipe, at which a process would wait for ever."""
+    path, elsewhere = file_of(kept), tmp_path / "elsewhere"
+    path.rename(elsewhere)
+    path.symlink_to(elsewhere)
+    assert kept.load(KEY) is None
+    path.unlink()
+    os.mkfifo(path, 0o600)
+    assert kept.load(KEY) is None
+    path.unlink()
+    path.mkdir(0o700)
+    assert kept.load(KEY) is None
+    kept.store(KEY, CODE)
+    assert elsewhere.exists()
+
+
+def test_a_place_that_cannot_be_a_folder_is_no_error(tmp_path: Path) -> None:
+    file = tmp_path / "file"
+    file.write_text("mine")
+    link = tmp_path / "link"
+    link.symlink_to(tmp_path / "nowhere" / "else")
+    for folder in (file, file / "kernels", Path("/proc/kernels"), link, tmp_path / ("x" * 300)):
+        bad = CodeCache(folder)
+        bad.store(KEY, CODE)
+        assert bad.load(KEY) is None
+    assert file.read_text() == "mine"
+
+
+def test_a_full_disk_is_no_error_and_leaves_nothing(kept: CodeCache) -> None:
+    """A process that may write files of no more than half of it."""
+    script = f"""
+import resource, signal
+from pathlib import Path
+from bayesdrill.rig.kernels.cache import CodeCache
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+resource.setrlimit(resource.RLIMIT_FSIZE, (500, 500))
+cache = CodeCache(Path({str(folder_of(kept))!r}))
+cache.store("another", {CODE!r})
+assert cache.load("another") is None
+"""
+    subprocess.run([sys.executable, "-c", script], check=True)
+    assert len(kept.sizes) == 1
+
+
+def test_the_oldest_go_where_there_are_too_many(tmp_path: Path) -> None:
+    few = CodeCache(tmp_path / "kernels", max_files=3)
+    for second, key in enumerate("abcd", start=1000):
+        few.store(key, CODE)
+        for path in set(folder_of(few).iterdir()):
+            if path.stat().st_mtime > 1e6:
+                os.utime(path, (second, second))
+    assert [few.load(key) is not None for key in "abcd"] == [False, True, True, True]
+    small = CodeCache(tmp_path / "kernels", max_bytes=2 * (len(CODE) + 32))
+    small.store("e", CODE)
+    assert len(small.sizes) == 2
+    assert small.load("e") == CODE
+
+
+def test_use_makes_young(tmp_path: Path) -> None:
+    few = CodeCache(tmp_path / "kernels", max_files=2)
+    few.store("a", CODE)
+    few.store("b", CODE)
+    for path in folder_of(few).iterdir():
+        os.utime(path, (1000, 1000))
+    assert few.load("a") == CODE
+    few.store("c", CODE)
+    assert [few.load(key) is not None for key in "abc"] == [True, False, True]
+
+
+def test_a_clock_that_went_back_is_no_error(kept: CodeCache) -> None:
+    for when in (4e9, -1e9, 0):
+        os.utime(file_of(kept), (when, when))
+        assert kept.load(KEY) == CODE
+        os.utime(file_of(kept), (when, when))
+        kept.store(KEY, CODE)
+        assert kept.load(KEY) == CODE
+
+
+def test_files_of_others_stay(kept: CodeCache) -> None:
+    notes = folder_of(kept) / "notes.txt"
+    notes.write_text("mine")
+    half = folder_of(kept) / f"{file_of_kernel(kept).name}.0123456789abcdef.tmp"
+    half.write_bytes(b"of a process that was killed")
+    assert len(kept.sizes) == 2
+    kept.clear()
+    assert [path.name for path in folder_of(kept).iterdir()] == ["notes.txt"]
+
+
+def file_of_kernel(kept: CodeCache) -> Path:
+    (path,) = (one for one in folder_of(kept).iterdir() if one.suffix == "")
+    return path
+
+
+def test_many_that_write_and_read_at_once_never_see_a_part(tmp_path: Path) -> None:
+    """More keys than there is room for, so that files also go meanwhile."""
+    few, wrong = CodeCache(tmp_path / "kernels", max_files=3), []
+
+    def work(seed: int) -> None:
+        rng = np.random.default_rng(seed)
+        for key in map(str, rng.integers(0, 6, 150)):
+            few.store(key, key.encode() * 5000)
+            found = few.load(str(rng.integers(0, 6)))
+            if found is not None and len(set(found)) != 1:
+                wrong.append(found)
+
+    threads = [threading.Thread(target=work, args=(seed,)) for seed in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert wrong == []
+    assert len(few.sizes) <= 3
+
+
+# Of kernels.
+
+
+@contextmanager
+def environment(**own: str) -> Iterator[None]:
+    before = dict(os.environ)
+    os.environ.update(own)
+    try:
+        yield
+    finally:
+        os.environ.clear()
+        os.environ.update(before)
+
+
+def squares(folder: Path) -> np.ndarray:
+    """Of a step, by a kernel of the cache in this folder."""
+    compile_kernel.cache_clear()
+    with environment(**{VARIABLE: str(folder)}):
+        return Response(MotorShaft(), response("step").experiment).squares(THETA)
+
+
+def test_numbers_are_those_of_code_that_was_compiled_just_now(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("mine")
+    right = squares(tmp_path / "file")  # which cannot be a folder
+    assert np.array_equal(squares(tmp_path), right)
+    (path,) = (tmp_path / "kernels").iterdir()
+    first = path.stat().st_ino
+    assert np.array_equal(squares(tmp_path), right)
+    assert path.stat().st_ino == first  # it was read, and not written again
+
+
+def test_damaged_code_is_compiled_again(tmp_path: Path) -> None:
+    right = squares(tmp_path)
+    (path,) = (tmp_path / "kernels").iterdir()
+    whole = path.read_bytes()
+    for place in (0, 31, 32, 33, len(whole) // 2, len(whole) - 1):
+        path.write_bytes(whole[:place] + bytes([whole[place] ^ 255]) + whole[place + 1 :])
+        assert np.array_equal(squares(tmp_path), right)
+        assert path.read_bytes() == whole
+    path.write_bytes(b"")
+    assert np.array_equal(squares(tmp_path), right)
+
+
+def test_the_cache_is_shown_and_cleared_by_a_command(tmp_path: Path) -> None:
+    squares(tmp_path)
+    with environment(**{VARIABLE: str(tmp_path)}):
+        assert f"{tmp_path / 'kernels'}: 1 compiled kernels, 0.0 MB" in systems.cli("cache").out
+        assert "0 compiled kernels" in systems.cli("cache", "--clear").out
+        (tmp_path / "kernels").chmod(0o755)
+        refused = systems.cli("cache")
+        assert refused.status == 2
+        assert "chmod 700" in refused.err
+        assert VARIABLE in refused.err
+    with environment(**{VARIABLE: "off"}):
+        assert "BAYESDRILL_CACHE=off" in systems.cli("cache").out
+
+
+def test_what_the_code_depends_on_is_in_the_key() -> None:
+    """Sources outside the folder that write kernels, but for models, whose formulas are in it."""
+    folder = Path(cache.__file__).parent
+    lines = {
+        line.split()[1]
+        for path in folder.glob("*.py")
+        for line in path.read_text().splitlines()
+        if line.startswith("from bayesdrill.")
+    }
+    others = {one for one in lines if not one.startswith("bayesdrill.rig.kernels")}
+    models = {one for one in others if one.startswith("bayesdrill.rig.models.")}
+    assert others - models == {"bayesdrill.basics", "bayesdrill.basics.duals"}
+
+
+def code(write: Callable[..., None], *structures: Any) -> str:
+    """A kernel in LLVM's language."""
+    module = ir.Module()
+    write(module, *structures)
+    return str(module)
+
+
+def rubbing(model: MotorShaft, **own: Any) -> Shape:
+    pattern = ((True,) * (len(model.states) + 1),)
+    usual = {"tally": SQUARES, "dual": False, "read": False, "single": False, "efforts": False}
+    named = {"series": ("v",), "late": (), "constant": (), "first_order": True, "gaps": False}
+    return Shape(**{"model": model, "pattern": pattern, "turns": 4, **usual, **named, **own})
+
+
+def test_kernels_have_one_text_where_they_have_one_code() -> None:
+    """Neither less nor more is in the key than the code depends on, and it is the same each time."""
+    motor = ("t_cm", "t_sm", "w_sm")
+    steps = [
+        *(rubbing(MotorShaft(added=added)) for added in ((), ("t_cm",), ("t_c1",), motor)),
+        *(
+            rubbing(MotorShaft(added=motor, stribeck=2), **own)
+            for own in ({}, {"dual": True, "tally": None})
+        ),
+        *(rubbing(MotorShaft(added=motor, i_m=i_m)) for i_m in (0.5, 0.25)),
+        *(rubbing(MotorShaft(), **own) for own in ({"read": True}, {"late": ("v",)})),
+        *(rubbing(MotorShaft(), tally=tally) for tally in (LOGS, None)),
+    ]
+    texts = [shape.text for shape in steps]
+    codes = [code(write_stepping, shape) for shape in steps]
+    assert len(set(texts)) == len(set(codes)) == len(steps)
+    assert [rubbing(shape.model).text for shape in steps[:4]] == texts[:4]
+
+
+def test_equal_formulas_are_one_kernel_wherever_they_come_from() -> None:
+    one = layout(MotorShaft(), response("step").experiment)
+    other = replace(one, entries=lambda p: [(i, j, 1.0 * x) for i, j, x in one.entries(p)])
+    alike = replace(one, entries=lambda p: list(one.entries(p)))
+    assert alike.text == one.text != other.text
+    assert code(write_response, alike, "misfit") == code(write_response, one, "misfit")

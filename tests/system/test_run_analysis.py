@@ -1,0 +1,189 @@
+"""What is said of a run is evaluated once, kept in `run.json`, and shown from there."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import systems
+from together import for_each
+
+import bayesdrill as bd
+from bayesdrill.analysis.run_analysis import RunAnalysis
+from bayesdrill.basics.records import as_data, from_data
+from bayesdrill.basics.values import alike
+from bayesdrill.inference.posterior import Posterior
+from bayesdrill.output_files import dumps_checksummed, loads_checksummed
+from bayesdrill.tasks import conclusions
+
+CHANGES = {
+    "plain": [],
+    "at_nominal": [("k_e: {prior: uniform, low: 0.5", "k_e: {prior: uniform, low: 1.0")],
+    "rubs": [("t_f: nominal", "t_f: nominal\n  t_c1: {prior: uniform, low: 0.01, high: 1}")],
+}
+
+
+@pytest.fixture(scope="module")
+def done(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    place = tmp_path_factory.mktemp("runs")
+    for name, changes in CHANGES.items():
+        config = systems.small(place, *changes, name=f"{name}.yaml")
+        ran = systems.cli("posterior", config, "-o", place / name, "--processes", "1")
+        assert ran.status == 0, ran.text
+    return place
+
+
+@pytest.fixture
+def runs(done: Path, tmp_path: Path) -> Path:
+    shutil.copytree(done, tmp_path / "runs")
+    return tmp_path / "runs"
+
+
+@pytest.fixture
+def evaluations(monkeypatch: pytest.MonkeyPatch) -> dict[str, int]:
+    """At how many points a posterior is evaluated, by samplers (`evaluate`) and by others."""
+    counts = dict.fromkeys(("evaluate", "density"), 0)
+
+    def counted(name: str) -> None:
+        whole = getattr(Posterior, name)
+
+        def count(self: Posterior, points: np.ndarray) -> Any:
+            counts[name] += len(points)
+            return whole(self, points)
+
+        monkeypatch.setattr(Posterior, name, count)
+
+    counted("evaluate")
+    counted("density")
+    return counts
+
+
+def test_reports_show_what_the_run_has_kept(
+    runs: Path, evaluations: dict[str, int], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Mutant killed: it is evaluated again."""
+
+    def refused(*_: object, **__: object) -> None:
+        raise AssertionError("a run is analysed again")
+
+    monkeypatch.setattr(conclusions, "analyse", refused)
+
+    def check(name: str) -> None:
+        folder = runs / name
+        before = {path: path.read_bytes() for path in folder.glob("*.csv")}
+        page = (folder / "summary.md").read_text()
+        said = json.loads((folder / "run.json").read_text())
+        ran = systems.cli("report", folder, "--processes", "1")
+        assert ran.status == 0, ran.text
+        assert {path: path.read_bytes() for path in folder.glob("*.csv")} == before
+        assert (folder / "summary.md").read_text() == page
+        again = json.loads((folder / "run.json").read_text())
+        for key in said.keys() - {"seconds", "files", "checksum"}:
+            assert again[key] == said[key], key
+
+    for_each({name: (name,) for name in CHANGES}, check)
+    # The start of each config, which is looked at wherever it is read.
+    assert evaluations == {"evaluate": 0, "density": len(CHANGES)}
+
+
+def test_verify_compares_each_number_and_samples_nothing(
+    runs: Path, evaluations: dict[str, int]
+) -> None:
+    """A number that is forged with pains is named.  Mutant killed: numbers are not looked at."""
+
+    def check(name: str) -> None:
+        folder = runs / name
+        ran = systems.cli("verify", folder)
+        assert ran.status == 0, ran.text
+        assert "the tables follow from the chain, and so do the " in ran.out
+        run = loads_checksummed((folder / "run.json").read_bytes())
+        run["analysis"]["unknowns"][0]["mean"] *= 1.01
+        (folder / "run.json").write_text(dumps_checksummed(run))
+        ran = systems.cli("verify", folder)
+        assert ran.status == 2
+        assert "run.json: unknowns.k_e.mean is " in ran.err
+        assert ran.err.count("the chain gives") == 1
+        assert evaluations["evaluate"] == 0
+
+    for_each({name: (name,) for name in CHANGES}, check)
+
+
+def test_another_config_or_chain_is_analysed_anew(runs: Path) -> None:
+    """A formula that is added to the config has its row.  Mutant killed: what was kept is believed."""
+    folder = runs / "plain"
+    config = folder / "config.resolved.yaml"
+    text = config.read_text()
+    assert text.count("derived: {}") == 1
+    config.write_text(text.replace("derived: {}", "derived: {twice: {formula: 2*k_e, unit: V}}"))
+    ran = systems.cli("report", folder, "--processes", "1")
+    assert ran.status == 0, ran.text
+    assert "twice" in (folder / "derived.csv").read_text()
+    names = [
+        row["name"] for row in json.loads((folder / "run.json").read_text())["analysis"]["derived"]
+    ]
+    assert "twice" in names
+
+
+def test_a_notebook_has_every_number_by_name(done: Path) -> None:
+    """With its unit; and what is written comes back as it was."""
+    for name in CHANGES:
+        analysis = bd.open(done / name).analysis
+        assert alike(from_data(RunAnalysis, as_data(analysis)), analysis)
+        assert all(RunAnalysis.describe(field) for field in as_data(analysis))
+        numbers = analysis.numbers
+        assert numbers["unknowns.k_e.mean"] == analysis.unknowns[0].mean
+        assert RunAnalysis.describe("evidence.log_z") == (
+            "how probable the record is under the model [natural log]"
+        )
+        kept = loads_checksummed((done / name / "run.json").read_bytes())["analysis"]
+        assert kept == as_data(analysis)
+
+
+def test_run_json_is_as_its_schema_says(done: Path) -> None:
+    """Every entry of every run, and of what the analysis holds every field."""
+    schema = json.loads(systems.cli("schema", "--of", "run").out)
+    for name in CHANGES:
+        run = json.loads((done / name / "run.json").read_text())
+        assert run.keys() <= schema["properties"].keys(), run.keys() - schema["properties"].keys()
+        assert list(_wrong(run["analysis"], schema["properties"]["analysis"], schema)) == []
+    assert all(one.get("description") for one in schema["properties"].values())
+    assert systems.cli("schema").out == bd.schema()
+
+
+KINDS: dict[str, Any] = {
+    "object": dict,
+    "array": list,
+    "null": type(None),
+    "number": int | float,
+    "integer": int,
+    "string": str,
+    "boolean": bool,
+}
+
+
+def _wrong(data: Any, rule: dict[str, Any], schema: dict[str, Any]) -> Iterator[str]:
+    """What of the data is not as the rule wants it, as far as this schema goes."""
+    if "$ref" in rule:
+        rule = schema["$defs"][rule["$ref"].rpartition("/")[2]]
+    if "anyOf" in rule:
+        ways = [list(_wrong(data, way, schema)) for way in rule["anyOf"]]
+        yield from min(ways, key=len)
+    elif "enum" in rule:
+        yield from () if data in rule["enum"] else [f"{data} is none of {rule['enum']}"]
+    elif not isinstance(data, KINDS[rule["type"]]):
+        yield f"{data} is no {rule['type']}"
+    elif rule["type"] == "object":
+        inside = rule.get("properties") or dict.fromkeys(data, rule.get("additionalProperties"))
+        if data.keys() != inside.keys():
+            yield f"{data.keys()} are not {inside.keys()}"
+        for key in data.keys() & inside.keys():
+            yield from _wrong(data[key], inside[key], schema)
+    elif rule["type"] == "array":
+        rules = rule.get("prefixItems") or [rule["items"]] * len(data)
+        for one, own in zip(data, rules, strict=True):
+            yield from _wrong(one, own, schema)
