@@ -16,9 +16,8 @@ import numpy as np
 from llvmlite import ir
 
 from bayesdrill.rig.kernels import lanes
-from bayesdrill.rig.kernels.exponential import TAYLOR_DEGREE, TAYLOR_NORM
+from bayesdrill.rig.kernels.exponential import TAYLOR_DEGREE, TAYLOR_NORM, Layout
 from bayesdrill.rig.kernels.lanes import LANES
-from bayesdrill.rig.kernels.layout import Layout
 
 CHAINS = 16  # independent sums: more than a core needs to hide what one operation takes
 ROUNDS = 20_000_000

@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from bayesdrill.rig.kernels.layout import present
+from bayesdrill.rig.kernels.exponential import present
 from bayesdrill.rig.simulators.exact import layout
 from benchmarks import floor, problem
 

@@ -21,8 +21,7 @@ from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.priors import Prior, TruncatedNormal, Uniform
 from bayesdrill.inference.unknowns import MOVES, ParameterSpace, Unknown, of_label
 from bayesdrill.record.experiment import DRIVES, of_states, usual_inputs
-from bayesdrill.rig.models.composed import with_named
-from bayesdrill.rig.models.linear import Linear, Model
+from bayesdrill.rig.models.linear import Linear, Model, with_named
 from bayesdrill.rig.simulators.sensors import Sensing
 
 Kind = Literal["gain", "offset", "lag", "input offset", "input lag", "start", "rig"]

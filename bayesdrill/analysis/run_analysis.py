@@ -19,7 +19,7 @@ from bayesdrill.analysis.latent_torque import Course, Follows, Shaking, follows
 from bayesdrill.analysis.plausibility import Vague
 from bayesdrill.analysis.suspicions import Moment, half_a_sample
 from bayesdrill.analysis.verdict import Judgement, basis, conclude
-from bayesdrill.basics import records, seeds
+from bayesdrill.basics import seeds, values
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.errors import Sparing
 from bayesdrill.basics.values import Value
@@ -191,12 +191,12 @@ class RunAnalysis:
     @property
     def numbers(self) -> Mapping[str, Any]:
         """By names such as `unknowns.k_s.mean`, `fit.w_1.rms` and `evidence.log_z`."""
-        return dict(records.leaves(records.as_data(self)))
+        return dict(values.leaves(values.as_data(self)))
 
     @classmethod
     def describe(cls, name: str) -> str:
         """What a number of this name is, with its unit; raises `KeyError` for a name that is none."""
-        said = records.described(cls)[name.partition(".")[0]]
+        said = values.described(cls)[name.partition(".")[0]]
         return f"{said['description']} [{said['unit']}]" if "unit" in said else said["description"]
 
 

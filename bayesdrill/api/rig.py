@@ -17,8 +17,7 @@ from bayesdrill.basics.values import checked
 from bayesdrill.inference import step_error
 from bayesdrill.record.experiment import Channel, Experiment, frozen, raise_if_any
 from bayesdrill.rig import models
-from bayesdrill.rig.models.composed import in_vain, lacking, with_named
-from bayesdrill.rig.models.linear import Model
+from bayesdrill.rig.models.linear import Model, in_vain, lacking, with_named
 from bayesdrill.rig.simulators import simulator
 from bayesdrill.rig.simulators.sensors import Sensing
 

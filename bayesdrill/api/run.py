@@ -20,9 +20,9 @@ from bayesdrill.basics.errors import InputError, shown
 from bayesdrill.basics.values import Value, checked
 from bayesdrill.config import job
 from bayesdrill.config.job import Job
-from bayesdrill.report import tables, words
-from bayesdrill.report.figures import FIGURES, drawings
+from bayesdrill.report import section, words
 from bayesdrill.report.map_report import MapReport
+from bayesdrill.report.publish import FIGURES, drawings
 from bayesdrill.report.run_report import sections
 from bayesdrill.report.section import as_markdown, as_text
 from bayesdrill.report.view import View
@@ -220,7 +220,7 @@ class Judged(Value):
     @property
     def rows(self) -> list[dict[str, Any]]:
         """A record for each unknown, for a table of any kind."""
-        return [tables.as_record(row) for row in self.view.analysis.unknowns]
+        return [section.as_record(row) for row in self.view.analysis.unknowns]
 
     @property
     def reasons(self) -> tuple[str, ...]:

@@ -26,8 +26,8 @@ __getattr__ = late(
     {
         "Config": "schema.config",
         "Job": "job",
-        "Source": "yaml_source",
         "ResolvedCase": "resolve.case",
+        "Source": "yaml_source",
         "optimiser": "resolve.assembly",
         "path_of": "records.sources",
         "simulate": "records.simulation",

@@ -27,8 +27,7 @@ from bayesdrill.inference.posterior import Problem
 from bayesdrill.output_files import RECORD
 from bayesdrill.record.experiment import raise_if_any
 from bayesdrill.record.formats.table import Table
-from bayesdrill.rig.models.composed import constants
-from bayesdrill.rig.models.linear import Model
+from bayesdrill.rig.models.linear import Model, constants
 from bayesdrill.sampling.mode_search import Mode
 
 FARTHEST = 1e10  # of a start from the record, in sigmas: rounding would hide any way to it

@@ -16,6 +16,7 @@ from pydantic import BaseModel, ValidationError
 from bayesdrill.basics.entries import SMALLEST
 from bayesdrill.basics.errors import InputError, Issue, did_you_mean
 from bayesdrill.config import consistency
+from bayesdrill.config.consistency import several
 from bayesdrill.config.resolve import experiments
 from bayesdrill.config.resolve.case import ResolvedCase, ResolvedExperiment
 from bayesdrill.config.schema.config import Config
@@ -99,7 +100,7 @@ def _several(source: Source) -> tuple[Config, dict[str, ResolvedExperiment]]:
         problems.append(source.problem((experiments.EXPERIMENTS,), NONE))
     if not problems:
         config = Config.model_validate(whole)
-        problems += consistency.check_experiments(config, source, resolved)
+        problems += several.check_experiments(config, source, resolved)
     if problems:
         raise InputError(sorted(dict.fromkeys(problems), key=_line))
     return config, resolved

@@ -18,8 +18,7 @@ from bayesdrill.drafting import roles
 from bayesdrill.drafting.columns import TWIST
 from bayesdrill.drafting.record_files import Experiment, Experiments
 from bayesdrill.drafting.roles import WIDE, Channel, Lag, Start
-from bayesdrill.drafting.signals import Sensor
-from bayesdrill.drafting.timing import Timing
+from bayesdrill.drafting.signals import Sensor, Timing
 from bayesdrill.record import clocks
 
 REVIEW = "REVIEW: "

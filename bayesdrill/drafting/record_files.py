@@ -15,11 +15,10 @@ import numpy as np
 
 from bayesdrill import output_files
 from bayesdrill.basics.errors import InputError, Issue, of_each
-from bayesdrill.drafting import roles, sensors, signals, timing
+from bayesdrill.drafting import roles, sensors, signals
 from bayesdrill.drafting.columns import LEAST, Seen, look
 from bayesdrill.drafting.roles import Roles
-from bayesdrill.drafting.signals import Sensor
-from bayesdrill.drafting.timing import Part, Timing
+from bayesdrill.drafting.signals import Part, Sensor, Timing
 from bayesdrill.record.formats import FORMATS, format_of
 from bayesdrill.record.formats.table import Table
 
@@ -55,9 +54,9 @@ def examine(path: Path, gear: float | None) -> Examined:
         output_files.check_guessed(len(columns[0].values), len(columns))
     except ValueError as error:
         raise InputError.one(str(path), str(error)) from None
-    time = timing.find_time(columns, sensors.rate(columns))
+    time = signals.find_time(columns, sensors.rate(columns))
     others = [one for one in columns if one is not time.column]
-    part = timing.part(time, [one for one in others if one.says.kind])
+    part = signals.part(time, [one for one in others if one.says.kind])
     if part is None:
         raise hopeless(path, left_out, f"nowhere {LEAST} rows follow each other in time")
     those, why_not = sensors.sensors(others, part)
@@ -81,10 +80,10 @@ def as_told(one: Examined, lead: Examined) -> Examined:
     wanted += [i for i in (lead.found.v, lead.found.t_1) if i is not None]
     seen = {id(sensor): column(sensor.seen) for sensor in wanted}
     if lead.time.column is None:
-        time = timing.counted(len(one.time.t), lead.time)
+        time = signals.counted(len(one.time.t), lead.time)
     else:
         own = column(lead.time.column)
-        time = one.time if own is None else timing.timing_of(own, lead.time)
+        time = one.time if own is None else signals.timing_of(own, lead.time)
     if missing:
         names = ", ".join(missing)
         raise InputError.one(
@@ -92,14 +91,14 @@ def as_told(one: Examined, lead: Examined) -> Examined:
             f"has no column {names}, and {lead.path} has; several files have to be of one kind, or one "
             "of channels and one of inputs at the same times; else write a config of each",
         )
-    part = timing.part(time, [c for c in seen.values() if c is not None])
+    part = signals.part(time, [c for c in seen.values() if c is not None])
     if part is None:
         raise hopeless(one.path, {}, f"nowhere {LEAST} rows follow each other in time")
     jumped = signals.jumps([c for c in seen.values() if c is not None], part)
 
     def sensor(like: Sensor) -> Sensor:
         found = seen[id(like)]
-        if found is None or len(timing.numbers_of_part(found, part)) < LEAST:
+        if found is None or len(signals.numbers_of_part(found, part)) < LEAST:
             raise hopeless(one.path, {}, f"column {like.name} has less than {LEAST} numbers")
         drawn = signals.draft(found, part, jumped, like.kind, like.unit)
         if not drawn.varies and like.kind not in ("voltage", "torque"):

@@ -20,8 +20,7 @@ from bayesdrill.basics.arrays import Array
 from bayesdrill.drafting import signals
 from bayesdrill.drafting.columns import GEARBOX, MOTOR, ROTOR, TWIST
 from bayesdrill.drafting.sensors import SLOWEST
-from bayesdrill.drafting.signals import TURNS, Sensor
-from bayesdrill.drafting.timing import Part
+from bayesdrill.drafting.signals import TURNS, Part, Sensor
 from bayesdrill.record import anomalies
 
 USUAL_GEAR = 8.0

@@ -10,8 +10,7 @@ from bayesdrill.basics import units
 from bayesdrill.basics.arrays import Array
 from bayesdrill.drafting import signals
 from bayesdrill.drafting.columns import GEARBOX, MOTOR, ROTOR, SI, TWIST, Seen, believable
-from bayesdrill.drafting.signals import TURNS, Raw, Sensor
-from bayesdrill.drafting.timing import Part
+from bayesdrill.drafting.signals import TURNS, Part, Raw, Sensor
 
 FAST = 60.0  # speeds of a rig above it are hardly in rad/s, nor angles a second in rad
 SLOWEST = 0.8  # of a motor, in turns for one of the shaft: less is a wrong unit
@@ -143,7 +142,7 @@ def _settled(angle: Sensor, speed: Sensor, factor: float) -> tuple[Sensor, Senso
 
 def _degrees(angle: Sensor, speed: Sensor) -> bool:
     """Where a factor of 1 leaves both possible: by the steps of an encoder, by names, by size."""
-    if counted := signals.counted(angle.values):
+    if counted := signals.counted_unit(angle.values):
         return counted == "deg"
     if any(one.seen.says.symbol or one.seen.says.word in RADIAN_WORDS for one in (angle, speed)):
         return False
@@ -192,7 +191,7 @@ def _with_unit(one: Sensor, all_: Sequence[Sensor], dt: float) -> Sensor:
         case "speed":
             unit = "rpm" if size > FAST else "rad/s"
             reason = f"by its size alone, up to {size:.3g}"
-        case "angle" if counted := signals.counted(one.values):
+        case "angle" if counted := signals.counted_unit(one.values):
             unit, reason = counted, "in which its steps make a round number for one turn"
         case "angle" if _outrun(one, all_, dt):
             unit, reason = "deg", "as in rad it would turn further than the motor before the gear"

@@ -17,8 +17,7 @@ from bayesdrill.paper import printed
 from bayesdrill.paper.forward import Error, Reading
 from bayesdrill.paper.precision import Implied, Length
 from bayesdrill.paper.printed import Cause, Tone
-from bayesdrill.paper.searches import Control, End, Heuristic
-from bayesdrill.paper.verification import Verification
+from bayesdrill.paper.searches import Control, End, Heuristic, Verification
 from bayesdrill.record import Experiment
 from bayesdrill.sampling import Optimiser
 

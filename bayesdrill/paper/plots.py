@@ -16,8 +16,7 @@ from bayesdrill.basics import PARAMETERS, STATES, Array, own_symbol
 from bayesdrill.inference import HDI_PROBABILITY, hdi
 from bayesdrill.paper import printed as paper
 from bayesdrill.paper.forward import Reading
-from bayesdrill.paper.searches import End, Heuristic
-from bayesdrill.paper.verification import Verification
+from bayesdrill.paper.searches import End, Heuristic, Verification
 from bayesdrill.record import Experiment
 from bayesdrill.report import (
     LINE_POINTS,

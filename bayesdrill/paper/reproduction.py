@@ -17,6 +17,7 @@ from bayesdrill.paper.forward import FOLLOWED, Error, Reading
 from bayesdrill.paper.plugins import ORDER, circle
 from bayesdrill.paper.precision import Implied, Length
 from bayesdrill.paper.printed import Inconsistency, Nominal, Tone
+from bayesdrill.paper.searches import Verification
 from bayesdrill.paper.study_tables import (
     Line2,
     LineLength,
@@ -29,7 +30,6 @@ from bayesdrill.paper.study_tables import (
     percent,
     table,
 )
-from bayesdrill.paper.verification import Verification
 from bayesdrill.report import (
     Drawing,
     Note,

@@ -18,8 +18,7 @@ from bayesdrill.inference import ParameterSpace
 from bayesdrill.paper import forward, precision, printed, reproduction, searches
 from bayesdrill.paper.findings import Findings, Misfits, Nine, Studies, prepare
 from bayesdrill.paper.precision import truth_of
-from bayesdrill.paper.searches import Control, control
-from bayesdrill.paper.verification import Verification, verify
+from bayesdrill.paper.searches import Control, Verification, control, verify
 from bayesdrill.results import Folder
 from bayesdrill.rig import MotorShaft
 from bayesdrill.sampling import Crew, Optimiser

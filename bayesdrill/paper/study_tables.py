@@ -14,8 +14,7 @@ from bayesdrill.paper import printed, searches
 from bayesdrill.paper.findings import Findings, Misfits, Nine
 from bayesdrill.paper.precision import Length
 from bayesdrill.paper.printed import Cause
-from bayesdrill.paper.searches import Control
-from bayesdrill.paper.verification import Verification
+from bayesdrill.paper.searches import Control, Verification
 from bayesdrill.report import Table as Grid
 from bayesdrill.report import markdown, product, records_as_csv
 

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from bayesdrill.report.section import Table as Table
     from bayesdrill.report.section import as_markdown as as_markdown
     from bayesdrill.report.section import markdown as markdown
+    from bayesdrill.report.section import records_as_csv as records_as_csv
     from bayesdrill.report.sections.fit_figure import LINE_POINTS as LINE_POINTS
     from bayesdrill.report.sections.fit_figure import extremes as extremes
     from bayesdrill.report.sections.fit_words import TIME as TIME
@@ -31,7 +32,6 @@ if TYPE_CHECKING:
     from bayesdrill.report.style import set_decades as set_decades
     from bayesdrill.report.style import set_factors as set_factors
     from bayesdrill.report.style import usable as usable
-    from bayesdrill.report.tables import records_as_csv as records_as_csv
     from bayesdrill.report.view import Drawing as Drawing
     from bayesdrill.report.view import View as View
 
@@ -56,7 +56,7 @@ __getattr__ = late(
         "made_of": "run_report",
         "markdown": "section",
         "product": "sections.identify_words",
-        "records_as_csv": "tables",
+        "records_as_csv": "section",
         "rig_figure": "schematics",
         "set_decades": "style",
         "set_factors": "style",

@@ -14,20 +14,10 @@ from bayesdrill.inference import residual_checks
 from bayesdrill.inference.posterior import Problem
 from bayesdrill.inference.residual_checks import Left
 from bayesdrill.inference.step_error import step_errors
-from bayesdrill.report import figures, tables, words
+from bayesdrill.report import publish, section, words
 from bayesdrill.report.run_report import made_of, provenance_of_records
-from bayesdrill.report.section import (
-    Note,
-    Picture,
-    Section,
-    Sentences,
-    as_markdown,
-    as_text,
-)
-from bayesdrill.report.sections import (
-    fit_words,
-    verdict_words,
-)
+from bayesdrill.report.section import Note, Picture, Section, Sentences, as_markdown, as_text
+from bayesdrill.report.sections import fit_words, verdict_words
 from bayesdrill.report.view import Drawing
 from bayesdrill.results import provenance
 from bayesdrill.sampling.mode_search import Mode
@@ -72,11 +62,11 @@ class MapReport:
         said = fit_words.residual_sentences(self.left, clock)
         fit = Sentences("\n".join(filter(None, [said, steps])))
         searches = Sentences(words.mode(self.mode, own))
-        shown = tables.of_mode(own.rows(tables.mode_rows(self.problem, self.mode)))
+        shown = section.of_mode(own.rows(section.mode_rows(self.problem, self.mode)))
         beside = (shown, read) if "nominal" in shown.heads else (shown,)
         doubts = words.unbelievable(self.reasons, converged=False)
         shape = output_files.shown_path(self.config.output.formats)
-        captions = figures.alone_captions(self.problem)
+        captions = publish.alone_captions(self.problem)
         pictures = tuple(Picture(stem, says, shape) for stem, says in captions.items())
         return (
             *((Section("", (Sentences(doubts),)),) if doubts else ()),
@@ -99,7 +89,7 @@ class MapReport:
     def numbers(self) -> Mapping[str, str]:
         """Those that follow from `map.json` alone."""
         return {
-            TABLE: tables.mode_as_csv(tables.mode_rows(self.problem, self.mode)),
+            TABLE: section.mode_as_csv(section.mode_rows(self.problem, self.mode)),
             **fit_words.prediction_csv(self.problem, self.best),
         }
 

@@ -1,9 +1,15 @@
-"""The files of a results folder: tables, figures, and the ArviZ tree."""
+"""Figures of a run and the files of its folder: tables, figures, and the ArviZ tree.
+
+A figure is one file and one line in `output_files`, or an entry point `bayesdrill.figure`.  Its recipe
+says of a finished run what is to be drawn, or None where there is nothing.  Recipes load what draws when
+they are asked: matplotlib takes a second, and drawing longer than all tables together.
+"""
 
 from __future__ import annotations
 
+import importlib
 import io
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from concurrent.futures import Future
 from pathlib import Path
 from types import MappingProxyType
@@ -12,21 +18,69 @@ from typing import TYPE_CHECKING
 from bayesdrill import output_files
 from bayesdrill.basics import software
 from bayesdrill.basics.progress import Reporter
+from bayesdrill.basics.registry import Registry, callable_one
 from bayesdrill.config.schema.records import MOST_NAMED
-from bayesdrill.inference.posterior import Posterior
+from bayesdrill.inference.posterior import Posterior, Problem
 from bayesdrill.output_files import FIGURES as FOLDER
-from bayesdrill.report import render, run_report, tables
-from bayesdrill.report.figures import FIGURES, drawings, drawn
+from bayesdrill.output_files import ON_REQUEST, OWN_FIGURES, numbered
+from bayesdrill.report import render, run_report, section
 from bayesdrill.report.run_report import sections
 from bayesdrill.report.scales import DPI
 from bayesdrill.report.section import Picture, as_markdown
 from bayesdrill.report.sections import physics_words, torque_words, verdict_words
-from bayesdrill.report.view import Drawing, View
+from bayesdrill.report.view import Drawing, View, captioned
 from bayesdrill.results.run_folder import Folder
 from bayesdrill.sampling.workers import Crew
 
 if TYPE_CHECKING:
     from xarray import DataTree
+
+
+FIT_ALONE = "Record and model at the MAP; beside them what is left, and the noise."
+
+Recipe = Callable[[View], Drawing | tuple[Drawing, ...] | None]
+
+
+def drawings(name: str, run: View) -> dict[str, Drawing]:
+    """What is to be drawn of this run, by the stems of the files: one, or one for each experiment.
+
+    Raises `TypeError` for a recipe that is none.
+    """
+    found = FIGURES[name](run)
+    every = found if isinstance(found, tuple) else () if found is None else (found,)
+    for one in every:
+        if not isinstance(one, Drawing):
+            raise TypeError(f"a recipe gives a Drawing or None, not {type(one).__name__}")
+    return numbered(name, every)
+
+
+def alone_captions(problem: Problem) -> dict[str, str]:
+    """What `fits_alone` shows, without drawing it."""
+    return numbered("fit", [captioned(one.label, FIT_ALONE) for one in problem.observations])
+
+
+def _recipe(name: str, module: str) -> Recipe:
+    """`draw_<name>` of a module of this folder, which is loaded when something is to be drawn."""
+
+    def draw(run: View) -> Drawing | tuple[Drawing, ...] | None:
+        found: Recipe = getattr(importlib.import_module(f"{__package__}.{module}"), f"draw_{name}")
+        return found(run)
+
+    return draw
+
+
+FIGURES: Registry[Recipe] = Registry(
+    "figure",
+    {name: _recipe(name, module) for name, module in OWN_FIGURES.items()},
+    judge=callable_one,
+)
+
+
+def drawn(wanted: Collection[str] | None) -> list[str]:
+    """Names of the figures that a config asks for; None: all but those on request."""
+    if wanted is None:
+        return [name for name in FIGURES if name not in ON_REQUEST]
+    return [name for name in FIGURES if name in wanted]
 
 
 def _verdict(view: View) -> str | None:
@@ -39,7 +93,7 @@ def _verdict(view: View) -> str | None:
 # What follows from a chain alone; None where a run has no such table.
 TABLES: Mapping[str, Callable[[View], str | None]] = MappingProxyType(
     {
-        "summary.csv": lambda view: tables.as_csv(view.analysis.unknowns),
+        "summary.csv": lambda view: section.as_csv(view.analysis.unknowns),
         "derived.csv": lambda view: physics_words.derived_csv(view.analysis.derived),
         "verdict.csv": _verdict,
         "torque.csv": lambda view: torque_words.torque_csv(view.chain.shaking),

@@ -14,7 +14,7 @@ from bayesdrill.basics.software import citation
 from bayesdrill.inference.posterior import Problem
 from bayesdrill.inference.residual_checks import like_noise
 from bayesdrill.output_files import CONFIG_FILE, RESOLVED_FILE
-from bayesdrill.report import tables, words
+from bayesdrill.report import section, words
 from bayesdrill.report.pages import bars
 from bayesdrill.report.section import (
     WORDS,
@@ -258,12 +258,12 @@ def _parameters(run: View) -> tuple[Block, ...]:
         read = f"`dev. %` is the deviation of the posterior mean from {nominal}; {read}"
     drawn = bars(run.analysis.unknowns, run.problem.posterior.space.priors)
     known = [
-        *tables.in_words(run.analysis.unknowns),
+        *section.in_words(run.analysis.unknowns),
         *words.leaning(run.analysis.leaning).splitlines(),
     ]
     said = Sentences("\n".join([*([] if run.reasons else known), *run.notes]))
     return (
-        _told(run, tables.of_rows(run.units.rows(run.analysis.unknowns), drawn)),
+        _told(run, section.of_rows(run.units.rows(run.analysis.unknowns), drawn)),
         Note(read),
         said,
     )

@@ -17,7 +17,7 @@ from bayesdrill.config.schema.config import Config
 from bayesdrill.inference.derived import Derived
 from bayesdrill.inference.display_units import OwnUnits, Shown
 from bayesdrill.inference.posterior import Problem
-from bayesdrill.report import tables, words
+from bayesdrill.report import section, words
 from bayesdrill.report.scales import WIDTHS
 from bayesdrill.report.sections import fit_words, verdict_words
 from bayesdrill.results import provenance
@@ -98,7 +98,7 @@ class View(Value):
             *(f"record: {one}" for one in words.record_made(self.problem)),
             *(f"record, {one}" for one in found.suspicions),
         )
-        return (*tables.notes(found.unknowns, self.units), *(f"note: {one}" for one in others))
+        return (*section.notes(found.unknowns, self.units), *(f"note: {one}" for one in others))
 
     @cached_property
     def marks(self) -> Mapping[str, str]:

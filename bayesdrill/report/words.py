@@ -26,7 +26,7 @@ from bayesdrill.record import clocks
 from bayesdrill.record.experiment import Experiment
 from bayesdrill.report.section import aligned
 from bayesdrill.report.sections import fit_words
-from bayesdrill.rig.models.composed import constants
+from bayesdrill.rig.models.linear import constants
 from bayesdrill.sampling.convergence import Convergence
 from bayesdrill.sampling.ensembles import Sampled
 from bayesdrill.sampling.mode_search import SAME_PLACE, Mode, Other

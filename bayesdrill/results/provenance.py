@@ -1,15 +1,24 @@
-"""Where a result comes from: versions, what a resumed run must share, the config with defaults."""
+"""Where a result comes from: versions, what a resumed run must share, the config with defaults; written
+as a job begins, with what is said where it stops.
+"""
 
 from __future__ import annotations
 
+import dataclasses
 import hashlib
+from collections.abc import Callable, Iterator
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import bayesdrill
+from bayesdrill.basics import software
+from bayesdrill.basics.errors import InputError, Interrupted
 from bayesdrill.basics.software import DECISIVE, installed_versions, versions_in_words
 from bayesdrill.basics.symbols import INPUTS, noise_name
+from bayesdrill.config.job import Job
 from bayesdrill.config.records import sources
 from bayesdrill.config.resolve import experiments
 from bayesdrill.config.resolve.case import ResolvedCase
@@ -19,10 +28,10 @@ from bayesdrill.config.yaml_source import as_yaml
 from bayesdrill.inference.display_units import OwnUnits
 from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.posterior import Problem
+from bayesdrill.output_files import CONFIG_FILE, RECORD, RESOLVED_FILE
 from bayesdrill.record.experiment import Experiment
-from bayesdrill.results.run_folder import VERSION_OF, mark
-from bayesdrill.rig.models.composed import constants
-from bayesdrill.rig.models.linear import Model
+from bayesdrill.results.run_folder import VERSION_OF, Folder, mark
+from bayesdrill.rig.models.linear import Model, constants
 
 RUN_MARK = "Run"  # by which a file says whose it is
 BURN_IN_MARK = "Burn-in"
@@ -177,3 +186,40 @@ def _without_foreign(sections: dict[str, Any], config: Config, rig: Model) -> No
 
 def _short(text: str) -> str:
     return hashlib.sha256(text.encode()).hexdigest()[:12]
+
+
+def check_record(job: Job, output: Path, record: str | None = None) -> None:
+    """Raises `InputError` where the record itself lies in `output`; `record`: as of `begin`."""
+    every = (path for one in job.case.experiments for path in sources.paths(one))
+    places = [path.parent.resolve() for path in every]
+    if record is None and output.resolve() in places:
+        raise InputError.one(str(output), "holds the record of this run; give another folder")
+
+
+def begin(job: Job, folder: Folder, record: str | None = None, **more: Any) -> None:
+    """Write the config, as given and with all defaults; `record`: its text, where it has no file."""
+    versions = software.installed_versions()
+    folder.begin(status="running", seed=job.config.seed, versions=versions, **more)
+    folder.write_text(CONFIG_FILE, job.source.text)
+    case = job.case
+    if record is not None:
+        folder.write_text(RECORD, record)
+        beside = dataclasses.replace(job.source, path=folder.path / CONFIG_FILE)
+        case = dataclasses.replace(case, source=beside)
+    folder.write_text(RESOLVED_FILE, resolved(case, folder.path))
+
+
+@contextmanager
+def interruptions(
+    folder: Folder, kept: Callable[[], str], errors: tuple[type[Exception], ...] = ()
+) -> Iterator[None]:
+    """Write down what stops a job; Ctrl-C raises `Interrupted`, which says what is `kept`."""
+    stops: tuple[type[Exception], ...] = (BrokenProcessPool, *errors)
+    try:
+        yield
+    except KeyboardInterrupt:
+        folder.write_run(status="interrupted")
+        raise Interrupted(f"stopped; {kept()}; continue with --resume") from None
+    except stops:
+        folder.write_run(status="interrupted")
+        raise

@@ -21,22 +21,16 @@ from bayesdrill.config.job import Job
 from bayesdrill.config.records import reading, simulation, sources
 from bayesdrill.config.resolve import assembly
 from bayesdrill.inference.posterior import Problem
-from bayesdrill.output_files import (
-    FIGURES,
-    REFITS,
-    dumps_checksummed,
-    loads_checksummed,
-    typed,
-)
+from bayesdrill.output_files import FIGURES, REFITS, dumps_checksummed, loads_checksummed, typed
 from bayesdrill.record.experiment import Experiment
 from bayesdrill.report import run_report
 from bayesdrill.report.section import Section, as_markdown, markdown
 from bayesdrill.report.sections import calibration_words
 from bayesdrill.results import provenance, run_folder
+from bayesdrill.results.provenance import begin, interruptions
 from bayesdrill.results.run_folder import COMPUTED_AGAIN, Folder
 from bayesdrill.sampling.convergence import Targets
 from bayesdrill.tasks.find_map import fit_plan
-from bayesdrill.tasks.job_folder import begin, interruptions
 from bayesdrill.tasks.remote import RefitExecutor, packed, run_jobs
 
 RANKS = "ranks.csv"

@@ -9,7 +9,7 @@ from typing import Any
 import bayesdrill
 from bayesdrill.analysis.identifiability.information import Scenery
 from bayesdrill.analysis.run_analysis import RunAnalysis, RunDraws, analyse
-from bayesdrill.basics.records import from_data
+from bayesdrill.basics.values import from_data
 from bayesdrill.config.job import Job
 from bayesdrill.config.records import sources
 from bayesdrill.config.resolve import experiments

@@ -18,23 +18,18 @@ from bayesdrill.config.job import Job, prepare
 from bayesdrill.config.resolve import assembly
 from bayesdrill.inference import residual_checks
 from bayesdrill.inference.posterior import Problem
-from bayesdrill.output_files import (
-    MAP,
-    dumps_checksummed,
-    loads_checksummed,
-    typed,
-)
+from bayesdrill.output_files import MAP, dumps_checksummed, loads_checksummed, typed
 from bayesdrill.report import publish, words
 from bayesdrill.report.map_report import MapReport
 from bayesdrill.report.sections import fit_words
 from bayesdrill.results import provenance
+from bayesdrill.results.provenance import begin, check_record
 from bayesdrill.results.run_folder import COMPUTED_AGAIN, Folder
 from bayesdrill.sampling.fit import FitPlan, Searches, begin_searches, end_searches
 from bayesdrill.sampling.mode_search import Mode
 from bayesdrill.sampling.workers import Crew
 from bayesdrill.tasks import run_entries
 from bayesdrill.tasks.conclusions import plan
-from bayesdrill.tasks.job_folder import begin, check_record
 
 
 def check_place(output: Path, *, force: bool) -> None:

@@ -18,6 +18,7 @@ from bayesdrill.output_files import POSTERIOR, RECOMMENDED
 from bayesdrill.report import comparison_report
 from bayesdrill.report.comparison_report import ComparisonReport
 from bayesdrill.results import provenance, run_folder
+from bayesdrill.results.provenance import begin, check_record, interruptions
 from bayesdrill.results.run_folder import Folder
 from bayesdrill.sampling.ensembles import Sampled
 from bayesdrill.sampling.fit import FitPlan, fit
@@ -27,7 +28,6 @@ from bayesdrill.selection import Ladder, Rung
 from bayesdrill.tasks import comparison, pipeline
 from bayesdrill.tasks.conclusions import concluded
 from bayesdrill.tasks.find_map import fit_plan
-from bayesdrill.tasks.job_folder import begin, check_record, interruptions
 from bayesdrill.tasks.remote import RefitExecutor, packed, run_jobs
 
 

@@ -16,15 +16,13 @@ from bayesdrill.analysis.verdict import Verdict
 from bayesdrill.basics.errors import InputError
 from bayesdrill.basics.progress import SILENT, Reporter
 from bayesdrill.config.job import Job, prepare
-from bayesdrill.output_files import (
-    POSTERIOR,
-    RESOLVED_FILE,
-)
+from bayesdrill.output_files import POSTERIOR, RESOLVED_FILE
 from bayesdrill.report import publish, words
 from bayesdrill.report.run_report import sections
 from bayesdrill.report.section import as_text
 from bayesdrill.report.view import View
 from bayesdrill.results import provenance, run_folder
+from bayesdrill.results.provenance import begin, check_record, interruptions
 from bayesdrill.results.run_folder import Folder
 from bayesdrill.sampling.ensembles import Memory, Sampled, Shelf, loaded, stored
 from bayesdrill.sampling.fit import begin_searches, sample_maxima
@@ -33,15 +31,8 @@ from bayesdrill.sampling.opened_ends import not_kept
 from bayesdrill.sampling.proposal.learning import Nowhere
 from bayesdrill.sampling.workers import Crew
 from bayesdrill.tasks.conclusions import analysis_mark, concluded, kept_analysis, plan
-from bayesdrill.tasks.find_map import (
-    MAP_FILE,
-    end_search,
-    fit_plan,
-    read_mode,
-    write_mode,
-)
+from bayesdrill.tasks.find_map import MAP_FILE, end_search, fit_plan, read_mode, write_mode
 from bayesdrill.tasks.identify import preflight
-from bayesdrill.tasks.job_folder import begin, check_record, interruptions
 from bayesdrill.tasks.run_entries import entries, evidence_of_data, held
 
 DRAWS_SAY = "looking at what the draws say"

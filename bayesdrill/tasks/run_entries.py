@@ -18,7 +18,7 @@ from bayesdrill.analysis.plausibility import Vague
 from bayesdrill.analysis.run_analysis import EnergySummary, RunAnalysis, TorqueSummary
 from bayesdrill.analysis.verdict import Verdict
 from bayesdrill.basics.arrays import Array
-from bayesdrill.basics.records import as_data, schema
+from bayesdrill.basics.values import as_data, schema
 from bayesdrill.inference.posterior import Problem
 from bayesdrill.inference.residual_checks import Left
 from bayesdrill.inference.step_error import StepError

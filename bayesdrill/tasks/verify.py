@@ -16,7 +16,7 @@ from bayesdrill import output_files, selection
 from bayesdrill.analysis.comparison import Contender, Layer
 from bayesdrill.analysis.run_analysis import RunAnalysis
 from bayesdrill.basics.errors import InputError, Issue
-from bayesdrill.basics.records import leaves
+from bayesdrill.basics.values import leaves
 from bayesdrill.config import loading
 from bayesdrill.inference.display_units import SI
 from bayesdrill.output_files import COMPARE, MAP, OVERLAY, POSTERIOR, Kind

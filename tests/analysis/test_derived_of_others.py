@@ -9,9 +9,8 @@ from rigs import experiment
 
 from bayesdrill.inference import derived
 from bayesdrill.record.experiment import usual_inputs
-from bayesdrill.rig.models.composed import with_named
 from bayesdrill.rig.models.driven_shaft import DrivenShaft
-from bayesdrill.rig.models.linear import Model
+from bayesdrill.rig.models.linear import Model, with_named
 from bayesdrill.rig.models.long_shaft import LongShaft
 from bayesdrill.rig.models.motor import Motor
 from bayesdrill.rig.models.motor_shaft import MotorShaft

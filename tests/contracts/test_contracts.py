@@ -22,7 +22,7 @@ from bayesdrill.inference.noise.contract import Noise
 from bayesdrill.inference.noise.mixed import Mixed
 from bayesdrill.inference.state_space import ShakenObservation
 from bayesdrill.record.formats import FORMATS
-from bayesdrill.report.figures import FIGURES
+from bayesdrill.report.publish import FIGURES
 from bayesdrill.rig.models import MODELS
 from bayesdrill.rig.models.linear import Model
 from bayesdrill.rig.simulators.contract import Simulator
@@ -49,7 +49,7 @@ REGISTRIES = (
     "sampling/optimisers/",
     "sampling/samplers/",
     "record/formats/",
-    "report/figures.py",
+    "report/publish.py",
     "tasks/remote.py",
 )
 CONTRACTS = (Model, Simulator, Noise, priors.Prior, Observation, Optimiser, Move, RefitExecutor)

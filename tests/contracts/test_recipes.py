@@ -19,7 +19,7 @@ from together import together
 import bayesdrill as bd
 from bayesdrill import output_files
 from bayesdrill.output_files import POSTERIOR
-from bayesdrill.report.figures import FIGURES, drawings
+from bayesdrill.report.publish import FIGURES, drawings
 from bayesdrill.report.scales import WIDTHS
 from bayesdrill.report.view import View
 

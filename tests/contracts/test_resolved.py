@@ -11,18 +11,22 @@ import bayesdrill
 PACKAGE = Path(bayesdrill.__file__).parent
 RESOLVE = "bayesdrill.config.resolve"
 MAKERS = {
-    "rig": ("model",),
+    "case": ("model",),
     "quantities": ("nominal_table", "parameter", "quantity", "formula"),
-    "channel_noise": ("measured",),
-    "sensors": ("sensor_entries", "sensor_specs", "sensing", "free_states", "latent_torque_number"),
+    "sensors": (
+        *("measured", "sensor_entries", "sensor_specs"),
+        *("sensing", "free_states", "latent_torque_number"),
+    ),
     "experiments": ("split", "join_experiments"),
 }
 
 
-def named(text: str, module: str, maker: str) -> Iterator[str]:
-    """Functions that name `maker` of a module of `config.resolve`, however it was imported."""
+def named(text: str, module: str, maker: str, *, own: bool = False) -> Iterator[str]:
+    """Functions that name `maker` of a module of `config.resolve`, however it was imported; `own`:
+    the text is that module's.
+    """
     tree = ast.parse(text)
-    aliases, names = set[str](), set[str]()
+    aliases, names = set[str](), {maker} if own else set[str]()
     for node in ast.walk(tree):
         if isinstance(node, ast.ImportFrom) and node.module == RESOLVE:
             aliases |= {one.asname or one.name for one in node.names if one.name == module}
@@ -30,6 +34,8 @@ def named(text: str, module: str, maker: str) -> Iterator[str]:
             names |= {one.asname or one.name for one in node.names if one.name == maker}
     for function in ast.walk(tree):
         if isinstance(function, ast.FunctionDef):
+            if maker in {a.arg for a in (*function.args.args, *function.args.kwonlyargs)}:
+                continue  # a value of that name
             for node in ast.walk(function):
                 of = node.value if isinstance(node, ast.Attribute) and node.attr == maker else None
                 by_module = isinstance(of, ast.Name) and of.id in aliases
@@ -38,24 +44,24 @@ def named(text: str, module: str, maker: str) -> Iterator[str]:
 
 
 def test_the_names_are_found_however_they_are_imported() -> None:
-    by_module = f"from {RESOLVE} import rig as own\ndef a():\n    run(own.model)\n"
-    by_name = f"from {RESOLVE}.rig import model as make\ndef b():\n    make()\n    other.model()\n"
-    assert [*named(by_module, "rig", "model")] == ["a"]
-    assert [*named(by_name, "rig", "model")] == ["b"]
-    assert [*named(by_name, "rig", "nominal_table")] == []
+    by_module = f"from {RESOLVE} import case as own\ndef a():\n    run(own.model)\n"
+    by_name = f"from {RESOLVE}.case import model as make\ndef b():\n    make()\n    other.model()\n"
+    assert [*named(by_module, "case", "model")] == ["a"]
+    assert [*named(by_name, "case", "model")] == ["b"]
+    assert [*named(by_name, "case", "nominal_table")] == []
 
 
 def test_each_part_of_a_config_is_made_in_one_place() -> None:
     texts = {path: path.read_text() for path in sorted(PACKAGE.rglob("*.py"))}
     for module, makers in MAKERS.items():
-        own = (PACKAGE / "config" / "resolve" / f"{module}.py").read_text()
+        own = PACKAGE / "config" / "resolve" / f"{module}.py"
         for maker in makers:
-            assert f"def {maker}(" in own, f"{module} has no {maker}"
+            assert f"def {maker}(" in texts[own], f"{module} has no {maker}"
             places = {
                 f"{path.relative_to(PACKAGE)}: {function}"
                 for path, text in texts.items()
                 if RESOLVE in text and maker in text
-                for function in named(text, module, maker)
+                for function in named(text, module, maker, own=path == own)
             }
             assert len(places) == 1, f"{module}.{maker} is named in {sorted(places)}"
 

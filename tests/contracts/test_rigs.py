@@ -22,8 +22,7 @@ from bayesdrill.basics.entries import entries_of, made
 from bayesdrill.config.schema.config import ModelSpec, Parameters
 from bayesdrill.rig import models
 from bayesdrill.rig.models import MODELS
-from bayesdrill.rig.models.composed import with_all
-from bayesdrill.rig.models.linear import Model, dynamics
+from bayesdrill.rig.models.linear import Model, dynamics, with_all
 from bayesdrill.rig.simulators.exact import Response
 
 N, DT = 40, 0.004

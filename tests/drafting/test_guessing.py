@@ -457,10 +457,10 @@ def test_noise_of_what_swings_is_counted_or_is_constant() -> None:
     assert signals.noise(swing + rng.normal(0, 0.3, 2000)) == pytest.approx(0.3, rel=0.15)
     coarse = np.round(3 * np.sin(0.3 * t) / 0.5) * 0.5
     assert signals.noise(coarse) == pytest.approx(0.5 / math.sqrt(12), rel=0.01)
-    assert signals.counted(np.round(swing / 0.36) * 0.36) == "deg"
-    assert signals.counted(np.round(swing / (math.pi / 2048)) * (math.pi / 2048)) == "rad"
-    assert signals.counted(np.round(swing, 1)) == ""
-    assert signals.counted(swing) == ""
+    assert signals.counted_unit(np.round(swing / 0.36) * 0.36) == "deg"
+    assert signals.counted_unit(np.round(swing / (math.pi / 2048)) * (math.pi / 2048)) == "rad"
+    assert signals.counted_unit(np.round(swing, 1)) == ""
+    assert signals.counted_unit(swing) == ""
 
 
 HOPELESS = {

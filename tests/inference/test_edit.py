@@ -15,7 +15,7 @@ from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.priors import Uniform
 from bayesdrill.inference.unknowns import Unknown
 from bayesdrill.rig.models import PARAMETERS
-from bayesdrill.rig.models.composed import with_named
+from bayesdrill.rig.models.linear import with_named
 from bayesdrill.rig.simulators.sensors import Sensing
 
 CASE = CASES["falling"]

@@ -13,7 +13,7 @@ from bayesdrill.basics.symbols import PARAMETERS
 from bayesdrill.paper import printed
 from bayesdrill.paper.forward import READINGS, Reading
 from bayesdrill.paper.plots import SHORT, fit_paper_figure, readings_figure, verification_figure
-from bayesdrill.paper.verification import Cell, Verification
+from bayesdrill.paper.searches import Cell, Verification
 from bayesdrill.record.experiment import Channel, Experiment
 
 Array = NDArray[np.float64]

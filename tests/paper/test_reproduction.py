@@ -19,7 +19,7 @@ from bayesdrill.analysis import plausibility
 from bayesdrill.config import loading
 from bayesdrill.inference.priors import Uniform
 from bayesdrill.paper import forward, precision, printed, searches
-from bayesdrill.paper import verification as study
+from bayesdrill.paper import searches as study
 from bayesdrill.paper.forward import SIX_STATES, integrate, six_states
 from bayesdrill.paper.plugins import Pairwise
 from bayesdrill.paper.precision import truth_of

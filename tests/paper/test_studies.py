@@ -17,10 +17,10 @@ from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.priors import Uniform
 from bayesdrill.inference.unknowns import Coordinates
 from bayesdrill.paper import forward, precision, printed, searches
-from bayesdrill.paper import verification as study
+from bayesdrill.paper import searches as study
 from bayesdrill.paper.forward import SIX_STATES, integrate, six_states
 from bayesdrill.paper.plugins import Fminsearch
-from bayesdrill.paper.verification import Cell, Verification
+from bayesdrill.paper.searches import Cell, Verification
 from bayesdrill.rig.models.motor_shaft import MotorShaft
 from bayesdrill.rig.simulators.exact import Response
 from bayesdrill.sampling.convergence import Targets

@@ -28,9 +28,8 @@ from bayesdrill.paper.findings import Findings, Misfits, Nine
 from bayesdrill.paper.forward import Error, Reading
 from bayesdrill.paper.precision import Implied, Length
 from bayesdrill.paper.printed import FOLLOWING, PRODUCTS, Cause, Tone
-from bayesdrill.paper.searches import Control, End, Heuristic
+from bayesdrill.paper.searches import Cell, Control, End, Heuristic, Verification
 from bayesdrill.paper.study_tables import Table, lengths, lines_2, lines_3, said, ways
-from bayesdrill.paper.verification import Cell, Verification
 
 RNG = np.random.default_rng(11)
 NAMES = ("k_s", "t_f", "j_m", "l_m", "c_m", "k_T", "j_1", "r_m", "k_e")  # in no one's order

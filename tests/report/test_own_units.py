@@ -26,7 +26,7 @@ from bayesdrill.analysis.identifiability.profile import Profile
 from bayesdrill.basics import units
 from bayesdrill.basics.symbols import latex_unit, unit_product
 from bayesdrill.inference.display_units import SI, OwnUnits
-from bayesdrill.report import figures, tables, words
+from bayesdrill.report import publish, section, words
 from bayesdrill.report.comparison_report import ComparisonReport
 from bayesdrill.report.publish import TABLES
 from bayesdrill.report.run_report import sections
@@ -191,13 +191,13 @@ def test_tables_show_what_was_found_over_the_unit_of_the_user() -> None:
     own, plain = pair().own, pair().plain
     for heads, one, other in (
         (
-            tables.HEADERS,
-            *(tables.of_rows(v.units.rows(v.analysis.unknowns)).lines for v in (own, plain)),
+            section.HEADERS,
+            *(section.of_rows(v.units.rows(v.analysis.unknowns)).lines for v in (own, plain)),
         ),
         (
             ("", "unit", "nominal", "MAP", "dev. %"),
             *(
-                tables.of_mode(v.units.rows(tables.mode_rows(v.problem, v.mode))).lines
+                section.of_mode(v.units.rows(section.mode_rows(v.problem, v.mode))).lines
                 for v in (own, plain)
             ),
         ),
@@ -256,7 +256,7 @@ def test_sentences_have_the_unit_of_the_user_and_parameters_stay_as_they_are() -
     pressed = [
         replace(view.analysis.unknowns[0], name="sigma_theta_1", pressed_against=math.radians(0.25))
     ]
-    assert "against the end 0.25 deg of its prior" in tables.notes(pressed, view.units)[0]
+    assert "against the end 0.25 deg of its prior" in section.notes(pressed, view.units)[0]
     everything = as_markdown("x", sections(view))
     assert "| sigma_theta_1 | deg |" in everything
     assert "| wide | mm |" in everything
@@ -273,7 +273,7 @@ def test_figures_are_of_the_same_draws_in_these_units() -> None:
     """Mutants killed: draws shown in SI, a prior or nominal value left behind."""
     for name in ("trace", "prior_posterior"):
         views = (pair().own, pair().plain)
-        one, other = (figures.drawings(name, view)[name].arguments for view in views)
+        one, other = (publish.drawings(name, view)[name].arguments for view in views)
         factors = [FACTORS.get(symbol.name, 1.0) for symbol in other[1]]
         assert one[0] * np.array(factors) == pytest.approx(other[0])
         for mine in one[1]:

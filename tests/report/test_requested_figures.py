@@ -17,7 +17,7 @@ from bayesdrill.analysis.calibration import ecdf_band
 from bayesdrill.analysis.diagnostics import ranks
 from bayesdrill.analysis.prediction import Check
 from bayesdrill.record.experiment import Channel
-from bayesdrill.report import figures, style
+from bayesdrill.report import publish, style
 from bayesdrill.report.sections.convergence_figure import autocorrelation_figure, rank_figure
 from bayesdrill.report.sections.fit_figure import predictive_figure
 
@@ -103,9 +103,9 @@ def test_a_channel_that_is_not_as_predicted_is_named() -> None:
 
 
 def test_they_are_drawn_on_request_alone(tmp_path: Path) -> None:
-    usual = figures.drawn(None)
+    usual = publish.drawn(None)
     assert "corner" in usual
     assert not {"rank", "autocorrelation", "predictive_check"} & {*usual}
-    assert figures.drawn(["rank", "corner"]) == ["corner", "rank"]
+    assert publish.drawn(["rank", "corner"]) == ["corner", "rank"]
     for found in style.save(rank_case(1, 0.0), tmp_path, "rank", {}):
         assert found.stat().st_size > 1000

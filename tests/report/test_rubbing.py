@@ -22,7 +22,7 @@ from bayesdrill.analysis.energy import AT_START, CONVERTED, STORED, accounts
 from bayesdrill.inference.step_error import StepError
 from bayesdrill.output_files import POSTERIOR
 from bayesdrill.report import scales, style
-from bayesdrill.report.figures import drawings
+from bayesdrill.report.publish import drawings
 from bayesdrill.report.run_report import sections
 from bayesdrill.report.section import as_markdown
 from bayesdrill.report.sections import physics_words, verdict_words

@@ -21,7 +21,7 @@ from together import for_each
 from bayesdrill.rig.kernels.exponential import emit_exponential
 from bayesdrill.rig.kernels.recurrence import emit_response
 from bayesdrill.rig.kernels.sums import SQUARES
-from bayesdrill.rig.models import composed
+from bayesdrill.rig.models import linear
 from bayesdrill.rig.models.linear import DOT, Linear, Model, Tangent, dynamics
 from bayesdrill.rig.models.motor_shaft import OFFERS, MotorShaft, TwoRotors
 from bayesdrill.rig.simulators.exact import Response, layout
@@ -291,12 +291,12 @@ def test_frictions_pass_through_the_sensors_of_inputs_and_not_through_slopes() -
 
 def test_names_of_a_rig_and_of_its_kind() -> None:
     """Other packages read them off the class."""
-    rig = composed.with_named(MotorShaft(0.1, 2), ["eta", "k_s", "w_s1", "c_s", "nothing"])
+    rig = linear.with_named(MotorShaft(0.1, 2), ["eta", "k_s", "w_s1", "c_s", "nothing"])
     assert rig == MotorShaft(0.1, 2, ("c_s", "w_s1", "eta"))
     assert rig.parameters == (*ORDER, "c_s", "w_s1", "eta")
     assert MotorShaft.parameters == MotorShaft(0.1).parameters == ORDER
-    assert composed.with_named(rig, ["v_d"]).parameters == (*ORDER, "c_s", "w_s1", "v_d", "eta")
-    assert composed.with_named(TwoRotors(), ["c_s"]) == TwoRotors()
-    assert composed.lacking(rig) == {"w_s1": ("t_c1", "t_s1")}
-    assert composed.constants(rig) == {"i_m": 0.1, "stribeck": 2, "added": rig.added}
-    assert composed.constants(MotorShaft()) == {"i_m": 0.125}
+    assert linear.with_named(rig, ["v_d"]).parameters == (*ORDER, "c_s", "w_s1", "v_d", "eta")
+    assert linear.with_named(TwoRotors(), ["c_s"]) == TwoRotors()
+    assert linear.lacking(rig) == {"w_s1": ("t_c1", "t_s1")}
+    assert linear.constants(rig) == {"i_m": 0.1, "stribeck": 2, "added": rig.added}
+    assert linear.constants(MotorShaft()) == {"i_m": 0.125}

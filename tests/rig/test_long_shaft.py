@@ -9,8 +9,7 @@ from rigs import experiment
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
-from bayesdrill.rig.models.composed import with_named
-from bayesdrill.rig.models.linear import dynamics
+from bayesdrill.rig.models.linear import dynamics, with_named
 from bayesdrill.rig.models.long_shaft import LongShaft
 from bayesdrill.rig.models.motor_shaft import MotorShaft
 from bayesdrill.rig.simulators import simulator

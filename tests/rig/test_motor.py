@@ -12,8 +12,7 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
 from bayesdrill.record.experiment import Experiment
-from bayesdrill.rig.models.composed import lacking, with_named
-from bayesdrill.rig.models.linear import dynamics
+from bayesdrill.rig.models.linear import dynamics, lacking, with_named
 from bayesdrill.rig.models.motor import Motor
 from bayesdrill.rig.models.motor_shaft import MotorShaft
 from bayesdrill.rig.simulators import simulator

@@ -15,8 +15,7 @@ from together import for_each
 
 import bayesdrill as bd
 from bayesdrill.analysis.run_analysis import RunAnalysis
-from bayesdrill.basics.records import as_data, from_data
-from bayesdrill.basics.values import alike
+from bayesdrill.basics.values import alike, as_data, from_data
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.output_files import dumps_checksummed, loads_checksummed
 from bayesdrill.tasks import conclusions

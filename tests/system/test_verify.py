@@ -19,8 +19,8 @@ from together import together
 import bayesdrill as bd
 from bayesdrill.config.job import prepare
 from bayesdrill.output_files import dumps_checksummed, loads_checksummed
+from bayesdrill.results.provenance import check_record
 from bayesdrill.results.run_folder import seal
-from bayesdrill.tasks.job_folder import check_record
 
 DRAWN = ("figures: []", "figures: [corner, trace]")
 

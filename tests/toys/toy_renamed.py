@@ -20,7 +20,7 @@ from bayesdrill.rig import (
     RotorRoles,
     ShaftRoles,
 )
-from bayesdrill.rig.models.composed import Names
+from bayesdrill.rig.models.linear import Names
 
 ROLES = Roles(
     motor=MotorRoles(

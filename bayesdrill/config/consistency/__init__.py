@@ -7,8 +7,8 @@ from __future__ import annotations
 from bayesdrill.basics.errors import Issue
 from bayesdrill.config.consistency import record, several, unknowns, work
 from bayesdrill.config.consistency.several import check_experiments
+from bayesdrill.config.resolve import case as rig_of
 from bayesdrill.config.resolve import quantities
-from bayesdrill.config.resolve import rig as rig_of
 from bayesdrill.config.resolve.case import ResolvedExperiment
 from bayesdrill.config.schema.config import Config
 from bayesdrill.config.yaml_source import Collector, Place, Source

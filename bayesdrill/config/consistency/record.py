@@ -13,11 +13,10 @@ from bayesdrill.basics.entries import strange
 from bayesdrill.basics.formulas import linear_combination
 from bayesdrill.basics.registry import lookup
 from bayesdrill.basics.symbols import INPUTS, noise_name
-from bayesdrill.config.resolve import channel_noise, quantities, sensors
+from bayesdrill.config.resolve import quantities, sensors
 from bayesdrill.config.resolve.case import Beside
-from bayesdrill.config.resolve.channel_noise import Measured
 from bayesdrill.config.resolve.quantities import Declared
-from bayesdrill.config.resolve.sensors import Entry
+from bayesdrill.config.resolve.sensors import Entry, Measured
 from bayesdrill.config.schema import numbers
 from bayesdrill.config.schema.config import Config
 from bayesdrill.config.schema.records import (
@@ -36,8 +35,7 @@ from bayesdrill.inference.noise import NOISES
 from bayesdrill.inference.unknowns import Unknown
 from bayesdrill.record.formats import FORMATS
 from bayesdrill.rig import models
-from bayesdrill.rig.models.composed import lacking, with_named
-from bayesdrill.rig.models.linear import Model
+from bayesdrill.rig.models.linear import Model, lacking, with_named
 from bayesdrill.rig.simulators.sensors import Sensing
 
 
@@ -88,7 +86,7 @@ def beside(
     levels: dict[str, Unknown | None] = {}
     for name, channel in channels.items():
         if channel is not None:
-            found = channel_noise.noise([channel], n_samples=1).unknowns
+            found = sensors.noise([channel], n_samples=1).unknowns
             levels |= {unknown.name: unknown for unknown in found}
         elif isinstance(config.record.channels[name].sigma, numbers.ParameterPrior):
             levels[noise_name(name)] = None
@@ -183,11 +181,11 @@ def _check_measured(
         found.add((*place, "noise", entry), message)
     known = spec.model_copy(update={"sigma": 1.0})
     if len(found.problems) == before:
-        found.run(place, channel_noise.measured, name, known, model.outer)
+        found.run(place, sensors.measured, name, known, model.outer)
     if len(found.problems) > before or vain:
         return None
-    channel = found.run((*place, "sigma"), channel_noise.measured, name, spec, model.outer)
-    made = channel and found.run((*place, "noise"), channel_noise.noise, [channel], 1)
+    channel = found.run((*place, "sigma"), sensors.measured, name, spec, model.outer)
+    made = channel and found.run((*place, "noise"), sensors.noise, [channel], 1)
     return channel if made else None
 
 

@@ -10,8 +10,8 @@ from bayesdrill.basics.entries import LARGEST, SMALLEST, strange
 from bayesdrill.basics.formulas import Expression, RelationError
 from bayesdrill.config import latex
 from bayesdrill.config.resolve import quantities, sensors
+from bayesdrill.config.resolve.case import RigNumbers
 from bayesdrill.config.resolve.quantities import Declared, NominalTable
-from bayesdrill.config.resolve.rig import RigNumbers
 from bayesdrill.config.schema import numbers
 from bayesdrill.config.schema.config import Config
 from bayesdrill.config.yaml_source import Collector, Place
@@ -19,8 +19,7 @@ from bayesdrill.inference.posterior import Formula
 from bayesdrill.inference.unknowns import ParameterSpace, Unknown
 from bayesdrill.rig import models
 from bayesdrill.rig.models import MODELS
-from bayesdrill.rig.models.composed import in_vain, lacking, with_all
-from bayesdrill.rig.models.linear import Model
+from bayesdrill.rig.models.linear import Model, in_vain, lacking, with_all
 from bayesdrill.rig.simulators.sensors import Sensing
 
 _TRIED = 4096  # draws from the priors, at which formulas are tried

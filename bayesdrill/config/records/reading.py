@@ -17,8 +17,7 @@ from bayesdrill.config.records import column_cleaning, sources
 from bayesdrill.config.records.column_cleaning import Column, Findings
 from bayesdrill.config.records.sources import Clock, Sources, location_of
 from bayesdrill.config.resolve import quantities
-from bayesdrill.config.resolve.case import ResolvedExperiment
-from bayesdrill.config.resolve.rig import initial_state
+from bayesdrill.config.resolve.case import ResolvedExperiment, initial_state
 from bayesdrill.config.schema.config import Config
 from bayesdrill.config.schema.records import (
     AngleColumn,

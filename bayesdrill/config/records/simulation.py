@@ -19,10 +19,9 @@ from bayesdrill.basics import seeds, units
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.errors import InputError, Issue
 from bayesdrill.config.records import reading, sources
-from bayesdrill.config.resolve import channel_noise, quantities, sensors
-from bayesdrill.config.resolve.case import ResolvedCase, ResolvedExperiment
-from bayesdrill.config.resolve.channel_noise import Measured
-from bayesdrill.config.resolve.rig import initial_state
+from bayesdrill.config.resolve import quantities, sensors
+from bayesdrill.config.resolve.case import ResolvedCase, ResolvedExperiment, initial_state
+from bayesdrill.config.resolve.sensors import Measured
 from bayesdrill.config.schema.config import Config
 from bayesdrill.config.schema.records import ChannelSpec, Column, TimeColumn
 from bayesdrill.config.yaml_source import Place, Source
@@ -187,7 +186,7 @@ def simulate_one(
     full = np.array([[values[name] for name in response.parameters]])
     signals = response.signals(full)[0]
     known = [_known(one, entry) for entry in one.channels]
-    noise = of_record(channel_noise.noise(known, len(signals)), experiment.t, experiment.seen)
+    noise = of_record(sensors.noise(known, len(signals)), experiment.t, experiment.seen)
     acts = sensors.latent_torque(config)
     observed = sensors.observation(acts, one.torque, response, noise)
     own = [_true_of_noise(one, unknown) for unknown in observed.unknowns]

@@ -13,9 +13,9 @@ from bayesdrill.basics.registry import lookup
 from bayesdrill.basics.units import SECOND, Unit
 from bayesdrill.config.resolve import experiments, sensors
 from bayesdrill.config.resolve.case import ResolvedCase, ResolvedExperiment
-from bayesdrill.config.resolve.channel_noise import noise
 from bayesdrill.config.resolve.experiments import common_or_own
 from bayesdrill.config.resolve.quantities import Declared
+from bayesdrill.config.resolve.sensors import noise
 from bayesdrill.config.schema.config import Config
 from bayesdrill.config.yaml_source import Place
 from bayesdrill.inference import step_error

@@ -13,8 +13,17 @@ from bayesdrill.analysis.calibration import (
 )
 from bayesdrill.config.schema.config import Config
 from bayesdrill.inference.posterior import Problem
-from bayesdrill.report.section import Mark, Marks, Note, Picture, Section, Sentences, Table, Tone
-from bayesdrill.report.tables import lines_as_csv
+from bayesdrill.report.section import (
+    Mark,
+    Marks,
+    Note,
+    Picture,
+    Section,
+    Sentences,
+    Table,
+    Tone,
+    lines_as_csv,
+)
 
 MOST_NAMED = 20  # refits that did not converge
 

@@ -25,9 +25,8 @@ from bayesdrill.inference.derived import HDI_PROBABILITY
 from bayesdrill.inference.display_units import OwnUnits
 from bayesdrill.inference.priors import flat_in_logs
 from bayesdrill.inference.residual_checks import Left
-from bayesdrill.report.section import Note, Picture, Section, Sentences, Table
+from bayesdrill.report.section import Note, Picture, Section, Sentences, Table, lines_as_csv
 from bayesdrill.report.sections import verdict_words
-from bayesdrill.report.tables import lines_as_csv
 
 
 def overlay_shown(row: Row, own: OwnUnits) -> Row:

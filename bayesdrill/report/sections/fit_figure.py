@@ -26,8 +26,8 @@ from bayesdrill.inference.posterior import Problem
 from bayesdrill.inference.residual_checks import Left
 from bayesdrill.output_files import numbered
 from bayesdrill.report import scales, style, words
-from bayesdrill.report.figures import FIT_ALONE
 from bayesdrill.report.pages import Page, legend_above
+from bayesdrill.report.publish import FIT_ALONE
 from bayesdrill.report.scales import WIDTHS
 from bayesdrill.report.sections import fit_words
 from bayesdrill.report.sections.fit_words import Course, Fit, Signal, every_fit

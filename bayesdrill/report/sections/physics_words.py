@@ -19,8 +19,7 @@ from bayesdrill.basics.units import Unit
 from bayesdrill.inference.derived import HDI_PROBABILITY, Derived, Row, at
 from bayesdrill.inference.likelihood import Observation
 from bayesdrill.inference.posterior import Problem
-from bayesdrill.report.section import Table
-from bayesdrill.report.tables import records_as_csv
+from bayesdrill.report.section import Table, records_as_csv
 from bayesdrill.rig import models
 from bayesdrill.rig.models.friction import Friction
 from bayesdrill.rig.models.linear import Model, Roles

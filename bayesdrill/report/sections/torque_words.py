@@ -16,7 +16,7 @@ from bayesdrill.basics import symbols
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.symbols import Symbol
 from bayesdrill.basics.units import Unit
-from bayesdrill.report import tables
+from bayesdrill.report import section
 from bayesdrill.report.section import Table
 from bayesdrill.report.sections.physics_words import listed, speed_symbol
 from bayesdrill.rig import models
@@ -261,4 +261,4 @@ def torque_csv(every: Sequence[Shaking]) -> str | None:
         for k, t in enumerate(one.t):
             row = [one.label, t, one.expected[k], sds[k], low[k], high[k]]
             lines.append([*row, *(None if c is None else c[k] for c in columns)])
-    return tables.lines_as_csv(lines)
+    return section.lines_as_csv(lines)

@@ -14,7 +14,7 @@ from bayesdrill.analysis.verdict import FALSE_ALARM, Quantity, Verdict
 from bayesdrill.basics.symbols import Symbol, unit_product
 from bayesdrill.inference.derived import HDI_PROBABILITY
 from bayesdrill.inference.step_error import ENOUGH, FINER, StepError
-from bayesdrill.report import tables
+from bayesdrill.report import section
 from bayesdrill.report.section import Table
 from bayesdrill.report.sections.identify_words import percent, priors_of, product
 from bayesdrill.report.sections.physics_words import listed
@@ -342,7 +342,7 @@ def verdict_csv(found: Verdict, symbols: Sequence[Symbol]) -> str:
     """
     units = {symbol.name: symbol.unit for symbol in symbols}
     entries = [_entry(found, quantity, units) for quantity in verdict_rows(found)]
-    return tables.lines_as_csv([list(entries[0]), *(list(entry.values()) for entry in entries)])
+    return section.lines_as_csv([list(entries[0]), *(list(entry.values()) for entry in entries)])
 
 
 def _entry(found: Verdict, quantity: Quantity, units: Mapping[str, str]) -> dict[str, Any]:

@@ -12,6 +12,7 @@ from bayesdrill.rig.kernels.delays import Late, emit_interval
 from bayesdrill.rig.kernels.exponential import (
     DEGREE,
     Values,
+    addresses,
     emit_cell,
     emit_exponential,
     emit_rates,
@@ -36,7 +37,6 @@ from bayesdrill.rig.kernels.knots import (
     slots,
 )
 from bayesdrill.rig.kernels.lanes import I64, VEC, Loop, function, load, splat, store, vector
-from bayesdrill.rig.kernels.layout import addresses
 from bayesdrill.rig.kernels.recurrence import next_state
 
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from llvmlite import ir
 
-from bayesdrill.rig.kernels.exponential import DEEPEST, Cell, Values, emit_terms
+from bayesdrill.rig.kernels.exponential import DEEPEST, Cell, Layout, Pattern, Values, emit_terms
 from bayesdrill.rig.kernels.lanes import (
     F64,
     I64,
@@ -29,7 +29,6 @@ from bayesdrill.rig.kernels.lanes import (
     vector,
     whole_numbers,
 )
-from bayesdrill.rig.kernels.layout import Layout, Pattern
 from bayesdrill.rig.kernels.recurrence import next_state
 from bayesdrill.rig.kernels.sums import Sample, Tally
 

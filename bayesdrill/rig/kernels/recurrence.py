@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 from llvmlite import ir
 
-from bayesdrill.rig.kernels.exponential import emit_exponential
+from bayesdrill.rig.kernels.exponential import Layout, emit_exponential, number, weights_of
 from bayesdrill.rig.kernels.lanes import (
     I64,
     NUMBERS,
@@ -31,7 +31,6 @@ from bayesdrill.rig.kernels.lanes import (
     store,
     vector,
 )
-from bayesdrill.rig.kernels.layout import Layout, number, weights_of
 from bayesdrill.rig.kernels.sums import TALLIES, Sample, Tally
 
 

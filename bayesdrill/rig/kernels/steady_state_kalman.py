@@ -24,8 +24,8 @@ from dataclasses import dataclass
 
 from llvmlite import ir
 
-from bayesdrill.rig.kernels.exponential import emit_exponential
-from bayesdrill.rig.kernels.kalman_update import (
+from bayesdrill.rig.kernels.exponential import Layout, emit_exponential
+from bayesdrill.rig.kernels.kalman_filter import (
     StateSpace,
     emit_transition,
     gain_width,
@@ -48,7 +48,6 @@ from bayesdrill.rig.kernels.lanes import (
     store,
     vector,
 )
-from bayesdrill.rig.kernels.layout import Layout
 from bayesdrill.rig.kernels.numbers import (
     Memory,
     Number,

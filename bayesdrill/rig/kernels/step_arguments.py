@@ -9,8 +9,8 @@ from typing import Any
 from llvmlite import ir
 
 from bayesdrill.basics.duals import Dual
+from bayesdrill.rig.kernels.exponential import Layout, Pattern, formulas, with_slopes
 from bayesdrill.rig.kernels.lanes import I64, NUMBERS, VECTORS, Lane, vector
-from bayesdrill.rig.kernels.layout import Layout, Pattern, formulas, with_slopes
 from bayesdrill.rig.kernels.numbers import Number, total
 from bayesdrill.rig.kernels.sums import Tally
 from bayesdrill.rig.models.friction import Friction

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from llvmlite import ir
 
 from bayesdrill.basics.duals import Dual, dual, where
-from bayesdrill.rig.kernels.exponential import emit_exponential
+from bayesdrill.rig.kernels.exponential import addresses, emit_exponential, number
 from bayesdrill.rig.kernels.friction import Going, Past, Regime, Rub, Step
 from bayesdrill.rig.kernels.lanes import (
     F64,
@@ -33,7 +33,6 @@ from bayesdrill.rig.kernels.lanes import (
     vector,
     whole_numbers,
 )
-from bayesdrill.rig.kernels.layout import addresses, number
 from bayesdrill.rig.kernels.numbers import Kind, Number, fused, total
 from bayesdrill.rig.kernels.reversals import Parts, Regimes, Stride, step_on
 from bayesdrill.rig.kernels.step_arguments import BLOCKS, COUNTS, Rates, Shape

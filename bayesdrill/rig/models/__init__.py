@@ -10,9 +10,8 @@ from types import MappingProxyType
 from bayesdrill.basics import symbols
 from bayesdrill.basics.registry import Registry
 from bayesdrill.basics.symbols import Symbol
-from bayesdrill.rig.models.composed import with_all
 from bayesdrill.rig.models.driven_shaft import DrivenShaft
-from bayesdrill.rig.models.linear import Model
+from bayesdrill.rig.models.linear import Model, with_all
 from bayesdrill.rig.models.long_shaft import LongShaft
 from bayesdrill.rig.models.motor import Motor
 from bayesdrill.rig.models.motor_shaft import MotorShaft, TwoRotors

@@ -24,9 +24,8 @@ from types import MappingProxyType
 from typing import Any, ClassVar
 
 from bayesdrill.basics.symbols import Symbol
-from bayesdrill.rig.models.composed import Names, dry
 from bayesdrill.rig.models.friction import BitRock, Both, Friction, Law, Named, Stribeck
-from bayesdrill.rig.models.linear import Linear, Model, Offers
+from bayesdrill.rig.models.linear import Linear, Model, Names, Offers, dry
 from bayesdrill.rig.models.motor_shaft import FRICTION_1, Power
 
 WEIGHT = "wob"

@@ -25,9 +25,8 @@ from typing import Annotated, Any, ClassVar
 from pydantic import Field
 
 from bayesdrill.basics.symbols import Symbol
-from bayesdrill.rig.models.composed import Names
 from bayesdrill.rig.models.friction import Friction, Named
-from bayesdrill.rig.models.linear import Linear, Model, Offers
+from bayesdrill.rig.models.linear import Linear, Model, Names, Offers
 from bayesdrill.rig.models.motor_shaft import OFFERS, PARAMETERS, Gear, MotorShaft, Power
 
 MOST = 4

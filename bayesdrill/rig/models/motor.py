@@ -26,9 +26,8 @@ from types import MappingProxyType
 from typing import Any, ClassVar
 
 from bayesdrill.basics.symbols import Symbol
-from bayesdrill.rig.models.composed import Names, dry
 from bayesdrill.rig.models.friction import Coulomb, Friction, Named, Stribeck
-from bayesdrill.rig.models.linear import Linear, Model, Offers
+from bayesdrill.rig.models.linear import Linear, Model, Names, Offers, dry
 from bayesdrill.rig.models.motor_shaft import DROP, FRICTION_M, Gear, Power
 
 CIRCUIT = ("k_e", "k_T", "r_m", "l_m")

@@ -53,9 +53,8 @@ from pydantic import AfterValidator, Field
 
 from bayesdrill.basics.entries import NonNegative, Positive
 from bayesdrill.basics.symbols import Symbol
-from bayesdrill.rig.models.composed import Names, dry
 from bayesdrill.rig.models.friction import Coulomb, Friction, Losing, Named, Stribeck
-from bayesdrill.rig.models.linear import Linear, Model, Offers
+from bayesdrill.rig.models.linear import Linear, Model, Names, Offers, dry
 
 PARAMETERS = ("j_m", "c_m", "k_e", "k_T", "r_m", "l_m", "k_s", "j_1", "t_f")
 OFFERS: Offers = MappingProxyType(

@@ -10,8 +10,7 @@ import numpy as np
 from bayesdrill.basics import symbols
 from bayesdrill.basics.duals import Dual
 from bayesdrill.basics.entries import check_entries
-from bayesdrill.rig.models.composed import with_all
-from bayesdrill.rig.models.linear import Model
+from bayesdrill.rig.models.linear import Model, with_all
 
 WANTED = ("name", "parameters", "states", "inputs", "declares", "linear")
 

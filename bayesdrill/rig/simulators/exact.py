@@ -18,8 +18,8 @@ import numpy as np
 from bayesdrill.basics.arrays import Array
 from bayesdrill.record.experiment import Channel, Experiment
 from bayesdrill.rig.kernels.compiling import Kernel, compile_kernel
+from bayesdrill.rig.kernels.exponential import Layout, present, weight_kinds
 from bayesdrill.rig.kernels.lanes import LANES
-from bayesdrill.rig.kernels.layout import Layout, present, weight_kinds
 from bayesdrill.rig.kernels.recurrence import scratch_size, write_response
 from bayesdrill.rig.kernels.sums import SQUARES, Tally
 from bayesdrill.rig.models.linear import DOT, Model, Tangent

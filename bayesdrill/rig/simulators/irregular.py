@@ -19,10 +19,10 @@ from numpy.typing import NDArray
 from bayesdrill.basics.arrays import Array
 from bayesdrill.record.experiment import Experiment
 from bayesdrill.rig.kernels.compiling import Kernel, compile_kernel
+from bayesdrill.rig.kernels.exponential import Layout, Pattern, present
 from bayesdrill.rig.kernels.irregular import write_dense
 from bayesdrill.rig.kernels.knots import BLOCKS, COUNTS, MOST_LEVELS, Shape, entries_of, row_blocks
 from bayesdrill.rig.kernels.lanes import LANES
-from bayesdrill.rig.kernels.layout import Layout, Pattern, present
 from bayesdrill.rig.kernels.sums import Tally
 from bayesdrill.rig.models.linear import Model, Tangent
 from bayesdrill.rig.simulators.contract import in_groups

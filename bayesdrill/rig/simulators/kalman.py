@@ -18,10 +18,9 @@ from numpy.typing import NDArray
 from bayesdrill.basics.arrays import Array
 from bayesdrill.record.experiment import Experiment
 from bayesdrill.rig.kernels.compiling import HARDER, Kernel, compile_kernel
-from bayesdrill.rig.kernels.kalman_filter import BLOCKS, kept, write_filter
-from bayesdrill.rig.kernels.kalman_update import StateSpace
+from bayesdrill.rig.kernels.exponential import Layout, weight_kinds
+from bayesdrill.rig.kernels.kalman_filter import BLOCKS, StateSpace, kept, write_filter
 from bayesdrill.rig.kernels.lanes import LANES
-from bayesdrill.rig.kernels.layout import Layout, weight_kinds
 from bayesdrill.rig.kernels.steady_state_kalman import AT_ONCE, write_steady_state
 from bayesdrill.rig.kernels.steady_state_kalman import BLOCKS as STEADY_BLOCKS
 from bayesdrill.rig.models.latent_torque import MissingTorque, Pushed, pushed

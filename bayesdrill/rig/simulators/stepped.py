@@ -19,20 +19,13 @@ import numpy as np
 from bayesdrill.basics.arrays import Array
 from bayesdrill.record.experiment import Experiment
 from bayesdrill.rig.kernels.compiling import Kernel, compile_kernel
+from bayesdrill.rig.kernels.exponential import present
 from bayesdrill.rig.kernels.lanes import LANES
-from bayesdrill.rig.kernels.layout import present
 from bayesdrill.rig.kernels.step_arguments import BLOCKS, Shape
 from bayesdrill.rig.kernels.sums import Tally
 from bayesdrill.rig.kernels.time_stepping import write_stepping
 from bayesdrill.rig.models.linear import Model
-from bayesdrill.rig.simulators.contract import (
-    Motion,
-    Simulator,
-    Stepping,
-    Steps,
-    Summed,
-    in_groups,
-)
+from bayesdrill.rig.simulators.contract import Motion, Simulator, Stepping, Steps, Summed, in_groups
 from bayesdrill.rig.simulators.sensors import Sensing, Walkers
 from bayesdrill.rig.simulators.time_grid import Ahead
 
