@@ -73,7 +73,7 @@ class RigNumbers:
         """
         unknowns: list[Unknown] = []
         fixed: dict[str, float] = {}
-        model: list[str] = []
+        names: list[str] = []
 
         def add(each: Declared, several: Sequence[str] = ("",)) -> None:
             if isinstance(each.value, float):
@@ -84,7 +84,7 @@ class RigNumbers:
 
         for name, each in self.parameters.items():
             several = labels if name in own else [""]
-            model += [of_label(name, label) for label in several]
+            names += [of_label(name, label) for label in several]
             if isinstance(each, Declared):
                 add(each, several)
         for each in self.quantities.values():
@@ -97,7 +97,7 @@ class RigNumbers:
         for each in told:
             add(each)
         return ParameterSpace(
-            model=(*model, *(each.name for each in told)),
+            model=(*names, *(each.name for each in told)),
             unknowns=(*unknowns, *noise),
             fixed=fixed,
             relations=relations,
