@@ -141,11 +141,14 @@ def test_the_window_of_two_bursts_peaks_at_swings_over_the_gap() -> None:
 
 
 def test_maxima_along_a_line_are_those_with_valleys_between() -> None:
-    """Ends among them, and places of no density.  Mutant killed: every ripple is one."""
-    x = np.linspace(0.0, 1.0, 101)
-    value = np.where(
-        x > 0.8, -np.inf, 5.0 * np.cos(10.0 * np.pi * x) + 0.2 * np.cos(80 * np.pi * x)
-    )
+    """Ends among them, and places of no density; ripples of slopes, too, that go down now and then.
+
+    Mutant killed: every ripple is one.
+    """
+    x = np.linspace(0.0, 1.0, 401)
+    value = 5.0 * np.cos(10.0 * np.pi * x) + 0.45 * np.cos(160 * np.pi * x)
+    assert (np.diff(value[:20]) > 0).any()
+    value[x > 0.8] = -np.inf
     assert x[multiple_modes.peaks(value, 1.0)] == pytest.approx([0.0, 0.2, 0.4, 0.6, 0.8])
     assert multiple_modes.peaks(np.full(5, -np.inf), 1.0) == []
     assert multiple_modes.peaks(np.zeros(5), 1.0) == [0]
