@@ -15,7 +15,6 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import rankdata
 
 from bayesdrill.basics.arrays import Array, Counts
 from bayesdrill.inference.derived import hdi
@@ -125,6 +124,8 @@ def leaning(rows: Sequence[Row], draws: Array) -> Mapping[str, tuple[str, ...]]:
     alone = [d for d, row in enumerate(rows) if row.word == "prior only"]
     if not alone:
         return {}
+    from scipy.stats import rankdata  # late: it takes half a second to load
+
     some = draws[:: max(1, len(draws) // MOST_DRAWS)]
     ranks = rankdata(some, axis=0)
     z = (ranks - ranks.mean(axis=0)) / np.maximum(ranks.std(axis=0), 1e-300)

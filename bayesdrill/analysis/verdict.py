@@ -16,8 +16,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
-from scipy.special import ndtr, ndtri
-from scipy.stats import chi2, differential_entropy, norm
+from scipy.special import chdtrc, ndtr, ndtri
 
 from bayesdrill.analysis import plausibility
 from bayesdrill.analysis.diagnostics import Row, Word, summarise
@@ -89,11 +88,11 @@ def joint_tension(logs: Array, powers: Array, ends: Array) -> float:
     squared = float(middle @ middle)
     beyond = int(np.sum(np.sum(spread**2, axis=0) >= squared))
     if beyond >= LEAST_BEYOND:
-        return float(norm.isf(0.5 * beyond / len(logs)))
+        return float(-ndtri(0.5 * beyond / len(logs)))
     if squared > FAR_OUT:
         return math.sqrt(squared)
-    p = min(float(chi2.sf(squared, len(powers))), LEAST_BEYOND / len(logs))
-    return float(norm.isf(0.5 * p))
+    p = min(float(chdtrc(len(powers), squared)), LEAST_BEYOND / len(logs))
+    return float(-ndtri(0.5 * p))
 
 
 def bits_gained(logs: Array, prior_logs: Array) -> float:
@@ -110,6 +109,8 @@ def bits_gained(logs: Array, prior_logs: Array) -> float:
 
 def _entropy(logs: Array) -> float:
     """In nats; where one value is repeated over and over (a stuck walker), of the distinct ones."""
+    from scipy.stats import differential_entropy  # late: it takes half a second to load
+
     sd = float(logs.std()) or 1e-300
     with np.errstate(divide="ignore"):
         entropy = float(differential_entropy(logs / sd, method="ebrahimi"))
@@ -310,7 +311,7 @@ def basis(study: Study, among: Collection[str]) -> tuple[Exponents, ...]:
 
 def sigma_limit(n: int) -> float:
     """So that `n` looks together pass it by chance with probability `FALSE_ALARM` at most."""
-    return float(norm.isf(0.5 * FALSE_ALARM / n))
+    return float(-ndtri(0.5 * FALSE_ALARM / n))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -1,4 +1,4 @@
-"""A page of equal panels, bars beside a table, and contours of two unknowns."""
+"""A page of equal panels, and contours of two unknowns."""
 
 from __future__ import annotations
 
@@ -14,12 +14,9 @@ from matplotlib.figure import Figure
 from matplotlib.transforms import Affine2D
 from scipy.ndimage import gaussian_filter
 
-from bayesdrill.analysis.diagnostics import Row
 from bayesdrill.basics.arrays import Array
-from bayesdrill.inference.priors import Prior, flat_in_logs
 from bayesdrill.report import style
 from bayesdrill.report.scales import DOUBLE
-from bayesdrill.report.section import Bar
 
 # Inches, of a figure in one column.
 NARROW_ROW, NARROW_LEFT, LEGEND_LINE = 0.95, 0.48, 0.135
@@ -103,30 +100,6 @@ def legend_above(
         columnspacing=gap,
         handlelength=length,
     )
-
-
-TAIL = 0.001  # of a prior, outside of the range
-DECADES = 1.5  # from which on a range that is flat in logs is drawn so
-
-
-def bars(rows: Sequence[Row], priors: Mapping[str, Prior]) -> tuple[Bar, ...]:
-    return tuple(_bar(row, priors[row.name]) for row in rows)
-
-
-def _bar(row: Row, prior: Prior) -> Bar:
-    shown = [row.hdi_low, row.hdi_high, row.map]
-    ends = [float(x) for x in prior.quantile(np.array([TAIL, 1 - TAIL]))]
-    every = [*shown, *ends, *([] if row.nominal is None else [row.nominal])]
-    low, high = min(every), max(every)
-    logs = flat_in_logs(prior) and low > 0 and math.log10(high / low) > DECADES
-
-    def share(x: float) -> float:
-        if logs:
-            return math.log(x / low) / math.log(high / low)
-        return (x - low) / (high - low) if high > low else 0.5
-
-    nominal = None if row.nominal is None else share(row.nominal)
-    return Bar(share(row.hdi_low), share(row.hdi_high), nominal, share(row.map))
 
 
 Ends = tuple[float, float]

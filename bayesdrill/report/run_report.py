@@ -4,20 +4,25 @@ read.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import math
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+
 from bayesdrill import output_files
+from bayesdrill.analysis.diagnostics import Row
 from bayesdrill.analysis.verdict import Judgement, Verdict
 from bayesdrill.basics.software import citation
 from bayesdrill.inference.posterior import Problem
+from bayesdrill.inference.priors import Prior, flat_in_logs
 from bayesdrill.inference.residual_checks import like_noise
 from bayesdrill.output_files import CONFIG_FILE, RESOLVED_FILE
 from bayesdrill.report import section, words
-from bayesdrill.report.pages import bars
 from bayesdrill.report.section import (
     WORDS,
+    Bar,
     Block,
     Mark,
     Marks,
@@ -300,3 +305,27 @@ def _shown(run: View, judged: Judgement) -> Iterator[Section]:
     yield Section(f"What {whose} can show, at the MAP", said, brief=False)
     physical = Sentences("\n".join(judged.findings) or FOUND)
     yield Section("Physical consistency of the posterior", (physical,), brief=False)
+
+
+TAIL = 0.001  # of a prior, outside of the range
+DECADES = 1.5  # from which on a range that is flat in logs is drawn so
+
+
+def bars(rows: Sequence[Row], priors: Mapping[str, Prior]) -> tuple[Bar, ...]:
+    return tuple(_bar(row, priors[row.name]) for row in rows)
+
+
+def _bar(row: Row, prior: Prior) -> Bar:
+    shown = [row.hdi_low, row.hdi_high, row.map]
+    ends = [float(x) for x in prior.quantile(np.array([TAIL, 1 - TAIL]))]
+    every = [*shown, *ends, *([] if row.nominal is None else [row.nominal])]
+    low, high = min(every), max(every)
+    logs = flat_in_logs(prior) and low > 0 and math.log10(high / low) > DECADES
+
+    def share(x: float) -> float:
+        if logs:
+            return math.log(x / low) / math.log(high / low)
+        return (x - low) / (high - low) if high > low else 0.5
+
+    nominal = None if row.nominal is None else share(row.nominal)
+    return Bar(share(row.hdi_low), share(row.hdi_high), nominal, share(row.map))

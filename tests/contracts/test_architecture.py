@@ -246,3 +246,25 @@ def test_importing_the_command_line_loads_nothing_heavy() -> None:
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     loaded = set(done.stdout.split())
     assert not loaded & {"numpy", "scipy", "matplotlib", "emcee", "arviz_stats", "pydantic", "pint"}
+
+
+def test_a_check_loads_nothing_that_draws_samples_or_stores() -> None:
+    """Mutant killed: what bars beside a table need stands with the panels of figures."""
+    code = (
+        "import sys, bayesdrill as bd; bd.load('configs/nominal_step.yaml').identify();"
+        "print(*sorted(sys.modules))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=PACKAGE.parent
+    )
+    heavy = {
+        "matplotlib",
+        "corner",
+        "arviz_base",
+        "arviz_stats",
+        "xarray",
+        "pandas",
+        "emcee",
+        "h5py",
+    }
+    assert not set(done.stdout.split()) & {*heavy, "scipy.stats"}

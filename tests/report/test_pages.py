@@ -26,9 +26,8 @@ from bayesdrill.basics.symbols import PARAMETERS, Symbol
 from bayesdrill.inference.priors import LogUniform, Uniform
 from bayesdrill.report import publish, render, run_report, style
 from bayesdrill.report.map_report import MapReport
-from bayesdrill.report.pages import bars
 from bayesdrill.report.render import as_html
-from bayesdrill.report.run_report import sections
+from bayesdrill.report.run_report import bars, sections
 from bayesdrill.report.scales import Typesetter, printed
 from bayesdrill.report.section import (
     Bar,
