@@ -15,6 +15,7 @@ from bayesdrill.analysis.comparison import Repeat, repeats
 from bayesdrill.analysis.diagnostics import Row
 from bayesdrill.analysis.energy import Account, Part, Rubbing
 from bayesdrill.analysis.identifiability.information import Scenery
+from bayesdrill.analysis.identifiability.structure import Exponents
 from bayesdrill.analysis.latent_torque import Course, Follows, Shaking, follows
 from bayesdrill.analysis.plausibility import Vague
 from bayesdrill.analysis.suspicions import Moment, half_a_sample
@@ -88,17 +89,22 @@ class RunDraws(Value):
         return latent_torque.shakings(self.problem.posterior, self.some(PATHS), rng)
 
     @cached_property
-    def _derived(self) -> Derived:
-        return derived.derive(self.problem, self.sampled.draws)
+    def _derived(self) -> dict[tuple[Exponents, ...], Derived]:
+        return {}  # by the products that they have with them
 
     def derived(self, judged: Judgement | None) -> Derived:
         """With the products of a verdict; nothing where they cannot be made."""
+        verdict = () if judged is None else judged.verdict.products
+        products = tuple(quantity.exponents for quantity in verdict)
+        if products not in self._derived:
+            self._derived[products] = self._derive(products)
+        return self._derived[products]
+
+    def _derive(self, products: tuple[Exponents, ...]) -> Derived:
         problem, draws = self.problem, self.sampled.draws
         with self.sparing.making("derived quantities"):
-            if judged is None:
-                return self._derived
-            products = [quantity.exponents for quantity in judged.verdict.products]
-            return derived.with_products(self._derived, problem, draws, products)
+            found = derived.derive(problem, draws)
+            return derived.with_products(found, problem, draws, products)
         return Derived(symbols=(), values=np.empty((*draws.shape[:2], 0)), nominal={})
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -108,6 +109,11 @@ def mode(*, resume: bool, force: bool) -> Mode:
     if resume and force:
         raise InputError.one("", "--resume and --force exclude each other; give one of them")
     return "resume" if resume else "force" if force else "fresh"
+
+
+def results_folder(folder: str | Path | None, usual: Path) -> Path:
+    """The `usual` one where none is given."""
+    return usual if folder is None else Path(folder).expanduser()
 
 
 def workers(processes: int | None) -> int:

@@ -160,9 +160,7 @@ class Case(Value):
 
     def place(self, folder: str | Path | None = None) -> Path:
         """Where `run` leaves its results."""
-        return (
-            Path("results") / self.job.config.name if folder is None else Path(folder).expanduser()
-        )
+        return arguments.results_folder(folder, Path("results") / self.job.config.name)
 
     def sample(
         self,

@@ -36,7 +36,7 @@ class Ladder(Value):
     def place(self, folder: str | Path | None = None) -> Path:
         """Where `run` leaves its results."""
         usual = Path("results") / f"{self.job.config.name}-ladder"
-        return usual if folder is None else Path(folder).expanduser()
+        return arguments.results_folder(folder, usual)
 
     def run(
         self,
@@ -132,7 +132,7 @@ class Comparison(Value):
         """
         names = [layer.name for layer in self.report.layers]
         usual = comparison.default_folder(self.report.form, names)
-        return usual if folder is None else Path(folder).expanduser()
+        return arguments.results_folder(folder, usual)
 
     def save(self, folder: str | Path | None = None, *, force: bool = False) -> Path:
         """Table, page and figures.

@@ -257,7 +257,7 @@ class Calibration(Value):
     def place(self, folder: str | Path | None = None) -> Path:
         """Where `run` leaves its results."""
         usual = Path("results") / f"{self.job.config.name}-calibration"
-        return usual if folder is None else Path(folder).expanduser()
+        return arguments.results_folder(folder, usual)
 
     def run(
         self,

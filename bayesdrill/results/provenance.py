@@ -211,15 +211,15 @@ def begin(job: Job, folder: Folder, record: str | None = None, **more: Any) -> N
 
 @contextmanager
 def interruptions(
-    folder: Folder, kept: Callable[[], str], errors: tuple[type[Exception], ...] = ()
+    folder: Folder, progress: Callable[[], str], errors: tuple[type[Exception], ...] = ()
 ) -> Iterator[None]:
-    """Write down what stops a job; Ctrl-C raises `Interrupted`, which says what is `kept`."""
+    """Write down what stops a job; Ctrl-C raises `Interrupted`, which says the `progress`."""
     stops: tuple[type[Exception], ...] = (BrokenProcessPool, *errors)
     try:
         yield
     except KeyboardInterrupt:
         folder.write_run(status="interrupted")
-        raise Interrupted(f"stopped; {kept()}; continue with --resume") from None
+        raise Interrupted(f"stopped; {progress()}; continue with --resume") from None
     except stops:
         folder.write_run(status="interrupted")
         raise

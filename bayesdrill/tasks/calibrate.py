@@ -101,11 +101,11 @@ def calibrate(
         report.say(calibration_words.opening(job.problem, job.config))
         begin(job, folder, refits=own.refits)
 
-        def kept() -> str:
+        def progress() -> str:
             done = len(saved(folder.path / REFITS, study(job)))
             return f"{done} of {own.refits} refits are saved in {output}"
 
-        with interruptions(folder, kept, (InputError,)):
+        with interruptions(folder, progress, (InputError,)):
             refits = run(study(job), own.refits, folder.path / REFITS, crew, report)
         verdict = _publish(job, folder, refits)
         folder.write_run(seconds=round(time.perf_counter() - begun, 3))

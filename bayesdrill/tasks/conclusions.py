@@ -1,4 +1,4 @@
-"""What a finished chain means: rows, fit and verdict; in words, and for `run.json`."""
+"""What a finished chain means: its analysis, evaluated now or as its run has kept it."""
 
 from __future__ import annotations
 

@@ -66,10 +66,10 @@ def ladder(
         begin(job, folder)
         work = _Climb(job, output, crew, report, again=how == "resume")
 
-        def kept() -> str:
+        def progress() -> str:
             return f"{len(work.done)} rungs are done and kept in {output}"
 
-        with interruptions(folder, kept, (InputError,)):
+        with interruptions(folder, progress, (InputError,)):
             work.up(Ladder.of(job))
         return _published(job, folder, work)
 

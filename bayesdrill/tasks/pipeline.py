@@ -33,7 +33,7 @@ from bayesdrill.sampling.workers import Crew
 from bayesdrill.tasks.conclusions import analysis_mark, concluded, kept_analysis, plan
 from bayesdrill.tasks.find_map import MAP_FILE, end_search, fit_plan, read_mode, write_mode
 from bayesdrill.tasks.identify import preflight
-from bayesdrill.tasks.run_entries import entries, evidence_of_data, held
+from bayesdrill.tasks.run_entries import entries, evidence_of_data, maxima_weights
 
 DRAWS_SAY = "looking at what the draws say"
 
@@ -199,7 +199,7 @@ def _finished(job: Job, folder: Folder) -> tuple[Job, Mode, Sampled]:
     run = run_folder.read_run(path) or {}
     beyond = folder.opened_ends(again.pieces) or not_kept(again, problem.posterior, problem.nominal)
     evidence = evidence_of_data(run)
-    sampled = dataclasses.replace(again, held=held(run), evidence=evidence, beyond=beyond)
+    sampled = dataclasses.replace(again, held=maxima_weights(run), evidence=evidence, beyond=beyond)
     return job, found, sampled
 
 

@@ -160,7 +160,7 @@ def _learnt(problem: Problem, found: Mode, sampled: Sampled) -> dict[str, Any]:
     }
 
 
-def held(run: Mapping[str, Any]) -> Array | None:
+def maxima_weights(run: Mapping[str, Any]) -> Array | None:
     """What each maximum holds, as a finished run has counted it."""
     try:
         return np.array([float(one["weight"]) for one in run["maxima"]])

@@ -16,9 +16,10 @@ from together import for_each
 import bayesdrill as bd
 from bayesdrill.analysis.run_analysis import RunAnalysis
 from bayesdrill.basics.values import alike, as_data, from_data
+from bayesdrill.inference import derived
 from bayesdrill.inference.posterior import Posterior
 from bayesdrill.output_files import dumps_checksummed, loads_checksummed
-from bayesdrill.tasks import conclusions
+from bayesdrill.tasks import conclusions, pipeline
 
 CHANGES = {
     "plain": [],
@@ -141,6 +142,21 @@ def test_a_notebook_has_every_number_by_name(done: Path) -> None:
         )
         kept = loads_checksummed((done / name / "run.json").read_bytes())["analysis"]
         assert kept == as_data(analysis)
+
+
+def test_what_cannot_be_derived_is_tried_and_said_once(
+    done: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """However many look at it.  Mutant killed: it is derived whenever it is asked for."""
+
+    def failing(*_: object) -> None:
+        raise ValueError("no product")
+
+    job, mode, sampled = pipeline.read_result(done / "plain")
+    monkeypatch.setattr(derived, "with_products", failing)
+    view = conclusions.concluded(job, mode, sampled)
+    assert view.derived.symbols == ()
+    assert view.chain.sparing.missing == ["derived quantities (ValueError: no product)"]
 
 
 def test_run_json_is_as_its_schema_says(done: Path) -> None:

@@ -7,8 +7,7 @@ from __future__ import annotations
 from bayesdrill.basics.errors import Issue
 from bayesdrill.config.consistency import record, several, unknowns, work
 from bayesdrill.config.consistency.several import check_experiments
-from bayesdrill.config.resolve import case as rig_of
-from bayesdrill.config.resolve import quantities
+from bayesdrill.config.resolve import case, quantities
 from bayesdrill.config.resolve.case import ResolvedExperiment
 from bayesdrill.config.schema.config import Config
 from bayesdrill.config.yaml_source import Collector, Place, Source
@@ -26,7 +25,7 @@ def check(
     """
     found = Collector(source, spoilt)
     told = [name for name in models.PARAMETERS if found.spoilt(("parameters", name))]
-    model = found.run(("model", "name"), rig_of.model, config, told)
+    model = found.run(("model", "name"), case.model, config, told)
     nominal = found.run(("nominal", "table"), quantities.nominal_table, config)
     resolved = None
     if model is not None:

@@ -1,10 +1,8 @@
-"""What kernels are specialised for: the structure of one rig in one experiment.
+"""The layout of a rig's matrix, which kernels are specialised for, its exponential over a span of time,
+and the action of that on a state by a Taylor series.
 
-Numbers of an experiment are no part of it: its step, its start, its constant inputs and the weights of
-its channels are arguments of kernels, so that experiments of one structure share them.
-
-The matrix exponential of a model's dynamics over a span of time, and its action on a state by a
-Taylor series.
+Numbers of an experiment are no part of the layout: its step, its start, its constant inputs and the
+weights of its channels are arguments of kernels, so that experiments of one layout share them.
 
 The matrix is divided by a number of each lane, `norm`, near the spectral radius of its absolute
 values: then no power of it overflows, and few terms are enough.
