@@ -25,7 +25,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
-from scipy.special import bdtr, gammaln
+import scipy
 
 from bayesdrill.basics import seeds
 from bayesdrill.basics.arrays import Array, Counts
@@ -110,7 +110,7 @@ class Band:
 def ecdf_band(n: int, n_draws: int, false_alarm: float) -> Band:
     """The narrowest band that `n` uniform ranks among `n_draws` leave with at most `false_alarm`."""
     shares = np.arange(1, n_draws + 1) / (n_draws + 1)
-    table = bdtr(np.arange(n + 1)[:, None], n, shares)  # (n + 1, L): P(count <= row)
+    table = scipy.special.bdtr(np.arange(n + 1)[:, None], n, shares)  # (n + 1, L): P(count <= row)
     inside, outside = 0.0, 1.0  # levels: at the first the band holds often enough
     low, high = _pointwise(table, inside)
     for _ in range(HALVINGS):
@@ -127,7 +127,9 @@ def ecdf_band(n: int, n_draws: int, false_alarm: float) -> Band:
 @functools.cache
 def count_band(n: int, share: float, false_alarm: float) -> tuple[int, int]:
     """The counts of `n` independent events of probability `share` to be expected, ends included."""
-    low, high = _pointwise(bdtr(np.arange(n + 1)[:, None], n, np.array([share])), false_alarm)
+    low, high = _pointwise(
+        scipy.special.bdtr(np.arange(n + 1)[:, None], n, np.array([share])), false_alarm
+    )
     return int(low[0]), int(high[0])
 
 
@@ -144,7 +146,7 @@ def _stays(n: int, shares: Array, low: Counts, high: Counts) -> float:
     Counts are a Markov chain: of those still above one share, each is below the next one
     independently.
     """
-    log_factorial = gammaln(np.arange(n + 1) + 1.0)
+    log_factorial = scipy.special.gammaln(np.arange(n + 1) + 1.0)
     have, probability, before = np.array([0]), np.array([1.0]), 0.0
     for share, first, last in zip(shares, low, high, strict=True):
         if last < first:

@@ -16,7 +16,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import chdtri
+import scipy
 
 from bayesdrill.analysis.edits import Candidate, Kind, Widened, widened
 from bayesdrill.basics.arrays import Array, Flags
@@ -302,7 +302,7 @@ def instead(problem: Problem, theta: Array) -> Instead | None:
     held = [k for k, name in enumerate(posterior.space.free) if name in problem.nominal]
     if not wide.every or not held or not _allowed(problem):
         return None
-    limit = 0.5 * float(chdtri(len(held), AS_WELL))
+    limit = 0.5 * float(scipy.special.chdtri(len(held), AS_WELL))
     bare = _held(problem, wide, theta, held, None)
     if bare is None or bare[1] <= limit:
         return None  # the table needs no help

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from scipy.special import chdtrc
+import scipy
 
 from bayesdrill.analysis.identifiability.information import BLIND, RANK_TOLERANCE, Scenery
 from bayesdrill.analysis.identifiability.structure import Exponents
@@ -297,7 +297,7 @@ def _compared(
     mean = weights @ at / weights.sum()
     q, freedom = float(weights @ (at - mean) ** 2), len(at) - 1
     c = weights.sum() - (weights**2).sum() / weights.sum()
-    p = float(chdtrc(freedom, q))
+    p = float(scipy.special.chdtrc(freedom, q))
     return Repeat(
         exponents=exponents,
         labels=labels,

@@ -17,8 +17,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.special import logsumexp, ndtr
 
 from bayesdrill.analysis.calibration import Band, ecdf_band, shape
 from bayesdrill.basics.arrays import Array
@@ -96,7 +96,7 @@ def leave_one_out_check(likelihood: Likelihood, one: Observation, theta: Array) 
     rest = one.residuals(likelihood.space.full(theta)).samples
     n = len(one.experiment.t)
     seen = np.unique(np.linspace(0, n - 1, min(n, MOST_CHECKED)).round().astype(int))
-    below = ndtr(one.whiten(rest, theta)[:, seen])
+    below = scipy.special.ndtr(one.whiten(rest, theta)[:, seen])
     log_p = one.pointwise(rest, theta)[:, seen]
     weights = np.exp(log_p.min(axis=0) - log_p)
     weights = np.minimum(weights, weights.mean(axis=0) * len(theta) ** 0.5)
@@ -138,7 +138,7 @@ def held_out(posterior: Posterior, theta: Array) -> HeldOut | None:
             rest = held - one.signals(full)
             # By itself: what remembers is not told what stands beside it.
             log_p = one.on(held).pointwise(rest, theta)[:, ~np.isnan(held)]
-            found.append(logsumexp(log_p, axis=0) - np.log(len(theta)))
+            found.append(scipy.special.logsumexp(log_p, axis=0) - np.log(len(theta)))
     if not found:
         return None
     each = np.concatenate(found)
@@ -161,7 +161,7 @@ def leave_one_out(posterior: Posterior, theta: Array, left: tuple[Left, ...]) ->
     each, told = log_p.mean(axis=1), np.zeros(len(log_p))
     differ = np.ptp(log_p, axis=1) > AGREED  # of those at rest nothing is to be smoothed
     log_w, told[differ] = smoothed(log_p[differ])
-    each[differ] = logsumexp(log_w + log_p[differ], axis=1)
+    each[differ] = scipy.special.logsumexp(log_w + log_p[differ], axis=1)
     return LeftOut(elpd=float(each.sum()), each=each, doubtful=float((told > BAD).mean()))
 
 

@@ -14,9 +14,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.optimize import lsq_linear
-from scipy.special import chdtrc, ndtr, ndtri
 
 from bayesdrill.analysis import plausibility
 from bayesdrill.analysis.diagnostics import Row, Word, summarise
@@ -57,9 +56,9 @@ def tension(logs: Array, low: float, high: float) -> float:
     side = np.sign(value - middle)
     if side == 0:
         return 0.0
-    top = min(FARTHEST, float(-ndtri(min(LEAST_BEYOND / len(logs), 0.4))))
+    top = min(FARTHEST, float(-scipy.special.ndtri(min(LEAST_BEYOND / len(logs), 0.4))))
     scores = np.linspace(0.0, top, max(3, round(top / STEP) + 1))
-    places = np.abs(np.quantile(logs, ndtr(side * scores)) - middle)
+    places = np.abs(np.quantile(logs, scipy.special.ndtr(side * scores)) - middle)
     distance = abs(value - middle)
     if distance <= places[-1]:
         return float(np.interp(distance, places, scores))
@@ -83,16 +82,16 @@ def joint_tension(logs: Array, powers: Array, ends: Array) -> float:
     wide = ends[:, 1] > ends[:, 0]
     if wide.any():
         matrix = np.linalg.solve(root, powers[:, wide])
-        nearest = lsq_linear(matrix, middle, bounds=(ends[wide, 0], ends[wide, 1]))
+        nearest = scipy.optimize.lsq_linear(matrix, middle, bounds=(ends[wide, 0], ends[wide, 1]))
         middle = middle - matrix @ nearest.x
     squared = float(middle @ middle)
     beyond = int(np.sum(np.sum(spread**2, axis=0) >= squared))
     if beyond >= LEAST_BEYOND:
-        return float(-ndtri(0.5 * beyond / len(logs)))
+        return float(-scipy.special.ndtri(0.5 * beyond / len(logs)))
     if squared > FAR_OUT:
         return math.sqrt(squared)
-    p = min(float(chdtrc(len(powers), squared)), LEAST_BEYOND / len(logs))
-    return float(-ndtri(0.5 * p))
+    p = min(float(scipy.special.chdtrc(len(powers), squared)), LEAST_BEYOND / len(logs))
+    return float(-scipy.special.ndtri(0.5 * p))
 
 
 def bits_gained(logs: Array, prior_logs: Array) -> float:
@@ -311,7 +310,7 @@ def basis(study: Study, among: Collection[str]) -> tuple[Exponents, ...]:
 
 def sigma_limit(n: int) -> float:
     """So that `n` looks together pass it by chance with probability `FALSE_ALARM` at most."""
-    return float(-ndtri(0.5 * FALSE_ALARM / n))
+    return float(-scipy.special.ndtri(0.5 * FALSE_ALARM / n))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

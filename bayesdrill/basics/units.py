@@ -44,11 +44,16 @@ def factor(unit: str, si: str) -> float:
     """How many `si` one `unit` is; raises `ValueError` with a message for the user."""
     if unit == si:
         return 1.0
+    if unit in _COMMON and si in _KINDS:
+        kind, value = _COMMON[unit]
+        if kind != si:
+            raise ValueError(_other_kind(unit, si))
+        return value
     if counts := _COUNT.fullmatch(unit.strip()):
         return _of_count(int(counts[1]), unit, si)
     if not _written_as_a_unit(unit):
         raise ValueError(f"unit {_shown(unit)} cannot be read; write for example {_examples(si)}")
-    import pint  # late: it takes 0.4 s to load, and most configs are in SI
+    import pint  # late: it takes 0.3 s to load, and most configs need none but common units
 
     try:
         one, wanted = _quantity(1.0, unit), _quantity(1.0, si)
@@ -56,7 +61,7 @@ def factor(unit: str, si: str) -> float:
     except pint.UndefinedUnitError:
         raise ValueError(f"unit '{unit}' is not known; write for example {_examples(si)}") from None
     except pint.DimensionalityError:
-        raise ValueError(f"unit '{unit}' is not a unit of {si}; write {_examples(si)}") from None
+        raise ValueError(_other_kind(unit, si)) from None
     except Exception:  # pint raises many kinds for malformed text
         raise ValueError(
             f"unit '{unit}' cannot be read; write for example {_examples(si)}"
@@ -67,6 +72,24 @@ def factor(unit: str, si: str) -> float:
             f"write {_examples(si)}"
         )
     return value
+
+
+# As pint has them, which takes 0.3 s to load.
+_KINDS = ("rad", "rad/s", "s", "A", "V", "N*m")
+_COMMON = {kind: (kind, 1.0) for kind in _KINDS} | {
+    "deg": ("rad", math.pi / 180),
+    "deg/s": ("rad/s", math.pi / 180),
+    "revolution": ("rad", 2 * math.pi),
+    "rpm": ("rad/s", math.pi / 30),
+    "ms": ("s", 1e-3),
+    "mA": ("A", 1e-3),
+    "mV": ("V", 1e-3),
+    "mN*m": ("N*m", 1e-3),
+}
+
+
+def _other_kind(unit: str, si: str) -> str:
+    return f"unit '{unit}' is not a unit of {si}; write {_examples(si)}"
 
 
 def _of_count(turn: int, unit: str, si: str) -> float:

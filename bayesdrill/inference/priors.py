@@ -15,9 +15,9 @@ from types import MappingProxyType
 from typing import Annotated, Any, ClassVar, Protocol
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 from pydantic import Field
-from scipy.special import log_ndtr, ndtr, ndtri
 
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.entries import SMALLEST, NonNegative, Number, Positive
@@ -166,10 +166,14 @@ class TruncatedNormal(_Ended):
         # Work in the tail that is nearer, where the normal integral keeps its digits.
         a, b = self._ends()
         if a > 0:
-            below = ndtr(-b) + (1 - u) * (ndtr(-a) - ndtr(-b))
-            z = -ndtri(below)
+            below = scipy.special.ndtr(-b) + (1 - u) * (
+                scipy.special.ndtr(-a) - scipy.special.ndtr(-b)
+            )
+            z = -scipy.special.ndtri(below)
         else:
-            z = ndtri(ndtr(a) + u * (ndtr(b) - ndtr(a)))
+            z = scipy.special.ndtri(
+                scipy.special.ndtr(a) + u * (scipy.special.ndtr(b) - scipy.special.ndtr(a))
+            )
         return np.asarray(np.clip(self.mean + self.sd * z, self.low, self.high))
 
     def describe(self) -> str:
@@ -184,7 +188,10 @@ class TruncatedNormal(_Ended):
         a, b = self._ends()
         if a > 0:
             a, b = -b, -a
-        return float(log_ndtr(b) + np.log1p(-np.exp(log_ndtr(a) - log_ndtr(b))))
+        return float(
+            scipy.special.log_ndtr(b)
+            + np.log1p(-np.exp(scipy.special.log_ndtr(a) - scipy.special.log_ndtr(b)))
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -208,7 +215,7 @@ class LogNormal(_Positive):
         return np.where(inside, density, -np.inf)
 
     def quantile(self, u: Array) -> Array:
-        return np.asarray(self.median * np.exp(self.sd_log * ndtri(u)))
+        return np.asarray(self.median * np.exp(self.sd_log * scipy.special.ndtri(u)))
 
     def describe(self) -> str:
         return f"log-normal, median {self.median:.6g}, sd of the log {self.sd_log:.6g}"
@@ -227,7 +234,7 @@ class HalfNormal(_Positive):
         return np.where(inside, constant - 0.5 * z**2, -np.inf)
 
     def quantile(self, u: Array) -> Array:
-        return np.asarray(self.scale * ndtri(0.5 * (1.0 + u)))
+        return np.asarray(self.scale * scipy.special.ndtri(0.5 * (1.0 + u)))
 
     def describe(self) -> str:
         return f"half-normal, scale {self.scale:.6g}"

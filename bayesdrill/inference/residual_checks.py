@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import chdtri, ndtri
+import scipy
 
 from bayesdrill.basics.arrays import Array
 from bayesdrill.inference.likelihood import Likelihood, Observation
@@ -142,8 +142,8 @@ def limits(samples: int, channels: int, unknowns: int) -> Limits:
     """
     tail = FALSE_ALARM / (LOOKS * channels)
     return Limits(
-        least=math.sqrt(chdtri(max(samples - unknowns, 1), 1 - tail) / samples),
-        most=math.sqrt(chdtri(samples, tail) / samples),
-        correlation=-float(ndtri(tail)) / math.sqrt(samples),
-        farthest=-float(ndtri(0.5 * tail / samples)),
+        least=math.sqrt(scipy.special.chdtri(max(samples - unknowns, 1), 1 - tail) / samples),
+        most=math.sqrt(scipy.special.chdtri(samples, tail) / samples),
+        correlation=-float(scipy.special.ndtri(tail)) / math.sqrt(samples),
+        farthest=-float(scipy.special.ndtri(0.5 * tail / samples)),
     )

@@ -18,7 +18,7 @@ from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
-from scipy.special import ndtr, ndtri
+import scipy
 
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.duals import Dual
@@ -47,7 +47,7 @@ class Coordinates:
         with np.errstate(divide="ignore", invalid="ignore"):
             z[:, self.logs] = np.log(theta[:, self.logs])
         for column, low, high in self.between:
-            z[:, column] = ndtri((theta[:, column] - low) / (high - low))
+            z[:, column] = scipy.special.ndtri((theta[:, column] - low) / (high - low))
         return z
 
     def to_physical(self, z: Array) -> Array:
@@ -55,7 +55,7 @@ class Coordinates:
         with np.errstate(over="ignore"):
             theta[:, self.logs] = np.exp(z[:, self.logs])
         for column, low, high in self.between:
-            theta[:, column] = low + (high - low) * ndtr(z[:, column])
+            theta[:, column] = low + (high - low) * scipy.special.ndtr(z[:, column])
         return theta
 
     def with_jacobian(self, z: Array) -> tuple[Array, Array]:
@@ -68,7 +68,7 @@ class Coordinates:
         """d unknown / d its coordinate, `(W, D)`."""
         out = np.where(self.logs, theta, 1.0)
         for column, low, high in self.between:
-            place = ndtri((theta[:, column] - low) / (high - low))
+            place = scipy.special.ndtri((theta[:, column] - low) / (high - low))
             out[:, column] = (high - low) * np.exp(-0.5 * place**2 - LOG_ROOT_2PI)
         return out
 

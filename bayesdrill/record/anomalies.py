@@ -12,6 +12,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from bayesdrill.basics.arrays import Array
@@ -26,6 +28,7 @@ SWING = 0.5  # of the height, to the other side: an oscillation, not a spike
 BACK = 0.35  # of the height: how near the signal is afterwards to where it was
 JUMP = 0.2  # of an input's range within one step
 FEWEST = 60  # samples, to judge anything
+SHORT = 10_000  # samples whose medians take less than loading what has a quicker one
 
 LONG = 10  # samples of a run of one value, at least
 RARE = 0.05  # share of steps that may be zero in a channel that has noise
@@ -114,10 +117,16 @@ def saturated(x: Array) -> Spans:
     return spans(found)
 
 
-def _spikes(x: Array, longest: int, caused: Mask | None) -> Mask:
-    from scipy.ndimage import median_filter
+def _running_median(x: Array, size: int) -> Array:
+    """The median `(T,)` of the `size` samples around each, the ends of `x (T,)` repeated."""
+    if len(x) > SHORT:
+        return np.asarray(scipy.ndimage.median_filter(x, size, mode="nearest"))
+    around = sliding_window_view(np.pad(x, size // 2, mode="edge"), size)
+    return np.partition(around, size // 2, axis=-1)[:, size // 2]
 
-    away = x - median_filter(x, 4 * longest + 1, mode="nearest")
+
+def _spikes(x: Array, longest: int, caused: Mask | None) -> Mask:
+    away = x - _running_median(x, 4 * longest + 1)
     steps = np.abs(np.diff(x))
     moved = steps[steps > 0]
     usual = max(

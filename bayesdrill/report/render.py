@@ -10,10 +10,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import compress
 from pathlib import Path
-from typing import Any
-
-import jinja2
-from markupsafe import Markup
+from typing import TYPE_CHECKING, Any
 
 import bayesdrill
 from bayesdrill.analysis.diagnostics import Row
@@ -21,6 +18,10 @@ from bayesdrill.basics.symbols import Symbol
 from bayesdrill.inference.derived import HDI_PROBABILITY
 from bayesdrill.report.scales import DPI, Typesetter, printed, unit_of
 from bayesdrill.report.section import WORDS, Picture, Section, items
+
+if TYPE_CHECKING:
+    import jinja2
+    from markupsafe import Markup
 
 _PNG_SIZE = slice(16, 24)  # of a file: width and height, big endian
 _SVG_SIZE = re.compile(rb'<svg[^>]*\bwidth="([\d.]+)pt" height="([\d.]+)pt"')
@@ -45,6 +46,8 @@ def as_html(
     """`what`: the kind of report; `figures`: where the PNG or SVG of pictures are; those without
     either are left out.
     """
+    import jinja2  # late: templates are for pages alone
+
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("bayesdrill.report", "page"),
         autoescape=True,
@@ -87,6 +90,8 @@ class _Own:
 
 
 def _own(environment: jinja2.Environment, name: str) -> _Own:
+    from markupsafe import Markup
+
     text = environment.get_template(name).render()
     digest = base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
     return _Own(Markup(text), f"'sha256-{digest}'")

@@ -16,8 +16,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.linalg import expm
 
 from bayesdrill.basics.arrays import Array
 from bayesdrill.rig.models.linear import STATES, Model, dynamics
@@ -194,9 +194,9 @@ def _over_step(generator: Array, forms: Array, span: float) -> Array:
     fastest = max(float(np.abs(np.linalg.eigvals(generator)).max()) * span, 1e-300)
     doublings = max(0, int(np.ceil(np.log2(fastest / SHORT))))
     short = span / 2**doublings
-    at = expm(generator * (0.5 * short * (NODES + 1.0))[:, None, None])
+    at = scipy.linalg.expm(generator * (0.5 * short * (NODES + 1.0))[:, None, None])
     whole = np.einsum("k,kxz,fxy,kyw->fzw", 0.5 * short * WEIGHTS, at, forms, at, optimize=True)
-    once = expm(generator * short)
+    once = scipy.linalg.expm(generator * short)
     for _ in range(doublings):
         whole = whole + once.T @ whole @ once
         once = once @ once

@@ -16,8 +16,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import fft
-from scipy.special import chdtri
+import scipy
 
 from bayesdrill.basics.arrays import Array, Flags, Indices
 
@@ -188,7 +187,7 @@ def _of_two_places(kept: Kept, sound: Flags, sd: Array) -> list[str]:
 def _of_growing_tau(kept: Kept, sound: Flags, sd: Array) -> list[str]:
     n_steps, freedom = kept.theta.shape[1], int((sound.sum(axis=1) - 1).clip(0).sum())
     whole = long_run_tau(kept.theta, sound, sd)
-    by_chance = float(chdtri(freedom, CHANCE)) / freedom
+    by_chance = float(scipy.special.chdtri(freedom, CHANCE)) / freedom
     grown = (whole > by_chance * kept.tau) & (whole > n_steps / kept.n_tau)
     if not grown.any():
         return []
@@ -423,9 +422,13 @@ def autocorrelation(chains: Array) -> Autocorrelation:
     total: Array = np.zeros((n_steps, chains.shape[-1]))
     for chain in chains:
         centred = chain - chain.mean(axis=(0, 1))
-        spectrum = fft.rfft(centred, n=fft.next_fast_len(2 * n_steps, real=True), axis=0)
+        spectrum = scipy.fft.rfft(
+            centred, n=scipy.fft.next_fast_len(2 * n_steps, real=True), axis=0
+        )
         power = (spectrum.real**2 + spectrum.imag**2).sum(axis=1)
-        total += fft.irfft(power, n=fft.next_fast_len(2 * n_steps, real=True), axis=0)[:n_steps]
+        total += scipy.fft.irfft(power, n=scipy.fft.next_fast_len(2 * n_steps, real=True), axis=0)[
+            :n_steps
+        ]
     with np.errstate(invalid="ignore", divide="ignore"):
         rho = np.nan_to_num(total / total[0], nan=1.0)
     tau = 2.0 * np.cumsum(rho, axis=0) - 1.0

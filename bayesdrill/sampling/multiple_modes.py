@@ -22,8 +22,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import fft
 
 from bayesdrill.basics.arrays import Array
 from bayesdrill.inference.laplace import PosteriorSurface, Surface
@@ -281,8 +281,8 @@ def window_peaks(t: Array, highest: float) -> tuple[Array, Array]:
         return np.empty(0), np.empty(0)
     cells = int(np.ceil(PER_RADIAN * highest * span)) + 1
     counts = np.bincount(np.rint((t - t[0]) / span * (cells - 1)).astype(int), minlength=cells)
-    size = fft.next_fast_len(FINER * cells, real=True)
-    height = np.abs(fft.rfft(counts, size)) / len(t)
+    size = scipy.fft.next_fast_len(FINER * cells, real=True)
+    height = np.abs(scipy.fft.rfft(counts, size)) / len(t)
     delta = 2.0 * np.pi * np.arange(len(height)) / size * (cells - 1) / span
     inner = (height[1:-1] >= height[:-2]) & (height[1:-1] > height[2:]) & (height[1:-1] > ALIKE)
     top = 1 + np.flatnonzero(inner & (delta[1:-1] <= highest))

@@ -112,6 +112,23 @@ def test_a_unit_is_nothing_but_a_unit() -> None:
     for_each({str(unit): (unit,) for unit in cases}, check)
 
 
+def test_common_units_are_what_pint_says_and_refused_as_it_refuses() -> None:
+    """A blank before a unit is nothing to pint, and no common unit."""
+
+    def check(unit: str) -> None:
+        for si in units._KINDS:
+            try:
+                value = units.factor(f" {unit}", si)
+            except ValueError as error:
+                message = str(error).replace(f"' {unit}'", f"'{unit}'")
+                with pytest.raises(ValueError, match=re.escape(message)):
+                    units.factor(unit, si)
+            else:
+                assert units.factor(unit, si) == value
+
+    for_each({unit: (unit,) for unit in units._COMMON}, check)
+
+
 def test_powers_of_signs_can_be_drawn() -> None:
     def check(unit: str) -> None:
         config_latex.check(named("x", units.shown(unit).latex))

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from scipy.optimize import brentq, lsq_linear
+import scipy
 
 from bayesdrill.analysis.identifiability import information
 from bayesdrill.analysis.identifiability.information import Scenery
@@ -133,7 +133,7 @@ class Fitter:
         target = -np.append(reduced[:, m], np.zeros(m))
         low = np.minimum(self.low[free] - logs, 0.0) - 1e-12
         high = np.maximum(self.high[free] - logs, 0.0) + 1e-12
-        bounded = lsq_linear(matrix, target, bounds=(low, high), method="bvls")
+        bounded = scipy.optimize.lsq_linear(matrix, target, bounds=(low, high), method="bvls")
         return np.asarray(bounded.x)
 
     def _moved(self, logs: Array, free: Indices, step: Array) -> Array:
@@ -251,7 +251,9 @@ def _crossing(
 
             # Relative to the bracket: a well-known log changes in its last digits only.
             near = 1e-4 * abs(logs[k + step] - logs[k])
-            return float(brentq(excess, logs[k], logs[k + step], xtol=near, rtol=1e-14))
+            return float(
+                scipy.optimize.brentq(excess, logs[k], logs[k + step], xtol=near, rtol=1e-14)
+            )
     return None
 
 

@@ -14,8 +14,8 @@ from dataclasses import dataclass
 from typing import Annotated, ClassVar
 
 import numpy as np
+import scipy
 from pydantic import Field
-from scipy.special import log_ndtr, ndtri_exp
 
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.entries import LARGEST, SMALLEST
@@ -167,9 +167,9 @@ class _Interval:
     @property
     def log_mass(self) -> Array:
         near, far = self._near
-        below = log_ndtr(near)
+        below = scipy.special.log_ndtr(near)
         with np.errstate(divide="ignore"):
-            return np.asarray(below + _log_one_less(log_ndtr(far) - below))
+            return np.asarray(below + _log_one_less(scipy.special.log_ndtr(far) - below))
 
     @property
     def densities(self) -> tuple[Array, Array]:
@@ -182,10 +182,12 @@ class _Interval:
         """Where so much of the probability lies below."""
         right = self.low + self.high > 0
         near, far = self._near
-        ends = log_ndtr(near), log_ndtr(far)
+        ends = scipy.special.log_ndtr(near), scipy.special.log_ndtr(far)
         part = np.where(right, 1.0 - share, share)  # of what is nearer to zero, as this is turned
         with np.errstate(divide="ignore"):
-            found = ndtri_exp(np.logaddexp(np.log(part) + ends[0], np.log1p(-part) + ends[1]))
+            found = scipy.special.ndtri_exp(
+                np.logaddexp(np.log(part) + ends[0], np.log1p(-part) + ends[1])
+            )
         return np.asarray(np.where(right, -found, found))
 
 

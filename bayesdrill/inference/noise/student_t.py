@@ -13,8 +13,8 @@ from dataclasses import dataclass
 from typing import Annotated, ClassVar
 
 import numpy as np
+import scipy
 from pydantic import Field
-from scipy.special import digamma, gammaln, ndtri, polygamma, stdtr
 
 from bayesdrill.basics.arrays import Array
 from bayesdrill.basics.entries import LARGEST
@@ -92,7 +92,10 @@ class StudentT:
     def whiten(self, samples: Array, own: Array) -> Array:
         """By their places in the distribution, in the tail that is nearer."""
         scale, nu = self._each(own)
-        return np.asarray(-np.sign(samples) * ndtri(stdtr(nu, -np.abs(samples) / scale)))
+        return np.asarray(
+            -np.sign(samples)
+            * scipy.special.ndtri(scipy.special.stdtr(nu, -np.abs(samples) / scale))
+        )
 
     def inform(self, shifts: Array, own: Array) -> Array:
         scale, nu = self._each(own)
@@ -108,7 +111,7 @@ class StudentT:
         ratio = residuals.samples**2 / (nu * scale**2)
         nu, n = nu[:, 0], self.levels.sizes
         left = np.nansum((nu[:, None] + 1.0) * ratio / (1.0 + ratio), axis=1)
-        by_nu = digamma(0.5 * (nu + 1.0)) - digamma(0.5 * nu) - 1.0 / nu
+        by_nu = scipy.special.digamma(0.5 * (nu + 1.0)) - scipy.special.digamma(0.5 * nu) - 1.0 / nu
         by_nu = 0.5 * nu * (n * by_nu - np.nansum(np.log1p(ratio), axis=1)) + 0.5 * left
         pairs = self._pairs(nu) * np.maximum(1.0, left / n)[..., None, None]
         slope = np.hstack([(left - n)[:, self._free[0]], by_nu[:, self._free[1]]])
@@ -142,7 +145,7 @@ class StudentT:
         out = np.empty((*nu.shape, 2, 2))
         out[..., 0, 0] = 2.0 * nu / (nu + 3.0)
         out[..., 0, 1] = out[..., 1, 0] = -2.0 * nu / ((nu + 1.0) * (nu + 3.0))
-        turn = polygamma(1, 0.5 * nu) - polygamma(1, 0.5 * (nu + 1.0))
+        turn = scipy.special.polygamma(1, 0.5 * nu) - scipy.special.polygamma(1, 0.5 * (nu + 1.0))
         out[..., 1, 1] = turn - 2.0 * (nu + 5.0) / (nu * (nu + 1.0) * (nu + 3.0))
         out[..., 1, 1] *= 0.25 * nu**2
         return np.asarray(out * self.levels.sizes[:, None, None])
@@ -150,7 +153,7 @@ class StudentT:
 
 def _constant(scale: Array, nu: Array) -> Array:
     """Log density of what is not off at all."""
-    gammas = gammaln(0.5 * (nu + 1.0)) - gammaln(0.5 * nu)
+    gammas = scipy.special.gammaln(0.5 * (nu + 1.0)) - scipy.special.gammaln(0.5 * nu)
     return np.asarray(gammas - 0.5 * np.log(math.pi * nu) - np.log(scale))
 
 
