@@ -41,16 +41,17 @@ depend on its start: use it to repeat the paper, not to find the MAP.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
+import numpy as np
 from pydantic import Field
 
 from bayesdrill.basics import Array, Count, Positive, Symbol, did_you_mean
 from bayesdrill.rig import Gear, Linear, Model, MotorShaft, Named
-from bayesdrill.sampling import Optimum, Run, Task, descend
+from bayesdrill.sampling import Optimum, Task
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,6 +80,55 @@ class AsPrinted(Model):
         return Linear(A={**right.A, **printed}, B=right.B, c=right.c)
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Run:
+    """`first`: the value at the start; `history`: the lowest value after each iteration; `stopped`: by
+    its tolerances.
+    """
+
+    x: Array
+    first: float
+    lowest: float
+    evaluations: int
+    stopped: bool
+    history: tuple[float, ...]
+
+
+def descend(function: Callable[[Array], float], start: Array, **options: Any) -> Run:
+    """Minimise `function` from `start (D,)`; `options` are those of SciPy's Nelder-Mead.
+
+    SciPy's own first simplex is that of MATLAB's fminsearch, each coordinate 5 % larger by turns, and
+    to set it up counts as the first iteration in both.
+    """
+    from scipy.optimize import OptimizeResult, minimize  # late: 0.3 s, and few commands optimise
+
+    values: list[float] = []
+    history: list[float] = []
+    best, lowest = start, np.inf
+
+    # SciPy may forget the best point, if it finds that in an iteration that `maxfev` cuts.
+    def noted(x: Array) -> float:
+        nonlocal best, lowest
+        values.append(function(x))
+        if values[-1] < lowest:
+            best, lowest = x, values[-1]
+        return values[-1]
+
+    def note(intermediate_result: OptimizeResult) -> None:
+        history.append(lowest)
+
+    with np.errstate(invalid="ignore"):  # where all of a simplex is impossible
+        found = minimize(noted, start, method="Nelder-Mead", callback=note, options=options)
+    return Run(
+        x=best if lowest < found.fun else np.asarray(found.x),
+        first=values[0],
+        lowest=lowest,
+        evaluations=len(values),
+        stopped=bool(found.status == 0),
+        history=tuple(history),
+    )
+
+
 TOLERANCE = 1e-4  # TolX and TolFun
 PER_UNKNOWN = 200  # MaxIter and MaxFunEvals, times the number of unknowns
 
@@ -92,7 +142,10 @@ class Fminsearch:
     def check(self, unknown: Sequence[str]) -> None:
         """It searches whatever is unknown."""
 
-    def __call__(self, task: Task, start: Array, evaluations: int) -> Optimum:
+    def __call__(self, task: Task, starts: Array, evaluations: int) -> list[Optimum]:
+        return [self._search(task, start, evaluations) for start in starts]
+
+    def _search(self, task: Task, start: Array, evaluations: int) -> Optimum:
         most = PER_UNKNOWN * len(start)
         run = descend(
             lambda theta: misfit(task, theta),
@@ -170,9 +223,12 @@ class Pairwise:
                 f"no pair has {', '.join(idle)}, which would stay at the start; add it"
             )
 
-    def __call__(self, task: Task, start: Array, evaluations: int) -> Optimum:
+    def __call__(self, task: Task, starts: Array, evaluations: int) -> list[Optimum]:
         pairs = self.pairs or circle(task.names)
-        return _maximise(task, start, evaluations, pairs, self.iterations, self.steady)
+        return [
+            _maximise(task, start, evaluations, pairs, self.iterations, self.steady)
+            for start in starts
+        ]
 
 
 def _maximise(

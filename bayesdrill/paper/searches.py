@@ -123,7 +123,7 @@ def distinct_ends(
 def _searched(
     posterior: Posterior, optimiser: Optimiser, evaluations: int, point: Array
 ) -> Optimum:
-    return optimiser(precision.misfit_task(posterior), point, evaluations)
+    return optimiser(precision.misfit_task(posterior), point[None], evaluations)[0]
 
 
 AROUND = 0.2  # other starts are from 1 - this to 1 + this of the configured one
@@ -180,7 +180,7 @@ def _search_stepped(
     posterior: Posterior, optimiser: Optimiser, evaluations: int, point: Array
 ) -> Optimum:
     task = forward.stepped_task(precision.misfit_task(posterior), posterior.likelihood)
-    return optimiser(task, point, evaluations)
+    return optimiser(task, point[None], evaluations)[0]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -372,7 +372,7 @@ def estimates(
 
 
 def _search(way: str, target: Posterior, start: Array) -> Array:
-    return WAYS[way](_free(target), start, VERIFICATION_EVALUATIONS).theta
+    return WAYS[way](_free(target), start[None], VERIFICATION_EVALUATIONS)[0].theta
 
 
 def _free(target: Posterior) -> Task:
@@ -425,4 +425,4 @@ def _by_trapezoid(
         stepped = forward.stepped_signals(target.likelihood, truth)
         target = target.edit(records=[y + stepped])
     task = forward.stepped_task(_free(target), target.likelihood)
-    return Fminsearch()(task, start, VERIFICATION_EVALUATIONS).theta
+    return Fminsearch()(task, start[None], VERIFICATION_EVALUATIONS)[0].theta

@@ -19,8 +19,6 @@ if TYPE_CHECKING:
     from bayesdrill.sampling.optimisers.contract import Optimum as Optimum
     from bayesdrill.sampling.optimisers.contract import Task as Task
     from bayesdrill.sampling.optimisers.nelder_mead import THOROUGH as THOROUGH
-    from bayesdrill.sampling.optimisers.nelder_mead import Run as Run
-    from bayesdrill.sampling.optimisers.nelder_mead import descend as descend
     from bayesdrill.sampling.samplers.ensemble import halves as halves
     from bayesdrill.sampling.workers import Crew as Crew
 
@@ -32,10 +30,8 @@ __getattr__ = late(
         "Optimiser": "optimisers.contract",
         "Optimum": "optimisers.contract",
         "Plan": "ensembles",
-        "Run": "optimisers.nelder_mead",
         "THOROUGH": "optimisers.nelder_mead",
         "Task": "optimisers.contract",
-        "descend": "optimisers.nelder_mead",
         "halves": "samplers.ensemble",
         "sample": "ensembles",
     },

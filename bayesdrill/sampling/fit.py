@@ -26,6 +26,7 @@ from bayesdrill.sampling.optimisers.contract import Optimiser
 from bayesdrill.sampling.workers import Crew
 
 SEARCHING = "searching the MAP"
+SPLIT = 2  # tasks of several starts each: of a batch a start costs little, and workers share them
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -49,7 +50,7 @@ class FitPlan:
 class Searches:
     """Searches for the MAP under way, and for maxima elsewhere."""
 
-    searches: list[Future[Search]]
+    searches: list[Future[list[Search]]]
     scouts: list[Future[tuple[Array, Array]]]
 
 
@@ -70,20 +71,23 @@ def begin_searches(crew: Crew, plan: FitPlan, report: Reporter) -> Searches:
             [crew.submit(_first_arrived, plan)], [crew.submit(mode_search.scouts, plain)]
         )
     points = mode_search.starts(posterior, plan.starts, seeds.stream(seed, "map"))
-    searches, scouts = [], []
-    for done, point in enumerate(points):
-        report.update(done / len(points), SEARCHING)
-        searches.append(crew.submit(mode_search.search, plan.optimiser, plan.evaluations, point))
+    report.update(0.0, SEARCHING)
+    searches = [
+        crew.submit(mode_search.searches, plan.optimiser, plan.evaluations, some)
+        for some in np.array_split(points, SPLIT)
+        if len(some)
+    ]
+    scouts = []
     if plan.optimiser.polished:
-        scouts = [crew.submit(mode_search.scouts, some) for some in np.array_split(plain, 2)]
+        scouts = [crew.submit(mode_search.scouts, some) for some in np.array_split(plain, SPLIT)]
     return Searches(searches, scouts)
 
 
 def end_searches(crew: Crew, under_way: Searches, report: Reporter) -> Mode:
     """Wait for all searches, and sum up the maxima that they found."""
-    searches = []
+    searches: list[Search] = []
     for done, task in enumerate(under_way.searches, 1):
-        searches.append(task.result())
+        searches += task.result()
         report.update(done / (len(under_way.searches) + 1), SEARCHING)
     report.update(0.0, "looking for other maxima")
     scouts = [task.result() for task in under_way.scouts]
@@ -111,7 +115,7 @@ def sample_maxima(
     return with_open_ends(sampled, posterior, plan.nominal, maxima, chains, report)
 
 
-def _first_arrived(posterior: Posterior, plan: FitPlan) -> Search:
+def _first_arrived(posterior: Posterior, plan: FitPlan) -> list[Search]:
     """Search from the most promising starts, until one search is seen to have arrived.
 
     That is when two agree, or one leaves no more residuals than known noise explains: maxima that
@@ -128,7 +132,7 @@ def _first_arrived(posterior: Posterior, plan: FitPlan) -> Search:
             break
         if _explained(posterior, posterior.space.vector(best.end)):
             break
-    return best
+    return [best]
 
 
 def _explained(posterior: Posterior, theta: Array) -> bool:

@@ -19,7 +19,7 @@ from bayesdrill.inference.posterior import Posterior
 from bayesdrill.inference.step_error import Taken
 from bayesdrill.sampling import multiple_modes
 from bayesdrill.sampling.gauss_newton import Climbed, climb, gain_left
-from bayesdrill.sampling.optimisers.contract import Optimiser, Task
+from bayesdrill.sampling.optimisers.contract import Optimiser, Optimum, Task
 
 SAME_LOG_DENSITY = 1e-3  # searches that end nearer than this have found the same height
 ROUNDING = 1e-12  # of the log posterior: nor can two searches agree better than its own digits
@@ -149,9 +149,15 @@ def task(posterior: Posterior) -> Task:
     )
 
 
-def search(posterior: Posterior, optimiser: Optimiser, evaluations: int, start: Array) -> Search:
-    """One search from the physical point `start (D,)`; polished, it ends at the very maximum."""
-    found = optimiser(task(posterior), start, evaluations)
+def searches(
+    posterior: Posterior, optimiser: Optimiser, evaluations: int, starts: Array
+) -> list[Search]:
+    """A search from each of the physical `starts (S, D)`; polished, it ends at the very maximum."""
+    found = optimiser(task(posterior), starts, evaluations)
+    return [_ended(posterior, optimiser, *pair) for pair in zip(starts, found, strict=True)]
+
+
+def _ended(posterior: Posterior, optimiser: Optimiser, start: Array, found: Optimum) -> Search:
     theta, value, settled = found.theta, found.value, found.settled
     if optimiser.polished:
         surface = PosteriorSurface(posterior, physical=True)
@@ -169,6 +175,11 @@ def search(posterior: Posterior, optimiser: Optimiser, evaluations: int, start: 
         evaluations=found.evaluations,
         settled=settled,
     )
+
+
+def search(posterior: Posterior, optimiser: Optimiser, evaluations: int, start: Array) -> Search:
+    """One search from the physical point `start (D,)`."""
+    return searches(posterior, optimiser, evaluations, start[None])[0]
 
 
 def scouts(posterior: Posterior, starts: Array) -> tuple[Array, Array]:

@@ -67,7 +67,7 @@ KINDS = ("noises", "rigs", "moves", "formats", "recipes", "optimisers")
 LISTED = """
 from bayesdrill.inference.noise import NOISES
 from bayesdrill.record.formats import FORMATS
-from bayesdrill.report.figures import FIGURES
+from bayesdrill.report.publish import FIGURES
 from bayesdrill.rig.models import MODELS
 from bayesdrill.sampling.optimisers import OPTIMISERS
 from bayesdrill.sampling.samplers.ensemble import MOVES

@@ -40,7 +40,7 @@ def searched(name: str, evaluations: int) -> tuple[object, list[float]]:
         covariance=lambda theta: np.diag([0.1, 0.003]) ** 2,
     )
     start = START.copy()
-    found = OPTIMISERS[name]()(task, start, evaluations)
+    (found,) = OPTIMISERS[name]()(task, start[None], evaluations)
     assert np.array_equal(start, START)  # untouched
     return found, seen
 
@@ -61,6 +61,23 @@ def test_what_it_may_spend_is_all_it_spends(name: str, most: int) -> None:
     assert found.value == max(seen)
     assert list(found.history) == sorted(found.history)
     assert not found.settled
+
+
+@together("name", OPTIMISERS)
+def test_a_start_finds_the_same_alone_and_beside_others(name: str) -> None:
+    """Mutant killed: what one search asked for handed to another."""
+    task = Task(
+        names=("a", "b"),
+        density=hill,
+        coordinates=Coordinates((True, False)),
+        covariance=lambda theta: np.diag([0.1, 0.003]) ** 2,
+    )
+    starts = START * np.array([[1.0, 1.0], [0.7, 1.3], [1.2, 0.9]])
+    beside = OPTIMISERS[name]()(task, starts, 4000)
+    for start, found in zip(starts, beside, strict=True):
+        (alone,) = OPTIMISERS[name]()(task, start[None], 4000)
+        assert np.array_equal(found.theta, alone.theta)
+        assert (found.evaluations, found.history) == (alone.evaluations, alone.history)
 
 
 @together("name", OPTIMISERS)

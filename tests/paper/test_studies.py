@@ -352,9 +352,8 @@ def test_ends_of_searches_are_told_apart_by_their_misfits(
     else:
         assert not any(end.reached or end.best for end in far)
         assert min(end.misfit for end in far) > high
-    first = Fminsearch()(
-        precision.misfit_task(rig), rig.space.vector(rig.space.start), searches.EVALUATIONS
-    )
+    starts = rig.space.vector(rig.space.start)[None]
+    (first,) = Fminsearch()(precision.misfit_task(rig), starts, searches.EVALUATIONS)
     assert ends[0].misfit == pytest.approx(precision.misfit_per_number(rig, first.theta))
 
 
@@ -369,13 +368,14 @@ def test_the_control_tells_the_largest_of_what_a_search_makes_of_records_with_th
     factors = np.array([[1.2, 0.99], [0.7, 1.01], [1.1, 0.96]])
     seen: list[float] = []
 
-    def off(task: Task, start: Array, evaluations: int) -> Optimum:
+    def off(task: Task, starts: Array, evaluations: int) -> list[Optimum]:
         assert evaluations == 77
+        (start,) = starts
         # Log likelihood at the truth: -(n/2) (log(2 pi sigma^2) + the misfit, nearly 1).
         per = -2 * task.at(start) / rig.likelihood.numbers
         seen.append(float(np.exp(0.5 * (per - 1)) / np.sqrt(2 * np.pi)))
         theta = start * factors[(len(seen) - 1) % 3]
-        return Optimum(theta=theta, value=0.0, evaluations=1, settled=True, history=())
+        return [Optimum(theta=theta, value=0.0, evaluations=1, settled=True, history=())]
 
     sigmas = (0.02, 0.5)
     with Crew(rig, 1) as crew:
@@ -519,7 +519,7 @@ def test_fminsearch_gives_up_where_matlab_documents_it(n: int) -> None:
         coordinates=Coordinates((False,) * n),
         covariance=lambda theta: np.eye(n),
     )
-    found = Fminsearch()(endless, np.ones(n), 100_000)
+    (found,) = Fminsearch()(endless, np.ones((1, n)), 100_000)
     assert not found.settled
     assert max(found.evaluations, len(found.history)) == 200 * n
-    assert Fminsearch()(endless, np.ones(n), 50).evaluations == 50
+    assert Fminsearch()(endless, np.ones((1, n)), 50)[0].evaluations == 50

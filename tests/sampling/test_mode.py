@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,7 @@ import scipy.optimize
 from oracles import NOMINAL
 from oracles import ORDER as ORDER_OF_MODEL
 from rigs import measured, posterior, vector
+from scipy.optimize import minimize
 from together import for_each
 
 from bayesdrill.config import loading
@@ -25,7 +27,13 @@ from bayesdrill.paper.plugins import ORDER, Fminsearch, Pairwise, circle
 from bayesdrill.sampling import mode_search
 from bayesdrill.sampling.optimisers import OPTIMISERS
 from bayesdrill.sampling.optimisers.contract import Optimum, Task
-from bayesdrill.sampling.optimisers.nelder_mead import THOROUGH
+from bayesdrill.sampling.optimisers.nelder_mead import (
+    THOROUGH,
+    Descent,
+    Search,
+    descend,
+    in_lock_step,
+)
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 SIGMA = np.array([0.02, 0.03, 0.05, 0.04])
@@ -126,7 +134,7 @@ def searched(method: str, evaluations: int) -> tuple[Optimum, list[tuple[float, 
 
     optimiser = EXACT[method] if method in EXACT else OPTIMISERS[method]()
     start = np.array([-3.0, 0.05])
-    found = optimiser(task(("a", "b"), density), start, evaluations)
+    (found,) = optimiser(task(("a", "b"), density), start[None], evaluations)
     assert start == pytest.approx([-3.0, 0.05])  # untouched
     return found, asked
 
@@ -171,14 +179,77 @@ def test_what_a_search_may_spend_only_cuts_it_short() -> None:
     for_each({str(method): (method,) for method in OPTIMISERS}, check)
 
 
+def test_simplices_in_lock_step_ask_for_the_points_of_scipy() -> None:
+    """Hills with ripples, some of them with a wall; also where the last evaluation is in the middle.
+
+    Mutants killed: a point inside taken for one outside, a shrunken simplex about its worst point,
+    values of one search given to another.
+    """
+    rng = np.random.default_rng(0)
+    asked: list[list[np.ndarray]] = []
+
+    def hill(k: int, x: np.ndarray) -> float:
+        asked[k].append(x.copy())
+        walled = k % 4 == 0 and x[0] < -2
+        return (
+            np.inf
+            if walled
+            else float(((x - 1) ** 2 * np.arange(1, n + 1)).sum() + np.sin(k * x).sum())
+        )
+
+    for n in (1, 2, 3, 9):
+        simplices = [
+            rng.normal(0, 3, n) + np.vstack([np.zeros(n), np.eye(n) * rng.uniform(0.1, 2)])
+            for _ in range(12)
+        ]
+        most = rng.integers(1, 100 * n, 12)
+        asked[:] = [[] for _ in simplices]
+        with np.errstate(invalid="ignore"):
+            ends = [
+                minimize(
+                    partial(hill, k),
+                    simplex[0],
+                    method="Nelder-Mead",
+                    options={
+                        "initial_simplex": simplex,
+                        "maxfev": most[k],
+                        "xatol": 1e-2,
+                        "fatol": 0.1,
+                        "adaptive": n > 2,
+                    },
+                )
+                for k, simplex in enumerate(simplices)
+            ]
+        expected, asked[:] = [*asked], [[] for _ in simplices]
+        searches = [
+            _numbered(k, descend(simplex, int(most[k]), 1e-2, 0.1))
+            for k, simplex in enumerate(simplices)
+        ]
+        runs = in_lock_step(searches, lambda x: np.array([hill(int(row[0]), row[1:]) for row in x]))
+        for own, others in zip(asked, expected, strict=True):
+            assert np.array_equal(own, others)
+        assert [run.stopped for run in runs] == [end.status == 0 for end in ends]
+
+
+def _numbered(k: int, search: Search[Descent]) -> Search[Descent]:
+    """Its points with a first column that says whose they are."""
+    points = next(search)
+    while True:
+        values = yield np.column_stack([np.full(len(points), k), points])
+        try:
+            points = search.send(values)
+        except StopIteration as end:
+            return end.value
+
+
 def test_fminsearch_stops_at_tolerances_that_are_absolute() -> None:
     """The same hill in other units: of an unknown of 1e-4 it finds no digit.  MATLAB's defaults."""
 
     def hill(x: np.ndarray, unit: float) -> np.ndarray:
         return -1e-4 * (x[:, 0] / unit - 3.0) ** 2
 
-    fine = Fminsearch()(task(("a",), lambda x: hill(x, 1.0)), np.array([2.0]), 8000)
-    coarse = Fminsearch()(task(("a",), lambda x: hill(x, 1e-4)), np.array([2e-4]), 8000)
+    (fine,) = Fminsearch()(task(("a",), lambda x: hill(x, 1.0)), np.array([[2.0]]), 8000)
+    (coarse,) = Fminsearch()(task(("a",), lambda x: hill(x, 1e-4)), np.array([[2e-4]]), 8000)
     assert fine.theta[0] == pytest.approx(3.0, rel=1e-3)
     assert abs(coarse.theta[0] / 3e-4 - 1) > 0.05
     assert coarse.settled
@@ -217,7 +288,7 @@ def test_pairwise_moves_two_unknowns_at_a_time_in_the_order_given() -> None:
     start = np.array([2.0, 3.0, 4.0])
     pairs = [["c", "a"], ["b", "c"]]
     of = task(("a", "b", "c"), bowl)
-    found = Pairwise(pairs, iterations=5, steady=1e-8)(of, start, 8000)
+    (found,) = Pairwise(pairs, iterations=5, steady=1e-8)(of, start[None], 8000)
     assert found.settled
     assert found.theta == pytest.approx([1.0, 2.0, 3.0], abs=0.03)
     first = next(k for k, x in enumerate(seen) if x[1] != start[1])
@@ -227,7 +298,7 @@ def test_pairwise_moves_two_unknowns_at_a_time_in_the_order_given() -> None:
     again = next(k for k, x in enumerate(seen) if k > first and x[0] != held)
     assert all(x[0] == held for x in seen[first:again])  # the second has no a
     assert list(found.history) == sorted(found.history)
-    once = Pairwise(pairs, iterations=5, steady=1e8)(of, start, 8000)
+    (once,) = Pairwise(pairs, iterations=5, steady=1e8)(of, start[None], 8000)
     assert once.settled
     assert len(once.history) == 2 * (5 - 1)  # to set up the simplex counts as one
 
@@ -328,7 +399,7 @@ def test_a_search_that_is_not_to_be_polished_says_where_it_ended() -> None:
     target = posterior(RECORD, SIGMA, free=TWO)
     start = target.space.vector({**NOMINAL, "k_e": NOMINAL["k_e"] * 1.02})
     found = mode_search.search(target, replace(THOROUGH, polished=False), 20, start)
-    alone = THOROUGH(mode_search.task(target), start, 20)
+    (alone,) = THOROUGH(mode_search.task(target), start[None], 20)
     assert np.array_equal(target.space.vector(found.end), alone.theta)
     assert (found.log_posterior, found.settled) == (alone.value, alone.settled)
 

@@ -26,7 +26,10 @@ class Compass:
         if len(unknown) > 20:
             raise ValueError(f"{len(unknown)} unknowns are too many for this search; hold some")
 
-    def __call__(self, task: Task, start: Array, evaluations: int) -> Optimum:
+    def __call__(self, task: Task, starts: Array, evaluations: int) -> list[Optimum]:
+        return [self._search(task, start, evaluations) for start in starts]
+
+    def _search(self, task: Task, start: Array, evaluations: int) -> Optimum:
         physical = task.coordinates.to_physical
         best, spent, step, history = start.copy(), 1, 1.0, list[float]()
         value = task.at(start)

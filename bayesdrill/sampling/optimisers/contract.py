@@ -57,6 +57,9 @@ class Optimiser(Protocol):
         """Raises `ValueError` where it cannot search these unknowns."""
         ...
 
-    def __call__(self, task: Task, start: Array, evaluations: int) -> Optimum:
-        """Search from the physical point `start (D,)`, with `evaluations` at most."""
+    def __call__(self, task: Task, starts: Array, evaluations: int) -> Sequence[Optimum]:
+        """Search from each of the physical `starts (S, D)`, with `evaluations` at most for each.
+
+        What is found from one start does not depend on the others.
+        """
         ...

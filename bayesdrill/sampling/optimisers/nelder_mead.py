@@ -4,15 +4,16 @@ Unscaled, the simplex stops where it likes: a damping of 1e-4 equals the usual a
 on the parameters.  Here a step is a tenth of each unknown as long as much is gained, and then one
 standard deviation of the local Gaussian approximation, which misleads far from the optimum; the
 tolerances are in units of the step.
+
+Searches from several starts go in lock-step: the points that they ask for are evaluated as one batch,
+which costs hardly more than one of them.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from functools import partial
-from typing import Any
+from collections.abc import Callable, Generator, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -20,54 +21,99 @@ from bayesdrill.basics.arrays import Array
 from bayesdrill.inference import laplace
 from bayesdrill.sampling.optimisers.contract import Optimum, Task
 
+# Yields points `(n, D)`, is sent the values there `(n,)`, and returns what it has found.
+type Search[T] = Generator[Array, Array, T]
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Run:
-    """`first`: the value at the start; `history`: the lowest value after each iteration; `stopped`: by
-    its tolerances.
+
+@dataclass(slots=True)
+class Descent:
+    """How far a simplex has come.  `evaluations`: at most `most`; `first`: the value at the start;
+    `lowest`: at `x (D,)`, of all that were asked for; `history`: the lowest after each iteration;
+    `stopped`: by its tolerances.
     """
 
+    most: int
     x: Array
-    first: float
-    lowest: float
-    evaluations: int
-    stopped: bool
-    history: tuple[float, ...]
+    first: float = math.inf
+    lowest: float = math.inf
+    evaluations: int = 0
+    stopped: bool = False
+    history: list[float] = field(default_factory=list)
+
+    def ask(self, points: Array) -> Search[Array]:
+        """The values at `points (n, D)`; inf at those that are one too many."""
+        values = np.full(len(points), np.inf)
+        asked = points[: self.most - self.evaluations]
+        if len(asked):
+            values[: len(asked)] = yield asked
+        if self.evaluations == 0:
+            self.first = float(values[0])
+        self.evaluations += len(asked)
+        best = int(np.argmin(values))
+        if values[best] < self.lowest:
+            self.x, self.lowest = points[best], float(values[best])
+        return values
 
 
-def descend(function: Callable[[Array], float], start: Array, **options: Any) -> Run:
-    """Minimise `function` from `start (D,)`; `options` are those of SciPy's Nelder-Mead.
+def descend(simplex: Array, most: int, x_tolerance: float, tolerance: float) -> Search[Descent]:
+    """Minimise from `simplex (D + 1, D)` until it and its values are as small as the tolerances.
 
-    SciPy's own first simplex is that of MATLAB's fminsearch, each coordinate 5 % larger by turns, and
-    to set it up counts as the first iteration in both.
+    The points are those of `scipy.optimize.minimize`: Nelder and Mead (1965), with the coefficients
+    of Gao and Han (2012) for more than two unknowns.
     """
-    from scipy.optimize import OptimizeResult, minimize  # late: 0.3 s, and few commands optimise
+    run, n = Descent(most, simplex[0]), simplex.shape[1]
+    away, near, shrink = (1 + 2 / n, 0.75 - 1 / (2 * n), 1 - 1 / n) if n > 2 else (2.0, 0.5, 0.5)
+    values = yield from run.ask(simplex)
+    order = np.argsort(values)
+    simplex, values = simplex[order], values[order]
+    while run.evaluations < most:
+        with np.errstate(invalid="ignore"):  # where all of a simplex is impossible
+            height = np.abs(values[0] - values[1:]).max()
+        if np.abs(simplex[1:] - simplex[0]).max() <= x_tolerance and height <= tolerance:
+            run.stopped = True
+            break
+        centre, worst = np.add.reduce(simplex[:-1], 0) / n, simplex[-1]
+        point = 2 * centre - worst
+        (value,) = yield from run.ask(point[None])
+        accepted = value < values[-2]
+        if value < values[0]:
+            farther = (1 + away) * centre - away * worst
+            (beyond,) = yield from run.ask(farther[None])
+            if beyond < value:
+                point, value = farther, beyond
+        elif not accepted:
+            outside = value < values[-1]
+            sign = 1.0 if outside else -1.0
+            bar = value if outside else values[-1]
+            point = (1 + sign * near) * centre - sign * near * worst
+            (value,) = yield from run.ask(point[None])
+            accepted = value <= bar if outside else value < bar
+        if accepted:
+            simplex[-1], values[-1] = point, value
+        else:
+            simplex[1:] = simplex[0] + shrink * (simplex[1:] - simplex[0])
+            values[1:] = yield from run.ask(simplex[1:])
+        run.history.append(run.lowest)
+        order = np.argsort(values)
+        simplex, values = simplex[order], values[order]
+    return run
 
-    values: list[float] = []
-    history: list[float] = []
-    best, lowest = start, np.inf
 
-    # SciPy may forget the best point, if it finds that in an iteration that `maxfev` cuts.
-    def noted(x: Array) -> float:
-        nonlocal best, lowest
-        values.append(function(x))
-        if values[-1] < lowest:
-            best, lowest = x, values[-1]
-        return values[-1]
-
-    def note(intermediate_result: OptimizeResult) -> None:
-        history.append(lowest)
-
-    with np.errstate(invalid="ignore"):  # where all of a simplex is impossible
-        found = minimize(noted, start, method="Nelder-Mead", callback=note, options=options)
-    return Run(
-        x=best if lowest < found.fun else np.asarray(found.x),
-        first=values[0],
-        lowest=lowest,
-        evaluations=len(values),
-        stopped=bool(found.status == 0),
-        history=tuple(history),
-    )
+def in_lock_step[T](searches: Sequence[Search[T]], function: Callable[[Array], Array]) -> list[T]:
+    """What each search finds; `function((W, D)) -> (W,)` sees the points of all of them at once."""
+    asked = {search: next(search) for search in searches}
+    found: dict[Search[T], T] = {}
+    while asked:
+        values, first = function(np.concatenate([*asked.values()])), 0
+        for search, points in tuple(asked.items()):
+            last = first + len(points)
+            try:
+                asked[search] = search.send(values[first:last])
+            except StopIteration as end:
+                found[search] = end.value
+                del asked[search]
+            first = last
+    return [found[search] for search in searches]
 
 
 SIMPLEX = 200.0  # evaluations of a simplex for each unknown; more do not help it far from the top
@@ -93,30 +139,29 @@ class NelderMead:
     def check(self, unknown: Sequence[str]) -> None:
         """It searches whatever is unknown."""
 
-    def __call__(self, task: Task, start: Array, evaluations: int) -> Optimum:
-        most = min(evaluations, self.per_unknown * len(task.names))
-        return _maximise(task, start, int(most), self.enough)
+    def __call__(self, task: Task, starts: Array, evaluations: int) -> list[Optimum]:
+        most = int(min(evaluations, self.per_unknown * len(task.names)))
+
+        def lost(z: Array) -> Array:
+            return -task.density(task.coordinates.to_physical(z))
+
+        return in_lock_step([_search(task, start, most, self.enough) for start in starts], lost)
 
 
 THOROUGH = NelderMead(enough=LOG_TOLERANCE, per_unknown=math.inf)
 
 
-def _maximise(task: Task, start: Array, evaluations: int, enough: float) -> Optimum:
+def _search(task: Task, start: Array, evaluations: int, enough: float) -> Search[Optimum]:
+    """In the coordinates of the task."""
     physical = task.coordinates.to_physical
     z, spent = task.coordinates.from_physical(start[None])[0], 0
+    corners = np.vstack([np.zeros(len(z)), np.eye(len(z))])
     history: list[float] = []
     gain, done = np.inf, False
     while not done and spent < evaluations:
         root = _steps(task, physical(z[None])[0], far=gain > FAR)
-        run = descend(
-            partial(_lost, task, z, root),
-            np.zeros(len(z)),
-            initial_simplex=np.vstack([np.zeros(len(z)), np.eye(len(z))]),
-            xatol=1e-2,
-            fatol=0.1 * enough,
-            maxfev=min(evaluations - spent, 400 * len(z)),
-            adaptive=len(z) > 2,
-        )
+        most = min(evaluations - spent, 400 * len(z))
+        run = yield from _scaled(descend(corners, most, 1e-2, 0.1 * enough), z, root)
         spent += run.evaluations
         gain = run.first - run.lowest
         if gain > 0:
@@ -132,8 +177,16 @@ def _maximise(task: Task, start: Array, evaluations: int, enough: float) -> Opti
     )
 
 
-def _lost(task: Task, z: Array, root: Array, steps: Array) -> float:
-    return -task.at(task.coordinates.to_physical((z + root @ steps)[None])[0])
+def _scaled[T](search: Search[T], z: Array, root: Array) -> Search[T]:
+    """A search around `z (D,)` in units of the columns of `root (D, D)`."""
+    points = next(search)
+    while True:
+        values = yield np.array([z + root @ point for point in points])
+        try:
+            points = search.send(values)
+        except StopIteration as end:
+            found: T = end.value
+            return found
 
 
 def _steps(task: Task, theta: Array, *, far: bool) -> Array:
