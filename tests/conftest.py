@@ -4,23 +4,19 @@ from __future__ import annotations
 
 import gc
 import os
-from collections.abc import Iterator
 from pathlib import Path
 
-import numpy as np  # noqa: F401
 import pytest
-import scipy.linalg  # noqa: F401
-from threadpoolctl import threadpool_limits
+
+CACHE = Path(__file__).parents[1] / ".pytest_cache"
 
 # Kernels of all workers and their children are compiled once, and apart from those of the user.
-os.environ["BAYESDRILL_CACHE"] = str(Path(__file__).parents[1] / ".pytest_cache")
-
-
-@pytest.fixture(scope="session", autouse=True)
-def _one_thread() -> Iterator[None]:
-    """Of linear algebra, whose libraries are loaded by now: small matrices wait for others else."""
-    with threadpool_limits(1):
-        yield
+os.environ["BAYESDRILL_CACHE"] = str(CACHE)
+# So are modules, where nobody wants them compiled beside their sources.
+if os.environ.pop("PYTHONDONTWRITEBYTECODE", None):
+    os.environ["PYTHONPYCACHEPREFIX"] = str(CACHE / "bytecode")
+# Threads of linear algebra wait for each other with matrices as small as these.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 
 @pytest.fixture(scope="session", autouse=True)
