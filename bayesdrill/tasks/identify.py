@@ -78,7 +78,7 @@ def identify(job: Job, theta: Array, at: str, wanted: Sequence[str], report: Rep
         raise InputError.one("parameters", "no parameter is unknown; there is nothing to identify")
     columns = _columns(scenery.unknowns, wanted)
     report.update(0.0, "looking at what the record can show")
-    found = study_of(scenery, posterior, theta, job.asked, at)
+    found = study_of(scenery, posterior, theta, job.asked, at, seek_remedies=True)
     profiles = []
     if columns:
         fitter = Fitter(posterior, scenery, theta)

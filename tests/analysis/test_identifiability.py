@@ -31,7 +31,9 @@ def studied(record=None, sigma=SIGMA, **options) -> Study:
     target = posterior(record, sigma, **options)
     theta = target.space.vector(target.space.start)
     rng = np.random.default_rng(1)
-    return study(Scenery(target.likelihood), target, theta, (), Thresholds(), rng)
+    return study(
+        Scenery(target.likelihood), target, theta, (), Thresholds(), rng, seek_remedies=True
+    )
 
 
 @pytest.fixture(scope="module")

@@ -254,8 +254,13 @@ def study(
     thresholds: Thresholds,
     rng: np.random.Generator,
     at: str = "the start",
+    *,
+    seek_remedies: bool = False,
 ) -> Study:
-    """At `theta (D,)`; `rng` draws the points at which the structure is looked at."""
+    """At `theta (D,)`; `rng` draws the points at which the structure is looked at.
+
+    Remedies take as long as all else together, and are sought on request.
+    """
     names = scenery.unknowns
     found = structure_of(posterior, scenery, theta, rng)
     known = from_sensitivities(names, scenery.sensitivities(theta))
@@ -269,7 +274,9 @@ def study(
         parameters=_parameters(known, prior_sd, thresholds),
         products=tuple(_known(p, thresholds) for p in simple),
         information=known,
-        remedies=remedies(scenery, theta, found.symmetries, prior_sd, of_interest or names),
+        remedies=remedies(scenery, theta, found.symmetries, prior_sd, of_interest or names)
+        if seek_remedies
+        else (),
         nuisances=_nuisances(scenery, posterior, theta, thresholds),
         frictions=told_apart(scenery, posterior, theta),
         stand_ins=stand_ins(posterior, theta, prior_spreads(posterior), rng),
@@ -316,10 +323,12 @@ def study_of(
     theta: Array,
     asked: Asked,
     at: str = "the start",
+    *,
+    seek_remedies: bool = False,
 ) -> Study:
     """As it is asked for."""
-    rng = seeds.stream(asked.seed, "identify")
-    return study(scenery, posterior, theta, asked.of_interest, asked.thresholds, rng, at)
+    rng, interest, words = seeds.stream(asked.seed, "identify"), asked.of_interest, asked.thresholds
+    return study(scenery, posterior, theta, interest, words, rng, at, seek_remedies=seek_remedies)
 
 
 def prior_spreads(posterior: Posterior) -> Array:
