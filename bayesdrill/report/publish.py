@@ -179,6 +179,11 @@ def _place(folder: Folder, view: View) -> tuple[Path, dict[str, str]]:
     return figures, {"Title": view.config.name, "Creator": software.creator(), **view.marks}
 
 
+def load_drawing(_: Posterior) -> None:
+    """For a process that has nothing else to do yet: loads what draws."""
+    importlib.import_module(f"{__package__}.pages")
+
+
 def draw(
     _: Posterior,
     stem: str,

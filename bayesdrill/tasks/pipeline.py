@@ -118,6 +118,9 @@ def _run(job: Job, folder: Folder, known: Mode | None, processes: int, report: R
         clock.append(time.perf_counter())
         sampled = _sample(job, crew, found, folder, report)
         clock.append(time.perf_counter())
+        if not crew.alone:
+            for _ in range(processes):  # while this process reads the draws
+                crew.submit(publish.load_drawing)
         _finish_chain(job, folder, sampled)
         seconds = {"map": clock[1] - clock[0], "sampling": clock[2] - clock[1]}
         report.update(0.0, DRAWS_SAY)
