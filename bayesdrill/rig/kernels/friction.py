@@ -25,7 +25,7 @@ from functools import cached_property
 from llvmlite import ir
 
 from bayesdrill.basics.duals import Dual, dual, size, where
-from bayesdrill.rig.kernels.lanes import Lane, Mask, load, store, vector
+from bayesdrill.rig.kernels.lanes import Lane, Mask, vector
 from bayesdrill.rig.kernels.numbers import (
     Column,
     Kind,
@@ -110,7 +110,7 @@ class Regime:
         for e, way in enumerate(ways):
             self._hold(rows, e, sticking(way))
         for e, (rub, way) in enumerate(zip(self.rubs, ways, strict=True)):
-            store(b, way.value, self.block, e)
+            b.write(way.value, self.block, e)
             if rub.steady is not None:
                 effort = fused(rub.steady, way, None)
                 for row in rows:
@@ -144,7 +144,7 @@ class Regime:
                 number = dual(row[k])
                 for part in (number.value, number.slope):
                     if isinstance(part, Lane):
-                        store(self.kind.b, part.value, self.block, place)
+                        self.kind.b.write(part.value, self.block, place)
                     place += 1
                 self.slots[i, k] = row[k]
 
@@ -152,7 +152,7 @@ class Regime:
 
     def ways(self) -> list[Lane]:
         """1 or -1 as it slips, 0 as it sticks."""
-        return [Lane(self.kind.b, load(self.kind.b, self.block, e)) for e in range(len(self.rubs))]
+        return [Lane(self.kind.b, self.kind.b.read(self.block, e)) for e in range(len(self.rubs))]
 
     def now(self) -> Rows:
         """Read again: it may have changed."""
@@ -167,7 +167,7 @@ class Regime:
         b = self.kind.b
 
         def part(number: Lane | float, at: int) -> Lane | float:
-            return Lane(b, load(b, self.block, at)) if isinstance(number, Lane) else number
+            return Lane(b, b.read(self.block, at)) if isinstance(number, Lane) else number
 
         if not isinstance(like, Dual):
             return part(like, place)

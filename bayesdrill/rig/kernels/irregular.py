@@ -36,7 +36,7 @@ from bayesdrill.rig.kernels.knots import (
     observe,
     slots,
 )
-from bayesdrill.rig.kernels.lanes import I64, VEC, Loop, function, load, splat, store, vector
+from bayesdrill.rig.kernels.lanes import I64, VEC, Loop, begin_kernel, vector
 from bayesdrill.rig.kernels.recurrence import next_state
 
 
@@ -44,8 +44,8 @@ def write_dense(module: ir.Module, shape: Shape) -> None:
     """`dense`, of COUNTS and addresses of BLOCKS."""
     exponential = emit_exponential(module, shape.layout, increments=False)
     interval = emit_interval(module, shape) if shape.late else None
-    made = function(module, "dense", len(COUNTS), list(BLOCKS.values()))
-    w = _Writer(shape, made, exponential, interval)
+    arguments, b = begin_kernel(module, "dense", COUNTS, BLOCKS)
+    w = _Writer(shape, Arguments(b, arguments), exponential, interval)
     groups = Loop(w.b, w.a["groups"], [], "groups")
     w.group(groups.index)
     groups.close([])
@@ -58,12 +58,12 @@ class _Writer:
     def __init__(
         self,
         shape: Shape,
-        made: ir.Function,
+        a: Arguments,
         exponential: ir.Function,
         interval: ir.Function | None,
     ) -> None:
-        b = self.b = ir.IRBuilder(made.append_basic_block())
-        a = self.a = Arguments(b, dict(zip([*COUNTS, *BLOCKS], made.args, strict=True)))
+        b, self.a = a.b, a
+        self.b = b
         layout = self.layout = shape.layout
         self.shape, self.exponential = shape, exponential
         self.rates = b.alloca(VEC, I64(len(places_of(layout))))
@@ -78,19 +78,19 @@ class _Writer:
         count = I64(shape.tally.count) if shape.tally is not None else None
         self.totals = [b.alloca(VEC, count) for _ in shape.pattern] if count is not None else []
         self.late = Late(b, a, shape, interval) if interval is not None else None
-        self.width, self.least = a.number(0), splat(b, a.number(1))
+        self.width, self.least = a.number(0), b.splat(a.number(1))
 
     def group(self, group: ir.Value) -> None:
         b, a = self.b, self.a
         own = addresses(b, a["own"], group, self.shape.own)
         m = self._machine(own)
         rest = self._tables(m)
-        x0 = [load(b, own["x0"], i) for i in range(self.layout.n_states)]
+        x0 = [b.read(own["x0"], i) for i in range(self.layout.n_states)]
         self.place.write(x0, [vector(0.0)] * self.layout.n_series)
         begun = self.shape.tally.begun() if self.shape.tally is not None else []
         for total in self.totals:
             for n, value in enumerate(begun):
-                store(b, value, total, n)
+                b.write(value, total, n)
         if self.late is not None:
             self.late.begin(m, group, own)
         runs = Loop(b, a["runs"], [I64(0)], "runs")
@@ -113,7 +113,7 @@ class _Writer:
         out = a.row("out", group, self.shape.out_count)
         for k, total in enumerate(self.totals):
             for n in range(len(begun) if not self.shape.shifted[k] else 0):
-                store(b, load(b, total, n), out, k * len(begun) + n)
+                b.write(b.read(total, n), out, k * len(begun) + n)
 
     def _after_the_last(self, group: ir.Value, own: dict[str, ir.Value]) -> None:
         """Samples of shifted channels, from the state at the last knot on."""
@@ -121,9 +121,7 @@ class _Writer:
         last = b.sub(a["knots"], I64(1))
         inputs, slopes = a.drive(self.layout, last)
         assert self.late is not None
-        self.late.interval(
-            group, own, last, [*(load(b, at, 0) for at in self.end), *inputs], slopes
-        )
+        self.late.interval(group, own, last, [*(b.read(at, 0) for at in self.end), *inputs], slopes)
 
     def _equal_steps(
         self,
@@ -135,14 +133,14 @@ class _Writer:
     ) -> None:
         """The exponential in registers, as far as there are some."""
         b, kept = self.b, entries_of(self.layout)
-        phi = {where: load(b, table, place) for place, where in enumerate(kept)}
+        phi = {where: b.read(table, place) for place, where in enumerate(kept)}
         knots = Loop(b, n, [], "knots")
         inputs, slopes = self._observed(group, own, b.add(first, knots.index))
         state, before = self.place.read()
         new = next_state(b, self.layout.n_states, phi, state, [*inputs, *slopes])
         if self.shape.even:
             for value, at in zip(state, self.end, strict=True):
-                store(b, value, at, 0)
+                b.write(value, at, 0)
         self.place.write(new, before)
         knots.close([])
 

@@ -18,14 +18,8 @@ from bayesdrill.rig.kernels.lanes import (
     NUMBERS,
     VEC,
     VECTORS,
+    Builder,
     Loop,
-    floor,
-    fma,
-    gather,
-    load,
-    scatter,
-    splat,
-    store,
     vector,
     whole_numbers,
 )
@@ -109,7 +103,7 @@ class Shape:
 
 @dataclass(frozen=True, slots=True)
 class Arguments:
-    b: ir.IRBuilder
+    b: Builder
     named: dict[str, ir.Value]
 
     def __getitem__(self, name: str) -> ir.Value:
@@ -132,7 +126,7 @@ class Arguments:
         found: list[list[ir.Value]] = []
         for name in ("u", "slopes"):
             mine = self.row(name, knot, count)
-            found.append([splat(b, b.load(b.gep(mine, [I64(s)]))) for s in range(count)])
+            found.append([b.splat(b.load(b.gep(mine, [I64(s)]))) for s in range(count)])
         return found[0], found[1] if layout.first_order else []
 
     def signals_of(self, group: ir.Value, k_count: int) -> ir.Value:
@@ -156,22 +150,22 @@ def observe(
         flat = b.add(b.mul(knot, I64(k_count)), I64(k))
         total = vector(0.0)
         for r in (r for r, used in enumerate(shape.pattern[k]) if used):
-            total = fma(b, load(b, own["rows"], k * shape.r_count + r), z[r], total)
+            total = b.fma(b.read(own["rows"], k * shape.r_count + r), z[r], total)
         if shape.tally is not None:
-            y = splat(b, a.real("y", flat))
+            y = b.splat(a.real("y", flat))
             seen = b.fcmp_ordered("ord", y, y)
             left = b.select(seen, b.fsub(y, total), vector(0.0))
-            weights = [load(b, own["weight"], k * shape.weights + n) for n in range(shape.weights)]
+            weights = [b.read(own["weight"], k * shape.weights + n) for n in range(shape.weights)]
             add_to(b, shape.tally, totals[k], Sample(left, seen, weights))
         else:
-            store(b, total, b.gep(a.signals_of(group, k_count), [flat]), 0)
+            b.write(total, b.gep(a.signals_of(group, k_count), [flat]), 0)
 
 
-def add_to(b: ir.IRBuilder, tally: Tally, place: ir.Value, sample: Sample) -> None:
+def add_to(b: Builder, tally: Tally, place: ir.Value, sample: Sample) -> None:
     """To the tally of one channel, which stands at a place."""
-    kept = [load(b, place, n) for n in range(tally.count)]
+    kept = [b.read(place, n) for n in range(tally.count)]
     for n, value in enumerate(tally.added(b, kept, sample)):
-        store(b, value, place, n)
+        b.write(value, place, n)
 
 
 def emit_seen(
@@ -190,17 +184,17 @@ def emit_seen(
     """
     b, k_count = a.b, len(shape.pattern)
     if shape.tally is None:
-        sample = b.select(due, sample, splat(b, a["knots"]))
-    flat = b.add(b.mul(sample, whole_numbers(k_count)), splat(b, k))
+        sample = b.select(due, sample, b.splat(a["knots"]))
+    flat = b.add(b.mul(sample, whole_numbers(k_count)), b.splat(k))
     if shape.tally is None:
-        scatter(b, value, b.bitcast(a.signals_of(group, k_count), NUMBERS), flat)
+        b.scatter(value, b.bitcast(a.signals_of(group, k_count), NUMBERS), flat)
         return
-    y = gather(b, a["y"], flat)
+    y = b.gather(a["y"], flat)
     seen = b.and_(due, b.fcmp_ordered("ord", y, y))
     left = b.select(seen, b.fsub(y, value), vector(0.0))
     place = b.gep(a.row("out", group, shape.out_count), [b.mul(k, I64(shape.tally.count))])
     first = b.mul(k, I64(shape.weights))
-    own = [load(b, b.gep(weight, [first]), n) for n in range(shape.weights)]
+    own = [b.read(b.gep(weight, [first]), n) for n in range(shape.weights)]
     add_to(b, shape.tally, place, Sample(left, seen, own))
 
 
@@ -222,22 +216,22 @@ def entries_of(layout: Layout) -> list[tuple[int, int]]:
 class Slots:
     """Where state and sampled inputs are between two pieces of code."""
 
-    b: ir.IRBuilder
+    b: Builder
     state: list[ir.Value]
     inputs: list[ir.Value]
 
     def read(self) -> tuple[Values, Values]:
         return (
-            [load(self.b, slot, 0) for slot in self.state],
-            [load(self.b, slot, 0) for slot in self.inputs],
+            [self.b.read(slot, 0) for slot in self.state],
+            [self.b.read(slot, 0) for slot in self.inputs],
         )
 
     def write(self, state: Values, inputs: Values) -> None:
         for value, slot in zip([*state, *inputs], [*self.state, *self.inputs], strict=True):
-            store(self.b, value, slot, 0)
+            self.b.write(value, slot, 0)
 
 
-def slots(b: ir.IRBuilder, layout: Layout) -> Slots:
+def slots(b: Builder, layout: Layout) -> Slots:
     def some(n: int) -> list[ir.Value]:
         return [b.alloca(VEC) for _ in range(n)]
 
@@ -248,7 +242,7 @@ def slots(b: ir.IRBuilder, layout: Layout) -> Slots:
 class Machine:
     """What the pieces of code for one group share."""
 
-    b: ir.IRBuilder
+    b: Builder
     layout: Layout
     exponential: ir.Function
     product: ir.Function
@@ -262,18 +256,18 @@ class Machine:
 
 
 def emit_exponential_of(m: Machine, spans: ir.Value, out: ir.Value) -> None:
-    store(m.b, spans, m.spans, 0)
+    m.b.write(spans, m.spans, 0)
     m.b.call(m.exponential, [m.parameters, m.constants, m.spans, out])
 
 
 def keep(m: Machine, e: ir.Value, table: ir.Value) -> None:
     for place, (i, j) in enumerate(entries_of(m.layout)):
-        store(m.b, load(m.b, e, i * m.layout.size + j), table, place)
+        m.b.write(m.b.read(e, i * m.layout.size + j), table, place)
 
 
 def apply(m: Machine, table: ir.Value, state: Values, inputs: Values, slopes: Values) -> Values:
     """A kept exponential to a state."""
-    phi = {where: load(m.b, table, place) for place, where in enumerate(entries_of(m.layout))}
+    phi = {where: m.b.read(table, place) for place, where in enumerate(entries_of(m.layout))}
     return next_state(m.b, m.layout.n_states, phi, state, [*inputs, *slopes])
 
 
@@ -291,16 +285,16 @@ def emit_ladder(m: Machine, rest: Rest, width: ir.Value) -> None:
     b = m.b
     with b.if_then(b.icmp_signed(">", rest.cell.depth, I64(0))):
         levels = Loop(b, rest.cell.depth, [ir.Constant(F64, 0.5)], "levels")
-        number = splat(b, b.add(levels.index, I64(1)))
+        number = b.splat(b.add(levels.index, I64(1)))
         wanted = b.icmp_signed(">=", rest.cell.halvings, number)
-        span = b.select(wanted, splat(b, b.fmul(width, levels.carried[0])), vector(0.0))
+        span = b.select(wanted, b.splat(b.fmul(width, levels.carried[0])), vector(0.0))
         emit_level(m, rest, levels.index, span)
         levels.close([b.fmul(levels.carried[0], ir.Constant(F64, 0.5))])
 
 
 def emit_level(m: Machine, rest: Rest, level: ir.Value, span: ir.Value) -> None:
     b, count = m.b, len(entries_of(m.layout))
-    store(b, span, b.gep(rest.spans, [level]), 0)
+    b.write(span, b.gep(rest.spans, [level]), 0)
     emit_exponential_of(m, span, m.e)
     keep(m, m.e, b.gep(rest.ladder, [b.mul(level, I64(count))]))
 
@@ -318,7 +312,7 @@ def emit_nodes(m: Machine, cell: Cell, nodes: Nodes) -> None:
     b, a, n = m.b, nodes.a, m.layout.size
     e, hop, spare = (b.gep(m.e, [I64(k * n * n)]) for k in range(3))
     with b.if_then(b.fcmp_ordered(">", nodes.width, ir.Constant(F64, 0.0))):
-        emit_exponential_of(m, splat(b, nodes.width), hop)
+        emit_exponential_of(m, b.splat(nodes.width), hop)
     each = Loop(b, a["nodes"], [], "nodes")
     linked = b.icmp_signed("!=", a.whole("chained", each.index), I64(0))
     with b.if_else(linked) as (then, otherwise):
@@ -326,20 +320,20 @@ def emit_nodes(m: Machine, cell: Cell, nodes: Nodes) -> None:
             b.call(m.product, [spare, e, hop])
             for i in range(n):
                 for j in (j for j in range(n) if m.layout.reach[i][j]):
-                    store(b, load(b, spare, i * n + j), e, i * n + j)
+                    b.write(b.read(spare, i * n + j), e, i * n + j)
         with otherwise:
-            middle = b.fmul(cell.half, splat(b, nodes.width))
-            inside = splat(b, a.real("inside", each.index))
-            span = fma(b, inside, middle, splat(b, a.real("spans", each.index)))
+            middle = b.fmul(cell.half, b.splat(nodes.width))
+            inside = b.splat(a.real("inside", each.index))
+            span = b.fma(inside, middle, b.splat(a.real("spans", each.index)))
             emit_exponential_of(m, span, e)
     keep(m, e, a.row("table", each.index, len(entries_of(m.layout))))
     each.close([])
 
 
-def remainder(b: ir.IRBuilder, cell: Cell, share: ir.Value) -> ir.Value:
+def remainder(b: Builder, cell: Cell, share: ir.Value) -> ir.Value:
     """Norm times what is left of a `share` (0 to 1, of a cell) below the halvings of each lane."""
     fine = b.fmul(share, cell.power)
-    left = b.fsub(fine, floor(b, fine))
+    left = b.fsub(fine, b.floor(fine))
     return b.fmul(b.fsub(left, cell.half), cell.unit)
 
 
@@ -347,12 +341,12 @@ def emit_rest(m: Machine, rest: Rest, share: ir.Value, place: Slots, slopes: Val
     """Goes on by `share` (a number, 0 to 1) of a cell, from `place` to `place`."""
     b, layout, x = m.b, m.layout, m.layout.n_states
     state, inputs = place.read()
-    scaled = remainder(b, rest.cell, splat(b, share))
+    scaled = remainder(b, rest.cell, b.splat(share))
 
     def add(k: ir.Value, term: Values, carried: Values) -> Values:
         share_k = b.load(b.gep(rest.cell.weights, [k]), align=8)
         weight = b.fmul(carried[0], b.fmul(scaled, share_k))
-        totals = [fma(b, weight, one, to) for one, to in zip(term, carried[1:], strict=True)]
+        totals = [b.fma(weight, one, to) for one, to in zip(term, carried[1:], strict=True)]
         return [weight, *totals]
 
     start = [vector(1.0), *state]
@@ -390,8 +384,8 @@ def emit_rung(
     place.write(new, after)
 
 
-def later(b: ir.IRBuilder, inputs: Values, slopes: Values, span: ir.Value) -> Values:
+def later(b: Builder, inputs: Values, slopes: Values, span: ir.Value) -> Values:
     """Inputs with slopes, a span later; held ones as they are."""
     if not slopes:
         return inputs
-    return [fma(b, slope, span, u) for u, slope in zip(inputs, slopes, strict=True)]
+    return [b.fma(slope, span, u) for u, slope in zip(inputs, slopes, strict=True)]

@@ -21,14 +21,10 @@ from bayesdrill.rig.kernels.lanes import (
     NUMBERS,
     VEC,
     VECTORS,
+    Builder,
     Lane,
     Loop,
-    emit_clear,
-    fma,
-    function,
-    load,
-    splat,
-    store,
+    begin_function,
     vector,
 )
 from bayesdrill.rig.kernels.sums import TALLIES, Sample, Tally
@@ -59,7 +55,7 @@ class Constants:
     start `(X,)`, and weights of channels `(K, X)`.
     """
 
-    b: ir.IRBuilder
+    b: Builder
     layout: Layout
     block: ir.Value
 
@@ -90,7 +86,7 @@ class Constants:
         """Into `e`, over a step or over the lead, of parameters `own`."""
         with self.b.goto_entry_block():
             span = self.b.alloca(VEC)
-        store(self.b, self.span(lead=lead).value, span, 0)
+        self.b.write(self.span(lead=lead).value, span, 0)
         self.b.call(of, [own, self.inputs, span, e])
 
 
@@ -106,16 +102,15 @@ def emit_response(
     x(k + 1) = Phi x(k) + g + G0 u(k) + G1 (u(k + 1) - u(k)), and what is made of x(k).
     """
     blocks = [VECTORS, NUMBERS, NUMBERS, NUMBERS, VECTORS]
-    made = function(module, name, 2, blocks)
+    made, b = begin_function(module, name, 2, blocks)
     n_groups, n_samples, parameters, block, y, u, out = made.args
-    b = ir.IRBuilder(made.append_basic_block())
     constants = Constants(b, layout, block)
     n, k_count = layout.size, len(layout.channels)
     e = b.alloca(VEC, I64(n * n))
     groups = Loop(b, n_groups, [], "groups")
     each = tally.weights if tally is not None else 0
     mine = b.gep(parameters, [b.mul(groups.index, I64(layout.n_parameters + k_count * each))])
-    own = [load(b, mine, layout.n_parameters + place) for place in range(k_count * each)]
+    own = [b.read(mine, layout.n_parameters + place) for place in range(k_count * each)]
     state = constants.start(layout.n_states)
     if layout.lead:
         constants.exponential(exponential, mine, e, lead=True)
@@ -128,28 +123,28 @@ def emit_response(
     drive = emit_drive(b, layout, u, samples.index)
     for k in range(k_count):
         flat = b.add(b.mul(samples.index, I64(k_count)), I64(k))
-        value = vector(0.0) if tally is None else splat(b, b.load(b.gep(y, [flat])))
+        value = vector(0.0) if tally is None else b.splat(b.load(b.gep(y, [flat])))
         for i, weight in constants.weights(k).items():
-            value = fma(b, weight if tally is None else b.fneg(weight), state[i], value)
+            value = b.fma(weight if tally is None else b.fneg(weight), state[i], value)
         if tally is not None:
             kept = slice(k * tally.count, (k + 1) * tally.count)
             sample = Sample(value, None, own[k * each : (k + 1) * each])
             totals[kept] = tally.added(b, totals[kept], sample)
         else:
             row = b.add(b.mul(groups.index, b.mul(n_samples, I64(k_count))), flat)
-            store(b, value, b.gep(out, [row]), 0)
+            b.write(value, b.gep(out, [row]), 0)
     samples.close(next_state(b, layout.n_states, phi, state, drive) + totals)
     place = b.gep(out, [b.mul(groups.index, I64(len(totals)))])
     for k, total in enumerate(totals):
-        store(b, total, place, k)
+        b.write(total, place, k)
     groups.close([])
     b.ret_void()
 
 
-def entries(b: ir.IRBuilder, layout: Layout, e: ir.Value) -> dict[tuple[int, int], ir.Value]:
+def entries(b: Builder, layout: Layout, e: ir.Value) -> dict[tuple[int, int], ir.Value]:
     size, reach, idle = layout.size, layout.reach, layout.idle
     found = {
-        (i, j): load(b, e, i * size + j)
+        (i, j): b.read(e, i * size + j)
         for i in range(layout.n_states)
         for j in range(size)
         if reach[i][j]
@@ -159,7 +154,7 @@ def entries(b: ir.IRBuilder, layout: Layout, e: ir.Value) -> dict[tuple[int, int
 
 
 def next_state(
-    b: ir.IRBuilder,
+    b: Builder,
     n_states: int,
     phi: dict[tuple[int, int], ir.Value],
     state: list[ir.Value],
@@ -181,13 +176,13 @@ def next_state(
     return following
 
 
-def _sum(b: ir.IRBuilder, terms: list[tuple[ir.Value, ir.Value]], total: ir.Value) -> ir.Value:
+def _sum(b: Builder, terms: list[tuple[ir.Value, ir.Value]], total: ir.Value) -> ir.Value:
     for entry, value in terms:
-        total = fma(b, entry, value, total)
+        total = b.fma(entry, value, total)
     return total
 
 
-def emit_drive(b: ir.IRBuilder, layout: Layout, u: ir.Value, index: ir.Value) -> list[ir.Value]:
+def emit_drive(b: Builder, layout: Layout, u: ir.Value, index: ir.Value) -> list[ir.Value]:
     """The sampled inputs at this sample and, with a first-order hold, their increments."""
 
     def series(row: ir.Value, s: int) -> ir.Value:
@@ -197,7 +192,7 @@ def emit_drive(b: ir.IRBuilder, layout: Layout, u: ir.Value, index: ir.Value) ->
     if layout.first_order:
         following = b.add(index, I64(1))
         drive += [b.fsub(series(following, s), drive[s]) for s in range(layout.n_series)]
-    return [splat(b, value) for value in drive]
+    return [b.splat(value) for value in drive]
 
 
 Values = list[ir.Value]
@@ -218,7 +213,7 @@ def emit_normal(module: ir.Module, layout: Layout, exponential: ir.Function) -> 
     noise.  `out (G, K + q + q q, LANES)`: squares, slopes, and the lower triangle of the products.
     """
     blocks = [VECTORS, VECTORS, VECTORS, NUMBERS, NUMBERS, NUMBERS, VECTORS, VECTORS]
-    w = _Writer(function(module, "normal", 3, blocks), layout, exponential)
+    w = _Writer(*begin_function(module, "normal", 3, blocks), layout, exponential)
     groups = Loop(w.b, w.n_groups, [], "groups")
     w.begin_group(groups.index)
     state = w.first_state()
@@ -227,11 +222,11 @@ def emit_normal(module: ir.Module, layout: Layout, exponential: ir.Function) -> 
     state, totals = samples.carried[: w.x_count], samples.carried[w.x_count :]
     drive = emit_drive(w.b, layout, w.u, samples.index)
     left = w.left(samples.index, state)
-    totals = [fma(w.b, value, value, total) for value, total in zip(left, totals, strict=True)]
+    totals = [w.b.fma(value, value, total) for value, total in zip(left, totals, strict=True)]
     w.each_direction(phi, state, drive, left)
     samples.close(next_state(w.b, w.x_count, phi, state, drive) + totals)
     for k, total in enumerate(totals):
-        store(w.b, total, w.own_out, k)
+        w.b.write(total, w.own_out, k)
     groups.close([])
     w.b.ret_void()
 
@@ -239,11 +234,13 @@ def emit_normal(module: ir.Module, layout: Layout, exponential: ir.Function) -> 
 class _Writer:
     """Where a group of walkers has its numbers, and the parts of the code that fills them in."""
 
-    def __init__(self, made: ir.Function, layout: Layout, exponential: ir.Function) -> None:
+    def __init__(
+        self, made: ir.Function, b: Builder, layout: Layout, exponential: ir.Function
+    ) -> None:
         self.n_groups, self.n_samples, self.q, *blocks = made.args
         self.parameters, self.directions, self.scales, block, *blocks = blocks
         self.y, self.u, self.e, self.out = blocks
-        b = self.b = ir.IRBuilder(made.append_basic_block())
+        self.b = b
         self.layout, self.exponential = layout, exponential
         self.constants = Constants(b, layout, block)
         self.x_count, self.k_count = layout.n_states // 2, len(layout.channels)
@@ -266,10 +263,10 @@ class _Writer:
         self.own_scales = self.row(self.scales, group, self.k_count)
         self.slope_sums = b.gep(self.own_out, [I64(self.k_count)])
         self.product_sums = b.gep(self.slope_sums, [q])
-        emit_clear(b, self.own_out, out_count)
+        b.clear(self.own_out, out_count)
         own = self.row(self.parameters, group, self.p_count)
         for p in range(self.p_count):
-            store(b, load(b, own, p), self.both, p)
+            b.write(b.read(own, p), self.both, p)
 
     def _weights(self, k: int) -> dict[int, ir.Value]:
         """Of channel k, by the rig's own states: those of the derivatives that it shows."""
@@ -280,7 +277,7 @@ class _Writer:
         b = self.b
         row = self.row(self.directions, b.add(b.mul(self.group, self.q), direction), self.p_count)
         for p in range(self.p_count):
-            store(b, load(b, row, p), self.both, self.p_count + p)
+            b.write(b.read(row, p), self.both, self.p_count + p)
         self.constants.exponential(self.exponential, self.both, self.e, lead=lead)
 
     def first_state(self) -> Values:
@@ -288,7 +285,7 @@ class _Writer:
         b, layout, count = self.b, self.layout, self.x_count
         start = self.constants.start(count)
         if not layout.lead:
-            emit_clear(b, self.slopes_x, b.mul(self.q, I64(count)))
+            b.clear(self.slopes_x, b.mul(self.q, I64(count)))
             return start
         zero = [vector(0.0)] * count
         begun = Loop(b, self.q, [], "begun")
@@ -296,7 +293,7 @@ class _Writer:
         phi, slope = _entries(b, layout, self.e)
         mine = self.row(self.slopes_x, begun.index, count)
         for i, value in enumerate(_next_slope(b, layout, phi, slope, start, zero, [])):
-            store(b, value, mine, i)
+            b.write(value, mine, i)
         begun.close([])
         return next_state(b, count, _entries(b, layout, self.e)[0], start, [])
 
@@ -307,7 +304,7 @@ class _Writer:
         self._exponential(each.index, lead=False)
         mine = self.row(self.d, each.index, self.d_count)
         for place, value in enumerate(_slope_values(b, layout, self.e)):
-            store(b, value, mine, place)
+            b.write(value, mine, place)
         each.close([])
         return _entries(b, layout, self.e)[0]
 
@@ -317,10 +314,10 @@ class _Writer:
         found = []
         for k in range(self.k_count):
             flat = b.add(b.mul(sample, I64(self.k_count)), I64(k))
-            value = splat(b, b.load(b.gep(self.y, [flat])))
+            value = b.splat(b.load(b.gep(self.y, [flat])))
             for i, weight in self._weights(k).items():
-                value = fma(b, b.fneg(weight), state[i], value)
-            found.append(b.fmul(value, load(b, self.own_scales, k)))
+                value = b.fma(b.fneg(weight), state[i], value)
+            found.append(b.fmul(value, b.read(self.own_scales, k)))
         return found
 
     def each_direction(self, phi: Entries, state: Values, drive: Values, left: Values) -> None:
@@ -330,31 +327,31 @@ class _Writer:
         own_x = self.row(self.slopes_x, each.index, self.x_count)
         own_s = self.row(self.slopes_s, each.index, self.k_count)
         own_d = self.row(self.d, each.index, self.d_count)
-        slope_x = [load(b, own_x, i) for i in range(self.x_count)]
+        slope_x = [b.read(own_x, i) for i in range(self.x_count)]
         seen = []
         for k in range(self.k_count):
             value = vector(0.0)
             for i, weight in self._weights(k).items():
-                value = fma(b, weight, slope_x[i], value)
-            seen.append(b.fmul(value, load(b, self.own_scales, k)))
-            store(b, seen[k], own_s, k)
+                value = b.fma(weight, slope_x[i], value)
+            seen.append(b.fmul(value, b.read(self.own_scales, k)))
+            b.write(seen[k], own_s, k)
         _add_products(b, b.gep(self.slope_sums, [each.index]), seen, left)
         row = b.gep(self.product_sums, [b.mul(each.index, self.q)])
         pairs = Loop(b, b.add(each.index, I64(1)), [], "pairs")
         other_s = self.row(self.slopes_s, pairs.index, self.k_count)
-        others = [load(b, other_s, k) for k in range(self.k_count)]
+        others = [b.read(other_s, k) for k in range(self.k_count)]
         _add_products(b, b.gep(row, [pairs.index]), seen, others)
         pairs.close([])
-        slope = {place: load(b, own_d, n) for n, place in enumerate(_slope_places(layout))}
+        slope = {place: b.read(own_d, n) for n, place in enumerate(_slope_places(layout))}
         for i, value in enumerate(_next_slope(b, layout, phi, slope, state, slope_x, drive)):
-            store(b, value, own_x, i)
+            b.write(value, own_x, i)
         each.close([])
 
 
-def _add_products(b: ir.IRBuilder, place: ir.Value, ones: Values, others: Values) -> None:
+def _add_products(b: Builder, place: ir.Value, ones: Values, others: Values) -> None:
     total = b.load(place, align=8)
     for one, other in zip(ones, others, strict=True):
-        total = fma(b, one, other, total)
+        total = b.fma(one, other, total)
     b.store(total, place, align=8)
 
 
@@ -368,16 +365,16 @@ def _slope_places(layout: Layout) -> list[tuple[int, int]]:
     return [(i, n) for i in range(x) for n, column in enumerate(columns) if reach[x + i][column]]
 
 
-def _slope_values(b: ir.IRBuilder, layout: Layout, e: ir.Value) -> Values:
+def _slope_values(b: Builder, layout: Layout, e: ir.Value) -> Values:
     x, size = layout.n_states // 2, layout.size
     found = []
     for i, n in _slope_places(layout):
         column = n if n < x else n + x
-        found.append(load(b, e, (x + i) * size + column))
+        found.append(b.read(e, (x + i) * size + column))
     return found
 
 
-def _entries(b: ir.IRBuilder, layout: Layout, e: ir.Value) -> tuple[Entries, Entries]:
+def _entries(b: Builder, layout: Layout, e: ir.Value) -> tuple[Entries, Entries]:
     """Phi with its inputs' columns, and their derivatives, from the tangent's exponential."""
     x, size, reach = layout.n_states // 2, layout.size, layout.reach
     phi = {}
@@ -385,13 +382,13 @@ def _entries(b: ir.IRBuilder, layout: Layout, e: ir.Value) -> tuple[Entries, Ent
         for n in range(size - x):
             column = n if n < x else n + x
             if reach[i][column]:
-                phi[i, n] = load(b, e, i * size + column)
+                phi[i, n] = b.read(e, i * size + column)
     slope = dict(zip(_slope_places(layout), _slope_values(b, layout, e), strict=True))
     return phi, slope
 
 
 def _next_slope(
-    b: ir.IRBuilder,
+    b: Builder,
     layout: Layout,
     phi: Entries,
     slope: Entries,
@@ -405,10 +402,10 @@ def _next_slope(
         total = slope.get((i, x), vector(0.0))
         for n, value in [*enumerate(state), *enumerate(drive, start=x + 1)]:
             if (i, n) in slope:
-                total = fma(b, slope[i, n], value, total)
+                total = b.fma(slope[i, n], value, total)
         other = vector(0.0)
         for n, value in enumerate(slope_x):
             if (i, n) in phi:
-                other = fma(b, phi[i, n], value, other)
+                other = b.fma(phi[i, n], value, other)
         following.append(b.fadd(total, other))
     return following

@@ -21,7 +21,7 @@ from llvmlite import ir
 
 from bayesdrill.basics.duals import below, signed, size, where
 from bayesdrill.rig.kernels.friction import Going, Past, Regime, Rub, Step, any_of
-from bayesdrill.rig.kernels.lanes import F64, I64, LANES, Lane, Loop, Mask, splat
+from bayesdrill.rig.kernels.lanes import F64, I64, LANES, Lane, Loop, Mask
 from bayesdrill.rig.kernels.numbers import (
     Column,
     Kind,
@@ -118,7 +118,7 @@ class Parts:
         if not step.slopes:
             return drive
         b = step.kind.b
-        since = Lane(b, splat(b, b.sitofp(index, F64))) * step.span
+        since = Lane(b, b.splat(b.sitofp(index, F64))) * step.span
         ahead = {k: drive[k] + drive[slope] * since for k, slope in step.slopes.items()}
         return {**drive, **ahead}
 

@@ -39,20 +39,17 @@ from bayesdrill.rig.kernels.lanes import (
     LANES,
     NUMBERS,
     VECTORS,
+    Builder,
     Lane,
     Loop,
-    anywhere,
-    function,
-    load,
-    splat,
-    store,
+    begin_function,
+    begin_kernel,
     vector,
 )
 from bayesdrill.rig.kernels.numbers import (
     Memory,
     Number,
     dot,
-    emit_copy,
     emit_decomposed,
     emit_even,
     emit_product,
@@ -103,9 +100,8 @@ def emit_riccati(module: ir.Module, system: StateSpace) -> ir.Function:
         _emit_gain(module, system),
         _emit_prepend(module, system.n),
     )
-    made = function(module, "riccati", 1, [VECTORS, VECTORS, NUMBERS, I64.as_pointer()])
+    made, b = begin_function(module, "riccati", 1, [VECTORS, VECTORS, NUMBERS, I64.as_pointer()])
     samples, block, variances, weights, first = made.args
-    b = ir.IRBuilder(made.append_basic_block())
     n = system.n
     places, memory = SteadyState(n, system.k), Memory(b, False)
     phi, q, p, g = (memory.at(block, places.of(name)) for name in ("phi", "q", "p", "g"))
@@ -113,8 +109,8 @@ def emit_riccati(module: ir.Module, system: StateSpace) -> ir.Function:
     grown, grows = memory.room(system.k), b.alloca(ir.IntType(1), I64(1))
     for k in range(system.k):
         memory.put(math.inf, grown, k)
-    emit_copy(b, phi, one, n * n)
-    emit_copy(b, q, p, n * n)
+    b.copy(phi, one, n * n)
+    b.copy(q, p, n * n)
     _emit_sample(memory, system, variances, weights, information)
     memory.clear(g, n * n)
     b.store(samples, first)
@@ -143,7 +139,7 @@ def emit_riccati(module: ir.Module, system: StateSpace) -> ir.Function:
     b.cbranch(more, body, after)
     b.position_at_end(after)
     with b.if_then(b.icmp_signed("<", b.load(first), samples)):
-        emit_copy(b, information, g, n * n)
+        b.copy(information, g, n * n)
     b.call(gain, [block, variances, weights])
     b.ret_void()
     return made
@@ -160,7 +156,7 @@ def _emit_sample(
     b, n = memory.b, system.n
     memory.clear(information, n * n)
     for k in range(system.k):
-        over = Lane(b, b.fdiv(vector(1.0), load(b, variances, k)))
+        over = Lane(b, b.fdiv(vector(1.0), b.read(variances, k)))
         own = system.weights(b, weights, k)
         for i, weight in own.items():
             for j, other in own.items():
@@ -184,7 +180,7 @@ def _emit_doubling(module: ir.Module, system: StateSpace) -> ir.Function:
     for argument in made.args:
         argument.add_attribute("noalias")
     transition, following, information, p, variances, weights, grown, grows = made.args
-    b = ir.IRBuilder(made.append_basic_block())
+    b = Builder(made.append_basic_block())
     m = Memory(b, False)
     lu, x, e, more = (m.room(n * n) for _ in range(4))
     b.call(plain, [x, p, information])
@@ -214,16 +210,15 @@ def _differs(m: Memory, n: int, before: list[Number], now: ir.Value) -> ir.Value
     for i, old in enumerate(before):
         much = old * (1.0 + ROUNDING)
         grown = m.b.or_(grown, m.b.fcmp_ordered(">", m.get(now, i * n + i).value, much.value))
-    return anywhere(m.b, grown)
+    return m.b.anywhere(grown)
 
 
 def _emit_prepend(module: ir.Module, n: int) -> ir.Function:
     """`prepend(B, G, H, end)`: the stretch goes before what has the information `end (n, n)`."""
     plain, solved = emit_product(module, (n, n, n)), emit_solved(module, n, n)
     along = emit_even(module, n, left=True, adds=True)
-    made = function(module, "prepend", 0, [VECTORS] * 4)
+    made, b = begin_function(module, "prepend", 0, [VECTORS] * 4)
     transition, information, p, end = made.args
-    b = ir.IRBuilder(made.append_basic_block())
     m = Memory(b, False)
     lu, x, e = (m.room(n * n) for _ in range(3))
     b.call(plain, [x, p, end])
@@ -231,7 +226,7 @@ def _emit_prepend(module: ir.Module, n: int) -> ir.Function:
     b.call(emit_decomposed(module, n), [lu, x, m.room(1)])
     b.call(solved, [e, lu, transition])
     b.call(plain, [x, end, e])
-    emit_copy(b, information, end, n * n)
+    b.copy(information, end, n * n)
     b.call(along, [end, transition, x])
     b.ret_void()
     return made
@@ -252,7 +247,7 @@ def _grow(
     b, n = m.b, system.n
     moves = ir.Constant(ir.VectorType(ir.IntType(1), LANES), [0] * LANES)
     for k in range(system.k):
-        change, variance = Lane(b, vector(0.0)), Lane(b, load(b, variances, k))
+        change, variance = Lane(b, vector(0.0)), Lane(b, b.read(variances, k))
         own = system.weights(b, weights, k)
         for i, weight in own.items():
             for j, other in own.items():
@@ -264,7 +259,7 @@ def _grow(
         m.put(change, grown, k)
     for place in range(n * n):
         m.put(m.get(p, place) + m.get(more, place), p, place)
-    return anywhere(b, moves)
+    return b.anywhere(moves)
 
 
 def _emit_gain(module: ir.Module, system: StateSpace) -> ir.Function:
@@ -272,14 +267,13 @@ def _emit_gain(module: ir.Module, system: StateSpace) -> ir.Function:
     n = system.n
     places = SteadyState(n, system.k)
     onward = emit_product(module, (n, n, n))
-    made = function(module, "gain", 0, [VECTORS, VECTORS, NUMBERS])
+    made, b = begin_function(module, "gain", 0, [VECTORS, VECTORS, NUMBERS])
     block, variances, weights = made.args
-    b = ir.IRBuilder(made.append_basic_block())
     m = Memory(b, False)
     phi, a = (m.at(block, places.of(name)) for name in ("phi", "a"))
     gains, pulls = m.at(block, places.gains), m.at(block, places.pulls)
     left, passed = m.room(n * n), m.room(n * n)
-    emit_copy(b, m.at(block, places.of("p")), left, n * n)
+    b.copy(m.at(block, places.of("p")), left, n * n)
     m.clear(passed, n * n)
     _add_one(m, n, passed)
     for k in range(system.k):
@@ -308,9 +302,8 @@ def emit_start(module: ir.Module, n: int) -> ir.Function:
     of it.
     """
     plain, decomposed = emit_product(module, (n, n, n)), emit_decomposed(module, n)
-    made = function(module, "start", 0, [VECTORS] * 6)
+    made, b = begin_function(module, "start", 0, [VECTORS] * 6)
     p, g, start, shown, gained, determinant = made.args
-    b = ir.IRBuilder(made.append_basic_block())
     m = Memory(b, False)
     settled, known, lu = (m.room(n * n) for _ in range(3))
     row, solved, other = m.room(n), m.room(n), m.room(1)
@@ -351,9 +344,7 @@ def write_steady_state(module: ir.Module, system: StateSpace, layout: Layout) ->
     exponential = emit_exponential(module, layout, increments=True)
     spread = emit_transition(module, system, slopes=False)
     riccati, start_of = emit_riccati(module, system), emit_start(module, system.n)
-    made = function(module, "steadily", len(COUNTS), list(BLOCKS.values()))
-    a = dict(zip((*COUNTS, *BLOCKS), made.args, strict=True))
-    b = ir.IRBuilder(made.append_basic_block())
+    a, b = begin_kernel(module, "steadily", COUNTS, BLOCKS)
     n, k_count, size = system.n, system.k, layout.size
     m, places, constants = (
         Memory(b, False),
@@ -377,12 +368,12 @@ def write_steady_state(module: ir.Module, system: StateSpace, layout: Layout) ->
         m.put(1.0, start, i * n + i)
     phi_at, q_at, p_at, g_at = (m.at(block, places.of(name)) for name in ("phi", "q", "p", "g"))
     if layout.lead:
-        store(b, constants.span(lead=True).value, span, 0)
+        b.write(constants.span(lead=True).value, span, 0)
         b.call(spread, [own, span, phi_at, q_at])
         predict_covariance(m, n, start, phi_at, q_at)
         constants.exponential(exponential, own, e, lead=True)
         state = next_state(b, n, entries(b, layout, e), state, [])
-    store(b, constants.span(lead=False).value, span, 0)
+    b.write(constants.span(lead=False).value, span, 0)
     b.call(spread, [own, span, phi_at, q_at])
     b.call(riccati, [a["samples"], block, variances, weights, first])
     constants.exponential(exponential, own, e, lead=False)
@@ -434,7 +425,7 @@ class _Samples:
         y = b.gep(self.a["y"], [b.mul(index, I64(k_count))])
         gains = self.at(self.places.gains)
         for k in range(k_count):
-            value = Lane(b, splat(b, b.load(b.gep(y, [I64(k)]))))
+            value = Lane(b, b.splat(b.load(b.gep(y, [I64(k)]))))
             innovation, state = update_state(
                 self.m, self.system, k, state, value, gains, self.weights
             )
@@ -461,19 +452,19 @@ def _emit_samples(w: _Samples, blocks: ir.Value, state: list[ir.Value]) -> list[
     inner.close(inner_new)
     shown = m.at(w.a["shown"], b.mul(each.index, I64(n)))
     for i, one in enumerate(inner_new[n + k_count :]):
-        store(b, one, shown, i)
+        b.write(one, shown, i)
     each.close(inner_new[: n + k_count])
     kept = m.room(n + k_count)
     for i, one in enumerate(inner_new[: n + k_count]):
-        store(b, one, kept, i)
+        b.write(one, kept, i)
     begins = b.mul(blocks, I64(AT_ONCE))
     left = b.sub(w.a["samples"], begins)
     with b.if_then(b.icmp_signed(">", left, I64(0))):
-        later = Loop(b, left, [load(b, kept, i) for i in range(n + k_count)], "later")
+        later = Loop(b, left, [b.read(kept, i) for i in range(n + k_count)], "later")
         new = w.passed(b.add(begins, later.index), later.carried, None)
         later.close(new)
         for i, one in enumerate(new):
-            store(b, one, kept, i)
+            b.write(one, kept, i)
     return m.row(m.at(kept, n), k_count)
 
 
@@ -483,7 +474,7 @@ def _emit_pulls(w: _Samples) -> ir.Value:
     each = n * k_count
     onward = emit_product(b.module, (k_count, n, n))
     pulls, a = m.room(AT_ONCE * each), w.at(w.places.of("a"))
-    emit_copy(b, w.at(w.places.pulls), pulls, each)
+    b.copy(w.at(w.places.pulls), pulls, each)
     for k in range(1, AT_ONCE):
         b.call(onward, [m.at(pulls, k * each), m.at(pulls, (k - 1) * each), a])
     return pulls
@@ -507,4 +498,4 @@ def _emit_back(w: _Samples, blocks: ir.Value, shown: ir.Value) -> None:
     ]
     back.close(found)
     for i, value in enumerate(found):
-        store(b, value, shown, i)
+        b.write(value, shown, i)

@@ -6,11 +6,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from llvmlite import ir
-
 from bayesdrill.basics.duals import Dual
 from bayesdrill.rig.kernels.exponential import Layout, Pattern, formulas, with_slopes
-from bayesdrill.rig.kernels.lanes import I64, NUMBERS, VECTORS, Lane, vector
+from bayesdrill.rig.kernels.lanes import I64, NUMBERS, VECTORS, Builder, Lane, vector
 from bayesdrill.rig.kernels.numbers import Number, total
 from bayesdrill.rig.kernels.sums import Tally
 from bayesdrill.rig.models.friction import Friction
@@ -161,7 +159,7 @@ class Rates:
 
     def __init__(
         self,
-        b: ir.IRBuilder,
+        b: Builder,
         shape: Shape,
         parameters: Mapping[str, Number],
         constant: Mapping[str, Number],

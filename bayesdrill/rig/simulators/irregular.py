@@ -174,7 +174,8 @@ class Dense:
     ) -> tuple[Kernel, Shape]:
         wanted = (pattern, tally, shifted)
         if wanted not in self._kernels:
-            shape = Shape(self._layout, pattern, tally, shifted, self._grid.uniform)
+            even = self._grid.uniform and any(shifted)  # of no other is the kernel another
+            shape = Shape(self._layout, pattern, tally, shifted, even)
             self._kernels[wanted] = compile_kernel(write_dense, shape), shape
         return self._kernels[wanted]
 

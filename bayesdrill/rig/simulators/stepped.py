@@ -250,7 +250,7 @@ class Stepped(Summed):
                 constant=present(one.constant),
                 first_order=one.first_order and bool(w.inputs),
                 pattern=tuple(map(tuple, (rows != 0).tolist())),
-                gaps=self._gaps,
+                gaps=self._gaps and tally is not None,
                 tally=tally,
                 turns=self.turns if self.model.frictions else 1,
                 **kind,
