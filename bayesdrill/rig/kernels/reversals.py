@@ -33,6 +33,7 @@ from bayesdrill.rig.kernels.numbers import (
     sticking,
     total,
 )
+from bayesdrill.rig.models.friction import SettlingLaw
 
 
 def step_on(
@@ -347,12 +348,11 @@ class Stride:
             yield below(fallen, SPENT)
 
     def _spent(self, state: Sequence[Number]) -> Iterator[tuple[Number, Number]]:
-        """Of sizes that vary, see `friction.Law.spent`."""
+        """Of sizes that vary, see `SettlingLaw.spent`."""
         for e in self.step.varying:
             rub = self.step.rubs[e]
-            found = rub.law.spent(self.step.parameters, size(state[rub.row]))
-            assert found is not None  # `Shape.strides`
-            yield found
+            assert isinstance(rub.law, SettlingLaw)  # `Shape.strides`
+            yield rub.law.spent(self.step.parameters, size(state[rub.row]))
 
     def _near(
         self, state: Sequence[Number], new: Sequence[Number], ways: Sequence[Lane]

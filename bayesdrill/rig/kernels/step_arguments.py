@@ -11,7 +11,7 @@ from bayesdrill.rig.kernels.exponential import Layout, Pattern, formulas, with_s
 from bayesdrill.rig.kernels.lanes import I64, NUMBERS, VECTORS, Builder, Lane, vector
 from bayesdrill.rig.kernels.numbers import Number, total
 from bayesdrill.rig.kernels.sums import Tally
-from bayesdrill.rig.models.friction import Friction
+from bayesdrill.rig.models.friction import Friction, SettlingLaw
 from bayesdrill.rig.models.linear import Model, Tangent
 
 WHOLE = I64.as_pointer()
@@ -99,7 +99,10 @@ class Shape:
                 sorted(place(name) for name in law.seen if name in self.model.states),
             ]
             found.append(law.size(named, 0.0 if law.steady else named[friction.against], named))
-            found.append(law.spent(named, named[friction.against]) if self.strides else None)
+            if self.strides and isinstance(law, SettlingLaw):
+                found.append(law.spent(named, named[friction.against]))
+            else:
+                found.append(None)
         return found
 
     @property
@@ -108,8 +111,7 @@ class Shape:
         if self.single or self.read or self.late:
             return False
         laws = [friction.law for friction in self.frictions if not friction.law.steady]
-        found = [law.spent(dict.fromkeys(law.parameters, 1.0), 0.0) for law in laws]
-        return bool(found) and all(one is not None for one in found)
+        return bool(laws) and all(isinstance(law, SettlingLaw) for law in laws)
 
     @property
     def frictions(self) -> tuple[Friction, ...]:

@@ -40,12 +40,9 @@ class Response(Unstepped):
     experiment: Experiment
     together: tuple[str, ...] = (SQUARES.name, "signals")
 
-    sensing: ClassVar = Sensing()  # perfect sensors, and a start that is known
+    # Perfect sensors, and a start that is known.
+    sensing: ClassVar[Sensing] = Sensing()  # type: ignore[misc]
     exact: ClassVar[bool] = True
-
-    @property
-    def parameters(self) -> tuple[str, ...]:
-        return self.model.parameters
 
     @property
     def record(self) -> tuple[int, int]:

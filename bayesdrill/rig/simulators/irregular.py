@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar, Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -234,13 +234,6 @@ class Measured(Unstepped):
     model: Model
     experiment: Experiment
     sensing: Sensing
-
-    exact: ClassVar[bool] = False
-    record: ClassVar[None] = None
-
-    @property
-    def parameters(self) -> tuple[str, ...]:
-        return (*self.model.parameters, *self.sensing.names)
 
     def with_record(self, y: Array) -> Self:
         made = super().with_record(y)

@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from typing import Any, ClassVar, Self
+from typing import Any
 
 import numpy as np
 
@@ -25,7 +25,7 @@ from bayesdrill.rig.kernels.step_arguments import BLOCKS, Shape
 from bayesdrill.rig.kernels.sums import Tally
 from bayesdrill.rig.kernels.time_stepping import write_stepping
 from bayesdrill.rig.models.linear import Model
-from bayesdrill.rig.simulators.contract import Motion, Simulator, Stepping, Steps, Summed, in_groups
+from bayesdrill.rig.simulators.contract import TURNS, Motion, Simulator, Stepping, Steps, in_groups
 from bayesdrill.rig.simulators.sensors import Sensing, Walkers
 from bayesdrill.rig.simulators.time_grid import Ahead
 
@@ -114,11 +114,8 @@ class Told:
         return in_groups(rows)
 
 
-TURNS = 4  # 2 leave several times the error, 8 hardly less
-
-
 @dataclass(frozen=True)
-class Stepped(Summed):
+class Stepped(Simulator):
     """See `simulator.Simulator`; parameters are the model's, then those that `sensing` names.
 
     `turns`: parts of a step in which something turns; `chosen`: both were, for the noise.
@@ -130,13 +127,6 @@ class Stepped(Summed):
     pieces: int = 1
     turns: int = TURNS
     chosen: bool = False
-
-    exact: ClassVar[bool] = False
-    record: ClassVar[None] = None
-
-    @property
-    def parameters(self) -> tuple[str, ...]:
-        return self._walkers.parameters
 
     @property
     def stepping(self) -> Stepping:
@@ -340,20 +330,13 @@ class Stepped(Summed):
         }
 
 
-class Unstepped(Summed):
-    """What simulators without steps of their own say of them: that they have none, and what a rig does
-    in steps of a sample each.
-    """
+class Unstepped(Simulator):
+    """A simulator without steps of its own: what a rig does is said in steps of a sample each."""
 
-    stepping: ClassVar[None] = None
-
-    def finer(self, pieces: int, turns: int = TURNS, *, chosen: bool = False) -> Self:
-        return self
-
-    def motion(self: Simulator, full: Array) -> Motion:
+    def motion(self, full: Array) -> Motion:
         return Stepped(self.model, self.experiment, self.sensing).motion(full)
 
-    def steps(self: Simulator, full: Array) -> Steps:
+    def steps(self, full: Array) -> Steps:
         return Stepped(self.model, self.experiment, self.sensing).steps(full)
 
 
