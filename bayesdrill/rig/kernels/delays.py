@@ -20,14 +20,10 @@ from bayesdrill.rig.kernels.knots import (
     MOST_LEVELS,
     WHOLE,
     Arguments,
+    Ladder,
     Machine,
-    Rest,
     Shape,
     Slots,
-    emit_exponential_of,
-    emit_ladder,
-    emit_level,
-    emit_rung,
     emit_seen,
     entries_of,
     later,
@@ -80,7 +76,7 @@ def emit_interval(module: ir.Module, shape: Shape) -> ir.Function:
     made.attributes.add("noinline")
     w = _Interval(Arguments(b, dict(zip([*counts, *blocks], made.args, strict=True))), shape)
     channels = Loop(b, I64(sum(shape.shifted)), [], "channels")
-    w.while_due(w.a.whole("which", channels.index))
+    w.while_due(w.a.at("which", channels.index))
     channels.close([])
     b.ret_void()
     return made
@@ -97,23 +93,9 @@ class _Interval:
         names = ("norm", "over", "power", "unit", "halved")
         self.lane = {name: b.read(a["lane"], place) for place, name in enumerate(names)}
         self.lane["halved"] = b.fcmp_ordered("!=", self.lane["halved"], vector(0.0))
-        none: ir.Value = None
-        self.m = Machine(
-            b,
-            layout,
-            none,
-            none,
-            none,
-            none,
-            a["rates"],
-            self.lane["norm"],
-            self.lane["over"],
-            none,
-            none,
-        )
         self.slopes = [b.read(a["rises"], s) for s in range(self.s)] if layout.first_order else []
         knot = a["knot"]
-        self.begin, self.end = a.real("t", knot), a.real("t", b.add(knot, I64(1)))
+        self.begin, self.end = a.at("t", knot), a.at("t", b.add(knot, I64(1)))
         one = ir.Constant(F64, 1.0)
         self.cells = b.sitofp(a["cells"], F64)
         self.per_cell, self.per_row = b.fdiv(one, a.number(1)), b.fdiv(one, self.cells)
@@ -216,8 +198,7 @@ class _Interval:
         for i, place in enumerate(places):
             b.write(b.read(a["z"], i), place, 0)
         at = Slots(b, places[: self.x], places[self.x :])
-        none: ir.Value = None
-        ladder = Rest(none, a["ladder"], a["levels"])
+        ladder = Ladder(b, self.shape.layout, a["ladder"], a["levels"])
         rungs = Loop(b, b.add(a["high"], a["depth"]), [], "rungs")
         below = b.sub(rungs.index, b.sub(a["high"], I64(1)))
         low = b.icmp_signed(">", below, I64(0))
@@ -227,7 +208,7 @@ class _Interval:
         number = b.select(low, halves, doubles)
         mask = b.icmp_signed("!=", b.and_(number, whole_numbers(1)), whole_numbers(0))
         with b.if_then(b.anywhere(mask)):
-            emit_rung(self.m, ladder, rungs.index, at, self.slopes, mask)
+            ladder.climb(rungs.index, at, self.slopes, mask)
         rungs.close([])
         self._derive(self.other, self.other_terms)
 
@@ -254,10 +235,12 @@ class Late:
         self.degree = b.alloca(I64)
         self.depth = b.alloca(I64)
 
-    def begin(self, m: Machine, group: ir.Value, own: dict[str, ir.Value]) -> None:
+    def begin(self, m: Machine, group: ir.Value, walkers: dict[str, ir.Value]) -> None:
+        """`walkers`: where a group has its numbers."""
         b, a, high = self.b, self.a, self.a["high"]
+        self.group, self.walkers = group, walkers
         self.own["rates"] = m.rates
-        width = a.number(1)
+        width, shifted = a.number(1), I64(sum(self.shape.shifted))
         cell = emit_cell(b, m.norm, width, self.own["weights"], tail=TAIL)
         halved = b.select(b.fcmp_ordered("==", cell.half, vector(0.0)), vector(1.0), vector(0.0))
         for place, value in enumerate((m.norm, m.over, cell.power, cell.unit, halved)):
@@ -266,51 +249,55 @@ class Late:
         b.store(cell.depth, self.depth)
         with b.if_then(b.icmp_signed(">", high, I64(0))):
             self._ladder(m, cell)
-            channels = Loop(b, I64(sum(self.shape.shifted)), [], "cells")
-            self._cells(m, own, a.whole("which", channels.index))
+            channels = Loop(b, shifted, [], "cells")
+            self._cells(m, a.at("which", channels.index))
             channels.close([])
-        self._begin_channels(m, group, own)
+        channels = Loop(b, shifted, [], "begin")
+        self._begin_channel(m, a.at("which", channels.index))
+        channels.close([])
 
     def _ladder(self, m: Machine, cell: Cell) -> None:
         b, a, high, width = self.b, self.a, self.a["high"], self.a.number(1)
         whole = b.fmul(width, b.sitofp(a["cells"], F64))
         levels = Loop(b, high, [whole], "high")
-        ladder = Rest(cell, a["ladder"], self.own["levels"])
-        emit_level(m, ladder, levels.index, b.splat(levels.carried[0]))
+        ladder = Ladder(b, m.layout, a["ladder"], self.own["levels"])
+        ladder.fill(m, levels.index, b.splat(levels.carried[0]))
         levels.close([b.fmul(levels.carried[0], ir.Constant(F64, 2.0))])
         above = a.row("ladder", high, len(entries_of(m.layout)))
-        emit_ladder(m, Rest(cell, above, b.gep(self.own["levels"], [high])), width)
-        emit_exponential_of(m, b.splat(width), m.e)
+        below = Ladder(b, m.layout, above, b.gep(self.own["levels"], [high]))
+        below.fill_cell(m, cell, width)
+        m.exponentiate(b.splat(width), m.e)
 
-    def _begin_channels(self, m: Machine, group: ir.Value, own: dict[str, ir.Value]) -> None:
+    def _begin_channel(self, m: Machine, k: ir.Value) -> None:
         b, a = self.b, self.a
-        channels = Loop(b, I64(sum(self.shape.shifted)), [], "begin")
-        k = a.whole("which", channels.index)
+
+        def told(name: str) -> ir.Value:
+            return b.load(b.gep(self.walkers[name], [k]), align=8)
+
         if self.shape.tally is not None:
             first = b.mul(k, I64(self.shape.tally.count))
-            place = b.gep(a.row("out", group, self.shape.out_count), [first])
+            place = b.gep(a.row("out", self.group, self.shape.out_count), [first])
             for n, value in enumerate(self.shape.tally.begun()):
                 b.write(value, place, n)
         for name, of in (("next", "begin"), ("offset", "offset")):
-            value = b.fptosi(b.load(b.gep(own[of], [k]), align=8), INT_VEC)
+            value = b.fptosi(told(of), INT_VEC)
             b.store(value, b.gep(self.own[name], [k]), align=8)
-        shift = b.load(b.gep(own["shift"], [k]), align=8)
+        shift = told("shift")
         first = b.load(b.gep(self.own["next"], [k]), align=8)
         tau = b.fsub(b.gather(a["t"], first), shift)
         b.store(tau, b.gep(self.own["tau"], [k]), align=8)
         if self.shape.even:
-            emit_exponential_of(m, b.load(b.gep(own["share"], [k]), align=8), m.e)
-            self._copy_row(own, k)
+            m.exponentiate(told("share"), m.e)
+            self._copy_row(k)
             self._multiply(m)
-            even = b.gep(self.own["even"], [b.mul(k, I64(m.layout.size))])
+            even = b.past(self.own["even"], k, m.layout.size)
             for n in range(m.layout.size):
                 b.write(b.read(self.row, n), even, n)
-        self._head(group, own, k, shift)
-        channels.close([])
+        self._head(k, shift, told("head"))
 
-    def _copy_row(self, own: dict[str, ir.Value], k: ir.Value) -> None:
+    def _copy_row(self, k: ir.Value) -> None:
         b, count = self.b, self.shape.r_count
-        mine = b.gep(own["rows"], [b.mul(k, I64(count))])
+        mine = b.past(self.walkers["rows"], k, count)
         for n in range(LANES * row_blocks(self.shape)):
             b.write(b.read(mine, n) if n < count else vector(0.0), self.row, n)
 
@@ -324,10 +311,10 @@ class Late:
                 total = b.fma(old[i], b.read(m.e, i * n + j), total)
             b.write(total, self.row, j)
 
-    def _cells(self, m: Machine, own: dict[str, ir.Value], k: ir.Value) -> None:
+    def _cells(self, m: Machine, k: ir.Value) -> None:
         """Rows over 0, 1, 2, ... cells: those of a lane are one after another."""
         b, a, blocks = self.b, self.a, row_blocks(self.shape)
-        self._copy_row(own, k)
+        self._copy_row(k)
         count = b.add(a["cells"], I64(1))
         rows = Loop(b, count, [], "rows")
         place = b.mul(b.add(b.mul(k, count), rows.index), I64(LANES * blocks * LANES))
@@ -339,58 +326,50 @@ class Late:
         self._multiply(m)
         rows.close([])
 
-    def _head(
-        self, group: ir.Value, own: dict[str, ir.Value], k: ir.Value, shift: ir.Value
-    ) -> None:
+    def _head(self, k: ir.Value, shift: ir.Value, head: ir.Value) -> None:
         """Samples before the first knot, where states go on straight and inputs are constant."""
-        b, a, layout = self.b, self.a, self.shape.layout
-        wanted = b.fptosi(b.load(b.gep(own["head"], [k]), align=8), INT_VEC)
+        b, a, own = self.b, self.a, self.walkers
+        wanted = b.fptosi(head, INT_VEC)
         most = b.largest(wanted)
-        row = b.gep(own["rows"], [b.mul(k, I64(self.shape.r_count))])
-        inputs = self.a.drive(layout, I64(0))[0]
+        row = b.past(own["rows"], k, self.shape.r_count)
+        inputs = a.drive(self.shape.layout, I64(0))[0]
         with b.if_then(b.icmp_signed(">", most, I64(0))):
             samples = Loop(b, most, [], "head")
-            tau = b.fsub(b.splat(a.real("t", samples.index)), shift)
+            tau = b.fsub(b.splat(a.at("t", samples.index)), shift)
             states = [
                 b.fma(tau, b.read(own["before"], i), b.read(own["x0"], i))
-                for i in range(layout.n_states)
+                for i in range(self.shape.layout.n_states)
             ]
-            value = vector(0.0)
-            for r, one in enumerate([*states, vector(1.0), *inputs]):
-                value = b.fma(b.read(row, r), one, value)
+            value = b.dot(row, [*states, vector(1.0), *inputs])
             sample = b.splat(samples.index)
             due = b.icmp_signed("<", sample, wanted)
-            emit_seen(a, self.shape, own.get("weight"), group, k, sample, due, value)
+            self._show(k, sample, due, value)
             samples.close([])
 
-    def even(
-        self, group: ir.Value, own: dict[str, ir.Value], knot: ir.Value, z: Values, slopes: Values
-    ) -> None:
+    def _show(self, k: ir.Value, sample: ir.Value, due: ir.Value, value: ir.Value) -> None:
+        emit_seen(self.a, self.shape, self.walkers.get("weight"), self.group, k, sample, due, value)
+
+    def even(self, knot: ir.Value, z: Values, slopes: Values) -> None:
         """One sample in each lane, at the same span after every knot."""
         b, a = self.b, self.a
         for k in (k for k, shifted in enumerate(self.shape.shifted) if shifted):
             row = b.gep(self.own["even"], [I64(k * self.shape.layout.size)])
-            value = vector(0.0)
-            for r, one in enumerate([*z, *slopes]):
-                value = b.fma(b.read(row, r), one, value)
+            value = b.dot(row, [*z, *slopes])
             sample = b.add(b.splat(knot), b.read(self.own["offset"], k))
             none = b.splat(a["knots"])
             inside = b.icmp_unsigned("<", sample, none)
             sample = b.select(inside, sample, none)
-            weight = own.get("weight")
-            emit_seen(a, self.shape, weight, group, I64(k), sample, inside, value)
+            self._show(I64(k), sample, inside, value)
 
-    def interval(
-        self, group: ir.Value, own: dict[str, ir.Value], knot: ir.Value, z: Values, slopes: Values
-    ) -> None:
+    def interval(self, knot: ir.Value, z: Values, slopes: Values) -> None:
         """What shifted channels see from a knot to the next."""
-        b = self.b
+        b, own = self.b, self.walkers
         for place, value in enumerate(z):
             b.write(value, self.own["z"], place)
         for place, value in enumerate(slopes):
             b.write(value, self.own["rises"], place)
         known = self.own | {"shift": own["shift"], "weight": own.get("weight", own["shift"])}
-        counts = [group, knot, b.load(self.degree), b.load(self.depth)]
+        counts = [self.group, knot, b.load(self.degree), b.load(self.depth)]
         counts += [self.a[name] for name in SHARED_COUNTS]
         blocks = [known[name] for name in OWN_BLOCKS] + [self.a[name] for name in SHARED_BLOCKS]
         b.call(self.called, counts + blocks)

@@ -7,8 +7,6 @@ What a steady friction does is part of what is constant; what sticks takes what 
 linear in the rest, so that its own row is zero and its angle's row keeps the angle.  All of it stands
 in memory, as it changes rarely.
 
-One step of a rig that rubs, written in numbers of any kind: registers, or these with a slope.
-
     x+ = Phi x + g + Gamma u + Gamma_f f
 
 As long as each friction slips one way or sticks, the rig is a linear one: its `Regime`.  A size that

@@ -1,4 +1,4 @@
-"""The steps of a Kalman filter: the transition with its process noise, update and prediction.
+"""A Kalman filter, sample after sample: for gaps, uneven times, slopes, smoothing and draws.
 
 Over a step h, the state-space model x' = F x + g w with white noise w of intensity q has
 
@@ -13,8 +13,6 @@ k = P c' / S,
 
     update       x <- x + k e       P <- P - k c P
     prediction   x <- Phi x         P <- Phi P Phi' + Q
-
-A Kalman filter sample after sample: for gaps, uneven times, slopes, smoothing and draws.
 
 Once the covariances are steady they are left alone, until a gap or another step.  The smoother goes back
 by adjoints (Bryson and Frazier 1963; Bierman 1973), without inverting a covariance:
@@ -241,56 +239,58 @@ def _gauss() -> tuple[np.ndarray, np.ndarray]:
     return 0.5 * (nodes + 1.0), 0.5 * weights
 
 
-def gain_width(n: int) -> int:
-    """Numbers that `update_covariance` leaves of a channel: the gain (n,), the variance of what it
-    shows, and the root of one over it.
+@dataclass(frozen=True, slots=True)
+class Gains:
+    """Of all channels, in a `block (K, width)`: the gain (n,), the variance of what the channel shows,
+    and the root of one over it.  `weights (K, n)`: the block of those of the channels.
     """
-    return n + 2
 
+    memory: Memory
+    system: StateSpace
+    block: ir.Value
+    weights: ir.Value
 
-def update_covariance(
-    memory: Memory,
-    system: StateSpace,
-    k: int,
-    p: ir.Value,
-    variances: ir.Value,
-    gains: ir.Value,
-    weights: ir.Value,
-    is_seen: Number = 1.0,
-) -> None:
-    """Write the gain of channel k into `gains (K, gain_width)`, and update the covariance p (n, n)."""
-    n, own = system.n, system.weights(memory.b, weights, k)
-    c = list(own.values())
-    shown = [dot(c, [memory.get(p, i * n + j) for j in own]) for i in range(n)]
-    variance = dot(c, [shown[j] for j in own], memory.get(variances, k))
-    over = is_seen / variance
-    gain = [one * over for one in shown]
-    for i in range(n):
-        for j in range(n):
-            memory.put(fused(-gain[i], shown[j], memory.get(p, i * n + j)), p, i * n + j)
-    at = k * gain_width(n)
-    for i, one in enumerate(gain):
-        memory.put(one, gains, at + i)
-    memory.put(variance * is_seen + (1.0 - is_seen), gains, at + n)
-    memory.put(_root(memory.b, over), gains, at + n + 1)
+    @staticmethod
+    def width(n: int) -> int:
+        return n + 2
 
+    def of(self, k: int) -> list[Number]:
+        first = k * self.width(self.system.n)
+        return [self.memory.get(self.block, first + i) for i in range(self.system.n)]
 
-def update_state(
-    memory: Memory,
-    system: StateSpace,
-    k: int,
-    state: Sequence[Number],
-    y: Number,
-    gains: ir.Value,
-    weights: ir.Value,
-) -> tuple[Number, list[Number]]:
-    """Return the innovation of channel k, and the updated state."""
-    n = system.n
-    innovation = y
-    for i, weight in system.weights(memory.b, weights, k).items():
-        innovation = fused(-weight, state[i], innovation)
-    gain = [memory.get(gains, k * gain_width(n) + i) for i in range(n)]
-    return innovation, [fused(one, innovation, x) for one, x in zip(gain, state, strict=True)]
+    def variance(self, k: int) -> Number:
+        return self.memory.get(self.block, (k + 1) * self.width(self.system.n) - 2)
+
+    def inverse_deviation(self, k: int) -> Number:
+        return self.memory.get(self.block, (k + 1) * self.width(self.system.n) - 1)
+
+    def update_covariance(
+        self, k: int, p: ir.Value, variances: ir.Value, is_seen: Number = 1.0
+    ) -> None:
+        """Write what the block has of channel k, and update the covariance p (n, n)."""
+        memory, n = self.memory, self.system.n
+        own = self.system.weights(memory.b, self.weights, k)
+        c = list(own.values())
+        shown = [dot(c, [memory.get(p, i * n + j) for j in own]) for i in range(n)]
+        variance = dot(c, [shown[j] for j in own], memory.get(variances, k))
+        over = is_seen / variance
+        gain = [one * over for one in shown]
+        for i in range(n):
+            for j in range(n):
+                memory.put(fused(-gain[i], shown[j], memory.get(p, i * n + j)), p, i * n + j)
+        numbers = [*gain, variance * is_seen + (1.0 - is_seen), _root(memory.b, over)]
+        for i, one in enumerate(numbers, start=k * self.width(n)):
+            memory.put(one, self.block, i)
+
+    def update_state(
+        self, k: int, state: Sequence[Number], y: Number
+    ) -> tuple[Number, list[Number]]:
+        """Return the innovation of channel k, and the updated state."""
+        innovation = y
+        for i, weight in self.system.weights(self.memory.b, self.weights, k).items():
+            innovation = fused(-weight, state[i], innovation)
+        pairs = zip(self.of(k), state, strict=True)
+        return innovation, [fused(gain, innovation, x) for gain, x in pairs]
 
 
 def predict_covariance(memory: Memory, n: int, p: ir.Value, phi: ir.Value, q: ir.Value) -> None:
@@ -302,11 +302,6 @@ def predict_covariance(memory: Memory, n: int, p: ir.Value, phi: ir.Value, q: ir
     b.call(half, [spare, phi, p])
     b.copy(q, p, n * n * memory.width)
     b.call(whole, [p, spare, phi])
-
-
-def inverse_deviation(memory: Memory, n: int, k: int, gains: ir.Value) -> Number:
-    """Of one over the variance of what channel k shows."""
-    return memory.get(gains, k * gain_width(n) + n + 1)
 
 
 def _root(b: Builder, number: Number) -> Number:
@@ -355,7 +350,9 @@ class _Writer:
         self.memory = m = Memory(b, self.slopes)
         n = self.n = system.n
         self.spread = emit_transition(module, system, slopes=self.slopes)
-        self.p, self.x, self.gains = m.room(n * n), m.room(n), m.room(system.k * gain_width(n))
+        self.p, self.x = m.room(n * n), m.room(n)
+        block = m.room(system.k * Gains.width(n))
+        self.gains = Gains(m, system, block, self.a["weights"])
         self.span = b.alloca(VEC, I64(1))
         self.flag = b.alloca(I64, I64(1))
 
@@ -399,10 +396,11 @@ def _emit_revise(module: ir.Module, system: StateSpace, *, slopes: bool) -> ir.F
     made, b = begin_function(module, "revise", 0, [VECTORS] * 5 + [NUMBERS, NUMBERS, WHOLE])
     p, gains, variances, phi, q, seen, weights, flag = made.args
     memory = Memory(b, slopes)
+    found = Gains(memory, system, gains, weights)
     old = [dual(memory.get(p, i * n + i)) for i in range(n)]
     for k in range(system.k):
         is_seen = Lane(b, b.splat(b.load(b.gep(seen, [I64(k)]))))
-        update_covariance(memory, system, k, p, variances, gains, weights, is_seen)
+        found.update_covariance(k, p, variances, is_seen)
     predict_covariance(memory, n, p, phi, q)
     moving = _moving(memory, n, p, old)
     b.store(b.select(b.anywhere(moving), I64(0), I64(1)), flag)
@@ -443,7 +441,7 @@ def _emit_filter(module: ir.Module, system: StateSpace, name: str) -> None:
     settled = b.and_(b.load(w.flag), b.load(b.gep(a["same"], [t])))
     seen = b.gep(a["seen"], [b.mul(t, I64(system.k))])
     with b.if_then(b.icmp_signed("==", settled, I64(0))):
-        b.call(revise, [w.p, w.gains, w.variances, phi, q, seen, a["weights"], w.flag])
+        b.call(revise, [w.p, w.gains.block, w.variances, phi, q, seen, a["weights"], w.flag])
     _emit_sample(w, here, t, phi)
     samples.close([])
     if w.smooth:
@@ -458,19 +456,17 @@ def _emit_sample(w: _Writer, here: ir.Value, t: ir.Value, phi: ir.Value) -> None
     left, state = m.at(w.a["left"], here), m.row(w.x, n)
     out = m.at(w.a["out"], b.mul(here, I64(2)))
     for k in range(system.k):
-        at = k * gain_width(n)
-        y, weights = m.get(left, k), w.a["weights"]
-        innovation, state = update_state(m, system, k, state, y, w.gains, weights)
-        over = inverse_deviation(m, n, k, w.gains)
+        innovation, state = w.gains.update_state(k, state, m.get(left, k))
+        over = w.gains.inverse_deviation(k)
         white = innovation * over
         if w.smooth:
             keep = m.at(w.a["kept"], b.mul(t, I64(w.kept)))
-            for i in range(n):
-                m.put(m.get(w.gains, at + i), keep, k * (n + 1) + i)
+            for i, gain in enumerate(w.gains.of(k)):
+                m.put(gain, keep, k * (n + 1) + i)
             m.put(white * over, keep, k * (n + 1) + n)
         else:
             m.put(white, out, 2 * k)
-            m.put(m.get(w.gains, at + n), out, 2 * k + 1)
+            m.put(w.gains.variance(k), out, 2 * k + 1)
     rows = [[m.get(phi, i * n + j) for j in range(n)] for i in range(n)]
     for i, row in enumerate(rows):
         m.put(dot(row, state), w.x, i)

@@ -16,7 +16,6 @@ from bayesdrill.rig.kernels.lanes import (
     I64,
     LANES,
     NUMBERS,
-    VEC,
     VECTORS,
     Builder,
     Loop,
@@ -110,12 +109,10 @@ class Arguments:
         return self.named[name]
 
     def row(self, name: str, index: ir.Value, count: int) -> ir.Value:
-        return self.b.gep(self.named[name], [self.b.mul(index, I64(count))])
+        return self.b.past(self.named[name], index, count)
 
-    def whole(self, name: str, index: ir.Value) -> ir.Value:
+    def at(self, name: str, index: ir.Value) -> ir.Value:
         return self.b.load(self.b.gep(self.named[name], [index]))
-
-    real = whole
 
     def number(self, index: int) -> ir.Value:
         return self.b.load(self.b.gep(self.named["numbers"], [I64(index)]))
@@ -152,7 +149,7 @@ def observe(
         for r in (r for r, used in enumerate(shape.pattern[k]) if used):
             total = b.fma(b.read(own["rows"], k * shape.r_count + r), z[r], total)
         if shape.tally is not None:
-            y = b.splat(a.real("y", flat))
+            y = b.splat(a.at("y", flat))
             seen = b.fcmp_ordered("ord", y, y)
             left = b.select(seen, b.fsub(y, total), vector(0.0))
             weights = [b.read(own["weight"], k * shape.weights + n) for n in range(shape.weights)]
@@ -231,13 +228,6 @@ class Slots:
             self.b.write(value, slot, 0)
 
 
-def slots(b: Builder, layout: Layout) -> Slots:
-    def some(n: int) -> list[ir.Value]:
-        return [b.alloca(VEC) for _ in range(n)]
-
-    return Slots(b, some(layout.n_states), some(layout.n_series))
-
-
 @dataclass(frozen=True, slots=True)
 class Machine:
     """What the pieces of code for one group share."""
@@ -254,67 +244,74 @@ class Machine:
     spans: ir.Value  # one vector
     e: ir.Value  # three matrices
 
+    def exponentiate(self, spans: ir.Value, out: ir.Value) -> None:
+        self.b.write(spans, self.spans, 0)
+        self.b.call(self.exponential, [self.parameters, self.constants, self.spans, out])
 
-def emit_exponential_of(m: Machine, spans: ir.Value, out: ir.Value) -> None:
-    m.b.write(spans, m.spans, 0)
-    m.b.call(m.exponential, [m.parameters, m.constants, m.spans, out])
-
-
-def keep(m: Machine, e: ir.Value, table: ir.Value) -> None:
-    for place, (i, j) in enumerate(entries_of(m.layout)):
-        m.b.write(m.b.read(e, i * m.layout.size + j), table, place)
+    def keep(self, e: ir.Value, table: ir.Value) -> None:
+        for place, (i, j) in enumerate(entries_of(self.layout)):
+            self.b.write(self.b.read(e, i * self.layout.size + j), table, place)
 
 
-def apply(m: Machine, table: ir.Value, state: Values, inputs: Values, slopes: Values) -> Values:
+def apply(
+    b: Builder, layout: Layout, table: ir.Value, state: Values, inputs: Values, slopes: Values
+) -> Values:
     """A kept exponential to a state."""
-    phi = {where: m.b.read(table, place) for place, where in enumerate(entries_of(m.layout))}
-    return next_state(m.b, m.layout.n_states, phi, state, [*inputs, *slopes])
+    phi = {where: b.read(table, place) for place, where in enumerate(entries_of(layout))}
+    return next_state(b, layout.n_states, phi, state, [*inputs, *slopes])
 
 
 @dataclass(frozen=True, slots=True)
-class Rest:
-    """Of spans within a cell: exponentials over its halvings, and the spans of these."""
+class Ladder:
+    """Exponentials over spans that are halved or doubled from level to level, and these `spans`."""
 
-    cell: Cell
-    ladder: ir.Value
+    b: Builder
+    layout: Layout
+    table: ir.Value
     spans: ir.Value
 
+    def _at(self, level: ir.Value) -> ir.Value:
+        return self.b.past(self.table, level, len(entries_of(self.layout)))
 
-def emit_ladder(m: Machine, rest: Rest, width: ir.Value) -> None:
-    """Over `width` / 2, / 4, ...; over 0 where a lane needs none."""
-    b = m.b
-    with b.if_then(b.icmp_signed(">", rest.cell.depth, I64(0))):
-        levels = Loop(b, rest.cell.depth, [ir.Constant(F64, 0.5)], "levels")
-        number = b.splat(b.add(levels.index, I64(1)))
-        wanted = b.icmp_signed(">=", rest.cell.halvings, number)
-        span = b.select(wanted, b.splat(b.fmul(width, levels.carried[0])), vector(0.0))
-        emit_level(m, rest, levels.index, span)
-        levels.close([b.fmul(levels.carried[0], ir.Constant(F64, 0.5))])
+    def fill(self, m: Machine, level: ir.Value, span: ir.Value) -> None:
+        self.b.write(span, self.b.gep(self.spans, [level]), 0)
+        m.exponentiate(span, m.e)
+        m.keep(m.e, self._at(level))
+
+    def fill_cell(self, m: Machine, cell: Cell, width: ir.Value) -> None:
+        """Over `width` / 2, / 4, ...; over 0 where a lane needs none."""
+        b, half = self.b, ir.Constant(F64, 0.5)
+        with b.if_then(b.icmp_signed(">", cell.depth, I64(0))):
+            levels = Loop(b, cell.depth, [half], "levels")
+            number = b.splat(b.add(levels.index, I64(1)))
+            wanted = b.icmp_signed(">=", cell.halvings, number)
+            span = b.select(wanted, b.splat(b.fmul(width, levels.carried[0])), vector(0.0))
+            self.fill(m, levels.index, span)
+            levels.close([b.fmul(levels.carried[0], half)])
+
+    def climb(
+        self, level: ir.Value, place: Slots, slopes: Values, mask: ir.Value | None = None
+    ) -> None:
+        """By one level, in all lanes or in those of a `mask`."""
+        b, table = self.b, self._at(level)
+        span = b.load(b.gep(self.spans, [level]), align=8)
+        state, inputs = place.read()
+        new = apply(b, self.layout, table, state, inputs, slopes)
+        after = later(b, inputs, slopes, span)
+        if mask is not None:
+            new = [b.select(mask, one, old) for one, old in zip(new, state, strict=True)]
+            after = [b.select(mask, one, old) for one, old in zip(after, inputs, strict=True)]
+        place.write(new, after)
 
 
-def emit_level(m: Machine, rest: Rest, level: ir.Value, span: ir.Value) -> None:
-    b, count = m.b, len(entries_of(m.layout))
-    b.write(span, b.gep(rest.spans, [level]), 0)
-    emit_exponential_of(m, span, m.e)
-    keep(m, m.e, b.gep(rest.ladder, [b.mul(level, I64(count))]))
-
-
-@dataclass(frozen=True, slots=True)
-class Nodes:
-    """Blocks of the host, and the width of a cell."""
-
-    a: Arguments
-    width: ir.Value
-
-
-def emit_nodes(m: Machine, cell: Cell, nodes: Nodes) -> None:
+def emit_nodes(m: Machine, a: Arguments, cell: Cell, width: ir.Value) -> None:
     """The table: a chained node is the one before and a cell, others have exponentials of their own."""
-    b, a, n = m.b, nodes.a, m.layout.size
+    b, n = m.b, m.layout.size
     e, hop, spare = (b.gep(m.e, [I64(k * n * n)]) for k in range(3))
-    with b.if_then(b.fcmp_ordered(">", nodes.width, ir.Constant(F64, 0.0))):
-        emit_exponential_of(m, b.splat(nodes.width), hop)
+    with b.if_then(b.fcmp_ordered(">", width, ir.Constant(F64, 0.0))):
+        m.exponentiate(b.splat(width), hop)
     each = Loop(b, a["nodes"], [], "nodes")
-    linked = b.icmp_signed("!=", a.whole("chained", each.index), I64(0))
+    linked = b.icmp_signed("!=", a.at("chained", each.index), I64(0))
     with b.if_else(linked) as (then, otherwise):
         with then:
             b.call(m.product, [spare, e, hop])
@@ -322,66 +319,44 @@ def emit_nodes(m: Machine, cell: Cell, nodes: Nodes) -> None:
                 for j in (j for j in range(n) if m.layout.reach[i][j]):
                     b.write(b.read(spare, i * n + j), e, i * n + j)
         with otherwise:
-            middle = b.fmul(cell.half, b.splat(nodes.width))
-            inside = b.splat(a.real("inside", each.index))
-            span = b.fma(inside, middle, b.splat(a.real("spans", each.index)))
-            emit_exponential_of(m, span, e)
-    keep(m, e, a.row("table", each.index, len(entries_of(m.layout))))
+            middle = b.fmul(cell.half, b.splat(width))
+            inside = b.splat(a.at("inside", each.index))
+            span = b.fma(inside, middle, b.splat(a.at("spans", each.index)))
+            m.exponentiate(span, e)
+    m.keep(e, a.row("table", each.index, len(entries_of(m.layout))))
     each.close([])
 
 
-def remainder(b: Builder, cell: Cell, share: ir.Value) -> ir.Value:
-    """Norm times what is left of a `share` (0 to 1, of a cell) below the halvings of each lane."""
-    fine = b.fmul(share, cell.power)
-    left = b.fsub(fine, b.floor(fine))
-    return b.fmul(b.fsub(left, cell.half), cell.unit)
-
-
-def emit_rest(m: Machine, rest: Rest, share: ir.Value, place: Slots, slopes: Values) -> None:
-    """Goes on by `share` (a number, 0 to 1) of a cell, from `place` to `place`."""
+def emit_rest(
+    m: Machine, cell: Cell, ladder: Ladder, share: ir.Value, place: Slots, slopes: Values
+) -> None:
+    """Goes on by `share` (a number, 0 to 1) of a cell, from `place` to `place`: by a series of what is
+    left below the halvings of each lane, and by these.
+    """
     b, layout, x = m.b, m.layout, m.layout.n_states
     state, inputs = place.read()
-    scaled = remainder(b, rest.cell, b.splat(share))
+    fine = b.fmul(b.splat(share), cell.power)
+    left = b.fsub(fine, b.floor(fine))
+    scaled = b.fmul(b.fsub(left, cell.half), cell.unit)
 
     def add(k: ir.Value, term: Values, carried: Values) -> Values:
-        share_k = b.load(b.gep(rest.cell.weights, [k]), align=8)
+        share_k = b.load(b.gep(cell.weights, [k]), align=8)
         weight = b.fmul(carried[0], b.fmul(scaled, share_k))
         totals = [b.fma(weight, one, to) for one, to in zip(term, carried[1:], strict=True)]
         return [weight, *totals]
 
     start = [vector(1.0), *state]
     values = (state, inputs, slopes)
-    done = emit_terms(b, layout, m.rates, values, m.over, rest.cell.count, start, add)
+    done = emit_terms(b, layout, m.rates, values, m.over, cell.count, start, add)
     span = b.fmul(scaled, m.over)
     place.write(done[1 : x + 1], later(b, inputs, slopes, span))
-    with b.if_then(b.icmp_signed(">", rest.cell.depth, I64(0))):
-        levels = Loop(b, rest.cell.depth, [], "descent")
+    with b.if_then(b.icmp_signed(">", cell.depth, I64(0))):
+        levels = Loop(b, cell.depth, [], "descent")
         power = b.shl(I64(1), b.add(levels.index, I64(1)))
         number = b.fptosi(b.fmul(share, b.sitofp(power, F64)), I64)
         with b.if_then(b.icmp_signed("!=", b.and_(number, I64(1)), I64(0))):
-            emit_rung(m, rest, levels.index, place, slopes)
+            ladder.climb(levels.index, place, slopes)
         levels.close([])
-
-
-def emit_rung(
-    m: Machine,
-    rest: Rest,
-    level: ir.Value,
-    place: Slots,
-    slopes: Values,
-    mask: ir.Value | None = None,
-) -> None:
-    """By one level of a ladder, in all lanes or in those of a `mask`."""
-    b = m.b
-    table = b.gep(rest.ladder, [b.mul(level, I64(len(entries_of(m.layout))))])
-    span = b.load(b.gep(rest.spans, [level]), align=8)
-    state, inputs = place.read()
-    new = apply(m, table, state, inputs, slopes)
-    after = later(b, inputs, slopes, span)
-    if mask is not None:
-        new = [b.select(mask, one, old) for one, old in zip(new, state, strict=True)]
-        after = [b.select(mask, one, old) for one, old in zip(after, inputs, strict=True)]
-    place.write(new, after)
 
 
 def later(b: Builder, inputs: Values, slopes: Values, span: ir.Value) -> Values:

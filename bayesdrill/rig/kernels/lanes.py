@@ -119,6 +119,13 @@ class Builder(ir.IRBuilder):  # type: ignore[misc]
     def fma(self, left: ir.Value, right: ir.Value, total: ir.Value) -> ir.Value:
         return self._intrinsic(f"llvm.fmuladd.v{LANES}f64", left, right, total)
 
+    def dot(self, base: ir.Value, values: Sequence[ir.Value]) -> ir.Value:
+        """Of the vectors at `base` with as many others."""
+        total = vector(0.0)
+        for place, value in enumerate(values):
+            total = self.fma(self.read(base, place), value, total)
+        return total
+
     def largest(self, values: ir.Value) -> ir.Value:
         """Of whole numbers."""
         return self._intrinsic(f"llvm.vector.reduce.smax.v{LANES}i64", values, result=I64)
@@ -259,6 +266,18 @@ class Loop:
         b.position_at_end(after)
 
 
+def _operation(name: str, *, turned: bool = False) -> Callable[[Lane, Any], Any]:
+    """That of the builder with what is a number too; others know how to take a lane."""
+
+    def method(lane: Lane, other: Any) -> Any:
+        if not isinstance(other, Lane | float | int):
+            return NotImplemented
+        pair = (lane.value, lane._of(other))
+        return Lane(lane.b, getattr(lane.b, name)(*(reversed(pair) if turned else pair)))
+
+    return method
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Lane(Number):
     """One number of each walker.  Arithmetic with it is written down as code, not carried out.
@@ -272,34 +291,10 @@ class Lane(Number):
     def _of(self, other: Lane | float) -> ir.Value:
         return other.value if isinstance(other, Lane) else vector(float(other))
 
-    def _with(self, other: Any, operation: str, *, turned: bool = False) -> Any:
-        """`operation` of the builder with what is a number too; others know how to take a lane."""
-        if not isinstance(other, Lane | float | int):
-            return NotImplemented
-        pair = (self._of(other), self.value) if turned else (self.value, self._of(other))
-        return Lane(self.b, getattr(self.b, operation)(*pair))
-
-    def __add__(self, other: Any) -> Any:
-        return self._with(other, "fadd")
-
-    __radd__ = __add__
-
-    def __sub__(self, other: Any) -> Any:
-        return self._with(other, "fsub")
-
-    def __rsub__(self, other: Any) -> Any:
-        return self._with(other, "fsub", turned=True)
-
-    def __mul__(self, other: Any) -> Any:
-        return self._with(other, "fmul")
-
-    __rmul__ = __mul__
-
-    def __truediv__(self, other: Any) -> Any:
-        return self._with(other, "fdiv")
-
-    def __rtruediv__(self, other: Any) -> Any:
-        return self._with(other, "fdiv", turned=True)
+    __add__ = __radd__ = _operation("fadd")
+    __sub__, __rsub__ = _operation("fsub"), _operation("fsub", turned=True)
+    __mul__ = __rmul__ = _operation("fmul")
+    __truediv__, __rtruediv__ = _operation("fdiv"), _operation("fdiv", turned=True)
 
     def __neg__(self) -> Lane:
         return Lane(self.b, self.b.fneg(self.value))

@@ -1,7 +1,5 @@
 """Numbers of kernels: registers with or without slopes, and small matrices of them in memory.
 
-Small matrices of numbers in memory, and products of them: code of loops over their rows.
-
 A number of a kind with slopes takes two vectors, its value and its slope.
 """
 

@@ -213,139 +213,95 @@ def emit_normal(module: ir.Module, layout: Layout, exponential: ir.Function) -> 
     noise.  `out (G, K + q + q q, LANES)`: squares, slopes, and the lower triangle of the products.
     """
     blocks = [VECTORS, VECTORS, VECTORS, NUMBERS, NUMBERS, NUMBERS, VECTORS, VECTORS]
-    w = _Writer(*begin_function(module, "normal", 3, blocks), layout, exponential)
-    groups = Loop(w.b, w.n_groups, [], "groups")
-    w.begin_group(groups.index)
-    state = w.first_state()
-    phi = w.matrices()
-    samples = Loop(w.b, w.n_samples, state + [vector(0.0)] * w.k_count, "samples")
-    state, totals = samples.carried[: w.x_count], samples.carried[w.x_count :]
-    drive = emit_drive(w.b, layout, w.u, samples.index)
-    left = w.left(samples.index, state)
-    totals = [w.b.fma(value, value, total) for value, total in zip(left, totals, strict=True)]
-    w.each_direction(phi, state, drive, left)
-    samples.close(next_state(w.b, w.x_count, phi, state, drive) + totals)
-    for k, total in enumerate(totals):
-        w.b.write(total, w.own_out, k)
-    groups.close([])
-    w.b.ret_void()
+    made, b = begin_function(module, "normal", 3, blocks)
+    n_groups, n_samples, q, parameters, directions, scales, block, y, u, e, out = made.args
+    constants, matrix = Constants(b, layout, block), _Tangent(b, layout, e)
+    x, k_count, p_count = matrix.x, len(layout.channels), layout.n_parameters // 2
+    d_count = x * (layout.size - x)
+    d = b.gep(e, [I64(layout.size**2)])
+    slopes_x = b.past(d, q, d_count)  # of states, in all directions
+    slopes_s = b.past(slopes_x, q, x)  # of what channels show
+    both = b.alloca(VEC, I64(2 * p_count))
 
-
-class _Writer:
-    """Where a group of walkers has its numbers, and the parts of the code that fills them in."""
-
-    def __init__(
-        self, made: ir.Function, b: Builder, layout: Layout, exponential: ir.Function
-    ) -> None:
-        self.n_groups, self.n_samples, self.q, *blocks = made.args
-        self.parameters, self.directions, self.scales, block, *blocks = blocks
-        self.y, self.u, self.e, self.out = blocks
-        self.b = b
-        self.layout, self.exponential = layout, exponential
-        self.constants = Constants(b, layout, block)
-        self.x_count, self.k_count = layout.n_states // 2, len(layout.channels)
-        self.p_count = layout.n_parameters // 2
-        inputs = layout.size - layout.n_states  # the constant one and the sampled ones
-        self.d_count = self.x_count * (self.x_count + inputs)
-        self.d = b.gep(self.e, [I64(layout.size**2)])
-        self.slopes_x = b.gep(self.d, [b.mul(self.q, I64(self.d_count))])
-        self.slopes_s = b.gep(self.slopes_x, [b.mul(self.q, I64(self.x_count))])
-        self.both = b.alloca(VEC, I64(2 * self.p_count))
-
-    def row(self, base: ir.Value, index: ir.Value, count: int) -> ir.Value:
-        return self.b.gep(base, [self.b.mul(index, I64(count))])
-
-    def begin_group(self, group: ir.Value) -> None:
-        b, q = self.b, self.q
-        out_count = b.add(I64(self.k_count), b.add(q, b.mul(q, q)))
-        self.group = group
-        self.own_out = b.gep(self.out, [b.mul(group, out_count)])
-        self.own_scales = self.row(self.scales, group, self.k_count)
-        self.slope_sums = b.gep(self.own_out, [I64(self.k_count)])
-        self.product_sums = b.gep(self.slope_sums, [q])
-        b.clear(self.own_out, out_count)
-        own = self.row(self.parameters, group, self.p_count)
-        for p in range(self.p_count):
-            b.write(b.read(own, p), self.both, p)
-
-    def _weights(self, k: int) -> dict[int, ir.Value]:
+    def weights(k: int) -> dict[int, ir.Value]:
         """Of channel k, by the rig's own states: those of the derivatives that it shows."""
-        return {i - self.x_count: weight for i, weight in self.constants.weights(k).items()}
+        return {i - x: weight for i, weight in constants.weights(k).items()}
 
-    def _exponential(self, direction: ir.Value, *, lead: bool) -> None:
-        """Of the tangent's matrix in this direction."""
-        b = self.b
-        row = self.row(self.directions, b.add(b.mul(self.group, self.q), direction), self.p_count)
-        for p in range(self.p_count):
-            b.write(b.read(row, p), self.both, self.p_count + p)
-        self.constants.exponential(self.exponential, self.both, self.e, lead=lead)
+    def in_direction(direction: ir.Value, *, lead: bool) -> None:
+        """The exponential of the tangent's matrix."""
+        row = b.past(directions, b.add(b.mul(groups.index, q), direction), p_count)
+        for p in range(p_count):
+            b.write(b.read(row, p), both, p_count + p)
+        constants.exponential(exponential, both, e, lead=lead)
 
-    def first_state(self) -> Values:
-        """Of the rig, at the first sample; those of the slopes are stored."""
-        b, layout, count = self.b, self.layout, self.x_count
-        start = self.constants.start(count)
-        if not layout.lead:
-            b.clear(self.slopes_x, b.mul(self.q, I64(count)))
-            return start
-        zero = [vector(0.0)] * count
-        begun = Loop(b, self.q, [], "begun")
-        self._exponential(begun.index, lead=True)
-        phi, slope = _entries(b, layout, self.e)
-        mine = self.row(self.slopes_x, begun.index, count)
-        for i, value in enumerate(_next_slope(b, layout, phi, slope, start, zero, [])):
+    groups = Loop(b, n_groups, [], "groups")
+    out_count = b.add(I64(k_count), b.add(q, b.mul(q, q)))
+    own_out = b.past(out, groups.index, out_count)
+    own_scales = b.past(scales, groups.index, k_count)
+    slope_sums = b.gep(own_out, [I64(k_count)])
+    product_sums = b.gep(slope_sums, [q])
+    b.clear(own_out, out_count)
+    own = b.past(parameters, groups.index, p_count)
+    for p in range(p_count):
+        b.write(b.read(own, p), both, p)
+    state = constants.start(x)
+    if layout.lead:
+        zero, begun = [vector(0.0)] * x, Loop(b, q, [], "begun")
+        in_direction(begun.index, lead=True)
+        phi, slope = matrix.phi, dict(zip(matrix.places, matrix.slopes, strict=True))
+        mine = b.past(slopes_x, begun.index, x)
+        for i, value in enumerate(_next_slope(b, x, phi, slope, state, zero, [])):
             b.write(value, mine, i)
         begun.close([])
-        return next_state(b, count, _entries(b, layout, self.e)[0], start, [])
-
-    def matrices(self) -> Entries:
-        """Phi; its slopes in all directions are stored."""
-        b, layout = self.b, self.layout
-        each = Loop(b, self.q, [], "matrices")
-        self._exponential(each.index, lead=False)
-        mine = self.row(self.d, each.index, self.d_count)
-        for place, value in enumerate(_slope_values(b, layout, self.e)):
-            b.write(value, mine, place)
-        each.close([])
-        return _entries(b, layout, self.e)[0]
-
-    def left(self, sample: ir.Value, state: Values) -> Values:
-        """Of the record, over the noise."""
-        b = self.b
-        found = []
-        for k in range(self.k_count):
-            flat = b.add(b.mul(sample, I64(self.k_count)), I64(k))
-            value = b.splat(b.load(b.gep(self.y, [flat])))
-            for i, weight in self._weights(k).items():
-                value = b.fma(b.fneg(weight), state[i], value)
-            found.append(b.fmul(value, b.read(self.own_scales, k)))
-        return found
-
-    def each_direction(self, phi: Entries, state: Values, drive: Values, left: Values) -> None:
-        """Sums with what is left and with the directions up to this one; then the next slopes."""
-        b, layout = self.b, self.layout
-        each = Loop(b, self.q, [], "each")
-        own_x = self.row(self.slopes_x, each.index, self.x_count)
-        own_s = self.row(self.slopes_s, each.index, self.k_count)
-        own_d = self.row(self.d, each.index, self.d_count)
-        slope_x = [b.read(own_x, i) for i in range(self.x_count)]
-        seen = []
-        for k in range(self.k_count):
-            value = vector(0.0)
-            for i, weight in self._weights(k).items():
-                value = b.fma(weight, slope_x[i], value)
-            seen.append(b.fmul(value, b.read(self.own_scales, k)))
-            b.write(seen[k], own_s, k)
-        _add_products(b, b.gep(self.slope_sums, [each.index]), seen, left)
-        row = b.gep(self.product_sums, [b.mul(each.index, self.q)])
-        pairs = Loop(b, b.add(each.index, I64(1)), [], "pairs")
-        other_s = self.row(self.slopes_s, pairs.index, self.k_count)
-        others = [b.read(other_s, k) for k in range(self.k_count)]
-        _add_products(b, b.gep(row, [pairs.index]), seen, others)
-        pairs.close([])
-        slope = {place: b.read(own_d, n) for n, place in enumerate(_slope_places(layout))}
-        for i, value in enumerate(_next_slope(b, layout, phi, slope, state, slope_x, drive)):
-            b.write(value, own_x, i)
-        each.close([])
+        state = next_state(b, x, matrix.phi, state, [])
+    else:
+        b.clear(slopes_x, b.mul(q, I64(x)))
+    matrices = Loop(b, q, [], "matrices")
+    in_direction(matrices.index, lead=False)
+    mine = b.past(d, matrices.index, d_count)
+    for place, value in enumerate(matrix.slopes):
+        b.write(value, mine, place)
+    matrices.close([])
+    phi = matrix.phi
+    samples = Loop(b, n_samples, state + [vector(0.0)] * k_count, "samples")
+    state, totals = samples.carried[:x], samples.carried[x:]
+    drive = emit_drive(b, layout, u, samples.index)
+    left = []
+    for k in range(k_count):
+        flat = b.add(b.mul(samples.index, I64(k_count)), I64(k))
+        value = b.splat(b.load(b.gep(y, [flat])))
+        for i, weight in weights(k).items():
+            value = b.fma(b.fneg(weight), state[i], value)
+        left.append(b.fmul(value, b.read(own_scales, k)))
+    totals = [b.fma(value, value, total) for value, total in zip(left, totals, strict=True)]
+    # In each direction: sums with what is left and with the directions up to it; then the next slopes.
+    each = Loop(b, q, [], "each")
+    own_x = b.past(slopes_x, each.index, x)
+    own_s = b.past(slopes_s, each.index, k_count)
+    own_d = b.past(d, each.index, d_count)
+    slope_x = [b.read(own_x, i) for i in range(x)]
+    seen = []
+    for k in range(k_count):
+        value = vector(0.0)
+        for i, weight in weights(k).items():
+            value = b.fma(weight, slope_x[i], value)
+        seen.append(b.fmul(value, b.read(own_scales, k)))
+        b.write(seen[k], own_s, k)
+    _add_products(b, b.gep(slope_sums, [each.index]), seen, left)
+    row = b.past(product_sums, each.index, q)
+    pairs = Loop(b, b.add(each.index, I64(1)), [], "pairs")
+    other_s = b.past(slopes_s, pairs.index, k_count)
+    _add_products(b, b.gep(row, [pairs.index]), seen, [b.read(other_s, k) for k in range(k_count)])
+    pairs.close([])
+    slope = {place: b.read(own_d, n) for n, place in enumerate(matrix.places)}
+    for i, value in enumerate(_next_slope(b, x, phi, slope, state, slope_x, drive)):
+        b.write(value, own_x, i)
+    each.close([])
+    samples.close(next_state(b, x, phi, state, drive) + totals)
+    for k, total in enumerate(totals):
+        b.write(total, own_out, k)
+    groups.close([])
+    b.ret_void()
 
 
 def _add_products(b: Builder, place: ir.Value, ones: Values, others: Values) -> None:
@@ -355,48 +311,58 @@ def _add_products(b: Builder, place: ir.Value, ones: Values, others: Values) -> 
     b.store(total, place, align=8)
 
 
-def _slope_places(layout: Layout) -> list[tuple[int, int]]:
-    """(row, column) of the entries of Phi_j, g_j and G_j that can differ from zero.
-
-    Rows count the rig's states, columns go on with the inputs after them.
+@dataclass(frozen=True, slots=True)
+class _Tangent:
+    """The exponential `e` of a tangent's matrix: rows count the rig's `x` states, columns go on with the
+    inputs after them.
     """
-    x, reach = layout.n_states // 2, layout.reach
-    columns = [*range(x), *range(2 * x, layout.size)]
-    return [(i, n) for i in range(x) for n, column in enumerate(columns) if reach[x + i][column]]
 
+    b: Builder
+    layout: Layout
+    e: ir.Value
 
-def _slope_values(b: Builder, layout: Layout, e: ir.Value) -> Values:
-    x, size = layout.n_states // 2, layout.size
-    found = []
-    for i, n in _slope_places(layout):
-        column = n if n < x else n + x
-        found.append(b.read(e, (x + i) * size + column))
-    return found
+    @property
+    def x(self) -> int:
+        return self.layout.n_states // 2
 
+    @property
+    def _columns(self) -> list[int]:
+        return [*range(self.x), *range(2 * self.x, self.layout.size)]
 
-def _entries(b: Builder, layout: Layout, e: ir.Value) -> tuple[Entries, Entries]:
-    """Phi with its inputs' columns, and their derivatives, from the tangent's exponential."""
-    x, size, reach = layout.n_states // 2, layout.size, layout.reach
-    phi = {}
-    for i in range(x):
-        for n in range(size - x):
-            column = n if n < x else n + x
-            if reach[i][column]:
-                phi[i, n] = b.read(e, i * size + column)
-    slope = dict(zip(_slope_places(layout), _slope_values(b, layout, e), strict=True))
-    return phi, slope
+    def _reached(self, first: int) -> dict[tuple[int, int], int]:
+        """Where entries stand that can differ from zero, in as many rows from the `first` on."""
+        size, reach = self.layout.size, self.layout.reach
+        return {
+            (i, n): (first + i) * size + column
+            for i in range(self.x)
+            for n, column in enumerate(self._columns)
+            if reach[first + i][column]
+        }
+
+    @property
+    def phi(self) -> Entries:
+        return {place: self.b.read(self.e, at) for place, at in self._reached(0).items()}
+
+    @property
+    def places(self) -> list[tuple[int, int]]:
+        """(row, column) of entries of Phi_j, g_j and G_j."""
+        return list(self._reached(self.x))
+
+    @property
+    def slopes(self) -> Values:
+        """These entries."""
+        return [self.b.read(self.e, at) for at in self._reached(self.x).values()]
 
 
 def _next_slope(
     b: Builder,
-    layout: Layout,
+    x: int,
     phi: Entries,
     slope: Entries,
     state: Values,
     slope_x: Values,
     drive: Values,
 ) -> Values:
-    x = layout.n_states // 2
     following = []
     for i in range(x):
         total = slope.get((i, x), vector(0.0))

@@ -1,15 +1,12 @@
-"""A step in which a speed changes its sign or what stuck lets go, and long steps where nothing
-does.
+"""A step in which a speed changes its sign or what stuck lets go, and long steps where nothing does.
 
 While a speed keeps its sign its effort f is the friction's size, against it.  Where the sign changes, f
 is the mean over the step: of both signs, each for as long as a straight course of the speed has it, or,
 where the speed stays at zero once it is there, what stops it.
 
-From a sample to the next in one stride, where the rig is a linear one all the way.
-
 Steps are as short as friction asks for whose size falls with the speed.  Where every speed is so high
-that nothing of that is left, and stays far from zero, a stride takes as many steps at once, and is
-exact; what sticks goes by steps, as in one that is long its speed is zero at the ends alone.
+that nothing of that is left, and stays far from zero, a stride goes to the next sample at once, and
+is exact; what sticks goes by steps, as in one that is long its speed is zero at the ends alone.
 """
 
 from __future__ import annotations
@@ -288,18 +285,6 @@ def _beyond(first: Number, last: Number, limit: Number) -> tuple[Number, Number]
 
 
 SPENT = 18.0  # exponent: 2e-8 is left of what a friction has more at rest
-
-
-@dataclass(frozen=True, slots=True)
-class Regimes:
-    """Of a step and of a stride: both change together."""
-
-    one: Regime
-    other: Regime
-
-    def set(self, state: Sequence[Number]) -> None:
-        self.one.set(state)
-        self.other.set(state)
 
 
 @dataclass(frozen=True, slots=True)

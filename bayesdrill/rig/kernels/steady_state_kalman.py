@@ -26,13 +26,10 @@ from llvmlite import ir
 
 from bayesdrill.rig.kernels.exponential import Layout, emit_exponential
 from bayesdrill.rig.kernels.kalman_filter import (
+    Gains,
     StateSpace,
     emit_transition,
-    gain_width,
-    inverse_deviation,
     predict_covariance,
-    update_covariance,
-    update_state,
 )
 from bayesdrill.rig.kernels.lanes import (
     I64,
@@ -75,13 +72,13 @@ class SteadyState:
 
     @property
     def gains(self) -> int:
-        """`(K, gain_width)`, see `update_covariance`."""
+        """See `Gains`."""
         return 5 * self.n**2
 
     @property
     def pulls(self) -> int:
         """`(K, n)`: what a channel shows of the state before the sample, over its variance."""
-        return self.gains + self.k * gain_width(self.n)
+        return self.gains + self.k * Gains.width(self.n)
 
     @property
     def size(self) -> int:
@@ -271,22 +268,21 @@ def _emit_gain(module: ir.Module, system: StateSpace) -> ir.Function:
     block, variances, weights = made.args
     m = Memory(b, False)
     phi, a = (m.at(block, places.of(name)) for name in ("phi", "a"))
-    gains, pulls = m.at(block, places.gains), m.at(block, places.pulls)
+    pulls, gains = m.at(block, places.pulls), Gains(m, system, m.at(block, places.gains), weights)
     left, passed = m.room(n * n), m.room(n * n)
     b.copy(m.at(block, places.of("p")), left, n * n)
     m.clear(passed, n * n)
     _add_one(m, n, passed)
     for k in range(system.k):
-        update_covariance(m, system, k, left, variances, gains, weights)
+        gains.update_covariance(k, left, variances)
         own = list(system.weights(b, weights, k).values())
         rows = [m.row(m.at(passed, i * n), n) for i in system.seen(k)]
         shows = [dot(own, [row[j] for row in rows]) for j in range(n)]
-        root = inverse_deviation(m, n, k, gains)
-        for i, one in enumerate(shows):
+        root = gains.inverse_deviation(k)
+        for i, (one, gain) in enumerate(zip(shows, gains.of(k), strict=True)):
             m.put(one * root * root, pulls, k * n + i)
-            gain = -m.get(gains, k * gain_width(n) + i)
             for j, other in enumerate(shows):
-                m.put(fused(gain, other, m.get(passed, i * n + j)), passed, i * n + j)
+                m.put(fused(-gain, other, m.get(passed, i * n + j)), passed, i * n + j)
     b.call(onward, [a, phi, passed])
     b.ret_void()
     return made
@@ -382,7 +378,8 @@ def write_steady_state(module: ir.Module, system: StateSpace, layout: Layout) ->
     squares = _emit_samples(writer, blocks, state)
     _emit_back(writer, blocks, shown)
     b.call(start_of, [p_at, g_at, start, shown, gained, out[2 * k_count]])
-    for k, (total, root) in enumerate(zip(squares, writer.roots, strict=True)):
+    for k, total in enumerate(squares):
+        root = writer.gains.inverse_deviation(k)
         m.put(-0.5 * (total * root * root + m.get(gained, 0) * (1.0 / k_count)), out[k], 0)
         m.put(1.0 / root, out[k_count + k], 0)
     groups.close([])
@@ -409,10 +406,8 @@ class _Samples:
         return SteadyState(self.system.n, self.system.k)
 
     @property
-    def roots(self) -> list[Number]:
-        """Of one over the variances of what channels show."""
-        n, gains = self.system.n, self.at(self.places.gains)
-        return [inverse_deviation(self.m, n, k, gains) for k in range(self.system.k)]
+    def gains(self) -> Gains:
+        return Gains(self.m, self.system, self.at(self.places.gains), self.weights)
 
     def passed(
         self, index: ir.Value, carried: list[ir.Value], pulls: ir.Value | None
@@ -423,12 +418,9 @@ class _Samples:
         state, sums, shown = lanes[:n], lanes[n : n + k_count], lanes[n + k_count :]
         drive = emit_drive(b, self.layout, self.a["u"], index)
         y = b.gep(self.a["y"], [b.mul(index, I64(k_count))])
-        gains = self.at(self.places.gains)
         for k in range(k_count):
             value = Lane(b, b.splat(b.load(b.gep(y, [I64(k)]))))
-            innovation, state = update_state(
-                self.m, self.system, k, state, value, gains, self.weights
-            )
+            innovation, state = self.gains.update_state(k, state, value)
             sums[k] = fused(innovation, innovation, sums[k])
             if pulls is not None:
                 shown = [

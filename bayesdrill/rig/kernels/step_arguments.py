@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
 from bayesdrill.basics.duals import Dual
@@ -60,18 +60,9 @@ class Shape:
     @property
     def text(self) -> str:
         """See `Structure`."""
-        names = (
-            "first_order",
-            "pattern",
-            "tally",
-            "dual",
-            "read",
-            "single",
-            "efforts",
-            "gaps",
-            "turns",
-        )
-        own = {name: getattr(self, name) for name in (*names, "strides")}
+        told = ("model", "series", "late", "constant")  # by their formulas and places
+        every = [one.name for one in fields(self) if one.name not in told]
+        own = {name: getattr(self, name) for name in (*every, "strides")}
         late = [self.series.index(name) for name in self.late]
         both = [(c, name in self.series) for c, name in enumerate(self.constant)]
         model = formulas(len(self._named_numbers) * self.numbers, self._formulas)

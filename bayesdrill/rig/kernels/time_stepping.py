@@ -1,7 +1,6 @@
 """Step by step through a record: states in registers, and what channels make of them at samples.
 
-Channels with times of their own: values and rates are kept at all nodes, and read between them.
-
+Of channels with times of their own values and rates are kept at all nodes, and read between them.
 Between two nodes a channel is the cubic that has its values and its rates at both: the rate after
 the first, with the efforts of this step, and the one before the second.
 """
@@ -29,7 +28,7 @@ from bayesdrill.rig.kernels.lanes import (
     whole_numbers,
 )
 from bayesdrill.rig.kernels.numbers import Kind, Number, fused, total
-from bayesdrill.rig.kernels.reversals import Parts, Regimes, Stride, step_on
+from bayesdrill.rig.kernels.reversals import Parts, Stride, step_on
 from bayesdrill.rig.kernels.step_arguments import BLOCKS, COUNTS, Rates, Shape
 from bayesdrill.rig.kernels.sums import Sample
 
@@ -93,10 +92,10 @@ class Writer:
         step = self._step(matrix, span)
         return Stride(step, self._regime(step, room))
 
-    @property
-    def regimes(self) -> Regime | Regimes:
-        """What is set where something turns."""
-        return self.regime if self.stride is None else Regimes(self.regime, self.stride.regime)
+    def turn(self, state: list[Number]) -> None:
+        """Where something turns, the regime of a step and that of a stride are others."""
+        for one in (self.regime, *([] if self.stride is None else [self.stride.regime])):
+            one.set(state)
 
     def _exponential(self, function: ir.Function, span: Lane, room: ir.Value) -> None:
         self.b.write(span.value, self.spans, 0)
@@ -212,7 +211,7 @@ class Writer:
         state, step = self.part("x0"), self.step
         if not step.rubs:
             return self.kind.flat(state)
-        self.regimes.set(state)
+        self.turn(state)
         every = step.sizes(state, self.drive(I64(0))[1])
         sizes = [every[e] for e in step.varying]
         return self._carried(state, Past(sizes, [self.kind.zero() for _ in sizes]))
@@ -230,7 +229,7 @@ class Writer:
             new = step.free(state, drive)
             return new, [], self.kind.flat(new)
         going, parts = Going(step, self.regime), Parts(self.shape.turns, self._part)
-        new, efforts, past = step_on(going, parts, state, past, drive, inputs, self.regimes.set)
+        new, efforts, past = step_on(going, parts, state, past, drive, inputs, self.turn)
         return new, efforts, self._carried(new, past)
 
     def _shaped(self, carried: Sequence[ir.Value]) -> tuple[list[Number], Past]:

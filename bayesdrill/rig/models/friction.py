@@ -66,6 +66,18 @@ class Friction:
     symbol: Symbol | None = None
 
 
+Place = tuple[Symbol, str, Law | None, str | None, str]
+
+
+def frictions_at(*places: Place) -> tuple[Friction, ...]:
+    """Of symbol, state that it is against, law, what it holds and where: those that have a law."""
+    return tuple(
+        Friction(name=own.name, against=against, law=law, holds=holds, where=where, symbol=own)
+        for own, against, law, holds, where in places
+        if law is not None
+    )
+
+
 @dataclass(frozen=True, slots=True)
 class Coulomb:
     """As much as the parameter `sliding`, at any speed."""

@@ -1,6 +1,4 @@
-"""The exact response at any times, for walkers that differ in their start and in their sensors.
-
-The exact response as sensors show it: late, scaled, shifted, from an unknown start, at any times.
+"""The exact response as sensors show it: late, scaled, shifted, from an unknown start, at any times.
 
 `Sensing` says which numbers that takes beside the rig's parameters.  Everything is linear in the
 states, so that sensors are rows of weights, and their derivatives other rows (`Dense` runs both).
@@ -284,11 +282,8 @@ class Measured(Unstepped):
         of = w.numbers(full)
         start = w.begin(of, full)
         before = w.before(of, start)
-        rows = np.zeros(
-            (len(full), len(self.experiment.channels), len(w.inputs) + start.shape[1] + 1)
-        )
-        rows[:, :, : start.shape[1]] = w.gains(full)[:, :, None] * w.weights
-        rows[:, :, start.shape[1]] = w.of_channels(self.sensing.offsets, full)
+        rows = w.rows(w.gains(full), full)
+        rows = np.concatenate([rows, np.zeros((*rows.shape[:2], len(w.inputs)))], axis=2)
         shift = w.later(full) if self.sensing.shifts else None
         return w.told(full), start, before, shift, rows
 

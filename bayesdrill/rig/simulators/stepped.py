@@ -11,7 +11,6 @@ import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -41,20 +40,6 @@ class Told:
     ahead: Ahead
     y: Array
     numbers: Array
-
-    @cached_property
-    def _slices(self) -> dict[str, list[slice]]:
-        """Of the numbers of a walker, by part: values, and slopes."""
-        found, place, numbers = dict[str, list[slice]](), 0, self.shape.numbers
-        for name, count in self.shape.own.items():
-            ends = [place + k * count for k in range(numbers + 1)]
-            found[name] = [slice(*both) for both in pairwise(ends)]
-            place = ends[-1]
-        return found
-
-    @cached_property
-    def _width(self) -> int:
-        return sum(self.shape.own_vectors.values())
 
     @cached_property
     def _staying(self) -> dict[str, int]:
@@ -107,11 +92,8 @@ class Told:
         if self.shape.late:
             behind, *shares = self.ahead.delays(parts["lag"])
             told = {**parts, "share": shares, "behind": [behind] * len(shares)}
-        rows = np.empty((n, self._width))
-        for name, slices in self._slices.items():
-            for part, place in zip(told[name], slices, strict=True):
-                rows[:, place] = part.reshape(len(part), -1)
-        return in_groups(rows)
+        own = [part.reshape(len(part), -1) for name in self.shape.own for part in told[name]]
+        return in_groups(*(np.broadcast_to(part, (n, part.shape[1])) for part in own))
 
 
 @dataclass(frozen=True)
@@ -153,26 +135,28 @@ class Stepped(Simulator):
 
     def motion(self, full: Array) -> Motion:
         """As the rig moves, whatever sensors make of it."""
-        nodes = self._nodes
-        x, e = len(self.model.states), len(self.model.frictions)
-        with np.errstate(all="ignore"):
-            every = self._run(nodes, full, efforts=True)
+        states, efforts = self._at_nodes(full)
         last, share = self._ahead.between(self.experiment.t)
         share = share[None, :, None]
-        states = every[:, last, :x] * (1 - share) + every[:, last + 1, :x] * share
-        return Motion(states=states, efforts=every[:, last, x : x + e])
+        states = states[:, last] * (1 - share) + states[:, last + 1] * share
+        return Motion(states=states, efforts=efforts[:, last])
+
+    def _at_nodes(self, full: Array) -> tuple[Array, Array]:
+        """States `(W, N, X)` and efforts of frictions `(W, N, E)`."""
+        with np.errstate(all="ignore"):
+            found = self._run(self._nodes, full, efforts=True)
+        states, efforts = np.split(found, [len(self.model.states)], axis=2)
+        return states, efforts
 
     def steps(self, full: Array) -> Steps:
         """Of all steps to the last sample, which is where the last one begins."""
-        nodes = self._nodes
-        x, e, n = len(self.model.states), len(self.model.frictions), self._ahead.nodes
-        with np.errstate(all="ignore"):
-            every = self._run(nodes, full, efforts=True)[:, :n]
+        n = self._ahead.nodes
+        states, efforts = self._at_nodes(full)
         felt, slopes = self._felt(full)
         return Steps(
             t=self._walkers.knots[0][0] + self._ahead.span * np.arange(n),
             span=self._ahead.span,
-            motion=Motion(states=every[..., :x], efforts=every[..., x : x + e]),
+            motion=Motion(states=states[:, :n], efforts=efforts[:, :n]),
             felt=felt,
             slopes=slopes,
         )
@@ -267,7 +251,7 @@ class Stepped(Simulator):
             parts["weight"] = [weights]
         if efforts:
             parts["rows"] = [_unit_rows(self.model)]
-        read = not efforts and (self._shifts or not ahead.aligned)
+        read = not efforts and (self.sensing.shifts or not ahead.aligned)
         single = ahead.single and not read
         dual = along is not None
         told = self._told(ahead, efforts=efforts, tally=tally, dual=dual, read=read, single=single)
@@ -278,27 +262,26 @@ class Stepped(Simulator):
     def _perfect(self) -> bool:
         return self.sensing.nothing
 
-    @cached_property
-    def _shifts(self) -> bool:
-        return self.sensing.shifts
-
     def _parts(self, full: Array, along: Array | None) -> dict[str, list[Array]]:
         """Each part of `own (W, ...)`, or `(1, ...)` where walkers have the same; and its slopes."""
-        w, sensing = self._walkers, self.sensing
-        parts = {"parameters": [w.told(full)], **self._same}
-        if not self._perfect:
-            of = w.numbers(full) if w.moves else None
-            begin = w.begin(of, full)
-            parts |= {
-                "x0": [begin],
-                "rows": [_rows(w.gains(full), w.of_channels(sensing.offsets, full), w.weights)],
-                "before": [w.before(of, begin)],
-                "shift": [w.later(full)],
-                "lag": [w.of_inputs(sensing.input_lags, full)],
-            }
+        w = self._walkers
+        parts = {"parameters": [w.told(full)], **(self._same if self._perfect else self._own(full))}
         if along is None:
             return parts
         return {name: [*parts[name], slope] for name, slope in self._slopes(full, along).items()}
+
+    def _own(self, full: Array) -> dict[str, list[Array]]:
+        """Of each walker, as its sensors and its start are."""
+        w = self._walkers
+        of = w.numbers(full) if w.moves else None
+        begin = w.begin(of, full)
+        return {
+            "x0": [begin],
+            "rows": [w.rows(w.gains(full), full)],
+            "before": [w.before(of, begin)],
+            "shift": [w.later(full)],
+            "lag": [w.of_inputs(self.sensing.input_lags, full)],
+        }
 
     @cached_property
     def _same(self) -> dict[str, list[Array]]:
@@ -307,7 +290,7 @@ class Stepped(Simulator):
         start = [[self.experiment.start.get(name, 0.0) for name in self.model.states]]
         return {
             "x0": [np.array(start)],
-            "rows": [_rows(np.ones((1, k)), np.zeros((1, k)), w.weights)],
+            "rows": [w.rows(np.ones((1, k)), np.zeros((1, 0)))],
             "before": [np.zeros((1, len(self.model.states)))],
             "shift": [np.zeros((1, k))],
             "lag": [np.zeros((1, 0))],
@@ -319,11 +302,10 @@ class Stepped(Simulator):
         begin_slope = w.begin_slope(tangent, along)
         begin = w.begin(w.numbers(full) if w.moves else None, full)
         both = np.concatenate([begin, begin_slope], axis=1)
-        gains = w.of_channels(sensing.gains, along)
         return {
             "parameters": w.told(along),
             "x0": begin_slope,
-            "rows": _rows(gains, w.of_channels(sensing.offsets, along), w.weights),
+            "rows": w.rows(w.of_channels(sensing.gains, along), along),
             "before": w.before_slope(tangent, both),
             "shift": w.later(along),
             "lag": w.of_inputs(sensing.input_lags, along),
@@ -338,11 +320,6 @@ class Unstepped(Simulator):
 
     def steps(self, full: Array) -> Steps:
         return Stepped(self.model, self.experiment, self.sensing).steps(full)
-
-
-def _rows(gains: Array, offsets: Array, weights: Array) -> Array:
-    """`(W, K, X + 1)`: over states and one."""
-    return np.concatenate([gains[:, :, None] * weights, offsets[:, :, None]], axis=2)
 
 
 def _unit_rows(model: Model) -> Array:
