@@ -20,11 +20,11 @@ from bayesdrill.rig.kernels.knots import (
     MOST_LEVELS,
     WHOLE,
     Arguments,
+    Channels,
     Ladder,
     Machine,
     Shape,
     Slots,
-    emit_seen,
     entries_of,
     later,
     row_blocks,
@@ -93,7 +93,7 @@ class _Interval:
         names = ("norm", "over", "power", "unit", "halved")
         self.lane = {name: b.read(a["lane"], place) for place, name in enumerate(names)}
         self.lane["halved"] = b.fcmp_ordered("!=", self.lane["halved"], vector(0.0))
-        self.slopes = [b.read(a["rises"], s) for s in range(self.s)] if layout.first_order else []
+        self.slopes = b.read_row(a["rises"], self.s) if layout.first_order else []
         knot = a["knot"]
         self.begin, self.end = a.at("t", knot), a.at("t", b.add(knot, I64(1)))
         one = ir.Constant(F64, 1.0)
@@ -106,11 +106,10 @@ class _Interval:
 
         def keep(k: ir.Value, term: Values, carried: Values) -> Values:
             mine = b.gep(out, [b.mul(b.sub(k, I64(1)), I64(self.x))])
-            for i, value in enumerate(term):
-                b.write(value, mine, i)
+            b.write_row(term, mine)
             return carried
 
-        state = [b.read(z, i) for i in range(self.x)]
+        state = b.read_row(z, self.x)
         inputs = [b.read(z, self.x + s) for s in range(self.s)]
         values = (state, inputs, self.slopes)
         rates, over = self.a["rates"], self.lane["over"]
@@ -134,8 +133,8 @@ class _Interval:
         span = b.select(due, span, vector(0.0))
         span = b.select(b.fcmp_ordered(">", span, vector(0.0)), span, vector(0.0))
         sample = b.load(count, align=8)
-        weight = a["weight"] if self.shape.weights else None
-        emit_seen(a, self.shape, weight, a["group"], k, sample, due, self._at(k, span))
+        own = {"weight": a["weight"]} if self.shape.weights else {}
+        Channels(a, self.shape, a["group"], own).see(k, sample, due, self._at(k, span))
         sample = b.add(sample, b.zext(due, INT_VEC))
         b.store(sample, count, align=8)
         b.store(b.fsub(b.gather(a["t"], sample), shift), place, align=8)
@@ -162,7 +161,7 @@ class _Interval:
             self._climb(b.fptosi(high, INT_VEC), share)
         z = b.select(climbs, self.other, a["z"])
         terms = b.select(climbs, self.other_terms, a["terms"])
-        start = [b.read(z, i) for i in range(x)]
+        start = b.read_row(z, x)
         series = Loop(b, a["degree"], [vector(1.0), *start], "series")
         weight = b.fmul(scaled, b.load(b.gep(a["weights"], [b.add(series.index, I64(1))]), align=8))
         weight = b.fmul(weight, series.carried[0])
@@ -187,7 +186,7 @@ class _Interval:
         for lane in range(LANES):
             place = b.extract_element(places, ir.Constant(ir.IntType(32), lane))
             mine = b.bitcast(b.gep(a["rows"], [place]), VECTORS)
-            lanes.append([b.read(mine, block) for block in range(blocks)])
+            lanes.append(b.read_row(mine, blocks))
         found = [one for block in range(blocks) for one in b.turned([own[block] for own in lanes])]
         return found[: self.shape.layout.size]
 
@@ -235,16 +234,15 @@ class Late:
         self.degree = b.alloca(I64)
         self.depth = b.alloca(I64)
 
-    def begin(self, m: Machine, group: ir.Value, walkers: dict[str, ir.Value]) -> None:
-        """`walkers`: where a group has its numbers."""
+    def begin(self, m: Machine, seen: Channels) -> None:
+        """Of a group of walkers."""
         b, a, high = self.b, self.a, self.a["high"]
-        self.group, self.walkers = group, walkers
+        self.seen, self.walkers = seen, seen.own
         self.own["rates"] = m.rates
         width, shifted = a.number(1), I64(sum(self.shape.shifted))
         cell = emit_cell(b, m.norm, width, self.own["weights"], tail=TAIL)
         halved = b.select(b.fcmp_ordered("==", cell.half, vector(0.0)), vector(1.0), vector(0.0))
-        for place, value in enumerate((m.norm, m.over, cell.power, cell.unit, halved)):
-            b.write(value, self.own["lane"], place)
+        b.write_row((m.norm, m.over, cell.power, cell.unit, halved), self.own["lane"])
         b.store(cell.count, self.degree)
         b.store(cell.depth, self.depth)
         with b.if_then(b.icmp_signed(">", high, I64(0))):
@@ -276,9 +274,8 @@ class Late:
 
         if self.shape.tally is not None:
             first = b.mul(k, I64(self.shape.tally.count))
-            place = b.gep(a.row("out", self.group, self.shape.out_count), [first])
-            for n, value in enumerate(self.shape.tally.begun()):
-                b.write(value, place, n)
+            place = b.gep(a.row("out", self.seen.group, self.shape.out_count), [first])
+            b.write_row(self.shape.tally.begun(), place)
         for name, of in (("next", "begin"), ("offset", "offset")):
             value = b.fptosi(told(of), INT_VEC)
             b.store(value, b.gep(self.own[name], [k]), align=8)
@@ -304,7 +301,7 @@ class Late:
     def _multiply(self, m: Machine) -> None:
         """The row from the left to the exponential at `m.e`."""
         b, n, reach = self.b, m.layout.size, m.layout.reach
-        old = [b.read(self.row, i) for i in range(n)]
+        old = b.read_row(self.row, n)
         for j in range(n):
             total = vector(0.0)
             for i in (i for i in range(n) if reach[i][j]):
@@ -343,11 +340,8 @@ class Late:
             value = b.dot(row, [*states, vector(1.0), *inputs])
             sample = b.splat(samples.index)
             due = b.icmp_signed("<", sample, wanted)
-            self._show(k, sample, due, value)
+            self.seen.see(k, sample, due, value)
             samples.close([])
-
-    def _show(self, k: ir.Value, sample: ir.Value, due: ir.Value, value: ir.Value) -> None:
-        emit_seen(self.a, self.shape, self.walkers.get("weight"), self.group, k, sample, due, value)
 
     def even(self, knot: ir.Value, z: Values, slopes: Values) -> None:
         """One sample in each lane, at the same span after every knot."""
@@ -359,17 +353,15 @@ class Late:
             none = b.splat(a["knots"])
             inside = b.icmp_unsigned("<", sample, none)
             sample = b.select(inside, sample, none)
-            self._show(I64(k), sample, inside, value)
+            self.seen.see(I64(k), sample, inside, value)
 
     def interval(self, knot: ir.Value, z: Values, slopes: Values) -> None:
         """What shifted channels see from a knot to the next."""
         b, own = self.b, self.walkers
-        for place, value in enumerate(z):
-            b.write(value, self.own["z"], place)
-        for place, value in enumerate(slopes):
-            b.write(value, self.own["rises"], place)
+        b.write_row(z, self.own["z"])
+        b.write_row(slopes, self.own["rises"])
         known = self.own | {"shift": own["shift"], "weight": own.get("weight", own["shift"])}
-        counts = [self.group, knot, b.load(self.degree), b.load(self.depth)]
+        counts = [self.seen.group, knot, b.load(self.degree), b.load(self.depth)]
         counts += [self.a[name] for name in SHARED_COUNTS]
         blocks = [known[name] for name in OWN_BLOCKS] + [self.a[name] for name in SHARED_BLOCKS]
         b.call(self.called, counts + blocks)

@@ -252,6 +252,18 @@ class Step:
 
 
 @dataclass(frozen=True, slots=True)
+class Moment:
+    """The beginning of a step: the state, the past, and what drives it, by column and, in its middle, by
+    name.
+    """
+
+    state: list[Number]
+    past: Past
+    drive: Column
+    inputs: Mapping[str, Number]
+
+
+@dataclass(frozen=True, slots=True)
 class Going:
     """A step in which each friction slips on as it did, or sticks on."""
 
@@ -259,23 +271,18 @@ class Going:
     regime: Regime
 
     def taken(
-        self,
-        state: list[Number],
-        past: Past,
-        drive: Column,
-        inputs: Mapping[str, Number],
-        ways: Sequence[Lane],
-        sizes: Sequence[Number] | None = None,
+        self, now: Moment, ways: Sequence[Lane], sizes: Sequence[Number] | None = None
     ) -> tuple[list[Number], list[Number], Past]:
         """New state, efforts (if the regime shows them) and the past then.
 
         Sizes that vary are those in the middle: it is looked ahead with sizes that go on as they did.
         Where `sizes` are known, they are these.
         """
-        step, x, varying = self.step, len(state), self.step.varying
+        step, state, past = self.step, now.state, now.past
+        x, varying = len(state), step.varying
         rows = self.regime.now()
         columns = [[row.pop(step.first + e, None) for row in rows] for e in varying]
-        new = [total(row.pop(x, None), along(row, state, drive)) for row in rows]
+        new = [total(row.pop(x, None), along(row, state, now.drive)) for row in rows]
         if not varying:
             return new[:x], new[x:], past
 
@@ -290,7 +297,7 @@ class Going:
         if sizes is None:
             likely = [one + trend for one, trend in zip(past.sizes, past.trends, strict=True)]
             ahead = with_sizes(likely, step.looked_at)
-            every = step.between(state, ahead, inputs)
+            every = step.between(state, ahead, now.inputs)
             sizes = [every[e] for e in varying]
         trends = [one - before for one, before in zip(sizes, past.sizes, strict=True)]
         moved = with_sizes(sizes, range(len(rows)))
@@ -300,16 +307,10 @@ class Going:
         """Lanes in which a speed is not what it was, or sticks."""
         return any_of(goes_on(way, new[rub.row]).turned() for way, rub in self._pairs(ways))
 
-    def changes(
-        self,
-        new: Sequence[Number],
-        drive: Column,
-        inputs: Mapping[str, Number],
-        ways: Sequence[Lane],
-    ) -> Mask:
+    def changes(self, new: Sequence[Number], now: Moment, ways: Sequence[Lane]) -> Mask:
         """Lanes in which a speed changes its sign, or what sticks has more to hold than it can."""
         step = self.step
-        sizes, later = step.at_rest(new, inputs), step.later(drive)
+        sizes, later = step.at_rest(new, now.inputs), step.later(now.drive)
         found = []
         for (way, rub), most in zip(self._pairs(ways), sizes, strict=True):
             beyond = above(size(rub.held(new, later)), most)

@@ -24,6 +24,7 @@ from bayesdrill.rig.kernels.knots import (
     MOST_LEVELS,
     OWN_NUMBERS,
     Arguments,
+    Channels,
     Ladder,
     Machine,
     Shape,
@@ -32,7 +33,6 @@ from bayesdrill.rig.kernels.knots import (
     emit_nodes,
     emit_rest,
     entries_of,
-    observe,
 )
 from bayesdrill.rig.kernels.lanes import I64, VEC, Loop, begin_kernel, vector
 from bayesdrill.rig.kernels.recurrence import next_state
@@ -81,19 +81,19 @@ class _Writer:
     def write(self, group: ir.Value) -> None:
         """All of a group of walkers."""
         b, a, layout = self.b, self.a, self.layout
-        self.group, self.own = group, addresses(b, a["own"], group, self.shape.own)
+        self.own = addresses(b, a["own"], group, self.shape.own)
+        self.channels = Channels(a, self.shape, group, self.own)
         m = self._machine()
         cell = emit_cell(b, m.norm, self.width, self.weights)
         self.ladder.fill_cell(m, cell, self.width)
         emit_nodes(m, a, cell, self.width)
-        x0 = [b.read(self.own["x0"], i) for i in range(layout.n_states)]
+        x0 = b.read_row(self.own["x0"], layout.n_states)
         self.place.write(x0, [vector(0.0)] * layout.n_series)
         begun = self.shape.tally.begun() if self.shape.tally is not None else []
         for total in self.totals:
-            for n, value in enumerate(begun):
-                b.write(value, total, n)
+            b.write_row(begun, total)
         if self.late is not None:
-            self.late.begin(m, group, self.own)
+            self.late.begin(m, self.channels)
         runs = Loop(b, a["runs"], [I64(0)], "runs")
         first = runs.carried[0]
         length, share = a.at("length", runs.index), a.at("share", runs.index)
@@ -140,7 +140,7 @@ class _Writer:
         inputs, slopes = self.a.drive(self.layout, knot)
         state, _ = self.place.read()
         z = [*state, vector(1.0), *inputs]
-        observe(self.a, self.shape, self.own, self.group, knot, z, self.totals)
+        self.channels.observe(knot, z, self.totals)
         if self.late is not None:
             if self.shape.even:
                 self.late.even(knot, z, slopes)

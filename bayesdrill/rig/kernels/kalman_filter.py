@@ -526,8 +526,7 @@ def _emit_draw(module: ir.Module, system: StateSpace, name: str) -> None:
         spread = [m.get(spreads, i * n + j) for j in range(i + 1)]
         state.append(dot(spread, normals[: i + 1], moved))
     out = m.at(a["out"], here)
-    for i, one in enumerate(state):
-        m.put(one, out, i)
+    m.put_row(state, out)
     for k in range(k_count):
         size = Lane(b, b.root(b.read(w.variances, k)))
         value = size * normals[n + k]

@@ -6,6 +6,7 @@ cell where that is long for a lane (`ladder`), and then a Taylor series of few t
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from llvmlite import ir
@@ -126,73 +127,65 @@ class Arguments:
             found.append([b.splat(b.load(b.gep(mine, [I64(s)]))) for s in range(count)])
         return found[0], found[1] if layout.first_order else []
 
-    def signals_of(self, group: ir.Value, k_count: int) -> ir.Value:
-        """Where in `out` those of a group begin."""
-        size = self.b.mul(self.b.add(self.named["knots"], I64(1)), I64(k_count))
-        return self.b.gep(self.named["out"], [self.b.mul(group, size)])
 
-
-def observe(
-    a: Arguments,
-    shape: Shape,
-    own: dict[str, ir.Value],
-    group: ir.Value,
-    knot: ir.Value,
-    z: list[ir.Value],
-    totals: list[ir.Value],
-) -> None:
-    """Channels that are not late, at a knot where the state with one and inputs is `z`."""
-    b, k_count = a.b, len(shape.pattern)
-    for k in (k for k, shifted in enumerate(shape.shifted) if not shifted):
-        flat = b.add(b.mul(knot, I64(k_count)), I64(k))
-        total = vector(0.0)
-        for r in (r for r, used in enumerate(shape.pattern[k]) if used):
-            total = b.fma(b.read(own["rows"], k * shape.r_count + r), z[r], total)
-        if shape.tally is not None:
-            y = b.splat(a.at("y", flat))
-            seen = b.fcmp_ordered("ord", y, y)
-            left = b.select(seen, b.fsub(y, total), vector(0.0))
-            weights = [b.read(own["weight"], k * shape.weights + n) for n in range(shape.weights)]
-            add_to(b, shape.tally, totals[k], Sample(left, seen, weights))
-        else:
-            b.write(total, b.gep(a.signals_of(group, k_count), [flat]), 0)
-
-
-def add_to(b: Builder, tally: Tally, place: ir.Value, sample: Sample) -> None:
-    """To the tally of one channel, which stands at a place."""
-    kept = [b.read(place, n) for n in range(tally.count)]
-    for n, value in enumerate(tally.added(b, kept, sample)):
-        b.write(value, place, n)
-
-
-def emit_seen(
-    a: Arguments,
-    shape: Shape,
-    weight: ir.Value | None,
-    group: ir.Value,
-    k: ir.Value,
-    sample: ir.Value,
-    due: ir.Value,
-    value: ir.Value,
-) -> None:
-    """What channel k sees at a sample of each lane that is `due`; sample T is none, but has a place.
-
-    `weight`: where those of the channels stand, if they have any.
+@dataclass(frozen=True, slots=True)
+class Channels:
+    """What they see of a group of walkers, whose numbers stand in their `own` blocks, goes into the
+    tally or to the signals.
     """
-    b, k_count = a.b, len(shape.pattern)
-    if shape.tally is None:
-        sample = b.select(due, sample, b.splat(a["knots"]))
-    flat = b.add(b.mul(sample, whole_numbers(k_count)), b.splat(k))
-    if shape.tally is None:
-        b.scatter(value, b.bitcast(a.signals_of(group, k_count), NUMBERS), flat)
-        return
-    y = b.gather(a["y"], flat)
-    seen = b.and_(due, b.fcmp_ordered("ord", y, y))
-    left = b.select(seen, b.fsub(y, value), vector(0.0))
-    place = b.gep(a.row("out", group, shape.out_count), [b.mul(k, I64(shape.tally.count))])
-    first = b.mul(k, I64(shape.weights))
-    own = [b.read(b.gep(weight, [first]), n) for n in range(shape.weights)]
-    add_to(b, shape.tally, place, Sample(left, seen, own))
+
+    a: Arguments
+    shape: Shape
+    group: ir.Value
+    own: Mapping[str, ir.Value]
+
+    def observe(self, knot: ir.Value, z: list[ir.Value], totals: list[ir.Value]) -> None:
+        """Those that are not late, at a knot where the state with one and inputs is `z`."""
+        b, shape, k_count = self.a.b, self.shape, len(self.shape.pattern)
+        for k in (k for k, shifted in enumerate(shape.shifted) if not shifted):
+            flat = b.add(b.mul(knot, I64(k_count)), I64(k))
+            total = vector(0.0)
+            for r in (r for r, used in enumerate(shape.pattern[k]) if used):
+                total = b.fma(b.read(self.own["rows"], k * shape.r_count + r), z[r], total)
+            if shape.tally is not None:
+                y = b.splat(self.a.at("y", flat))
+                seen = b.fcmp_ordered("ord", y, y)
+                left = b.select(seen, b.fsub(y, total), vector(0.0))
+                first = k * shape.weights
+                weights = [b.read(self.own["weight"], first + n) for n in range(shape.weights)]
+                _add_to(b, shape.tally, totals[k], Sample(left, seen, weights))
+            else:
+                b.write(total, b.gep(self._signals, [flat]), 0)
+
+    def see(self, k: ir.Value, sample: ir.Value, due: ir.Value, value: ir.Value) -> None:
+        """What k sees at a sample of each lane that is `due`; sample T is none, but has a place."""
+        a, b, shape, k_count = self.a, self.a.b, self.shape, len(self.shape.pattern)
+        if shape.tally is None:
+            sample = b.select(due, sample, b.splat(a["knots"]))
+        flat = b.add(b.mul(sample, whole_numbers(k_count)), b.splat(k))
+        if shape.tally is None:
+            b.scatter(value, b.bitcast(self._signals, NUMBERS), flat)
+            return
+        y = b.gather(a["y"], flat)
+        seen = b.and_(due, b.fcmp_ordered("ord", y, y))
+        left = b.select(seen, b.fsub(y, value), vector(0.0))
+        place = b.past(a.row("out", self.group, shape.out_count), k, shape.tally.count)
+        first = b.mul(k, I64(shape.weights))
+        weights = [b.read(b.gep(self.own["weight"], [first]), n) for n in range(shape.weights)]
+        _add_to(b, shape.tally, place, Sample(left, seen, weights))
+
+    @property
+    def _signals(self) -> ir.Value:
+        """Where in `out` those of the group begin."""
+        b = self.a.b
+        size = b.mul(b.add(self.a["knots"], I64(1)), I64(len(self.shape.pattern)))
+        return b.past(self.a["out"], self.group, size)
+
+
+def _add_to(b: Builder, tally: Tally, place: ir.Value, sample: Sample) -> None:
+    """To the tally of one channel, which stands at a place."""
+    kept = b.read_row(place, tally.count)
+    b.write_row(tally.added(b, kept, sample), place)
 
 
 def row_blocks(shape: Shape) -> int:

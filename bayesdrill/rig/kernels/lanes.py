@@ -5,7 +5,7 @@ code.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -71,6 +71,13 @@ class Builder(ir.IRBuilder):  # type: ignore[misc]
 
     def write(self, value: ir.Value, base: ir.Value, index: int) -> None:
         self.store(value, self.gep(base, [_place(index)]), align=8)
+
+    def read_row(self, base: ir.Value, count: int) -> list[ir.Value]:
+        return [self.read(base, index) for index in range(count)]
+
+    def write_row(self, values: Iterable[ir.Value], base: ir.Value) -> None:
+        for index, value in enumerate(values):
+            self.write(value, base, index)
 
     def past(self, base: ir.Value, *counts: ir.Value | int) -> ir.Value:
         """The address behind a number of rows: the first of `counts`, times the others, their size."""

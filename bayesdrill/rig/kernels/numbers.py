@@ -5,7 +5,7 @@ A number of a kind with slopes takes two vectors, its value and its slope.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -187,6 +187,10 @@ class Memory:
 
     def row(self, base: ir.Value, count: int) -> list[Number]:
         return [self.get(base, k) for k in range(count)]
+
+    def put_row(self, numbers: Iterable[Number | float], base: ir.Value) -> None:
+        for index, number in enumerate(numbers):
+            self.put(number, base, index)
 
     def room(self, count: int) -> ir.Value:
         """On the stack, once, wherever the code stands."""

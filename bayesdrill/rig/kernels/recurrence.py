@@ -135,8 +135,7 @@ def emit_response(
             b.write(value, b.gep(out, [row]), 0)
     samples.close(next_state(b, layout.n_states, phi, state, drive) + totals)
     place = b.gep(out, [b.mul(groups.index, I64(len(totals)))])
-    for k, total in enumerate(totals):
-        b.write(total, place, k)
+    b.write_row(totals, place)
     groups.close([])
     b.ret_void()
 
@@ -250,8 +249,7 @@ def emit_normal(module: ir.Module, layout: Layout, exponential: ir.Function) -> 
         in_direction(begun.index, lead=True)
         phi, slope = matrix.phi, dict(zip(matrix.places, matrix.slopes, strict=True))
         mine = b.past(slopes_x, begun.index, x)
-        for i, value in enumerate(_next_slope(b, x, phi, slope, state, zero, [])):
-            b.write(value, mine, i)
+        b.write_row(_next_slope(b, x, phi, slope, state, zero, []), mine)
         begun.close([])
         state = next_state(b, x, matrix.phi, state, [])
     else:
@@ -259,8 +257,7 @@ def emit_normal(module: ir.Module, layout: Layout, exponential: ir.Function) -> 
     matrices = Loop(b, q, [], "matrices")
     in_direction(matrices.index, lead=False)
     mine = b.past(d, matrices.index, d_count)
-    for place, value in enumerate(matrix.slopes):
-        b.write(value, mine, place)
+    b.write_row(matrix.slopes, mine)
     matrices.close([])
     phi = matrix.phi
     samples = Loop(b, n_samples, state + [vector(0.0)] * k_count, "samples")
@@ -279,7 +276,7 @@ def emit_normal(module: ir.Module, layout: Layout, exponential: ir.Function) -> 
     own_x = b.past(slopes_x, each.index, x)
     own_s = b.past(slopes_s, each.index, k_count)
     own_d = b.past(d, each.index, d_count)
-    slope_x = [b.read(own_x, i) for i in range(x)]
+    slope_x = b.read_row(own_x, x)
     seen = []
     for k in range(k_count):
         value = vector(0.0)
@@ -291,15 +288,13 @@ def emit_normal(module: ir.Module, layout: Layout, exponential: ir.Function) -> 
     row = b.past(product_sums, each.index, q)
     pairs = Loop(b, b.add(each.index, I64(1)), [], "pairs")
     other_s = b.past(slopes_s, pairs.index, k_count)
-    _add_products(b, b.gep(row, [pairs.index]), seen, [b.read(other_s, k) for k in range(k_count)])
+    _add_products(b, b.gep(row, [pairs.index]), seen, b.read_row(other_s, k_count))
     pairs.close([])
     slope = {place: b.read(own_d, n) for n, place in enumerate(matrix.places)}
-    for i, value in enumerate(_next_slope(b, x, phi, slope, state, slope_x, drive)):
-        b.write(value, own_x, i)
+    b.write_row(_next_slope(b, x, phi, slope, state, slope_x, drive), own_x)
     each.close([])
     samples.close(next_state(b, x, phi, state, drive) + totals)
-    for k, total in enumerate(totals):
-        b.write(total, own_out, k)
+    b.write_row(totals, own_out)
     groups.close([])
     b.ret_void()
 

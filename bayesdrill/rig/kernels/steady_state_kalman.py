@@ -443,20 +443,17 @@ def _emit_samples(w: _Samples, blocks: ir.Value, state: list[ir.Value]) -> list[
     inner_new = w.passed(b.add(begins, inner.index), inner.carried, own)
     inner.close(inner_new)
     shown = m.at(w.a["shown"], b.mul(each.index, I64(n)))
-    for i, one in enumerate(inner_new[n + k_count :]):
-        b.write(one, shown, i)
+    b.write_row(inner_new[n + k_count :], shown)
     each.close(inner_new[: n + k_count])
     kept = m.room(n + k_count)
-    for i, one in enumerate(inner_new[: n + k_count]):
-        b.write(one, kept, i)
+    b.write_row(inner_new[: n + k_count], kept)
     begins = b.mul(blocks, I64(AT_ONCE))
     left = b.sub(w.a["samples"], begins)
     with b.if_then(b.icmp_signed(">", left, I64(0))):
-        later = Loop(b, left, [b.read(kept, i) for i in range(n + k_count)], "later")
+        later = Loop(b, left, b.read_row(kept, n + k_count), "later")
         new = w.passed(b.add(begins, later.index), later.carried, None)
         later.close(new)
-        for i, one in enumerate(new):
-            b.write(one, kept, i)
+        b.write_row(new, kept)
     return m.row(m.at(kept, n), k_count)
 
 
@@ -489,5 +486,4 @@ def _emit_back(w: _Samples, blocks: ir.Value, shown: ir.Value) -> None:
         dot([m.get(power, j * n + i) for j in range(n)], carried, own[i]).value for i in range(n)
     ]
     back.close(found)
-    for i, value in enumerate(found):
-        b.write(value, shown, i)
+    b.write_row(found, shown)

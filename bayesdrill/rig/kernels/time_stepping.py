@@ -13,7 +13,7 @@ from llvmlite import ir
 
 from bayesdrill.basics.duals import Dual, dual, where
 from bayesdrill.rig.kernels.exponential import addresses, emit_exponential, number
-from bayesdrill.rig.kernels.friction import Going, Past, Regime, Rub, Step
+from bayesdrill.rig.kernels.friction import Going, Moment, Past, Regime, Rub, Step
 from bayesdrill.rig.kernels.lanes import (
     F64,
     I64,
@@ -229,7 +229,8 @@ class Writer:
             new = step.free(state, drive)
             return new, [], self.kind.flat(new)
         going, parts = Going(step, self.regime), Parts(self.shape.turns, self._part)
-        new, efforts, past = step_on(going, parts, state, past, drive, inputs, self.turn)
+        now = Moment(state, past, drive, inputs)
+        new, efforts, past = step_on(going, parts, now, self.turn)
         return new, efforts, self._carried(new, past)
 
     def _shaped(self, carried: Sequence[ir.Value]) -> tuple[list[Number], Past]:
@@ -278,13 +279,12 @@ class Writer:
         if self.stride is None:
             return self.kind.flat(steps())
         wanted = b.icmp_signed("!=", b.load(b.gep(self.a["usual"], [sample])), I64(0))
-        numbers, drive = self._shaped(carried), self.drive(node)
-        return self.kind.flat(self.stride.or_else(wanted, numbers, drive, steps))
+        now = Moment(*self._shaped(carried), *self.drive(node))
+        return self.kind.flat(self.stride.or_else(wanted, now, steps))
 
     def keep(self, totals: Sequence[ir.Value]) -> None:
         place = self.b.gep(self.a["out"], [self.b.mul(self.group, I64(len(totals)))])
-        for k, value in enumerate(totals):
-            self.b.write(value, place, k)
+        self.b.write_row(totals, place)
 
     def seen(self, k: int, state: Sequence[Number], efforts: Sequence[Number]) -> Number:
         """What channel k makes of it."""
@@ -340,8 +340,7 @@ class Writer:
         flat = b.add(b.mul(sample, I64(k_count)), I64(k))
         row = b.mul(b.mul(self.group, self.a["samples"]), I64(k_count))
         place = b.mul(b.add(row, flat), I64(self.shape.numbers))
-        for n, register in enumerate(self.kind.flat([value])):
-            b.write(register, b.gep(self.a["out"], [place]), n)
+        b.write_row(self.kind.flat([value]), b.gep(self.a["out"], [place]))
 
 
 KEPT = 3  # the value, and the rates after it and before the next one, times a step

@@ -59,7 +59,6 @@ class Dense:
     ) -> None:
         self.model = model
         self._t = np.array(t, dtype=float)
-        self._inputs = ({**series}, {**constant}, first_order)
         self._layout = Layout.of(model, tuple(series), present(constant), first_order=first_order)
         g = self._grid = grid(self._t)
         self._kept = len(entries_of(self._layout))
@@ -68,24 +67,20 @@ class Dense:
         steps = np.diff(g.t[:-1])
         self._near = float(steps[steps <= NEAR * g.usual].max()) if len(steps) else 1.0
         self._farthest = float(steps.max()) if len(steps) else 0.0
-        self._blocks = self._constant(series)
+        self._blocks = self._constant(series, constant)
         self._addresses = {name: block.ctypes.data for name, block in self._blocks.items()}
         self._whole = len(g.at) == len(g.t) - 1  # no knot but samples
         self._pattern: Mask | None = None
         self._entries: Pattern = ()
 
-    def __getstate__(self) -> dict[str, Any]:
-        return {"model": self.model, "t": self._t, "inputs": self._inputs}
-
-    def __setstate__(self, state: Mapping[str, Any]) -> None:
-        self.__init__(state["model"], state["t"], *state["inputs"])  # type: ignore[misc]
-
-    def _constant(self, series: Mapping[str, Array]) -> dict[str, Array]:
+    def _constant(
+        self, series: Mapping[str, Array], constant: Mapping[str, float]
+    ) -> dict[str, Array]:
         g = self._grid
         held = np.array([*series.values()]).reshape(len(series), len(self._t)).T
         u, slopes = _driven(g, held, self._layout.first_order)
         node, length, share = runs(g)
-        inputs = [value for value in self._inputs[1].values() if value != 0.0]
+        inputs = [value for value in constant.values() if value != 0.0]
         numbers = np.array([g.width, self._near / self._cells, 1e-3 / g.usual, *inputs])
         return {
             "numbers": numbers, "spans": g.spans, "inside": g.inside, "chained": g.chained,
