@@ -213,26 +213,9 @@ def emit_normal(module: ir.Module, layout: Layout, exponential: ir.Function) -> 
     """
     blocks = [VECTORS, VECTORS, VECTORS, NUMBERS, NUMBERS, NUMBERS, VECTORS, VECTORS]
     made, b = begin_function(module, "normal", 3, blocks)
-    n_groups, n_samples, q, parameters, directions, scales, block, y, u, e, out = made.args
-    constants, matrix = Constants(b, layout, block), _Tangent(b, layout, e)
-    x, k_count, p_count = matrix.x, len(layout.channels), layout.n_parameters // 2
-    d_count = x * (layout.size - x)
-    d = b.gep(e, [I64(layout.size**2)])
-    slopes_x = b.past(d, q, d_count)  # of states, in all directions
-    slopes_s = b.past(slopes_x, q, x)  # of what channels show
-    both = b.alloca(VEC, I64(2 * p_count))
-
-    def weights(k: int) -> dict[int, ir.Value]:
-        """Of channel k, by the rig's own states: those of the derivatives that it shows."""
-        return {i - x: weight for i, weight in constants.weights(k).items()}
-
-    def in_direction(direction: ir.Value, *, lead: bool) -> None:
-        """The exponential of the tangent's matrix."""
-        row = b.past(directions, b.add(b.mul(groups.index, q), direction), p_count)
-        for p in range(p_count):
-            b.write(b.read(row, p), both, p_count + p)
-        constants.exponential(exponential, both, e, lead=lead)
-
+    n_groups, n_samples, _, parameters, _, scales, block, _, u, e, out = made.args
+    w = _Normal(made, b, Constants(b, layout, block), _Tangent(b, layout, e), exponential)
+    x, q, k_count, p_count = w.x, w.q, w.k_count, w.p_count
     groups = Loop(b, n_groups, [], "groups")
     out_count = b.add(I64(k_count), b.add(q, b.mul(q, q)))
     own_out = b.past(out, groups.index, out_count)
@@ -242,61 +225,109 @@ def emit_normal(module: ir.Module, layout: Layout, exponential: ir.Function) -> 
     b.clear(own_out, out_count)
     own = b.past(parameters, groups.index, p_count)
     for p in range(p_count):
-        b.write(b.read(own, p), both, p)
-    state = constants.start(x)
-    if layout.lead:
-        zero, begun = [vector(0.0)] * x, Loop(b, q, [], "begun")
-        in_direction(begun.index, lead=True)
-        phi, slope = matrix.phi, dict(zip(matrix.places, matrix.slopes, strict=True))
-        mine = b.past(slopes_x, begun.index, x)
-        b.write_row(_next_slope(b, x, phi, slope, state, zero, []), mine)
-        begun.close([])
-        state = next_state(b, x, matrix.phi, state, [])
-    else:
-        b.clear(slopes_x, b.mul(q, I64(x)))
+        b.write(b.read(own, p), w.both, p)
+    state = w.first_state(groups.index)
     matrices = Loop(b, q, [], "matrices")
-    in_direction(matrices.index, lead=False)
-    mine = b.past(d, matrices.index, d_count)
-    b.write_row(matrix.slopes, mine)
+    w.in_direction(groups.index, matrices.index, lead=False)
+    mine = b.past(w.d, matrices.index, w.d_count)
+    b.write_row(w.matrix.slopes, mine)
     matrices.close([])
-    phi = matrix.phi
+    phi = w.matrix.phi
     samples = Loop(b, n_samples, state + [vector(0.0)] * k_count, "samples")
     state, totals = samples.carried[:x], samples.carried[x:]
     drive = emit_drive(b, layout, u, samples.index)
-    left = []
-    for k in range(k_count):
-        flat = b.add(b.mul(samples.index, I64(k_count)), I64(k))
-        value = b.splat(b.load(b.gep(y, [flat])))
-        for i, weight in weights(k).items():
-            value = b.fma(b.fneg(weight), state[i], value)
-        left.append(b.fmul(value, b.read(own_scales, k)))
+    left = w.left(samples.index, state, own_scales)
     totals = [b.fma(value, value, total) for value, total in zip(left, totals, strict=True)]
     # In each direction: sums with what is left and with the directions up to it; then the next slopes.
     each = Loop(b, q, [], "each")
-    own_x = b.past(slopes_x, each.index, x)
-    own_s = b.past(slopes_s, each.index, k_count)
-    own_d = b.past(d, each.index, d_count)
+    own_x = b.past(w.slopes_x, each.index, x)
+    own_s = b.past(w.slopes_s, each.index, k_count)
+    own_d = b.past(w.d, each.index, w.d_count)
     slope_x = b.read_row(own_x, x)
-    seen = []
-    for k in range(k_count):
-        value = vector(0.0)
-        for i, weight in weights(k).items():
-            value = b.fma(weight, slope_x[i], value)
-        seen.append(b.fmul(value, b.read(own_scales, k)))
-        b.write(seen[k], own_s, k)
+    seen = w.seen(slope_x, own_scales)
+    b.write_row(seen, own_s)
     _add_products(b, b.gep(slope_sums, [each.index]), seen, left)
     row = b.past(product_sums, each.index, q)
     pairs = Loop(b, b.add(each.index, I64(1)), [], "pairs")
-    other_s = b.past(slopes_s, pairs.index, k_count)
+    other_s = b.past(w.slopes_s, pairs.index, k_count)
     _add_products(b, b.gep(row, [pairs.index]), seen, b.read_row(other_s, k_count))
     pairs.close([])
-    slope = {place: b.read(own_d, n) for n, place in enumerate(matrix.places)}
+    slope = {place: b.read(own_d, n) for n, place in enumerate(w.matrix.places)}
     b.write_row(_next_slope(b, x, phi, slope, state, slope_x, drive), own_x)
     each.close([])
     samples.close(next_state(b, x, phi, state, drive) + totals)
     b.write_row(totals, own_out)
     groups.close([])
     b.ret_void()
+
+
+class _Normal:
+    """Where slopes stand, in all directions, and what is made of those of a group of walkers."""
+
+    def __init__(
+        self,
+        made: ir.Function,
+        b: Builder,
+        constants: Constants,
+        matrix: _Tangent,
+        exponential: ir.Function,
+    ) -> None:
+        _, _, self.q, _, self.directions, _, _, self.y, _, e, _ = made.args
+        self.b, self.constants, self.matrix, self.exponential = b, constants, matrix, exponential
+        layout, self.x = matrix.layout, matrix.x
+        self.k_count, self.p_count = len(layout.channels), layout.n_parameters // 2
+        self.d_count = self.x * (layout.size - self.x)
+        self.d = b.gep(e, [I64(layout.size**2)])
+        self.slopes_x = b.past(self.d, self.q, self.d_count)  # of states
+        self.slopes_s = b.past(self.slopes_x, self.q, self.x)  # of what channels show
+        self.both = b.alloca(VEC, I64(2 * self.p_count))
+
+    def _weights(self, k: int) -> dict[int, ir.Value]:
+        """Of channel k, by the rig's own states: those of the derivatives that it shows."""
+        return {i - self.x: weight for i, weight in self.constants.weights(k).items()}
+
+    def in_direction(self, group: ir.Value, direction: ir.Value, *, lead: bool) -> None:
+        """The exponential of the tangent's matrix."""
+        b = self.b
+        row = b.past(self.directions, b.add(b.mul(group, self.q), direction), self.p_count)
+        for p in range(self.p_count):
+            b.write(b.read(row, p), self.both, self.p_count + p)
+        self.constants.exponential(self.exponential, self.both, self.matrix.e, lead=lead)
+
+    def first_state(self, group: ir.Value) -> Values:
+        """Of the rig, at the first sample; those of the slopes are stored."""
+        b, x, matrix, state = self.b, self.x, self.matrix, self.constants.start(self.x)
+        if not matrix.layout.lead:
+            b.clear(self.slopes_x, b.mul(self.q, I64(x)))
+            return state
+        zero, begun = [vector(0.0)] * x, Loop(b, self.q, [], "begun")
+        self.in_direction(group, begun.index, lead=True)
+        phi, slope = matrix.phi, dict(zip(matrix.places, matrix.slopes, strict=True))
+        mine = b.past(self.slopes_x, begun.index, x)
+        b.write_row(_next_slope(b, x, phi, slope, state, zero, []), mine)
+        begun.close([])
+        return next_state(b, x, matrix.phi, state, [])
+
+    def left(self, sample: ir.Value, state: Values, scales: ir.Value) -> Values:
+        """Of the record, over the noise."""
+        b, found = self.b, []
+        for k in range(self.k_count):
+            flat = b.add(b.mul(sample, I64(self.k_count)), I64(k))
+            value = b.splat(b.load(b.gep(self.y, [flat])))
+            for i, weight in self._weights(k).items():
+                value = b.fma(b.fneg(weight), state[i], value)
+            found.append(b.fmul(value, b.read(scales, k)))
+        return found
+
+    def seen(self, slope_x: Values, scales: ir.Value) -> Values:
+        """Of slopes of the states, by channels, over the noise."""
+        b, found = self.b, []
+        for k in range(self.k_count):
+            value = vector(0.0)
+            for i, weight in self._weights(k).items():
+                value = b.fma(weight, slope_x[i], value)
+            found.append(b.fmul(value, b.read(scales, k)))
+        return found
 
 
 def _add_products(b: Builder, place: ir.Value, ones: Values, others: Values) -> None:

@@ -92,8 +92,21 @@ class Told:
         if self.shape.late:
             behind, *shares = self.ahead.delays(parts["lag"])
             told = {**parts, "share": shares, "behind": [behind] * len(shares)}
-        own = [part.reshape(len(part), -1) for name in self.shape.own for part in told[name]]
-        return in_groups(*(np.broadcast_to(part, (n, part.shape[1])) for part in own))
+        rows, place = np.empty((n, self._width)), 0
+        for part in (part for name in self._names for part in told[name]):
+            flat = part.reshape(len(part), -1)
+            rows[:, place : place + flat.shape[1]] = flat
+            place += flat.shape[1]
+        return in_groups(rows)
+
+    @cached_property
+    def _width(self) -> int:
+        return sum(self.shape.own_vectors.values())
+
+    @cached_property
+    def _names(self) -> tuple[str, ...]:
+        """Asking the shape again and again takes as long as some steps of a group."""
+        return tuple(self.shape.own)
 
 
 @dataclass(frozen=True)
