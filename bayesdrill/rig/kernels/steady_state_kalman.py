@@ -20,11 +20,12 @@ made good at the end, from the information of all samples on it, see `emit_start
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 from llvmlite import ir
 
-from bayesdrill.rig.kernels.exponential import Layout, emit_exponential
+from bayesdrill.rig.kernels.exponential import Layout, addresses, emit_exponential
 from bayesdrill.rig.kernels.kalman_filter import (
     Gains,
     StateSpace,
@@ -60,32 +61,60 @@ SETTLED = 1e-14  # of the variance of a sample: what one more doubling may add t
 ROUNDING = (
     1e-15  # of a sum; after a stretch that adds no more to it, one as long as both tells nothing
 )
-MATRICES = ("p", "phi", "q", "g", "a")  # (n, n) of `SteadyState`
+
+
+def block_sizes(n: int, k: int) -> dict[str, int]:
+    """Of what `riccati` is told and leaves in one block: matrices (n, n); see `Gains`; pulls `(K, n)`,
+    what a channel shows of the state before the sample, over its variance.
+    """
+    return dict.fromkeys(("p", "phi", "q", "g", "a"), n * n) | {
+        "gains": k * Gains.width(n),
+        "pulls": k * n,
+    }
 
 
 @dataclass(frozen=True, slots=True)
-class SteadyState:
-    """Where `riccati` leaves what it finds, places of vectors in one block."""
+class Measurement:
+    """Of what channels show of the state: `variances (K,)` of its noise, and `weights (K, n)`."""
 
-    n: int
-    k: int
+    m: Memory
+    system: StateSpace
+    variances: ir.Value
+    weights: ir.Value
 
-    @property
-    def gains(self) -> int:
-        """See `Gains`."""
-        return 5 * self.n**2
+    def inform(self, information: ir.Value) -> None:
+        """`information (n, n)` of one sample on its state."""
+        m, b, n = self.m, self.m.b, self.system.n
+        m.clear(information, n * n)
+        for k in range(self.system.k):
+            over = Lane(b, b.fdiv(vector(1.0), b.read(self.variances, k)))
+            for place, both in self._products(k):
+                m.put(m.get(information, place) + over * both, information, place)
 
-    @property
-    def pulls(self) -> int:
-        """`(K, n)`: what a channel shows of the state before the sample, over its variance."""
-        return self.gains + self.k * Gains.width(self.n)
+    def grow(self, p: ir.Value, more: ir.Value, grown: ir.Value) -> ir.Value:
+        """`more` comes to p; whether a channel would see the next: that is less by at least as much as
+        this one is than the one before, `grown (K,)`.
+        """
+        m, b, n = self.m, self.m.b, self.system.n
+        moves = ir.Constant(ir.VectorType(ir.IntType(1), LANES), [0] * LANES)
+        for k in range(self.system.k):
+            change, variance = Lane(b, vector(0.0)), Lane(b, b.read(self.variances, k))
+            for place, both in self._products(k):
+                change = fused(both, m.get(more, place), change)
+                variance = fused(both, m.get(p, place), variance)
+            least = variance * SETTLED * m.get(grown, k)
+            moves = b.or_(moves, b.fcmp_ordered(">", (change * change).value, least.value))
+            m.put(change, grown, k)
+        for place in range(n * n):
+            m.put(m.get(p, place) + m.get(more, place), p, place)
+        return b.anywhere(moves)
 
-    @property
-    def size(self) -> int:
-        return self.pulls + self.n * self.k
-
-    def of(self, name: str) -> int:
-        return MATRICES.index(name) * self.n**2
+    def _products(self, k: int) -> Iterator[tuple[int, Lane]]:
+        """Of two weights of channel k, by place in a matrix."""
+        own = self.system.weights(self.m.b, self.weights, k)
+        for i, weight in own.items():
+            for j, other in own.items():
+                yield i * self.system.n + j, weight * other
 
 
 def emit_riccati(module: ir.Module, system: StateSpace) -> ir.Function:
@@ -100,15 +129,15 @@ def emit_riccati(module: ir.Module, system: StateSpace) -> ir.Function:
     made, b = begin_function(module, "riccati", 1, [VECTORS, VECTORS, NUMBERS, I64.as_pointer()])
     samples, block, variances, weights, first = made.args
     n = system.n
-    places, memory = SteadyState(n, system.k), Memory(b, False)
-    phi, q, p, g = (memory.at(block, places.of(name)) for name in ("phi", "q", "p", "g"))
+    memory, at = Memory(b, False), addresses(b, block, I64(0), block_sizes(n, system.k))
+    phi, q, p, g = (at[name] for name in ("phi", "q", "p", "g"))
     one, other, information = (memory.room(n * n) for _ in range(3))
     grown, grows = memory.room(system.k), b.alloca(ir.IntType(1), I64(1))
     for k in range(system.k):
         memory.put(math.inf, grown, k)
     b.copy(phi, one, n * n)
     b.copy(q, p, n * n)
-    _emit_sample(memory, system, variances, weights, information)
+    Measurement(memory, system, variances, weights).inform(information)
     memory.clear(g, n * n)
     b.store(samples, first)
     entry = b.block
@@ -142,27 +171,6 @@ def emit_riccati(module: ir.Module, system: StateSpace) -> ir.Function:
     return made
 
 
-def _emit_sample(
-    memory: Memory,
-    system: StateSpace,
-    variances: ir.Value,
-    weights: ir.Value,
-    information: ir.Value,
-) -> None:
-    """The information of one sample on its state."""
-    b, n = memory.b, system.n
-    memory.clear(information, n * n)
-    for k in range(system.k):
-        over = Lane(b, b.fdiv(vector(1.0), b.read(variances, k)))
-        own = system.weights(b, weights, k)
-        for i, weight in own.items():
-            for j, other in own.items():
-                place = i * n + j
-                memory.put(
-                    memory.get(information, place) + over * (weight * other), information, place
-                )
-
-
 def _emit_doubling(module: ir.Module, system: StateSpace) -> ir.Function:
     """`doubling(B, its next, G, H, variances, weights, grown (K,), grows)`: whether one more changes
     anything in any lane; `grows (1,)`: whether G still does.
@@ -192,7 +200,7 @@ def _emit_doubling(module: ir.Module, system: StateSpace) -> ir.Function:
     before = [m.get(information, i * n + i) for i in range(n)]
     b.call(along, [information, transition, x])
     b.store(_differs(m, n, before, information), grows)
-    b.ret(_grow(m, system, p, more, variances, weights, grown))
+    b.ret(Measurement(m, system, variances, weights).grow(p, more, grown))
     return made
 
 
@@ -229,48 +237,16 @@ def _emit_prepend(module: ir.Module, n: int) -> ir.Function:
     return made
 
 
-def _grow(
-    m: Memory,
-    system: StateSpace,
-    p: ir.Value,
-    more: ir.Value,
-    variances: ir.Value,
-    weights: ir.Value,
-    grown: ir.Value,
-) -> ir.Value:
-    """`more` comes to p; whether a channel would see the next: that is less by at least as much as this
-    one is than the one before, `grown (K,)`.
-    """
-    b, n = m.b, system.n
-    moves = ir.Constant(ir.VectorType(ir.IntType(1), LANES), [0] * LANES)
-    for k in range(system.k):
-        change, variance = Lane(b, vector(0.0)), Lane(b, b.read(variances, k))
-        own = system.weights(b, weights, k)
-        for i, weight in own.items():
-            for j, other in own.items():
-                both = weight * other
-                change = fused(both, m.get(more, i * n + j), change)
-                variance = fused(both, m.get(p, i * n + j), variance)
-        least = variance * SETTLED * m.get(grown, k)
-        moves = b.or_(moves, b.fcmp_ordered(">", (change * change).value, least.value))
-        m.put(change, grown, k)
-    for place in range(n * n):
-        m.put(m.get(p, place) + m.get(more, place), p, place)
-    return b.anywhere(moves)
-
-
 def _emit_gain(module: ir.Module, system: StateSpace) -> ir.Function:
     """`gain(block, variances, weights)`: gains, pulls, and A."""
     n = system.n
-    places = SteadyState(n, system.k)
     onward = emit_product(module, (n, n, n))
     made, b = begin_function(module, "gain", 0, [VECTORS, VECTORS, NUMBERS])
     block, variances, weights = made.args
-    m = Memory(b, False)
-    phi, a = (m.at(block, places.of(name)) for name in ("phi", "a"))
-    pulls, gains = m.at(block, places.pulls), Gains(m, system, m.at(block, places.gains), weights)
+    m, at = Memory(b, False), addresses(b, block, I64(0), block_sizes(n, system.k))
+    pulls, gains = at["pulls"], Gains(m, system, at["gains"], weights)
     left, passed = m.room(n * n), m.room(n * n)
-    b.copy(m.at(block, places.of("p")), left, n * n)
+    b.copy(at["p"], left, n * n)
     m.clear(passed, n * n)
     _add_one(m, n, passed)
     for k in range(system.k):
@@ -283,7 +259,7 @@ def _emit_gain(module: ir.Module, system: StateSpace) -> ir.Function:
             m.put(one * root * root, pulls, k * n + i)
             for j, other in enumerate(shows):
                 m.put(fused(-gain, other, m.get(passed, i * n + j)), passed, i * n + j)
-    b.call(onward, [a, phi, passed])
+    b.call(onward, [at["a"], at["phi"], passed])
     b.ret_void()
     return made
 
@@ -342,13 +318,10 @@ def write_steady_state(module: ir.Module, system: StateSpace, layout: Layout) ->
     riccati, start_of = emit_riccati(module, system), emit_start(module, system.n)
     a, b = begin_kernel(module, "steadily", COUNTS, BLOCKS)
     n, k_count, size = system.n, system.k, layout.size
-    m, places, constants = (
-        Memory(b, False),
-        SteadyState(n, k_count),
-        Constants(b, layout, a["constants"]),
-    )
+    m, constants = Memory(b, False), Constants(b, layout, a["constants"])
+    sizes = block_sizes(n, k_count)
     weights = constants.all_weights
-    e, block, start = m.room(size * size), m.room(places.size), m.room(n * n)
+    e, block, start = m.room(size * size), m.room(sum(sizes.values())), m.room(n * n)
     shown, span, gained = m.room(n), m.room(1), m.room(1)
     first = b.alloca(I64, I64(1))
     groups = Loop(b, a["groups"], [], "groups")
@@ -362,7 +335,8 @@ def write_steady_state(module: ir.Module, system: StateSpace, layout: Layout) ->
     m.clear(start, n * n)
     for i in range(n - system.own, n):
         m.put(1.0, start, i * n + i)
-    phi_at, q_at, p_at, g_at = (m.at(block, places.of(name)) for name in ("phi", "q", "p", "g"))
+    at = addresses(b, block, I64(0), sizes)
+    phi_at, q_at, p_at, g_at = (at[name] for name in ("phi", "q", "p", "g"))
     if layout.lead:
         b.write(constants.span(lead=True).value, span, 0)
         b.call(spread, [own, span, phi_at, q_at])
@@ -373,7 +347,7 @@ def write_steady_state(module: ir.Module, system: StateSpace, layout: Layout) ->
     b.call(spread, [own, span, phi_at, q_at])
     b.call(riccati, [a["samples"], block, variances, weights, first])
     constants.exponential(exponential, own, e, lead=False)
-    writer = _Samples(m, system, layout, a, entries(b, layout, e), block, weights)
+    writer = _Samples(m, system, layout, a, entries(b, layout, e), at, weights)
     blocks = b.sdiv(b.add(b.load(first), I64(AT_ONCE - 1)), I64(AT_ONCE))
     squares = _emit_samples(writer, blocks, state)
     _emit_back(writer, blocks, shown)
@@ -395,19 +369,12 @@ class _Samples:
     layout: Layout
     a: dict[str, ir.Value]
     phi: dict[tuple[int, int], ir.Value]
-    block: ir.Value
+    at: dict[str, ir.Value]  # see `block_sizes`
     weights: ir.Value
-
-    def at(self, place: int) -> ir.Value:
-        return self.m.at(self.block, place)
-
-    @property
-    def places(self) -> SteadyState:
-        return SteadyState(self.system.n, self.system.k)
 
     @property
     def gains(self) -> Gains:
-        return Gains(self.m, self.system, self.at(self.places.gains), self.weights)
+        return Gains(self.m, self.system, self.at["gains"], self.weights)
 
     def passed(
         self, index: ir.Value, carried: list[ir.Value], pulls: ir.Value | None
@@ -462,8 +429,8 @@ def _emit_pulls(w: _Samples) -> ir.Value:
     m, b, n, k_count = w.m, w.m.b, w.system.n, w.system.k
     each = n * k_count
     onward = emit_product(b.module, (k_count, n, n))
-    pulls, a = m.room(AT_ONCE * each), w.at(w.places.of("a"))
-    b.copy(w.at(w.places.pulls), pulls, each)
+    pulls, a = m.room(AT_ONCE * each), w.at["a"]
+    b.copy(w.at["pulls"], pulls, each)
     for k in range(1, AT_ONCE):
         b.call(onward, [m.at(pulls, k * each), m.at(pulls, (k - 1) * each), a])
     return pulls
@@ -473,7 +440,7 @@ def _emit_back(w: _Samples, blocks: ir.Value, shown: ir.Value) -> None:
     """What all blocks show of the first state: sum of A'^k of theirs, from the last to the first."""
     m, b, n = w.m, w.m.b, w.system.n
     square = emit_product(b.module, (n, n, n))
-    powers, power = m.room(2 * n * n), w.at(w.places.of("a"))
+    powers, power = m.room(2 * n * n), w.at["a"]
     for k in range(AT_ONCE.bit_length() - 1):
         following = m.at(powers, (k % 2) * n * n)
         b.call(square, [following, power, power])

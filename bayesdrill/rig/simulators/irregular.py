@@ -109,17 +109,13 @@ class Dense:
         before: Array,
         shift: Array | None,
         rows: Array,
-        seen: Mask | None = None,
     ) -> Array:
-        """The channels `(W, T, K)`; NaN where `seen (T, K)` is given and false."""
+        """The channels `(W, T, K)`."""
         n, k_count = rows.shape[:2]
         out = np.empty((-(-n // LANES), len(self._grid.t), k_count, LANES))
         self._run((parameters, x0, before, shift, rows), NONE, out)
         at = out[:, :-1] if self._whole else out[:, self._grid.at]
-        found = np.ascontiguousarray(at.transpose(0, 3, 1, 2).reshape(-1, *at.shape[1:3])[:n])
-        if seen is not None:
-            found[:, ~seen] = np.nan
-        return found
+        return np.ascontiguousarray(at.transpose(0, 3, 1, 2).reshape(-1, *at.shape[1:3])[:n])
 
     def _run(
         self,
